@@ -2,6 +2,7 @@
 
 uv run python -m benchmarks.realtime
 uv run python -m benchmarks.realtime --wire 20 --beside 2 --ordinary
+uv run python -m benchmarks.realtime --trace 5
 """
 
 from __future__ import annotations
@@ -149,6 +150,35 @@ def emulating() -> str:
     return f"{100 * used / run.rows['time'][-1]:.0f}"
 
 
+def tracing(number: int, seconds: float = 10.0) -> str:
+    """The table of so many runs each with the trace of the bus and without it, in turn.
+
+    Lateness of the periods, and the stage in which what is said is handed over.
+    """
+    changes = [*ALONE, f"duration={seconds:g}"]
+    late: dict[str, list[Array]] = {"without": [], "with": []}
+    stage: dict[str, list[float]] = {"without": [], "with": []}
+    missed: dict[str, int] = {"without": 0, "with": 0}
+    with TemporaryDirectory() as folder:
+        for _ in range(number):
+            for way, file in (("without", None), ("with", Path(folder) / "trace.log")):
+                run = bp.run("circle", changes, on="emulated", trace=file)
+                late[way].append(1e3 * np.asarray(run.rows["lateness"]))
+                stage[way].append(1e-3 * run.ledger["stages"]["write"]["p99_us"])
+                missed[way] += run.ledger["missed"]
+    rows = [
+        [
+            way,
+            *(f"{np.quantile(np.concatenate(found), each):.4f}" for each in (0.5, 0.99, 0.999)),
+            f"{missed[way]}",
+            f"{np.median(stage[way]):.3f}",
+        ]
+        for way, found in late.items()
+    ]
+    heads = ("trace", "late, p50 [ms]", "p99 [ms]", "p99.9 [ms]", "missed", "writing, p99 [ms]")
+    return table(heads, rows)
+
+
 def computing() -> str:
     """The table of laws by periods; !: may be late now and then, !!: keeps no period."""
     laws = [("circle", name, changes) for name, changes in LAWS.items()]
@@ -174,8 +204,12 @@ def slower() -> str:
 @click.option("--wire", type=int, default=0, help="Runs of each scenario on the virtual rig.")
 @click.option("--beside", type=int, default=0, help="Busy processes beside them.")
 @click.option("--ordinary", is_flag=True, help="Without real-time priority.")
-def main(wire: int, beside: int, *, ordinary: bool) -> None:
-    """Print how long laws compute, or how runs on the virtual rig end."""
+@click.option("--trace", type=int, default=0, help="Runs each with a trace of the bus and without.")
+def main(wire: int, beside: int, trace: int, *, ordinary: bool) -> None:
+    """Print how long laws compute, how runs on the virtual rig end, or what a trace costs."""
+    if trace:
+        click.echo(tracing(trace))
+        return
     if wire:
         click.echo(on_the_wire(wire, beside, ORDINARY if ordinary else ()))
         return

@@ -346,8 +346,7 @@ class Loop(NamedTuple):
         poles: Complex = np.linalg.eigvals(self.A).astype(complex)
         if self.period:
             poles = cast(Complex, np.log(poles[np.abs(poles) > 1e-6]) / self.period)
-        ordered: Complex = poles[np.lexsort((poles.imag, -poles.real.round(9)))]
-        return ordered
+        return poles[np.lexsort((poles.imag, -poles.real.round(9)))]
 
     def sensitivity(self, cut: str, omega: Array) -> Complex:
         """S(j omega) = 1 / (1 + L), the loop cut at one place and closed elsewhere.

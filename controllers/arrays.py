@@ -94,5 +94,4 @@ def elementwise(formula: Callable[Concatenate[Arithmetic, ...], Any], *arrays: A
 def square_of(v: Array) -> Array:
     """|v|^2 of vectors of two, shape (..., 1)."""
     x, y = v[..., :1], v[..., 1:]
-    square: Array = x * x + y * y
-    return square
+    return x * x + y * y

@@ -67,7 +67,7 @@ def _modules() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
                     raise ValueError(f"the name '{item.name}' is taken by {other}")
             modules.append(module)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
-            lines.append(_line(error, {place}) or f"{place}: {_words(error)}")
+            lines.append(failed_line(error, {place}) or f"{place}: {error_words(error)}")
     return tuple(modules), tuple(lines)
 
 
@@ -133,7 +133,7 @@ def _files() -> Iterator[tuple[str, Callable[[], ModuleType]]]:
     """Files of the folder of laws, and added ones: path, and how to import it."""
     added = [Path(text) for text in os.environ.get(ADDED, "").split(os.pathsep) if text]
     for path in dict.fromkeys((*sorted(Path(FOLDER).resolve().glob("*.py")), *added)):
-        yield str(path), partial(_imported, path)
+        yield str(path), partial(imported, path)
 
 
 class _FromSource(SourceFileLoader):
@@ -146,7 +146,7 @@ class _FromSource(SourceFileLoader):
         return self.source_to_code(self.get_data(self.path), self.path)
 
 
-def _imported(path: Path) -> ModuleType:
+def imported(path: Path) -> ModuleType:
     """The module of a file that lies in no package."""
     name = f"{FOLDER}_{path.stem}"
     if getattr(sys.modules.get(name), "__file__", str(path)) != str(path):
@@ -211,6 +211,12 @@ def register(cls: type[Law | Observer | Reference]) -> None:
         _check_fields(cls)
         _registered[name] = cls
         _all_classes.cache_clear()
+
+
+def unregister(name: str) -> None:
+    """Forget a class that was taken in."""
+    _registered.pop(name, None)
+    _all_classes.cache_clear()
 
 
 def _is_stale(cls: type) -> bool:
@@ -318,10 +324,10 @@ def blamed(error: BaseException) -> str | None:
     files = {getattr(module, "__file__", None) for module in _modules()[0]}
     homes = [sys.modules.get(cls.__module__) for cls in _registered.values()]
     outer = {getattr(module, "__file__", None) for module in (*outside(), *homes)} - {None}
-    return _line(error, outer) or _line(error, files)
+    return failed_line(error, outer) or failed_line(error, files)
 
 
-def _line(error: BaseException, files: Collection[str | None]) -> str | None:
+def failed_line(error: BaseException, files: Collection[str | None]) -> str | None:
     """Innermost line of the files that an error came through, and the error; None if through none.
 
     A file that Python cannot read as a program has the line that it stumbled over.
@@ -330,11 +336,11 @@ def _line(error: BaseException, files: Collection[str | None]) -> str | None:
         return f"{error.filename}, line {error.lineno}: {type(error).__name__}: {error.msg}"
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         if frame.filename in files:
-            return f"{frame.filename}, line {frame.lineno}: {_words(error)}"
+            return f"{frame.filename}, line {frame.lineno}: {error_words(error)}"
     return None
 
 
-def _words(error: BaseException) -> str:
+def error_words(error: BaseException) -> str:
     """Kind and text of an error."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 

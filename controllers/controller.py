@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from time import perf_counter
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -15,44 +16,85 @@ from controllers.interfaces import Feedback, Law, Measurement, Observer, Referen
 
 
 class HeldCommand:
-    """What is held in one run.
+    """What is held in one run, and what is being computed.
 
     Args:
         plan: The law's own.
-        period: Of the law, s.
+        period: Of the rig, s.
+        ticks: Control periods of the rig in one of the law's.
+        u: Plate accelerations in rad/s^2 until there is a command, shape (..., 2).
     """
 
-    def __init__(self, plan: Any, period: float) -> None:
+    def __init__(self, plan: Any, period: float, ticks: int, u: Array) -> None:
         self.plan = plan
-        self.u: Array = np.zeros(2)
+        self.u = u
         """Plate accelerations in rad/s^2, shape (..., 2)."""
-        self._period = period
+        self.before = 0.0
+        """How long the observer computed for the command that is due, s, if that is measured."""
+        self.told: tuple[float, float] = (math.nan, 0.0)
+        """How long the command that this period began is computed, NaN if it began none, and how
+        much older what the rig is told is than its period explains; s."""
+        self._period, self._ticks = period, ticks
         self._number = -1
+        self._free = 0
+        self._coming: tuple[int, int, Array] | None = None
+        self._since: int | None = None
 
     def due(self, t: float) -> bool:
         """Whether a time in s is the first asked for of one of the law's periods."""
-        number = math.floor(t / self._period + 1e-6)
+        number = math.floor(t / (self._ticks * self._period) + 1e-6)
         before, self._number = self._number, number
         return number != before
 
+    def free(self, t: float) -> bool:
+        """Whether nothing is being computed at a time in s."""
+        return round(t / self._period) >= self._free
+
+    def take(self, t: float, u: Array, took: float) -> None:
+        """Take in what was computed, within a time in s, from the measurement of another."""
+        tick, periods = round(t / self._period), math.ceil(took / self._period - 1e-9)
+        self._free = tick + max(1, periods)
+        self._coming = self._free - 1, tick, u
+        self.told = took, 0.0
+
+    def hold(self, t: float) -> Array:
+        """Plate accelerations in rad/s^2 at a time in s, shape (..., 2)."""
+        tick = round(t / self._period)
+        if self._coming is not None and tick >= self._coming[0]:
+            _, self._since, self.u = self._coming
+            self._coming = None
+        self._since = tick - self._ticks if self._since is None else self._since
+        late = max(0, tick - self._since - self._ticks + 1)
+        self.told = self.told[0], late * self._period
+        return self.u
+
+
+MEASURED = "measured"
+"""A computing time that is taken by the clock."""
+
 
 class HeldLaw(Law):
-    """Another law behind a zero-order hold of its command.
+    """Another law behind a zero-order hold of its command, which may come late.
 
     It is evaluated at the first tick of each of its periods k T, which are counted from time 0, and
-    plans for them. Observer and memory go on at every tick T.
+    plans for them. Observer and memory go on at every tick T. A command that takes longer than T is
+    applied so many ticks later as it takes further periods T, begun ones counted; until then the
+    one before is held and no other is begun.
 
     Args:
         law: The law.
         ticks: k, control periods of the rig in one of the law's.
+        computing_time: That of a command in s, or ``measured``: what observer and law take here.
     """
 
     law: Law
     ticks: int
+    computing_time: float | str
 
-    def __init__(self, law: Law, ticks: int) -> None:
+    def __init__(self, law: Law, ticks: int, computing_time: float | str = 0.0) -> None:
         own = {each: getattr(law, each) for each in ("name", "memory", "needs", "model")}
-        for name, value in {**own, "law": law, "ticks": ticks}.items():
+        own |= {"law": law, "ticks": ticks, "computing_time": computing_time}
+        for name, value in own.items():
             object.__setattr__(self, name, value)
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
@@ -65,21 +107,31 @@ class HeldLaw(Law):
 
     def start(self, x: Array, reference: Reference, period: float) -> HeldCommand:
         """The law's plan for its own period, and nothing held yet."""
-        own = self.ticks * period
-        return HeldCommand(self.law.start(x, reference, own), own)
+        plan = self.law.start(x, reference, self.ticks * period)
+        return HeldCommand(plan, period, self.ticks, np.zeros((*x.shape[:-1], 2)))
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2): new ones when it is time."""
         held: HeldCommand = now.plan
-        if held.due(now.time):
-            held.u = self.law.command(now._replace(plan=held.plan))
-        return held.u
+        held.told = math.nan, 0.0
+        if held.due(now.time) and held.free(now.time):
+            begin = perf_counter()
+            u = self.law.command(now._replace(plan=held.plan))
+            took = self.computing_time
+            if isinstance(took, str):
+                took = held.before + perf_counter() - begin
+            held.take(now.time, commanded(self.law, u, now.rate), took)
+        return held.hold(now.time)
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a report should tell of the law, and that no analysis knows of its hold."""
+        held = f"evaluated every {self.ticks} control periods and held between"
+        if self.computing_time:
+            each = "the time it takes here" if self.computing_time == MEASURED else "its time"
+            held += f", each command applied when {each} is over"
         unheld = (
-            f"The law is evaluated every {self.ticks} control periods and held between; poles, "
+            f"The law is {held}; poles, "
             "margins and warnings of the linear loop leave this hold out and take it at every one."
         )
         return (*self.law.remarks, unheld)
@@ -93,12 +145,14 @@ class ControlStep(NamedTuple):
         acceleration: Requested plate accelerations u in rad/s^2, shape (..., 2).
         rate: Requested plate rates (phi', theta') in rad/s, shape (..., 2).
         further: What the observer estimates beyond the state, shape (..., len(observer.knows)).
+        computing: Of laws with a computing time, ``HeldCommand.told``, shape (..., 2); else None.
     """
 
     estimate: Array
     acceleration: Array
     rate: Array
     further: Array
+    computing: Array | None = None
 
 
 class Controller:
@@ -132,6 +186,11 @@ class Controller:
         self.period = period
         self._period = constant(period)
         self._time: float | None = None
+        laws = law.groups.each if isinstance(law, PerRigLaw) else [(slice(None), law)]
+        late = [each for _, each in laws if isinstance(each, HeldLaw) and each.computing_time]
+        self._places = [place for place, _ in laws] if late else []
+        self.timed = any(each.computing_time == MEASURED for each in late)
+        """Whether the law's computing time is measured."""
 
     def start(self, measurement: Measurement) -> None:
         """Begin with the ball and the plate where the measurement sees them, at rest."""
@@ -148,11 +207,14 @@ class Controller:
     def command(self, measurement: Measurement) -> ControlStep:
         """The estimate for a measurement, and what is requested of the rig."""
         t, observer = measurement.time, self.observer
+        begin = perf_counter()
         if self._time is not None and t - self._time > 1.5 * self.period:
             self._make_up(self._time, measurement)
         self._time, self._angles, self._age = t, measurement.y[..., 1::2], measurement.age
         x = estimated(observer, observer.correct(measurement), self.rate)
         seen, further = observer.equivalent, observer.further
+        if self.timed:
+            self.plan.before += perf_counter() - begin
         now = Feedback(
             t,
             x,
@@ -167,7 +229,18 @@ class Controller:
         u = commanded(self.law, self.law.command(now), self.rate)
         self._remember(t, seen)
         self.requested = self.rate + self._period * u
-        return ControlStep(x, u, self.requested, further)
+        return ControlStep(x, u, self.requested, further, self._computing())
+
+    def _computing(self) -> Array | None:
+        """How long each rig's law computes and how late its command is; None if nobody asks."""
+        if not self._places:
+            return None
+        told = np.zeros((*self.rate.shape[:-1], 2))
+        plans = self.plan if isinstance(self.law, PerRigLaw) else [self.plan]
+        for place, plan in zip(self._places, plans, strict=True):
+            if isinstance(plan, HeldCommand):
+                told[place] = plan.told
+        return told
 
     def _remember(self, t: float, seen: Array) -> None:
         """Integrate the law's memory over one period, from an equivalent state."""
@@ -196,7 +269,10 @@ class Controller:
             The accelerations that they mean, rad/s^2, shape (..., 2).
         """
         acceleration: Array = (rate - self.rate) / self._period
+        begin = perf_counter()
         self.observer.predict(acceleration)
+        if self.timed:
+            self.plan.before = perf_counter() - begin
         self.rate = rate
         return acceleration
 
@@ -310,8 +386,7 @@ class _PartOf(Reference):
 
     def __call__(self, t: float | Array) -> Array:
         """Positions and four derivatives, shape (5, *shape(t), n, 2)."""
-        part: Array = self._whole(t)[..., self._place, :]
-        return part
+        return self._whole(t)[..., self._place, :]
 
 
 class PerRigLaw(Law):

@@ -17,18 +17,6 @@ from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from controllers.ranges import NotNegative, Positive, check
 
-__all__ = [
-    "Array",
-    "DelayedObserver",
-    "Feedback",
-    "Law",
-    "Mask",
-    "Measurement",
-    "Observer",
-    "Quantity",
-    "Reference",
-]
-
 
 class Measurement(NamedTuple):
     """What a rig hands over once a control period, simulated or real.
@@ -112,8 +100,7 @@ class Feedback(NamedTuple):
     @property
     def clamped(self) -> Mask:
         """Whether a clamp of the rig changed what was requested last, shape (..., 2)."""
-        changed: Mask = np.abs(self.rate - self.requested) > 1e-9
-        return changed
+        return np.abs(self.rate - self.requested) > 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)

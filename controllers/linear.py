@@ -17,6 +17,7 @@ import scipy
 from annotated_types import Gt, Le, Len
 
 from controllers.arrays import Array
+from controllers.ballplate import SIGN
 from controllers.design import Pole, listed, stable_poles
 from controllers.interfaces import Law, Reference
 from controllers.ranges import NotNegative, Positive
@@ -48,8 +49,7 @@ class _StateFeedback(Law):
         desired[..., 0::4] = r[0]
         if self.reference == "velocity":
             desired[..., 1::4] = r[1]
-        out: Array = (desired - x) @ self.K.T
-        return out
+        return (desired - x) @ self.K.T
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,12 +223,7 @@ class Feedforward(Law):
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations u_ff + K (x* - x) in rad/s^2, shape (..., 2)."""
         desired, u = self.trajectory(reference(t))
-        out: Array = u + (desired - x) @ self.K.T
-        return out
-
-
-SIGN = np.array([1.0, -1.0])
-"""A positive phi moves the ball along +x, a positive theta along -y, (5.35)."""
+        return u + (desired - x) @ self.K.T
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,9 +14,10 @@ from typing import Annotated, ClassVar
 import numpy as np
 from annotated_types import Len
 
+from controllers.arrays import Array
 from controllers.ballplate import SIGN, desired
 from controllers.design import Pole, gains_from, require_stable, stable_poles
-from controllers.interfaces import Array, Law, Reference
+from controllers.interfaces import Law, Reference
 from controllers.ranges import Positive
 
 

@@ -73,8 +73,7 @@ class TimeVaryingLQR(AboutMotion):
             own = slice(4 * axis, 4 * axis + 4)
             flat[own, own] = np.diag((1.0, 1.0, sign, sign))
             flat[own, own] += self.model.c2 * sign * np.eye(4, k=2)
-        Q: Array = flat.T @ np.diag((*self.Q, *self.Q)) @ flat
-        return Q
+        return flat.T @ np.diag((*self.Q, *self.Q)) @ flat
 
 
 class Linearised(NamedTuple):
@@ -96,8 +95,7 @@ def along(model: BallPlate, reference: Reference, times: Array) -> Linearised:
 def slope(P: Array, A: Array, B: Array, Q: Array) -> Array:
     """-P' = A'P + P A - P B B'P + Q, shape (..., 8, 8)."""
     PA, PB = P @ A, P @ B
-    out: Array = PA + PA.swapaxes(-1, -2) - PB @ PB.swapaxes(-1, -2) + Q
-    return out
+    return PA + PA.swapaxes(-1, -2) - PB @ PB.swapaxes(-1, -2) + Q
 
 
 class VaryingGain:

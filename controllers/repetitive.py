@@ -83,8 +83,7 @@ class InternalModel(Law):
     def oscillators(self) -> Array:
         """Of the memory of an axis, q' = S q + b e: S, shape (1 + 2 n, 1 + 2 n)."""
         turning = [np.array([[0.0, w], [-w, 0.0]]) for w in self.frequencies]
-        S: Array = scipy.linalg.block_diag(np.zeros((1, 1)), *turning)
-        return S
+        return scipy.linalg.block_diag(np.zeros((1, 1)), *turning)
 
     def _driven(self) -> Array:
         """The vector b of it, shape (1 + 2 n,)."""
@@ -208,8 +207,7 @@ class Laps:
         """The table as far as it has come in."""
         part = min((t - self._since) / self._law.fade, 1.0)
         share = part**3 * (10 - 15 * part + 6 * part * part)
-        out: Array = self._before + share * (self.table - self._before)
-        return out
+        return self._before + share * (self.table - self._before)
 
     def _learn(self, lap: int, t: float) -> None:
         """Take the lap that has ended into the table, every second one, and begin the next."""
@@ -244,5 +242,4 @@ class Inverse:
 
     def __call__(self, turn: Array) -> Array:
         """For exp(j h w t): position, velocity, slope, its rate and acceleration, (5, H + 1)."""
-        out: Array = self._factors * turn
-        return out
+        return self._factors * turn

@@ -458,8 +458,7 @@ def _left(time: Array, jump: _Jump) -> Array:
             -60 * t * (1 - t) * (1 - 2 * t) / jump.duration**2,
         )
     )
-    left: Array = np.where(time >= 0, -share * jump.way, 0.0)
-    return left
+    return np.where(time >= 0, -share * jump.way, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

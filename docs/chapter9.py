@@ -22,7 +22,7 @@ from pages import HERE, filled, said
 
 from controllers.arrays import Array
 from twin.fit.runs import cells as numbers_of
-from twin.fit.schema import read
+from twin.fit.runs import read
 from twin.jobs import cores
 from twin.thesis import chapter9
 from twin.thesis.chapter8 import COLUMNS

@@ -110,7 +110,7 @@ def simulated(runs: list[Any], judged: str) -> list[float | None]:
         way = np.hypot(*motion.error.T)
         value: float | None = None
         if outcome.ending is Ending.FINISHED and judged == "tracking":
-            value = measure(motion, outcome, start=scenario.metrics.start).tracking_error_percent
+            value = measure(motion, outcome, start=scenario.metrics.start)["tracking_error_percent"]
         elif outcome.ending is Ending.FINISHED and judged == "median":
             value = 1e3 * float(np.median(way[motion.time >= scenario.metrics.start]))
         elif outcome.ending is Ending.FINISHED and judged == "rms":

@@ -2,24 +2,24 @@
 
 uv run python docs/shadow_trials.py --each 60 --hours 24 --laws 6 --doc docs/shadow.md
 
-Healthy rigs, and ones that something happens to, under AFL and under every other law. What has
-been simulated is kept in runs/shadow and used again while the code stays the same.
+Healthy rigs, and ones that something happens to (shadow.toml), under AFL and under every other law.
+What has been simulated is kept in runs/shadow and used again while the code stays the same.
 """
 
 from __future__ import annotations
 
 import itertools
+import json
 import tomllib
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from pages import filled, kept
+import pandas as pd
+from pages import HERE, filled, kept, planned
 from scipy import stats
 
 from controllers.arrays import Array
@@ -29,19 +29,17 @@ from twin.jobs import cores, results
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow.belief import CONSTANT, PARAMETERS, believed
-from twin.shadow.causes import likely
-from twin.shadow.diagnosis import THRESHOLD
+from twin.shadow.diagnosis import THRESHOLD, likely
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import BAND, MEDIAN
 from twin.shadow.monitor import LATE_THRESHOLD
-from twin.shadow.plate import GAPS
+from twin.shadow.motion import GAPS
 from twin.shadow.simulated import logs
 from twin.study.family import drawn as drawn_rigs
 from twin.study.family import read
 from twin.study.work import code, digest
 from twin.writing import write_whole
 
-HERE = Path(__file__).parent
 FAMILY = "uncertain"
 """The family of rigs from which healthy ones are drawn,"""
 DRAWS = (1_801, 1_802, 1_803)
@@ -94,41 +92,20 @@ SPREADS = {"rolling": 0.15, "breakaway": 0.15, "delay": 0.003, "level": 0.05}
 """How rigs differ (standard deviations): rolling relative, breakaway ratio, s, deg."""
 
 
-class Kind(NamedTuple):
-    """Something that happens to a rig.
-
-    Attributes:
-        name: In words.
-        causes: Which causes of ``twin.shadow.causes`` are right.
-        ramps: Whether it can also come slowly.
-    """
-
-    name: str
-    causes: tuple[str, ...]
-    ramps: bool = True
+HEALTHY = "healthy"
+KINDS: dict[str, Settings] = {each["name"]: each for each in planned("shadow")["kinds"]}
+"""What happens to a rig, by its name."""
 
 
-KINDS = (
-    Kind("rolling friction +30 %", ("rolling friction",)),
-    Kind("level 0.1 deg", ("level",)),
-    Kind("dead time +5 ms", ("dead time",)),
-    Kind("another ball (steel)", ("another ball",), ramps=False),
-    Kind("rolling friction -30 %", ("rolling friction",)),
-    Kind("breakaway ratio +0.5", ("breakaway",)),
-    Kind("servo lag 8 Hz", ("servo lag",), ramps=False),
-    Kind("lost motion 0.1 deg", ("lost motion",)),
-    Kind("cams 10 % wrong", ("cams",)),
-    Kind("patch of three times the friction", ("rolling friction",), ramps=False),
-    Kind("screen's noise x 1.5", ("sensor noise",)),
-)
-"""The first four are those with goals."""
-HEALTHY = Kind("healthy", ())
+def slowly(seed: int, kind: str) -> bool:
+    """Whether what happens to a rig comes along a ramp: to every second one, where it can."""
+    return bool(seed % 2) and kind != HEALTHY and KINDS[kind].get("ramps", True)
 
 
 def rig(
     seed: int,
     scenario: str = "excite",
-    kind: Kind = HEALTHY,
+    kind: str = HEALTHY,
     drawn: Drawn | None = None,
     law: str = LAW,
 ) -> tuple[Scenario, Scenario]:
@@ -150,8 +127,10 @@ def rig(
     common = [f"duration={DURATION}", f"seed={seed}", *LAWS[law]]
     more = []
     if kind != HEALTHY:
-        over = RAMP if seed % 2 and kind.ramps else 0.0
-        more = [f"change=[{{at={AT}, over={over}, set={{{_change(kind, true, rng)}}}}}]"]
+        over = RAMP if slowly(seed, kind) else 0.0
+        changed = _changed(KINDS[kind], true, rng).items()
+        values = ", ".join(f'"{key}"={json.dumps(value)}' for key, value in changed)
+        more = [f"change=[{{at={AT}, over={over}, set={{{values}}}}}]"]
     belief, truth = ([f"{key}={value}" for key, value in each.items()] for each in (known, true))
     return (
         at_study_step(load(scenario, [*common, *belief])),
@@ -203,44 +182,27 @@ def _with_errors(known: Settings, rng: np.random.Generator) -> Settings:
     return true
 
 
-def _change(kind: Kind, true: Settings, rng: np.random.Generator) -> str:
-    """What happens to a rig, as the settings of a change."""
+def _changed(kind: Settings, true: Settings, rng: np.random.Generator) -> Settings:
+    """What becomes of a rig to which something of a kind happens."""
     heading = rng.uniform(0, 2 * np.pi)
-    tilted = np.array(true[LEVEL]) + 0.1 * np.array([np.cos(heading), np.sin(heading)])
-    return {
-        "rolling friction +30 %": f'"{ROLLING}"={1.3 * true[ROLLING]}',
-        "rolling friction -30 %": f'"{ROLLING}"={0.7 * true[ROLLING]}',
-        "level 0.1 deg": f'"{LEVEL}"={tilted.tolist()}',
-        "dead time +5 ms": f'"{DELAY}"={true[DELAY] + 0.005}',
-        "another ball (steel)": '"plant.ball.mass"=0.263, "plant.ball.inertia"=4.208e-5, '
-        f'"{ROLLING}"=0.05',
-        "breakaway ratio +0.5": f'"{BREAKAWAY}"={true[BREAKAWAY] + 0.5}',
-        "servo lag 8 Hz": f'"{BANDWIDTH}"=8.0',
-        "lost motion 0.1 deg": f'"{BACKLASH}"=0.1',
-        "cams 10 % wrong": f'"{CAMS}"=[10.0, 10.0]',
-        "patch of three times the friction": f'"plant.surface.relative"={_patch(rng)}',
-        "screen's noise x 1.5": '"sensors.touch.variance"=[1.632e-6, 3.987e-7]',
-    }[kind.name]
-
-
-def _patch(rng: np.random.Generator) -> str:
-    """Relative friction on a grid of points, three times as much at one of the inner ones."""
-    grid = np.ones((7, 5))
-    grid[rng.integers(3, 5), rng.integers(2, 4)] = 3.0
-    return str(grid.tolist())
+    found = {**kind.get("set", {})}
+    found |= {key: factor * true[key] for key, factor in kind.get("factor", {}).items()}
+    found |= {key: true[key] + more for key, more in kind.get("more", {}).items()}
+    if "tilt" in kind:
+        way = np.array([np.cos(heading), np.sin(heading)])
+        found[LEVEL] = (np.array(true[LEVEL]) + kind["tilt"] * way).tolist()
+    if "patch" in kind:
+        grid = np.ones((7, 5))
+        grid[rng.integers(3, 5), rng.integers(2, 4)] = kind["patch"]
+        found["plant.surface.relative"] = grid.tolist()
+    return found
 
 
 class Member(NamedTuple):
-    """One rig of a job: its seed, what happens to it, and what it is if it is not drawn as usual.
-
-    Attributes:
-        seed: Which rig.
-        kind: Index of ``KINDS``; None for a healthy one.
-        drawn: What it is, by dotted keys.
-    """
+    """One rig of a job: its seed, what happens to it, and what it is if it is not as usual."""
 
     seed: int
-    kind: int | None = None
+    kind: str = HEALTHY
     drawn: Drawn | None = None
 
 
@@ -252,103 +214,63 @@ class Job(NamedTuple):
     law: str = LAW
 
 
-@dataclass(frozen=True)
-class Trial:
-    """What was said of one rig.
-
-    Attributes:
-        seed: Which rig.
-        kind: What happened to it.
-        largest: Largest log-likelihood ratio, of all causes and of the dead time alone.
-        alarm: When there was the first alarm, s; None for never.
-        causes: What it was held to be.
-        squares: Squared replay errors in units of their spread, shape (W,).
-        errors: Replay errors after 1 s in m, shape (W,).
-        uneven: Standard deviation in percent by which the screen's friction differs from place to
-            place.
-        law: That it was under.
-    """
-
-    seed: int
-    kind: Kind
-    largest: tuple[float, float]
-    alarm: float | None
-    causes: tuple[str, ...]
-    squares: Array
-    errors: Array
-    uneven: float = 0.0
-    law: str = LAW
-
-    @property
-    def complete(self) -> float:
-        """When the change was complete, s."""
-        return AT + (RAMP if self.seed % 2 and self.kind.ramps else 0.0)
-
-    @property
-    def in_time(self) -> bool:
-        """Whether the alarm came after the change began and soon enough."""
-        return self.alarm is not None and AT <= self.alarm <= self.complete + IN_TIME
-
-    @property
-    def named(self) -> bool:
-        """Whether a right cause is named or among those not told apart."""
-        return bool(set(self.causes) & set(self.kind.causes))
-
-
-def known(job: Job) -> list[Trial]:
+def known(job: Job) -> list[dict[str, Any]]:
     """What is said of the rigs of a job: as kept, or tried and then kept."""
-    room = Path(str(files("twin.shadow"))).rglob("*.py")
-    how = " ".join(each.read_text(encoding="utf-8") for each in [Path(__file__), *sorted(room)])
-    found = kept("shadow", digest(f"{code()} {how} {job!r}"), lambda: [*map(told, carry_out(job))])
-    return [
-        Trial(
-            **{
-                **each,
-                "kind": HEALTHY if each["kind"] is None else KINDS[each["kind"]],
-                "largest": tuple(each["largest"]),
-                "causes": tuple(each["causes"]),
-                "squares": np.array(each["squares"]),
-                "errors": np.array(each["errors"]),
-            }
-        )
-        for each in found
-    ]
+    room = sorted(Path(str(files("twin.shadow"))).rglob("*.py"))
+    sources = [Path(__file__), HERE / "shadow.toml", *room]
+    how = " ".join(each.read_text(encoding="utf-8") for each in sources)
+    key = digest(f"{code()} {how} {job!r}")
+    found: list[dict[str, Any]] = kept("shadow", key, lambda: carry_out(job))
+    return found
 
 
-def told(trial: Trial) -> dict[str, Any]:
-    """A trial in JSON."""
-    kind = None if trial.kind == HEALTHY else KINDS.index(trial.kind)
-    numbers = {"squares": trial.squares.tolist(), "errors": trial.errors.tolist()}
-    return vars(trial) | {"kind": kind, **numbers}
+def carry_out(job: Job) -> list[dict[str, Any]]:
+    """Simulate the rigs of a job and let the twin run beside each: a row for each in JSON.
 
-
-def carry_out(job: Job) -> list[Trial]:
-    """Simulate the rigs of a job and let the twin run beside each."""
+    Which rig it is, what happens to it and its law; the largest log-likelihood ratio of all causes
+    and of the dead time alone; when there was the first alarm in s, and what it was held to be;
+    squared replay errors in units of their spread, and the errors after 1 s in m; by how many
+    percent the screen's friction differs from place to place.
+    """
     found = []
-    kinds = [HEALTHY if each.kind is None else KINDS[each.kind] for each in job.rigs]
-    pairs = [
-        rig(each.seed, job.scenario, kind, each.drawn, job.law)
-        for each, kind in zip(job.rigs, kinds, strict=True)
-    ]
-    for each, kind, (_, truth), log in zip(job.rigs, kinds, pairs, logs(pairs), strict=True):
+    pairs = [rig(each.seed, job.scenario, each.kind, each.drawn, job.law) for each in job.rigs]
+    for each, (_, truth), log in zip(job.rigs, pairs, logs(pairs), strict=True):
         said = shadow(log, believed(log))
         first = said.alarms[0] if said.alarms else None
-        run = said.one_second
-        counted = np.zeros(0, int) if run is None else np.flatnonzero(run.counted)
+        run = None if said.one_second is None else said.one_second.take(said.one_second.counted)
         found.append(
-            Trial(
-                each.seed,
-                kind,
-                (float(said.ratio.max(initial=0.0)), float(said.delayed.max(initial=0.0))),
-                None if first is None else first.time,
-                () if first is None else tuple(cause.name for cause in likely(first.causes)),
-                np.zeros(0) if run is None else run.square[counted],
-                np.zeros(0) if run is None else run.distance[counted],
-                truth.plant.surface.spread_percent,
-                job.law,
-            )
+            {
+                "seed": each.seed,
+                "kind": each.kind,
+                "law": job.law,
+                "every": float(said.ratio.max(initial=0.0)),
+                "late": float(said.delayed.max(initial=0.0)),
+                "alarm": None if first is None else first.time,
+                "causes": [] if first is None else [cause.name for cause in likely(first.causes)],
+                "squares": [] if run is None else run.square.tolist(),
+                "errors": [] if run is None else run.distance.tolist(),
+                "uneven": truth.plant.surface.spread_percent,
+            }
         )
     return found
+
+
+def judged_rigs(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
+    """Rows with what came of the first alarm.
+
+    Seconds from the complete change (``after``), whether it came before anything had happened
+    (``early``) or soon enough (``in_time``), and whether a right cause is among those named.
+    """
+    found = pd.DataFrame(rows).sort_values("seed", kind="stable").astype({"alarm": float})
+    ramps = map(slowly, found["seed"], found["kind"])
+    complete = AT + RAMP * np.array([*ramps], float)
+    right = ([] if kind == HEALTHY else KINDS[kind]["causes"] for kind in found["kind"])
+    return found.assign(
+        after=found["alarm"] - complete,
+        early=found["alarm"] < AT,
+        in_time=(found["alarm"] >= AT) & (found["alarm"] <= complete + IN_TIME),
+        named=[bool({*a} & {*b}) for a, b in zip(found["causes"], right, strict=True)],
+    )
 
 
 def trials(
@@ -357,7 +279,7 @@ def trials(
     laws: int,
     processes: int,
     progress: Callable[[float], None] = lambda _: None,
-) -> list[Trial]:
+) -> pd.DataFrame:
     """Rigs of every kind, healthy ones, and both under every other law.
 
     Args:
@@ -368,16 +290,16 @@ def trials(
         progress: Called with the share of the work done.
     """
     jobs = list(enumerate(_jobs(each, hours, laws)))
-    found: list[Trial] = []
+    found: list[dict[str, Any]] = []
     for done, (_, some) in enumerate(results(known, jobs, processes)):
         found += some
         progress((done + 1) / len(jobs))
-    return sorted(found, key=lambda trial: trial.seed)
+    return judged_rigs(found)
 
 
 def _jobs(each: int, hours: float, laws: int) -> Iterator[Job]:
-    kinds = range(len(KINDS))
-    changed = [Member(INJECTED + 1000 * k + number, k) for number in range(each) for k in kinds]
+    kinds = [*enumerate(KINDS)]
+    changed = [Member(INJECTED + 1000 * k + n, kind) for n in range(each) for k, kind in kinds]
     judged = max(len(HEALTHY_SCENARIOS), round(hours * 3600 / DURATION))
     counts = max(len(HEALTHY_SCENARIOS), judged // CALIBRATION), judged, laws
     family = read(FAMILY)
@@ -387,12 +309,16 @@ def _jobs(each: int, hours: float, laws: int) -> Iterator[Job]:
     ]
     for number, law in enumerate(each for each in LAWS if each != LAW):
         first = UNDER_LAWS + 10_000 * number
-        rigs = [Member(first + place, None, point) for place, point in enumerate(healthy[2])]
-        rigs += [Member(first + 1000 * (k + 1) + n, k) for n in range(laws) for k in range(GOALS)]
+        rigs = [Member(first + place, HEALTHY, point) for place, point in enumerate(healthy[2])]
+        rigs += [
+            Member(first + 1000 * (k + 1) + n, kind)
+            for n in range(laws)
+            for k, kind in kinds[:GOALS]
+        ]
         yield from (Job("excite", group, law) for group in _groups(rigs))
     yield from (Job("excite", group) for group in _groups(changed))
     for first, points in zip((CALIBRATED, JUDGED), healthy[:2], strict=True):
-        rigs = [Member(first + index, None, point) for index, point in enumerate(points)]
+        rigs = [Member(first + index, HEALTHY, point) for index, point in enumerate(points)]
         for place, scenario in enumerate(HEALTHY_SCENARIOS):
             chosen = rigs[place :: len(HEALTHY_SCENARIOS)]
             yield from (Job(scenario, part) for part in _groups(chosen))
@@ -445,53 +371,25 @@ def counted(alarms: int, hours: float) -> str:
     return f"{alarms} in {hours:.2f} h ({low:.2f} to {high:.2f} per hour)"
 
 
-class Alarms(NamedTuple):
-    """How the alarms of some rigs came.
-
-    Attributes:
-        rigs: All of them.
-        early: Those with an alarm before anything had happened; for a healthy rig every alarm is
-            false, whenever it comes.
-        rest: The others.
-        timely: Of these those with an alarm in time.
-        right: Of these those with the right cause.
-    """
-
-    rigs: list[Trial]
-    early: list[Trial]
-    rest: list[Trial]
-    timely: list[Trial]
-    right: list[Trial]
-
-    @classmethod
-    def of(cls, rigs: Iterable[Trial]) -> Alarms:
-        """Those of some rigs."""
-        every = list(rigs)
-        early = [one for one in every if one.alarm is not None and one.alarm < AT]
-        rest = [one for one in every if one.alarm is None or one.alarm >= AT]
-        timely = [one for one in rest if one.in_time]
-        return cls(every, early, rest, timely, [one for one in timely if one.named])
-
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """Rigs, in time, right, wrong, early, and after how many s half and 95 % had an alarm."""
-        timely, right = len(self.timely), len(self.right)
-        late = [np.inf if one.alarm is None else one.alarm - one.complete for one in self.rest]
-        after = "-"
-        if late:
-            ends = np.quantile(late, (0.5, 0.95), method="inverted_cdf")
-            after = ", ".join("never" if np.isinf(each) else f"{each:.0f}" for each in ends)
-        return (
-            str(len(self.rigs)),
-            interval(timely, len(self.rest)),
-            interval(right, timely),
-            interval(timely - right, timely),
-            str(len(self.early)),
-            after,
-        )
+def alarms(rigs: pd.DataFrame) -> tuple[int, int, int]:
+    """Rigs without an early alarm, those of them with one in time, and with the right cause."""
+    rest = rigs[~rigs["early"]]
+    return len(rest), int(rest["in_time"].sum()), int((rest["in_time"] & rest["named"]).sum())
 
 
-def goals(found: Sequence[Trial], judged: Sequence[Trial]) -> list[tuple[str, str, str]]:
+def cells(rigs: pd.DataFrame) -> tuple[str, ...]:
+    """Rigs, in time, right, wrong, early, and after how many s half and 95 % had an alarm."""
+    rest, timely, right = alarms(rigs)
+    after = "-"
+    if rest:
+        late = rigs["after"][~rigs["early"]].fillna(np.inf)
+        ends = np.quantile(late, (0.5, 0.95), method="inverted_cdf")
+        after = ", ".join("never" if np.isinf(each) else f"{each:.0f}" for each in ends)
+    shares = interval(timely, rest), interval(right, timely), interval(timely - right, timely)
+    return str(len(rigs)), *shares, str(rigs["early"].sum()), after
+
+
+def goals(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[str, str, str]]:
     """What was to be reached, what was, and whether so few rigs can tell."""
     rows = []
 
@@ -507,22 +405,16 @@ def goals(found: Sequence[Trial], judged: Sequence[Trial]) -> list[tuple[str, st
         word = said(*bounds(hits, count), least, most, "too few rigs to tell")
         rows.append((name, f"{interval(hits, count)} % of {count}", word))
 
-    for kind in KINDS[:GOALS]:
-        own = Alarms.of(each for each in found if each.kind == kind)
-        timely, right = len(own.timely), len(own.right)
-        share(f"alarm in time for 95 %: {kind.name}", timely, len(own.rest), least=95)
-        share(f"right cause in 90 %: {kind.name}", right, timely, least=90)
-        share(f"wrong cause below 3 %: {kind.name}", timely - right, timely, most=3)
-    false = _false(found, judged)
-    alarms, hours = false[0][0] + false[1][0], false[0][1] + false[1][1]
-    low, high = (24 * each for each in rates(alarms, hours))
-    rows.append(
-        (
-            "healthy: less than one false alarm in 24 h",
-            f"{24 * alarms / hours:.2g} ({low:.2g} to {high:.2g}) in 24 h",
-            said(low, high, 0.0, 1.0, "too few hours to tell"),
-        )
-    )
+    for kind in [*KINDS][:GOALS]:
+        rest, timely, right = alarms(found[found["kind"] == kind])
+        share(f"alarm in time for 95 %: {kind}", timely, rest, least=95)
+        share(f"right cause in 90 %: {kind}", right, timely, least=90)
+        share(f"wrong cause below 3 %: {kind}", timely - right, timely, most=3)
+    many, hours = (sum(each) for each in zip(*_false(found, judged), strict=True))
+    low, high = (24 * each for each in rates(many, hours))
+    name = "healthy: less than one false alarm in 24 h"
+    often = f"{24 * many / hours:.2g} ({low:.2g} to {high:.2g}) in 24 h"
+    rows.append((name, often, said(low, high, 0.0, 1.0, "too few hours to tell")))
     error, within = 1000 * float(np.median(_every(judged, "errors"))), inside(judged)
     name = "healthy: replay error at 1 s at most 1 mm (median)"
     rows.append((name, f"{error:.2f} mm", said(error, error, 0.0, 1.0, "")))
@@ -531,109 +423,91 @@ def goals(found: Sequence[Trial], judged: Sequence[Trial]) -> list[tuple[str, st
     return rows
 
 
-def _false(found: Sequence[Trial], judged: Sequence[Trial]) -> list[tuple[int, float]]:
+def _false(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[int, float]]:
     """False alarms, and in how many hours: healthy rigs, and others before something happens."""
-    changed = Alarms.of(each for each in found if each.kind != HEALTHY)
-    alarms = sum(each.alarm is not None for each in judged)
-    early = len(changed.early), len(changed.rigs) * AT / 3600
-    return [(alarms, len(judged) * DURATION / 3600), early]
+    changed = found[found["kind"] != HEALTHY]
+    every = int(judged["alarm"].notna().sum()), len(judged) * DURATION / 3600
+    return [every, (int(changed["early"].sum()), len(changed) * AT / 3600)]
 
 
-def _every(some: Iterable[Trial], name: str) -> Array:
+def _every(some: pd.DataFrame, name: str) -> Array:
     """Squares or errors of all rigs, one behind the other."""
-    return np.concatenate([np.zeros(0), *(getattr(each, name) for each in some)])
+    return np.concatenate([[], *some[name]])
 
 
-def inside(found: Iterable[Trial]) -> float:
+def inside(found: pd.DataFrame) -> float:
     """Percentage of replays that end in their 95 % band."""
     return float(100 * (_every(found, "squares") <= BAND).mean())
 
 
 def _healthy(
-    found: Sequence[Trial], learned: Sequence[Trial], judged: Sequence[Trial]
+    found: pd.DataFrame, learned: pd.DataFrame, judged: pd.DataFrame
 ) -> list[tuple[str, str]]:
     every, late = (
-        hours_between_alarms([each.largest[test] for each in learned], threshold, DURATION)
-        for test, threshold in enumerate((THRESHOLD, LATE_THRESHOLD))
+        hours_between_alarms(learned[test], threshold, DURATION)
+        for test, threshold in (("every", THRESHOLD), ("late", LATE_THRESHOLD))
     )
 
     def short(hours: float) -> str:
         return f"{hours:.3g}" if hours < 1e4 else "more than 10000"
 
+    def median(some: pd.DataFrame) -> str:
+        errors = _every(some, "errors")
+        return f"{1000 * np.median(errors):.2f} mm" if len(errors) else "-"
+
     others, before = (counted(*each) for each in _false(found, judged))
     squares = _every(judged, "squares")
+    between = "hours between false alarms, by the extreme-value fit"
     rows = [
-        (
-            "hours between false alarms, by the extreme-value fit",
-            short(1 / (1 / every + 1 / late)),
-        ),
+        (between, short(1 / (1 / every + 1 / late))),
         ("of the test of all causes alone", short(every)),
         ("of the test of the dead time alone", short(late)),
         ("false alarms on the others", others),
         ("false alarms on the rigs below, before anything happens to them", before),
-        (
-            "median score (1: as predicted)",
-            f"{np.sqrt(np.median(squares) / MEDIAN):.2f}",
-        ),
-        (
-            "replays of 1 s inside their 95 % band",
-            f"{inside(judged):.1f} % of {len(squares)}",
-        ),
-        ("replay error after 1 s, median", f"{1000 * np.median(_every(judged, 'errors')):.2f} mm"),
+        ("median score (1: as predicted)", f"{np.sqrt(np.median(squares) / MEDIAN):.2f}"),
+        ("replays of 1 s inside their 95 % band", f"{inside(judged):.1f} % of {len(squares)}"),
+        ("replay error after 1 s, median", median(judged)),
     ]
     for least, most in itertools.pairwise(UNEVEN):
-        some = [each for each in judged if least <= each.uneven < most]
-        errors = _every(some, "errors")
-        median = f"{1000 * np.median(errors):.2f} mm" if len(errors) else "-"
+        some = judged[(judged["uneven"] >= least) & (judged["uneven"] < most)]
         name = f"on screens uneven by {least:g} to {most:g} % ({len(some)} rigs), median"
-        rows.append((name, median))
+        rows.append((name, median(some)))
     return rows
 
 
-def _confusion(found: Sequence[Trial]) -> tuple[list[str], list[list[str]]]:
+def _confusion(found: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
     """The causes of first alarms in time, and of every kind how often each was named."""
-    rows = {
-        kind.name: Counter(
-            each.causes[0] if each.in_time and each.causes else "no alarm in time"
-            for each in found
-            if each.kind == kind
-        )
-        for kind in KINDS
-    }
-    columns = sorted({cause for row in rows.values() for cause in row})
-    return columns, [
-        [name, *(str(row[cause] or "") for cause in columns)] for name, row in rows.items()
-    ]
+    first = found["causes"].str[0].where(found["in_time"]).fillna("no alarm in time")
+    changed = found["kind"] != HEALTHY
+    table = pd.crosstab(found["kind"][changed], first[changed]).reindex(KINDS, fill_value=0)
+    rows = [[kind, *(str(each or "") for each in row)] for kind, row in table.T.items()]
+    return list(table.columns), rows
 
 
-def _laws(found: Sequence[Trial]) -> list[tuple[str, ...]]:
+def _laws(found: pd.DataFrame) -> list[tuple[str, ...]]:
     """A row for every law: false alarms in healthy running, and alarms after a change."""
-    tried = [law for law in LAWS if any(each.law == law for each in found)]
+    tried = [law for law in LAWS if law in {*found["law"]}]
     rows = []
     for law in (*tried, *(("all of these",) if tried else ())):
-        some = [each for each in found if law in {each.law, "all of these"}]
-        healthy = [each for each in some if each.kind == HEALTHY]
-        alarms = sum(each.alarm is not None for each in healthy)
-        false = counted(alarms, len(healthy) * DURATION / 3600)
-        changed = Alarms.of(each for each in some if each.kind != HEALTHY)
-        rows.append((law, str(len(healthy)), false, *changed.cells))
+        some = found[found["law"].isin(tried if law == "all of these" else [law])]
+        healthy, changed = (each for _, each in some.groupby(some["kind"] != HEALTHY))
+        many = int(healthy["alarm"].notna().sum())
+        false = counted(many, len(healthy) * DURATION / 3600)
+        rows.append((law, str(len(healthy)), false, *cells(changed)))
     return rows
 
 
-def page(found: Sequence[Trial], command: str) -> str:
+def page(every: pd.DataFrame, command: str) -> str:
     """The page in Markdown.
 
     Args:
-        found: What was said of every rig.
+        every: What was said of every rig.
         command: That makes this page.
     """
-    under_laws = [each for each in found if each.law != LAW]
-    found = [each for each in found if each.law == LAW]
-    learned = [each for each in found if CALIBRATED <= each.seed < JUDGED]
-    judged = [each for each in found if JUDGED <= each.seed < INJECTED]
-    kinds = [
-        (kind.name, *Alarms.of(each for each in found if each.kind == kind).cells) for kind in KINDS
-    ]
+    found = every[every["law"] == LAW]
+    seeds = found["seed"]
+    learned = found[seeds.between(CALIBRATED, JUDGED, inclusive="left")]
+    judged = found[seeds.between(JUDGED, INJECTED, inclusive="left")]
     return filled(
         "shadow",
         command=command,
@@ -645,9 +519,9 @@ def page(found: Sequence[Trial], command: str) -> str:
         healthy=_healthy(found, learned, judged),
         ramp=RAMP,
         in_time=IN_TIME,
-        kinds=kinds,
+        kinds=[(kind, *cells(found[found["kind"] == kind])) for kind in KINDS],
         confusion=_confusion(found),
-        laws=_laws(under_laws),
+        laws=_laws(every[every["law"] != LAW]),
     )
 
 

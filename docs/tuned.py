@@ -33,7 +33,7 @@ def asked(plan: dict[str, Any]) -> dict[str, Any]:
     Raises:
         ClickException: If one differs from the others in anything but what is its own.
     """
-    from twin.tune.schema import read  # noqa: PLC0415
+    from twin.tune.trials import read  # noqa: PLC0415
 
     budget = {key: plan[key] for key in BUDGET}
     found = {law["name"]: read(law["tune"], set=law.get("set"), **budget) for law in plan["laws"]}

@@ -81,6 +81,12 @@ def take_in(monkeypatch):
     forget()
 
 
+@pytest.fixture(scope="session")
+def tables():
+    """The tables of a short scenario on the exact plant."""
+    return TABLES
+
+
 @pytest.fixture
 def scenario():
     """A short scenario on the exact plant, changed by overrides."""

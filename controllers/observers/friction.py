@@ -327,8 +327,7 @@ class FrictionKalman(LateBall):
 def _blow() -> Array:
     """What a blow adds to the covariance of (eta, eta'), shape (4, 4)."""
     passed = np.vstack((SINCE * np.eye(2), np.eye(2)))
-    added: Array = BLOW**2 * passed @ passed.T
-    return added
+    return BLOW**2 * passed @ passed.T
 
 
 def diagonal(P: Array) -> Array:

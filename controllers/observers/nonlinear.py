@@ -148,8 +148,7 @@ def chain_gain(poles: Sequence[Pole], T: float) -> Array:
     G = np.linalg.solve(observability, np.eye(n)[:, -1])
     for pole in poles:
         G = (A - np.eye(n)) @ G - np.expm1(pole * T) * G
-    gain: Array = np.linalg.solve(A, G).real / T ** np.arange(n)
-    return gain
+    return np.linalg.solve(A, G).real / T ** np.arange(n)
 
 
 OF_PLATE = np.array([False, True, False, True])

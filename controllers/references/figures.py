@@ -15,7 +15,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from controllers.interfaces import Array, Reference
+from controllers.arrays import Array
+from controllers.interfaces import Reference
 from controllers.ranges import NotNegative, Pair, Positive
 from controllers.references.paths import WithDerivatives, at_rest, in_turn, join, linear
 
@@ -35,19 +36,10 @@ class Hold(Reference):
     y: float = 0.0
     """Position along y in m, plate axes."""
 
-    _path: Array = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        """Check the settings."""
-        super().__post_init__()
-        path = np.zeros((5, 2))
-        path[0] = self.x, self.y
-        object.__setattr__(self, "_path", path)
-
     def __call__(self, t: float | Array) -> Array:
         """Position and four derivatives at t, shape (5, *shape(t), 2)."""
         out = np.zeros((5, *np.shape(t), 2))
-        out[0] = self._path[0]
+        out[0] = self.x, self.y
         return out
 
 

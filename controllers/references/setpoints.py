@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from controllers.interfaces import Array, Reference
+from controllers.arrays import Array
+from controllers.interfaces import Reference
 from controllers.ranges import Positive
 
 ORDER = 5

@@ -169,12 +169,10 @@ def varied_of(vary: Vary) -> dict[str, list[Any]]:
 
 
 def _varied(key: str, value: Any) -> Any:
-    from twin.scenario.schema import KINDS
-
-    if key not in KINDS or isinstance(value, Mapping):
+    if isinstance(value, Mapping):
         return _plain(key, value)
-    ((named, found),) = _choice(key, value)
-    return {"kind": found} if named.endswith(".kind") else found
+    ((named, found),) = flattened({key: value})
+    return found if named == key else {"kind": found}
 
 
 def _choice(table: str, value: Any) -> Iterator[tuple[str, Any]]:
@@ -240,12 +238,9 @@ class Keys(list["Key"]):
 
     sentence = ""
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         lines = [f"{key.key} = {key.value} {key.unit}".rstrip() for key in self]
         return "\n".join(filter(None, (self.sentence, *lines)))
-
-    def __repr__(self) -> str:
-        return str(self)
 
     def _repr_html_(self) -> str:
         """For a notebook."""
@@ -335,8 +330,6 @@ def law(function: Callable[..., Any]) -> type[Law]:
     Raises:
         ScenarioError: If it takes other arguments, or a setting has no default.
     """
-    from dataclasses import make_dataclass
-
     from controllers.interfaces import Law
 
     parameters = inspect.signature(function).parameters
@@ -353,7 +346,7 @@ def law(function: Callable[..., Any]) -> type[Law]:
         return function(t, x, reference, **{name: getattr(self, name) for name in settings})
 
     fields = [(name, type(each.default), each.default) for name, each in settings.items()]
-    made = make_dataclass(
+    made = dataclasses.make_dataclass(
         function.__name__,
         fields,
         bases=(Law,),

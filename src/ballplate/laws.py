@@ -5,8 +5,9 @@ on the ball that the scenario describes; on its own ``control(t, x, reference, q
 accelerations.
 """
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from controllers.interfaces import Array, Feedback, Law, Reference
+from controllers.interfaces import Feedback, Law, Reference
 from controllers.linear import LQR, Feedforward, Pid, PolePlacement
 from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
 from controllers.optimal import Predictive, TimeVaryingLQR

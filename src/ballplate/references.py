@@ -4,27 +4,10 @@ Each is a frozen dataclass: ``Circle(amplitude=0.1, omega=0.5)``; ``reference(t)
 and four derivatives, shape (5, ..., 2).
 """
 
-from controllers.interfaces import Array, Reference
-from controllers.references import (
-    Circle,
-    Hold,
-    Lissajous,
-    Path,
-    Setpoints,
-    Sine,
-    Step,
-    Transition,
-)
+from controllers import references as _shipped
+from controllers.arrays import Array
+from controllers.interfaces import Reference
+from controllers.references import *  # noqa: F403  what it says that it has
 
-__all__ = [
-    "Array",
-    "Circle",
-    "Hold",
-    "Lissajous",
-    "Path",
-    "Reference",
-    "Setpoints",
-    "Sine",
-    "Step",
-    "Transition",
-]
+__all__ = ["Array", "Reference"]
+__all__ += _shipped.__all__

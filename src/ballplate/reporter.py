@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from html import escape
-from io import BytesIO
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol
@@ -149,6 +148,6 @@ def overview(title: str, runs: Mapping[str, Run], figure: Figure) -> str:
 
 def png(figure: Figure) -> bytes:
     """A figure as a PNG."""
-    content = BytesIO()
-    figure.savefig(content, dpi=DPI, format="png")
-    return content.getvalue()
+    from twin.page import encoded
+
+    return encoded(figure, "png", DPI)

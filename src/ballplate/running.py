@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.reporter import Reporter, default, writable
-from twin.errors import RigError, ScenarioError
+from twin.errors import RigError, ScenarioError, TwinError
 from twin.run.files import STREAM, free
 from twin.shipped import find
 from twin.writing import written_alone
@@ -49,6 +49,7 @@ def run(
     out: str | Path | None = None,
     on: str | None = None,
     reset: bool = False,
+    trace: str | Path | None = None,
     watch: Callable[[Scenario], AbstractContextManager[Attach]] | None = None,
     reporter: Reporter | None = None,
     **changes: Unpack[Changes],
@@ -67,6 +68,8 @@ def run(
             that is finished there, and goes to the next free folder of the name.
         on: Rig file, or ``emulated`` for the virtual rig; simulated by default.
         reset: Whether faults found in the drives of a rig are reset when switching on.
+        trace: Where all that is said on the CAN bus of a rig is kept, in a format of python-can
+            by the file's ending; in the run's folder as ``trace.log`` by default.
         watch: Makes the context of the run, which is given the recorder to observe.
         reporter: Who is told progress and warnings; a notebook has its own.
         changes: What is changed of it, by tables: ``plant={"friction": {"rolling_mm": 0}}``.
@@ -89,6 +92,7 @@ def run(
     from twin.run.plants import PLANTS
 
     folder = writable(out, report)
+    file = trace_file(trace, folder, on, report)
     label = PLANTS[chosen.plant.kind].label if on is None else f"rig {Path(on).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
@@ -98,11 +102,13 @@ def run(
         baseline = _begun(chosen, second, report) if compared else None
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
         keys = [each.key for each in changed]
-        with connected(on, chosen, keys, report, reset=reset) as real, attached as attach:
-            observed = attach
-            if real is not None and folder is not None:
-                observed = written.enter_context(streamed(chosen, free(folder), attach))
-            done = one_run(chosen, label, report, observed, real)
+        with traced(file, report, bounded=trace is None) as heard:
+            rig = connected(on, chosen, keys, report, reset=reset, hear=heard)
+            with rig as real, attached as attach:
+                observed = attach
+                if real is not None and folder is not None:
+                    observed = written.enter_context(streamed(chosen, free(folder), attach))
+                done = one_run(chosen, label, report, observed, real)
         if real is not None:
             tell_timing(real, report)
         clean = None
@@ -120,7 +126,104 @@ def run(
             return result
         if done.interrupted and holds_finished(folder):
             folder = free(folder)  # what is finished is worth more than a beginning
-        return kept(result, folder, second)
+        kept(result, folder, second)
+        if trace is None:
+            _place_trace(file, folder)
+        return result
+
+
+TRACE = "trace.log"
+"""What was said on the CAN bus of a rig, in its run's folder."""
+FRAMES = 1 << 18
+"""Frames the buffer holds: more than a minute of two drives at 2 ms."""
+
+
+def trace_file(
+    trace: str | Path | None, folder: Path | None, on: str | None, reporter: Reporter
+) -> Path | None:
+    """Where the trace of a run goes; None for nowhere.
+
+    Raises:
+        TwinError: If one is asked for of a simulated rig, or in no format that is known.
+    """
+    if on is None:
+        if trace is not None:
+            what, needed = reporter.name_of("trace"), reporter.name_of("on")
+            raise ScenarioError(f"{what}: a simulated rig has no bus; it needs {needed}")
+        return None
+    if trace is None:
+        return None if folder is None else free(folder) / TRACE
+    from twin.devices.akd.traces import check_ending
+
+    check_ending(Path(trace))
+    return Path(trace)
+
+
+@contextmanager
+def traced(
+    file: Path | None, reporter: Reporter, *, bounded: bool
+) -> Iterator[Callable[[Any], None] | None]:
+    """Have the frames of a bus written by another process; what is given one never waits.
+
+    An error of the run within says where the trace lies.
+
+    Args:
+        file: Where; None for nowhere.
+        reporter: Is told how many frames are missing, if any.
+        bounded: Whether only the beginning and the end of a long trace are kept.
+    """
+    if file is None:
+        yield None
+        return
+    from twin.devices.akd.traces import COLUMNS, PART, parts, to_row
+    from twin.view.live_process import LiveProcess
+
+    with ExitStack() as end:
+        arguments = (file, PART if bounded else None)
+        live = LiveProcess(_trace, arguments, rows=FRAMES, width=len(COLUMNS))
+        end.callback(live.close)
+        put = live.take_rows(COLUMNS)
+        live.begun()
+        try:
+            yield lambda message: put(to_row(message))
+        except TwinError as error:
+            live.finish()
+            if parts(file):
+                error.args = (f"{error}; what was said on the bus: ballplate trace {file}",)
+            raise
+        live.finish()
+        if live.dropped:
+            reporter.warn(f"{file}: {live.dropped} frames are missing: the computer was too busy")
+
+
+def _place_trace(file: Path | None, folder: Path) -> None:
+    """Put the trace of a run, if it has one, in the place of that of the former run there."""
+    if file == folder / TRACE:
+        return
+    for old in folder.glob("trace*.log"):
+        old.unlink()
+    for part in file.parent.glob("trace*.log") if file else ():
+        part.replace(folder / part.name)
+    with suppress(OSError):  # there is none, or it holds more
+        if file:
+            file.parent.rmdir()
+
+
+def _trace(buffer: tuple[int, int, str], file: Path, part: int | None) -> None:
+    """Write frames until their bus is closed, or its process is gone."""
+    from twin.devices.akd.traces import TraceWriter, from_row
+    from twin.view.live_process import SharedRingBuffer, step_back
+
+    step_back()
+    with closing(SharedRingBuffer(*buffer)) as ring, ExitStack() as end:
+        writer: TraceWriter | None = None
+        for block in ring.blocks(EVERY):
+            if block and len(block["time"]):
+                if writer is None:
+                    writer = TraceWriter(file, "can0", part)
+                    end.callback(writer.close)
+                rows = zip(*(column.tolist() for column in block.values()), strict=True)
+                writer.write(from_row(*row) for row in rows)
 
 
 def one_run(
@@ -238,7 +341,13 @@ def rig_of(
 
 @contextmanager
 def connected(
-    on: str | None, scenario: Scenario, keys: Sequence[str], reporter: Reporter, *, reset: bool
+    on: str | None,
+    scenario: Scenario,
+    keys: Sequence[str],
+    reporter: Reporter,
+    *,
+    reset: bool,
+    hear: Callable[[Any], None] | None = None,
 ) -> Iterator[HardwareRig | None]:
     """The requested rig, not switched on; None for the simulation.
 
@@ -248,6 +357,7 @@ def connected(
         keys: What is changed of the scenario.
         reporter: Is told how far the virtual rig lagged.
         reset: Whether faults found in the drives are reset.
+        hear: Is given every frame on its CAN bus.
 
     Raises:
         TwinError: If there is no such rig, or its file is wrong.
@@ -280,13 +390,13 @@ def connected(
         _judge_computer(f"{name} {on}", scenario, reporter)
     with rig_of(on, scenario, reporter) as (file, virtual):
         if virtual is None:
-            real = connect(scenario, file, reset=reset)
+            real = connect(scenario, file, reset=reset, hear=hear)
             _judge_computer(f"{name} {on}", scenario, reporter)
             yield real
             return
         # what a virtual rig knows of its cams is part of its scenario
         known, paused = believed(scenario), virtual.pauses.paused
-        host = connect(scenario, file, reset=reset, transmission=known, paused=paused)
+        host = connect(scenario, file, reset=reset, transmission=known, paused=paused, hear=hear)
         follow_changes(host, scenario, known, virtual.begin)
         yield host
 

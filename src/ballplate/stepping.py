@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from numbers import Integral
@@ -60,6 +61,9 @@ class Rig:
         self._record = Recorder(self._ticks, count, self.period, self._rig.channels, knows)
         self._ended: list[Outcome] | None = None
         self._over = False
+        self._since = -1
+        """The period from whose measurement comes what is applied."""
+        self._computing: list[tuple[float, float]] = []
 
     def __enter__(self) -> Self:
         self._rig.__enter__()
@@ -76,6 +80,10 @@ class Rig:
         self._rig.__exit__(*error)
         early = not self.done
         ending, reason = (Ending.ABORTED, "left early") if early else (Ending.FINISHED, "")
+        computing = np.array(self._computing).reshape(-1, 1, 2)
+        if computing[..., 0].any(where=np.isfinite(computing[..., 0])):
+            each = (self._record.length, len(self.scenarios), 2)
+            self._record.data["computing"] = np.broadcast_to(computing, each)
         self._ended = self._monitor.final(self._record.end, ending, reason)
 
     @property
@@ -103,14 +111,18 @@ class Rig:
         rate: ArrayLike,
         estimate: ArrayLike | None = None,
         further: ArrayLike | None = None,
+        *,
+        computed_s: float = 0.0,
     ) -> Measurement:
-        """Command plate rates for one control period.
+        """Command plate rates for one control period, after those that it took to compute them.
 
         Args:
             rate: Plate rates (phi', theta') in rad/s, shape (2,) or (N, 2).
             estimate: State that the controller believes in, shape (8,) or (N, 8), for the record.
             further: What the scenario's observer estimates beyond it, as ``controller.command``
                 gives it, shape (k,) or (N, k), for the record.
+            computed_s: How long they were computed, s. Up to a period is in time; for each further
+                one, begun ones counted, the rates applied last are held for a period before.
 
         Returns:
             What the sensors say then.
@@ -122,7 +134,7 @@ class Rig:
             raise TwinError("a rig is stepped within its context: with ballplate.rig(...) as rig:")
         if self.done:
             raise TwinError(f"the run of {self.scenarios[0].duration:g} s is over; see rig.done")
-        count, now = len(self.scenarios), self.measurement
+        count = len(self.scenarios)
 
         def each(what: str, given: ArrayLike, width: int) -> Array:
             return np.broadcast_to(shaped(what, given, (width,), (count, width)), (count, width))
@@ -131,14 +143,30 @@ class Rig:
         believed = each("estimate", np.full(8, np.nan) if estimate is None else estimate, 8)
         known = len(self._record.further)
         more = each("further", np.full(known, np.nan) if further is None else further, known)
-        requested = (wanted - self.applied) / self.period
+        took = float(shaped("computed_s", computed_s, ()))
+        if not 0 <= took < np.inf:
+            raise TwinError(f"computed_s: must be a time in s of 0 or more, got {computed_s!r}")
+        late = max(0, math.ceil(took / self.period - 1e-9) - 1)
+        begun = self._record.length
+        for tick in range(late + 1):
+            if self.done:
+                break
+            if tick == late:
+                self._since = begun
+            lateness = (self._record.length - self._since) * self.period
+            self._computing.append((took if tick == 0 else np.nan, lateness))
+            self._advance(wanted if tick == late else self.applied, believed, more)
+        return self.measurement
+
+    def _advance(self, wanted: Array, believed: Array, more: Array) -> None:
+        """Command plate rates, shape (N, 2), for one control period."""
+        now, requested = self.measurement, (wanted - self.applied) / self.period
         before, self.applied = self.applied, self._rig.write(wanted)
         decided = (believed, requested, (self.applied - before) / self.period, more)
         self.measurement = passed(self._rig, self._record, now, *decided)
         self._over = self._monitor.watch(self.measurement)
         if not self._over and (self._record.length - 1) % LOOKED == 0:
             self._over = self._monitor.examine(self.time)
-        return self.measurement
 
     def result(self, rig: int = 0) -> Result:
         """What one of the rigs did, after its context was left.

@@ -216,8 +216,8 @@ def sweep(
     from twin.scenario.variants import comparison, headings
 
     base, varied = changes_of(settings, changes), varied_of(vary)
-    if not varied or not all(varied.values()):
-        raise ScenarioError("vary: name at least one key, each with at least one value")
+    if not varied:
+        raise ScenarioError("vary: name at least one key")
     report = reporter or default()
     title = scenario_of(scenario, base, titled=False).title
     cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
@@ -295,8 +295,7 @@ class StudyResult:
         """A row per run: variant, point, seed, parameters, outcome, indicators."""
         from twin.study.experiments import labelled
 
-        found: pd.DataFrame = labelled(self.work.labels, self.rows).to_pandas()
-        return found
+        return labelled(self.work.labels, self.rows).to_pandas()
 
     def plot(self) -> dict[str, Figure]:
         """Its figures by name: ``curves``, ``indices``, ``spread`` and more, as the method has."""
@@ -352,8 +351,7 @@ def study(
         TwinError: If there is no such study, or anything in it is unknown or out of range.
     """
     from twin.study.answers import answers
-    from twin.study.cluster import Cluster
-    from twin.study.experiments import Store, carry
+    from twin.study.experiments import Cluster, Store, carry
 
     report = reporter or default()
     work = work_of(str(name), keys)

@@ -67,6 +67,24 @@ def test_the_reward_is_the_mean_over_the_periods_for_which_an_action_is_held():
     assert 0 < rewards[0] < 0.01
 
 
+def test_an_action_that_is_computed_for_long_takes_the_place_of_the_one_before_so_much_later():
+    """Held for 5 periods, 2.5 of them computed: as actions of single periods, two of them old."""
+    name, more = "ballplate.gym:ballplate/Track-v0", {"settings": EXACT, "rate": RATE}
+    late = gymnasium.make_vec(name, 2, hold=5, computing_time=0.005, **more)
+    fine = gymnasium.make_vec(name, 2, hold=1, **more)
+    late.reset(seed=3), fine.reset(seed=3)
+    before, actions = np.zeros((2, 2)), np.random.default_rng(2)
+    for _ in range(8):
+        action = actions.uniform(-0.1, 0.1, (2, 2))
+        seen, reward, *_ = late.step(action)
+        singles = [fine.step(each) for each in (before, before, action, action, action)]
+        np.testing.assert_array_equal(seen, singles[-1][0])
+        np.testing.assert_allclose(reward, np.mean([each[1] for each in singles], axis=0))
+        before = action
+    with pytest.raises(TwinError, match=r"computing_time: must be 0 to 0\.01 s"):
+        gymnasium.make(name, hold=5, computing_time=0.0101, **more)
+
+
 def test_the_goal_is_seen_as_far_ahead_as_is_asked_for():
     circle = {"settings": EXACT | {"duration": 4.0}, "preview": (0.2, 0.5), "hold": 100}
     env = gymnasium.make("ballplate.gym:ballplate/Track-v0", **circle)

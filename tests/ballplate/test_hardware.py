@@ -7,12 +7,15 @@ import time
 from contextlib import suppress
 from types import SimpleNamespace
 
+import can
 import numpy as np
 import pytest
 
 import ballplate as bp
 from ballplate.reporter import Reporter
-from ballplate.running import streamed, tell_timing
+from ballplate.running import streamed, tell_timing, traced
+from twin.devices.akd.conditions import NODE_ABSENT, DriveError
+from twin.devices.akd.traces import read_trace
 from twin.devices.realtime import TimingLog
 from twin.errors import TwinError
 from twin.hal.interface import Severity
@@ -128,6 +131,75 @@ def test_what_a_killed_run_recorded_is_written_to_the_last_row(tmp_path):
     assert found.outcome == "aborted"
     assert found.scenario.title
     assert len(read(folder).time) == 501
+
+
+SAYING = """
+import os, signal, sys
+from pathlib import Path
+import can
+from ballplate.reporter import Reporter
+from ballplate.running import traced
+
+with traced(Path(sys.argv[1]), Reporter(), bounded=True) as hear:
+    for number in range(30_000):
+        data = number.to_bytes(8, "little")
+        hear(can.Message(timestamp=1 + 1e-5 * number, arbitration_id=0x181, data=data))
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_the_trace_of_a_killed_run_has_its_last_frame(tmp_path):
+    file = tmp_path / "runs" / "killed" / "trace.log"
+    done = subprocess.run([sys.executable, "-c", SAYING, file], check=False)
+    assert done.returncode == -signal.SIGKILL
+    end, frames = time.monotonic() + 60, []
+    while time.monotonic() < end and len(frames) < 30_000:
+        time.sleep(0.1)
+        with suppress(TwinError):  # nothing yet: another process writes
+            frames = read_trace(file).frames
+    assert [int.from_bytes(each.data, "little") for each in frames] == list(range(30_000))
+
+
+def test_an_error_on_the_wire_ends_with_where_the_trace_lies(tmp_path):
+    file, told = tmp_path / "trace.log", Heard()
+    said = can.Message(timestamp=1.0, arbitration_id=0x601, is_extended_id=False, data=bytes(8))
+    error = DriveError(NODE_ABSENT, "drive phi (node 1)", "does not answer")
+
+    def fail():
+        with traced(file, told, bounded=True) as hear:
+            hear(said)
+            raise error
+
+    with pytest.raises(DriveError) as caught:
+        fail()
+    assert caught.value is error
+    assert str(error) == (
+        "drive phi (node 1): does not answer; what was said on the bus: ballplate trace "
+        f"{tmp_path}/trace.log"
+    )
+    assert not told.lines
+    assert [bytes(each.data) for each in read_trace(file).frames] == [bytes(8)]
+
+
+def test_a_bus_that_was_never_opened_leaves_no_trace(tmp_path):
+    with (
+        pytest.raises(DriveError, match=r"cannot be opened$"),
+        traced(tmp_path / "trace.log", Heard(), bounded=True),
+    ):
+        raise DriveError(NODE_ABSENT, "CAN", "cannot be opened")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("on", "trace", "line"),
+    [
+        (None, "a.log", "a simulated rig has no bus"),
+        ("emulated", "a.pcap", r"one of \.asc, \.blf, \.csv, \.log, \.trc"),
+    ],
+)
+def test_a_trace_that_cannot_be_is_refused_before_anything_runs(on, trace, line):
+    with pytest.raises(TwinError, match=line):
+        bp.run("circle", on=on, trace=trace)
 
 
 @pytest.mark.parametrize("fails", [False, True])

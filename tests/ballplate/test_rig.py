@@ -106,3 +106,37 @@ def test_numbers_of_another_shape_are_named_and_nothing_moves(name, given, told)
     for number in (1, -1, "a", None):
         with pytest.raises(ballplate.TwinError, match="rig: must be 0 to 0"):
             rig.result(number)
+
+
+def test_rates_that_are_computed_for_long_come_late_and_the_record_says_by_how_much():
+    """2.5 periods of computing: two are held, as if the caller had commanded them himself."""
+    exact, rates = {"plant": {"kind": "lagrange"}, **SHORT}, np.random.default_rng(1)
+    with ballplate.rig("circle", **exact) as late, ballplate.rig("circle", **exact) as plain:
+        period = late.period
+        for number in range(20):
+            wanted = rates.uniform(-0.1, 0.1, 2)
+            computed = 2.5 * period if number % 2 else 0.5 * period
+            begin = late.time
+            seen = late.step(wanted, computed_s=computed)
+            assert late.time - begin == pytest.approx(period * (3 if number % 2 else 1))
+            for _ in range(2 * (number % 2)):
+                plain.step(plain.applied)
+            np.testing.assert_array_equal(seen.y, plain.step(wanted).y)
+    one, other = late.result(), plain.result()
+    for name in other:
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+    assert "computing_time" not in other
+    lateness = np.array([0, 1, 2, 2] * 10) * period
+    np.testing.assert_allclose(one["command_lateness"], lateness, atol=1e-12)
+    nan = np.nan
+    np.testing.assert_allclose(one["computing_time"] / period, [0.5, 2.5, nan, nan] * 10)
+    assert one.metrics["late_percent"] == 75
+
+
+@pytest.mark.parametrize("time", [-1e-3, np.nan, np.inf, [0.1], "soon"])
+def test_a_computing_time_that_is_none_is_refused(time):
+    with (
+        ballplate.rig("hold", plant={"kind": "lagrange"}, **SHORT) as rig,
+        pytest.raises(ballplate.TwinError, match="computed_s: must be"),
+    ):
+        rig.step([0.0, 0.0], computed_s=time)

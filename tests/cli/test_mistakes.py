@@ -76,7 +76,7 @@ LINES = {
     "run circle --rrd no/a.rrd": "there is no such folder",
     "analyse sign": "not found",
     "compare hold --vary duration": "KEY=",
-    "compare circle --vary controller.kind=[]": "needs at least one value",
+    "compare circle --vary controller.kind=[]": "give at least one value",
     "compare no.csv circle": "no.csv: cannot be read: No such file or directory",
     "compare log.csv": "a log has no reference; name the scenario",
     "report circle": "is a scenario, not a run; first: ballplate run circle",

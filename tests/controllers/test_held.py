@@ -103,3 +103,64 @@ def test_the_analysis_leaves_the_hold_out_and_says_so():
     assert not plain.pop("hold_left_out")
     assert found == plain
     assert any("every 100 control periods" in line for line in law.remarks)
+
+
+def late_and_held(K, ticks, late):
+    """Matrix of state and last command over a law's period, its command so many ticks late."""
+    step = control.c2d(PLANT, T, "zoh")
+    tick = np.block([[step.A, step.B], [np.zeros((2, 8)), np.eye(2)]])  # of (x, u), u held
+    arrived = np.linalg.matrix_power(tick, late).copy()
+    arrived[8:] = np.hstack([-K, np.zeros((2, 2))])  # of the state at the beginning
+    return np.linalg.matrix_power(tick, ticks - late) @ arrived
+
+
+@pytest.mark.parametrize(("time", "ticks"), [(1.5 * T, 2), (0.005, 3), (6 * T, 6), (0.031, 16)])
+def test_a_law_that_computes_for_n_periods_is_the_loop_with_n_minus_1_periods_of_delay(time, ticks):
+    """The discrete loop of period n T whose input comes (n - 1) T late, by its matrix."""
+    _, K = designed(ticks * T)
+    path, _ = driven(HeldLaw(Gain(K=K), 1, time), 1, 20 * ticks)
+    closed, x = late_and_held(K, ticks, ticks - 1), np.concatenate([FIRST, np.zeros(2)])
+    for number in range(20):
+        np.testing.assert_allclose(path[number * ticks, 0], x[:8], atol=1e-9)
+        x = closed @ x
+
+
+@pytest.mark.parametrize("time", [1e-9, T])
+def test_what_is_computed_within_a_period_is_in_time_to_the_bit(time):
+    _, K = designed(T)
+    found, _ = driven(HeldLaw(Gain(K=K), 1, time), 1, 200)
+    np.testing.assert_array_equal(found, driven(Gain(K=K), 1, 200)[0])
+
+
+def test_a_slow_law_of_its_own_period_is_late_within_it_and_leaves_out_what_it_misses():
+    """A period of 4 ticks: 3 ticks of computing come 2 late, 5 ticks take every second period."""
+    inner = Gain(K=designed(T)[1])
+    for time, every, late in ((3 * T, 4, 2), (5 * T, 8, 4)):
+        path, inputs = driven(HeldLaw(inner, 4, time), 1, 40)
+        for begin in range(0, 32, every):
+            held = inputs[begin + late : begin + late + every, 0]
+            np.testing.assert_allclose(held, np.tile(-inner.K @ path[begin, 0], (every, 1)))
+
+
+def test_rigs_side_by_side_have_each_their_computing_time():
+    _, K = designed(6 * T)
+    laws = [HeldLaw(Gain(K=K), 1, 6 * T), Gain(K=K), HeldLaw(Gain(K=K), 1, 0.005)]
+    together, _ = driven(PerRigLaw(laws), 3, 120)
+    for rig, law in enumerate(laws):
+        np.testing.assert_allclose(together[:, rig], driven(law, 1, 120)[0][:, 0], atol=1e-12)
+
+
+def test_the_controller_tells_computing_time_and_lateness_of_each_period():
+    law = PerRigLaw([HeldLaw(Gain(K=designed(T)[1]), 1, 0.005), Gain(K=designed(T)[1])])
+    controller = Controller(law, Told(), PerRigReference([Hold()] * 2, T), T)
+    told, x = [], np.tile(FIRST, (2, 1))
+    for tick in range(8):
+        now = Measurement(tick * T, x[:, 0::2], np.zeros(2), np.ones(2, bool), x)
+        if not tick:
+            controller.start(now)
+        told.append(controller.command(now).computing)
+        controller.applied(np.zeros((2, 2)))
+    took, late = np.moveaxis(np.array(told), -1, 0)
+    np.testing.assert_array_equal(took[:, 0], [0.005, *[np.nan] * 2] * 2 + [0.005, np.nan])
+    np.testing.assert_allclose(late[:, 0] / T, [1, 2, 2, 3, 4, 2, 3, 4])
+    np.testing.assert_array_equal(told[5][1], [0.0, 0.0])

@@ -20,6 +20,7 @@ from serving import serving
 
 from twin.cli.look import export, report
 from twin.cli.rig import toml
+from twin.devices.akd.traces import read_trace
 from twin.emulator.drive import MASTER_SILENT
 from twin.emulator.process import emulated
 from twin.emulator.serve import TICK, VirtualRig
@@ -159,6 +160,8 @@ def test_a_run_killed_at_any_moment_leaves_what_was_recorded_until_then(virtual,
     assert found.metrics["outcome"] == "aborted"
     assert len(found.rows["lateness"]) > 10
     assert moment % 2 or found.rows["time"][-1] > lasted
+    trace = read_trace(tmp_path / "out" / "trace.log").frames
+    assert moment % 2 or trace[-1].timestamp - trace[0].timestamp > found.rows["time"][-1]
     for command, more in ((report, ()), (export, (str(tmp_path / "out.csv"),))):
         shown = CliRunner().invoke(command, [str(tmp_path / "out"), *more])
         assert shown.exit_code == 0, shown.output

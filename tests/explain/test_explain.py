@@ -12,15 +12,20 @@ from click.testing import CliRunner
 from twin.cli.understand import explain as command
 from twin.explain.attribution import (
     ALL,
+    EFFECTS,
     NONE,
     EffectCase,
     attempt,
     attribute,
+    changed,
+    exact,
     explain,
     plan,
+    present,
     summary,
+    with_typical,
+    without,
 )
-from twin.explain.effects import EFFECTS, changed, exact, present, with_typical, without
 from twin.scenario import Scenario, load
 
 CLEAN = (

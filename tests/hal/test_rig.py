@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from own_board import VirtualBoard, own_rig
 
+from twin.devices.own import OwnServos
 from twin.emulator.lockstep import LockstepRig
 from twin.hal.rig import Rig
 from twin.hal.supervisor import State
@@ -19,16 +21,20 @@ QUIET = (
 
 
 SIMULATED = ("lagrange", "mujoco")
+OWN = ("own hardware", "own hardware without encoder")
+OWN_SET = {"plate_lag": 0.004}
 
 
 def build(kind, scenario):
     """Two simulated rigs, or one of the hardware's kind on emulated devices."""
+    if kind in OWN:
+        return own_rig(VirtualBoard(encoder=kind == OWN[0], friction=0.002), scenario(), **OWN_SET)
     if kind != "emulated":
         return assemble([scenario(f"plant.kind={kind}", *QUIET)] * 2).rig
     return LockstepRig(scenario("plant.kind=mujoco", *QUIET))
 
 
-@pytest.fixture(params=[*SIMULATED, "emulated"])
+@pytest.fixture(params=[*SIMULATED, "emulated", *OWN])
 def rig(request, scenario):
     return build(request.param, scenario)
 
@@ -52,6 +58,8 @@ def true_state(rig):
 
 
 def true_plate(rig):
+    if isinstance(servos := getattr(rig, "servos", None), OwnServos):
+        return np.array([servos._hardware.board.angle])
     return true_state(rig)[:, 2::4]
 
 

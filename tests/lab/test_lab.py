@@ -82,7 +82,7 @@ def of(tmp_path: Path, text: str) -> Path:
         ("full = 0\nnone = 1", "full = 1\nnone = 1", "full, none: must differ"),
         ('name = "wind"', 'name = "mass"', "two of them are called 'mass'"),
         ('number = "wind"', 'metric = "rms_error"', "scenario: missing"),
-        ("answer.toml", "answer.py", "file: must be .py for a law, .toml for numbers"),
+        ("answer.toml", "answer.py", "file: must be .toml for numbers and parameters, else .py"),
     ],
 )
 def test_a_wrong_lab_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
@@ -234,8 +234,8 @@ def test_a_law_in_a_process_of_its_own_gives_the_same_bits(tmp_path: Path) -> No
 
         del os.environ[catalog.ADDED]
         catalog.forget()
-    assert there.as_dict() == here.as_dict()
-    assert here.rms_distance is not None
+    assert there == here
+    assert here["rms_distance"] is not None
 
 
 SAY = "import os, __main__; os.write(__main__._OUT"

@@ -13,6 +13,7 @@ import urllib.error
 import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
+from runpy import run_path
 from threading import Thread
 
 import numpy as np
@@ -34,6 +35,7 @@ QUIET = (
     "--disable-component-update",
     "--disable-sync",
 )
+drag = run_path(str(Path(__file__).parents[2] / "docs" / "play_picture.py"))["drag"]
 CALL = (sys.executable, "-c", "from twin.cli import main; main()", "play")
 PATIENCE = 60.0
 """Seconds that a busy machine is given for what takes one or two."""
@@ -153,24 +155,6 @@ def later(page, seconds, condition=lambda: False):
     while not (held := condition()) and (now := seen(page, "time")) < end:
         until(lambda now=now: seen(page, "time") > now)
     return held
-
-
-def drag(page, begin, end, steps=25):
-    """Drag from one place of the plate, mm, to another, as a hand does."""
-    box = page.locator("svg[data-time]").bounding_box()
-    scale = min(box["width"] / 708, box["height"] / 403)
-    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-
-    def move(x, y):
-        page.mouse.move(middle[0] + scale * x, middle[1] - scale * y)
-
-    move(*begin)
-    page.mouse.down()
-    for step in range(1, steps + 1):
-        share = step / steps
-        move(*(a + share * (b - a) for a, b in zip(begin, end, strict=True)))
-        time.sleep(0.03)
-    page.mouse.up()
 
 
 def test_a_person_drives_the_rig(browser, tmp_path):

@@ -8,8 +8,7 @@ import pytest
 
 from twin.play.driven import Driven, Kept, States
 from twin.play.session import COLUMNS, Back, End, Goal, Pause, Push, Save, Settings
-from twin.report.diagnosis import Diagnosis
-from twin.report.summary import summary
+from twin.report.summary import Diagnosis, summary
 from twin.run.finished import open_run, run
 from twin.scenario.load import load
 from twin.whatif.futures import moment_of
@@ -37,7 +36,7 @@ def played(driven, tmp_path_factory):
         700: [Save(folder)],
     }
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.play.saving.LATER", 0.5)
+        patch.setattr("twin.play.driven.LATER", 0.5)
         session = driven(load("hold"), script, 700)
     return session, folder
 

@@ -10,10 +10,9 @@ from click.testing import CliRunner
 from twin.cli.look import report as command
 from twin.devices.realtime import TimingLog
 from twin.errors import RecordError
-from twin.report.diagnosis import Diagnosis, spectrum
 from twin.report.html import details, html
 from twin.report.numbers import LABELS, TIMES, as_csv, as_latex
-from twin.report.summary import summary, verdict
+from twin.report.summary import Diagnosis, spectrum, summary, verdict
 from twin.run.finished import Run, open_run, open_runs, run, save
 from twin.run.indicators import UNITS
 from twin.scenario.load import check, clean

@@ -129,7 +129,7 @@ def test_screens_whose_grids_differ_lie_side_by_side_as_alone():
     scenarios = [load("circle", [*each, "duration=0.1", "metrics.start=0"]) for each in rigs]
     alone = [simulate([one])[0] for one in scenarios]
     assert simulate(scenarios) == alone
-    assert len({each.rms_error for each in alone}) == len(alone)
+    assert len({each["rms_error"] for each in alone}) == len(alone)
 
 
 def test_the_references_of_a_batch_can_be_asked_ahead():

@@ -104,6 +104,7 @@ OBSERVERS = sorted(catalog(Observer))
         ("mujoco", RICH),
         ("mujoco", ("controller.kind=afl_integral",)),
         ("lagrange", ("controller.kind=afl_integral", "controller.period=0.014")),
+        ("lagrange", ("controller.kind=afl_integral", "controller.computing_time=0.005")),
     ],
 )
 def test_a_restored_run_goes_on_to_the_bit(plant, keys):

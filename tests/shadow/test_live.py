@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -21,14 +18,11 @@ from twin.identify.prepare import prepare
 from twin.run.finished import open_run, run, save
 from twin.scenario import load
 from twin.shadow import follow
-from twin.shadow.causes import Cause
-from twin.shadow.diagnosis import Alarm
+from twin.shadow.diagnosis import Alarm, Cause
 from twin.shadow.evidence import Evidence
-from twin.shadow.examine import Examined, examine
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
-from twin.shadow.live import Commentary, beside
-from twin.shadow.report import scores
+from twin.shadow.report import Commentary, examine, scores, write
 from twin.view.recording import encoded
 from twin.view.streams import TwinStream, saved_twin
 
@@ -114,10 +108,10 @@ def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
     assert saved_twin(opened) is None
     examined = examine(path, path, proposing=False)
     alarm = Alarm(2.0, 1.5, 20.0, (Cause("level", 1.0, "phi +0.100 deg"),))
-    Examined(replace(examined.found, alarms=[alarm]), None, None).write(path)
+    write(replace(examined, alarms=[alarm]), path)
     said = saved_twin(opened)
     assert said.events == [(2.0, f"alarm at {alarm.words}")]
-    for drawn_live, read_back in zip(scores(examined.found.replays), said.scores, strict=True):
+    for drawn_live, read_back in zip(scores(examined.replays), said.scores, strict=True):
         assert read_back == pytest.approx(drawn_live, nan_ok=True)
     entities = b"twin_score/score", b"plate_mm/twin", b"twin_error_mm/band", b"phi +0.100 deg"
     assert all(name in encoded([opened]) for name in entities)
@@ -198,30 +192,9 @@ def test_what_is_said_while_a_run_goes_on_is_what_is_said_afterwards(
     assert [alarm.causes[0].name for alarm in told] == names
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
-def test_a_twin_that_hangs_or_dies_changes_nothing_in_the_record(blow):
-    chosen = load("circle", ("plant.kind=lagrange", "duration=2"))
-    alone = run(chosen)
-    twin = beside(chosen)
-    try:
-        end = time.monotonic() + 120
-        while not twin._ring.opened:
-            assert time.monotonic() < end, "the twin's process never began"
-            time.sleep(0.01)
-        os.kill(twin._process.pid, blow)
-        watched = run(chosen, watch=twin.watch)
-        assert not twin.finish(wait=0.2)
-    finally:
-        twin.close()
-    assert all(
-        np.array_equal(watched.record[name], alone.record[name]) for name in alone.record.data
-    )
-
-
 def test_a_new_window_that_ends_before_an_old_one_is_neither_dropped_nor_is_an_old_one_told_twice():
     first, second = (
         Evidence.of(("lag",), spans, np.zeros((len(spans), 1, 1)), np.zeros((len(spans), 1)))
         for spans in (np.array([[0.0, 1.0], [1.0, 3.0]]), np.array([[1.0, 2.0]]))
     )
-    assert follow._joined(first, second).end.tolist() == [1.0, 3.0, 2.0]
+    assert Evidence.beside([first, second]).end.tolist() == [1.0, 3.0, 2.0]

@@ -17,8 +17,9 @@ from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import Segment
 from twin.scenario import load
 from twin.shadow.belief import PARAMETERS, Belief
-from twin.shadow.diagnosis import THRESHOLD, Findings
+from twin.shadow.diagnosis import THRESHOLD
 from twin.shadow.evidence import Evidence
+from twin.shadow.follow import Shadow
 from twin.shadow.monitor import (
     ADDED,
     CAUSE,
@@ -32,7 +33,7 @@ from twin.shadow.monitor import (
     statistic,
 )
 from twin.shadow.monitor import LATE_THRESHOLD as OWN
-from twin.shadow.plate import plate_evidence
+from twin.shadow.motion import plate_evidence
 from twin.sim.drives import Play
 
 LATE = PARAMETERS.index("delay")
@@ -153,11 +154,10 @@ def test_either_test_raises_an_alarm_and_both_together_one():
         (quiet, loud * OWN, 2 * OWN),
         (loud * THRESHOLD, loud * OWN, 2 * THRESHOLD),
     ):
-        soft = windows(np.zeros(9))
-        found = Findings(soft, np.ones((9, 1)), every, late, None, None, soft)
+        found = Shadow(ratio=every, delayed=late)
         assert found.crossings == [3]
         assert found.crossed(3) == ratio
-    assert not Findings(soft, np.ones((9, 1)), quiet, quiet, None, None, soft).crossings
+    assert not Shadow(ratio=quiet, delayed=quiet).crossings
 
 
 ROLLING = PARAMETERS.index("rolling")

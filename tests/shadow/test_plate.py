@@ -8,7 +8,7 @@ import pytest
 from twin.identify.prepare import prepare
 from twin.scenario import load
 from twin.shadow.belief import DRIVES, PARAMETERS, believed
-from twin.shadow.plate import plate_angles, plate_evidence, whitened
+from twin.shadow.motion import plate_angles, plate_evidence, whitened
 from twin.shadow.simulated import logs
 
 SHAKEN = ("duration=5", "seed=3", "plant.step=0.002", "plant.servo.backlash_deg=0.1")

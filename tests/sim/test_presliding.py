@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
 from twin.sim.plant.exact import ExactPlant
-from twin.sim.plant.friction import Friction, bent
+from twin.sim.plant.friction import Friction
 from twin.sim.plant.mechanism import Mechanism
 
 MODEL = BallPlate()
@@ -28,7 +28,7 @@ def test_the_bend_solves_dahls_equation_and_is_never_longer_than_its_way(z, v, t
         return v - np.hypot(*v) * bend / WAY
 
     exact = solve_ivp(rate, (0, time), z, method="LSODA", rtol=1e-9, atol=1e-14).y[:, -1]
-    found = bent(z, v, time, np.array(WAY))
+    (found,) = Friction(presliding=WAY).bent(z[None], v[None], time)
     assert found == pytest.approx(exact, abs=1e-9)
     assert np.hypot(*found) <= WAY * (1 + 1e-12)
 

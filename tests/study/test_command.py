@@ -13,8 +13,6 @@ import pytest
 
 from twin.cli import main
 from twin.shipped import shipped_in
-from twin.study.schema import read
-from twin.study.work import Work
 
 STUDY = """
 title = "Short study"
@@ -56,12 +54,6 @@ def test_without_a_name_the_shipped_studies_are_listed(study) -> None:
     code, out, _ = study()
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()] == list(shipped_in("studies"))
-
-
-@pytest.mark.parametrize("name", ["friction", "tournament", "what_matters", "gains", "cure_hold"])
-def test_every_shipped_study_has_runs_that_can_be_built(name) -> None:
-    about = read(name).model_copy(update={"samples": 2})
-    assert Work(about).tasks
 
 
 def test_a_plan_says_runs_time_and_disk_and_runs_none(study, tmp_path) -> None:

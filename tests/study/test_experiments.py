@@ -28,7 +28,7 @@ def test_every_run_has_its_labels_and_what_it_gave_in_the_order_asked(tmp_path, 
     assert list(found.columns) == ["rig", "task", "outcome", "reason", *METRICS]
     assert {name: found[name].tolist() for name in LABELS} == LABELS
     assert found["outcome"].tolist() == ["finished", "finished", "fell"]
-    alone = [simulate([each], seen=seen)[0].rms_error for each in scenarios()[:2]]
+    alone = [simulate([each], seen=seen)[0]["rms_error"] for each in scenarios()[:2]]
     assert found["rms_error"].tolist()[:2] == alone
     assert found["rms_error"].isna().tolist() == [False, False, True]
 

@@ -31,7 +31,7 @@ def test_whatever_differs_in_the_family_a_rig_gives_the_same_bits_alone_and_in_a
     rigs = scenarios(kind, drawn(FAMILY, 5, 12))
     assert len({str(alike(each)) for each in rigs}) == 1, "they share a batch"
     whole = simulate(rigs)
-    assert len({each.tracking_error_percent for each in whole}) == 12
+    assert len({each["tracking_error_percent"] for each in whole}) == 12
     for some in ([0], [3, 7], [11, 4, 0]):
         assert simulate([rigs[i] for i in some]) == [whole[i] for i in some]
 

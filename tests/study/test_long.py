@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.errors import ScenarioError
-from twin.study import cluster as clusters
+from twin.study import experiments
 from twin.study.experiments import Store, carry
 from twin.study.schema import Study
 from twin.study.work import Row, Work
@@ -45,9 +45,9 @@ name = "backstepping"
 set = ["controller.kind=backstepping"]
 """
 MAIN = (
-    "import sys; from twin.study import cluster, experiments; "
+    "import sys; from twin.study import experiments; "
     "experiments.CHUNK, experiments.LEAST = 8, 1; "
-    "cluster.TIMEOUT = float(sys.argv[1]); from twin.cli import main; main(sys.argv[2:])"
+    "experiments.TIMEOUT = float(sys.argv[1]); from twin.cli import main; main(sys.argv[2:])"
 )
 
 
@@ -58,7 +58,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def start(
-    folder: Path, *arguments: str, patience: float = clusters.TIMEOUT
+    folder: Path, *arguments: str, patience: float = experiments.TIMEOUT
 ) -> subprocess.Popen[bytes]:
     study = ["study", "short.toml", "--out", "out", *arguments]
     return subprocess.Popen(
@@ -187,12 +187,12 @@ def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:
 def test_a_scheduler_lost_as_soon_as_it_has_answered_is_told_in_the_same_line(
     folder, monkeypatch
 ) -> None:
-    monkeypatch.setattr(clusters, "TIMEOUT", 3.0)
+    monkeypatch.setattr(experiments, "TIMEOUT", 3.0)
     work = Work(Study.model_validate(tomllib.loads(STUDY)))
     port = free_port()
     with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as scheduler:
         answers(port)
-        with clusters.Cluster(f"tcp://127.0.0.1:{port}") as cluster:
+        with experiments.Cluster(f"tcp://127.0.0.1:{port}") as cluster:
             scheduler.kill()
             scheduler.wait()
             assert cluster.workers == 1  # known, not asked

@@ -179,10 +179,11 @@ def test_a_run_that_ended_early_has_no_values_and_the_exact_plate_has_no_edge(mo
     assert all(ends["sampled"].values.values())
 
 
-def test_a_failing_job_ends_in_one_line_that_names_it():
+@pytest.mark.parametrize("processes", [1, pytest.param(2, marks=pytest.mark.long)])
+def test_a_failing_job_ends_in_one_line_that_names_it(processes):
     broken = ReproductionJob("sampled", (("8.1", 99),), 1.0)
     with pytest.raises(TwinError, match=r"^table 8\.1, sampled: IndexError: [^\n]*$"):
-        list(row_results([broken], 1))
+        list(row_results([broken] * processes, processes))
 
 
 def judged(column, x, bands=(5.0,)):

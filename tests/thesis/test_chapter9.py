@@ -14,8 +14,7 @@ from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
 from controllers.references.figures import Circle, Step
 from twin.cli.analyse import reproduce as command
 from twin.errors import ScenarioError
-from twin.fit.runs import Runs, cells
-from twin.fit.schema import read
+from twin.fit.runs import Runs, cells, read
 from twin.run.assemble import build_controller
 from twin.scenario import load, shipped
 from twin.sim.sensors import COUNTS

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from twin.errors import TwinError
 from twin.thesis.chapter8 import (
     COLUMNS,
     Agreement,
@@ -95,9 +94,3 @@ def test_two_processes_find_what_one_finds():
     one, two = (by_place(row_results(jobs, count)) for count in (1, 2))
     assert one.keys() == two.keys()
     assert all(two[key].values == found.values for key, found in one.items())
-
-
-def test_a_job_that_fails_in_another_process_ends_in_one_line():
-    broken = ReproductionJob("sampled", (("8.1", 99),), 1.0)
-    with pytest.raises(TwinError, match=r"^table 8\.1, sampled: IndexError: [^\n]*$"):
-        list(row_results([broken] * 2, 2))

@@ -4,9 +4,8 @@ import numpy as np
 import optuna
 import pytest
 
-from twin.tune.schema import Tune
 from twin.tune.search import Candidate, best_of, score, searched, tail_mean
-from twin.tune.trials import Indicators, NominalLoop
+from twin.tune.trials import Indicators, NominalLoop, Tune
 from twin.tune.tune import importance, neighbours
 
 TABLES = {

@@ -16,8 +16,7 @@ from twin.shipped import shipped_in
 from twin.study.experiments import Store
 from twin.study.family import drawn
 from twin.study.family import read as read_family
-from twin.tune.schema import Tune, read
-from twin.tune.trials import Indicators, Trials
+from twin.tune.trials import Indicators, Trials, Tune, read
 from twin.tune.tune import certified, planned_runs, tuned, upper_bound
 
 TUNE = """

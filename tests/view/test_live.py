@@ -15,18 +15,11 @@ from hypothesis import strategies as st
 from twin.cli.runs import run as run_command
 from twin.errors import ViewError
 from twin.run.finished import run
-from twin.view import recording, viewer
+from twin.shadow import report
+from twin.view import recording, terminal, viewer
 from twin.view.live_process import LiveProcess, SharedRingBuffer
-from twin.view.terminal import work
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
-
-
-@pytest.fixture
-def tap(scenario):
-    made = LiveProcess(work, (scenario(),))
-    yield made
-    made.close()
 
 
 def same(first, second):
@@ -97,17 +90,16 @@ def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
 
 @pytest.mark.long
 @pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
-def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, tap, blow):
-    end = time.monotonic() + 120
-    while not tap._ring.opened:
-        assert time.monotonic() < end, "the observing process never began"
-        time.sleep(0.01)
-    os.kill(tap._process.pid, blow)
+@pytest.mark.parametrize(("work", "more"), [(terminal.work, ()), (report.work, (None,))])
+def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, work, more, blow):
     chosen = scenario("duration=1")
-    begin = time.monotonic()
-    watched = run(chosen, watch=tap.watch)
-    assert not tap.finish(wait=0.2)
-    assert time.monotonic() - begin < 30
+    with closing(LiveProcess(work, (chosen, *more))) as tap:
+        assert tap.begun()
+        os.kill(tap._process.pid, blow)
+        begin = time.monotonic()
+        watched = run(chosen, watch=tap.watch)
+        assert not tap.finish(wait=0.2)
+        assert time.monotonic() - begin < 30
     assert same(watched, run(chosen))
 
 
@@ -143,7 +135,7 @@ def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
         port = silent.getsockname()[1]
         url = recording.reach(recording.address(f"127.0.0.1:{port}"))
         chosen = scenario("duration=1")
-        shown = recording.show(chosen, "run", url)
+        shown = LiveProcess(recording.work, (chosen, "run", url, None, False))
         try:
             watched = run(chosen, watch=shown.watch)
             shown.finish(wait=0.5)
@@ -198,7 +190,7 @@ def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
     write(tmp_path / "other.rrd", open_run(tmp_path / "other"))
     try:
         with headless(tmp_path / "other.rrd") as (client, url):
-            shown = recording.show(chosen, "live", url)
+            shown = LiveProcess(recording.work, (chosen, "live", url, None, False))
             try:
                 run(chosen, watch=shown.watch)
                 assert shown.finish(wait=20)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from twin.view.recording import blueprint
-from twin.view.signals import BLACK, BLUE, ORANGE, PINK, Signal, explained, shown_range
+from twin.view.signals import BLACK, BLUE, ORANGE, PINK, Signal, explained, shown_range, tinted
 
 ANGLE = {
     "phi": Signal(np.array([-1.0, np.nan, 3.0]), BLUE),
@@ -45,6 +45,8 @@ def test_titles_say_in_words_which_line_is_which():
     assert explained([ANGLE], ["run"]) == "phi blue, limit pink"
     two = {"phi": ANGLE["phi"], "theta": ANGLE["phi"]}
     assert explained([two, two], ["afl", "lqr"]) == "afl blue, lqr orange, theta lighter"
+    alone = tinted({"friction": ANGLE["phi"], "disturbance_x": ANGLE["phi"]}, 1)
+    assert explained([{}, alone], ["circle", "cure"]) == "cure orange"
 
 
 def test_no_legend_covers_a_plot_and_everything_drawn_brings_its_own_ground():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -17,14 +17,6 @@ from ballplate.stepping import shaped
 from controllers.arrays import Array, Mask, put
 from twin.errors import TwinError
 from twin.run.batch import Episodes
-
-
-class StepOfRigs(NamedTuple):
-    """What a step brought N rigs; each shape (N,)."""
-
-    reward: Array
-    terminated: Mask
-    truncated: Mask
 
 
 class Rigs:
@@ -42,6 +34,7 @@ class Rigs:
         self._rows = np.arange(count)
         self._low, self._high = task.observation_space.low, task.observation_space.high
         self._ended = np.zeros(count, bool)
+        self._rate: Array = np.zeros((count, 2))
         self._episodes: Episodes | None = None
         self._followed: str | None = None
         """The one reference that all follow, if there is one."""
@@ -69,6 +62,7 @@ class Rigs:
         else:
             self.episodes.begin(rigs, scenarios)
         self._ended[rigs] = False
+        self._rate[rigs] = 0.0
         followed = {scenario.reference.model_dump_json(): scenario for scenario in scenarios}
         if len(rigs) < self.count and followed.keys() == {self._followed}:
             return
@@ -79,8 +73,11 @@ class Rigs:
         self._paths = np.stack([self.task.path(scenario) for scenario in firsts])
         self._followed = distinct[0] if len(distinct) == 1 else None
 
-    def step(self, actions: ArrayLike) -> StepOfRigs:
+    def step(self, actions: ArrayLike) -> tuple[Array, Mask, Mask]:
         """Hold actions, shape (N, 2), for a step; rigs whose episode is over get nothing more.
+
+        Returns:
+            Reward, whether terminated, whether truncated, each shape (N,).
 
         Raises:
             TwinError: If they are of another shape.
@@ -89,7 +86,9 @@ class Rigs:
         before = episodes.ticks
         given = shaped("actions", actions, (self.count, 2))
         rate = self.task.rate * np.clip(given, -1.0, 1.0)
-        ball = episodes.advance(rate, hold)
+        held = [episodes.advance(self._rate, self.task.late)] if self.task.late else []
+        ball = np.concatenate([*held, episodes.advance(rate, hold - self.task.late)])
+        self._rate = rate
         error = ball - self._goal(before + np.arange(1, hold + 1)[:, None])
         each = 1 / (1 + (error[..., 0] ** 2 + error[..., 1] ** 2) / REWARD_SCALE**2)
         # one after the other: how numpy adds up depends on how many rigs there are
@@ -98,7 +97,7 @@ class Rigs:
         terminated = episodes.over
         truncated = ~terminated & (episodes.ticks >= self.task.ticks)
         self._ended = terminated | truncated
-        return StepOfRigs(reward, terminated, truncated)
+        return reward, terminated, truncated
 
     def observation(self) -> Array:
         """What is seen now, shape (N, numbers)."""
@@ -138,7 +137,8 @@ class RigEnv(gymnasium.Env[Array, Array]):
     ``reset()`` draws the next seed.
 
     Args:
-        of_task: Arguments of ``Task``: scenario, settings, family, hold, rate, preview.
+        of_task: Arguments of ``Task``: scenario, settings, family, hold, rate, preview,
+            computing_time.
         render_mode: None are known.
         more: Those of them that are named.
 
@@ -194,7 +194,8 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     that are no multiple of 40 ms.
 
     Args:
-        of_task: Arguments of ``Task``: scenario, settings, family, hold, rate, preview.
+        of_task: Arguments of ``Task``: scenario, settings, family, hold, rate, preview,
+            computing_time.
         num_envs: How many rigs.
         autoreset_mode: Whether a rig whose episode is over begins the next one in the next step, in
             the same step, or when it is reset; until then it gets nothing.

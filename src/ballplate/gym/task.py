@@ -65,6 +65,8 @@ class Task:
         hold: Control periods for which an action is held; they must divide the duration.
         rate: Plate rate in rad/s that an action of 1 means; None for ``rig.limits.rate_deg``.
         preview: How far ahead the goal is seen besides now, s.
+        computing_time: How long an action is computed, s, at most as long as one is held: it takes
+            the place of the one before so many control periods late as it takes further ones.
 
     Raises:
         ScenarioError: If there is no such scenario or family, or anything is out of range.
@@ -84,6 +86,7 @@ class Task:
         hold: int = HOLD,
         rate: float | None = None,
         preview: Sequence[float] = PREVIEW,
+        computing_time: float = 0.0,
     ) -> None:
         self._build = Builder(str(scenario))
         self._fixed = [change.text for change in changes_of(settings, {})]
@@ -101,6 +104,13 @@ class Task:
                 f"hold: must divide the {self.ticks} control periods of an episode, got {hold}"
             )
         self.hold = hold
+        if not 0 <= computing_time <= hold * self.period * (1 + 1e-9):
+            raise ScenarioError(
+                f"computing_time: must be 0 to {hold * self.period:g} s, for which an action is "
+                f"held, got {computing_time}"
+            )
+        self.late = max(0, math.ceil(computing_time / self.period - 1e-9) - 1)
+        """Control periods of a step in which the action before is still held."""
         if not all(0 <= lead < math.inf for lead in preview):
             raise ScenarioError(f"preview: must be times in s of 0 or more, got {list(preview)}")
         self.leads = np.array([0, *(round(lead / self.period) for lead in preview)])

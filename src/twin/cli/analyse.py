@@ -151,7 +151,7 @@ def _told(found: Numbers) -> Iterator[Shown]:
     if not found["stable"]:
         yield bold("this loop is unstable")
     if found["hold_left_out"]:
-        yield "controller.period: the law's hold between its periods is not in this loop"
+        yield "controller: the law's hold and how late its command comes are not in this loop"
 
 
 MARGINS = ("gain", "phase deg", "disk", "delay ms", "crossover rad/s")

@@ -18,7 +18,7 @@ from ballplate.running import EMULATED, one_run
 from twin.cli.output import TERMINAL, warn
 from twin.errors import RecordError, ScenarioError, TwinError, ViewError
 from twin.run.files import LAST, ROOT, check_no_scenario, run_folders
-from twin.shipped import find, folder, shipped
+from twin.shipped import find, shipped, shipped_in
 
 if TYPE_CHECKING:
     from ballplate.running import Attach
@@ -79,7 +79,12 @@ def scenarios(_: click.Context, __: click.Parameter, incomplete: str) -> list[Co
 
 def studies(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Shipped studies, and TOML files."""
-    return _offered(incomplete, (path.stem for path in (folder() / "studies").glob("*.toml")))
+    return _offered(incomplete, shipped_in("studies"))
+
+
+def rigs(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Shipped rigs, and TOML files."""
+    return _offered(incomplete, shipped_in("rigs"))
 
 
 def runs(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -136,12 +141,14 @@ def _note(context: click.Context, option: click.Parameter, value: object) -> Non
 def _settings(
     context: click.Context, __: click.Parameter, values: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """The settings with that of ``--plant``; a key given twice means nobody knows which."""
+    """The settings with ``--plant`` and ``--on``; a key given twice means nobody knows which."""
     keys = [text.partition("=")[0].strip() for text in values]
     if twice := [key for key in keys if keys.count(key) > 1]:
         raise ScenarioError(f"--set {twice[0]}: given {keys.count(twice[0])} times; give it once")
-    plant = context.meta.get("plant")
-    return (*values, f"plant.kind={plant}") if plant else values
+    for option, key in (("plant", "plant.kind"), ("on", "parameters")):
+        if (chosen := context.meta.get(option)) is not None:
+            values = (*values, f"{key}={chosen}")
+    return values
 
 
 def known(_: click.Context, __: click.Parameter, name: str) -> str:
@@ -153,7 +160,7 @@ def known(_: click.Context, __: click.Parameter, name: str) -> str:
 PATH = click.Path(path_type=Path)
 """A file or folder, there or not."""
 SCENARIO = functools.partial(click.argument, "scenario", callback=known, shell_complete=scenarios)
-SETTING = click.option(
+_SET = click.option(
     "--set",
     "overrides",
     multiple=True,
@@ -162,6 +169,22 @@ SETTING = click.option(
     help="Change a key of the scenario.",
     shell_complete=settings,
 )
+_ON = click.option(
+    "--on",
+    metavar="RIG",
+    expose_value=False,
+    is_eager=True,
+    callback=_note,
+    help="A shipped rig, or a file of identified parameters [the thesis's rig].",
+    shell_complete=rigs,
+)
+
+
+def SETTING(command: Any) -> Any:  # noqa: N802 - an option, as the others
+    """The options that change a scenario: ``--on`` and ``--set``."""
+    return _SET(_ON(command))
+
+
 PLANT = click.option(
     "--plant",
     type=click.Choice(["mujoco", "lagrange"]),
@@ -370,16 +393,18 @@ class Viewing:
 
     def _summary(self, scenario: Scenario) -> LiveProcess:
         """Start the live summary."""
-        from twin.view import live_process, terminal
+        from twin.view import terminal
+        from twin.view.live_process import LiveProcess
 
-        return live_process.LiveProcess(terminal.work, (scenario,))
+        return LiveProcess(terminal.work, (scenario,))
 
     def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
         """Start the twin beside the run, drawn in the view if there is one."""
-        from twin.shadow.live import beside
-        from twin.shadow.report import Shown
+        from twin.shadow import report
+        from twin.view.live_process import LiveProcess
 
-        return beside(scenario, Shown(self._url, self._recording, name) if self._url else None)
+        shown = report.Shown(self._url, self._recording, name) if self._url else None
+        return LiveProcess(report.work, (scenario, shown))
 
     def keep(self, folder: Path) -> None:
         """Write the recording of the saved run; keep a page until Ctrl-C."""
@@ -404,6 +429,7 @@ class Viewing:
         if not (self.window or self.connect or self.serve):
             return None
         from twin.view import recording, viewer
+        from twin.view.live_process import LiveProcess
 
         url = recording.address(self.connect) if self.connect is not None else ""
         try:
@@ -418,7 +444,7 @@ class Viewing:
         if self._opened is not None and self._opened.page:
             click.echo(f"open {self._opened.page} in a browser", err=True)
         self._url = url
-        return recording.show(scenario, name, url, recording=self._recording, twin=self.shadow)
+        return LiveProcess(recording.work, (scenario, name, url, self._recording, self.shadow))
 
 
 def VIEWING(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  an option, like JSON

@@ -18,6 +18,8 @@ from ballplate.reporter import Advance, Reporter
 from twin.page import Table, terminal
 from twin.report.numbers import IndicatorRow, all_rows, first_rows
 from twin.report.numbers import indicators as table_of
+from twin.shipped import shipped_in
+from twin.shipped import titles as titles_of
 
 LINE_EVERY = 10.0
 """Seconds between two lines of progress where there is no terminal."""
@@ -80,6 +82,12 @@ def show_titles(titles: Mapping[str, str]) -> None:
     width = max(map(len, titles), default=0)
     lines = (Text.assemble((f"{name:<{width}}", "bold"), "  ", titles[name]) for name in titles)
     show(titles, lines)
+
+
+def listed(folder: str) -> int:
+    """Print what is shipped in a folder of scenarios/; the exit code of that."""
+    show_titles(titles_of(shipped_in(folder)))
+    return 0
 
 
 def say(*lines: str) -> None:

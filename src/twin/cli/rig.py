@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import sys
 import threading
+import webbrowser
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,13 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.running import EMULATED, rig_of
+from ballplate.running import EMULATED, TRACE, rig_of
 from twin.cli import options
-from twin.cli.output import TERMINAL, console, json_wanted, progress, say, show, warn
+from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show, warn
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen_bytes import Protocol
+from twin.errors import LogError
 from twin.jobs import cores
-from twin.page import Table
+from twin.page import Table, digits
+from twin.run.files import export
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
@@ -110,8 +115,7 @@ def _ask(word: str) -> str:
 
     if word == "edge":
         question = "which edges of the plate dipped, the short or the long ones?"
-        answer: str = click.prompt(question, type=click.Choice(list(EDGES)), err=True)
-        return answer
+        return click.prompt(question, type=click.Choice(list(EDGES)), err=True)
     if word == "watch":
         ready = "lift the ball off and watch the edges of the plate; Enter when you are ready"
         click.prompt(ready, default="", show_default=False, err=True)
@@ -173,19 +177,14 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
 
 def toml(tables: dict[str, Any]) -> str:
     """A rig file's text; its values are texts, numbers and tables of those."""
+    from twin.scenario.variants import inline
+
     plain = [f"{key} = {json.dumps(v)}" for key, v in tables.items() if not isinstance(v, dict)]
     for key, table in tables.items():
         if isinstance(table, dict):
             plain += ["", f"[{key}]"]
-            plain += [f"{name} = {_value(value)}" for name, value in table.items()]
+            plain += [f"{name} = {inline(value)}" for name, value in table.items()]
     return "\n".join(plain) + "\n"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, dict):
-        inner = ", ".join(f"{name} = {_value(each)}" for name, each in value.items())
-        return f"{{ {inner} }}"
-    return json.dumps(value)
 
 
 def _listen(rig: VirtualRig) -> None:
@@ -220,6 +219,112 @@ def _table(rows: list[FaultRow]) -> Table:
         (*cells(row), "good" if row.good else f"BAD: {', '.join(row.failures)}") for row in rows
     ]
     return Table("", (*HEADING, "verdict"), lines, words=range(len(HEADING) + 1))
+
+
+@options.command(example="trace runs/circle-rig=emulated")
+@click.argument("file", type=options.PATH)
+@click.option("--rig", type=options.PATH, help="Rig file: names, scales and mapping of its drives.")
+@click.option("--eds", type=options.PATH, help="EDS file of the drives: what objects are called.")
+@click.option("--channel", help="Which channel of the trace [the one with most frames].")
+@click.option("--out", type=options.PATH, help="Also write the events there, a CSV file.")
+@click.option("--touch", type=options.PATH, help="What the touch screen said, a CSV file.")
+@click.option("--log", type=options.PATH, help="With --rig and --touch: write a log there, .csv.")
+@options.JSON
+def trace(
+    file: Path,
+    rig: Path | None,
+    eds: Path | None,
+    channel: str | None,
+    out: Path | None,
+    touch: Path | None,
+    log: Path | None,
+) -> int:
+    """Say what the drives and their host said, from a trace of the CAN bus.
+
+    FILE is a trace of any program (.log of candump, .asc, .blf, .trc, .csv, also .gz), or the
+    folder of a run on the wire. Of PDOs only changes are told. --log makes a log of it, which
+    compare, identify and shadow take: encoders, motors and what was commanded, whoever drove.
+    """
+    import numpy as np
+
+    from twin.devices.akd.decoding import Conversation, Event, Names
+    from twin.devices.akd.traces import read_trace
+    from twin.run.connect import cams_of
+    from twin.run.logs import TRACE_UNITS, log_of_trace
+    from twin.scenario.rig import read_rig
+
+    if log is not None and (rig is None or touch is None):
+        raise LogError("--log: needs the scales of --rig, and what the ball did by --touch")
+    place = file / TRACE if file.is_dir() else file
+    found = read_trace(place, channel)
+    own = read_rig(rig) if rig else None
+    drives = own.servos(0.002) if own else None
+    said = Conversation(found.frames, Names(eds), drives)
+    summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
+    summary |= said.summary()
+    numbers = {
+        **summary,
+        "remarks": found.remarks,
+        "events": [event._asdict() for event in said.events],
+    }
+    written = [each for each in (out, log) if each is not None]
+    if log and own and drives and touch:
+        home = np.radians(own.home_deg)
+        export(log, log_of_trace(said, drives, cams_of(own), home, touch), TRACE_UNITS)
+    rows = [(f"{each.time:.6f}", *each[1:]) for each in said.events]
+    if out is not None:
+        with io.StringIO(newline="") as text:
+            writer = csv.writer(text, lineterminator="\n")
+            writer.writerows([("time [s]", *Event._fields[1:]), *rows])
+            write_whole(out, text.getvalue())
+    shown = (
+        bold(f"{file}: {len(found.frames)} frames on {found.channel} in {said.duration:.3f} s"),
+        *found.remarks,
+        *_nodes(summary),
+        Table("", ("time [s]", "who", "kind", "what"), rows, words=(1, 2, 3)),
+    )
+    show(numbers, (*shown, *(f"written: {each}" for each in written)))
+    return 0
+
+
+def _nodes(found: dict[str, Any]) -> Iterator[Table]:
+    """What each node did, what it carried, and what came regularly, as tables."""
+    nodes = found["nodes"].values()
+    if nodes:
+        heads = ("", "sent", "network", "drive", "SDO", "faults")
+        rows = [
+            (
+                node["name"],
+                counted(node["frames"]) or "nothing",
+                " -> ".join(node["states"]),
+                " -> ".join(node["drive"]),
+                counted(node["transfers"]),
+                "; ".join(f"{each['time']:.3f} s {each['text']}" for each in node["faults"]),
+            )
+            for node in nodes
+        ]
+        yield Table("", heads, rows, words=range(len(heads)))
+    signals = [
+        (node["name"], name, digits(its["from"]), digits(its["to"]), its["unit"] or "counts")
+        for node in nodes
+        for name, its in node["signals"].items()
+    ]
+    if signals:
+        yield Table("", ("", "in PDOs", "from", "to", "unit"), signals, words=(0, 1, 4))
+    rhythms = [
+        (name, f"{1e3 * its['usual']:.3f}", f"{its['gaps']}", f"{1e3 * its['longest']:.1f}")
+        for name, its in found["regular"].items()
+    ]
+    if rhythms:
+        yield Table("", ("", "every [ms]", "gaps", "longest [ms]"), rhythms)
+    strangers = [(name, f"{count}") for name, count in found["strangers"].items()]
+    if strangers:
+        yield Table("", ("no service of CANopen", "frames"), strangers)
+
+
+def counted(numbers: dict[str, int]) -> str:
+    """Numbers by what was counted, in words."""
+    return ", ".join(f"{count} {name}" for name, count in numbers.items())
 
 
 PORT = 8090
@@ -263,7 +368,7 @@ def play(
     folder like any other. It ends with Ctrl-C, or when the page is closed; what was driven and not
     saved is saved then.
     """
-    from twin.play.serve import Server, folder_of, library, open_browser
+    from twin.play.serve import Server, folder_of, library
     from twin.scenario import load
 
     library()
@@ -276,7 +381,7 @@ def play(
     def begun() -> None:
         say(f"open {server.url} in a browser; Ctrl-C ends it")
         if not no_browser:
-            open_browser(server.url)
+            webbrowser.open(server.url)
 
     server.run(begun)
     if server.failure is not None:

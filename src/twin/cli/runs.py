@@ -20,7 +20,7 @@ from twin.run.files import former, free, run_folder
 
 if TYPE_CHECKING:
     from ballplate.studies import Sweep
-    from twin.shadow.examine import Examined
+    from twin.shadow.follow import Shadow
 
 
 @options.command("list", example="list")
@@ -44,6 +44,12 @@ def list_scenarios() -> None:
 )
 @options.RIG
 @options.RESET
+@click.option(
+    "--trace",
+    type=options.PATH,
+    help="Of a rig: keep what is said on its CAN bus there; .log, .asc, .blf, .trc, .csv, also .gz "
+    "[trace.log in the run folder].",
+)
 @options.VIEWING
 @options.ALL
 @options.JSON
@@ -53,6 +59,7 @@ def run(
     out: Path | None,
     beside: tuple[str, ...],
     rig: str | None,
+    trace: Path | None,
     *,
     reset: bool,
     everything: bool,
@@ -76,6 +83,7 @@ def run(
         out=folder,
         on=rig,
         reset=reset,
+        trace=trace,
         watch=lambda chosen: viewing.of(chosen, folder),
         reporter=TERMINAL,
     )
@@ -98,9 +106,14 @@ def run(
         )
     shown.append(bold(done.verdict))
     files = "picture.png, metrics.json, run.parquet"
+    if rig is not None:
+        spoken = folder / "trace.log" if trace is None else trace
+        shown.append(dim(f"what was said on the CAN bus: ballplate trace {spoken}"))
     if examined is not None:
-        numbers["shadow"] = examined.numbers
-        shown += examined.sentences
+        from twin.shadow.report import advice
+
+        numbers["shadow"] = examined.as_dict()
+        shown += advice(examined)
         files += ", shadow.html, shadow.json, shadow.parquet"
     shown.append(
         dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
@@ -110,9 +123,9 @@ def run(
     return int(not done.finished)
 
 
-def _examined(folder: Path) -> Examined | None:
+def _examined(folder: Path) -> Shadow | None:
     """What the twin says of the run as a whole: the same as `ballplate shadow RUN`."""
-    from twin.shadow.examine import examine
+    from twin.shadow.report import examine
 
     try:
         with TERMINAL.progress("the twin beside the whole run", 1.0) as advance:

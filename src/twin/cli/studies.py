@@ -11,17 +11,16 @@ from rich.filesize import decimal
 from ballplate.studies import study as run_study
 from ballplate.studies import work_of
 from twin.cli import options
-from twin.cli.output import TERMINAL, bold, duration, progress, show, show_titles
+from twin.cli.output import TERMINAL, bold, duration, listed, progress, show
 from twin.page import Table
-from twin.shipped import chosen, shipped_in, titles
+from twin.shipped import chosen, shipped_in
 from twin.writing import check_writable
 
 if TYPE_CHECKING:
     from twin.study.answers import Answer
     from twin.study.schema import Study
     from twin.study.work import Work
-    from twin.tune.schema import Tune
-    from twin.tune.trials import Trials
+    from twin.tune.trials import Trials, Tune
 
 
 BYTES = 800
@@ -53,11 +52,9 @@ def study(
     Finished runs are kept: an interrupted study continues where it stopped, a finished one answers
     at once, a changed one runs only what changed.
     """
-    known = shipped_in("studies")
     if study is None:
-        show_titles(titles(known))
-        return 0
-    chosen("study", study, known)  # a wrong name is told before anything heavy is imported
+        return listed("studies")
+    chosen("study", study, shipped_in("studies"))  # told before anything heavy is imported
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
         work = work_of(study, {"samples": samples, "seeds": seeds})
@@ -113,10 +110,8 @@ WHOLE = ("median", "low", "high", "runs", "failed")
 
 
 def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
+    from controllers.analysis import number
     from twin.study.report import sentences
-
-    def number(value: float) -> float | None:
-        return value if value == value else None  # noqa: PLR0124
 
     return {
         "study": about.title,
@@ -174,12 +169,10 @@ def tune(
     stopped. Writes report.html, tune.json and tuned.toml, which `--set parameters=FILE` lays over
     any scenario; exit code 1 if a constraint is not kept or a fresh rig is lost.
     """
-    known = shipped_in("tunes")
     if tune is None:
-        show_titles(titles(known))
-        return 0
-    chosen("tune", tune, known)  # a wrong name is told before anything heavy is imported
-    from twin.tune.schema import read
+        return listed("tunes")
+    chosen("tune", tune, shipped_in("tunes"))  # told before anything heavy is imported
+    from twin.tune.trials import read
 
     about = read(tune, candidates=candidates, certificate=certificate, set=overrides)
     from twin.study.experiments import Store, executors

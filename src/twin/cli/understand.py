@@ -11,12 +11,12 @@ import click
 
 from ballplate.changes import changes_of, scenario_of
 from twin.cli import options
-from twin.cli.output import TERMINAL, Shown, bold, indicators, progress, show, show_titles, warn
+from twin.cli.output import TERMINAL, Shown, bold, indicators, listed, progress, show, warn
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
 from twin.page import Table
 from twin.run.files import ROOT, is_record, log_file, run_folder, run_name
-from twin.shipped import chosen, shipped_in, titles
+from twin.shipped import chosen, shipped_in
 from twin.writing import check_writable, write_json
 
 if TYPE_CHECKING:
@@ -44,10 +44,8 @@ def explain(
     typical: bool,
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
+    from twin.explain.attribution import draw, plan, summary, with_typical
     from twin.explain.attribution import explain as explain_scenario
-    from twin.explain.attribution import plan, summary
-    from twin.explain.effects import with_typical
-    from twin.explain.plot import draw
 
     chosen = scenario_of(scenario, changes_of(overrides, {}))
     if typical:
@@ -65,7 +63,7 @@ def explain(
 
 
 def _effects(found: Explanation) -> Iterator[Shown]:
-    from twin.explain.effects import EFFECTS, present
+    from twin.explain.attribution import EFFECTS, present
 
     what = "tracking error e_tt [%]" if found.in_percent else "RMS distance [mm]"
     yield bold(f"{found.scenario.title}: {what}")
@@ -169,15 +167,12 @@ def fit(
     are kept: an interrupted fit continues where it stopped. Writes report.html and fit.json; exit
     code 1 if no parameter is seen.
     """
-    known = shipped_in("fits")
     if table is None:
-        show_titles(titles(known))
-        return 0
-    chosen("table", table, known)  # a wrong name is told before anything heavy is imported
+        return listed("fits")
+    chosen("table", table, shipped_in("fits"))  # told before anything heavy is imported
     from twin.fit.fit import fit as fit_table
     from twin.fit.report import row, sentences, write
-    from twin.fit.runs import Runs
-    from twin.fit.schema import read
+    from twin.fit.runs import Runs, read
     from twin.study.experiments import Store, executors
 
     about = read(table)
@@ -223,15 +218,15 @@ def shadow(
     """
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)
-    from twin.shadow.examine import FILES, examine
+    from twin.shadow.report import FILES, advice, examine
 
     folder = check_writable(out or (log.parent if is_record(log) else ROOT / f"shadow-{name}"))
     with progress(f"the twin beside {name}", 1.0) as advance:
-        examined = examine(
+        found = examine(
             log, folder, overrides, float(horizon), proposing=not no_proposal, progress=advance
         )
-    show(examined.numbers, examined.sentences, folder, FILES)
-    return int(bool(examined.found.alarms))
+    show(found.as_dict(), advice(found), folder, FILES)
+    return int(bool(found.alarms))
 
 
 FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."

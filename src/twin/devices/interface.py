@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from controllers.arrays import Array
-from twin.hal.interface import FaultSource, Servos, TouchScreen
+from twin.hal.interface import Fault, FaultSource, Servos, TouchScreen
 
 
 class PoweredServos(Servos, FaultSource, Protocol):
@@ -33,6 +33,9 @@ class PoweredServos(Servos, FaultSource, Protocol):
 
     def quick_stop(self) -> None:
         """Request the fastest stop, then no torque."""
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """What every run is to be warned of, from its start."""
 
     def receive(self) -> None:
         """Take in what has arrived; never waits."""

@@ -126,6 +126,8 @@ class HardwareRig(Rig):
         super()._hold()
         for words in self._relaxed:
             self.supervisor.report(Fault(RELAXED, "rig file", words))
+        for fault in self.servos.warnings():
+            self.supervisor.report(fault)
         self._exchange()
         self._start_clock()
 

@@ -82,7 +82,7 @@ def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
         extent: Sides of the sensing area along the screen's x and y, m, if the panel tells.
     """
     what = "touch calibration"
-    known = rig.screen().calibration
+    known, file = rig.screen().calibration, rig.touch and rig.touch.calibration_file
     if known is None:
         nominal = Mounting.of(Calibration.nominal()).size
         size = f"{_area(extent)} that the panel says" if extent else _area(nominal)
@@ -90,15 +90,14 @@ def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
     mounting = Mounting.of(known)
     width, height = mounting.size
     sides = (height, width) if mounting.swapped else (width, height)
-    seen = _source(rig)
+    seen = _source(file)
     if extent and any(abs(a / b - 1) > ALIKE for a, b in zip(sides, extent, strict=True)):
         differ = f"{seen}: the sensing area is {_area(sides)}, but the panel says {_area(extent)}"
         return warned(what, differ, f"is it of another panel? {CALIBRATE}")
     return passed(what, f"{seen}: the sensing area is {_area(sides)}")
 
 
-def _source(rig: RigFile) -> str:
-    file = rig.touch.calibration_file
+def _source(file: str | None) -> str:
     if file is None:
         return "in the rig file"
     made = read_calibration(Path(file))[1]

@@ -11,11 +11,13 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import NamedTuple
 
+import can
 import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.servos import AkdServos
+from twin.devices.akd.traces import Hear, TracedBus
 from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.lumio.transports import ScreenError, Transport
@@ -171,8 +173,10 @@ class LockstepDrives:
         )
         self.missing: Exception | None = None
         """With what opening the adapter fails; None where it is there."""
+        self.heard: Hear | None = None
+        """Who is given every frame that the host sends or receives, in bus time."""
 
-    def _open(self, _: BusConfig) -> DirectBus:
+    def _open(self, _: BusConfig) -> can.BusABC:
         """What the host opens as its bus.
 
         Raises:
@@ -183,7 +187,9 @@ class LockstepDrives:
         self.adapter.shutdown()
         self.bus.to_host()  # what went by before the adapter was there
         self.adapter = DirectBus(self.bus, self.config.period / self.STEPS)
-        return self.adapter
+        if self.heard is None:
+            return self.adapter
+        return TracedBus(self.adapter, self.heard, lambda: self.bus.time)
 
     def add_drive(self, node: int) -> None:
         """Put another drive with a node on the bus."""

@@ -17,6 +17,7 @@ from controllers.analysis import number
 from controllers.arrays import Array
 from twin.fit.runs import (
     Cell,
+    FitTable,
     Indicators,
     Runs,
     Sample,
@@ -26,7 +27,6 @@ from twin.fit.runs import (
     rounded,
     shares,
 )
-from twin.fit.schema import FitTable
 
 SIGMA = 0.25
 """Standard deviation of the first generation, as a share of the ranges."""

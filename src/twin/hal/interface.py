@@ -107,7 +107,7 @@ class Limits:
             gains from 10 deg over the plate's length is 1.3.
     """
 
-    angle: Number = setting("rig.limits.angle_deg", 10.0, Unit.DEG, gt=0, le=10)
+    angle: Number = setting("rig.limits.angle_deg", 10.0, Unit.DEG, gt=0, le=30)
     rate: Number = setting("rig.limits.rate_deg", 35.0, Unit.DEG, gt=0)
     acceleration: Number = setting("rig.limits.acceleration", 7.0, gt=0)
     area: tuple[float, float] | Array = setting("rig.limits.area", (0.25, 0.15), gt=0)
@@ -157,10 +157,9 @@ class Clamp:
 
     def towards_level(self, angle: Array) -> Array:
         """The rates that bring the plate level, with half of the acceleration allowed."""
-        rate: Array = -np.sign(angle) * np.minimum(
+        return -np.sign(angle) * np.minimum(
             np.sqrt(self._acceleration * np.abs(angle)), np.abs(angle) / (10 * self._period)
         )
-        return rate
 
 
 SCREEN = (0.70, 0.395)

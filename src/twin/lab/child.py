@@ -1,9 +1,9 @@
 """What runs in a student's process: limits first, then their file, then one answer a period.
 
-Run by its path, with the answer's file and the seconds of a processor it may use as arguments. It
-is told on standard input and answers on what was its standard output; what the answer prints goes
-to a file. Nothing of a rig but measurements and estimates comes in here, and nothing but numbers
-and texts goes out.
+Run by its path; the arguments are the answer's file, the seconds of a processor it may use, of
+which kind it is and, of a function, its name. It is told on standard input and answers on what was
+its standard output; what the answer prints goes to a file. Nothing of a rig but measurements and
+estimates comes in here, and nothing but numbers and texts goes out.
 """
 
 from __future__ import annotations
@@ -12,13 +12,15 @@ import ctypes
 import errno
 import inspect
 import json
+import math
 import os
 import pickle
 import resource
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +32,7 @@ import numpy as np
 
 import twin
 from controllers import catalog
-from controllers.interfaces import Feedback, Law
+from controllers.interfaces import DelayedObserver, Feedback, Law, Measurement, Observer
 
 MOST_PRINTED = 256 * 1024
 """Bytes an answer may print or write."""
@@ -40,18 +42,43 @@ CLOSED = ("mujoco", "twin.sim", "twin.lab", "twin.hal", "twin.devices", "twin.em
 STARTING = ("os.fork", "os.exec", "os.posix_spawn", "os.system", "subprocess.", "pty.spawn")
 READ_FILE, READ_FOLDER, EXECUTE = 1 << 2, 1 << 3, 1 << 0
 """Rights of Landlock (linux/landlock.h)."""
+PICKLED, NUMBERS = b"p", b"="
+"""What begins a pickle, and the bytes of an array; what is asked in every period begins with its
+first letter."""
 
 
 def say(**what: Any) -> None:
-    """Tell the grader something: a line of JSON, in which a number keeps its bits."""
-    os.write(_OUT, json.dumps(what).encode() + b"\n")
+    """Tell the grader something: a line of JSON."""
+    line = json.dumps(what, default=lambda value: value.tolist()).encode() + b"\n"
+    while line:
+        line = line[os.write(_OUT, line) :]
 
 
-def asked() -> Iterator[list[Any]]:
-    """What the grader asks, one after the other, until it has no more to ask."""
+def give(*arrays: Any) -> None:
+    """Tell the grader the numbers of arrays, side by side: their very bits."""
+    os.write(_OUT, NUMBERS + np.concatenate(arrays, axis=-1, dtype=float).tobytes())
+
+
+def asked(**widths: Sequence[int]) -> Iterator[list[Any]]:
+    """What the grader asks, one after the other, until it has no more to ask.
+
+    Args:
+        widths: Of what is asked in every period: the last axes of the arrays that come, side by
+            side and after the time, of as many rigs as the state that a run was begun with.
+    """
+    periodic, rigs = {name[:1].encode(): name for name in widths}, ()
     with suppress(EOFError), open(_IN, "rb") as grader:  # noqa: PTH123  no path
-        while True:
-            yield pickle.load(grader)
+        while first := grader.read(1):
+            if first == PICKLED:
+                what, *given = pickle.load(grader)
+                rigs = np.shape(given[0])[:-1]
+                yield [what, *given]
+                continue
+            ends = [*accumulate(widths[periodic[first]], initial=0)]
+            text = bytearray(grader.read(8 + 8 * math.prod(rigs) * ends[-1]))
+            both = np.frombuffer(text, offset=8).reshape(*rigs, ends[-1])
+            parts = [np.ascontiguousarray(both[..., a:b]) for a, b in pairwise(ends)]  # same bits
+            yield [periodic[first], *struct.unpack("d", text[:8]), *parts]
 
 
 def limit(seconds: int) -> None:
@@ -104,38 +131,79 @@ def shut_in() -> bool:
     return bool(libc.syscall(446, ruleset, 0) == 0)
 
 
-def the_law(file: Path) -> Any:
-    """The one law that a file defines."""
-    module = catalog._imported(file)
+def the_class(file: Path, base: type) -> Any:
+    """The one law or observer that a file defines."""
+    module = catalog.imported(file)
     every = [each for each in vars(module).values() if inspect.isclass(each)]
-    found = [each for each in every if issubclass(each, Law) and each.__module__ == module.__name__]
+    found = [
+        each for each in every if issubclass(each, base) and each.__module__ == module.__name__
+    ]
     if len(found) != 1:
-        names = ", ".join(each.__name__ for each in found) or "none"
-        raise TypeError(f"must define one law, a class derived from Law, defines {names}")
+        names, kind = ", ".join(each.__name__ for each in found) or "none", base.__name__
+        raise TypeError(
+            f"must define one {kind.lower()}, a class derived from {kind}, defines {names}"
+        )
     return found[0]
 
 
-def serve(cls: Any) -> None:
+def serve_law(file: Path) -> None:
     """Say what law it is, then answer what the grader asks of it."""
+    cls = the_class(file, Law)
     say(memory=cls.memory, needs=cls.needs)
-    for what, *given in asked():
+    memory, needs = cls.memory, len(cls.needs)
+    for what, *given in asked(command=(8, 8, needs, 2, 2, memory), memory_rate=(8, memory)):
         if what == "start":
-            model, x, (make, *made_of), period = given
+            x, model, (make, *made_of), period = given
             law, reference = cls(model=model), make(*made_of)
             if problem := catalog.wrong_answer(law):
                 raise TypeError(problem)
             plan = law.start(x, reference, period)
-            say(answer=[])
+            say(answer=None)
             continue
-        time, *seen, memory = given
-        found, x = [], seen[0]
+        found, (time, *seen, q) = [], given
+        x = seen[0]
         if what == "command":
-            now = Feedback._make((time, *seen, reference, memory, plan))
+            now = Feedback._make((time, *seen, reference, q, plan))
             found, x = [catalog.commanded(law, law.command(now), now.rate)], now.equivalent
         if law.memory:
-            slope = law.memory_rate(time, x, reference, memory)
-            found.append(catalog.remembered(law, slope, memory))
-        say(answer=np.concatenate(found, axis=-1).tolist())
+            slope = law.memory_rate(time, x, reference, q)
+            found.append(catalog.remembered(law, slope, q))
+        give(*found)
+
+
+def serve_observer(file: Path) -> None:
+    """Say what observer it is, then answer what the grader asks of it."""
+    cls = the_class(file, Observer)
+    if issubclass(cls, DelayedObserver):
+        raise TypeError("must be an Observer: the lab makes up for the dead time")
+    say(knows=cls.knows)
+    for what, *given in asked(correct=(4, 1, 1), predict=(2,)):
+        if what == "start":
+            x, model, period = given
+            observer = cls(model=model, period=period)
+            observer.start(x)
+            say(answer=None)
+            continue
+        if what == "correct":
+            time, y, age, touched = given
+            seen = Measurement(time, y, age[..., 0], touched[..., 0] > 0.5)
+            catalog.estimated(observer, observer.correct(seen), y)
+        else:
+            observer.predict(given[1])
+        give(observer.x, observer.equivalent, observer.further)
+
+
+def serve_function(file: Path, name: str) -> None:
+    """Answer with what a function returns, called with what the grader gives by name."""
+    call = getattr(catalog.imported(file), name, None)
+    if not callable(call):
+        raise TypeError(f"must define a function {name}")
+    say(ready=True)
+    for _, given in asked():
+        found = call(**given)
+        if not isinstance(found, dict):
+            raise TypeError(f"{name} must return a dict, gave {type(found).__name__}")
+        say(answer=found)
 
 
 def line_of(error: BaseException, file: Path) -> str:
@@ -143,15 +211,18 @@ def line_of(error: BaseException, file: Path) -> str:
     if isinstance(error, OSError) and error.errno == errno.EFBIG:
         words = f"it prints or writes more than {MOST_PRINTED // 1024} kB"
         error = OSError(words).with_traceback(error.__traceback__)
-    line = catalog._line(error, {str(file)}) or f"{file}: {catalog._words(error)}"
+    line = catalog.failed_line(error, {str(file)}) or f"{file}: {catalog.error_words(error)}"
     return line.replace(str(file), file.name)[:1000]
 
 
-def main(file: Path, seconds: int) -> None:
+def main(file: Path, seconds: int, kind: str, function: str) -> None:
     """Serve an answer until the grader has no more to ask, or it fails."""
     try:
         limit(seconds)
-        serve(the_law(file))
+        if function:
+            serve_function(file, function)
+        else:
+            (serve_law if kind == "law" else serve_observer)(file)
     except BaseException as error:  # noqa: BLE001 - an answer may raise anything
         with suppress(OSError):
             say(error=line_of(error, file))
@@ -163,4 +234,4 @@ if __name__ == "__main__":
     _IN, _OUT = os.dup(0), os.dup(1)
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(Path(sys.argv[1]), int(sys.argv[2]), *sys.argv[3:])

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,12 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twin.errors import LawError, ScenarioError, TwinError, nearest, shortened
-from twin.lab.process import NAME, answering
+from twin.lab.process import NAME, AnswerProcess, answering
 from twin.lab.schema import AnswerTable, CheckTable, Lab
-from twin.lab.variants import Deal, trusted
+from twin.lab.variants import Deal, seen, trusted
 from twin.report.numbers import in_json
+from twin.run.finished import Run, run
 from twin.run.indicators import UNITS
-from twin.study.family import FamilyRig, drawn
+from twin.scenario import Scenario
+from twin.study.family import FamilyRig, Point, drawn
 from twin.study.family import read as read_family
 from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
 from twin.validation import read_tables
@@ -50,7 +53,7 @@ def judged(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str, Any]
     begin, results = time.perf_counter(), list[dict[str, Any]]()
     for check in lab.checks(hidden=hidden):
         none = {each["name"] for each in results if not each["score"]}.intersection(check.after)
-        results.append(_Judge(lab, dealt, file).result(check, sorted(none)))
+        results.append(Judge(lab, dealt, file).result(check, sorted(none)))
     return {
         "schema": RESULT,
         "lab": lab.name,
@@ -95,7 +98,7 @@ def measured(check: CheckTable) -> tuple[str, str]:
     return check.metric, unit
 
 
-class _Judge(NamedTuple):
+class Judge(NamedTuple):
     """Judges an answer, check by check.
 
     Attributes:
@@ -140,6 +143,29 @@ class _Judge(NamedTuple):
             "data": {"value": found.value if math.isfinite(found.value) else None},
         }
 
+    def picture(self, check: CheckTable) -> Run:
+        """The first run of a check, whole.
+
+        Raises:
+            TwinError: If the answer fails.
+        """
+        with self.entered(tables(self.lab.answer, self.file)) as (fixed, _):
+            return run(self.scenarios(check, fixed)[0][1])
+
+    @contextmanager
+    def entered(
+        self, data: Mapping[str, Any]
+    ) -> Iterator[tuple[Sequence[str], AnswerProcess | None]]:
+        """The overrides that put an answer into a scenario, and its process, if it has one."""
+        about = self.lab.answer
+        if about.data:
+            fixed = [f"{key}={value}" for key, value in in_json(data).items()]
+            yield fixed if about.kind == "parameters" else (), None
+            return
+        with answering(self.file, about) as process:
+            table = {"law": "controller", "observer": "observer"}.get(about.kind)
+            yield [f"{table}.kind={NAME}"] if table else (), process
+
     def number(self, check: CheckTable, data: Mapping[str, Any]) -> Judged:
         """The number that a check judges.
 
@@ -151,39 +177,62 @@ class _Judge(NamedTuple):
             NotJudgedError: If it cannot be judged here.
             TwinError: If the answer fails: one line.
         """
-        if check.number:
-            value = self.off(check, data[check.number])
-            unit = measured(check)[1]
-            said = f"{value:.4g}{unit}" if math.isfinite(value) else "is no such number"
-            return Judged(value, f"{check.number}: {said}")
-        if self.lab.answer.data:
-            fixed = [f"{key}={value}" for key, value in in_json(data).items()]
-            return self.of_runs(check, self.rows(check, fixed))
-        with answering(self.file, self.lab.answer) as process:
-            rows = self.rows(check, [f"controller.kind={NAME}"])
-            if process.failure is not None:
-                raise LawError(process.failure)
-            return self.of_runs(check, rows)._replace(log=process.printed())
+        with self.entered(data) as (fixed, process):
+            if check.number:
+                found = self.of_numbers(check, self.answers(check, data, process))
+            else:
+                rows = self.rows(check, fixed)
+                if process is not None and process.failure is not None:
+                    raise LawError(process.failure)
+                found = self.of_runs(check, rows)
+            return found if process is None else found._replace(log=process.printed())
 
-    def rows(self, check: CheckTable, fixed: Sequence[str]) -> list[Row]:
-        """What the runs of a check gave, a row each, with the answer as overrides.
+    def answers(
+        self, check: CheckTable, data: Mapping[str, Any], process: AnswerProcess | None
+    ) -> Iterator[tuple[Point, Any]]:
+        """Rigs, and the number that is answered for each.
 
         Raises:
-            ScenarioError: If an override is wrong.
+            LawError: If a function gives something else.
         """
+        if process is None:
+            yield self.rigs(check)[0][0].point, data[check.number]
+            return
+        cases = self.scenarios(check, ()) if check.scenario else [(self.dealt.point, None)]
+        for point, scenario in cases:
+            log = {} if scenario is None else {"log": seen(scenario.model_dump_json())[0]}
+            said = process.call("function", {**log, **check.given})
+            try:
+                yield point, answered(self.lab.answer, said, self.file.name)[check.number]
+            except ScenarioError as error:
+                raise LawError(str(error)) from None
+
+    def rigs(self, check: CheckTable) -> tuple[list[FamilyRig], set[str]]:
+        """The rigs of a check, and which of their values are factors on the scenario's."""
         family = self.lab.family
         rigs = [FamilyRig({} if check.nominal else self.dealt.point, self.dealt.seed)]
         if check.family:
             family = read_family(self.lab.path(check.family))
             rigs = drawn(family, check.draw, check.rigs)
         parameters = family.parameters if family is not None else {}
-        relative = {key for key, each in parameters.items() if each.relative}
-        build = Builder(self.lab.path(check.scenario))
-        work = ScenarioRuns(
-            build((*check.set, *fixed, f"seed={seed}"), point, relative)
+        return rigs, {key for key, each in parameters.items() if each.relative}
+
+    def scenarios(self, check: CheckTable, fixed: Sequence[str]) -> list[tuple[Point, Scenario]]:
+        """The runs of a check with the answer as overrides: the rig, and what is run.
+
+        Raises:
+            ScenarioError: If an override is wrong.
+        """
+        (rigs, relative), build = self.rigs(check), Builder(self.lab.path(check.scenario))
+        return [
+            (point, build((*check.set, *fixed, f"seed={seed}"), point, relative))
             for point, own in rigs
             for seed in check.seeds or (own,)
-        )
+        ]
+
+    def rows(self, check: CheckTable, fixed: Sequence[str]) -> list[Row]:
+        """What the runs of a check gave, a row each."""
+        work = ScenarioRuns(scenario for _, scenario in self.scenarios(check, fixed))
         return carry_out(work.jobs(work.tasks))
 
     def of_runs(self, check: CheckTable, rows: list[Row]) -> Judged:
@@ -218,10 +267,16 @@ class _Judge(NamedTuple):
         worst = float(values.max() if check.full < check.none else values.min())
         return Judged(worst, f"{what} {worst:.4g}{unit}")
 
-    def off(self, check: CheckTable, given: Any) -> float:
+    def of_numbers(self, check: CheckTable, found: Iterable[tuple[Point, Any]]) -> Judged:
+        """The number that a check judges of numbers that are answered, a rig each."""
+        value = max(self.off(check, given, point) for point, given in found)
+        said = f"{value:.4g}{measured(check)[1]}" if math.isfinite(value) else "is no such number"
+        return Judged(value, f"{check.number}: {said}")
+
+    def off(self, check: CheckTable, given: Any, point: Point) -> float:
         """How far an answer in numbers is from the truth, or how wide its interval is."""
         low, high = given if isinstance(given, list) else (given, given)
-        truth = None if check.truth is None else self.truth(check, check.truth)
+        truth = None if check.truth is None else self.truth(check, check.truth, point)
         if isinstance(given, str) or isinstance(truth, str):
             return 0.0 if given == truth else math.inf
         scale = abs(truth) / 100 if check.relative and truth else 1.0
@@ -231,8 +286,8 @@ class _Judge(NamedTuple):
             return float(max(truth - low, high - truth)) / scale
         return float(max(low - truth, truth - high, 0.0)) / scale
 
-    def truth(self, check: CheckTable, truth: float | str) -> float | str:
-        """What an answer in numbers should be.
+    def truth(self, check: CheckTable, truth: float | str, point: Point) -> float | str:
+        """What an answer in numbers should be, for a rig.
 
         Raises:
             NotJudgedError: If only the lecturer knows it.
@@ -240,14 +295,16 @@ class _Judge(NamedTuple):
         name, _, function = str(truth).partition(":")
         if not isinstance(truth, str) or not (function or check.scenario):
             return truth
-        own = self.lab.folder / name
-        if not self.dealt.true or (function and not own.is_file()):
+        own, data = self.lab.folder / name, self.lab.answer.data
+        if (data and not self.dealt.true) or (function and not own.is_file()):
             raise NotJudgedError("judged by your lecturer, who knows the rig")
-        found = self.dealt.point.get(truth)
         if function:
-            found = trusted(own, function)(self.dealt.point, self.file.parent)
-        elif found is None:
-            found = Builder(self.lab.path(check.scenario)).value(check.set, truth)
+            found = trusted(own, function)(point, self.file.parent if data else check.given)
+        else:
+            known = Builder(self.lab.path(check.scenario)).value
+            part = point.get(truth, 1.0) if truth in self.rigs(check)[1] else None
+            found = point.get(truth) if part is None else part * known(check.set, truth)
+            found = known(check.set, truth) if found is None else found
         return found if isinstance(found, str) else float(found)
 
 
@@ -268,15 +325,24 @@ def tables(about: AnswerTable, file: Path) -> dict[str, Any]:
                 allowed = ", ".join(about.keys)
                 raise ScenarioError(f"{file.name}: {key}: may not be set (allowed: {allowed})")
         return found
+    return answered(about, found, file.name) if about.data else {}
+
+
+def answered(about: AnswerTable, found: Mapping[str, Any], called: str) -> dict[str, Any]:
+    """Numbers by name, intervals or texts, if they are what was asked for.
+
+    Raises:
+        ScenarioError: If not.
+    """
     for key in found:
         if key not in about.asked:
             where = nearest(key, about.asked)
-            raise ScenarioError(f"{file.name}: {shortened(key)}: unknown{where}")
+            raise ScenarioError(f"{called}: {shortened(key)}: unknown{where}")
     for key, unit in about.asked.items():
         if not _answers(found.get(key)):
             what = f"a number in {unit}, an interval [low, high] or a text"
-            raise ScenarioError(f"{file.name}: {key}: must be {what}")
-    return found
+            raise ScenarioError(f"{called}: {key}: must be {what}")
+    return dict(found)
 
 
 def _answers(given: Any) -> bool:

@@ -1,7 +1,8 @@
-"""The grader's side of an answer: a law like any other, worked out in a process of its own."""
+"""The grader's side of an answer in Python: asked as a law, observer or function of its own is."""
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import shutil
@@ -22,7 +23,7 @@ import numpy as np
 from controllers import catalog
 from controllers.arrays import Array
 from controllers.controller import PerRigReference, SampledReference
-from controllers.interfaces import Feedback, Law, Reference
+from controllers.interfaces import Feedback, Law, Measurement, Observer, Quantity, Reference
 from twin.data_file import DataError, parse_json
 from twin.errors import LawError, ScenarioError
 from twin.lab.schema import AnswerTable
@@ -30,22 +31,24 @@ from twin.lab.schema import AnswerTable
 START = 20.0
 """Seconds in which the process must be there, whatever else the machine does."""
 LARGEST = 1e6
-"""Largest number in an answer: plate accelerations in rad/s^2 and rates of a law's memory."""
+"""Largest number in an answer: accelerations in rad/s^2, estimates, rates of a law's memory."""
 LONGEST = 1 << 24
 """Bytes of a line that it says."""
 MOST_MEMORY = 1000
-"""Integrator states that a law may have."""
+"""Integrator states that a law may have, and quantities that an observer may know."""
 NAME = "answer"
-"""What a scenario calls the law of an answer."""
+"""What a scenario calls the law or observer of an answer."""
 STRANGE = "it said something else than an answer"
+PICKLED, NUMBERS = b"p", b"="
+"""As the process has them."""
 
 
 @dataclass
 class AnswerProcess:
     """A process that has an answer, and may do little else.
 
-    It is asked by pickles, of the grader's own making, and says lines of JSON, which can do nothing
-    here but be read.
+    It is asked by pickles and arrays, of the grader's own making, and says lines of JSON and bytes
+    of numbers, which can do nothing here but be read.
 
     Attributes:
         process: The process.
@@ -65,41 +68,79 @@ class AnswerProcess:
     failure: str | None = None
     slope: tuple[float, Array] = (np.nan, np.zeros(0))
 
-    def ask(self, what: str, like: Array, *given: Any) -> Array:
-        """Ask something and have its answer, of the shape of an array.
+    def ask(self, what: str, width: int, time: float, *given: Array) -> Array:
+        """Ask what is asked in every period and have its answer, an array (..., width).
+
+        Args:
+            what: What is asked.
+            width: Of the answer's last axis.
+            time: In s.
+            given: Arrays of the same rigs; they go side by side, as one.
 
         Raises:
             LawError: If it fails, is too late, says something else, or a number is none or too
                 large.
         """
-        if self.failure is not None:
-            raise LawError(self.failure)
-        assert self.process.stdin is not None
-        with suppress(OSError):  # it has ended: what it said last is still to be read
-            os.write(self.process.stdin.fileno(), pickle.dumps((what, *given)))
-        said = self.said()
-        try:
-            got = np.array(said["answer"], float).reshape(like.shape)
-        except (LookupError, TypeError, ValueError):
-            raise self.failed(STRANGE) from None
+        both = np.concatenate(given, axis=-1)
+        self.tell(what[:1].encode() + np.float64(time).tobytes() + both.tobytes())
+        shape = (*both.shape[:-1], width)
+        said = self.heard(8 * math.prod(shape))
+        if not said.startswith(NUMBERS):
+            self.read(said)
+            raise self.failed(STRANGE)
+        got = np.frombuffer(said[1:]).reshape(shape).copy()
         largest = np.abs(got).max(initial=0.0)
         if not largest < LARGEST:
             what = f"is {largest:.3g}" if np.isfinite(largest) else "is not finite"
             raise self.failed(f"a number that it gives {what}; at most {LARGEST:.0e} is allowed")
         return got
 
-    def said(self) -> dict[str, Any]:
-        """What it says next; errors as of ``ask``."""
+    def call(self, what: str, *given: Any) -> Any:
+        """Ask anything else and have its answer; errors as of ``ask``."""
+        self.tell(PICKLED + pickle.dumps((what, *given)))
+        said = self.read(self.heard(None))
+        if "answer" not in said:
+            raise self.failed(STRANGE)
+        return said["answer"]
+
+    def tell(self, text: bytes) -> None:
+        """Send it something; errors as of ``ask``."""
+        if self.failure is not None:
+            raise LawError(self.failure)
+        assert self.process.stdin is not None
+        pipe, rest = self.process.stdin.fileno(), memoryview(text)
+        with suppress(BrokenPipeError):  # it has ended: what it said last is still to be read
+            while rest:
+                self.wait([], [pipe])
+                rest = rest[os.write(pipe, rest) :]
+
+    def heard(self, size: int | None) -> bytes:
+        """A line, or, where so many bytes of numbers are due, these after their sign."""
         assert self.process.stdout is not None
-        line, pipe = b"", self.process.stdout.fileno()
-        while not line.endswith(b"\n") and len(line) < LONGEST:
-            begin = monotonic()
-            if not select([pipe], [], [], max(self.left, 0.0))[0]:
-                raise self.failed(f"it took longer than {self.seconds:g} s")
-            self.left -= monotonic() - begin
+        heard, pipe = b"", self.process.stdout.fileno()
+        while True:
+            self.wait([pipe], [])
             if not (part := os.read(pipe, 1 << 16)):
                 raise self.failed(f"its process ended by itself ({self.process.wait()})")
-            line += part
+            heard += part
+            if size is not None and heard.startswith(NUMBERS):
+                if len(heard) > size:
+                    break
+            elif not heard.startswith(b"{") or b"\n" in heard or len(heard) > LONGEST:
+                return heard
+        if len(heard) != size + 1:
+            raise self.failed(STRANGE)
+        return heard
+
+    def wait(self, reads: list[int], writes: list[int]) -> None:
+        """Wait for it, as long as it still may take."""
+        begin = monotonic()
+        if not any(select(reads, writes, [], max(self.left, 0.0))):
+            raise self.failed(f"it took longer than {self.seconds:g} s")
+        self.left -= monotonic() - begin
+
+    def read(self, line: bytes) -> dict[str, Any]:
+        """What a line of JSON says; errors as of ``ask``."""
         try:
             said = parse_json(line)
         except DataError:
@@ -133,12 +174,11 @@ class AnswerLaw(Law):
 
     def start(self, x: Array, reference: Reference, period: float) -> None:
         """Begin a run there."""
-        self.process.ask("start", np.zeros(0), self.model, x, sent(reference), period)
+        self.process.call("start", x, self.model, sent(reference), period)
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2); the memory's rate comes with them."""
-        both = np.concatenate([now.rate, now.memory], axis=-1)
-        both = self.process.ask("command", both, *now[:6], now.memory)
+        both = self.process.ask("command", 2 + self.memory, *now[:6], now.memory)
         self.process.slope = now.time, both[..., 2:]
         return both[..., :2]
 
@@ -146,7 +186,47 @@ class AnswerLaw(Law):
         """Time derivative of the memory, shape (..., memory), as it came with the command of t."""
         if self.process.slope[0] == t:
             return self.process.slope[1]
-        return self.process.ask("memory_rate", q, t, x, q)  # between two commands
+        return self.process.ask("memory_rate", self.memory, t, x, q)  # between two commands
+
+
+@dataclass(kw_only=True)
+class AnswerObserver(Observer):
+    """The observer of an answer; a subclass is made for each.
+
+    Attributes:
+        process: Has it.
+    """
+
+    process: ClassVar[AnswerProcess]
+
+    def start(self, x: Array) -> None:
+        """Begin at the state x there."""
+        super().start(x)
+        self.process.call("start", x, self.model, self.period)
+
+    def correct(self, measurement: Measurement) -> Array:
+        """The estimate at a measurement, of which the true state stays here."""
+        time, y, *others = measurement[:4]
+        return self._asked("correct", time, y, *(each[..., np.newaxis] for each in others))
+
+    def predict(self, u: Array) -> None:
+        """One period ahead under the input u, shape (..., 2)."""
+        self._asked("predict", 0.0, u)
+
+    def _asked(self, what: str, *given: Any) -> Array:
+        self._all = self.process.ask(what, 16 + len(self.knows), *given)
+        self.x = self._all[..., :8]
+        return self.x
+
+    @property
+    def equivalent(self) -> Array:
+        """As it says, shape (..., 8)."""
+        return self._all[..., 8:16]
+
+    @property
+    def further(self) -> Array:
+        """What it knows beyond the state, shape (..., len(knows))."""
+        return self._all[..., 16:]
 
 
 def sent(reference: Reference) -> tuple[Any, ...]:
@@ -159,9 +239,18 @@ def sent(reference: Reference) -> tuple[Any, ...]:
     raise ScenarioError("a lab's rigs must have one law: their designer knows different balls")
 
 
+def known(kind: str, said: dict[str, Any]) -> tuple[type, dict[str, Any]]:
+    """The class that an answer is here, and what its process says of it."""
+    if kind == "law":
+        needs = tuple(map(str, said["needs"]))
+        return AnswerLaw, {"memory": min(int(said["memory"]), MOST_MEMORY), "needs": needs}
+    knows = [Quantity(*map(str, each)) for each in said["knows"][:MOST_MEMORY]]
+    return AnswerObserver, {"knows": tuple(knows)}
+
+
 @contextmanager
 def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
-    """Have an answer's law in the catalog, called ``answer``, within the context.
+    """Have an answer's process, and its law or observer in the catalog, called ``answer``.
 
     Args:
         file: The answer.
@@ -179,9 +268,10 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
         here = Path(folder).resolve()
         own, prints = here / about.file, here / "printed.txt"
         shutil.copyfile(file, own)
+        what = (str(int(about.seconds) + 5), about.kind, about.function)
         with prints.open("ab") as to:
             begun = subprocess.Popen(
-                [sys.executable, "-I", "-u", child.__file__, own, str(int(about.seconds) + 5)],
+                [sys.executable, "-I", "-u", child.__file__, own, *what],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=to,
@@ -189,23 +279,22 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
                 env={"OPENBLAS_NUM_THREADS": "1", "HOME": folder, "LANG": "C.UTF-8"},
                 start_new_session=True,
             )
+        assert begun.stdin is not None
+        os.set_blocking(begun.stdin.fileno(), False)  # one that reads nothing stops nobody
         process = AnswerProcess(begun, prints, about.file, about.seconds, about.seconds + START)
         try:
-            said = process.said()
+            said = process.read(process.heard(None))
             process.left = about.seconds
-            try:
-                memory, needs = (
-                    min(int(said["memory"]), MOST_MEMORY),
-                    tuple(map(str, said["needs"])),
-                )
-            except (LookupError, TypeError, ValueError, OverflowError):
-                raise process.failed(STRANGE) from None
-            law = {"name": NAME, "process": process, "memory": memory, "needs": needs}
-            catalog.register(type("Answer", (AnswerLaw,), law | {"__module__": __name__}))
+            if about.kind != "function":
+                try:
+                    base, fields = known(about.kind, said)
+                except (LookupError, TypeError, ValueError, OverflowError):
+                    raise process.failed(STRANGE) from None
+                fields |= {"name": NAME, "process": process, "__module__": __name__}
+                catalog.register(type("Answer", (base,), fields))
             yield process
         finally:
-            catalog._registered.pop(NAME, None)
-            catalog._all_classes.cache_clear()
+            catalog.unregister(NAME)
             with suppress(OSError):  # it has ended, and all that it may have begun
                 os.killpg(begun.pid, signal.SIGKILL)
             begun.communicate()

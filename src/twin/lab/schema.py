@@ -10,14 +10,18 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from twin.errors import ScenarioError, nearest, shortened
+from twin.run.indicators import METRICS
 from twin.shipped import shipped_labs
 from twin.study.family import Family
 from twin.study.family import read as read_family
-from twin.study.schema import METRICS
 from twin.validation import Checked, check_named_once, read_model, read_tables
 
 SCHEMA = "ballplate/lab/v1"
-Kind = Literal["law", "numbers", "parameters"]
+Kind = Literal["law", "observer", "function", "numbers", "parameters"]
+DATA = ("numbers", "parameters")
+"""Kinds that are no code."""
+NUMBERS = ("numbers", "function")
+"""Kinds that give numbers by name."""
 Visible = Literal["visible", "hidden", "after_published"]
 MOST = 256
 """Runs of a check."""
@@ -29,34 +33,38 @@ class AnswerTable(Checked):
     """What is handed in.
 
     Attributes:
-        kind: A class of a law; numbers or parameters as data.
+        kind: A class of a law or of an observer; a function; numbers or parameters as data.
         file: What it is called.
         seconds: Wall time in s that its process may take in one check.
-        asked: Of numbers: name to unit.
+        function: What a function is called.
+        asked: Of numbers, in a file or given by a function: name to unit.
         keys: Of parameters: dotted keys of a scenario that may be set, or what they begin with.
     """
 
     kind: Kind
     file: str = Field(
-        default_factory=lambda said: f"answer.{'py' if said.get('kind') == 'law' else 'toml'}"
+        default_factory=lambda said: f"answer.{'toml' if said.get('kind') in DATA else 'py'}"
     )
     seconds: Annotated[float, Field(gt=0, le=3600)] = 20.0
+    function: str = ""
     asked: Mapping[str, str] = Field({})
     keys: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _whole(self) -> AnswerTable:
-        for kind, key in (("numbers", "asked"), ("parameters", "keys")):
-            if bool(getattr(self, key)) != (self.kind == kind):
+        belongs = {"asked": NUMBERS, "keys": ("parameters",), "function": ("function",)}
+        for key, kinds in belongs.items():
+            if bool(getattr(self, key)) != (self.kind in kinds):
+                kind = " or ".join(kinds)
                 raise ValueError(f"{key}: belongs to an answer of kind {kind}, and that needs it")
         if not self.file.endswith(".toml" if self.data else ".py"):
-            raise ValueError("file: must be .py for a law, .toml for numbers and parameters")
+            raise ValueError("file: must be .toml for numbers and parameters, else .py")
         return self
 
     @property
     def data(self) -> bool:
         """Whether it is data, never code."""
-        return self.kind != "law"
+        return self.kind in DATA
 
 
 class VariantTable(Checked):
@@ -91,7 +99,8 @@ class CheckTable(Checked):
         points: At most.
         full: The number from which on there are all points.
         none: The number from which on there are none; above or below ``full``.
-        scenario: Name or file of what is run, or has the key that is the truth.
+        scenario: Name or file of what is run, has the key that is the truth, or of which a
+            function is given a log.
         set: Overrides ``key=value`` of it.
         nominal: Whether it is run as it is, instead of on the student's rig.
         family: Family of rigs on which it is run instead.
@@ -100,8 +109,9 @@ class CheckTable(Checked):
         seeds: Of the noise, every rig with each; that of the rig if there are none.
         metric: Indicator of a run, on the true ball; without one the outcome is judged.
         limit: What it may be at most; judged is then the share of runs that keep to it.
+        given: What a function is given besides, by name.
         against: Overrides of the same run that the metric is divided by.
-        number: Name of an answer in numbers.
+        number: Name of an answer in numbers, of which the worst of all runs counts.
         truth: What it should be: a value, a key of the scenario, or ``truth.py:FUNCTION``.
         judge: Whether the distance of its interval from the truth is judged, that of the end which
             is farther off (``error``), or the width.
@@ -126,6 +136,7 @@ class CheckTable(Checked):
     metric: str = ""
     limit: float | None = None
     against: tuple[str, ...] = ()
+    given: Mapping[str, Any] = Field({})
     number: str = ""
     truth: float | str | None = None
     judge: Literal["distance", "error", "width"] = "distance"
@@ -143,6 +154,8 @@ class CheckTable(Checked):
             raise ValueError("full, none: must differ; points go along the line between them")
         if not self.metric and (self.limit is not None or self.against):
             raise ValueError("metric: missing; limit and against are about one")
+        if self.metric and self.number:
+            raise ValueError("metric, number: give one of them")
         if self.number and self.truth is None and self.judge != "width":
             raise ValueError("truth: missing; it says what the number should be")
         if (self.metric or self.number) and not {"full", "none"} <= self.model_fields_set:
@@ -205,7 +218,9 @@ class Lab(Checked):
                 if other not in names:
                     raise ValueError(f"check '{each.name}': after: no check before it is '{other}'")
             names.append(each.name)
-            if bool(each.number) != (answer.kind == "numbers"):
+            if bool(each.number) != (answer.kind in NUMBERS) or (
+                each.given and answer.kind != "function"
+            ):
                 what = f"does not judge an answer of kind {answer.kind}"
                 raise ValueError(f"check '{each.name}': {what}")
             if each.number and each.number not in answer.asked:

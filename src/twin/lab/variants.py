@@ -8,16 +8,19 @@ import hmac
 import json
 import re
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from runpy import run_path
 from typing import Any, NamedTuple
 
 from pydantic import Field
 
+from controllers.arrays import Array
 from twin.errors import ScenarioError, shortened
 from twin.lab.schema import Lab
 from twin.run.files import export
 from twin.run.finished import run
+from twin.scenario import Scenario
 from twin.study.family import Point, drawn
 from twin.study.work import Builder
 from twin.validation import Checked, read_model
@@ -224,11 +227,23 @@ def record(lab: Lab, dealt: Deal, path: Path) -> None:
     file, _, function = (variant.log if variant else "").partition(":")
     if function:
         trusted(lab.folder / file, function)(dealt.point, path.parent)
-    elif variant is not None and file:
+    elif variant is not None and file and lab.family is not None:
         fixed = (*variant.set, f"seed={dealt.seed}")
-        done = run(Builder(lab.path(variant.log))(fixed, dealt.point))
-        seen = {name: values for name, values in done.rows.items() if name.startswith(SEEN)}
-        export(path, seen, done.units)
+        relative = [key for key, each in lab.family.parameters.items() if each.relative]
+        scenario = Builder(lab.path(variant.log))(fixed, dealt.point, relative)
+        export(path, *seen(scenario.model_dump_json()))
+
+
+@lru_cache(maxsize=4)
+def seen(scenario: str) -> tuple[dict[str, Array], Mapping[str, str]]:
+    """What a rig's own computer sees of a run, before any observer: columns by name, units.
+
+    Args:
+        scenario: What is run, in JSON.
+    """
+    done = run(Scenario.model_validate_json(scenario))
+    rows = {name: values for name, values in done.rows.items() if name.startswith(SEEN)}
+    return rows, done.units
 
 
 def trusted(file: Path, function: str) -> Callable[..., Any]:

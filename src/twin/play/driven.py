@@ -1,9 +1,10 @@
-"""What a person drives: a rig with its controller, its clean model beside it, and what is kept."""
+"""What a person drives: a rig, its controller, its clean model beside it, and what is kept."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,13 +14,16 @@ from controllers.controller import Controller, SampledReference
 from controllers.interfaces import Law, Measurement, Reference
 from controllers.references import Setpoints
 from twin.errors import ScenarioError
+from twin.hal.rig import Entry
 from twin.run.assemble import assemble, build_controller, build_reference
+from twin.run.finished import Run, save
+from twin.run.loop import Outcome
 from twin.run.plants import RigChanges
-from twin.run.state import Snapshot
+from twin.run.record import Recorder
+from twin.run.state import MOST, Snapshot
 from twin.scenario.changing import at_time
 from twin.scenario.load import check, clean, put
 from twin.scenario.schema import JUMPS, RAMPS, SLACK, Change, Scenario, choices
-from twin.sim.rig import SimulatedRig
 from twin.whatif.futures import CONTROL
 from twin.whatif.moment import take_over
 
@@ -110,9 +114,12 @@ class DrivenRig:
         self.ghost.follow(reference)
 
     def push(self, x_rate: float, y_rate: float) -> None:
-        """Change both balls' velocity at once, m/s."""
-        push(self.rig, x_rate, y_rate)
-        self.ghost.push(x_rate, y_rate)
+        """Change both balls' velocity at once, m/s, plate axes."""
+        for rig in (self.rig, self.ghost.rig):
+            ball = rig.devices.state[:, (0, 1, 4, 5)].copy()
+            ball[:, 1] += x_rate
+            ball[:, 3] += y_rate
+            rig.devices.place(ball)
 
     def change(self, scenario: Scenario, time: float) -> None:
         """Let the rig be what a scenario says from a time in s on."""
@@ -135,7 +142,8 @@ class DrivenRig:
         """
         self.follow(driven.reference)
         taken = Snapshot.take(self.rig, self.controller, measurement)
-        return Kept(measurement.time, row, driven, taken, self.ghost.taken(), acted)
+        ghost = Snapshot.take(self.ghost.rig, self.ghost.controller, self.ghost.measurement)
+        return Kept(measurement.time, row, driven, taken, ghost, acted)
 
     def go_on(self, state: Kept) -> tuple[Measurement, bool]:
         """Be in a state that was kept, with the controller that was chosen.
@@ -146,7 +154,7 @@ class DrivenRig:
         before, self._before = self._before, None
         if before is None:
             measurement = state.rig.restore(self.rig, self.controller)
-            self.ghost.restore(state.ghost)
+            self.ghost.measurement = state.ghost.restore(self.ghost.rig, self.ghost.controller)
         else:
             measurement = state.rig.restore(self.rig)
             take_over(self.controller, *before, self._controlled)
@@ -167,7 +175,8 @@ class DrivenRig:
         goal = desired if driven.goals is None else np.array(driven.goals.points[-1][1:])
         state = self.rig.devices.state[0]
         ball, plate = state[0::4], state[2::4]
-        clean = self.ghost.state[0::4] if self.ghost.on_plate else np.full(2, np.nan)
+        ghost = self.ghost.rig
+        clean = np.full(2, np.nan) if ghost.fallen[0] else ghost.devices.state[0, 0::4]
         errors = np.hypot(*(np.stack((ball, clean)) - desired).T)
         effort = np.nan if applied is None else np.sqrt((applied**2).mean())
         numbers = ([time], ball, plate, goal, desired, clean, errors, [effort, factor])
@@ -180,67 +189,41 @@ class Ghost:
     Args:
         scenario: Of the rig it goes beside.
         reference: The path to follow.
+
+    Attributes:
+        rig: The model.
+        controller: Of it.
+        measurement: The one that begins the period.
     """
 
     def __init__(self, scenario: Scenario, reference: Reference) -> None:
         self._scenario = clean(scenario)
-        self._rig, self._controller = assemble(self._scenario)
-        self._rig.LEVELLING_TIME = 0.0
-        self._rig.__enter__()
-        self._measurement = self._rig.read()
+        self.rig, self.controller = assemble(self._scenario)
+        self.rig.LEVELLING_TIME = 0.0
+        self.rig.__enter__()
+        self.measurement = self.rig.read()
         self.follow(reference)
-        self._controller.start(self._measurement)
-        self._rig.start()
-
-    @property
-    def state(self) -> Array:
-        """Its state in the order of (5.5), shape (8,)."""
-        state: Array = self._rig.devices.state[0]
-        return state
-
-    @property
-    def on_plate(self) -> bool:
-        """Whether its ball has not left the plate."""
-        return not bool(self._rig.fallen[0])
+        self.controller.start(self.measurement)
+        self.rig.start()
 
     def step(self) -> None:
         """One control period."""
-        step = self._controller.command(self._measurement)
-        self._controller.applied(self._rig.write(step.rate))
-        self._rig.wait()
-        self._measurement = self._rig.read()
+        step = self.controller.command(self.measurement)
+        self.controller.applied(self.rig.write(step.rate))
+        self.rig.wait()
+        self.measurement = self.rig.read()
 
     def follow(self, reference: Reference) -> None:
         """Follow another path from now on."""
-        self._controller.reference = SampledReference(reference, self._rig.period)
+        self.controller.reference = SampledReference(reference, self.rig.period)
 
     def control(self, scenario: Scenario) -> None:
         """Have the controller of a scenario from now on."""
         now = clean(scenario)
         controller = build_controller(now)
-        controller.start(self._measurement)
-        take_over(controller, self._controller, self._scenario, now)
-        self._scenario, self._controller = now, controller
-
-    def push(self, x_rate: float, y_rate: float) -> None:
-        """Change its ball's velocity at once, m/s."""
-        push(self._rig, x_rate, y_rate)
-
-    def taken(self) -> Snapshot:
-        """Its state."""
-        return Snapshot.take(self._rig, self._controller, self._measurement)
-
-    def restore(self, snapshot: Snapshot) -> None:
-        """Go on from a state of one with the same controller."""
-        self._measurement = snapshot.restore(self._rig, self._controller)
-
-
-def push(rig: SimulatedRig, x_rate: float, y_rate: float) -> None:
-    """Change the velocity of a rig's ball at once, m/s, plate axes."""
-    ball = rig.devices.state[:, (0, 1, 4, 5)].copy()
-    ball[:, 1] += x_rate
-    ball[:, 3] += y_rate
-    rig.devices.place(ball)
+        controller.start(self.measurement)
+        take_over(controller, self.controller, self._scenario, now)
+        self._scenario, self.controller = now, controller
 
 
 LONGEST = 1800.0
@@ -386,10 +369,7 @@ def _of_now(scenario: Scenario, why: str) -> None:
 
 
 def _control(scenario: Scenario) -> dict[str, Any]:
-    return {
-        table: None if getattr(scenario, table) is None else getattr(scenario, table).model_dump()
-        for table in TABLES
-    }
+    return scenario.model_dump(include={*TABLES})
 
 
 def _with_change(
@@ -400,3 +380,71 @@ def _with_change(
         values = {**changes[-1].set, **values}
         changes = changes[:-1]
     return (*changes, Change(at=time, set=dict(values)))
+
+
+class Part(NamedTuple):
+    """What was driven until now, as it is handed to whoever writes it.
+
+    Attributes:
+        driven: By the person.
+        outcome: How it ended.
+        rows: The record's columns by name, shape (K,) each.
+        plant: Names of the plant's own columns.
+        snapshots: States to go on from.
+        journal: Conditions that were detected.
+        factor: Simulated seconds a second of the clock.
+    """
+
+    driven: Driven
+    outcome: Outcome
+    rows: Mapping[str, Array]
+    plant: tuple[str, ...]
+    snapshots: tuple[Snapshot, ...]
+    journal: tuple[Entry, ...]
+    factor: float
+
+
+Write = Callable[[Part, Path], None]
+
+
+def rows_of(record: Recorder) -> dict[str, Array]:
+    """A copy of what was recorded, column by column."""
+    rows = {name: values.copy() for name, _, values in record.columns()}
+    return {"time": record.time.copy(), **rows}
+
+
+def worth_keeping(states: Sequence[Kept]) -> tuple[Snapshot, ...]:
+    """The states that a record keeps: each since which it says all that was done, and some more."""
+    acted = {each.time: each.rig for each in states if each.acted}
+    calm = [each for each in states if each.time and not each.acted]
+    apart = max(LATER, calm[-1].time / MOST) if calm else LATER
+    last = 0.0
+    for each in calm:
+        if each.time >= last + apart - 1e-9:
+            last = each.time
+            acted[each.time] = each.rig
+    return tuple(acted[time] for time in sorted(acted))
+
+
+def save_driven(part: Part, folder: Path) -> None:
+    """Write a run folder of what was driven.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    time = part.rows["time"]
+    driven = part.driven
+    period = driven.scenario.rig.period
+    scenario = driven.recorded(period * round(float(time[-1]) / period + 1))
+    record = Recorder(len(time), 1, period, part.plant)
+    record.begin_with(part.rows)
+    done = Run.of(
+        scenario,
+        record,
+        part.outcome,
+        real_time_factor=part.factor,
+        journal=part.journal,
+        snapshots=part.snapshots,
+        driven=driven.as_dict(),
+    )
+    save(done, folder, {"driven by hand": done.motion})

@@ -77,15 +77,9 @@ class Plate(Drawn, component="plate.js"):
 class Sides(Drawn, component="tilt.js"):
     """The plate from two sides, so that its tilt is seen: the last row."""
 
-    def __init__(self) -> None:
-        super().__init__(sides=SIDES)
-
 
 class Strips(Drawn, component="strips.js"):
     """Error, plate angle and effort over the last seconds."""
-
-    def __init__(self) -> None:
-        super().__init__(strips=STRIPS)
 
 
 def _called(done: Moved, given: Any) -> None:
@@ -279,11 +273,11 @@ class Page:
                     with ui.row().classes("items-center").style("width:100%;gap:.4rem .8rem"):
                         plate = Plate(area, lambda *to: do(Goal(*to)), lambda *by: do(Push(*by)))
                         self.plate = plate.style("flex:99 1 18rem;min-width:0")
-                        self.sides = Sides().style("flex:1 1 16rem;min-width:0")
+                        self.sides = Sides(sides=SIDES).style("flex:1 1 16rem;min-width:0")
                     self._legend()
                 self._buttons()
                 with ui.card().style("width:100%;padding:.6rem;height:19rem"):
-                    self.strips = Strips().style("width:100%;height:100%")
+                    self.strips = Strips(strips=STRIPS).style("width:100%;height:100%")
             with ui.card().style("flex:1 1 20rem;gap:.35rem;padding:.8rem"):
                 self._choices()
         self._say(status)

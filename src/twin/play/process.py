@@ -14,7 +14,7 @@ from controllers import catalog
 from controllers.arrays import Array
 from twin.errors import TwinError
 from twin.jobs import SecondProcess, let_go, settle, undisturbed
-from twin.play.saving import Part, save_driven
+from twin.play.driven import Part, save_driven
 from twin.play.session import COLUMNS, End, Event, Session, Status, Told
 from twin.scenario.schema import Scenario
 from twin.view.live_process import SharedRingBuffer

@@ -8,7 +8,6 @@ import hmac
 import ipaddress
 import secrets
 import socket
-import webbrowser
 from collections.abc import Awaitable, Callable, MutableMapping
 from pathlib import Path
 from time import monotonic
@@ -333,11 +332,6 @@ def _bound(address: str, port: int) -> socket.socket:
             raise ViewError(f"--port {port}: {error.strerror}; choose another") from error
         raise ViewError(f"--address {address} --port {port}: {error.strerror or error}") from error
     return bound
-
-
-def open_browser(url: str) -> bool:
-    """Open the page in a browser window of this machine; whether there is one."""
-    return webbrowser.open(url)
 
 
 def folder_of(scenario: str) -> Path:

@@ -13,8 +13,17 @@ from typing import Any, NamedTuple
 from controllers.interfaces import Measurement
 from twin.data_file import read_toml
 from twin.errors import TwinError
-from twin.play.driven import LONGEST, Driven, DrivenRig, States
-from twin.play.saving import Part, Write, rows_of, save_driven, worth_keeping
+from twin.play.driven import (
+    LONGEST,
+    Driven,
+    DrivenRig,
+    Part,
+    States,
+    Write,
+    rows_of,
+    save_driven,
+    worth_keeping,
+)
 from twin.run.assemble import build_controller
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder

@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 from twin.data_file import read_toml
 from twin.page import Block, Code, Picture, Table, Text, Verdict
 from twin.page import html as html_of
-from twin.report.diagnosis import Diagnosis, spectrum
 from twin.report.numbers import differing, in_json, indicators, rows
-from twin.report.summary import summary, verdict
+from twin.report.summary import Diagnosis, spectrum, summary, verdict
 from twin.run.finished import Run, columns
 from twin.run.picture import MOST, drawn, picture, style
 

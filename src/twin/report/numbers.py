@@ -22,6 +22,7 @@ LABELS = {name: label for name, label in _ALL.items() if name not in TIMES}
 
 FIRST = (
     "tracking_error_percent", "rms_error", "overshoot_percent", "settling_time", "steady_error",
+    "late_percent",
 )  # fmt: skip
 """What is asked for first, of a reference that moves and of one that comes to rest."""
 
@@ -115,7 +116,7 @@ def _rows(
     found = []
     for key, (label, unit) in labels.items():
         values = [each.get(key) for each in summaries]
-        if any(value is not None for value in values):
+        if any(value or (value is not None and key != "late_percent") for value in values):
             texts = (
                 each["outcome"]
                 if value is None and each.get("outcome", "finished") != "finished"

@@ -24,6 +24,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.catalog import AnswerError, blamed, wrong_answer
 from controllers.controller import (
+    MEASURED,
     Controller,
     HeldLaw,
     PerRigLaw,
@@ -79,9 +80,15 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
     Equal laws, observers and references are made once and shared.
 
     Raises:
-        ScenarioError: If a law, observer or reference refuses its settings.
+        ScenarioError: If a law, observer or reference refuses its settings, or several are to be
+            measured.
     """
     period = scenarios[0].rig.period
+    if len(scenarios) > 1 and any(each.controller.computing_time == MEASURED for each in scenarios):
+        raise ScenarioError(
+            "controller.computing_time: 'measured' is for a run by itself, as rigs side by side "
+            "share their computer; give seconds"
+        )
     laws = _each(scenarios, law_of, build_law)
     observers = _each(scenarios, _observed, _observer)
     references = _each(scenarios, _referred, build_reference)
@@ -138,7 +145,8 @@ def _designed(cls: type, choice: str, ticks: int, model: BallPlate) -> Law:
     law: Law = _build("controller", chosen, model=model)
     if problem := wrong_answer(law):
         raise ScenarioError(problem)
-    return law if ticks == 1 else HeldLaw(law, ticks)
+    time = chosen.computing_time
+    return HeldLaw(law, ticks, time) if ticks > 1 or time else law
 
 
 def law_of(scenario: Scenario) -> tuple[str, BallPlate]:

@@ -10,6 +10,7 @@ N simulated rigs that run side by side, and of which any may begin again while o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,15 +24,16 @@ from twin.errors import ScenarioError, TwinError
 from twin.hal.supervisor import State
 from twin.run.assemble import agree, assemble, build_rig, law_of, own_errors, shared
 from twin.run.loop import RAN_AWAY, Ending, drive
-from twin.run.metrics import Metrics, Motion, measure
+from twin.run.metrics import Motion, measure, unjudged
 from twin.run.plants import (
+    OF_PLANTS,
     PLANTS,
     build_friction,
     build_plant,
     change_devices,
     change_transmission,
+    differ,
     mistaken,
-    rebuild_plant,
     without_error,
 )
 from twin.run.record import Recorder
@@ -73,7 +75,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
 
 
 @own_errors()
-def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metrics]:
+def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[dict[str, Any]]:
     """The indicators of each scenario, all of them alike.
 
     Args:
@@ -89,11 +91,15 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metri
     first = scenarios[0]
     rig, controller = assemble([scenarios[i] for i in order], threads=1)
     ticks = round(first.duration / first.rig.period)
+    late = [bool(scenario.controller.computing_time) for scenario in scenarios]
     record = Recorder(
         ticks,
         len(order),
         first.rig.period,
-        keep=("estimate", "measured", "applied") if seen else ("state", "applied"),
+        keep=(
+            *(("estimate", "measured", "applied") if seen else ("state", "applied")),
+            *(["computing"] if any(late) else ()),
+        ),
         every=SEEN_EVERY if seen else 1,
     )
     with np.errstate(all="ignore"):
@@ -108,10 +114,11 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metri
         at = order.index(index)
         outcome = outcomes[at]
         if outcome.ending is not Ending.FINISHED:
-            time, reason = outcome.time, outcome.reason
-            found.append(Metrics(outcome=outcome.ending, outcome_time=time, reason=reason))
+            found.append(unjudged(outcome))
             continue
         motion = Motion.of(record, desired[paths[at]], at, seen=seen)
+        if not late[index]:
+            motion = replace(motion, lateness=None)
         found.append(measure(motion, outcome, **dict(scenario.metrics)))
     return found
 
@@ -226,7 +233,8 @@ class Episodes:
         new, rig = [self.scenarios[each] for each in rigs], self._rig
         plant = rig.devices.plant
         old = [before[each] for each in rigs]
-        rebuild_plant(plant, rigs, old, self.scenarios)
+        if differ(OF_PLANTS, old, new):
+            PLANTS[new[0].plant.kind].rebuild(plant, rigs, self.scenarios)
         change_devices(rig.devices, before, self.scenarios, plant=False)
         change_transmission(rig, self._known, before, self.scenarios)
         begun = build_rig(new, SomeRigs(plant, rigs), mistaken(self._known, new))

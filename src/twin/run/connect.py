@@ -8,16 +8,21 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from can import BusABC
 
+from twin.devices.akd.bus import open_bus
+from twin.devices.akd.config import BusConfig
 from twin.devices.akd.servos import AkdServos
+from twin.devices.akd.traces import Hear, TracedBus
 from twin.devices.lumio.screen import LumioScreen
+from twin.devices.own import Direct, OwnConfig, OwnScreen, OwnServos, load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never
 from twin.devices.rig import HardwareRig
 from twin.devices.scheduling import real_time
 from twin.hal.cams import CamTable
 from twin.hal.interface import Limits, Transmission
 from twin.run.assemble import assemble, build_limits, own_errors
-from twin.scenario.rig import RigFile
+from twin.scenario.rig import RigFile, built
 from twin.scenario.schema import Scenario
 
 
@@ -28,6 +33,7 @@ def connect(
     reset: bool = False,
     transmission: Transmission | None = None,
     paused: Paused = never,
+    hear: Hear | None = None,
 ) -> HardwareRig:
     """The rig of a file, to run a scenario's controller on; nothing is opened yet.
 
@@ -37,21 +43,44 @@ def connect(
         reset: Whether faults found in the drives are reset when they are switched on.
         transmission: Of a virtual rig that has another; that of the rig file by default.
         paused: Tells how long this computer paused, for which a virtual rig's time stands still.
+        hear: Is given every frame on the bus of the drives; must not wait.
 
     Raises:
         TwinError: If the settings do not go together.
     """
-    period = scenario.rig.period
+    period, allowed = scenario.rig.period, rig.late_periods
+    limits = narrower(build_limits(scenario.rig.limits), build_limits(rig.limits))
+    common: dict[str, Any] = {
+        "limits": limits,
+        "home": (radians(rig.home_deg[0]), radians(rig.home_deg[1])),
+        "patience": rig.patience,
+        "reset": reset,
+        "relaxed": rig.relaxed(period),
+    }
+    if rig.backend is not None:
+        config = built(OwnConfig, rig.own)
+        hardware = load_backend(rig.backend, config)
+        own = OwnServos(hardware, config, limits, period)
+        return HardwareRig(
+            servos=own,
+            screen=OwnScreen(own),
+            clock=RealTimeClock(
+                period, allowed=allowed, spin=0.0, now=hardware.time, sleep=hardware.wait
+            ),
+            transmission=Direct(),
+            **common,
+        )
+
+    def opened(config: BusConfig) -> BusABC:
+        bus = open_bus(config)
+        return bus if hear is None else TracedBus(bus, hear)
+
     return HardwareRig(
-        servos=AkdServos(rig.servos(period)),
+        servos=AkdServos(rig.servos(period), opener=opened),
         screen=LumioScreen(rig.screen()),
-        clock=RealTimeClock(period, allowed=rig.late_periods, paused=paused),
+        clock=RealTimeClock(period, allowed=allowed, paused=paused),
         transmission=transmission or cams_of(rig),
-        limits=narrower(build_limits(scenario.rig.limits), build_limits(rig.limits)),
-        home=(radians(rig.home_deg[0]), radians(rig.home_deg[1])),
-        patience=rig.patience,
-        reset=reset,
-        relaxed=rig.relaxed(period),
+        **common,
     )
 
 
@@ -87,7 +116,7 @@ class ComputingTime(NamedTuple):
         Raises:
             TwinError: If the scenario cannot be assembled.
         """
-        rig, controller = assemble(scenario)
+        rig, controller = assemble(scenario.without_computing_time)
         times, ticks = LatencyHistogram(), round(seconds / rig.period)
         with own_errors(), real_time(), rig:
             measurement = rig.read()

@@ -151,14 +151,13 @@ class Run(Signals):
         if (laid := _laid(scenario, record, reference)) is not None:
             record.data["laid"] = laid[:, None]
         motion = Motion.of(record, desired, friction=always_friction(scenario))
-        found = measure(motion, outcome, **dict(scenario.metrics))
         columns = list(record.columns())
         run = cls(
             "run",
             scenario,
             {"time": record.time, **{column: values for column, _, values in columns}},
             {"time": "s", **{column: unit for column, unit, _ in columns}},
-            found.as_dict(),
+            measure(motion, outcome, **dict(scenario.metrics)),
             events=tuple(
                 {"time": time, "severity": str(note.condition.severity), "text": note.text}
                 for time, note in journal
@@ -269,6 +268,7 @@ class Run(Signals):
             u=applied,
             reference=self.followed(time)[0],
             held=held(time, state[:, 1::4]) if known else None,
+            lateness=self.rows.get("command_lateness"),
         )
 
 
@@ -305,7 +305,7 @@ def run(
         rig, controller = assemble(scenario)
         keeper = Keeper(rig, controller, scenario.duration)
     else:
-        controller = build_controller(scenario)
+        controller = build_controller(scenario.without_computing_time)
     period = scenario.rig.period
     ticks, knows = round(scenario.duration / period), controller.observer.knows
     record = Recorder(ticks, 1, period, rig.channels, knows)
@@ -411,7 +411,7 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in names}}
 
 
-_OPTIONAL = {"state", "age", "touched", "timing", "reference", "laid"}
+_OPTIONAL = {"state", "age", "touched", "timing", "computing", "reference", "laid"}
 NEEDED = (
     "time",
     *(name for key, each in CHANNELS.items() if key not in _OPTIONAL for name in each.columns),
@@ -476,8 +476,7 @@ def open_run(path: Path) -> list[Run]:
 
 def judged_as(run: Run, ended: Outcome) -> Run:
     """A run that nobody could judge when it ended, as one that ended so."""
-    metrics = measure(run.motion, ended, **dict(run.scenario.metrics))
-    return replace(run, metrics=metrics.as_dict())
+    return replace(run, metrics=measure(run.motion, ended, **dict(run.scenario.metrics)))
 
 
 def _check_rows(values: Mapping[str, Array], source: str) -> None:

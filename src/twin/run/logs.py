@@ -11,13 +11,13 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from controllers.arrays import Array
 from twin.errors import LogError
-from twin.hal.interface import SCREEN
+from twin.hal.interface import SCREEN, Transmission
 from twin.hal.supervisor import State
 from twin.run.files import is_record
 from twin.run.finished import Run, judged_as
@@ -25,6 +25,11 @@ from twin.run.loop import Ending, Outcome
 from twin.run.metrics import Motion
 from twin.run.record import CHANNELS, stored
 from twin.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from twin.devices.akd.config import AkdConfig
+    from twin.devices.akd.decoding import Conversation
+
 
 SCALES = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
@@ -209,6 +214,94 @@ def read_log(path: Path) -> dict[str, Array]:
     return rows
 
 
+TOUCH = {"time": "s", "measured_x": "m", "measured_y": "m"}
+"""Columns of a file of what a touch screen said."""
+GONE = 0.1
+"""Silence of a screen in s after which nothing touches it."""
+TRACED = {"motor_{}": "rad", "motor_{}_rate": "rad/s", "applied_{}_rate": "rad/s"}
+"""Columns of a trace, by axis, that a run does not have, and their units."""
+TRACE_UNITS = UNITS | {name.format(axis): unit for axis in AXES for name, unit in TRACED.items()}
+
+
+def log_of_trace(
+    said: Conversation, drives: AkdConfig, cams: Transmission, home: Array, touch: Path
+) -> dict[str, Array]:
+    """A log of a rig that any program drove, from a trace of its drives and what its screen said.
+
+    One row for each SYNC while both drives have torque: what encoders and screen had said by then,
+    and what is commanded with it. The plate stands at ``home`` in the first row.
+
+    Args:
+        said: The trace.
+        drives: Nodes, scales and signs.
+        cams: Plate angles to motor angles.
+        home: Plate angles (phi, theta) in rad, shape (2,).
+        touch: CSV file with ``time``, ``measured_x`` and ``measured_y``; its time is that of the
+            trace, or counts from the first frame.
+
+    Returns:
+        Columns, shape (K,) each; ``TRACE_UNITS`` has their units.
+
+    Raises:
+        LogError: If the trace or the file lacks what is needed.
+    """
+
+    def carried(index: int | None, *, commanded: bool = False) -> Array:
+        """What PDOs have carried before each SYNC, both axes side by side, shape (K, 2).
+
+        What a SYNC is answered with belongs to the next, what is commanded goes with its own.
+        """
+        both = []
+        side: Literal["left", "right"] = "right" if commanded else "left"
+        for axis in drives.axes:
+            key = axis.plate_object if index is None else (index, 0)
+            series = said.series.get((axis.node, key))
+            if series is None:
+                raise LogError(
+                    f"{said.called(axis.node)}: no PDO in the trace carries {key[0]:04X}h"
+                )
+            newest = np.searchsorted(series.time, sync, side) - 1
+            counts = np.unwrap(np.asarray(series.counts, float), period=2.0**32)
+            both.append(counts[np.maximum(newest, 0)] * said.scale(axis.node, key)[0])
+        return np.stack(both, axis=1)
+
+    sync = np.asarray(said.sync)
+    torque = np.flatnonzero((carried(0x6041).astype(int) & 0x6F == 0x27).all(axis=1))
+    if len(torque) < 2:
+        raise LogError("at no two SYNCs of the trace both drives have torque")
+    sync = sync[torque[0] : torque[-1] + 1]
+    plate, motor = carried(None), carried(0x6064)
+    plate += home - plate[0]
+    motor += cams.motor(home) - motor[0]
+    near = 1e-4 * np.eye(2)
+    slope = [(cams.motor(plate + each) - cams.motor(plate - each)) / 2e-4 for each in near]
+    rate = np.linalg.solve(np.stack(slope, axis=-1), carried(0x60FF, commanded=True)[..., None])[
+        ..., 0
+    ]
+    known = {
+        "measured_{}": plate,
+        "motor_{}": motor,
+        "motor_{}_rate": carried(0x606C),
+        "applied_{}_rate": rate,
+        "applied_{}_acc": np.diff(rate, axis=0, prepend=0) / np.median(np.diff(sync)),
+    }
+    rows = {
+        name.format(axis): of[:, k] for name, of in known.items() for k, axis in enumerate(AXES)
+    }
+    seen = read_csv(touch, TOUCH, tuple(TOUCH))
+    when = seen["time"]
+    if len(when) and abs(when[0] - said.begin) < abs(when[0]):
+        when = when - said.begin
+    newest = np.searchsorted(when, sync, side="right") - 1
+    age = sync - when[newest] if len(when) else np.full(len(sync), np.inf)
+    there = (newest >= 0) & (age < GONE)
+    if not there.any():
+        raise LogError(f"{touch.name}: says nothing of the time in which the drives have torque")
+    for name in tuple(TOUCH)[1:]:
+        rows[name] = np.where(there, seen[name][newest], np.nan)
+    return {"time": sync - sync[0], "age": np.where(there, age, 0.0), **rows}
+
+
 def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Run:
     """A log as a run.
 
@@ -297,5 +390,4 @@ def _require(names: list[str], needed: Sequence[str], source: str) -> None:
 def _filled(time: Array, values: Array, at: Array) -> Array:
     """Values at some times, with straight lines where there is none."""
     known = np.isfinite(values)
-    filled: Array = np.interp(at, time[known], values[known])
-    return filled
+    return np.interp(at, time[known], values[known])

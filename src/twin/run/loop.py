@@ -130,6 +130,7 @@ def passed(
     requested: Array,
     applied: Array,
     further: Array,
+    computing: Array | None = None,
 ) -> Measurement:
     """Record a control period whose rate is written, and wait for the next.
 
@@ -141,6 +142,7 @@ def passed(
         requested: Plate accelerations that were asked for, rad/s^2, shape (N, 2).
         applied: Those that came of it, shape (N, 2).
         further: What was estimated beyond the state, shape (N, k).
+        computing: How long the command is computed and how late it is, s, shape (N, 2).
 
     Returns:
         The measurement that begins the next.
@@ -156,6 +158,8 @@ def passed(
     }
     if recorder.further:
         channels["further"] = further
+    if computing is not None:
+        channels["computing"] = computing
     recorder.append(measurement.time, channels | rig.telemetry())
     rig.wait()
     return rig.read()
@@ -191,7 +195,7 @@ def drive(
     with rig:
         measurement = rig.read()
         controller.start(measurement)
-        if rig.in_real_time:
+        if rig.in_real_time or controller.timed:
             # a first command takes longer than a period: plans are laid, memory is touched
             controller.command(measurement)
             controller.start(measurement)
@@ -206,7 +210,7 @@ def drive(
                     keep(tick, measurement)
                 step = controller.command(measurement)
                 applied = controller.applied(rig.write(step.rate))
-                decided = (step.estimate, step.acceleration, applied, step.further)
+                decided = (step.estimate, step.acceleration, applied, *step[3:])
                 measurement = passed(rig, recorder, measurement, *decided)
                 if monitor.watch(measurement):
                     break

@@ -9,13 +9,13 @@ The units of the indicators of a run; nothing heavy is imported with them.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.run.indicators import LEFT
+from twin.run.indicators import LEFT, METRICS
 from twin.run.loop import Outcome
 from twin.run.record import Recorder
 
@@ -39,6 +39,8 @@ class Motion:
         u: Applied plate accelerations in rad/s^2, shape (K, 2).
         reference: Desired ball position in m, shape (K, 2).
         held: Where friction held the ball at rest, shape (K,); None where nobody knows.
+        lateness: By how much the applied command was late, s, shape (K,); None of a law that takes
+            no time.
     """
 
     time: Array
@@ -47,6 +49,7 @@ class Motion:
     u: Array
     reference: Array
     held: Mask | None = None
+    lateness: Array | None = None
 
     @classmethod
     def of(
@@ -77,6 +80,7 @@ class Motion:
             u=record["applied"][:, rig].copy(),
             reference=desired,
             held=held(record.time, state[:, 1::4]) if known and friction else None,
+            lateness=record["computing"][:, rig, 1] if "computing" in record.data else None,
         )
 
     @property
@@ -85,59 +89,9 @@ class Motion:
         return self.reference - self.ball
 
 
-@dataclass(frozen=True, kw_only=True)
-class Metrics:
-    """Indicators of one run; None where one does not apply or the run ended before.
-
-    Attributes:
-        outcome: How the run ended.
-        outcome_time: When it ended, s.
-        reason: Why, in words; empty for a finished run.
-        tracking_error_percent: e_tt of (C.7) in %, both axes, from ``metrics.start`` on.
-        rms_error: Root mean square error on x over the whole run, m.
-        mean_error: Mean absolute error on x over the whole run, m, (C.4).
-        max_steady_error: Largest absolute error on x from ``metrics.start`` on, m; None where that
-            is the beginning.
-        rms_distance: Root mean square distance from the reference, both axes, from
-            ``metrics.start`` on, m.
-        overshoot_percent: Largest passing of a constant goal, in % of the way to it, on x.
-        settling_time: Time from which the ball stays in the band about a constant goal, s, on x.
-        steady_error: Absolute error on x at the end, m, for a constant goal.
-        phi_max_deg: Largest plate angle |phi|, deg.
-        theta_max_deg: Largest plate angle |theta|, deg.
-        u1_max: Largest applied |phi''|, rad/s^2.
-        u2_max: Largest applied |theta''|, rad/s^2.
-        u_rms: Root mean square of both applied plate accelerations, rad/s^2.
-    """
-
-    outcome: str
-    outcome_time: float
-    reason: str = ""
-    tracking_error_percent: float | None = None
-    rms_error: float | None = None
-    mean_error: float | None = None
-    max_steady_error: float | None = None
-    rms_distance: float | None = None
-    overshoot_percent: float | None = None
-    settling_time: float | None = None
-    steady_error: float | None = None
-    phi_max_deg: float | None = None
-    theta_max_deg: float | None = None
-    u1_max: float | None = None
-    u2_max: float | None = None
-    u_rms: float | None = None
-
-    def as_dict(self) -> dict[str, Any]:
-        """All indicators by name; None for one that is no finite number."""
-        return {
-            name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in asdict(self).items()
-        }
-
-
 def measure(
     motion: Motion, outcome: Outcome, *, start: float = 0.0, band_percent: float = 5.0
-) -> Metrics:
+) -> dict[str, Any]:
     """Judge one rig's motion.
 
     Args:
@@ -145,14 +99,18 @@ def measure(
         outcome: How it ended.
         start: Time in s from which steady tracking is judged.
         band_percent: Settling band in % of the way to a constant goal.
+
+    Returns:
+        The indicators by name, as of ``unjudged``. Of the whole run, on x: ``rms_error``,
+        ``mean_error`` (C.4). From ``start`` on: ``tracking_error_percent``, e_tt of (C.7) in %, and
+        ``rms_distance``, of both axes; ``max_steady_error`` on x, None where that is the beginning.
+        For a constant goal, on x: ``overshoot_percent`` of the way to it, ``settling_time`` from
+        which on the ball stays in the band, ``steady_error`` at the end. Of the plate: its largest
+        angles, its largest applied accelerations ``u1_max`` and ``u2_max``, and their RMS.
     """
-    ended: dict[str, Any] = {
-        "outcome": outcome.ending.value,
-        "outcome_time": float(outcome.time),
-        "reason": outcome.reason,
-    }
+    judged = unjudged(outcome)
     if len(motion.time) == 0:
-        return Metrics(**ended)
+        return judged
     before = motion.time <= outcome.time + 1e-9  # what a stopped rig does then is no tracking
     error = motion.error
     steady = (motion.time >= start - 1e-9) & before
@@ -163,8 +121,10 @@ def measure(
         "u2_max": float(np.abs(motion.u[:, 1]).max()),
         "u_rms": _rms(motion.u),
     }
+    if motion.lateness is not None:
+        found["late_percent"] = 100 * float((motion.lateness > 0).mean())
     if outcome.ending.value in LEFT:
-        return Metrics(**ended, **found)
+        return judged | _finite(found)
     along = error[before, 0]
     found |= {"rms_error": _rms(along), "mean_error": float(np.abs(along).mean())}
     if steady.any():
@@ -173,7 +133,18 @@ def measure(
             found["max_steady_error"] = float(np.abs(error[steady, 0]).max())
         found["rms_distance"] = float(np.sqrt((error[steady] ** 2).sum(axis=-1).mean()))
     found |= _approach(motion, band_percent)
-    return Metrics(**ended, **found)
+    return judged | _finite(found)
+
+
+def unjudged(outcome: Outcome) -> dict[str, Any]:
+    """How a run ended, when in s, and why in words; all its indicators None: they do not apply."""
+    ended = {"outcome": outcome.ending.value, "outcome_time": float(outcome.time)}
+    return ended | {"reason": outcome.reason} | dict.fromkeys(METRICS)
+
+
+def _finite(found: dict[str, Any]) -> dict[str, Any]:
+    """Numbers, and None for one that is not finite."""
+    return {name: value for name, value in found.items() if value is None or math.isfinite(value)}
 
 
 def held(time: Array, velocity: Array) -> Mask:

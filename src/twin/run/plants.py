@@ -55,27 +55,8 @@ def mistaken(known: Transmission, scenarios: Sequence[Scenario]) -> Transmission
     return WrongTransmission(known, error) if error.any else known
 
 
-def rebuild_plant(
-    plant: Plant,
-    rigs: NDArray[np.integer],
-    before: Sequence[Scenario],
-    scenarios: Sequence[Scenario],
-) -> None:
-    """Let some rigs of a running plant be others; they must then be put to their start.
-
-    Args:
-        plant: N rigs.
-        rigs: Numbers of those that become others, shape (k,).
-        before: What their scenarios said until now, k of them.
-        scenarios: What the scenarios of all N rigs say from now on.
-
-    Raises:
-        ModelError: If a number is out of range.
-    """
-    fresh = [scenarios[rig] for rig in rigs]
-    if not differ((Friction, SurfaceModel, Parts), before, fresh):
-        return
-    PLANTS[scenarios[0].plant.kind].rebuild(plant, rigs, scenarios)
+OF_PLANTS = (Friction, SurfaceModel, Parts)
+"""Dataclasses of what plants are made of."""
 
 
 def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scenario]) -> bool:
@@ -281,7 +262,7 @@ def change_devices(
     Raises:
         ModelError: If a number is out of range.
     """
-    if plant and differ((Friction, SurfaceModel, Parts), old, new):
+    if plant and differ(OF_PLANTS, old, new):
         PLANTS[new[0].plant.kind].change(devices.plant, new)
     devices.change(
         touch=replace(filled(TouchModel, new), **touch or {})

@@ -52,6 +52,8 @@ CHANNELS = {
     for name, columns in read_toml(Path(__file__).with_name("channels.toml")).items()
 }
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
+``computing`` of those whose law has a computing time: that of a command that was begun, else NaN,
+and how much older the measurement behind what is applied is than the law's period explains;
 ``reference`` of those whose reference is not part of this program, ``laid`` where the law laid
 another path because the plate cannot give it: of these times, else NaN."""
 
@@ -368,8 +370,7 @@ def read_beside(file: Path, name: str) -> bytes | None:
         schema = stored(file).schema if streamed else pq.read_schema(file)
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{file}: not a readable record") from error
-    found: bytes | None = (schema.metadata or {}).get(name.encode())
-    return found
+    return (schema.metadata or {}).get(name.encode())
 
 
 def _numbers(column: pa.ChunkedArray) -> Array:

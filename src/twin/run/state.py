@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
@@ -49,17 +49,6 @@ class SnapshotError(TwinError, ValueError):
     """A snapshot cannot be taken or restored."""
 
 
-@runtime_checkable
-class Stateful(Protocol):
-    """What says itself what its state is."""
-
-    def saved_state(self) -> dict[str, Any]:
-        """Its state as arrays, numbers and texts by name."""
-
-    def restore_state(self, state: dict[str, Any]) -> None:
-        """Go on from a state."""
-
-
 def saved(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kind
     """The node of a value; ``LEFT_OUT`` of one that cannot change or has been saved already."""
     if isinstance(thing, np.ndarray):
@@ -78,7 +67,7 @@ def saved(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kind
     if _constant(thing) or id(thing) in seen:
         return LEFT_OUT
     seen.add(id(thing))
-    if isinstance(thing, Stateful):
+    if hasattr(thing, "saved_state"):  # it says itself what its state is
         return {"own": [type(thing).__name__, saved(thing.saved_state(), seen)]}
     nodes = {name: saved(value, seen) for name, value in vars(thing).items()}
     kept = [

@@ -16,7 +16,8 @@ from twin.devices.akd import conditions as akd
 from twin.emulator.can_faults import Frame, Towards
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import ScreenFault
-from twin.hal.interface import Limits, Transmission
+from twin.hal.cams import FixedRatio
+from twin.hal.interface import Limits
 from twin.safety.case import Act
 from twin.safety.causes import OF_DRIVES, OF_RIG
 from twin.safety.limits import BEYOND
@@ -83,18 +84,9 @@ def another_command(rig: LockstepRig, rate: float) -> None:
     rig.lockstep.bus.beside.append((Frame(_RPDO1 + 1, turn), 0.0005))
 
 
-class _Broken:
-    """Cams that give no number."""
-
-    def motor(self, plate: Array) -> Array:
-        """No angles."""
-        return np.full_like(plate, np.nan)
-
-
 def break_cams(rig: LockstepRig) -> None:
     """The cams give no number."""
-    broken: Transmission = _Broken()
-    rig.replace_transmission(broken)
+    rig.replace_transmission(FixedRatio(math.nan))
 
 
 def ask(rig: LockstepRig, phi: float, theta: float) -> None:
@@ -201,8 +193,7 @@ def turns(rig: LockstepRig) -> bool:
 
 def _ball(rig: LockstepRig) -> Array:
     """Position of the ball along x and y, m."""
-    found: Array = rig.plant.devices.state[0, 0::4]
-    return found
+    return rig.plant.devices.state[0, 0::4]
 
 
 def _once(rig: LockstepRig, there: Callable[[LockstepRig], bool], act: Act) -> None:

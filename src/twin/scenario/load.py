@@ -9,7 +9,6 @@ import copy
 import json
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -19,7 +18,7 @@ from twin.data_file import DEEPEST, DataError, parse_toml
 from twin.errors import ScenarioError, nearest, shortened
 from twin.scenario import changing
 from twin.scenario.schema import KINDS, TABLES, Scenario, choices, settings_model, without_ball
-from twin.shipped import find
+from twin.shipped import chosen, find, shipped_in
 from twin.validation import Model, keys_of, one_line, read_tables
 
 
@@ -28,7 +27,7 @@ def clean(scenario: Scenario) -> Scenario:
 
     Nothing a scenario may say of its rig is left but the ball that the designer knows, where it
     starts, control period and limits: no friction, tilt or mechanism, no dead time, quantisation or
-    noise, and no predictor, which has nothing to predict.
+    noise, no computing time, and no predictor, which has nothing to predict.
     """
     known = scenario.designed_on
     none = (0.0, 0.0)
@@ -50,7 +49,8 @@ def clean(scenario: Scenario) -> Scenario:
         "disturbance": {"variance": none},
     }
     tables = {name: TABLES[name].model_validate(table) for name, table in said.items()}
-    return scenario.model_copy(update={**tables, "predictor": None, "change": ()})
+    prompt = scenario.without_computing_time
+    return prompt.model_copy(update={**tables, "predictor": None, "change": ()})
 
 
 Tables = dict[str, Any]
@@ -59,8 +59,8 @@ Tables = dict[str, Any]
 def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
     """The scenario of a shipped name or a TOML file, with ``key=value`` overrides.
 
-    A key ``parameters`` names a file of identified parameters, which lie over the scenario's own
-    keys and under the overrides.
+    A key ``parameters`` names a shipped rig, or a file of identified parameters; they lie over the
+    scenario's own keys and under the overrides.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
@@ -79,7 +79,11 @@ def resolved(
     merged = put(tables, settings)
     file = merged.pop("parameters", None)
     if file is not None:
-        merged = put(laid_over(tables, _parameters(file, source)), settings)
+        if not isinstance(file, str):
+            raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
+        path = chosen("rig", file, shipped_in("rigs"))
+        more = read_tables(path, f"{source}: parameters: {file}")
+        merged = put(laid_over(tables, more), settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
     return _judged_in_time(tables, merged, settings), source
@@ -113,17 +117,6 @@ def read(name: str) -> tuple[Tables, str]:
     return read_tables(path, str(path)), path.name
 
 
-def _parameters(file: Any, source: str) -> Tables:
-    """The tables of a parameter file.
-
-    Raises:
-        ScenarioError: If it cannot be read.
-    """
-    if not isinstance(file, str):
-        raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
-    return read_tables(Path(file), f"{source}: parameters: {file}")
-
-
 def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
     """Tables with those of more tables put in, key by key.
 
@@ -146,12 +139,13 @@ def setting(text: str) -> tuple[str, Any]:
     Raises:
         ScenarioError: If it is not of the form ``key=value``.
     """
-    key, equals, value = text.partition("=")
-    key = key.strip()
+    key, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not all(key.split(".")):
         raise ScenarioError(f"override '{shortened(text)}': write key=value, as in duration=10")
     try:
-        return key, _toml_value(value.strip())
+        return key, parse_toml(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value
     except DataError as error:
         raise ScenarioError(f"override '{shortened(key)}': {error}") from None
 
@@ -277,10 +271,3 @@ def every_key() -> list[str]:
         for cls in choices(table).values():
             found += [f"{table}.{name}" for name in settings_model(cls).model_fields]
     return list(dict.fromkeys(found))
-
-
-def _toml_value(text: str) -> Any:
-    try:
-        return parse_toml(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text

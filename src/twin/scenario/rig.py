@@ -5,17 +5,18 @@ from __future__ import annotations
 import typing
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
 from twin.devices.lumio.calibration import CalibrationError, read_calibration
 from twin.devices.lumio.config import LumioConfig
 from twin.devices.nets import wider
+from twin.devices.own import OwnConfig
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
-from twin.scenario.schema import RigLimitsTable, Section, dataclass_of, model_of
+from twin.scenario.schema import CAMS_DEG, RigLimitsTable, Section, dataclass_of, model_of
 from twin.validation import read_tables
 
 Settings = TypeVar("Settings")
@@ -35,6 +36,7 @@ def built(cls: type[Settings], model: BaseModel, **more: Any) -> Settings:
 BusTable = model_of(BusConfig)
 DrivesTable = model_of(AkdConfig, {"bus", "axes", "period"})
 AxisTable = model_of(AxisConfig, {"name"})
+OwnTable = model_of(OwnConfig)
 
 
 class TouchScreenTable(model_of(LumioConfig)):  # type: ignore[misc]
@@ -52,6 +54,8 @@ LATE_PERIODS = 25
 class RigFile(Section):
     """One real rig.
 
+    ``backend``: file and class of hardware of one's own, in place of drives and touch screen.
+    ``own``: what it is made with, and the thresholds that watch over it.
     ``home_deg``: plate angles (phi, theta) at which it stands when switched on.
     ``cams``: file of its cam table; that of the model if it is not given.
     ``late_periods``: missed periods, not made up for by others in time, that level the plate.
@@ -69,7 +73,30 @@ class RigFile(Section):
     drives: DrivesTable = DrivesTable()  # type: ignore[valid-type]
     phi: AxisTable = AxisTable(node=1)  # type: ignore[valid-type]
     theta: AxisTable = AxisTable(node=2)  # type: ignore[valid-type]
-    touch: TouchScreenTable
+    touch: TouchScreenTable | None = None
+    backend: str | None = None
+    own: OwnTable = OwnTable()  # type: ignore[valid-type]
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        """Drives and a touch screen, or a backend."""
+        wired = {"bus", "drives", "phi", "theta", "touch", "cams"} & self.model_fields_set
+        if self.backend is None and self.touch is None:
+            raise ValueError("touch is missing: a rig has a touch screen, or a backend")
+        if self.backend is None and self.limits.angle_deg > CAMS_DEG:
+            raise ValueError(f"limits.angle_deg: the cams reach {CAMS_DEG:g}")
+        if self.backend is None and "own" in self.model_fields_set:
+            raise ValueError("own is for hardware of one's own; it needs backend = 'FILE.py:CLASS'")
+        if self.backend is not None and wired:
+            raise ValueError(f"{', '.join(sorted(wired))}: a rig with a backend has none of these")
+        return self
+
+    def _on_the_wire(self) -> None:
+        if self.backend is not None:
+            raise ScenarioError(
+                f"{self.title}: this is for drives and touch screens of the twin's own kinds; this "
+                f"rig has a backend, {Path(self.backend).name}"
+            )
 
     def servos(self, period: float) -> AkdConfig:
         """The drives' settings, for a control period in s.
@@ -77,6 +104,7 @@ class RigFile(Section):
         Raises:
             TwinError: If they do not go together.
         """
+        self._on_the_wire()
         axes = (
             built(AxisConfig, self.phi, name="phi"),
             built(AxisConfig, self.theta, name="theta"),
@@ -91,6 +119,8 @@ class RigFile(Section):
         Raises:
             TwinError: If they do not go together.
         """
+        self._on_the_wire()
+        assert self.touch is not None
         if None not in (self.touch.calibration, self.touch.calibration_file):
             raise ScenarioError("touch: calibration or calibration_file; both cannot hold")
         return built(LumioConfig, self.touch)
@@ -102,7 +132,7 @@ class RigFile(Section):
             TwinError: If they do not go together, or the file of its calibration cannot be read.
         """
         known = self.uncalibrated_screen()
-        if self.touch.calibration_file is None:
+        if self.touch is None or self.touch.calibration_file is None:
             return known
         try:
             calibration, _ = read_calibration(Path(self.touch.calibration_file))
@@ -116,7 +146,10 @@ class RigFile(Section):
         Raises:
             TwinError: If the drives' settings do not go together.
         """
-        found = [*self.servos(period).relaxed, *self.uncalibrated_screen().relaxed]
+        if self.backend is None:
+            found = [*self.servos(period).relaxed, *self.uncalibrated_screen().relaxed]
+        else:
+            found = list(built(OwnConfig, self.own).relaxed)
         if self.late_periods > LATE_PERIODS:
             found.append(f"late_periods = {self.late_periods} (default {LATE_PERIODS})")
         for name, default in RigLimitsTable():
@@ -132,7 +165,10 @@ def read_rig(file: Path) -> RigFile:
     Raises:
         TwinError: If it cannot be read, or anything in it is unknown or out of range.
     """
-    return check_rig(read_tables(file, f"--rig {file}"), file.name)
+    tables = read_tables(file, f"--rig {file}")
+    if isinstance(named := tables.get("backend"), str):
+        tables["backend"] = str(file.parent / named)
+    return check_rig(tables, file.name)
 
 
 def check_rig(tables: Tables, source: str) -> RigFile:
@@ -142,5 +178,8 @@ def check_rig(tables: Tables, source: str) -> RigFile:
         TwinError: If anything in them is unknown or out of range.
     """
     rig = validated(RigFile, tables, source)
-    rig.servos(0.002), rig.uncalibrated_screen()
+    if rig.backend is None:
+        rig.servos(0.002), rig.uncalibrated_screen()
+    else:
+        built(OwnConfig, rig.own)
     return rig

@@ -192,6 +192,8 @@ def _known(kind: str) -> str:
     return kind
 
 
+CAMS_DEG = 10.0
+"""How far the cams tilt the plate either way, deg; thesis chapter 3."""
 LEAST_ROLLING_MM = 0.01
 """The smallest arm of rolling resistance the engine can simulate, in mm."""
 
@@ -464,6 +466,10 @@ class ControllerChoice(Choice):
     period: Positive | None = None
     """Control period of the law in s, a multiple of rig.period: its command is held between; that
     of the rig if none is given."""
+    computing_time: NotNegative | Literal["measured"] = 0.0
+    """How long a command is computed in s, or "measured" for what it takes on this computer: what
+    takes longer than rig.period is applied so many periods later, the one before held meanwhile. A
+    real rig's time passes by itself: there it means nothing."""
     model: KnownBall = KnownBall()
 
 
@@ -530,6 +536,8 @@ class Scenario(Section):
             yield problem
         if self.plant.kind == "lagrange" and self.rig.cams != "table":
             yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
+        if self.plant.kind == "mujoco" and self.rig.limits.angle_deg > CAMS_DEG:
+            yield f"rig.limits.angle_deg: the cams reach {CAMS_DEG:g}; set plant.kind=lagrange"
         if self.metrics.start >= self.duration:
             yield (
                 f"metrics.start: {self.metrics.start:g} s is not before the end at "
@@ -554,6 +562,12 @@ class Scenario(Section):
         """Control periods of the rig in one of the law's."""
         ticks = round((self.controller.period or 0.0) / float(self.rig.period))
         return max(1, ticks)
+
+    @property
+    def without_computing_time(self) -> Scenario:
+        """The same with a law that computes in no time, or whose time passes by itself."""
+        controller = self.controller.model_copy(update={"computing_time": 0.0})
+        return self.model_copy(update={"controller": controller})
 
 
 KINDS: dict[str, type[Law] | type[Observer] | type[Reference]] = {

@@ -116,7 +116,7 @@ def headings(values: Sequence[Any]) -> list[str]:
 
 def written(value: Any) -> str:
     """A value as TOML has it in a line; a text without its quotes."""
-    return value.strip() if isinstance(value, str) else _inline(value)
+    return value.strip() if isinstance(value, str) else inline(value)
 
 
 def _parsed(text: str) -> tuple[str, list[Any]]:
@@ -133,10 +133,6 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     except DataError as error:
         raise ScenarioError(f"--vary '{key[:200]}': {error}") from None
     setting(f"{key}=0")  # the key is one
-    if listed == []:
-        raise ScenarioError(
-            f"--vary '{key[:200]}': needs at least one value, as in {key[:200]}=[1]"
-        )
     return key, listed if isinstance(listed, list) else [listed]
 
 
@@ -163,10 +159,11 @@ def _heading(value: Any, *, alone: bool) -> str:
     return " ".join(filter(None, (kind, ", ".join(settings)))) or "{}"
 
 
-def _inline(value: Any) -> str:
+def inline(value: Any) -> str:
+    """A value as TOML has it in a line."""
     if isinstance(value, Mapping):
-        inner = ", ".join(f"{key}={_inline(item)}" for key, item in value.items())
+        inner = ", ".join(f"{key}={inline(item)}" for key, item in value.items())
         return f"{{{inner}}}"
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_inline, value))}]"
+        return f"[{', '.join(map(inline, value))}]"
     return json.dumps(value, ensure_ascii=False, default=str)

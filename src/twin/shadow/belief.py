@@ -44,6 +44,8 @@ CONSTANT, CHANGING, STOPPING, DRIFT = (
 to the next while the ball rolls, and where it stops; of what changes in minutes: rolling relative,
 else SI."""
 
+CAUSES: dict[str, dict[str, float]] = TABLES["causes"]
+"""What each may change, by how much (standard deviation, rolling friction relative, else SI)."""
 UNEVEN_DELAY, UNEVEN_GAIN = 0.05, 0.15
 """Seconds by which the dead time, and share by which the tilt gain, seem others on a screen as
 uneven as its friction is large: the drives answer what it does to the ball, a dead time later."""
@@ -67,6 +69,7 @@ class Belief:
         screen: Variance of a sample along x and y in m^2, shape (2,).
         encoders: Variance of a reading of phi and theta in rad^2, shape (2,).
         disturbance: Variance of a period's acceleration of the plate, (rad/s^2)^2, shape (2,).
+        unit: What ``CONSTANT`` and the sizes of causes are multiples of, shape (P,).
         constant: Standard deviations of ``PARAMETERS`` over a whole log, shape (P,).
         changing: The same from window to window, while the ball rolls and where it stops,
             shape (2, P).
@@ -89,6 +92,7 @@ class Belief:
     screen: Array
     encoders: Array
     disturbance: Array
+    unit: Array
     constant: Array
     changing: Array
     uneven: Array
@@ -161,6 +165,7 @@ class Belief:
             screen=_pair(touch.variance) + pitch**2 / 12,
             encoders=_pair(encoders.variance) + count**2 / 12,
             disturbance=_pair(drives.disturbance),
+            unit=scale,
             constant=scale * np.array([CONSTANT[name] for name in PARAMETERS]),
             changing=scale * np.hypot(windows, uneven),
             uneven=scale * uneven,
@@ -172,10 +177,11 @@ class Belief:
         )
 
     @property
-    def unit(self) -> Array:
-        """What ``CONSTANT`` and the sizes of causes are multiples of, shape (P,)."""
-        rolling = self.values["rolling"]
-        return np.array([rolling if name == "rolling" else 1.0 for name in PARAMETERS])
+    def changes(self) -> Array:
+        """Covariance of what each cause changes, shape (H, P, P)."""
+        sizes = np.array([[sizes.get(p, 0.0) for p in PARAMETERS] for sizes in CAUSES.values()])
+        variances = (self.unit * sizes) ** 2
+        return np.asarray(variances[..., None] * np.eye(len(PARAMETERS)))
 
     @property
     def braking(self) -> float:

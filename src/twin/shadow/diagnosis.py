@@ -6,21 +6,92 @@ much is therefore expanded again where it puts the parameters, until both agree 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from scipy.special import log_ndtr
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.windows import Windows
-from twin.shadow.ball import ball_evidence
-from twin.shadow.belief import BALL, PARAMETERS, Belief
-from twin.shadow.causes import CAUSES, Cause, changes, in_words, likely, one_sided, words_of
+from twin.shadow.belief import BALL, CAUSES, PARAMETERS, TABLES, Belief
 from twin.shadow.evidence import Evidence, log_evidence, posterior
-from twin.shadow.monitor import LATE_THRESHOLD, Before, baseline, onset
+from twin.shadow.monitor import Before
+from twin.shadow.motion import GAPS, ball_evidence
+
+LEAST = 0.05
+"""Probability below which a cause counts as ruled out."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A hypothesis and how probable it is, all of them being equally likely beforehand.
+
+    Attributes:
+        name: What has changed.
+        probability: 0 to 1.
+        change: By how much, in words.
+    """
+
+    name: str
+    probability: float
+    change: str
+
+
+def likely(causes: Sequence[Cause]) -> list[Cause]:
+    """Those that cannot be ruled out; of more than one it is not told which it is."""
+    return [each for each in causes if each.probability >= LEAST]
+
+
+def in_words(causes: Sequence[Cause]) -> str:
+    """What has changed, or between what the log does not tell."""
+    left = likely(causes)
+    if len(left) == 1:
+        return f"{left[0].name} ({left[0].change})"
+    names = [f"{each.name} ({each.change}; {100 * each.probability:.0f} %)" for each in left]
+    return f"not told apart: {', '.join(names[:-1])} or {names[-1]}"
+
+
+def words_of(name: str, moved: Array, belief: Belief) -> str:
+    """The size of a change in words.
+
+    Args:
+        name: Of the cause.
+        moved: Change of the parameters, shape (P,).
+        belief: What held before.
+    """
+    at = {p: float(moved[PARAMETERS.index(p)]) for p in CAUSES[name]}
+    if name == "lost motion":
+        gap = sum(share * width for share, width in zip(at.values(), GAPS, strict=True))
+        return f"{np.degrees(gap):+.2f} deg"
+    parts = [
+        _in_words(p, v / belief.values["rolling"] if p == "rolling" else v) for p, v in at.items()
+    ]
+    if name == "another ball":
+        return f"tilt gain {parts[0]}, rolling friction {parts[1]}"
+    return ", ".join(parts)
+
+
+def _in_words(parameter: str, value: float) -> str:
+    """A change of a parameter in words, that of the rolling friction as a share."""
+    about = TABLES["parameters"][parameter]
+    size = np.exp(value) if parameter == "noise" else about["factor"] * value
+    text: str = about["words"].format(size)
+    return text
+
+
+def one_sided(belief: Belief) -> list[str]:
+    """Parameters that can only have grown, since they are believed to be at their least."""
+    least = {
+        "breakaway": belief.values["breakaway"] <= 1,
+        "lag": belief.lag <= 0,
+        "narrow_play": belief.play <= 0,
+        "wide_play": belief.play <= 0,
+    }
+    return [name for name, there in least.items() if there]
+
 
 ROUNDS = 3
 """How often a cause is expanded again,"""
@@ -30,21 +101,6 @@ HOPELESS = 20.0
 """and how much less likely than the best, as a logarithm, is then not worth a further time."""
 MOVED = tuple(name for name, sizes in CAUSES.items() if set(sizes) <= set(BALL))
 """Causes that change the ball's motion."""
-
-
-@dataclass(frozen=True)
-class Suspicion:
-    """The part of a log that an alarm is about.
-
-    Attributes:
-        windows: In which the ball moves; None if there are none.
-        ball: Evidence of them around the belief, not softened.
-        other: That of the plate and the screen, not softened.
-    """
-
-    windows: Windows | None
-    ball: Evidence | None
-    other: Evidence
 
 
 @dataclass(frozen=True)
@@ -61,18 +117,15 @@ class _Hypothesis:
 
     name: str
     prior: Array
-    ball: Evidence | None
+    ball: Evidence
     other: Evidence
     at: Array
 
     def sums(self) -> tuple[Array, Array, float]:
         """A, b and height about ``at``."""
         A, b = _sums(self.other)  # noqa: N806
-        b = b - A @ self.at
-        if self.ball is None:
-            return A, b, 0.0
         more, slope = _sums(self.ball)
-        return A + more, b + slope, float(self.ball.height.sum())
+        return A + more, b - A @ self.at + slope, float(self.ball.height.sum())
 
     def moved(self, before: Before) -> Array:
         """The most probable deviation from the belief, shape (P,)."""
@@ -93,28 +146,33 @@ class _Hypothesis:
         return total
 
 
-def weigh(found: Suspicion, before: Before, belief: Belief) -> list[Cause]:
+def weigh(
+    ball: Evidence, windows: Windows | None, other: Evidence, before: Before, belief: Belief
+) -> list[Cause]:
     """The causes of what is in a part of a log, the most probable first.
 
     Args:
-        found: The part of the log.
+        ball: Windows in which the ball moves, expanded around the belief, not softened.
+        windows: The same, as they are replayed; None if there are none.
+        other: Evidence of plate and screen, not softened.
         before: How far the twin was off before it.
         belief: The twin.
     """
-    expanded = {} if found.ball is None else dict.fromkeys(CAUSES, found.ball)
+    expanded = dict.fromkeys(CAUSES, ball)
     nowhere: Array = np.zeros(len(PARAMETERS))
     at = dict.fromkeys(CAUSES, nowhere)
-    hypotheses = _hypotheses(found, expanded, at, before, belief)
-    for number in range(ROUNDS if found.windows is not None else 0):
-        assert found.windows is not None
+    soft = other.softened(belief.changing)
+    hypotheses = _hypotheses(soft, expanded, at, before, belief)
+    for number in range(0 if windows is None else ROUNDS):
+        assert windows is not None
         logs = np.array([each.log(before, belief) for each in hypotheses])
         for hypothesis, log in zip(hypotheses, logs, strict=True):
             hopeless = log <= logs.max() - HOPELESS and number >= SETTLED
             if hypothesis.name in MOVED and not hopeless:
                 theta = _bounded(belief, hypothesis.moved(before))
-                expanded[hypothesis.name] = ball_evidence(found.windows, belief, theta)
+                expanded[hypothesis.name] = ball_evidence(windows, belief, theta)
                 at[hypothesis.name] = _deviation(belief, theta)
-        hypotheses = _hypotheses(found, expanded, at, before, belief)
+        hypotheses = _hypotheses(soft, expanded, at, before, belief)
     logs = np.array([each.log(before, belief) for each in hypotheses])
     weights: Array = np.exp(logs - logs.max())
     weights /= weights.sum()
@@ -126,7 +184,7 @@ def weigh(found: Suspicion, before: Before, belief: Belief) -> list[Cause]:
 
 
 def _hypotheses(
-    found: Suspicion,
+    soft: Evidence,
     expanded: Mapping[str, Evidence],
     at: Mapping[str, Array],
     before: Before,
@@ -135,20 +193,19 @@ def _hypotheses(
     """The hypotheses, each with its evidence expanded where it puts the parameters.
 
     Args:
-        found: The part of the log.
+        soft: Evidence of plate and screen, softened.
         expanded: Evidence of the ball by cause, not softened.
         at: Where, by cause, each shape (P,).
         before: How far the twin was off before.
         belief: The twin.
     """
-    other = found.other.softened(belief.changing)
-    balls: dict[str, Evidence] = {}
-    if expanded:  # noise as large for every cause as the best of them leaves
-        left = np.min([each.dispersion for each in expanded.values()], axis=0)
-        balls = {k: ball.tempered(left).softened(belief.changing) for k, ball in expanded.items()}
+    # noise as large for every cause as the best of them leaves
+    left = np.min([each.dispersion for each in expanded.values()], axis=0)
+    balls = [each.tempered(left).softened(belief.changing) for each in expanded.values()]
+    priors = before.covariance + belief.changes
     return [
-        _Hypothesis(name, prior, balls.get(name), other, at[name])
-        for name, prior in zip(CAUSES, before.covariance + changes(belief), strict=True)
+        _Hypothesis(name, prior, ball, soft, at[name])
+        for name, prior, ball in zip(CAUSES, priors, balls, strict=True)
     ]
 
 
@@ -172,12 +229,6 @@ def _deviation(belief: Belief, theta: Array) -> Array:
 
 THRESHOLD = 12.0
 """Log-likelihood ratio of any cause at which an alarm is raised; the dead time has its own."""
-SETTLING = 15.0
-"""Seconds after an alarm that are looked at for its cause."""
-STRADDLING = 2.0
-"""Seconds after the most likely time of a change in which it may still lie,"""
-ENOUGH = 2
-"""which are left out where at least so many windows come after."""
 
 
 @dataclass(frozen=True)
@@ -203,79 +254,13 @@ class Alarm:
             "since": self.since,
             "log_likelihood_ratio": self.ratio,
             "words": self.words,
-            "causes": [each.as_dict() for each in likely(self.causes)],
+            "causes": [asdict(each) for each in likely(self.causes)],
         }
 
     @property
     def words(self) -> str:
         """One sentence."""
         return f"{self.time:.1f} s, since about {self.since:.1f} s: {in_words(self.causes)}"
-
-
-@dataclass(frozen=True)
-class Findings:
-    """What the windows of a log say, from which alarms are made.
-
-    Attributes:
-        soft: All of it, softened, in the order of time.
-        factors: Learned of the scatter from window to window, shape (W, P).
-        ratio: The statistic of the sequential test after each window of it, shape (W,).
-        delayed: That of the test for the dead time alone, shape (W,).
-        ball: Windows in which the ball moves, not softened; None if there are none.
-        windows: The same, as they are replayed.
-        other: Evidence of plate and screen, not softened.
-    """
-
-    soft: Evidence
-    factors: Array
-    ratio: Array
-    delayed: Array
-    ball: Evidence | None
-    windows: Windows | None
-    other: Evidence
-
-    @property
-    def crossings(self) -> list[int]:
-        """Windows at which a test comes to exceed its threshold, both having been far below it."""
-        share = np.maximum(self.ratio / THRESHOLD, self.delayed / LATE_THRESHOLD)
-        return crossings(share)
-
-    def crossed(self, crossing: int) -> float:
-        """The log-likelihood ratio of the test that a window raises an alarm by."""
-        of_all = float(self.ratio[crossing])
-        return of_all if of_all > THRESHOLD else float(self.delayed[crossing])
-
-    def alarm(self, crossing: int, belief: Belief) -> Alarm:
-        """The alarm after a window of ``soft``: since when, and why.
-
-        Args:
-            crossing: Which window.
-            belief: The twin.
-        """
-        soft = self.soft
-        end = float(soft.end[crossing]) + SETTLING
-        last = int(np.searchsorted(soft.end, end, side="right")) - 1
-        since = onset(soft, belief, crossing, last)
-        begin = float(soft.begin[since])
-        scattering = replace(belief, changing=belief.changing * self.factors[since])
-        causes = weigh(self._suspicion(begin, end), baseline(soft, belief, since), scattering)
-        return Alarm(float(soft.end[crossing]), begin, self.crossed(crossing), tuple(causes))
-
-    def _suspicion(self, begin: float, end: float) -> Suspicion:
-        """What the log holds between two times in s."""
-
-        def between(part: Evidence) -> Mask:
-            return np.asarray((part.begin >= begin - 1e-9) & (part.end <= end))
-
-        rest, ball = self.other.take(between(self.other)), self.ball
-        if ball is None or self.windows is None or not between(ball).any():
-            return Suspicion(None, None, rest)
-        chosen = between(ball)
-        # a window in which the change may lie speaks for neither before nor after
-        clear = chosen & (ball.begin >= begin + STRADDLING)
-        if clear.sum() >= ENOUGH:
-            chosen = clear
-        return Suspicion(self.windows.take(chosen), ball.take(chosen), rest)
 
 
 def crossings(share: Array) -> list[int]:

@@ -171,6 +171,8 @@ def _times(matrix: Array, vector: Array) -> Array:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
+NONE = Evidence.of((), np.zeros((0, 2)), np.zeros((0, 0, 0)), np.zeros((0, 0)))
+"""No window at all."""
 MISSED = 1.5
 """Periods from one row to the next from which on there is a gap."""
 LATE = 0.5
@@ -208,20 +210,15 @@ def clear(begin: Array, end: Array, gaps: Array, after: float = 0.0) -> Mask:
     return np.asarray(~touched.any(axis=1))
 
 
-def undisturbed(
-    parts: Iterable[Evidence | None], gaps: Array, after: float = 0.0
-) -> Evidence | None:
-    """What windows without a gap say; None if there is no window at all.
+def undisturbed(parts: Iterable[Evidence], gaps: Array, after: float = 0.0) -> Evidence:
+    """What windows without a gap say.
 
     Args:
-        parts: Of the segments of a log; None where one is too short.
+        parts: Of the segments of a log.
         gaps: Begin and end of each in s, shape (G, 2).
         after: Seconds for which a gap is still felt.
     """
-    found = [part for part in parts if part is not None]
-    if not found:
-        return None
-    every = Evidence.join(found)
+    every = Evidence.join([NONE, *parts])
     return every.take(clear(every.begin, every.end, gaps, after))
 
 
@@ -248,8 +245,8 @@ def noise_level(ball: Array, variance: Array) -> float:
 
 def noise_evidence(
     log: PreparedLog, belief: Belief, gaps: Array, since: float = -np.inf
-) -> Evidence | None:
-    """Evidence of ``noise``; None if no part of the log is long enough.
+) -> Evidence:
+    """Evidence of ``noise``; none if no part of the log is long enough.
 
     Args:
         log: What was recorded.
@@ -261,7 +258,7 @@ def noise_evidence(
     return undisturbed(parts, gaps)
 
 
-def _of_segment(segment: Segment, belief: Belief, since: float) -> Evidence | None:
+def _of_segment(segment: Segment, belief: Belief, since: float) -> Evidence:
     begin = max(float(segment.time[0]), since)
     begins = begin + WINDOW * np.arange(int((segment.time[-1] - begin) / WINDOW))
     spans, levels, counts = [], [], []
@@ -271,9 +268,8 @@ def _of_segment(segment: Segment, belief: Belief, since: float) -> Evidence | No
             spans.append((begin, begin + WINDOW))
             levels.append(noise_level(ball, np.maximum(belief.screen, 1e-12)))
             counts.append(2 * (len(ball) - 2) / _ALIKE)
-    if not spans:
-        return None
     # the logarithm of a standard deviation from n values has variance 1 / (2 n)
     information = 2 * np.array(counts)
     score = information * np.array(levels)
-    return Evidence.of(("noise",), np.array(spans), information[:, None, None], score[:, None])
+    ends = np.reshape(spans, (-1, 2))
+    return Evidence.of(("noise",), ends, information[:, None, None], score[:, None])

@@ -14,21 +14,32 @@ from typing import Any
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from twin.errors import LogError
 from twin.identify.log import COLUMNS, Log, of_columns
 from twin.identify.log_checks import check_ranges
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.windows import Windows
 from twin.scenario.schema import Scenario
-from twin.shadow.ball import ball_evidence, ball_windows
 from twin.shadow.belief import Belief, check_commands
-from twin.shadow.diagnosis import SETTLING, Alarm, Findings
-from twin.shadow.evidence import Evidence, gaps, noise_evidence
+from twin.shadow.diagnosis import THRESHOLD, Alarm, crossings, weigh
+from twin.shadow.evidence import NONE, Evidence, gaps, noise_evidence
 from twin.shadow.friction_map import FrictionMap
 from twin.shadow.horizon import BAND, Replays, replays
-from twin.shadow.monitor import LOOKBACKS, bounded, delayed, limited, scatter, standing, statistic
-from twin.shadow.plate import plate_evidence
+from twin.shadow.monitor import (
+    LATE_THRESHOLD,
+    LOOKBACKS,
+    baseline,
+    bounded,
+    delayed,
+    limited,
+    onset,
+    scatter,
+    standing,
+    statistic,
+)
+from twin.shadow.motion import ball_evidence, ball_windows, plate_evidence
+from twin.shadow.proposal import Proposal
 from twin.view.streams import fingerprint
 
 LEAST_TOLD = 5.0
@@ -45,6 +56,12 @@ KEPT = 60.0
 """Seconds of rows from which noise is estimated."""
 LAST = 2 * LOOKBACKS[-1]
 """Windows of the ball that are kept for a diagnosis."""
+SETTLING = 15.0
+"""Seconds after an alarm that are looked at for its cause."""
+STRADDLING = 2.0
+"""Seconds after the most likely time of a change in which it may still lie,"""
+ENOUGH = 2
+"""which are left out where at least so many windows come after."""
 
 
 @dataclass
@@ -53,7 +70,7 @@ class Shadow:
 
     Attributes:
         replays: At the horizon asked for; None if no replay is long enough.
-        soft: Windows of all kinds, as the sequential test takes them; None before the first.
+        soft: Windows of all kinds, as the sequential test takes them.
         ratio: The statistic of the sequential test after each.
         delayed: That of the test for the dead time alone.
         alarms: In the order of time; the causes of the last of a run in progress may not be
@@ -65,10 +82,11 @@ class Shadow:
         gaps: Begin and end in s of what is missing or late in it, shape (G, 2).
         one_second: Replays 1 s ahead, of a recorded run.
         record: Fingerprint of a recorded run.
+        proposal: A better twin of it, if one was looked for.
     """
 
     replays: Replays | None = None
-    soft: Evidence | None = None
+    soft: Evidence = NONE
     ratio: Array = field(default_factory=lambda: np.zeros(0))
     delayed: Array = field(default_factory=lambda: np.zeros(0))
     alarms: list[Alarm] = field(default_factory=list)
@@ -79,11 +97,22 @@ class Shadow:
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
     one_second: Replays | None = None
     record: int = 0
+    proposal: Proposal | None = None
 
     @property
     def time(self) -> Array:
         """When the statistics were worked out, s, shape (W,)."""
-        return np.zeros(0) if self.soft is None else self.soft.end
+        return self.soft.end
+
+    @property
+    def crossings(self) -> list[int]:
+        """Windows at which a test comes to exceed its threshold, both having been far below it."""
+        return crossings(np.maximum(self.ratio / THRESHOLD, self.delayed / LATE_THRESHOLD))
+
+    def crossed(self, crossing: int) -> float:
+        """The log-likelihood ratio of the test that a window raises an alarm by."""
+        of_all = float(self.ratio[crossing])
+        return of_all if of_all > THRESHOLD else float(self.delayed[crossing])
 
     @property
     def verdict(self) -> str:
@@ -122,6 +151,7 @@ class Shadow:
             "told_seconds": self.told,
             "gaps": self.gaps.tolist(),
             "notes": list(self.notes),
+            "proposal": None if self.proposal is None else self.proposal.as_dict(),
         }
 
 
@@ -141,7 +171,7 @@ def shadow(log: Log, belief: Belief, horizon: float = 1.0) -> Shadow:
     follower = Follower(belief, horizon)
     follower.judge(log, whole=True)
     said = follower.said
-    if said.soft is None and not len(said.gaps):
+    if not len(said.soft) and not len(said.gaps):
         raise LogError(f"{log.source}: too short: {said.length:.1f} s; 3 s in a row are needed")
     said.one_second = said.replays
     if horizon != 1.0:
@@ -165,13 +195,9 @@ class Follower:
         self._belief = belief
         self._horizon = horizon
         self._screen = FrictionMap(belief)
-        self._ball: Evidence | None = None
         self._windows: Windows | None = None
-        self._other: Evidence | None = None
-        self._every: Evidence | None = None
-        self._soft: Evidence | None = None
+        self._ball = self._other = self._every = self._soft = self._limited = NONE
         self._factors: Array = np.zeros((0, 0))
-        self._limited: Evidence | None = None
         self._late: Array = np.zeros(0)
         self._unsettled: dict[int, int] = {}
         begin = -np.inf
@@ -227,34 +253,32 @@ class Follower:
             plate_evidence(log, belief, said.gaps, self._since["plate"]),
             noise_evidence(log, belief, said.gaps, self._since["screen"]),
         ]
-        done = [None if each is None else each.take(each.end <= until) for each in other]
+        done = [each.take(each.end <= until) for each in other]
         for name, part in zip(("plate", "screen"), done, strict=True):
-            if part is not None and len(part):
+            if len(part):
                 self._since[name] = float(part.end[-1])
-        calm = self._moving(log, until)
-        plain = [each for each in done if each is not None and len(each)]
-        if plain:
-            self._other = _joined(self._other, Evidence.join(plain))
-        new = [*([] if calm is None else [calm]), *plain]
+        # the new windows after the old, also if one ends before an old one: none is told twice
+        new = Evidence.join([self._moving(log, until), *done])
+        self._other = Evidence.beside([self._other, Evidence.join(done)])
         count = len(said.time)
-        if new:
-            self._every = _joined(self._every, Evidence.join(new))
+        if len(new):
+            self._every = Evidence.beside([self._every, new])
             self._factors = scatter(self._every, belief)
             late = self._every.take(np.arange(len(self._every)) >= count)
             soft = late.softened(belief.changing, self._factors[count:])
-            self._soft = _joined(self._soft, soft)
-            said.soft = _joined(said.soft, bounded(self._soft, belief, after=count))
+            self._soft = Evidence.beside([self._soft, soft])
+            said.soft = Evidence.beside([said.soft, bounded(self._soft, belief, after=count)])
             ratio = statistic(said.soft, belief, after=count)
             said.ratio = np.concatenate((said.ratio, ratio[count:]))
-            known = 0 if self._limited is None else len(self._limited)
-            self._limited = _joined(self._limited, limited(self._every, belief, after=count))
+            known = len(self._limited)
+            self._limited = Evidence.beside([self._limited, limited(self._every, belief, count)])
             again = delayed(self._limited, belief, after=known)
             self._late = np.concatenate((self._late, again[known:]))
             at_end = standing(self._limited, self._late, said.soft.end[count:])
             said.delayed = np.concatenate((said.delayed, at_end))
         return count
 
-    def _moving(self, log: PreparedLog, until: float) -> Evidence | None:
+    def _moving(self, log: PreparedLog, until: float) -> Evidence:
         """Evidence of new windows in which the ball moves."""
         windows, ends = ball_windows(log, self._belief, self.said.gaps, self._since["ball"])
         finished = np.asarray(ends <= until)
@@ -263,11 +287,11 @@ class Follower:
             float(log.segments[-1].time[-1]) - OLDEST,
         )
         if windows is None or not finished.any():
-            return None
+            return NONE
         windows = windows.take(finished)
         ball = ball_evidence(windows, self._belief)
         self.said.told += float((ball.end - ball.begin).sum())
-        if self._ball is None or self._windows is None:
+        if self._windows is None:
             self._ball, self._windows = ball, windows
         else:
             chosen = np.arange(len(self._ball)) >= len(self._ball) - LAST
@@ -277,22 +301,44 @@ class Follower:
 
     def _alarms(self, first: int, now: float, *, whole: bool) -> list[Alarm]:
         said = self.said
-        if said.soft is None or self._other is None:
+        if not len(self._other):
             return []
-        shown = (self._ball, self._windows, self._other)
-        findings = Findings(said.soft, self._factors, said.ratio, said.delayed, *shown)
-        for window in findings.crossings:
+        for window in said.crossings:
             if window >= first:
-                end = float(said.soft.end[window])
+                end = float(said.time[window])
                 self._unsettled[window] = len(said.alarms)
-                said.alarms.append(Alarm(end, end, findings.crossed(window), ()))
+                said.alarms.append(Alarm(end, end, said.crossed(window), ()))
         told = []
         for window, place in list(self._unsettled.items()):
             if whole or now - MARGIN >= said.alarms[place].time + SETTLING:
-                said.alarms[place] = findings.alarm(window, self._belief)
+                said.alarms[place] = self._alarm(window)
                 told.append(said.alarms[place])
                 del self._unsettled[window]
         return told
+
+    def _alarm(self, crossing: int) -> Alarm:
+        """The alarm after a window: since when, and why."""
+        soft, belief = self.said.soft, self._belief
+        end = float(soft.end[crossing]) + SETTLING
+        last = int(np.searchsorted(soft.end, end, side="right")) - 1
+        since = onset(soft, belief, crossing, last)
+        begin = float(soft.begin[since])
+
+        def between(part: Evidence) -> Mask:
+            return np.asarray((part.begin >= begin - 1e-9) & (part.end <= end))
+
+        chosen = between(self._ball)
+        # a window in which the change may lie speaks for neither before nor after
+        clear = chosen & (self._ball.begin >= begin + STRADDLING)
+        chosen = clear if clear.sum() >= ENOUGH else chosen
+        causes = weigh(
+            self._ball.take(chosen),
+            self._windows.take(chosen) if self._windows is not None and chosen.any() else None,
+            self._other.take(between(self._other)),
+            baseline(soft, belief, since),
+            replace(belief, changing=belief.changing * self._factors[since]),
+        )
+        return Alarm(float(soft.end[crossing]), begin, self.said.crossed(crossing), tuple(causes))
 
 
 class LiveFollower(Follower):
@@ -347,11 +393,6 @@ class LiveFollower(Follower):
             return self.judge(of_columns(self._rows, self._metadata, self._source), whole=whole)
         except LogError:
             return []
-
-
-def _joined(before: Evidence | None, new: Evidence) -> Evidence:
-    """The new windows after the old, also if one ends before an old one: none is told twice."""
-    return new if before is None else Evidence.beside([before, new])
 
 
 def _median(found: Replays | None, of: Callable[[Replays], Array]) -> float | None:

@@ -20,7 +20,6 @@ from twin.identify.problem import START_DIFFERENCES, START_PRIOR, Problem
 from twin.identify.replay import STEP
 from twin.identify.search import fit_starts
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut
-from twin.shadow.ball import portions
 from twin.shadow.belief import BALL, PARAMETERS, ROUGH, Belief
 from twin.shadow.evidence import clear
 from twin.shadow.friction_map import (
@@ -38,6 +37,7 @@ from twin.shadow.friction_map import (
     unknown_motion,
     unresolved,
 )
+from twin.shadow.motion import portions
 
 LEAD = 1.2
 """Seconds of samples from which the state at a start is smoothed."""
@@ -204,11 +204,6 @@ class OpenLoop:
     belief: Belief
     lead: Lead
     after: Windows
-
-    @classmethod
-    def of(cls, belief: Belief, before: Windows, after: Windows) -> OpenLoop:
-        """Replays of windows, from the windows before them."""
-        return cls(belief, Lead.of(before, belief), after)
 
     @property
     def ways(self) -> Ways:
@@ -386,7 +381,7 @@ def replays(
     whole = clear(before.begin, before.begin + LOOKBACK + LEAD, gaps)
     parts = []
     for part in portions(len(start)):
-        loop = OpenLoop.of(belief, before.take(part), after.take(part))
+        loop = OpenLoop(belief, Lead.of(before.take(part), belief), after.take(part))
         known = foreseen(loop.ways, whole[part], screen)
         parts.append(loop.replayed(known, ahead, log.sample_period))
     error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))

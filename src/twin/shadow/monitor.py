@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.shadow.belief import CHANGING, PARAMETERS, STOPPING, Belief
-from twin.shadow.causes import CAUSES, changes
+from twin.shadow.belief import CAUSES, CHANGING, PARAMETERS, STOPPING, Belief
 from twin.shadow.evidence import Evidence, log_evidence, posterior
 
 LATEST = 8.0
@@ -101,7 +100,7 @@ class _Sums:
         self._A = information * unit * unit[:, None]
         self._b = np.concatenate((none[:, 0], np.cumsum(evidence.score, axis=0))) * unit
         chosen = [list(CAUSES).index(name) for name in causes]
-        moved = changes(belief)[chosen] / unit / unit[:, None]
+        moved = belief.changes[chosen] / unit / unit[:, None]
         self._alternatives = np.concatenate((np.zeros((1, *moved.shape[1:])), moved))
         self._eye = np.eye(len(unit))
         self._drift = np.diag((belief.drift / unit) ** 2)

@@ -47,6 +47,7 @@ class Proposal:
         before: Median replay error in m of the belief on what was held out; None if unknown.
         after: The same of the proposed twin.
         why: In words.
+        file: Where it was written.
     """
 
     text: str
@@ -54,15 +55,12 @@ class Proposal:
     before: float | None
     after: float | None
     why: str
+    file: Path | None = None
 
-    def as_dict(self, file: Path | None) -> dict[str, Any]:
-        """For ``--json``.
-
-        Args:
-            file: Where it was written.
-        """
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
         return {
-            "file": None if file is None else str(file),
+            "file": None if self.file is None else str(self.file),
             "changed": {key: list(pair) for key, pair in self.changed.items()},
             "held_out_error_before_mm": None if self.before is None else 1000 * self.before,
             "held_out_error_after_mm": None if self.after is None else 1000 * self.after,
@@ -118,8 +116,8 @@ def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
     return Proposal("\n".join([*head, text]), changed, before, after, why)
 
 
-def write(proposal: Proposal, folder: Path) -> Path:
-    """Write ``parameters-N.toml``, N being the first number that is free.
+def written(proposal: Proposal, folder: Path) -> Proposal:
+    """A proposal written as ``parameters-N.toml``, N being the first number that is free.
 
     Raises:
         RecordError: If it cannot be written.
@@ -128,4 +126,4 @@ def write(proposal: Proposal, folder: Path) -> Path:
     number = 1 + max((int(text) for text in taken if text.isdecimal()), default=0)
     file = folder / f"parameters-{number}.toml"
     write_whole(file, proposal.text)
-    return file
+    return replace(proposal, file=file)

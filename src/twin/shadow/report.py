@@ -1,9 +1,12 @@
-"""What is told of a shadow: its ball in the viewer, its picture, its page, its verdict in words."""
+"""What is told of a shadow: beside a run in progress, in the viewer, in words, as a page."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,20 +14,22 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from controllers.arrays import Array
+from twin.identify.log import read
 from twin.identify.replay import STEP
 from twin.page import Block, Picture, Table, Text, Verdict, html
-from twin.run.files import arrow_fields
+from twin.run.files import arrow_fields, run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
-from twin.shadow.causes import likely
-from twin.shadow.diagnosis import THRESHOLD, Alarm
-from twin.shadow.follow import Shadow
-from twin.shadow.horizon import DRAWN, Replays
+from twin.shadow.belief import believed
+from twin.shadow.diagnosis import THRESHOLD, Alarm, likely
+from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, shadow
+from twin.shadow.horizon import BAND, DRAWN, Replays
 from twin.shadow.monitor import LATE_THRESHOLD
-from twin.shadow.proposal import Proposal
+from twin.shadow.proposal import propose, written
+from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
 from twin.view.streams import Scores, TwinStream
+from twin.writing import write_json, write_whole
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
 """Is given new replays, and times and texts of what happened."""
@@ -40,16 +45,8 @@ class Shown(NamedTuple):
 
 def scores(run: Replays) -> Scores:
     """Replays as the view draws them."""
-    told = run.take(run.counted)
-    begin, steps = run.time[:, None], DRAWN * STEP * np.arange(run.path.shape[1])
-    return Scores(
-        told.time + told.ahead,
-        told.score,
-        1000 * told.distance,
-        1000 * told.band,
-        (begin + steps).ravel(),
-        run.path.reshape(-1, 2),
-    )
+    values, end = (run.score, run.distance, run.band), run.time + run.ahead
+    return Scores.of(run.counted, run.time, end, values, run.path, DRAWN * STEP)
 
 
 def drawing(scenario: Scenario, shown: Shown) -> Tell:
@@ -122,7 +119,7 @@ def _error(panel: Axes, found: Shadow, axis: int) -> None:
     half = 1000 * SIDES * np.sqrt(run.spread[told, axis, axis])
     panel.bar(end, 2 * half, 0.8 * run.ahead, -half, color=COLOURS[5], alpha=0.35)
     panel.plot(end, error, ".", color=COLOURS[0])
-    most = max(3.0, 1.2 * _percentile(np.abs(error), 95), 1.2 * _percentile(half, 80))
+    most = float(max(3.0, 1.2 * np.percentile(np.abs(error), 95), 1.2 * np.percentile(half, 80)))
     panel.set_ylim(-most, most)
 
 
@@ -144,11 +141,7 @@ def _marks(panel: Axes, found: Shadow) -> None:
         panel.axvline(alarm.since, color=ALARM, lw=1, ls=":")
 
 
-def _percentile(values: Array, percent: float) -> float:
-    return float(np.percentile(values, percent))
-
-
-def sentences(found: Shadow, proposal: Proposal | None) -> list[str]:
+def sentences(found: Shadow) -> list[str]:
     """The verdict in words."""
     told, length = found.told, found.length
     words = []
@@ -176,15 +169,16 @@ def sentences(found: Shadow, proposal: Proposal | None) -> list[str]:
         words.append(
             f"{len(found.gaps)} gaps of {missing:.2f} s in all are in the log; they are shown grey."
         )
-    if proposal is not None:
-        words.append(f"{'Proposal: ' if proposal.text else ''}{proposal.why}.")
+    if found.proposal is not None:
+        words.append(f"{'Proposal: ' if found.proposal.text else ''}{found.proposal.why}.")
     return words
 
 
-def page(found: Shadow, proposal: Proposal | None) -> str:
+def page(found: Shadow) -> str:
     """The report as one HTML file."""
+    proposal = found.proposal
     blocks: list[Block] = [
-        Verdict(sentences(found, proposal), found.verdict == "healthy"),
+        Verdict(sentences(found), found.verdict == "healthy"),
         Picture(
             "Over time",
             picture(found),
@@ -253,3 +247,169 @@ def write_scores(found: Shadow, path: Path) -> None:
     columns = [pa.array(column) for _, column in values.values()]
     columns += [pa.array(path, listed) for path in paths.values()]
     pq.write_table(pa.Table.from_arrays(columns, schema=schema), path)
+
+
+FILES = "shadow.html, shadow.json, shadow.parquet"
+"""What is written."""
+
+
+def write(found: Shadow, folder: Path) -> None:
+    """Write shadow.html, shadow.json and, if there are replays, shadow.parquet.
+
+    Raises:
+        RecordError: If a file cannot be written.
+    """
+    write_whole(folder / "shadow.html", page(found))
+    write_json(folder / "shadow.json", found.as_dict())
+    if found.replays is not None:
+        write_whole(folder / "shadow.parquet", lambda path: write_scores(found, path))
+
+
+def examine(
+    log: Path,
+    folder: Path,
+    overrides: Sequence[str] = (),
+    horizon: float = 1.0,
+    *,
+    proposing: bool = True,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Shadow:
+    """Let the twin run beside a recorded run, and write what it says.
+
+    Args:
+        log: Run folder, ``run.parquet`` or CSV file.
+        folder: Where ``FILES`` go, and ``parameters-N.toml`` if a better twin is proposed.
+        overrides: ``KEY=VALUE`` each, over what the run was simulated with or believed.
+        horizon: Seconds ahead and from one start to the next.
+        proposing: Whether a better twin is looked for after an alarm.
+        progress: Called with the share of the work done.
+
+    Raises:
+        TwinError: If the log cannot be used, an override is wrong, or a file cannot be written.
+    """
+    recorded = replace(read(log), source=run_name(log))
+    belief = believed(recorded, overrides)
+    found = shadow(recorded, belief, horizon)
+    progress(0.5)
+    if found.alarms and proposing:
+        proposal = propose(recorded, belief, found.alarms[-1].since)
+        found.proposal = written(proposal, folder) if proposal.text else proposal
+    write(found, folder)
+    return found
+
+
+def advice(found: Shadow) -> list[str]:
+    """The verdict in words, and how to try what is proposed."""
+    file = None if found.proposal is None else found.proposal.file
+    return [*sentences(found), *([] if file is None else [f"try it: --set parameters={file}"])]
+
+
+EVERY = 0.2
+"""Seconds between two looks for new rows."""
+MOST = 1000
+"""Rows taken at a time, so that one sees a twin that is behind a fast run go on."""
+SCORE_EVERY = 10.0
+"""Seconds of the run between two lines with its score."""
+
+
+def work(buffer: Address, scenario: Scenario, shown: Shown | None) -> None:
+    """Ask the twin until the writer has ended, or is gone; the body of the process.
+
+    Args:
+        buffer: Where the rows come from.
+        scenario: What is run.
+        shown: Where the twin is drawn; None for nowhere.
+    """
+    step_back()
+    tell: Tell = (lambda _, __: None) if shown is None else drawing(scenario, shown)
+    commentary = Commentary(LiveFollower(scenario, "the run"), _print)
+    with closing(SharedRingBuffer(*buffer)) as ring:
+        for block in ring.blocks(EVERY, MOST):
+            if block:
+                commentary.take(block, tell)
+        commentary.end(tell, ring.dropped)
+
+
+class Commentary:
+    """What is printed of a run and its twin: a line now and then, one an alarm, one its causes.
+
+    Args:
+        follower: The twin.
+        line: Prints a line.
+    """
+
+    def __init__(self, follower: LiveFollower, line: Callable[[str], None]) -> None:
+        self._follower, self._line = follower, line
+        self._replays, self._alarms, self._scored = 0, 0, 0.0
+
+    def take(self, rows: dict[str, np.ndarray], tell: Tell) -> None:
+        """Take in rows, and ask the twin if it is time, more than once if they are many.
+
+        Args:
+            rows: Columns of the record, shape (K,) each.
+            tell: Is told what is new.
+        """
+        period = self._follower.period
+        every = max(1, round(1.0 / period))
+        for first in range(0, len(rows["time"]), every):
+            part = {name: values[first : first + every] for name, values in rows.items()}
+            if self._follower.take(part):
+                self._say(self._follower.ask(), tell)
+
+    def end(self, tell: Tell, dropped: int) -> None:
+        """Say what is left to be said.
+
+        Args:
+            tell: Is told what is new.
+            dropped: Rows that were missed.
+        """
+        self._say(self._follower.ask(whole=True), tell)
+        self._score(0.0)
+        if dropped:
+            self._line(f"twin: missed {dropped} rows of the run; its page has them all")
+
+    def _say(self, explained: list[Alarm], tell: Tell) -> None:
+        said = self._follower.said
+        events = []
+        for alarm in said.alarms[self._alarms :]:
+            left = "" if alarm.causes else f"; causes at {alarm.time + SETTLING + MARGIN:.0f} s"
+            events.append(
+                (alarm.time, f"alarm at {alarm.time:.1f} s: reality has left the model{left}")
+            )
+        events += [(alarm.time, f"alarm at {alarm.words}") for alarm in explained]
+        self._alarms = len(said.alarms)
+        for _, text in events:
+            self._line(f"twin: {text}")
+        new = None
+        if said.replays is not None:
+            which = np.arange(len(said.replays.time)) >= self._replays
+            self._replays = len(which)
+            new = said.replays.take(which)
+        self._score(SCORE_EVERY)
+        tell(new, events)
+
+    def _score(self, every: float) -> None:
+        """A line with the score since the last one, if that is long enough ago."""
+        run = self._follower.said.replays
+        if run is None or not len(run.time):
+            return
+        end = run.time + run.ahead
+        if end[-1] - self._scored < max(every, 1e-9):
+            return
+        of_late = run.take(run.counted & (end > self._scored))
+        self._scored = float(end[-1])
+        if not len(of_late.time):
+            self._line(f"twin: {end[-1]:.0f} s, cannot tell: the ball rests or is not seen")
+            return
+        inside = 100 * float((of_late.square <= BAND).mean())
+        self._line(
+            f"twin: {end[-1]:.0f} s, score {np.median(of_late.score):.2f} (1: as predicted), "
+            f"{inside:.0f} % of {len(of_late.time)} replays in their 95 % band"
+        )
+
+
+def _print(line: str) -> None:
+    """A line of its own, over a progress bar if there is one."""
+    over = "\r\x1b[K" if sys.stderr.isatty() else ""
+    sys.stderr.write(f"{over}{line}\n")
+    sys.stderr.flush()

@@ -276,8 +276,7 @@ class Resonance(TrainPart):
         self._motor_rate = motor_rate
         (a, b), (c, e) = self._angle, self._rate
         self._d, self._d_rate = a * d + b * d_rate, c * d + e * d_rate
-        followed: Array = turn + (self._d - d)
-        return followed
+        return turn + (self._d - d)
 
 
 @dataclass(frozen=True, kw_only=True)

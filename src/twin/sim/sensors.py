@@ -69,8 +69,7 @@ class Noise:
                 self._block = np.empty_like(self._block)  # who was given of the old one keeps it
                 for rig in range(len(self._streams)):
                     self._fill(rig)
-            drawn: Array = self._block[index]
-            return drawn
+            return self._block[index]
         for rig in np.flatnonzero((index == 0) & (tick % self._hold == 0)).tolist():
             self._fill(rig)
         each: Array = self._block[index, self._rows]
@@ -364,8 +363,7 @@ class SimulatedScreen:
     def _drawn_delay(self) -> Array:
         """Each rig's dead time of a new sample, s, shape (N,)."""
         drawn = self._delay + self._spread.draw()[:, 0]
-        limited: Array = np.minimum(np.maximum(drawn, 0.0), self._latest)
-        return limited
+        return np.minimum(np.maximum(drawn, 0.0), self._latest)
 
     def _imperfect(self, position: Array) -> Array:
         """Positions (N, 2) as the screen reports them: turned, noisy, on its grid."""

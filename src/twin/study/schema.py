@@ -7,18 +7,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from twin.errors import nearest
-from twin.run.metrics import Metrics
+from twin.run.indicators import METRICS
 from twin.shipped import chosen, shipped_in
 from twin.study.family import Parameter
 from twin.study.family import read as read_family
 from twin.validation import Checked, check_named_once, read_model
 
 Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]
-METRICS = tuple(
-    name
-    for name in Metrics.__dataclass_fields__
-    if name not in {"outcome", "outcome_time", "reason"}
-)
 
 
 class Variant(Checked):

@@ -22,15 +22,15 @@ from twin.errors import ScenarioError, TwinError
 from twin.paths import model_path
 from twin.run.assemble import build_controller, own_errors
 from twin.run.batch import alike, simulate
+from twin.run.indicators import METRICS
 from twin.run.loop import Ending
-from twin.run.metrics import Metrics
 from twin.scenario import Scenario
 from twin.scenario.load import check, resolved, setting, validated
 from twin.scenario.load import read as read_tables
 from twin.scenario.schema import KINDS, at_study_step, checked_settings, choices
 from twin.study.design import points
 from twin.study.family import Point
-from twin.study.schema import METRICS, Study
+from twin.study.schema import Study
 
 _MISSING = object()
 KNOWN = ("mass", "radius", "inertia")
@@ -316,14 +316,9 @@ def _together(batch: Sequence[tuple[str, Scenario]], *, seen: bool) -> Iterator[
             yield from _together([item], seen=seen)
         return
     for (key, _), metrics in zip(batch, found, strict=True):
-        yield _row(key, metrics)
-
-
-def _row(key: str, metrics: Metrics) -> Row:
-    summary = metrics.as_dict()
-    row: Row = {"key": key, "outcome": str(metrics.outcome), "reason": metrics.reason}
-    good = metrics.outcome == Ending.FINISHED
-    return row | {name: summary[name] if good else None for name in METRICS}
+        good = metrics["outcome"] == Ending.FINISHED
+        row: Row = {"key": key, "outcome": metrics["outcome"], "reason": metrics["reason"]}
+        yield row | {name: metrics[name] if good else None for name in METRICS}
 
 
 def _refused(key: str, error: TwinError) -> Row:

@@ -198,11 +198,11 @@ def judge(row: SimulatedRow, motion: Motion, off: Array, start: float) -> dict[s
         measure(motion, Outcome(Ending.FINISHED, last), start=start, band_percent=band)
         for band in row.bands
     ]
-    values = found[0].as_dict()
+    values = dict(found[0])
     values |= {f"x{state + 1}_error": np.sqrt((off[:, state] ** 2).mean()) for state in range(4)}
     # beyond the end, in % of it
     values["overshoot_percent"] = max(0.0, 100 * (motion.ball[:, 0].max() / motion.ball[-1, 0] - 1))
-    settled = [last if each.settling_time is None else each.settling_time for each in found]
+    settled = [last if each["settling_time"] is None else each["settling_time"] for each in found]
     return {
         column: settled if column == "t_ss" else [float(values[COLUMNS[column].metric or column])]
         for column in row.cells

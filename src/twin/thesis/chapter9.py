@@ -16,8 +16,7 @@ import numpy as np
 
 from controllers.analysis import number
 from twin.errors import ScenarioError
-from twin.fit.runs import Runs, Sample
-from twin.fit.schema import FitTable, read
+from twin.fit.runs import FitTable, Runs, Sample, read
 from twin.run.finished import run
 from twin.study.experiments import Store
 from twin.thesis.chapter8 import COLUMNS, HERE

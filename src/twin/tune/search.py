@@ -19,8 +19,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.errors import ScenarioError
 from twin.study.family import Parameter, Point
-from twin.tune.schema import Tune
-from twin.tune.trials import Indicators, NominalLoop, Trials
+from twin.tune.trials import Indicators, NominalLoop, Trials, Tune
 
 
 def tail_mean(costs: Array, tail: float) -> float:

@@ -16,7 +16,6 @@ import numpy as np
 from scipy import stats
 
 from twin.study.family import Parameter
-from twin.tune.schema import Tune
 from twin.tune.search import (
     Candidate,
     Score,
@@ -27,7 +26,7 @@ from twin.tune.search import (
     searched,
     tail_mean,
 )
-from twin.tune.trials import Indicators, Trials
+from twin.tune.trials import Indicators, Trials, Tune
 
 CONFIDENCE = 0.95
 QUANTILES = (0.5, 0.9, 1.0)

@@ -177,10 +177,19 @@ class LiveProcess:
     Args:
         work: Body of the process; is given the buffer's address, then ``arguments``.
         arguments: What else it needs.
+        rows: Rows the buffer holds.
+        width: Most columns.
     """
 
-    def __init__(self, work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-        self._ring = SharedRingBuffer(ROWS, 1 + WIDTH)
+    def __init__(
+        self,
+        work: Callable[..., None],
+        arguments: tuple[Any, ...],
+        *,
+        rows: int = ROWS,
+        width: int = 1 + WIDTH,
+    ) -> None:
+        self._ring = SharedRingBuffer(rows, width)
         self._plan: list[tuple[str, int, int]] = []
         self.dropped = 0
         """Rows that the process missed, known after ``finish``."""
@@ -191,6 +200,17 @@ class LiveProcess:
         with undisturbed(), program_left_out():
             self._process.start()
         self._started = monotonic()
+
+    def take_rows(self, columns: Sequence[str]) -> Callable[[Sequence[float]], None]:
+        """Hand over rows of so many columns; returns what takes one of them."""
+        ring, count = self._ring, len(columns)
+        ring.name(columns)
+
+        def put(row: Sequence[float]) -> None:
+            ring.slot()[:count] = row
+            ring.put()
+
+        return put
 
     def watch(self, recorder: Recorder) -> None:
         """Observe a run that is about to begin."""

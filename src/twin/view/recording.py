@@ -17,7 +17,7 @@ from twin.errors import ScenarioError, ViewError
 from twin.hal.interface import SCREEN
 from twin.run.finished import Run
 from twin.scenario.schema import Scenario
-from twin.view.live_process import Address, LiveProcess, SharedRingBuffer, step_back
+from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.signals import ORANGE, PLOTS, WORDS, explained, shown_range
 from twin.view.streams import (
     TIMELINE,
@@ -231,7 +231,7 @@ def _plan(
     names = [each.name for each in streams]
     plots = [each.plots(rows) for each, rows in zip(streams, blocks, strict=True)]
     entities = {group for plot in plots for group in plot}
-    shown = {group: [plot[group] for plot in plots if group in plot] for group in entities}
+    shown = {group: [plot.get(group, {}) for plot in plots] for group in entities}
     groups = {group: explained(lines, names) for group, lines in shown.items()}
     ranges = {} if live else {group: shown_range(lines) for group, lines in shown.items()}
     if twin:
@@ -265,21 +265,6 @@ MOST = 2000
 DROPPED = "/view/dropped_rows"
 
 
-def show(
-    scenario: Scenario, name: str, url: str, *, recording: str | None = None, twin: bool = False
-) -> LiveProcess:
-    """Show a run live.
-
-    Args:
-        scenario: What is run.
-        name: What the run is called.
-        url: Address of the viewer, or of the server of a page.
-        recording: Identity of the recording, if another process adds to it.
-        twin: Whether that is the run's twin, which then has plots.
-    """
-    return LiveProcess(work, (scenario, name, url, recording, twin))
-
-
 def address(text: str) -> str:
     """The address of a viewer in the viewer's own form, from HOST:PORT or that form itself.
 
@@ -310,7 +295,16 @@ def reach(url: str) -> str:
 def work(
     buffer: Address, scenario: Scenario, name: str, url: str, recording: str | None, twin: bool
 ) -> None:
-    """Send rows until the writer has ended, or is gone; the body of the process."""
+    """Show a run live: send rows until the writer has ended, or is gone; the body of the process.
+
+    Args:
+        buffer: Where the rows come from.
+        scenario: What is run.
+        name: What the run is called.
+        url: Address of the viewer, or of the server of a page.
+        recording: Identity of the recording, if another process adds to it.
+        twin: Whether that is the run's twin, which then has plots.
+    """
     step_back()
     os.environ.update(environment())
     with closing(SharedRingBuffer(*buffer)) as ring:

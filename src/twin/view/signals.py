@@ -144,13 +144,14 @@ def explained(plots: Sequence[Mapping[str, Signal]], names: Sequence[str]) -> st
     """Which line of a plot has which colour, in words.
 
     Args:
-        plots: The lines of each run.
+        plots: The lines of each run; none of one that has no such plot.
         names: What the runs are called.
     """
     if len(plots) > 1:
-        words = [f"{name} {WORDS[RUNS[i % len(RUNS)]]}" for i, name in enumerate(names)]
-        second = [f"{name} lighter" for name in ("theta", "y") if name in plots[0]]
-        return ", ".join(words if "distance" in plots[0] else words + second)
+        own = [i for i, plot in enumerate(plots) if plot]
+        words = [f"{names[i]} {WORDS[RUNS[i % len(RUNS)]]}" for i in own]
+        second = [f"{name} lighter" for name in ("theta", "y") if name in plots[own[0]]]
+        return ", ".join(words if "distance" in plots[own[0]] else words + second)
     lines = {name: signal for name, signal in plots[0].items() if not name.endswith("_low")}
     return ", ".join(
         f"{name.removesuffix('_high').replace('_', ' ')} {WORDS[signal.colour]}"

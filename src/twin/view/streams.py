@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import rerun as rr
 from numpy.typing import NDArray
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from controllers.interfaces import Reference
 from twin.errors import RecordError
 from twin.hal.cams import CamTable
@@ -304,6 +304,25 @@ class Scores(NamedTuple):
     ball_time: Array
     ball: Array
 
+    @classmethod
+    def of(
+        cls, told: Mask, begin: Array, end: Array, values: Sequence[Array], path: Array, step: float
+    ) -> Scores:
+        """Those of replays.
+
+        Args:
+            told: Which tell anything, shape (W,).
+            begin: Of each, s, shape (W,).
+            end: Of each, s, shape (W,).
+            values: Score, and error and band in m, shape (W,) each.
+            path: Where the twin's ball is from the begin on, m, shape (W, N, 2).
+            step: Seconds from one place to the next.
+        """
+        score, distance, band = (each[told] for each in values)
+        times = begin[:, None] + step * np.arange(path.shape[1])
+        errors = score, 1000 * distance, 1000 * band
+        return cls(end[told], *errors, times.ravel(), path.reshape(-1, 2))
+
 
 class TwinStream:
     """The twin of one run, drawn among the run's entities.
@@ -407,16 +426,9 @@ def saved_twin(run: Run) -> Saved | None:
 
 def _scores(columns: dict[str, list[Any]], about: dict[str, Any]) -> Scores:
     told = np.array(columns["told"]) > 0
-    end, score, distance, band = (
+    end, *values = (
         np.array(columns[name], dtype=float) for name in ("time", "score", "distance", "band")
     )
     path = np.stack([np.array(columns[name], dtype=float) for name in ("twin_x", "twin_y")], -1)
-    begin, steps = end - float(about["horizon"]), float(about["step"]) * np.arange(path.shape[1])
-    return Scores(
-        end[told],
-        score[told],
-        1000 * distance[told],
-        1000 * band[told],
-        (begin[:, None] + steps).ravel(),
-        path.reshape(-1, 2),
-    )
+    begin, step = end - float(about["horizon"]), float(about["step"])
+    return Scores.of(told, begin, end, values, path, step)

@@ -373,15 +373,17 @@ def _faults(remote: Remote) -> tuple[int, ...]:
     return tuple(number for number in numbers if number)
 
 
+_IDENTIFIERS = {0x1400: frames.RPDO1, 0x1800: frames.TPDO1, 0x1801: frames.TPDO2}
+
+
 def _map_pdos(remote: Remote) -> None:
     """Map what is exchanged at every SYNC, and switch every other PDO off."""
     node, axis = remote.axis.node, remote.axis
     for number in range(4):
         for base, cob_id in ((0x1400, frames.RPDO1), (0x1800, frames.TPDO1)):
             remote.write(base + number, 1, cob_id + 0x100 * number + node | PDO_INVALID)
-    remote.map_pdo(0x1400, frames.RPDO1 + node, frames.RPDO1_MAP)
-    remote.map_pdo(0x1800, frames.TPDO1 + node, frames.TPDO1_MAP)
-    remote.map_pdo(0x1801, frames.TPDO2 + node, (frames.VELOCITY, axis.plate_object))
+    for index, entries in frames.pdo_maps(axis.plate_object).items():
+        remote.map_pdo(index, _IDENTIFIERS[index] + node, entries)
 
 
 def _operational(network: Network, axis: AxisConfig, config: AkdConfig) -> None:
@@ -392,5 +394,5 @@ def _operational(network: Network, axis: AxisConfig, config: AkdConfig) -> None:
     )
     if not running:
         state = network.states.get(axis.node)
-        name = "no heartbeat" if state is None else frames.NMT_STATES.get(state, str(state))
+        name = "no heartbeat" if state is None else frames.nmt_words(state)
         raise DriveError(c.NMT_LEFT, axis.where, f"does not become operational ({name})")

@@ -76,6 +76,49 @@ def state(status: int) -> DriveState:
     return _WIDE.get(status & 0x4F) or _NARROW.get(status & 0x6F) or DriveState.UNKNOWN
 
 
+_SAID = (
+    (StatusBit.VOLTAGE, False, "no main voltage"),
+    (StatusBit.WARNING, True, "warning"),
+    (StatusBit.REMOTE, False, "not under remote control"),
+    (StatusBit.INTERNAL_LIMIT, True, "internal limit active"),
+)
+"""What a bit says beside the state, where it is set or where it is not."""
+_HALT = 1 << 8
+MODES = {
+    1: "profile position",
+    2: "velocity",
+    3: "profile velocity",
+    4: "profile torque",
+    6: "homing",
+    7: "interpolated position",
+    8: "cyclic synchronous position",
+    9: "cyclic synchronous velocity",
+    10: "cyclic synchronous torque",
+}
+"""Modes of operation (6060h, 6061h) that CiA 402 names."""
+
+
+def status_words(status: int) -> str:
+    """A status word in words: the state, and what else it warns of."""
+    more = [words for bit, given, words in _SAID if bool(status & bit) is given]
+    return ", ".join((state(status).value, *more))
+
+
+def control_words(control: int) -> str:
+    """What a control word asks for, in words."""
+    if control & RESET:
+        return "fault reset"
+    if not control & QUICK_STOP:
+        return "disable voltage"
+    if not control & 0x04:
+        return "quick stop"
+    if not control & 0x01:
+        return "shutdown"
+    if not control & 0x08:
+        return "switch on"
+    return "enable operation, halt" if control & _HALT else "enable operation"
+
+
 def control_word(current: DriveState, request: AxisRequest) -> int:
     """The control word that takes a drive one transition from a state towards a request.
 

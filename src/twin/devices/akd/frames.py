@@ -30,10 +30,19 @@ START, PRE_OPERATIONAL = 1, 128
 OPERATIONAL = 5
 """NMT state in a heartbeat; 0 is a boot-up."""
 
-RPDO1_MAP = ((0x6040, 0), (0x60FF, 0))
-TPDO1_MAP = ((0x6041, 0), (0x6061, 0), (0x6064, 0))
-VELOCITY = (0x606C, 0)
-"""First entry of TPDO2; the plate encoder's object follows."""
+
+def pdo_maps(plate: tuple[int, int]) -> dict[int, tuple[tuple[int, int], ...]]:
+    """What the PDOs of a drive carry, by the index of their parameters.
+
+    Args:
+        plate: The plate encoder's object.
+    """
+    return {
+        0x1400: ((0x6040, 0), (0x60FF, 0)),
+        0x1800: ((0x6041, 0), (0x6061, 0), (0x6064, 0)),
+        0x1801: ((0x606C, 0), plate),
+    }
+
 
 _SDO = struct.Struct("<BHB4s")
 """An expedited SDO: command specifier, index, subindex, value."""
@@ -46,7 +55,19 @@ _SDO_READ, _SDO_WRITE, _SDO_ANSWER, _SDO_WRITTEN, _SDO_ABORT = 0x40, 0x23, 0x43,
 _UNUSED = 0x0C
 """Bits of the command specifier that count the bytes which are not part of the value."""
 
-NMT_STATES = {0: "booting", 4: "stopped", 5: "operational", 127: "pre-operational"}
+_NMT_STATES = {0: "booting", 4: "stopped", 5: "operational", 127: "pre-operational"}
+NMT_COMMANDS = {
+    START: "start",
+    2: "stop",
+    PRE_OPERATIONAL: "enter pre-operational",
+    129: "reset",
+    130: "reset communication",
+}
+
+
+def nmt_words(state: int) -> str:
+    """The NMT state in a heartbeat in words."""
+    return _NMT_STATES.get(state, f"in state {state}")
 
 
 def fault_words(numbers: Iterable[int]) -> str:
@@ -82,10 +103,12 @@ class Emergency(NamedTuple):
         """Code, name and fault number as text."""
         if self.code is None:
             return "no code"
-        name = table()["emergencies"].get(f"0x{self.code:04X}", "")
-        ascii_part = self.extra.rstrip(b"\0")
-        number = ascii_part.decode("ascii") if ascii_part.isascii() else ""
-        parts = [f"{self.code:04X}h", name, number if number.isprintable() else ""]
+        known = table()["emergencies"]
+        kinds = (self.code, self.code & 0xFF00, self.code & 0xF000)
+        name = next((known[f"0x{each:04X}"] for each in kinds if f"0x{each:04X}" in known), "")
+        rest = self.extra.rstrip(b"\0")
+        number = rest.decode("ascii") if rest.isascii() else ""
+        parts = [f"{self.code:04X}h", name, number if number.isprintable() else rest.hex(" ")]
         return " ".join(part for part in parts if part)
 
 

@@ -99,7 +99,7 @@ class MonitoredAxis(Axis):
             self.booted = True
             self._report(c.DRIVE_REBOOTED, "boot-up message in mid-run", at)
         elif state != frames.OPERATIONAL:
-            self._report(c.NMT_LEFT, f"is {frames.NMT_STATES.get(state, str(state))}", at)
+            self._report(c.NMT_LEFT, f"is {frames.nmt_words(state)}", at)
         elif self.booted:
             self._report(c.DUPLICATE_ID, "one node boots while another with its id runs", at)
         self.heartbeat = at

@@ -241,6 +241,10 @@ class AkdServos:
         """Faults detected since the last call, oldest first; never waits."""
         return self._reports.take()
 
+    def warnings(self) -> tuple[Fault, ...]:
+        """None: the drives watch over themselves."""
+        return ()
+
     @property
     def _up(self) -> bool:
         return self._transport is not None and self._transport.up

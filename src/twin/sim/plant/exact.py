@@ -133,10 +133,6 @@ class BallMotion:
         if self._ageing:
             self.age = self._settled(x) if age is None else age
 
-    def straighten(self) -> None:
-        """Let no contact be bent."""
-        self.bend = np.zeros((self._rigs, 2))
-
     def _settled(self, x: Array) -> Array:
         """Age of contacts that have long been in the state x, shape (N,)."""
         assert self.friction is not None
@@ -306,7 +302,7 @@ class ExactPlant:
         """Put the balls at (x, x', y, y') on plates that stay as they are, shape (N, 4)."""
         self._x = self._x.copy()
         self._x[:, (0, 1, 4, 5)] = ball
-        self._balls.straighten()
+        self._balls.bend = np.zeros((self.rigs, 2))
         self._fallen = np.zeros(self.rigs, bool)
 
     def resume(self, x: Array, age: Array | None = None) -> None:

@@ -23,34 +23,6 @@ from twin.hal.interface import SCREEN
 from twin.settings import Unit, check, jump, ramp, setting
 
 
-def bent(bend: Array, velocity: Array, time: float, distance: Array) -> Array:
-    """How far a contact is bent after a time at a constant velocity.
-
-    The model of Dahl (1968) in the plane: with the velocity v and the presliding distance s,
-
-        z' = v - |v| z / s,
-
-    so that along a straight way w it is z = s n + (z(0) - s n) exp(-w / s), n the heading. The
-    friction is then -F z / s: F itself against the velocity once the ball has come far, a spring
-    of stiffness F / s about the place where the ball rests. It stores less than it is given. Known
-    of the model: under a lasting push a ball that is shaken creeps, however small the push.
-
-    Args:
-        bend: z at the beginning, m, shape (..., 2).
-        velocity: Of the ball on the screen, m/s, shape (..., 2).
-        time: In s.
-        distance: s in m, more than 0, shape (...,).
-
-    Returns:
-        z in m, shape (..., 2); never longer than s if it was not.
-    """
-    speed = np.sqrt((velocity * velocity).sum(axis=-1, keepdims=True))
-    way, length = speed * time, np.asarray(distance)[..., None]
-    heading = velocity / np.where(speed > 0, speed, 1.0)
-    # 1 - exp without loss of digits: a resting ball bends by v t
-    return np.asarray(bend - np.expm1(-way / length) * (length * heading - bend))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceMap:
     """Relative friction and height over a grid of points, straight between them.
@@ -285,14 +257,28 @@ class Friction:
     def bent(self, bend: Array, velocity: Array, time: float) -> Array:
         """How far contacts are bent after a time at constant velocities, m, shape (N, 2).
 
+        The model of Dahl (1968) in the plane: with the velocity v and the presliding distance s,
+
+            z' = v - |v| z / s,
+
+        so that along a straight way w it is z = s n + (z(0) - s n) exp(-w / s), n the heading;
+        never longer than s if it was not. The friction is then -F z / s: F itself against the
+        velocity once the ball has come far, a spring of stiffness F / s about the place where it
+        rests. It stores less than it is given. Known of the model: under a lasting push a ball
+        that is shaken creeps, however small the push.
+
         Args:
-            bend: How far before, m, shape (N, 2).
+            bend: z at the beginning, m, shape (N, 2).
             velocity: Of the balls on the screen, m/s, shape (N, 2).
             time: In s.
         """
-        distance = np.broadcast_to(self.presliding, bend.shape[:-1])
-        some = np.where(distance > 0, distance, 1.0)
-        return np.where((distance > 0)[:, None], bent(bend, velocity, time, some), 0.0)
+        distance = np.broadcast_to(self.presliding, bend.shape[:-1])[:, None]
+        length = np.where(distance > 0, distance, 1.0)
+        speed = np.sqrt((velocity * velocity).sum(axis=-1, keepdims=True))
+        heading = velocity / np.where(speed > 0, speed, 1.0)
+        # 1 - exp without loss of digits: a resting ball bends by v t
+        after = bend - np.expm1(-speed * time / length) * (length * heading - bend)
+        return np.where(distance > 0, after, 0.0)
 
     def share(self, bend: Array) -> Array:
         """What share of the full resistance acts, as a vector against the ball's way, (N, 2)."""
@@ -361,5 +347,4 @@ class Friction:
             arm = np.asarray(self.rolling)
         else:
             arm = self.arm(np.hypot(x[..., 1], x[..., 5]), x[..., 0::4], age)
-        result: Array = model.c1 * (arm / model.radius) * normal
-        return result
+        return model.c1 * (arm / model.radius) * normal

@@ -138,28 +138,23 @@ class SomeRigs:
     @property
     def state(self) -> Array:
         """Their true states, shape (k, 8)."""
-        found: Array = self._plant.state[self._which]
-        return found
+        return self._plant.state.take(self._which, axis=0)
 
     @property
     def motor(self) -> Array:
         """Their motor shaft angles in rad, shape (k, 2)."""
-        found: Array = self._plant.motor[self._which]
-        return found
+        return self._plant.motor.take(self._which, axis=0)
 
     @property
     def on_plate(self) -> Mask:
         """Whether their balls are on the screen, shape (k,)."""
-        found: Mask = self._plant.on_plate[self._which]
-        return found
+        return self._plant.on_plate.take(self._which, axis=0)
 
     @property
     def diverged(self) -> Mask:
         """Whether their numbers have run away, shape (k,)."""
-        found: Mask = self._plant.diverged[self._which]
-        return found
+        return self._plant.diverged.take(self._which, axis=0)
 
     def telemetry(self) -> Array:
         """Their further true quantities, shape (k, channels)."""
-        found: Array = self._plant.telemetry()[self._which]
-        return found
+        return self._plant.telemetry().take(self._which, axis=0)

@@ -1,0 +1,285 @@
+"""Traces of a CAN bus: frames handed on while a bus is used, and files of them, of any program.
+
+Written are the formats of python-can by the file's ending, and candump's text (`.log`) in parts of
+bounded size. Candump's text is read line by line, so that a broken line costs one frame.
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import can
+
+from twin.devices.akd.bus import QueuedBus
+from twin.errors import LogError
+
+Hear = Callable[[can.Message], None]
+"""Is given every frame, with its time in s and whether it was received; must not wait."""
+
+
+class TracedBus(can.BusABC):
+    """A bus whose frames, sent and received, are also handed to somebody.
+
+    Args:
+        bus: The open bus.
+        hear: Who is given the frames.
+        clock: Time in s of frames that carry none of their own.
+    """
+
+    def __init__(self, bus: can.BusABC, hear: Hear, clock: Callable[[], float] = time.time) -> None:
+        super().__init__(channel=bus.channel_info)
+        self._bus, self._hear, self._clock = bus, hear, clock
+        self._queued = bus if isinstance(bus, QueuedBus) else None
+
+    @property
+    def unreadable_lines(self) -> int:
+        """Lines received so far that are no frame and no answer."""
+        return self._queued.unreadable_lines if self._queued else 0
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send a frame, or queue it as the bus does."""
+        self._bus.send(msg, timeout)
+        msg.timestamp, msg.is_rx = self._clock(), False
+        self._hear(msg)
+
+    def send_queued(self) -> None:
+        """Send all queued frames."""
+        if self._queued:
+            self._queued.send_queued()
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """The next frame; one that carries the time of another clock is given this one's."""
+        message = self._bus.recv(timeout)
+        if message is not None and message.is_rx:
+            now = self._clock()
+            if not message.timestamp or abs(message.timestamp - now) > 1.0:
+                message.timestamp = now
+            self._hear(message)
+        return message
+
+    def shutdown(self) -> None:
+        """Close the bus."""
+        super().shutdown()
+        self._bus.shutdown()
+
+
+PART = 20_000_000
+"""Bytes of a part of a bounded trace: about two minutes of two drives at 500 Hz."""
+WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
+"""Endings of traces that are written; each may be followed by ``.gz``."""
+_DISORDER = 0.01
+"""Time in s by which frames of two clocks may lie in a wrong order."""
+_EXTENDED, _REMOTE, _ERROR, _SENT = 1 << 29, 1 << 30, 1 << 31, 1 << 32
+
+
+COLUMNS = ("time", "identifier", "length", "low", "high")
+"""What ``to_row`` makes of a frame."""
+
+
+def check_ending(file: Path) -> None:
+    """Make sure that a trace can be written into a file of this name.
+
+    Raises:
+        LogError: If its ending is none that is known.
+    """
+    plain = file.with_suffix("") if file.suffix == ".gz" else file
+    if plain.suffix not in WRITTEN:
+        raise LogError(
+            f"--trace {file}: its ending must be one of {', '.join(WRITTEN)}, or with .gz"
+        )
+
+
+def to_row(message: can.Message) -> tuple[float, float, float, float, float]:
+    """A classic frame as numbers: time in s, identifier with flags, length, two halves of data."""
+    mark = message.arbitration_id | message.is_extended_id * _EXTENDED
+    mark |= message.is_remote_frame * _REMOTE | message.is_error_frame * _ERROR
+    data = message.data[:8]
+    halves = int.from_bytes(data[:4], "little"), int.from_bytes(data[4:], "little")
+    return (message.timestamp, mark | (not message.is_rx) * _SENT, message.dlc, *halves)
+
+
+def from_row(time: float, mark: float, length: float, low: float, high: float) -> can.Message:
+    """The frame that ``to_row`` made numbers of."""
+    flags, size = int(mark), int(length)
+    data = int(low).to_bytes(4, "little") + int(high).to_bytes(4, "little")
+    return can.Message(
+        timestamp=time,
+        arbitration_id=flags & (_EXTENDED - 1),
+        is_extended_id=bool(flags & _EXTENDED),
+        is_remote_frame=bool(flags & _REMOTE),
+        is_error_frame=bool(flags & _ERROR),
+        is_rx=not flags & _SENT,
+        dlc=size,
+        data=None if flags & _REMOTE else data[:size],
+    )
+
+
+class TraceWriter:
+    """Writes frames into a file, or, bounded, into parts of which the first and two last stay.
+
+    Args:
+        file: The file; its folder is made if missing.
+        channel: What the bus is called in it.
+        part: Bytes of a part; None for one file without bound.
+    """
+
+    def __init__(self, file: Path, channel: str, part: int | None = None) -> None:
+        self._file, self._channel, self._part = file, channel, part
+        self._number = 1
+        for old in parts(file):
+            old.unlink()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        self._logger = can.Logger(file, channel=channel)
+
+    def write(self, messages: Iterable[can.Message]) -> None:
+        """Append frames; text is handed to the system before this returns."""
+        for message in messages:
+            message.channel = self._channel
+            self._logger(message)
+        text = getattr(self._logger, "file", None)
+        if text is not None:
+            text.flush()
+        if self._part and _part(self._file, self._number).stat().st_size > self._part:
+            self._logger.stop()
+            self._number += 1
+            if self._number > 3:
+                _part(self._file, self._number - 2).unlink(missing_ok=True)
+            self._logger = can.Logger(_part(self._file, self._number), channel=self._channel)
+
+    def close(self) -> None:
+        """End the file."""
+        self._logger.stop()
+
+
+def _part(file: Path, number: int) -> Path:
+    return file if number == 1 else file.with_name(f"{file.stem}-{number}{file.suffix}")
+
+
+def parts(file: Path) -> list[Path]:
+    """The parts of a trace that are there, in order."""
+    later = file.parent.glob(f"{file.stem}-*{file.suffix}")
+    numbers = [int(n) for each in later if (n := each.stem.rpartition("-")[2]).isdecimal()]
+    return [each for n in (1, *sorted(numbers)) if (each := _part(file, n)).is_file()]
+
+
+@dataclass
+class Trace:
+    """The frames of one channel, in the order of their times.
+
+    Attributes:
+        channel: What it is called.
+        frames: Each with its time in s.
+        remarks: What could not be read, or was left out, in a line each.
+    """
+
+    channel: str
+    frames: list[can.Message] = field(repr=False)
+    remarks: list[str]
+
+
+_CANDUMP = re.compile(
+    r"\s*\((?P<time>\d+\.\d+)\)\s+(?P<channel>\S+)\s+(?:(?P<way>[RT]X)\s+\S\s+\S\s+)?"
+    r"(?P<id>[0-9A-F]{3,8})(?:#(?P<data>(?:[0-9A-F]{2})*|R\d?)(?:\s+(?P<end>[RT]))?"
+    r"|\s+\[(?P<length>\d)\]\s*(?P<bytes>remote request|(?:[0-9A-F]{2}(?:\s+|$))*)(?:'.*')?)\s*",
+    re.IGNORECASE,
+)
+"""A line of ``candump -L``, with or without direction, or of what candump prints, also with -x."""
+
+
+def read_trace(path: Path, channel: str | None = None) -> Trace:
+    """The frames of a trace.
+
+    Args:
+        path: A file of a format that python-can reads, or of candump's text.
+        channel: Which channel; the one with most frames by default.
+
+    Raises:
+        LogError: If nothing in it can be read.
+    """
+    remarks: list[str] = []
+    frames: list[can.Message] = []
+    files = parts(path)
+    if not files:
+        raise LogError(f"{path}: no such trace")
+    for file in files:
+        plain = file.with_suffix("") if file.suffix == ".gz" else file
+        known = plain.suffix in {".asc", ".blf", ".csv", ".db", ".mf4", ".trc"}
+        source = _library(file, remarks) if known else _candump(file, remarks)
+        frames.extend(source)
+    if not frames:
+        why = f": {remarks[0]}" if remarks else ""
+        raise LogError(f"{path}: no frame can be read{why}")
+    if len(files) > 2 and not _part(path, 2).is_file():
+        remarks.append(f"{path.name}: the parts between the first and {files[1].name} are gone")
+    counts = Counter(_name(each) for each in frames)
+    chosen = channel or counts.most_common(1)[0][0]
+    if chosen not in counts:
+        raise LogError(f"--channel {chosen}: not in {path}; there are {', '.join(counts)}")
+    if len(counts) > 1:
+        others = ", ".join(f"{name} ({n})" for name, n in counts.items() if name != chosen)
+        remarks.append(f"channel {chosen} is told ({counts[chosen]} frames); others: {others}")
+        frames = [each for each in frames if _name(each) == chosen]
+    back = max((a.timestamp - b.timestamp for a, b in pairwise(frames)), default=0.0)
+    if back > _DISORDER:
+        remarks.append(f"time goes back, by up to {back:.3g} s; frames are told in order of time")
+    frames.sort(key=lambda each: each.timestamp)
+    return Trace(chosen, frames, remarks)
+
+
+def _name(message: can.Message) -> str:
+    return str(message.channel if message.channel is not None else "can")
+
+
+def _library(file: Path, remarks: list[str]) -> Iterator[can.Message]:
+    """Frames as python-can reads them, up to what it cannot read."""
+    number = 0
+    try:
+        with can.LogReader(file) as reader:
+            for message in reader:
+                number += 1
+                yield message
+    except Exception as error:  # noqa: BLE001  readers raise whatever a broken file makes them
+        why = " ".join(str(error).split()) or type(error).__name__
+        remarks.append(f"{file.name}: cannot be read on after frame {number}: {why}")
+
+
+def _candump(file: Path, remarks: list[str]) -> Iterator[can.Message]:
+    """Frames of lines that candump wrote; others are counted."""
+    bad: list[str] = []
+    opened = gzip.open if file.suffix == ".gz" else open
+    try:
+        with opened(file, "rt", encoding="utf-8", errors="replace") as lines:
+            for number, line in enumerate(lines, 1):
+                if found := _CANDUMP.fullmatch(line):
+                    yield _of_line(found)
+                elif line.strip():
+                    bad.append(f"{number}")
+    except (OSError, EOFError) as error:
+        remarks.append(f"{file.name}: cannot be read on: {error}")
+    if bad:
+        some = ", ".join(bad[:5]) + (", ..." if len(bad) > 5 else "")
+        remarks.append(
+            f"{file.name}: lines that are no classic frame of candump: {len(bad)} (line {some})"
+        )
+
+
+def _of_line(found: re.Match[str]) -> can.Message:
+    identifier, data = int(found["id"], 16), (found["data"] or found["bytes"] or "").strip()
+    remote = data[:1].upper() == "R"
+    return can.Message(
+        timestamp=float(found["time"]),
+        channel=found["channel"],
+        arbitration_id=identifier & 0x1FFFFFFF,
+        is_extended_id=len(found["id"]) > 3,
+        is_error_frame=bool(identifier & 0x20000000 and len(found["id"]) > 3),
+        is_remote_frame=remote,
+        is_rx=(found["end"] or found["way"] or "R")[0].upper() == "R",
+        data=None if remote else bytes.fromhex(data)[:8],
+    )

@@ -1,0 +1,392 @@
+"""Hardware of one's own behind the seam: a class with a few methods in place of drives and screen.
+
+A rig file names it, ``backend = "my_rig.py:Arduino"``; ``ballplate.hardware`` is its door. What it
+does not do for itself, as a watchdog on the board, is told in every run.
+"""
+
+from __future__ import annotations
+
+import math
+import runpy
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.devices.nets import bounded, check_ranges, net, relaxed_nets
+from twin.errors import RigError, ScenarioError
+from twin.hal.interface import Condition, Fault, Limits, Severity, Touch
+
+Answer = TypeVar("Answer")
+
+
+class Reading(NamedTuple):
+    """What the hardware has measured last.
+
+    Attributes:
+        x: Ball along the longer side in m, from the middle of the plate; NaN where it is not seen.
+        y: The same along the shorter side.
+        at: When that arrived, s of ``Hardware.time``.
+        phi: Measured plate angle in rad, positive where it lets the ball roll to larger x; None
+            where there is no encoder.
+        theta: The same; positive where it lets the ball roll to smaller y.
+    """
+
+    x: float
+    y: float
+    at: float
+    phi: float | None = None
+    theta: float | None = None
+
+
+class Hardware:
+    """A rig of one's own: derive from it, and write ``start``, ``measure``, ``command``, ``stop``.
+
+    The loop calls ``measure`` and ``command`` once per control period from one thread; neither may
+    wait. What is raised in any of them stops the rig.
+    """
+
+    watchdog = False
+    """Whether the board itself holds the plate still when it hears nothing for a while."""
+
+    def start(self) -> None:
+        """Connect and bring the plate level, with torque; may wait."""
+        raise NotImplementedError
+
+    def measure(self) -> Reading:
+        """The newest measurement, the one before again if there is none."""
+        raise NotImplementedError
+
+    def command(self, rates: tuple[float, float], angles: tuple[float, float]) -> None:
+        """Move the plate until the next command.
+
+        Args:
+            rates: Plate rates (phi', theta') in rad/s, for drives that hold a speed.
+            angles: Plate angles (phi, theta) in rad at the end of the period, for servos that go to
+                a position. The rates add up to them.
+        """
+        raise NotImplementedError
+
+    def stop(self) -> None:
+        """Hold still, take the torque away, disconnect; also called after any error."""
+        raise NotImplementedError
+
+    def time(self) -> float:
+        """Monotonic time in s."""
+        return time.monotonic()
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        time.sleep(seconds)
+
+    def faults(self) -> tuple[str, ...]:
+        """What the hardware reports of itself, in words; anything stops the rig."""
+        return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnConfig:
+    """What the twin is to know of own hardware, and the thresholds that watch over it.
+
+    Attributes:
+        options: What the class is made with.
+        plate_lag: Time constant in s with which the plate follows its command; the plate angle of a
+            rig without an encoder is computed with it.
+        silent: Seconds without a new measurement after which the plate is levelled.
+        unseen: Seconds without a ball in the measurements after which it counts as not seen.
+        astray_deg: By how much the measured plate may differ from what it was told, deg.
+    """
+
+    options: Mapping[str, Any] = field(default_factory=dict)
+    plate_lag: float = bounded(0.0, 0, 2)
+    silent: float = net(0.25, 0.01, 5)
+    unseen: float = net(0.1, 0, 2)
+    astray_deg: float = net(3.0, 0.1, 20)
+
+    def __post_init__(self) -> None:
+        """Refuse what would be no threshold."""
+        check_ranges(self, "own.")
+
+    @property
+    def relaxed(self) -> tuple[str, ...]:
+        """Every threshold that is wider than by default, in words."""
+        return tuple(relaxed_nets(self, "own."))
+
+
+def _condition(name: str, severity: Severity, within: float, recovery: str) -> Condition:
+    levelled = severity is Severity.LEVEL
+    reaction = "level the plate, then hold" if levelled else "zero rate, then `stop`"
+    return Condition(name, severity, within, reaction, recovery)
+
+
+ASTRAY_FOR = 0.3
+"""Seconds for which a plate must be astray until it is a fault."""
+FAILED = _condition("own hardware failed", Severity.STOP, 0.002, "mend its class, then run again")
+REPORTED = _condition("own hardware reports", Severity.STOP, 0.002, "see what it reports")
+SILENT = _condition("measurements ended", Severity.LEVEL, 0.252, "check cable and power")
+ASTRAY = _condition("plate is not where it was told", Severity.STOP, 0.302, "check the actuators")
+LACKING = Condition("no safety net", Severity.WARNING, 0.002, "noted", "build one into the board")
+OWN_CONDITIONS = (FAILED, REPORTED, SILENT, ASTRAY, LACKING)
+"""Every condition that own hardware is watched for."""
+
+
+def load_backend(named: str, config: OwnConfig) -> Hardware:
+    """The hardware that a rig file names; nothing is opened.
+
+    Args:
+        named: File and class, ``my_rig.py:Arduino``.
+        config: Its options.
+
+    Raises:
+        ScenarioError: If there is no such class, or it cannot be made.
+    """
+    file, _, name = named.rpartition(":")
+    if not file.endswith(".py") or not Path(file).is_file():
+        raise ScenarioError(f"backend: {named!r} must be FILE.py:CLASS; no file {file!r}")
+    try:
+        kind = runpy.run_path(file).get(name)
+        if not (isinstance(kind, type) and issubclass(kind, Hardware)):
+            raise ScenarioError(
+                f"backend: {file} has no class {name!r} derived from ballplate.hardware.Hardware"
+            )
+        found = kind(**config.options)
+    except ScenarioError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ScenarioError(f"backend: {_told(error, file)}") from error
+    lacking = [
+        each
+        for each in ("start", "measure", "command", "stop")
+        if getattr(kind, each) is getattr(Hardware, each)
+    ]
+    if lacking:
+        raise ScenarioError(f"backend: {name} in {file} has no method {' and no '.join(lacking)}")
+    return found
+
+
+def _told(error: BaseException, file: str) -> str:
+    """File, line and error in one line."""
+    text = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if isinstance(error, SyntaxError):
+        return f"{error.filename}, line {error.lineno}: {text}"
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        if Path(frame.filename).name == Path(file).name:
+            return f"{frame.filename}, line {frame.lineno}: {text}"
+    return text
+
+
+def _pair(values: Array) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
+class Direct:
+    """No cams: what turns the plate is told its angles."""
+
+    def motor(self, plate: Array) -> Array:
+        """The plate angles themselves, rad."""
+        return plate
+
+
+class OwnServos:
+    """Own hardware as two servo axes; a `PoweredServos`.
+
+    Args:
+        hardware: The hardware.
+        config: Its thresholds.
+        limits: What may be commanded.
+        period: Control period in s.
+    """
+
+    round_trip = None
+
+    def __init__(
+        self, hardware: Hardware, config: OwnConfig, limits: Limits, period: float
+    ) -> None:
+        self.config = config
+        self.reading: Reading | None = None
+        """The newest measurement that is one."""
+        self.enabled = False
+        self.now = hardware.time
+        self._hardware = hardware
+        self._file = type(hardware).start.__code__.co_filename
+        self._where = type(hardware).__name__
+        self._limit = float(np.max(limits.angle))
+        self._period = period
+        self._share = 1 - math.exp(-period / config.plate_lag) if config.plate_lag else 1.0
+        self._rate, self._angle, self._model = np.zeros((3, 2))
+        self._started = False
+        self._astray: float | None = None
+        self._new: list[Fault] = []
+        self._latched: set[str] = set()
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """Safety nets that such a rig does not have."""
+        found = [] if self._hardware.watchdog else ["nothing stops the plate if this program dies"]
+        if self.reading is not None and self.reading.phi is None:
+            found.append("no encoder shows whether the plate follows")
+        return tuple(Fault(LACKING, self._where, words) for words in found)
+
+    def start(self, *, reset: bool = False) -> None:
+        """Let the hardware connect, and read it once.
+
+        Raises:
+            RigError: If it cannot, or measures nothing that is a reading.
+        """
+        self._started = True
+        self._new, self._latched, self._astray = [], set(), None
+        try:
+            self._hardware.start()
+            self.reading = self._checked(self._hardware.measure())
+        except Exception as error:
+            self.stop()
+            raise RigError(f"{self._where}: {_told(error, self._file)}") from error
+
+    def stop(self) -> None:
+        """Let the hardware stop; idempotent, never raises."""
+        if self._started:
+            self._started = self.enabled = False
+            self._asked(self._hardware.stop)
+
+    def enable(self) -> None:
+        """The hardware has torque once it is started."""
+        self.enabled = True
+
+    def quick_stop(self) -> None:
+        """Hold still from now on."""
+        self._rate = np.zeros(2)
+
+    def receive(self) -> None:
+        """Take in the newest measurement."""
+        for words in self._asked(self._hardware.faults) or ():
+            self._report(REPORTED, str(words))
+        answer = self._asked(lambda: self._checked(self._hardware.measure()))
+        if answer is not None:
+            self.reading = answer
+        self._watch()
+
+    def send(self) -> None:
+        """Command what is to hold for the period that begins."""
+        before = self._angle
+        self._angle = np.clip(before + self._period * self._rate, -self._limit, self._limit)
+        rates = (self._angle - before) / self._period
+        self._model = self._model + self._share * (self._angle - self._model)
+        if self._started:
+            self._asked(lambda: self._hardware.command(_pair(rates), _pair(self._angle)))
+
+    def settle(self, limit: float) -> None:
+        """Nothing is waited for."""
+
+    def command(self, motor_rate: Array) -> None:
+        """Plate rates in rad/s, shape (1, 2), until the next command."""
+        self._rate = np.asarray(motor_rate, float).reshape(2)
+
+    def plate(self) -> Array:
+        """Measured plate angles, or where the plate is believed to be, rad, shape (1, 2)."""
+        reading = self.reading
+        if reading is None or reading.phi is None or reading.theta is None:
+            return self._model[None].copy()
+        return np.array([[reading.phi, reading.theta]])
+
+    def motor(self) -> Array:
+        """The commanded plate angles, rad, shape (1, 2)."""
+        return self._angle[None].copy()
+
+    def age(self) -> Array:
+        """Seconds since the plate was measured; 0 where it is computed, shape (1, 2)."""
+        measured = self.reading is not None and self.reading.phi is not None
+        age = self.now() - self.reading.at if measured and self.reading else 0.0
+        return np.full((1, 2), age)
+
+    def home(self, plate: Array, motor: Array) -> None:
+        """Declare where the plate stands, rad, shape (1, 2)."""
+        self._angle = self._model = np.asarray(plate, float).reshape(2)
+
+    def faults(self) -> tuple[Fault, ...]:
+        """Faults detected since the last call, oldest first."""
+        new, self._new = tuple(self._new), []
+        return new
+
+    def _checked(self, reading: Any) -> Reading:
+        """A reading of finite time whose angles, if any, are finite; positions may be NaN.
+
+        Raises:
+            TypeError: If it is none.
+        """
+        if not isinstance(reading, Reading):
+            raise TypeError(f"measure must give a ballplate.hardware.Reading, not {reading!r}")
+        angles = [each for each in (reading.phi, reading.theta) if each is not None]
+        if len(angles) == 1 or not all(map(math.isfinite, (reading.at, *angles))):
+            raise TypeError(f"measure must give a time, and two finite angles or none: {reading}")
+        return reading
+
+    def _watch(self) -> None:
+        reading, now = self.reading, self.now()
+        if reading is None:
+            return
+        if now - reading.at > self.config.silent:
+            self._report(SILENT, f"none for {now - reading.at:.2f} s")
+        if reading.phi is None:
+            return
+        off = float(np.degrees(np.abs(self.plate()[0] - self._model).max()))
+        if off <= self.config.astray_deg:
+            self._astray = None
+        elif self._astray is None:
+            self._astray = now
+        elif now - self._astray > ASTRAY_FOR:
+            self._report(ASTRAY, f"{off:.1f} deg off for {now - self._astray:.1f} s")
+
+    def _asked(self, method: Callable[[], Answer]) -> Answer | None:
+        """What a method of the hardware gives; None, and a fault, where it fails."""
+        try:
+            return method()
+        except Exception as error:  # noqa: BLE001 - a user's file may do anything
+            self._report(FAILED, _told(error, self._file))
+            return None
+
+    def _report(self, condition: Condition, detail: str) -> None:
+        if condition.name not in self._latched:
+            self._latched.add(condition.name)
+            self._new.append(Fault(condition, self._where, detail, self.now()))
+
+
+class OwnScreen:
+    """The ball as own hardware sees it; a `ListeningScreen`.
+
+    Args:
+        servos: Who reads it.
+    """
+
+    def __init__(self, servos: OwnServos) -> None:
+        self._servos = servos
+        self._position = np.full((1, 2), np.nan)
+        self._seen = -math.inf
+
+    def start(self) -> None:
+        """Know nothing of what was before."""
+        self._position, self._seen = np.full((1, 2), np.nan), -math.inf
+
+    def stop(self) -> None:
+        """Nothing to close."""
+
+    def note_plate(self, plate: Array) -> None:
+        """Not needed."""
+
+    def faults(self) -> tuple[Fault, ...]:
+        """None of its own."""
+        return ()
+
+    def read(self) -> Touch:
+        """The newest position seen, with its age."""
+        reading, now = self._servos.reading, self._servos.now()
+        if reading is not None and math.isfinite(reading.x) and math.isfinite(reading.y):
+            self._position, self._seen = np.array([[reading.x, reading.y]]), reading.at
+            touched = True
+        else:
+            touched = now - self._seen <= self._servos.config.unseen
+        position = self._position if touched else np.nan_to_num(self._position)
+        return Touch(position, np.array([max(0.0, now - self._seen)]), np.array([touched]))

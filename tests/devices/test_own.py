@@ -1,0 +1,278 @@
+"""Hardware of one's own: what fails in it is told and ends with the plate held."""
+
+import contextlib
+import json
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from own_board import EXAMPLE, VirtualBoard, own_rig
+
+from twin.devices.own import OwnConfig, load_backend
+from twin.errors import RigError, ScenarioError
+from twin.hal.supervisor import State
+from twin.run.assemble import assemble
+from twin.run.loop import drive
+from twin.run.record import Recorder
+from twin.scenario.rig import check_rig
+
+PAGE = (EXAMPLE.parents[1] / "docs" / "your-rig.md").read_text(encoding="utf-8")
+
+
+def turned(rig, seconds, rate=0.0):
+    """The last measurement after some time at a rate of both axes."""
+    for _ in range(round(seconds / rig.period)):
+        rig.write(np.full((1, 2), rate))
+        rig.wait()
+        measurement = rig.read()
+    return measurement
+
+
+def fails(name):
+    """A change: one method raises from now on."""
+
+    def change(hardware):
+        def broken(*_):
+            raise OSError("cable gone")
+
+        setattr(hardware, name, broken)
+
+    return change
+
+
+def silent(hardware):
+    """No frame comes any more."""
+    hardware.board.step = lambda now: []
+
+
+def stuck(hardware):
+    """The plate stays where it is."""
+    hardware.board.lag = 1e9
+
+
+def blind(hardware):
+    """The camera sees nothing."""
+    hardware.board.ball = [0.5, 0.0]
+
+
+def reporting(hardware):
+    """The board says that it is hot."""
+    hardware.words = ("servo too hot",)
+
+
+def talking_nonsense(hardware):
+    """A measurement is no reading."""
+    hardware.measure = lambda: (0.0, 0.0)
+
+
+FAULTS = {
+    "measure raises": (fails("measure"), State.FAULT, "OSError: cable gone", 0.004),
+    "command raises": (fails("command"), State.FAULT, "OSError: cable gone", 0.004),
+    "faults raises": (fails("faults"), State.FAULT, "OSError: cable gone", 0.004),
+    "no reading": (talking_nonsense, State.FAULT, "must give a ballplate.hardware.Reading", 0.004),
+    "reports": (reporting, State.FAULT, "servo too hot", 0.004),
+    "silent": (silent, State.HOLDING, "measurements ended: none for 0.25 s", 0.27),
+    "stuck": (stuck, State.FAULT, "is not where it was told", 1.2),
+    "blind": (blind, State.HOLDING, "screen no longer feels the ball", 0.22),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_told_within_its_time_and_the_hardware_is_stopped_once(fault, scenario):
+    change, state, words, within = FAULTS[fault]
+    hardware = VirtualBoard()
+    rig = own_rig(hardware, scenario())
+    with rig:
+        rig.start()
+        turned(rig, 0.3)
+        assert rig.supervisor.state[0] == State.RUNNING
+        change(hardware)
+        begin = hardware.now
+        while rig.supervisor.state[0] == State.RUNNING and hardware.now < begin + 3:
+            turned(rig, rig.period, 0.1)
+        assert rig.supervisor.state[0] == state
+        assert words in rig.supervisor.reason[0]
+        assert hardware.now - begin <= within + rig.period
+        if fault not in ("command raises", "stuck"):
+            turned(rig, 0.5, 0.3)
+            assert hardware.rates == pytest.approx((0.0, 0.0), abs=2e-4)
+    assert hardware.stopped == 1
+
+
+def test_what_is_late_or_unseen_within_its_bounds_is_no_fault(scenario):
+    hardware = VirtualBoard()
+    with own_rig(hardware, scenario(), unseen=0.3) as rig:
+        rig.start()
+        turned(rig, 0.1)
+        blind(hardware)
+        seen = turned(rig, 0.25)
+        assert seen.touched[0]
+        assert seen.age[0] > 0.2
+        assert rig.supervisor.state[0] == State.RUNNING
+
+
+def test_without_an_encoder_the_plate_is_where_a_lag_of_its_command_is(scenario):
+    hardware = VirtualBoard(encoder=False, lag=0.06)
+    with own_rig(hardware, scenario(), plate_lag=0.06) as rig:
+        rig.start()
+        for _ in range(100):
+            measured = turned(rig, rig.period, 0.2).y[0, 1::2]
+        true = np.array(hardware.board.angle)
+        assert np.degrees(np.abs(true)).min() > 0.7
+        assert measured == pytest.approx(true, abs=np.radians(0.05))
+    notes = [entry.note.text for entry in rig.journal]
+    assert sum("no encoder" in text for text in notes) == 1
+    assert sum("if this program dies" in text for text in notes) == 1
+
+
+def test_a_law_brings_the_ball_of_another_rig_to_its_set_point(scenario):
+    chosen = scenario("duration=6", "controller.kappa=0.5")
+    hardware = VirtualBoard(friction=0.0, lag=0.01)
+    _, controller = assemble(chosen)
+    rig = own_rig(hardware, chosen)
+    recorder = Recorder(round(chosen.duration / rig.period), 1, rig.period)
+    drive(rig, controller, chosen.duration, recorder)
+    assert hardware.board.ball == pytest.approx([0.05, -0.03], abs=0.001)
+
+
+HEAD = "from ballplate.hardware import Hardware, Reading\n"
+WRONG = {
+    "nothing.py:A": (None, "no file"),
+    "mine.py": (HEAD, "must be FILE.py:CLASS"),
+    "mine.py:A": (HEAD + "class B(Hardware): pass\n", "no class 'A' derived from"),
+    "mine.py:B": (HEAD + "class B(Hardware): pass\n", "no method start and no measure and no"),
+    "mine.py:C": (HEAD + "class C(Hardware:\n", "line 2: SyntaxError"),
+    "mine.py:D": (HEAD + "\nraise KeyError('x')\n", "line 3: KeyError: 'x'"),
+    "mine.py:E": (HEAD + "import sys\nsys.exit(3)\n", "line 3: SystemExit: 3"),
+    "mine.py:F": (HEAD + "class F(Hardware):\n  def __init__(self, a): pass\n", "'a'"),
+}
+
+
+@pytest.mark.parametrize("named", WRONG)
+def test_a_class_that_is_none_is_one_line(named, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text, words = WRONG[named]
+    if text is not None:
+        (tmp_path / "mine.py").write_text(text)
+    with pytest.raises(ScenarioError) as caught:
+        load_backend(named, OwnConfig())
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({}, "touch is missing"),
+        ({"backend": "a.py:A", "touch": {"port": "p"}}, "has none of these"),
+        ({"touch": {"port": "p"}, "own": {"silent": 0.1}}, "it needs backend"),
+        ({"backend": "a.py:A", "own": {"silent": 60.0}}, "own.silent = 60.0: must be"),
+        ({"backend": "a.py:A", "own": {"quiet": 1}}, "own.quiet"),
+    ],
+)
+def test_a_rig_file_that_contradicts_itself_is_one_line(tables, words):
+    with pytest.raises(ScenarioError, match=words) as caught:
+        check_rig(tables, "rig.toml")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_start_that_fails_stops_the_hardware(scenario):
+    hardware = VirtualBoard()
+    fails("measure")(hardware)
+    with pytest.raises(RigError, match="cable gone"), own_rig(hardware, scenario()):
+        pass
+    assert hardware.stopped == 1
+
+
+def test_wider_thresholds_are_told():
+    rig = check_rig({"backend": "a.py:A", "own": {"silent": 1.0}}, "rig.toml")
+    assert rig.relaxed(0.002) == ("own.silent = 1.0 (default 0.25)",)
+
+
+@contextlib.contextmanager
+def board(folder, *options):
+    """The emulated board; its rig file."""
+    file = folder / "rig.toml"
+    served = subprocess.Popen(
+        [sys.executable, EXAMPLE / "board.py", "--write", file, *map(str, options)],
+        stdout=subprocess.PIPE,
+    )
+    try:
+        served.stdout.readline()
+        yield file
+    finally:
+        served.send_signal(signal.SIGINT)
+        served.kill()
+        served.communicate()
+
+
+def ballplate(folder, *words):
+    """Exit code and output of a command."""
+    done = subprocess.run(
+        [sys.executable, "-c", "from twin.cli import main; main()", *map(str, words)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        ((), 0, "no encoder shows"),
+        (("--lose", 0.01), 0, "no encoder shows"),
+        (("--reset-at", 2), 1, "the board was reset 1 times"),
+        (("--silent-at", 2), 1, "measurements ended"),
+    ],
+)
+def test_the_example_runs_on_its_emulated_board(options, code, words, tmp_path):
+    with board(tmp_path, *options) as rig:
+        done, said = ballplate(
+            tmp_path, "run", "hold", "--rig", rig, "--set", "duration=4", "--out", "made"
+        )
+    assert done == code, said
+    assert words in " ".join(said.split())
+    assert {"metrics.json", "run.parquet"} <= {each.name for each in (tmp_path / "made").iterdir()}
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+def test_the_doctor_examines_own_hardware(tmp_path):
+    with board(tmp_path) as rig:
+        code, said = ballplate(tmp_path, "doctor", "--rig", rig, "--move", "--json")
+    found = {each["what"]: each for each in json.loads(said)}
+    assert code == 0, said
+    assert found["backend"]["verdict"] == found["ball"]["verdict"] == "pass"
+    assert "x +30" in found["ball"]["seen"]
+    assert found["tilt of phi"]["verdict"] == "warn"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("command", "told"), re.findall(r"^\| `(run .*?)` \| (\S+).*\|$", PAGE, re.MULTILINE)
+)
+def test_other_rigs_do_what_their_page_says(command, told, tmp_path):
+    """Errors of the page, in %, or that the ball falls."""
+    code, said = ballplate(tmp_path, *command.split(), "--set", "baseline=false", "--out", "made")
+    found = json.loads((tmp_path / "made" / "metrics.json").read_text())
+    if told == "falls":
+        assert (code, found["outcome"]) == (1, "fell")
+    else:
+        assert code == 0, said
+        assert found["tracking_error_percent"] == pytest.approx(float(told), abs=0.051)
+
+
+@pytest.mark.parametrize("what", ["cams", "touch", "lost-motion"])
+def test_calibrations_of_other_devices_say_that_they_are(what, tmp_path):
+    (tmp_path / "rig.toml").write_text('title = "mine"\nbackend = "mine.py:Mine"\n')
+    code, said = ballplate(tmp_path, "calibrate", what, "--rig", "rig.toml")
+    assert code == 2
+    assert "this rig has a backend, mine.py" in " ".join(said.split())

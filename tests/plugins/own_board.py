@@ -1,0 +1,74 @@
+"""The board of examples/own_rig as hardware of one's own, in virtual time."""
+
+import importlib.util
+import math
+from contextlib import nullcontext
+from pathlib import Path
+
+from twin.devices.own import Direct, Hardware, OwnConfig, OwnScreen, OwnServos, Reading
+from twin.devices.realtime import RealTimeClock
+from twin.devices.rig import HardwareRig
+from twin.devices.scheduling import Scheduling
+from twin.run.assemble import build_limits
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "own_rig"
+spec = importlib.util.spec_from_file_location("own_board", EXAMPLE / "board.py")
+board = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(board)
+
+
+class VirtualBoard(Hardware):
+    """Frames of the board's camera, commands to its servos; time passes when the host waits."""
+
+    def __init__(self, *, encoder=True, **given):
+        self.board = board.Board(1, **{"lag": 0.004, "late": 0.0, "noise": 0.0, **given})
+        self.board.ball = [0.0, 0.0]
+        self.encoder = encoder
+        self.now, self.steps = 0.0, 0
+        self.stopped = 0
+        self.words = ()
+        self.reading = Reading(math.nan, math.nan, 0.0)
+
+    def start(self):
+        self.wait(0.1)
+
+    def measure(self):
+        angles = tuple(self.board.angle) if self.encoder else (None, None)
+        return self.reading._replace(phi=angles[0], theta=angles[1])
+
+    def command(self, rates, angles):
+        self.rates = rates
+        self.board.goal, self.board.heard = list(angles), self.now
+
+    def stop(self):
+        self.stopped += 1
+
+    def time(self):
+        return self.now
+
+    def wait(self, seconds):
+        self.now += seconds + 1e-9
+        while (self.steps + 1) * board.STEP <= self.now:
+            self.steps += 1
+            for line in self.board.step(self.steps * board.STEP):
+                _, x, y = line.split()
+                seen = [math.nan if each == "-" else float(each) / 1000 for each in (x, y)]
+                self.reading = Reading(*seen, at=self.now)
+
+    def faults(self):
+        return self.words
+
+
+def own_rig(hardware, scenario, **thresholds):
+    """The rig of some hardware, as `connect` builds it, without real-time scheduling."""
+    limits = build_limits(scenario.rig.limits)
+    servos = OwnServos(hardware, OwnConfig(**thresholds), limits, scenario.rig.period)
+    return HardwareRig(
+        servos=servos,
+        screen=OwnScreen(servos),
+        clock=RealTimeClock(scenario.rig.period, spin=0.0, now=hardware.time, sleep=hardware.wait),
+        transmission=Direct(),
+        limits=limits,
+        patience=1.0,
+        scheduling=lambda: nullcontext(Scheduling(False, False, ("virtual time",))),
+    )
