@@ -70,6 +70,22 @@ def quick_pictures():
 
 
 @pytest.fixture
+def ballplate(capsys, tmp_path, monkeypatch):
+    """Calls the command line in an empty folder; its code, output and errors."""
+    from twin.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            main(list(map(str, arguments)))
+        out, err = capsys.readouterr()
+        return caught.value.code, out, err
+
+    return call
+
+
+@pytest.fixture
 def take_in(monkeypatch):
     """Takes a law, observer or reference into the catalog."""
 

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.cli import main
 from twin.data_file import DEEPEST, INTEGERS, DataError, parse_json, parse_toml, read_toml
 
 DEEP = "[" * 3000 + "]" * 3000
@@ -34,17 +33,14 @@ COMMANDS = {
 
 
 @pytest.fixture
-def refused(capsys, tmp_path, monkeypatch):
+def refused(ballplate):
     """Calls the command line; its one line of refusal, which must come at once."""
-    monkeypatch.chdir(tmp_path)
 
     def call(*arguments):
         begin = time.process_time()
-        with pytest.raises(SystemExit) as caught:
-            main(list(arguments))
+        code, out, err = ballplate(*arguments)
         assert time.process_time() - begin < 10
-        out, err = capsys.readouterr()
-        assert (caught.value.code, out) == (2, "")
+        assert (code, out) == (2, "")
         assert len(err.splitlines()) == 1
         assert len(err) < 1020
         return err

@@ -13,6 +13,7 @@ def check(
     student: str | None = None,
     key: str | None = None,
     hidden: bool = False,
+    page: str | Path | None = None,
 ) -> dict[str, Any]:
     """The result of an answer: ``score``, ``max_score``, and ``results``, one a check.
 
@@ -27,6 +28,7 @@ def check(
         student: Whose rig it is for, where no ``rig.toml`` says so.
         key: The course's key; without one, what is hidden of a rig is a value to practise on.
         hidden: Whether hidden checks are judged, too.
+        page: HTML file to write with the result and a picture of the run that lost most points.
 
     Raises:
         ScenarioError: If there is no such lab, something in it is wrong, or the rig is of another
@@ -39,4 +41,12 @@ def check(
     file = Path(answer or found.answer.file)
     if file.is_dir():
         file /= found.answer.file
-    return judge.judged(found, had_again(found, file.parent, key, student), file, hidden=hidden)
+    dealt = had_again(found, file.parent, key, student)
+    result = judge.judged(found, dealt, file, hidden=hidden)
+    if page is not None:
+        from twin.lab.pages import of_student
+        from twin.writing import write_whole
+
+        judging = judge.Judge(found, dealt, file)
+        write_whole(Path(page), of_student(judging, result, everything=hidden))
+    return result

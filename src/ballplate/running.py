@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import (
     AbstractContextManager,
     ExitStack,
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.reporter import Reporter, default, writable
+from twin.devices.akd import TRACE
 from twin.errors import RigError, ScenarioError, TwinError
 from twin.run.files import STREAM, free
 from twin.shipped import find
@@ -132,8 +133,6 @@ def run(
         return result
 
 
-TRACE = "trace.log"
-"""What was said on the CAN bus of a rig, in its run's folder."""
 FRAMES = 1 << 18
 """Frames the buffer holds: more than a minute of two drives at 2 ms."""
 
@@ -175,12 +174,12 @@ def traced(
     if file is None:
         yield None
         return
-    from twin.devices.akd.traces import COLUMNS, PART, parts, to_row
+    from twin.devices.akd.traces import COLUMNS, PART, appended, parts, to_row
     from twin.view.live_process import LiveProcess
 
     with ExitStack() as end:
-        arguments = (file, PART if bounded else None)
-        live = LiveProcess(_trace, arguments, rows=FRAMES, width=len(COLUMNS))
+        more = appended, file, PART if bounded else None
+        live = LiveProcess(_write, more, rows=FRAMES, width=len(COLUMNS))
         end.callback(live.close)
         put = live.take_rows(COLUMNS)
         live.begun()
@@ -198,32 +197,14 @@ def traced(
 
 def _place_trace(file: Path | None, folder: Path) -> None:
     """Put the trace of a run, if it has one, in the place of that of the former run there."""
-    if file == folder / TRACE:
-        return
-    for old in folder.glob("trace*.log"):
-        old.unlink()
-    for part in file.parent.glob("trace*.log") if file else ():
-        part.replace(folder / part.name)
-    with suppress(OSError):  # there is none, or it holds more
-        if file:
-            file.parent.rmdir()
-
-
-def _trace(buffer: tuple[int, int, str], file: Path, part: int | None) -> None:
-    """Write frames until their bus is closed, or its process is gone."""
-    from twin.devices.akd.traces import TraceWriter, from_row
-    from twin.view.live_process import SharedRingBuffer, step_back
-
-    step_back()
-    with closing(SharedRingBuffer(*buffer)) as ring, ExitStack() as end:
-        writer: TraceWriter | None = None
-        for block in ring.blocks(EVERY):
-            if block and len(block["time"]):
-                if writer is None:
-                    writer = TraceWriter(file, "can0", part)
-                    end.callback(writer.close)
-                rows = zip(*(column.tolist() for column in block.values()), strict=True)
-                writer.write(from_row(*row) for row in rows)
+    if file != folder / TRACE:
+        for old in folder.glob("trace*.log"):
+            old.unlink()
+        if file is not None:
+            for part in file.parent.glob("trace*.log"):
+                part.replace(folder / part.name)
+            with suppress(OSError):  # it holds more
+                file.parent.rmdir()
 
 
 def one_run(
@@ -445,6 +426,7 @@ def streamed(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attac
         attach: What else is given the recorder before the run.
     """
     from twin.run.finished import described
+    from twin.run.record import stream
     from twin.view.live_process import LiveProcess
 
     file = folder / STREAM
@@ -452,7 +434,8 @@ def streamed(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attac
 
         def both(recorder: Recorder) -> None:
             attach(recorder)
-            live = LiveProcess(_stream, (file, recorder.units, described(scenario)))
+            more = stream, file, recorder.units, described(scenario)
+            live = LiveProcess(_write, more)
             end.callback(live.close)
             end.callback(live.finish)
             live.begun()
@@ -464,11 +447,14 @@ def streamed(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attac
         folder.rmdir()
 
 
-def _stream(
-    buffer: tuple[int, int, str], file: Path, units: Mapping[str, str], metadata: Mapping[str, Any]
-) -> None:
-    """Write what is recorded until the run has ended, or its process is gone."""
-    from twin.run.record import stream
+def _write(buffer: tuple[int, int, str], into: Callable[..., Any], *more: Any) -> None:
+    """Write what is handed over until the run has ended, or its process is gone.
+
+    Args:
+        buffer: Where it is handed over.
+        into: Makes the context in which columns are appended, of their names and ``more``.
+        more: What that needs.
+    """
     from twin.view.live_process import SharedRingBuffer, step_back
 
     step_back()
@@ -476,5 +462,5 @@ def _stream(
         append = None
         for block in ring.blocks(EVERY):
             if block and len(block["time"]):
-                append = append or end.enter_context(stream(file, [*block], units, metadata))
+                append = append or end.enter_context(into([*block], *more))
                 append(block)

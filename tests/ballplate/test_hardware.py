@@ -212,9 +212,3 @@ def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails
     except ZeroDivisionError:
         assert len(bp.load(folder).time) == 200
     assert folder.exists() is fails
-
-
-def test_a_stream_without_a_row_says_so(tmp_path):
-    (tmp_path / "run.arrows").touch()
-    with pytest.raises(TwinError, match=r"run\.arrows: nothing has been recorded yet"):
-        bp.load(tmp_path)

@@ -1,5 +1,6 @@
 """The command line as a whole: how it begins, what it refuses, what it says meanwhile."""
 
+import json
 import re
 import shlex
 from collections import Counter
@@ -10,6 +11,7 @@ import pytest
 
 from twin.cli import COMMANDS, FIRST, GROUPS, TRY, output
 from twin.cli import ballplate as program
+from twin.shipped import shipped_in
 
 
 def test_list_shows_every_scenario_with_its_title(ballplate):
@@ -17,6 +19,15 @@ def test_list_shows_every_scenario_with_its_title(ballplate):
     assert code == 0
     assert "circle" in out
     assert "Hold on the centre" in out
+
+
+@pytest.mark.parametrize("command", ["study", "tune", "fit"])
+def test_without_a_name_what_is_shipped_is_listed(ballplate, command):
+    code, out, _ = ballplate(command, "--json")
+    assert code == 0
+    assert list(json.loads(out)) == list(
+        shipped_in({"study": "studies"}.get(command, f"{command}s"))
+    )
 
 
 def every_command():

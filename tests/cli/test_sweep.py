@@ -1,14 +1,12 @@
 import csv
 import json
 
-from click.testing import CliRunner
-
-from twin.cli.runs import sweep as command
 from twin.run.finished import run
 from twin.scenario.load import load
 from twin.scenario.variants import swept
 
 SHORT = ("plant.kind=lagrange", "duration=0.3", "metrics.start=0")
+QUICK = [word for text in SHORT for word in ("--set", text)]
 
 
 def test_values_are_evenly_spaced_whole_where_all_are_or_listed():
@@ -18,13 +16,11 @@ def test_values_are_evenly_spaced_whole_where_all_are_or_listed():
     assert swept('controller.kind=["afl", "lqr"]') == ("controller.kind", ["afl", "lqr"])
 
 
-def test_a_sweep_gives_of_each_value_what_run_gives(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    asked = ["step", "controller.rho=100:300:2", "--vary", "seed=[1,2]", "-j", "1"]
-    asked += [word for text in SHORT for word in ("--set", text)]
-    done = CliRunner().invoke(command, [*asked, "--json"], standalone_mode=False)
-    assert done.return_value == 0, done.exception
-    found = json.loads(done.stdout)
+def test_a_sweep_gives_of_each_value_what_run_gives(ballplate, tmp_path):
+    asked = ("step", "controller.rho=100:300:2", "--vary", "seed=[1,2]", "-j", "1", "--json")
+    code, out, err = ballplate("sweep", *asked, *QUICK)
+    assert code == 0, err
+    found = json.loads(out)
     alone = run(load("step", [*SHORT, "seed=2", "controller.rho=300"]))
     assert found["runs"]["2"][1]["rms_error"] == alone.metrics["rms_error"]
     (folder,) = (tmp_path / "runs").iterdir()
@@ -37,10 +33,7 @@ def test_a_sweep_gives_of_each_value_what_run_gives(tmp_path, monkeypatch):
     assert float(rows[3]["rms_error [m]"]) == alone.metrics["rms_error"]
 
 
-def test_a_value_at_which_the_ball_is_lost_is_told_in_the_table(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    asked = ["hold", "plant.start.x=[0.0, 0.3]", "-j", "1"]
-    asked += [word for text in SHORT for word in ("--set", text)]
-    done = CliRunner().invoke(command, asked, standalone_mode=False)
-    assert done.return_value == 1
-    assert "aborted at 0.00" in done.stdout
+def test_a_value_at_which_the_ball_is_lost_is_told_in_the_table(ballplate):
+    code, out, _ = ballplate("sweep", "hold", "plant.start.x=[0.0, 0.3]", "-j", "1", *QUICK)
+    assert code == 1
+    assert "aborted at 0.00" in out

@@ -52,32 +52,31 @@ def test_a_path_that_the_plate_can_give_is_left_as_it_is():
     np.testing.assert_array_equal(laid(circle, start, 6.0), laid(circle, start, 6.0, None))
 
 
-@pytest.mark.parametrize(
-    "reference",
-    [STEP, Transition(end=(0.15, 0.0), duration=0.4), Circle(amplitude=0.15, omega=3.0)],
-    ids=["step", "transition", "circle"],
-)
-def test_beside_others_it_has_the_bits_it_has_alone(reference):
-    calm = Circle(amplitude=0.05, omega=1.0)
-    start = reference(0.0)[0]
-    together = laid(PerRigReference((calm, reference), T), ((0.05, 0.0), start), 5.0)
-    np.testing.assert_array_equal(together[:, :, 1], laid(reference, start, 5.0))
-    np.testing.assert_array_equal(together[:, :, 0], laid(calm, (0.05, 0.0), 5.0))
+CALM = Circle(amplitude=0.05, omega=1.0)
 
 
 class Later(Reference):
     """A small circle, and the step a second later besides."""
 
     def __call__(self, t):
-        return Circle(amplitude=0.05, omega=1.0)(t) + STEP(np.asarray(t) - 1.0)
+        return CALM(t) + STEP(np.asarray(t) - 1.0)
 
 
-def test_a_rig_that_asks_too_much_later_than_its_neighbour_has_the_bits_it_has_alone():
-    later = Later()
-    starts = STEP(0.0)[0], later(0.0)[0]
-    together = laid(PerRigReference((STEP, later), T), starts, 7.0)
-    np.testing.assert_array_equal(together[:, :, 0], laid(STEP, starts[0], 7.0))
-    np.testing.assert_array_equal(together[:, :, 1], laid(later, starts[1], 7.0))
+@pytest.mark.parametrize(
+    "both",
+    [
+        (CALM, STEP),
+        (CALM, Transition(end=(0.15, 0.0), duration=0.4)),
+        (CALM, Circle(amplitude=0.15, omega=3.0)),
+        (STEP, Later()),
+    ],
+    ids=["step", "transition", "circle", "later"],
+)
+def test_beside_others_it_has_the_bits_it_has_alone(both):
+    starts = [reference(0.0)[0] for reference in both]
+    together = laid(PerRigReference(both, T), starts, 7.0)
+    for rig, (reference, start) in enumerate(zip(both, starts, strict=True)):
+        np.testing.assert_array_equal(together[:, :, rig], laid(reference, start, 7.0))
 
 
 def test_it_is_the_nearest_of_all_paths_of_pieces_of_constant_jerk():

@@ -83,8 +83,7 @@ def test_the_power_stages_go_through_their_states(said):
     assert told["pdos"]["281h"] == {
         "node": 1,
         "name": "TPDO2",
-        "carries": ["606Ch Velocity actual", "2050h Secondary feedback position"],
-        "source": "trace",
+        "entries": ["606Ch Velocity actual", "2050h Secondary feedback position"],
     }
     texts = [each["text"] for each in told["events"]]
     assert "start: node 1 (phi)" in texts

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.emulator.screen import Damage, EmulatedScreen, ScreenFault, ScreenLine
-from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
+from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
 
 pytestmark = pytest.mark.real_time
 
@@ -22,34 +22,6 @@ def said(line, begin, end):
     """Portions of bytes and their times, looked for every millisecond of made-up time."""
     times = [begin + 0.001 * k for k in range(round(1000 * (end - begin)))]
     return [(now, part) for now in times for part in line.step(now)]
-
-
-def test_format_tablet_of_the_middle_of_the_screen_is_what_the_manual_says():
-    # 16383 / 2 on the native grid: 2048 of 4095 is 8194 of 16383, and upwards 8189.
-    assert ENCODERS[Protocol.MICROTOUCH]([Spot(0.5001, 0.5001)]) == [
-        bytes([0xC0, 8194 & 127, 8194 >> 7, 8189 & 127, 8189 >> 7])
-    ]
-
-
-def test_smartset_of_a_corner_is_what_the_guide_says():
-    # 0xAA + 0x55 + 0x54 + 0x02 + 0xFF + 0x0F = 0x263.
-    assert ENCODERS[Protocol.ELO]([Spot(1.0, 0.0)]) == [
-        bytes.fromhex("55 54 02 ff 0f 00 00 00 00 63")
-    ]
-
-
-def test_hid_reports_are_those_of_the_recordings():
-    share = 0x07D8 / 8 / 4095, 0x0AA0 / 8 / 4095
-    (packet,) = ENCODERS[Protocol.HID_0007]([Spot(*share)])
-    assert packet == bytes.fromhex("31 00 d8 07 a0 0a 01 00")
-    (packet,) = ENCODERS[Protocol.HID_0006]([Spot(*share)])
-    assert packet == bytes.fromhex("31 01 d8 07 a0 0a" + "00" * 18 + "01")
-
-
-def test_six_contacts_take_two_reports_as_recorded():
-    first, second = ENCODERS[Protocol.HID_0006]([Spot(0.1, 0.1, name) for name in range(1, 7)])
-    assert (first[24], second[24]) == (6, 0)
-    assert second[12:] == bytes(13)
 
 
 @pytest.mark.parametrize("balls", [[], [(0.36, 0.0)]], ids=["none", "beside"])
@@ -151,8 +123,3 @@ def test_merged_packets_are_two_in_one():
     damage = Damage(Protocol.ELO, 0)
     damage.inject(ScreenFault.MERGE, 1.0)
     assert [damage.packet(0.0, b"one"), damage.packet(0.0, b"two")] == [[], [b"onetwo"]]
-
-
-def test_a_packet_beyond_the_range_has_a_right_checksum():
-    changed = beyond(ENCODERS[Protocol.ELO]([BALL])[0], Protocol.ELO)
-    assert (0xAA + sum(changed[:9])) % 256 == changed[9]

@@ -135,16 +135,6 @@ def test_every_state_can_be_left_and_every_one_reached():
     assert set(TRANSITIONS.values()) == set(State)
 
 
-def test_only_a_start_leads_to_running_and_only_from_ready():
-    ways = [key for key, after in TRANSITIONS.items() if after is State.RUNNING]
-    assert ways == [(State.READY, Event.START)]
-
-
-@pytest.mark.parametrize("state", [s for s in State if s is not State.OFF and s != State.FAULT])
-def test_a_stop_leads_to_fault_from_every_state_with_power(state):
-    assert TRANSITIONS[state, Event.STOP] is State.FAULT
-
-
 @pytest.mark.parametrize("state", [State.HOLDING, State.FAULT])
 def test_whoever_was_stopped_can_only_be_switched_off(state):
     ways = {key[1]: after for key, after in TRANSITIONS.items() if key[0] is state}

@@ -435,7 +435,7 @@ def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: P
     hand_out(lab, {"ann": "ann", "bob": "bob"}, KEY, hand_out_to)
     handed_in = grades.submissions(lab, hand_out_to)
     for key, whole in ((KEY, True), (PRACTICE, False)):
-        found = [grades.graded(lab, key, None, each) for each in handed_in]
+        found = [grades.graded(lab, key, None, tmp_path, each) for each in handed_in]
         assert all(("problem" not in each) == whole for each in found)
     assert "is it the key of this course" in found[0]["problem"]
 

@@ -1,15 +1,12 @@
 """One builder: N scenarios make N rigs, and each is what it is alone."""
 
-from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar
 
 import numpy as np
 import pytest
 from every_setting import OTHER
 
 from controllers.controller import PerRigReference
-from controllers.linear import LQR
 from controllers.references import Circle, Hold
 from twin.errors import ModelError, ScenarioError
 from twin.hal.interface import Limits
@@ -142,31 +139,6 @@ def test_the_references_of_a_batch_can_be_asked_ahead():
     for t in (0.4, np.array([0.0, 0.4, 7.1]), np.array([[0.1], [0.2]])):
         for rig, member in enumerate(members):
             assert batch(t)[..., rig, :] == pytest.approx(member(t), abs=1e-12)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Previewing(LQR):
-    """A law that also looks half a second ahead."""
-
-    name: ClassVar[str] = "previewing"
-
-    def control(self, t, x, reference, q):
-        ahead = reference(t + 0.5)[0] - reference(np.array([t + 0.1, t + 0.2]))[0].mean(axis=0)
-        return super().control(t, x, reference, q) + 0.1 * ahead
-
-
-def test_a_law_that_looks_ahead_does_the_same_in_a_batch(take_in):
-    take_in(Previewing)
-    exact = [*SHORT, "plant.kind=lagrange"]
-    laws = (["controller.kind=previewing"], ["controller.kind=afl"])
-    scenarios = [
-        load("circle", [*exact, *laws[rig % 2], f"reference.amplitude={0.1 + 0.01 * rig}"])
-        for rig in range(4)
-    ]
-    together, _ = recorded(scenarios)
-    for rig, scenario in enumerate(scenarios):
-        alone = run(scenario).record
-        assert together["state"][:, rig] == pytest.approx(alone["state"][:, 0], abs=1e-12)
 
 
 def test_the_estimate_of_a_row_is_that_of_its_own_time():

@@ -73,34 +73,27 @@ def speed_after(plant, speed, change):
     return first, simulated.state[0, 1]
 
 
-@pytest.mark.parametrize("plant", PLANTS)
-def test_a_rolling_ball_is_slowed_by_the_friction_it_was_changed_to(plant):
-    first, last = speed_after(plant, 0.3, one("plant.friction.rolling_mm", 0.36))
-    ball = BallPlate()
-    slowed = ball.c1 * 0.36e-3 / ball.radius * ball.gravity
-    assert (first - last) / 0.1 == pytest.approx(slowed, rel=0.01)
+SOLID = 0.4 * 0.05 * 0.02**2
+HEAVY = (
+    '[{at=1.0, set={"plant.level_deg"=[1.0, 0.0], "plant.ball.mass"=0.05, '
+    f'"plant.ball.inertia"={SOLID}}}}}]'
+)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_a_base_that_tilts_lets_the_ball_roll_down_and_the_plate_where_it_is(plant):
-    first, last = speed_after(plant, 0.3, one("plant.level_deg", [1.0, 0.0]))
-    ball = BallPlate()
-    friction = ball.c1 * 0.18e-3 / ball.radius * ball.gravity
-    down = ball.c1 * ball.gravity * np.sin(np.radians(1.0))
-    assert (last - first) / 0.1 == pytest.approx(down - friction, rel=0.01)
-
-
-@pytest.mark.parametrize("plant", PLANTS)
-def test_a_ball_of_another_inertia_rolls_down_with_its_own_acceleration(plant):
-    solid = 0.4 * 0.05 * 0.02**2
-    change = (
-        '[{at=1.0, set={"plant.level_deg"=[1.0, 0.0], "plant.ball.mass"=0.05, '
-        f'"plant.ball.inertia"={solid}}}}}]'
-    )
+@pytest.mark.parametrize(
+    ("change", "ball", "arm", "slope"),
+    [
+        (one("plant.friction.rolling_mm", 0.36), BallPlate(), 0.36e-3, 0.0),
+        (one("plant.level_deg", [1.0, 0.0]), BallPlate(), 0.18e-3, 1.0),
+        (HEAVY, BallPlate(mass=0.05, inertia=SOLID), 0.18e-3, 1.0),
+    ],
+    ids=["friction", "slope", "another ball"],
+)
+def test_a_ball_rolls_on_as_what_was_changed_accelerates_it(plant, change, ball, arm, slope):
     first, last = speed_after(plant, 0.3, change)
-    ball = BallPlate(mass=0.05, inertia=solid)
-    friction = ball.c1 * 0.18e-3 / ball.radius * ball.gravity
-    down = ball.c1 * ball.gravity * np.sin(np.radians(1.0))
+    friction = ball.c1 * arm / ball.radius * ball.gravity
+    down = ball.c1 * ball.gravity * np.sin(np.radians(slope))
     assert (last - first) / 0.1 == pytest.approx(down - friction, rel=0.01)
 
 

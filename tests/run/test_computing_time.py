@@ -99,9 +99,9 @@ def test_rigs_of_a_batch_have_each_their_own_and_measuring_is_for_one_alone():
         load("hold", [*keys, "duration=0.4", f"controller.computing_time={time}"]) for time in times
     ]
     found = simulate(each)
-    assert [one.late_percent for one in found] == [None, 0, 100, 100]
-    assert found[0].rms_error == found[1].rms_error
-    assert len({one.rms_error for one in found}) == 3
+    assert [one["late_percent"] for one in found] == [None, 0, 100, 100]
+    assert found[0]["rms_error"] == found[1]["rms_error"]
+    assert len({one["rms_error"] for one in found}) == 3
     assert simulate(each[2:3]) == found[2:3]
     measured = load("hold", [*keys, 'controller.computing_time="measured"'])
     assert build_controller(measured).timed

@@ -74,7 +74,7 @@ def streamed(tmp_path, scenario):
     columns |= {name: values for name, _, values in done.record.columns()}
     ends = []
     units = done.record.units
-    with stream(tmp_path / STREAM, list(columns), units, described(done.scenario)) as append:
+    with stream(list(columns), tmp_path / STREAM, units, described(done.scenario)) as append:
         for piece in np.array_split(np.arange(done.record.length), 4):
             append({name: values[piece] for name, values in columns.items()})
             ends.append((tmp_path / STREAM).stat().st_size)

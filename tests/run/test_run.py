@@ -7,8 +7,7 @@ import twin.run.finished
 from twin.errors import ScenarioError
 from twin.run.assemble import assemble
 from twin.run.finished import run, save
-from twin.run.loop import Ending, drive
-from twin.run.record import Recorder
+from twin.run.loop import Ending
 
 
 def test_the_same_seed_gives_the_same_record_to_the_last_bit(scenario):
@@ -20,22 +19,6 @@ def test_the_same_seed_gives_the_same_record_to_the_last_bit(scenario):
 def test_another_seed_gives_another_record(scenario):
     first, second = run(scenario()), run(scenario("seed=1"))
     assert not np.array_equal(first.record["measured"], second.record["measured"])
-
-
-@pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
-def test_a_rig_among_three_does_exactly_what_it_does_alone(scenario, kind):
-    chosen = scenario(
-        f"plant.kind={kind}", "controller.kind=afl", "controller.poles=[-2,-2.5,-3,-4]"
-    )
-    alone = run(chosen).record
-    others = [chosen.model_copy(update={"seed": seed}) for seed in (1, 2)]
-    rig, controller = assemble([chosen, *others])
-    together = Recorder(200, 3, chosen.rig.period)
-    drive(rig, controller, chosen.duration, together)
-    for name in alone.data:
-        # a spline evaluated for one rig or for three may round differently
-        assert np.allclose(alone[name][:, 0], together[name][:, 0], rtol=1e-12, atol=1e-12), name
-    assert not np.array_equal(together["measured"][:, 0], together["measured"][:, 1])
 
 
 def test_with_ideal_sensors_the_sampled_loop_follows_the_continuous_one(scenario):

@@ -75,18 +75,6 @@ def test_a_missing_table_is_named():
         check(without, "file.toml")
 
 
-def test_a_missing_scenario_lists_the_nearest():
-    with pytest.raises(ScenarioError, match="did you mean 'circle'"):
-        load("cirle")
-
-
-def test_a_file_that_is_not_toml_is_refused(tmp_path):
-    path = tmp_path / "bad.toml"
-    path.write_text("title = [", encoding="utf-8")
-    with pytest.raises(ScenarioError, match="not a TOML file"):
-        load(str(path))
-
-
 def test_naming_another_controller_drops_the_settings_of_the_old():
     tables = override(MINIMAL, ["controller.poles=[-1,-2,-3,-4]", "controller.kind=pole_placement"])
     assert tables["controller"] == {"kind": "pole_placement", "poles": [-1, -2, -3, -4]}

@@ -86,17 +86,6 @@ def test_a_ball_below_its_breakaway_slope_creeps_less_than_a_micrometre(phi, the
     assert np.abs(rows[:, [0, 2]] - rows[0, [0, 2]]).max() < 1e-6
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("lever", [0.05e-3, 0.18e-3, 0.4e-3])
-def test_the_ball_breaks_away_at_its_friction_lever_over_its_radius(lever):
-    model = mechanism(lever)
-    slope = math.atan(lever / BALL.radius)
-    held = drive(model, tilted(model, 0.97 * slope), rest, 1.0)
-    let_go = drive(model, tilted(model, 1.03 * slope), rest, 1.0)
-    assert np.ptp(held[:, 0]) < 1e-6
-    assert np.ptp(let_go[:, 0]) > 1e-5
-
-
 def exact_path(rows, step):
     """Ball of the exact model (5.9) on the plate motion of the rows, from the ball's first row.
 

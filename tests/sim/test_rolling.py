@@ -88,9 +88,10 @@ def test_the_ball_sticks_up_to_the_breakaway_slope_and_slips_beyond(kind):
 
 
 @pytest.mark.parametrize("kind", PLANTS)
-def test_without_breakaway_the_ball_slips_from_the_rolling_slope_on(kind):
-    onset = math.atan(ROLLING / RADIUS)
-    way, _ = run(plants(kind, Friction(rolling=ROLLING), [0.97 * onset, 1.03 * onset]), 2.0)
+@pytest.mark.parametrize("rolling", [0.05e-3, ROLLING, 0.4e-3])
+def test_without_breakaway_the_ball_slips_from_the_rolling_slope_on(kind, rolling):
+    onset = math.atan(rolling / RADIUS)
+    way, _ = run(plants(kind, Friction(rolling=rolling), [0.97 * onset, 1.03 * onset]), 2.0)
     expected = K1 / 2 * (math.sin(1.03 * onset) - math.sin(onset)) * 2.0**2
     assert np.abs(way[-1, 0]) < 1e-6
     assert way[-1, 1] == pytest.approx(expected, rel=0.05)

@@ -74,12 +74,6 @@ def test_noise_has_the_variance_asked_for():
     assert drawn.var(axis=(0, 1)) == pytest.approx([4e-6, 1e-6], rel=0.05)
 
 
-def test_noise_of_a_rig_does_not_depend_on_its_neighbours():
-    alone, together = Noise((1.0,), seeds(1)), Noise((1.0,), seeds(3))
-    for _ in range(600):
-        assert alone.draw()[0] == together.draw()[0]
-
-
 def test_held_noise_changes_only_every_so_many_periods():
     noise = Noise((1.0,), seeds(1), hold=5)
     drawn = np.array([noise.draw()[0, 0] for _ in range(3000)])

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from twin.page import inline
+from twin.run.indicators import METRICS
 from twin.study.answers import Answer, SensitivityIndex, answers, spread
 from twin.study.design import points
 from twin.study.experiments import Store, carry
 from twin.study.figures import figures
 from twin.study.report import in_order, needed, sentences, write
-from twin.study.schema import METRICS, Study
+from twin.study.schema import Study
 from twin.study.work import Job, Row, Work
 
 KEYS = ("plant.start.x_rate", "plant.start.y_rate", "plant.start.spin")

@@ -5,14 +5,12 @@ from __future__ import annotations
 import csv
 import json
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from runpy import run_path
 
 import pyarrow.parquet as pq
 import pytest
-
-from twin.cli import main
-from twin.shipped import shipped_in
 
 STUDY = """
 title = "Short study"
@@ -36,24 +34,10 @@ set = ["plant.start.x=0.34", "plant.start.x_rate=1.4"]
 
 
 @pytest.fixture
-def study(capsys, tmp_path: Path, monkeypatch):
+def study(ballplate, tmp_path: Path):
     """Runs the command on a short study: exit code, output, error."""
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "short.toml").write_text(STUDY)
-
-    def call(*arguments: str) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as caught:
-            main(["study", *arguments])
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
-
-    return call
-
-
-def test_without_a_name_the_shipped_studies_are_listed(study) -> None:
-    code, out, _ = study()
-    assert code == 0
-    assert [line.split()[0] for line in out.splitlines()] == list(shipped_in("studies"))
+    return partial(ballplate, "study")
 
 
 def test_a_plan_says_runs_time_and_disk_and_runs_none(study, tmp_path) -> None:

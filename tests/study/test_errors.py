@@ -9,7 +9,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from twin.cli import main
 from twin.study import experiments as store
 
 STUDY = """
@@ -26,16 +25,12 @@ KEY, VALUES = "plant.friction.rolling_mm", "values = [0.1, 0.2]"
 
 
 @pytest.fixture
-def study(capsys, tmp_path: Path, monkeypatch):
+def study(ballplate, tmp_path: Path):
     """Runs the command on the study with one piece of text changed: exit code, output, error."""
-    monkeypatch.chdir(tmp_path)
 
     def call(old: str = "", new: str = "", *arguments: str) -> tuple[int, str, str]:
         (tmp_path / "short.toml").write_text(STUDY.replace(old, new) if old else STUDY)
-        with pytest.raises(SystemExit) as caught:
-            main(["study", "short.toml", "--processes", "1", *arguments])
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
+        return ballplate("study", "short.toml", "--processes", "1", *arguments)
 
     return call
 
@@ -87,11 +82,9 @@ def test_a_mistake_in_a_study_is_one_line_that_says_where_and_what_is_allowed(
     assert not (tmp_path / "runs").exists()
 
 
-def test_an_unknown_study_is_answered_with_the_nearest_and_what_lists_all(capsys) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(["study", "frictoin"])
-    assert caught.value.code == 2
-    err = capsys.readouterr().err
+def test_an_unknown_study_is_answered_with_the_nearest_and_what_lists_all(ballplate) -> None:
+    code, _, err = ballplate("study", "frictoin")
+    assert code == 2
     assert "did you mean 'friction'?" in err
     assert "`ballplate study` lists all" in err
 

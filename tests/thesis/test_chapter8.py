@@ -1,13 +1,15 @@
 """Chapter 8: what was simulated, how a run is judged, and how cells are compared."""
 
 import json
-import runpy
 from dataclasses import replace
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.colors import to_rgb
+from PIL import Image
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
@@ -15,6 +17,7 @@ from twin.cli.analyse import reproduce
 from twin.errors import ScenarioError, TwinError
 from twin.run.assemble import build_controller
 from twin.run.metrics import Motion
+from twin.run.picture import COLOURS
 from twin.thesis import chapter8
 from twin.thesis.chapter8 import (
     COLUMNS,
@@ -27,6 +30,7 @@ from twin.thesis.chapter8 import (
     compare,
     continuous,
     judge,
+    plan,
     row_results,
     tables,
 )
@@ -139,7 +143,7 @@ def test_an_unknown_table_is_one_line_that_lists_the_known_ones():
 def test_the_page_has_its_tables_notes_and_figures(steps, tmp_path, monkeypatch):
     docs = Path(__file__).parents[2] / "docs"
     monkeypatch.syspath_prepend(docs)
-    page = runpy.run_path(str(docs / "chapter8.py"))
+    page = run_path(str(docs / "chapter8.py"))
     path = tmp_path / "docs" / "reproduction.md"
     page["write_doc"](path, steps[0], compare(*steps), steps[1])
     assert "](reproduction-8-1.md)" in path.read_text(encoding="utf-8")
@@ -251,3 +255,110 @@ def test_an_integrator_of_its_own_finds_what_is_kept_of_continuous_control(name,
     found = judge(row, motion, np.zeros((len(time), 8)), scenario.metrics.start)
     for column, values in found.items():
         assert values[0] == pytest.approx(continuous()[name][row.name][column][0], rel=1e-6)
+
+
+CHAPTER_8 = Path(__file__).parents[2] / "docs" / "chapter8.py"
+
+
+@pytest.mark.long
+def test_lines_keep_their_colours_in_a_picture_of_few_colours(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(CHAPTER_8.parent)
+    time = np.linspace(0, 25, 2000)
+    page = run_path(str(CHAPTER_8))
+    title = "Three laws, and the mechanism over them"
+    with page["_drawn"](tmp_path / "few.png", 3, title, mechanism=True) as panels:
+        for panel in panels.flat:
+            for index, colour in enumerate(COLOURS[:3]):
+                values = 10 * time * np.exp(-time * (index + 1) / 2) + np.sin(time / 3)
+                panel.plot(time, values, color=colour)
+                panel.plot(time, values, zorder=4, **page["MECHANISM"])
+    with Image.open(tmp_path / "few.png") as picture:
+        shown = np.array(picture.convert("RGB"), float).reshape(-1, 3)
+    for colour in COLOURS[:3]:
+        apart = np.abs(shown - 255 * np.array(to_rgb(colour))).max(axis=1)
+        assert (apart <= 4).sum() > 50, colour
+
+
+def by_place(found):
+    return {(one.place, one.way): one for one in found}
+
+
+@pytest.fixture(scope="module")
+def cells():
+    """One run of the whole command."""
+    wanted = list(tables().values())
+    return compare(wanted, by_place(row_results(plan(wanted))))
+
+
+@pytest.mark.long
+def test_no_cell_differs_without_a_known_reason_and_every_exception_is_needed(cells):
+    assert len(cells) == 251
+    by = {kind: [cell for cell in cells if cell.verdict is kind] for kind in Agreement}
+    assert by[Agreement.DIFFERS] == []
+    needed = [(cell.table, cell.row, cell.column) for cell in by[Agreement.EXCEPTION]]
+    assert needed == [
+        (table.id, row.name, column)
+        for table in tables().values()
+        for row in table.rows
+        for column in row.exceptions
+    ]
+
+
+@pytest.mark.long
+def test_the_sampled_loop_agrees_with_continuous_control_as_the_page_says(cells):
+    for cell in cells:
+        if COLUMNS[cell.column].judged != "reading" and cell.exact.value > 1e-9:
+            small = cell.column == "e_ss" or cell.column.startswith("x")
+            bound = 0.022 if small else 0.007
+            assert cell.sampled.value == pytest.approx(cell.exact.value, rel=bound)
+
+
+@pytest.mark.long
+def test_full_state_feedback_agrees_to_4_percent_but_for_one_cell(cells):
+    beyond = [
+        (cell.table, cell.row, cell.column)
+        for cell in cells
+        if int(cell.table.split(".")[1]) <= 11
+        and COLUMNS[cell.column].judged == "value"
+        and cell.thesis
+        for value in (cell.exact, cell.sampled)
+        if abs(value.value / cell.thesis - 1) > 0.04
+    ]
+    assert set(beyond) == {("8.3", "omega 0.5", "u1_max")}
+
+
+@pytest.mark.long
+def test_angles_and_efforts_with_observer_noise_and_dead_time_agree_to_5_percent(cells):
+    for cell in cells:
+        if int(cell.table.split(".")[1]) >= 14 and COLUMNS[cell.column].judged == "value":
+            assert cell.exact.value == pytest.approx(cell.thesis, rel=0.05)
+            assert cell.sampled.value == pytest.approx(cell.thesis, rel=0.05)
+
+
+@pytest.mark.long
+def test_the_mechanism_without_friction_loses_only_the_ball_that_the_thesis_drives_off_the_plate(
+    cells,
+):
+    lost = {(cell.table, cell.row) for cell in cells if cell.mujoco is None}
+    assert lost == {("8.3", "omega 1")}  # y reaches 0.208 m; the plate ends at 0.1975 m
+
+
+@pytest.mark.long
+def test_the_sampled_loop_tends_to_the_continuous_one_with_its_period():
+    job = ReproductionJob("sampled", tuple(("8.4", index) for index in range(3)), 1.0)
+    kept = continuous()["8.4"].values()
+    truth = np.array([[values[0] for values in row.values()] for row in kept])
+    slow, fast = (
+        np.abs(np.array([[*row.values.values()] for row in carry_out(job, T)])[..., 0] / truth - 1)
+        for T in (0.002, 0.0005)
+    )
+    assert slow.max() < 0.01
+    assert fast.max() == pytest.approx(slow.max() / 4, rel=0.2)
+
+
+@pytest.mark.long
+def test_two_processes_find_what_one_finds():
+    jobs = plan([tables()["8.1"]])
+    one, two = (by_place(row_results(jobs, count)) for count in (1, 2))
+    assert one.keys() == two.keys()
+    assert all(two[key].values == found.values for key, found in one.items())

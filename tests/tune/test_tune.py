@@ -230,11 +230,6 @@ def test_overrides_of_the_command_come_last(file):
     assert trials.scenario(trials.start, 0).predictor.delay == 0.01
 
 
-def test_without_a_name_the_shipped_ones_are_listed():
-    result = CliRunner().invoke(command, ["--json"])
-    assert json.loads(result.stdout).keys() == shipped_in("tunes").keys()
-
-
 @pytest.mark.long
 def test_a_plan_runs_nothing(file, folder, monkeypatch):
     monkeypatch.setattr("twin.tune.trials.PILOT_RIGS", 1)

@@ -36,9 +36,8 @@ def chained(found, path, point):
     point = np.atleast_2d(np.asarray(point, float))
     while path in found:
         pose = found[path]
-        if pose.scale is not None:
-            point = point * pose.scale
-        point = Rotation.from_quat(pose.quaternion).apply(point) + pose.translation
+        point = point * pose.get("scale", 1.0)
+        point = Rotation.from_quat(pose["quaternion"]).apply(point) + pose["translation"]
         path = path.rpartition("/")[0]
     return point[0]
 
@@ -69,7 +68,7 @@ def test_the_spring_hangs_between_its_two_sites(phi, theta):
     assert chained(found, scene.spring, [0, 0, 1]) == pytest.approx(
         data.site("spring_plate").xpos, abs=1e-9
     )
-    assert found[scene.spring].scale[0, 2] == pytest.approx(data.ten_length[0])
+    assert found[scene.spring]["scale"][0, 2] == pytest.approx(data.ten_length[0])
 
 
 def test_the_ball_touches_the_tilted_screen():

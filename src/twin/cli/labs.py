@@ -57,6 +57,19 @@ def list_labs() -> int:
     return 0
 
 
+@lab.command(cls=Command, example="lab new friction2")
+@click.argument("name")
+@click.option("--out", type=PATH, help="New folder [NAME].")
+def new(name: str, out: Path | None) -> int:
+    """Write a small lab of your own that passes its selftest, to be changed piece by piece."""
+    from twin.lab.forms import begin
+
+    folder = out or Path(name)
+    begin(name, folder)
+    say(f"{folder}/: begin with lab.toml and solution.py; then: ballplate lab selftest {folder}")
+    return 0
+
+
 @lab.command(cls=Command, example="lab start signs --student ann")
 @LAB
 @click.option("--student", required=True, help="Your name or number.")
@@ -84,6 +97,7 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
 @click.option("--hidden", is_flag=True, help="Judge hidden checks, too, where they are.")
 @click.option("--as", "form", type=click.Choice(["json", "gradescope", "classroom50", "junit"]))
 @click.option("--out", type=PATH, help="File to write the result to.")
+@click.option("--page", type=PATH, help="HTML page to write, with a picture of the run.")
 @JSON
 def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> int:
     """Judge an answer: what passed, why not, where to look; exit code 1 if a check did not pass.
@@ -131,10 +145,12 @@ def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> in
 def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) -> int:
     """Judge the answers of a class, a folder or a file a student, on the rigs the key deals.
 
-    Every result is kept when it is finished, in a folder beside the marks: a killed command goes
-    on where it was, an unchanged answer is not judged again.
+    Every result and its page are kept when they are finished, in a folder beside the marks: a
+    killed command goes on where it was, an unchanged answer is not judged again. A page beside the
+    marks has the class.
     """
     from twin.lab import grade as grades
+    from twin.lab.pages import of_class, summary
     from twin.lab.variants import students
     from twin.writing import write_whole, written_alone
 
@@ -144,7 +160,10 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     with written_alone(kept), progress("grade", len(handed_in), "answers") as advance:
         found = grades.grade(lab, key, names, handed_in, kept, processes, advance)
     write_whole(out, grades.marks(lab, found))
-    show(found, [grades.summary(found)], out.parent, out.name)
+    page = out.with_suffix(".html")
+    write_whole(page, of_class(lab, found, kept))
+    files = f"{out.name}, {page.name}; of each student {kept.name}/"
+    show(found, [summary(found)], out.parent, files)
     return 1 if any("problem" in each for each in found) else 0
 
 
@@ -159,12 +178,17 @@ def _tried(lab: Lab, found: Iterable[Finding]) -> int:
 
 @lab.command(cls=Command, example="lab selftest signs")
 @LAB
+@click.option("--starter", is_flag=True, help="Make the starter from the solution first.")
 @PROCESSES
 @JSON
-def selftest(lab: Lab, processes: int | None) -> int:
+def selftest(lab: Lab, starter: bool, processes: int | None) -> int:
     """Try a lab before a class does: the solution has all points, every mutant fails its check."""
     from twin.lab import grade
+    from twin.lab.variants import starter as made
+    from twin.writing import write_whole
 
+    if starter and not lab.answer.data:
+        write_whole(lab.folder / lab.answer.file, made(lab.text("solution.py")))
     return _tried(lab, grade.selftest(lab, processes or cores()))
 
 

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.running import EMULATED, TRACE, rig_of
+from ballplate.running import EMULATED, rig_of
 from twin.cli import options
 from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show, warn
+from twin.devices.akd import TRACE
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen_bytes import Protocol
 from twin.errors import LogError
@@ -247,7 +248,8 @@ def trace(
     """
     import numpy as np
 
-    from twin.devices.akd.decoding import Conversation, Event, Names
+    from twin.devices.akd.decoding import Conversation, Event
+    from twin.devices.akd.dictionary import Names
     from twin.devices.akd.traces import read_trace
     from twin.run.connect import cams_of
     from twin.run.logs import TRACE_UNITS, log_of_trace

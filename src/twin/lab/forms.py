@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -14,10 +15,12 @@ from typing import Any
 
 from markupsafe import escape
 
-from twin.errors import ScenarioError
-from twin.lab.schema import PRIVATE, Lab
+from twin.errors import ScenarioError, shortened
+from twin.lab.schema import NAMED, PRIVATE, Lab
+from twin.lab.variants import starter
 from twin.markdown import filled
 from twin.page import Table
+from twin.shipped import folder as shipped
 from twin.writing import write_folder, write_whole
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -74,6 +77,30 @@ def written(result: Result, form: str) -> str:
 def printable(text: str) -> str:
     """A text as XML can have it: without control characters, and its own signs escaped."""
     return escape("".join(letter if letter.isprintable() else " " for letter in text))
+
+
+def begin(name: str, folder: Path) -> None:
+    """Write a small lab that passes its own selftest, to be changed into another.
+
+    Args:
+        name: What it is called.
+        folder: Where to; must not exist.
+
+    Raises:
+        TwinError: If no lab can be called so, or it cannot be written.
+    """
+    if not re.fullmatch(NAMED, name):
+        allowed = "small letters, digits, - and _, as in friction2"
+        raise ScenarioError(f"NAME '{shortened(name)}': must be {allowed}")
+    words, start = name.replace("_", " ").capitalize(), shipped() / "starts" / "lab"
+
+    def fill(inner: Path) -> None:
+        for file in filter(Path.is_file, start.rglob("*.*")):
+            text = file.read_text(encoding="utf-8").replace("NAME", name)
+            write_whole(inner / file.relative_to(start), text.replace("TITLE", words))
+        write_whole(inner / "answer.py", starter((inner / "solution.py").read_text("utf-8")))
+
+    write_folder(folder, fill)
 
 
 def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) -> None:

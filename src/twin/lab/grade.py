@@ -20,20 +20,11 @@ from twin.data_file import DataError, parse_json
 from twin.errors import ScenarioError, TwinError, nearest
 from twin.jobs import results
 from twin.lab.forms import written
-from twin.lab.judge import digest_of, judged
-from twin.lab.schema import CheckTable, Lab
-from twin.lab.variants import (
-    LOG,
-    RIG,
-    Deal,
-    deal,
-    filled,
-    had_again,
-    record,
-    starter,
-    toml,
-    trusted,
-)
+from twin.lab.judge import Judge, digest_of, judged
+from twin.lab.pages import of_student
+from twin.lab.schema import CheckTable, Lab, trusted
+from twin.lab.variants import LOG, RIG, Deal, deal, filled, had_again, record, starter, toml
+from twin.page import Verdict, html
 from twin.report.numbers import flat
 from twin.study.work import code, digest
 from twin.writing import write_whole
@@ -79,18 +70,24 @@ def submissions(lab: Lab, folder: Path) -> list[Submission]:
     return found
 
 
-def graded(lab: Lab, key: str | None, people: list[str] | None, each: Submission) -> dict[str, Any]:
-    """The result of a submission; what is wrong with it is part of that."""
+def graded(
+    lab: Lab, key: str | None, people: list[str] | None, kept: Path, each: Submission
+) -> dict[str, Any]:
+    """The result of a submission, its page written; what is wrong with it is part of that."""
     try:
         if people is not None and each.student not in people:
             where = nearest(each.student, people)
             raise ScenarioError(f"student '{each.student}': not in the class{where}")
-        return judged(lab, had_again(lab, each.folder, key, each.student), each.file, hidden=True)
-    except TwinError as error:
-        problem = str(error)
+        dealt = had_again(lab, each.folder, key, each.student)
+        result = judged(lab, dealt, each.file, hidden=True)
+        page = of_student(Judge(lab, dealt, each.file), result, everything=False)
     except Exception as error:  # noqa: BLE001 - one answer's trouble is not that of others
-        problem = f"the grader failed: {type(error).__name__}: {error}"
-    return {"student": each.student, "score": None, "results": [], "problem": problem}
+        own = isinstance(error, TwinError)
+        problem = str(error) if own else f"the grader failed: {type(error).__name__}: {error}"
+        result = {"student": each.student, "score": None, "results": [], "problem": problem}
+        page = html(f"{lab.title}: {each.student}", [Verdict([problem], good=False)])
+    write_whole(kept / f"{each.student}.html", page)
+    return result
 
 
 def grade(
@@ -109,8 +106,8 @@ def grade(
         key: The course's.
         people: Who is in the class; None for whoever hands in.
         handed_in: The submissions.
-        kept: Folder of the results, one file a student, written when it is finished; those of
-            unchanged submissions are taken from there.
+        kept: Folder of the results, a file and a page a student, written when it is finished;
+            those of unchanged submissions are taken from there.
         processes: How many are judged side by side.
         progress: Told how many are finished.
 
@@ -127,10 +124,10 @@ def grade(
     for student, name in names.items():
         with suppress(OSError, DataError):
             result = parse_json((kept / f"{student}.json").read_bytes())
-            if result.get("kept_as") == name:
+            if result.get("kept_as") == name and (kept / f"{student}.html").is_file():
                 done[student] = result
     left = [(each.student, each) for each in handed_in if each.student not in done]
-    for student, result in results(partial(graded, lab, key, people), left, processes):
+    for student, result in results(partial(graded, lab, key, people, kept), left, processes):
         done[student] = {**result, "kept_as": names[student]}
         write_whole(kept / f"{student}.json", written(done[student], "json"))
         progress(len(done))
@@ -158,14 +155,6 @@ def marks(lab: Lab, found: list[dict[str, Any]]) -> str:
     for each in found:
         rows.writerow(each | {check["name"]: check["score"] for check in each["results"]})
     return text.getvalue()
-
-
-def summary(found: list[dict[str, Any]]) -> str:
-    """How a class did, in a sentence."""
-    scores = sorted(each["score"] for each in found if each["score"] is not None)
-    problems = sum("problem" in each for each in found)
-    middle = scores[len(scores) // 2] if scores else 0.0
-    return f"{len(found)} students, {problems} with a problem; median {middle:g} points"
 
 
 class Candidate(NamedTuple):
@@ -251,7 +240,9 @@ def selftest(lab: Lab, processes: int) -> Iterator[Finding]:
     if not lab.answer.data:
         same = starter(lab.text(candidates(lab)[0].file.name)) == lab.text(lab.answer.file)
         yield Finding(
-            "the starter is made from the solution", same, "" if same else "make it again"
+            "the starter is made from the solution",
+            same,
+            "" if same else "make it again: --starter",
         )
     for who, result in all_tried(lab, ["selftest"], processes):
         points = f"{result['score']:g} of {result['max_score']:g} points, {result['seconds']:.1f} s"

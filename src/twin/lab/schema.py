@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
+from runpy import run_path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -23,6 +24,8 @@ DATA = ("numbers", "parameters")
 NUMBERS = ("numbers", "function")
 """Kinds that give numbers by name."""
 Visible = Literal["visible", "hidden", "after_published"]
+NAMED = "[a-z0-9_-]+"
+"""What a lab may be called."""
 MOST = 256
 """Runs of a check."""
 PRIVATE = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md")
@@ -197,7 +200,7 @@ class Lab(Checked):
     """
 
     schema_: Annotated[str, Field(alias="schema")]
-    name: Annotated[str, Field(pattern=r"^[a-z0-9_-]+$")]
+    name: Annotated[str, Field(pattern=f"^{NAMED}$")]
     version: Annotated[int, Field(ge=1)]
     title: str
     minutes: Annotated[int, Field(ge=1)] = 90
@@ -303,3 +306,15 @@ def read(name: str | Path) -> Lab:
         )
     more = read_model(HiddenFile, hidden).check if hidden.is_file() else ()
     return read_model(Lab, file, called=str(name), folder=place.resolve(), hidden=more)
+
+
+def trusted(file: Path, function: str) -> Callable[..., Any]:
+    """A function of a lecturer's own file.
+
+    Raises:
+        ScenarioError: If there is none.
+    """
+    call: Callable[..., Any] | None = run_path(str(file)).get(function)
+    if not callable(call):
+        raise ScenarioError(f"{file.name}: must define a function {function}")
+    return call

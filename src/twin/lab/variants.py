@@ -7,17 +7,16 @@ import hashlib
 import hmac
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from runpy import run_path
 from typing import Any, NamedTuple
 
 from pydantic import Field
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, shortened
-from twin.lab.schema import Lab
+from twin.lab.schema import Lab, trusted
 from twin.run.files import export
 from twin.run.finished import run
 from twin.scenario import Scenario
@@ -244,18 +243,6 @@ def seen(scenario: str) -> tuple[dict[str, Array], Mapping[str, str]]:
     done = run(Scenario.model_validate_json(scenario))
     rows = {name: values for name, values in done.rows.items() if name.startswith(SEEN)}
     return rows, done.units
-
-
-def trusted(file: Path, function: str) -> Callable[..., Any]:
-    """A function of a lecturer's own file.
-
-    Raises:
-        ScenarioError: If there is none.
-    """
-    call: Callable[..., Any] | None = run_path(str(file)).get(function)
-    if not callable(call):
-        raise ScenarioError(f"{file.name}: must define a function {function}")
-    return call
 
 
 SEEN = ("time", "measured_", "requested_", "applied_", "age", "touched")

@@ -253,15 +253,15 @@ def write_run(
 
 @contextmanager
 def stream(
-    file: Path, columns: Sequence[str], units: Mapping[str, str], metadata: Mapping[str, Any]
+    columns: Sequence[str], file: Path, units: Mapping[str, str], metadata: Mapping[str, Any]
 ) -> Iterator[Callable[[Mapping[str, Array]], None]]:
     """Write a record while its run lasts; what is given columns, shape (K,) each, keeps them.
 
     When it returns they are on the disk, whatever becomes of this process or of the computer.
 
     Args:
-        file: A new file; its folder is made if missing.
         columns: Their names, ``time`` first.
+        file: A new file; its folder is made if missing.
         units: Name to unit.
         metadata: Of the run; JSON.
     """
@@ -313,16 +313,14 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     encoded = (table.schema.metadata or {}).get(b"ballplate")
     if encoded is None:
         raise RecordError(f"{file}: a Parquet file, but not a record of ballplate")
+    table = table.rename_columns([OLD_COLUMNS.get(name, name) for name in table.column_names])
     columns = {
         name: _numbers(table[name])
         for name in table.column_names
         if pa.types.is_floating(table[name].type) or pa.types.is_integer(table[name].type)
     }
-    columns = {OLD_COLUMNS.get(name, name): values for name, values in columns.items()}
     units = {
-        OLD_COLUMNS.get(item.name, item.name): (
-            (item.metadata or {}).get(b"unit", b"").decode(errors="replace")
-        )
+        item.name: (item.metadata or {}).get(b"unit", b"").decode(errors="replace")
         for item in table.schema
     }
     try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -143,16 +142,9 @@ BESIDE = 0.03
 TURNED = ("cardan", "plate", "motor_phi", "motor_theta")
 
 
-@dataclass(frozen=True)
-class Pose:
-    """Where an entity is over time: translation (K, 3) in m and quaternion (K, 4) xyzw, or None.
-
-    ``scale`` stretches it, (K, 3).
-    """
-
-    translation: Array | None = None
-    quaternion: Array | None = None
-    scale: Array | None = None
+Pose = dict[str, Array]
+"""Where an entity is over time: ``translation`` (K, 3) in m and ``quaternion`` (K, 4) xyzw; where
+it is stretched ``scale``, (K, 3)."""
 
 
 class Scene:
@@ -254,15 +246,17 @@ class Scene:
         model, count = self._model, len(state)
         phi, theta = state[:, 2], state[:, 6]
         angle = dict(zip(TURNED, (theta, phi, motor[:, 0], motor[:, 1]), strict=True))
-        poses = {}
+        poses: dict[str, Pose] = {}
         for name in TURNED:
             body = model.body(name)
             axis = model.jnt_axis[int(body.jntadr[0])]
-            poses[self._paths[body.id]] = Pose(
-                np.broadcast_to(body.pos, (count, 3)), about(axis, angle[name]).as_quat()
-            )
+            poses[self._paths[body.id]] = {
+                "translation": np.broadcast_to(body.pos, (count, 3)),
+                "quaternion": about(axis, angle[name]).as_quat(),
+            }
         height = np.full(count, self.surface + self._lift)
-        poses[self.ball] = Pose(np.stack((state[:, 0], state[:, 4], height), axis=1), roll)
+        place = np.stack((state[:, 0], state[:, 4], height), axis=1)
+        poses[self.ball] = {"translation": place, "quaternion": roll}
         low = model.site("spring_base").pos
         high = plate_to_rig(phi, theta).apply(model.site("spring_plate").pos)
         poses[self.spring] = _between(low, high)
@@ -320,4 +314,4 @@ def _between(low: Array, high: Array) -> Pose:
     turn /= np.linalg.norm(turn, axis=1, keepdims=True)
     scale = np.ones_like(way)
     scale[:, 2] = length[:, 0]
-    return Pose(np.broadcast_to(low, way.shape), turn, scale)
+    return {"translation": np.broadcast_to(low, way.shape), "quaternion": turn, "scale": scale}

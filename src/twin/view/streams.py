@@ -207,8 +207,7 @@ class RunStream:
         else:
             motor = self._cams.motor(state[:, 2::4])
         for entity, pose in self.scene.poses(state, motor, turns).items():
-            parts = {key: value for key, value in vars(pose).items() if value is not None}
-            yield Batch(entity, time, rr.Transform3D.columns(**parts))
+            yield Batch(entity, time, rr.Transform3D.columns(**pose))
         for axis, (at, way) in self.scene.wheels(state, motor).items():
             if f"wheel_{axis}_N" in rows:
                 force = FORCE_SCALE[axis] * rows[f"wheel_{axis}_N"][:, None] * way

@@ -115,28 +115,6 @@ def test_a_fault_is_not_reset_without_a_request(rig):
         rig.servos.enable()
 
 
-def test_a_reset_before_the_cause_is_gone_is_refused_and_said_so(rig):
-    rig.drives[0].open_sto()
-    rig.run(0.2)
-    rig.servos.start(reset=True)
-    begin = rig.bus.time
-    seen = rig.run(0.3)
-    refused = [each for each in seen if each.condition == c.RESET_REFUSED]
-    assert refused
-    assert refused[0].at - begin <= c.RESET_REFUSED.within
-    assert c.STO_OPEN in [each.condition for each in seen]
-
-
-def test_the_drives_stop_by_themselves_when_the_host_dies(rig):
-    rig.run(0.1, turn)
-    assert abs(rig.drives[0].rate) > 0.9
-    died = rig.bus.time
-    while any(abs(drive.rate) > 0 for drive in rig.drives):
-        rig.adapter.sleep(0.001)
-        assert rig.bus.time - died < 0.1
-    assert [drive.power.faults for drive in rig.drives] == [[129], [129]]
-
-
 def test_stopping_brings_the_motors_to_rest_before_the_torque_goes(rig):
     rig.run(0.1, turn)
     rig.servos.stop()

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from twin.devices.akd import cia402, dictionary
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.decoding import Conversation, Names
+from twin.devices.akd.decoding import Conversation
+from twin.devices.akd.dictionary import Names, table
 from twin.errors import LogError
 
 EDS = Path(__file__).with_name("servo.eds")
@@ -82,10 +83,10 @@ def test_what_canopen_reads_and_writes_is_told_with_the_names_of_its_eds(talk):
 def test_a_refusal_is_told_by_the_code_that_canopen_got(talk):
     heard, _, code = talk
     told = said(*heard, names=Names(EDS))
-    assert f"reading 2302h refused: code {code:08X}h, no such object" in texts(told, "SDO")
+    assert f"reads 2302h of node 5: refused, code {code:08X}h, no such object" in texts(told, "SDO")
     assert told.nodes[5].transfers == {"reads": 3, "writes": 2, "refused": 1}
     assert texts(told, "EMCY") == ["2310h current F3"]
-    assert told.nodes[5].faults[0][1] == "2310h current F3"
+    assert told.nodes[5].faults[0]["text"] == "2310h current F3"
     assert texts(told, "NMT") == ["start: node 5"]
 
 
@@ -122,8 +123,8 @@ def test_a_control_word_is_told_as_the_command_it_is(control, words):
 
 
 def test_the_names_of_modes_are_those_that_canopen_has():
-    for number, words in cia402.MODES.items():
-        assert OperationMode.CODE2NAME[number].lower().replace("profiled", "profile") == words
+    for number, words in table()["modes"].items():
+        assert OperationMode.CODE2NAME[int(number)].lower().replace("profiled", "profile") == words
 
 
 MAPPING = [
@@ -161,12 +162,11 @@ def test_without_a_mapping_the_rig_file_then_the_eds_then_the_standard_count():
     rig = AkdConfig(axes=(AxisConfig(name="phi", node=5), AxisConfig(name="theta", node=2)))
     long, short, two = (frame(0.1, 0x185, data) for data in ("37020301000000", "3702ffff", "3702"))
     names = Names(EDS)
-    assert said(long, names=names, rig=rig).summary()["pdos"]["185h"]["source"] == "rig file"
-    assert list(said(long, rig=rig).series[5, (0x6064, 0)].counts) == [1]
-    assert said(short, names=names).summary()["pdos"]["185h"]["source"] == "EDS"
+    assert list(said(long, names=names, rig=rig).series[5, (0x6064, 0)].counts) == [1]
     assert list(said(short, names=names).series[5, (0x2300, 0)].counts) == [-1]
-    assert said(two).summary()["pdos"]["185h"]["source"] == "CiA 402"
-    assert "4 bytes 37 02 ff ff" in texts(said(short), "PDO")[0]
+    assert list(said(two, names=names).series) == []
+    assert list(said(two).series) == [(5, (0x6041, 0))]
+    assert "4 bytes 37 02 ff ff, 16 bits are known" in texts(said(short), "PDO")[0]
 
 
 def test_only_changes_of_what_a_pdo_means_are_told():
@@ -180,7 +180,7 @@ def test_gaps_and_ends_of_what_comes_regularly_are_told():
     beats = [frame(0.02 * k, 0x701, "05") for k in range(26)]
     told = said(*sorted(sync + beats, key=lambda each: each.timestamp))
     assert texts(told, "gap") == [
-        "no SYNC for 10 ms (usually 2 ms)",
+        "no SYNC for 10 ms (usually every 2 ms)",
         "no heartbeat of node 1 from here on (usually every 20 ms)",
     ]
     assert [each.time for each in told.events if each.kind == "gap"] == pytest.approx([0.4, 0.5])

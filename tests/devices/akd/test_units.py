@@ -1,6 +1,7 @@
 """Units, limits and ramps: computed from what the drive says, or refused with the line to set."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -16,6 +17,8 @@ from twin.emulator.drive import EmulatedDrive
 
 SPEED, RAMP = 6000, 30_000
 """A motor's speed limit in rpm, and a ramp in rpm/s."""
+WHOLE = {"limit_unit": RPM, "acceleration_unit": RPM}
+"""What makes a drive start that counts whole units."""
 
 
 def drives(unit=0, per_unit=1000):
@@ -52,9 +55,11 @@ def held(rig):
     return rates[-1], ramp
 
 
-def test_limit_and_ramp_hold_in_the_drive_s_own_counts():
-    config = AkdConfig(rate_limit=2.0, ramp=100.0)
-    with SteppedDrives(config, drives()) as rig:
+@pytest.mark.parametrize(("per_unit", "named"), [(1000, {}), (1, WHOLE)])
+def test_limit_and_ramp_hold_in_the_drive_s_own_counts_with_the_lines_named(per_unit, named):
+    axes = tuple(replace(axis, **named) for axis in AkdConfig().axes)
+    config = AkdConfig(axes=axes, rate_limit=2.0, ramp=100.0)
+    with SteppedDrives(config, drives(0, per_unit)) as rig:
         rig.enabled()
         rate, ramp = held(rig)
     assert 2.0 <= rate <= 2.2
@@ -83,19 +88,6 @@ def test_a_drive_that_counts_whole_units_is_refused_with_the_line_to_change():
         text = refused(rig)
     assert "VL.LIMITP (3622h) holds 6000, which would be 6 rpm" in text
     assert f"if it is 6000 rpm, set phi.limit_unit = {RPM:.9g}" in text
-
-
-def test_the_lines_named_make_that_drive_start_and_its_limits_hold():
-    axes = tuple(
-        AxisConfig(name=name, node=node, limit_unit=RPM, acceleration_unit=RPM)
-        for node, name in ((1, "phi"), (2, "theta"))
-    )
-    config = AkdConfig(axes=axes, rate_limit=2.0, ramp=100.0)
-    with SteppedDrives(config, drives(0, per_unit=1)) as rig:
-        rig.enabled()
-        rate, ramp = held(rig)
-    assert 2.0 <= rate <= 2.2
-    assert 100.0 <= ramp <= 110.0
 
 
 def test_the_ramps_of_a_drive_that_counts_whole_units_are_refused_too():

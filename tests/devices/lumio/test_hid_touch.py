@@ -65,20 +65,15 @@ def test_recorded_reports_of_a_panel_give_its_contacts(name, text, contacts):
     assert [(round(c.x * 32767), round(c.y * 32767), c.down, c.id) for c in found] == contacts
 
 
-@pytest.fixture
-def decoder():
-    return decoder_of
-
-
 @pytest.mark.parametrize("case", ODD)
-def test_padding_and_flags_that_are_no_tip_do_not_hide_a_contact(decoder, case):
+def test_padding_and_flags_that_are_no_tip_do_not_hide_a_contact(case):
     name, text = ODD[case]
-    ((contact,),) = decoder(name).feed(bytes.fromhex(text))
+    ((contact,),) = decoder_of(name).feed(bytes.fromhex(text))
     assert (contact.x, contact.y, contact.down) == (0x1380 / 32767, 0x1968 / 32767, True)
 
 
-def test_a_tip_that_is_off_is_a_lift_off_whatever_else_is_set(decoder):
-    ((contact,),) = decoder("hid-0007").feed(bytes.fromhex(f"fe 00 {AT} 01 00"))
+def test_a_tip_that_is_off_is_a_lift_off_whatever_else_is_set():
+    ((contact,),) = decoder_of("hid-0007").feed(bytes.fromhex(f"fe 00 {AT} 01 00"))
     assert not contact.down
 
 
@@ -99,8 +94,8 @@ def test_what_an_emulated_panel_says_is_read_within_half_a_native_count(protocol
     assert decoder.stats.skipped == 0
 
 
-def test_half_a_report_is_skipped_and_a_position_beyond_the_range_refused(decoder):
-    one = decoder("hid-0007")
+def test_half_a_report_is_skipped_and_a_position_beyond_the_range_refused():
+    one = decoder_of("hid-0007")
     assert one.feed(bytes.fromhex("31 00 80")) == []
     assert one.feed(bytes.fromhex("31 00 f8 ff 00 20 01 00")) == []
     assert (one.stats.skipped, one.stats.outside, one.stats.reports) == (3, 1, 0)

@@ -12,7 +12,7 @@ from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.lumio.stream import TouchState
 from twin.devices.lumio.transports import ScreenError
-from twin.emulator.screen import EmulatedScreen, ScreenFault, ScreenLine
+from twin.emulator.screen import EmulatedScreen, ScreenLine
 from twin.emulator.screen_bytes import Protocol
 
 pytestmark = pytest.mark.real_time
@@ -104,42 +104,6 @@ def test_a_screen_unplugged_is_told_and_after_plugging_in_works_when_started_ane
         screen.stop()
         screen.start()
         assert sees(screen)
-
-
-@pytest.mark.parametrize(
-    ("fault", "protocol", "told"),
-    [
-        (ScreenFault.TRUNCATE, Protocol.HID_0006, "bytes not understood"),
-        (ScreenFault.GARBLE, Protocol.ELO, "bytes not understood"),
-        (ScreenFault.FLOOD, Protocol.HID_0007, "byte flood"),
-        (ScreenFault.TWO_CONTACTS, Protocol.HID_0007, "two contacts"),
-        (ScreenFault.OUT_OF_RANGE, Protocol.MICROTOUCH, "position jumped"),
-    ],
-)
-def test_a_fault_injected_on_the_line_is_told_by_name(fault, protocol, told):
-    with (
-        emulate(lambda: [PLACE], protocol=protocol, seed=5) as emulated,
-        LumioScreen(config(emulated, protocol=protocol.value)) as screen,
-    ):
-        assert sees(screen)
-        watch = Watch(screen)
-        emulated.line.damage.inject(fault, time.monotonic() + 0.5)
-        assert watch.told(told)
-
-
-@pytest.mark.parametrize("fault", [ScreenFault.SPLIT, ScreenFault.MERGE])
-@pytest.mark.parametrize("protocol", SERIAL)
-def test_split_and_merged_packets_are_understood(fault, protocol):
-    with (
-        emulate(lambda: [PLACE], protocol=protocol, frame=0.009) as emulated,
-        LumioScreen(config(emulated, protocol=protocol.value)) as screen,
-    ):
-        assert sees(screen)
-        before = screen.stream.stats.reports
-        emulated.line.damage.inject(fault, time.monotonic() + 5.0)
-        assert until(lambda: screen.stream.stats.reports > before + 20)
-        # On a busy machine a half may come so late that it is given up: never taken for another.
-        assert "position jumped" not in Watch(screen).look()
 
 
 def test_a_port_that_is_absent_is_said_in_one_line(tmp_path):

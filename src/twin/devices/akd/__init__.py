@@ -2,6 +2,10 @@
 
 Bytes are in `frames`, states in `cia402`: pure. `bringup` configures the drives over SDO,
 `exchange` runs the cycle, `monitor` judges every cycle, `servos` is what a rig is given;
-`conditions` is the table of what can go wrong. Servos on another wire implement
-`twin.devices.interface.PoweredServos` in one file of their own.
+`conditions` is the table of what can go wrong. `traces` keeps what is said on a bus, `decoding`
+says what it means. Servos on another wire implement `twin.devices.interface.PoweredServos` in one
+file of their own.
 """
+
+TRACE = "trace.log"
+"""What was said on the CAN bus of a rig, in its run's folder; the only trace that has parts."""

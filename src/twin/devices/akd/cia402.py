@@ -84,18 +84,6 @@ _SAID = (
 )
 """What a bit says beside the state, where it is set or where it is not."""
 _HALT = 1 << 8
-MODES = {
-    1: "profile position",
-    2: "velocity",
-    3: "profile velocity",
-    4: "profile torque",
-    6: "homing",
-    7: "interpolated position",
-    8: "cyclic synchronous position",
-    9: "cyclic synchronous velocity",
-    10: "cyclic synchronous torque",
-}
-"""Modes of operation (6060h, 6061h) that CiA 402 names."""
 
 
 def status_words(status: int) -> str:

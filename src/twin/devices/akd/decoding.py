@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import can
@@ -20,11 +18,8 @@ import numpy as np
 from twin.devices.akd import cia402, dictionary, frames
 from twin.devices.akd.cia402 import DriveState
 from twin.devices.akd.config import RPM, TURN, AkdConfig
-from twin.devices.akd.dictionary import PDO_INVALID, Object, table
-from twin.errors import LogError
+from twin.devices.akd.dictionary import PDO_INVALID, PDOS, Key, Names, table
 
-Key = tuple[int, int]
-"""Index and subindex."""
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 _TOLD = {CONTROL, STATUS, 0x6060, 0x6061, 0x603F, 0x1001, 0x60FD, 0x2001}
 """Objects whose every change in a PDO is told."""
@@ -33,7 +28,6 @@ _VELOCITIES = (0x606B, SPEED, TARGET)
 _AKD = 0x6A
 """Vendor whose drives count velocities in 0.001 rpm."""
 _KINDS = {0x080: "EMCY", 0x580: "SDO", 0x600: "SDO", 0x700: "heartbeat"}
-_TIME, _LSS = 0x100, (0x7E4, 0x7E5)
 _IRREGULAR = 0.05
 """Share of long pauses from which a sequence of frames is no regular one."""
 _LONG = 1.6
@@ -42,8 +36,9 @@ _FEW, _MOST = 10, 20
 """Fewest frames in which a rhythm is seen; most gaps of one kind that are told, the longest."""
 _ENDED, _ENDED_FOR = 5, 0.05
 """Times the usual pause, and s, from which something has ended before the trace does."""
-_PDOS = (0x1400, 0x1C00)
-"""Objects of PDOs: parameters, and 200h above them mappings."""
+_SEGMENT, _DOWNLOAD, _UPLOAD, _ABORT = 0, 1, 2, 4
+_BLOCKS = (5, 6)
+"""Command specifiers of SDO: reading is an upload, writing a download."""
 HOST = "host"
 """Who sends what only a master sends."""
 
@@ -64,53 +59,6 @@ class Event(NamedTuple):
     text: str
 
 
-class Names:
-    """What objects are called: by an EDS file, else as the standards and an AKD have them.
-
-    Args:
-        eds: The file, EDS or DCF.
-
-    Raises:
-        LogError: If it cannot be read.
-    """
-
-    def __init__(self, eds: Path | None = None) -> None:
-        self._known = dict(_packaged())
-        self.defaults: dict[Key, int] = {}
-        """Default values of the file's PDO parameters and mappings."""
-        if eds is None:
-            return
-        from canopen.objectdictionary import ODVariable, import_od  # noqa: PLC0415  rarely needed
-        from canopen.objectdictionary.datatypes import SIGNED_TYPES  # noqa: PLC0415
-
-        try:
-            found = import_od(str(eds), node_id=None)
-        except Exception as error:
-            why = " ".join(str(error).split()) or type(error).__name__
-            raise LogError(f"--eds {eds}: not a readable EDS file: {why}") from error
-        for entry in found.values():
-            alone = isinstance(entry, ODVariable)
-            for each in [entry] if alone else entry.values():
-                name = each.name if alone else f"{entry.name}: {each.name}"
-                size = len(each) if each.data_type else 0
-                kind = f"{'I' if each.data_type in SIGNED_TYPES else 'U'}{size}"
-                self._known[each.index, each.subindex] = Object(
-                    each.index, each.subindex, name, kind
-                )
-                if 0x1400 <= each.index < 0x1C00 and isinstance(each.default, int):
-                    self.defaults[each.index, each.subindex] = each.default
-
-    def __getitem__(self, key: Key) -> Object:
-        """The object; one that nobody knows is called by its index."""
-        return self._known.get(key) or Object(*key, "", "U0")
-
-
-@cache
-def _packaged() -> dict[Key, Object]:
-    known = [Object(*each) for each in table()["standard"]]
-    return {(each.index, each.sub): each for each in known} | dictionary.objects()
-
-
 class Pdo(NamedTuple):
     """What a PDO carries.
 
@@ -118,18 +66,11 @@ class Pdo(NamedTuple):
         node: Whose it is.
         name: ``TPDO1``, ``RPDO2``, ...
         entries: Its objects and their bits, in order.
-        source: Where that is known from.
     """
 
     node: int
     name: str
     entries: tuple[tuple[Key, int], ...]
-    source: str
-
-    @property
-    def bits(self) -> int:
-        """Length of all entries."""
-        return sum(bits for _, bits in self.entries)
 
 
 @dataclass
@@ -141,8 +82,7 @@ class Node:
         frames: How many it sent, by kind.
         states: Its NMT states, in order.
         drive: The states of its power stage, in order.
-        faults: What it reported, time in s and words.
-        values: Objects as they were last written or read over SDO.
+        faults: What it reported: ``time`` in s and ``text``.
         transfers: SDO transfers by how they ended.
     """
 
@@ -150,8 +90,7 @@ class Node:
     frames: Counter[str] = field(default_factory=Counter)
     states: list[str] = field(default_factory=list)
     drive: list[str] = field(default_factory=list)
-    faults: list[tuple[float, str]] = field(default_factory=list)
-    values: dict[Key, int] = field(default_factory=dict)
+    faults: list[dict[str, Any]] = field(default_factory=list)
     transfers: Counter[str] = field(default_factory=Counter)
 
 
@@ -164,14 +103,17 @@ class Series(NamedTuple):
 
 @dataclass
 class _Transfer:
-    """An SDO transfer under way: since when, its object, whether it writes, what has come."""
+    """An SDO transfer under way: since when, its object, whether it writes, what has come.
+
+    ``more`` says that segments follow.
+    """
 
     since: float
     key: Key
     writes: bool
-    data: bytes = b""
-    segmented: bool = False
     block: bool = False
+    data: bytes = b""
+    more: bool = False
 
 
 class Conversation:
@@ -203,18 +145,24 @@ class Conversation:
         """Frames of no service of CANopen, by identifier."""
         self.pauses: dict[str, dict[str, Any]] = {}
         """Of what came regularly: its usual pause in s, its gaps and the longest."""
-        self._names, self._rig = names or Names(), rig
+        self._names = names or Names()
         self._axes = {axis.node: axis for axis in rig.axes} if rig else {}
         self._times: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
         self._sdo: dict[int, _Transfer] = {}
         self._pdos: dict[int, Pdo | None] = {}
         self._last: dict[tuple[int, Key], str] = {}
         self._lengths: dict[str, int] = {}
-        self._written: tuple[int, Key, str] | None = None
+        # what the trace does not show: the standard, the maker's file, the rig's
+        known = dictionary.mapping_objects() | self._names.defaults
+        self._values: defaultdict[int, dict[Key, int]] = defaultdict(known.copy)
+        for axis in self._axes.values():
+            maps = frames.pdo_maps(axis.plate_object).items()
+            own = {at: [dictionary.entry(*key) for key in each] for at, each in maps}
+            self._values[axis.node] |= dictionary.as_objects(own)
         for message in heard:
             self._take(message, message.timestamp - self.begin)
         for node, left in sorted(self._sdo.items()):
-            self._unanswered(node, left)
+            self._ended(node, left, "unanswered", "no answer")
         self._find_gaps()
         self.events.sort(key=lambda each: each.time)
 
@@ -230,20 +178,15 @@ class Conversation:
 
     def scale(self, node: int, key: Key) -> tuple[float, str]:
         """Factor and SI unit of an object of a node; 1 and nothing if they are not known."""
-        axis, values = self._axes.get(node), self._node(node).values
-        index = key[0]
+        axis, values, index = self._axes.get(node), self._values[node], key[0]
+        turn = values.get((0x608F, 1))
         if axis is not None and key == axis.plate_object:
             return axis.plate.unit, "rad"
-        if index in _POSITIONS:
-            counts, turns = values.get((0x608F, 1)), values.get((0x608F, 2), 1)
-            seen = TURN * turns / counts if counts else None
-            unit = axis.position.unit if axis else seen
-            return (unit, "rad") if unit else (1.0, "")
-        if index in _VELOCITIES:
-            if axis is not None:
-                return axis.velocity.unit, "rad/s"
-            if values.get((0x1018, 1)) == _AKD:
-                return 0.001 * RPM, "rad/s"
+        if index in _POSITIONS and (axis or turn):
+            seen = TURN * values.get((0x608F, 2), 1) / turn if turn else 0.0
+            return axis.position.unit if axis else seen, "rad"
+        if index in _VELOCITIES and (axis or values.get((0x1018, 1)) == _AKD):
+            return axis.velocity.unit if axis else 0.001 * RPM, "rad/s"
         return 1.0, ""
 
     def words(self, node: int, key: Key, value: int) -> str:
@@ -256,12 +199,12 @@ class Conversation:
         elif index == CONTROL:
             said = f"{cia402.control_words(value)} ({value:04X}h)"
         elif index in {0x6060, 0x6061}:
-            said = cia402.MODES.get(value, f"mode {value}")
+            said = table()["modes"].get(f"{value}", f"mode {value}")
         elif index == 0x1016 and sub and value:
             said = f"node {value >> 16 & 0x7F} within {value & 0xFFFF} ms"
-        elif _PDOS[0] <= index < _PDOS[1] and not index & 0x200 and sub == 1:
+        elif PDOS[0] <= index < PDOS[1] and not index & 0x200 and sub == 1:
             said = f"{value & 0x7FF:03X}h{' off' if value & PDO_INVALID else ''}"
-        elif _PDOS[0] <= index < _PDOS[1] and index & 0x200 and sub and value:
+        elif PDOS[0] <= index < PDOS[1] and index & 0x200 and sub and value:
             said = f"{self._object((value >> 16, value >> 8 & 0xFF))}, {value & 0xFF} bits"
         elif index == 0x2001 and sub and value:
             said = frames.fault_words([value])
@@ -271,36 +214,26 @@ class Conversation:
 
     def summary(self) -> dict[str, Any]:
         """What ``--json`` prints, but for the events."""
-        found: dict[str, Any] = {"duration": self.duration, "begin": self.begin, "nodes": {}}
-        for number, node in sorted(self.nodes.items()):
-            signals = {}
-            for (owner, key), series in self.series.items():
-                if owner == number and key[0] not in _TOLD:
-                    factor, unit = self.scale(owner, key)
-                    ends = sorted(factor * each(series.counts) for each in (min, max))
-                    signals[self._object(key)] = {"from": ends[0], "to": ends[1], "unit": unit}
-            found["nodes"][str(number)] = {
-                "name": node.name,
-                "frames": dict(node.frames),
-                "states": node.states,
-                "drive": node.drive,
-                "faults": [{"time": at, "text": text} for at, text in node.faults],
-                "transfers": dict(node.transfers),
-                "signals": signals,
-            }
-        found["pdos"] = {
+        nodes = {f"{each}": {**vars(node), "signals": {}} for each, node in self.nodes.items()}
+        for (number, key), series in self.series.items():
+            if key[0] not in _TOLD:
+                factor, unit = self.scale(number, key)
+                ends = sorted(factor * each(series.counts) for each in (min, max))
+                its = {"from": ends[0], "to": ends[1], "unit": unit}
+                nodes[f"{number}"]["signals"][self._object(key)] = its
+        pdos = {
             f"{cob_id:03X}h": {
-                "node": pdo.node,
-                "name": pdo.name,
-                "carries": [self._object(key) for key, _ in pdo.entries],
-                "source": pdo.source,
+                **pdo._asdict(),
+                "entries": [self._object(k) for k, _ in pdo.entries],
             }
             for cob_id, pdo in self._pdos.items()
             if pdo is not None
         }
-        found["regular"] = self.pauses
-        found["strangers"] = {f"{each:03X}h": n for each, n in self.strangers.items()}
-        return found
+        strangers = {f"{each:03X}h": count for each, count in self.strangers.items()}
+        return {"begin": self.begin, "duration": self.duration, "nodes": nodes, "pdos": pdos} | {
+            "regular": self.pauses,
+            "strangers": strangers,
+        }
 
     def _object(self, key: Key) -> str:
         name = self._names[key].name
@@ -315,23 +248,17 @@ class Conversation:
     def _take(self, message: can.Message, at: float) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
         if message.is_error_frame:
-            self._say(
-                at, "adapter", "bus", f"error frame {identifier:03X}h {data.hex(' ')}".strip()
-            )
-        elif message.is_extended_id or identifier in _LSS or identifier == _TIME:
+            self._say(at, "adapter", "bus", f"error frame {identifier:03X}h {data.hex(' ')}")
+        elif message.is_extended_id:
             self.strangers[identifier] += 1
-        elif identifier == frames.NMT:
-            self._nmt(at, data)
+        elif identifier == frames.NMT and len(data) == 2:
+            whom = self.called(data[1]) if data[1] else "all nodes"
+            command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")
+            self._say(at, HOST, "NMT", f"{command}: {whom}")
         elif identifier == frames.SYNC:
             self._times["SYNC"].append(at)
         elif not message.is_remote_frame:
             self._service(at, identifier, data)
-
-    def _nmt(self, at: float, data: bytes) -> None:
-        if len(data) == 2:
-            whom = self.called(data[1]) if data[1] else "all nodes"
-            command = frames.NMT_COMMANDS.get(data[0], f"command {data[0]}")
-            self._say(at, HOST, "NMT", f"{command}: {whom}")
 
     def _service(self, at: float, identifier: int, data: bytes) -> None:
         number = identifier & frames.NODE_MASK
@@ -345,27 +272,25 @@ class Conversation:
         elif service == frames.SDO_REQUEST:
             self._request(at, number, data)
         else:
-            self._node(number).frames[kind] += 1
+            node = self._node(number)
+            node.frames[kind] += 1
             if service == frames.EMERGENCY:
                 message = frames.decode_emergency(data)
-                self._fault(at, number, "EMCY", message.words, real=bool(message.code))
+                self._say(at, node.name, kind, message.words)
+                if message.code:
+                    node.faults.append({"time": at, "text": message.words})
             elif service == frames.SDO_RESPONSE:
                 self._response(at, number, data)
             elif (state := frames.decode_nmt_state(data)) is not None:
-                self._heartbeat(at, number, state)
+                self._heartbeat(at, node, state)
 
-    def _heartbeat(self, at: float, number: int, state: int) -> None:
-        node, words = self._node(number), frames.nmt_words(state)
+    def _heartbeat(self, at: float, node: Node, state: int) -> None:
+        words = frames.nmt_words(state)
         if state:
             self._times[f"heartbeat of {node.name}"].append(at)
         if not state or node.states[-1:] != [words]:
             node.states.append(words)
             self._say(at, node.name, "heartbeat", words)
-
-    def _fault(self, at: float, number: int, kind: str, words: str, *, real: bool) -> None:
-        self._say(at, self.called(number), kind, words)
-        if real:
-            self._node(number).faults.append((at, words))
 
     def _power(self, at: float, number: int, status: int) -> None:
         """Note the state that a status word shows."""
@@ -373,7 +298,7 @@ class Conversation:
         if node.drive[-1:] != [state.value]:
             node.drive.append(state.value)
             if state is DriveState.FAULT:
-                node.faults.append((at, self.words(number, (STATUS, 0), status)))
+                node.faults.append({"time": at, "text": self.words(number, (STATUS, 0), status)})
 
     def _pdo(self, identifier: int) -> Pdo | None:
         """The PDO of an identifier; None if it is another service's."""
@@ -388,21 +313,13 @@ class Conversation:
         return self._pdos[identifier]
 
     def _assigned(self, number: int, parameters: int) -> Pdo:
-        """What a PDO of a node carries, from the best that is known of it."""
-        first, mapping = 0x1800 if parameters >= 0x1800 else 0x1400, parameters + 0x200
-        axis = self._axes.get(number)
-        sources = {
-            "trace": self._node(number).values,
-            "rig file": _rig_values(axis.plate_object) if axis else {},
-            "EDS": self._names.defaults,
-            "CiA 402": _standard_values(),
-        }
-        source = next((each for each, its in sources.items() if (mapping, 0) in its), "nothing")
-        known = sources.get(source, {(mapping, 0): 0})
-        entries = [known.get((mapping, sub), 0) for sub in range(1, known[mapping, 0] + 1)]
-        name = f"{'T' if first == 0x1800 else 'R'}PDO{parameters - first + 1}"
+        """What a PDO of a node carries, as far as it is known now."""
+        first, mapping, values = parameters & ~3, parameters + 0x200, self._values[number]
+        count = values.get((mapping, 0), 0)
+        entries = [values.get((mapping, sub), 0) for sub in range(1, count + 1)]
         carried = tuple(((e >> 16, e >> 8 & 0xFF), e & 0xFF) for e in entries)
-        return Pdo(number, name, carried, source)
+        name = f"{'T' if first == 0x1800 else 'R'}PDO{parameters - first + 1}"
+        return Pdo(number, name, carried)
 
     def _exchange(self, at: float, pdo: Pdo, data: bytes) -> None:
         node = self._node(pdo.node)
@@ -411,11 +328,12 @@ class Conversation:
             node.frames["PDO"] += 1
         stream = f"{pdo.name} of {node.name}"
         self._times[stream].append(at)
-        if 8 * len(data) != pdo.bits:
+        mapped = sum(bits for _, bits in pdo.entries)
+        if 8 * len(data) != mapped:
             if self._lengths.get(stream) != len(data):
                 self._lengths[stream] = len(data)
-                fits = f"{pdo.bits} bits by {pdo.source}: not decoded"
-                self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {fits}")
+                known = f"{mapped} bits are known: not decoded"
+                self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {known}")
             return
         packed = int.from_bytes(data, "little")
         for key, bits in pdo.entries:
@@ -443,70 +361,75 @@ class Conversation:
 
     def _request(self, at: float, number: int, data: bytes) -> None:
         """Take in what a client sends to a node: CiA 301's command specifier is in bits 5 to 7."""
-        if len(data) != 8:
-            return
-        command, key = data[0] >> 5, (data[1] | data[2] << 8, data[3])
-        under_way = self._sdo.get(number)
-        if command == 0 and under_way is not None:
-            under_way.data += data[1 : 8 - (data[0] >> 1 & 7)]
-            under_way.segmented = not data[0] & 1
-        elif command == 4:
-            self._sdo.pop(number, None)
-            self._abort(at, number, _Transfer(at, key, writes=False), data)
-        elif command in {1, 2, 5, 6}:
-            if under_way is not None:
-                self._unanswered(number, under_way)
-            made = self._sdo[number] = _Transfer(at, key, writes=command in {1, 6})
-            made.block = command > 4
-            if command == 1 and data[0] & 2:
-                size = 4 - (data[0] >> 2 & 3) if data[0] & 1 else self._names[key].bits // 8 or 4
-                made.data = data[4 : 4 + size]
-            made.segmented = command == 1 and not data[0] & 2
+        command, key = data[0] >> 5 if len(data) == 8 else -1, (0, 0)
+        transfer = self._sdo.get(number)
+        if command == _SEGMENT and transfer is not None:
+            transfer.data += data[1 : 8 - (data[0] >> 1 & 7)]
+            transfer.more = not data[0] & 1
+        elif command == _ABORT:
+            self._refused(number, data)
+        elif command in {_DOWNLOAD, _UPLOAD, *_BLOCKS}:
+            if transfer is not None:
+                self._ended(number, transfer, "unanswered", "no answer")
+            key = data[1] | data[2] << 8, data[3]
+            transfer = _Transfer(at, key, command in {_DOWNLOAD, _BLOCKS[1]}, command in _BLOCKS)
+            self._sdo[number] = transfer
+            if command == _DOWNLOAD:
+                transfer.data = _expedited(data, self._names[key].bits // 8)
+                transfer.more = not transfer.data
 
     def _response(self, at: float, number: int, data: bytes) -> None:
+        """Take in what a node answers."""
         transfer = self._sdo.get(number)
         if len(data) != 8 or transfer is None:
             return
         command = data[0] >> 5
-        if command == 4:
-            self._abort(at, number, self._sdo.pop(number), data)
-        elif transfer.block:
-            self._done(at, number, self._sdo.pop(number))
-        elif command == 2 and data[0] & 2:
-            size = 4 - (data[0] >> 2 & 3) if data[0] & 1 else 4
-            transfer.data = data[4 : 4 + size]
-            self._done(at, number, self._sdo.pop(number))
-        elif command == 0:
+        if command == _ABORT:
+            self._refused(number, data)
+            return
+        over = transfer.block or (command in {1, 3} and not transfer.more)
+        if command == _UPLOAD:
+            transfer.data = _expedited(data, 4)
+            over = bool(transfer.data)
+        elif command == _SEGMENT:
             transfer.data += data[1 : 8 - (data[0] >> 1 & 7)]
-            if data[0] & 1:
-                self._done(at, number, self._sdo.pop(number))
-        elif command in {1, 3} and not transfer.segmented:
+            over = bool(data[0] & 1)
+        if over:
             self._done(at, number, self._sdo.pop(number))
 
+    def _refused(self, number: int, data: bytes) -> None:
+        transfer = self._sdo.pop(number, None)
+        if transfer is not None:
+            why = dictionary.abort_words(int.from_bytes(data[4:], "little"))
+            self._ended(number, transfer, "refused", f"refused, {why}")
+
     def _done(self, at: float, number: int, transfer: _Transfer) -> None:
-        node, key, known = self._node(number), transfer.key, self._names[transfer.key]
-        node.transfers["writes" if transfer.writes else "reads"] += 1
-        data = transfer.data
+        key, known, data = transfer.key, self._names[transfer.key], transfer.data
+        bare = data.rstrip(b"\0")
         if transfer.block:
             said = "a block, not decoded"
-        elif not data or len(data) > 4 or (not known.bits and len(data.rstrip(b"\0")) > 4):
-            said = data.rstrip(b"\0").decode("latin-1")
-            said = f'"{said}"' if said.isprintable() else data.hex(" ")
+        elif not data or len(data) > 4 or (not known.bits and len(bare) > 4):
+            text = bare.decode("latin-1")
+            said = f'"{text}"' if text.isprintable() else data.hex(" ")
         else:
-            value = node.values[key] = known.decode(data)
+            value = self._values[number][key] = known.decode(data)
             said = self.words(number, key, value)
-            if _PDOS[0] <= key[0] < _PDOS[1]:
+            if PDOS[0] <= key[0] < PDOS[1]:
                 self._assign(number, key[0] & ~0x200)
             elif key[0] == STATUS:
                 self._power(at, number, value)
             elif key[0] == 0x2001 and key[1] and value:
-                node.faults.append((at, said))
-        verb, way = ("writes", "to") if transfer.writes else ("reads", "of")
-        text = f"{verb} {self._object(key)} {way} {node.name}: {said}"
-        written, self._written = self._written, (number, key, said) if transfer.writes else None
-        if not transfer.writes and written == (number, key, said):
-            last = self.events[-1]
-            self.events[-1] = last._replace(text=f"{last.text}; read back")
+                self._node(number).faults.append({"time": at, "text": said})
+        self._ended(number, transfer, "writes" if transfer.writes else "reads", said)
+
+    def _ended(self, number: int, transfer: _Transfer, how: str, said: str) -> None:
+        """Tell a transfer; what is read back as it was just written is part of that."""
+        node, what = self._node(number), self._object(transfer.key)
+        node.transfers[how] += 1
+        written = f"writes {what} to {node.name}: {said}"
+        text = written if transfer.writes else f"reads {what} of {node.name}: {said}"
+        if how == "reads" and self.events and self.events[-1].text == written:
+            self.events[-1] = self.events[-1]._replace(text=f"{written}; read back")
         else:
             self._say(transfer.since, HOST, "SDO", text)
 
@@ -515,22 +438,9 @@ class Conversation:
         pdo = self._assigned(number, parameters)
         base = frames.RPDO1 if parameters < 0x1800 else frames.TPDO1
         usual = base + 0x100 * (parameters & 3) + number
-        cob_id = self._node(number).values.get((parameters, 1), usual)
+        cob_id = self._values[number].get((parameters, 1), usual)
         if not cob_id & PDO_INVALID:
             self._pdos[cob_id & 0x7FF] = pdo
-
-    def _abort(self, at: float, number: int, transfer: _Transfer, data: bytes) -> None:
-        self._node(number).transfers["refused"] += 1
-        verb = "writing" if transfer.writes else "reading"
-        why = dictionary.abort_words(int.from_bytes(data[4:], "little"))
-        text = f"{verb} {self._object(transfer.key)} refused: {why}"
-        self._say(at, self.called(number), "SDO", text)
-
-    def _unanswered(self, number: int, transfer: _Transfer) -> None:
-        self._node(number).transfers["unanswered"] += 1
-        verb = "writes" if transfer.writes else "reads"
-        text = f"{verb} {self._object(transfer.key)} of {self.called(number)}: no answer"
-        self._say(transfer.since, HOST, "SDO", text)
 
     def _find_gaps(self) -> None:
         """Find where what comes regularly did not; of PDOs only where SYNC came."""
@@ -552,35 +462,17 @@ class Conversation:
                 missing = found
             elif not stream.startswith("heartbeat"):
                 found = [g for g in found if not any(a < g[1] and g[0] < b for a, b in missing)]
+            who = stream.partition(" of ")[2] or HOST
+            often = f"usually every {1e3 * usual:.3g} ms"
             for begin, end in sorted(found, key=lambda gap: gap[0] - gap[1])[:_MOST]:
-                text = (
-                    f"no {stream} for {1e3 * (end - begin):.3g} ms (usually {1e3 * usual:.3g} ms)"
-                )
-                self._say(begin, stream.partition(" of ")[2] or HOST, "gap", text)
+                text = f"no {stream} for {1e3 * (end - begin):.3g} ms ({often})"
+                self._say(begin, who, "gap", text)
             if rest > max(_ENDED * usual, _ENDED_FOR):
-                text = f"no {stream} from here on (usually every {1e3 * usual:.3g} ms)"
-                self._say(float(times[-1]), stream.partition(" of ")[2] or HOST, "gap", text)
+                self._say(float(times[-1]), who, "gap", f"no {stream} from here on ({often})")
 
 
-@cache
-def _rig_values(plate: Key) -> dict[Key, int]:
-    """The mapping objects of a drive as the host sets them, with its plate encoder's object."""
-    known, maps = dictionary.objects(), frames.pdo_maps(plate).items()
-    return _values(
-        {at: [i << 16 | s << 8 | known[i, s].bits for i, s in each] for at, each in maps}
-    )
-
-
-@cache
-def _standard_values() -> dict[Key, int]:
-    """The mapping objects of CiA 402's default PDOs."""
-    return _values({int(key, 16): entries for key, entries in table()["defaults"].items()})
-
-
-def _values(mappings: Mapping[int, Sequence[int]]) -> dict[Key, int]:
-    """Mappings, by the index of the PDO's parameters, as the objects that hold them."""
-    return {
-        (parameters + 0x200, sub): value
-        for parameters, entries in mappings.items()
-        for sub, value in enumerate((len(entries), *entries))
-    }
+def _expedited(data: bytes, size: int) -> bytes:
+    """The data in the first frame of a transfer, nothing if segments follow; size if not said."""
+    if not data[0] & 2:
+        return b""
+    return data[4 : 8 - (data[0] >> 2 & 3)] if data[0] & 1 else data[4 : 4 + (size or 4)]

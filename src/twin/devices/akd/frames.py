@@ -55,19 +55,10 @@ _SDO_READ, _SDO_WRITE, _SDO_ANSWER, _SDO_WRITTEN, _SDO_ABORT = 0x40, 0x23, 0x43,
 _UNUSED = 0x0C
 """Bits of the command specifier that count the bytes which are not part of the value."""
 
-_NMT_STATES = {0: "booting", 4: "stopped", 5: "operational", 127: "pre-operational"}
-NMT_COMMANDS = {
-    START: "start",
-    2: "stop",
-    PRE_OPERATIONAL: "enter pre-operational",
-    129: "reset",
-    130: "reset communication",
-}
-
 
 def nmt_words(state: int) -> str:
     """The NMT state in a heartbeat in words."""
-    return _NMT_STATES.get(state, f"in state {state}")
+    return str(table()["nmt_states"].get(f"{state}", f"in state {state}"))
 
 
 def fault_words(numbers: Iterable[int]) -> str:

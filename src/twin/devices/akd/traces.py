@@ -10,13 +10,16 @@ import gzip
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import can
 
+from twin.devices.akd import TRACE
 from twin.devices.akd.bus import QueuedBus
 from twin.errors import LogError
 
@@ -132,7 +135,7 @@ class TraceWriter:
 
     def __init__(self, file: Path, channel: str, part: int | None = None) -> None:
         self._file, self._channel, self._part = file, channel, part
-        self._number = 1
+        self._number = 0
         for old in parts(file):
             old.unlink()
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -148,9 +151,7 @@ class TraceWriter:
             text.flush()
         if self._part and _part(self._file, self._number).stat().st_size > self._part:
             self._logger.stop()
-            self._number += 1
-            if self._number > 3:
-                _part(self._file, self._number - 2).unlink(missing_ok=True)
+            self._number = 2 if self._number == 1 else 1  # the older of both is written over
             self._logger = can.Logger(_part(self._file, self._number), channel=self._channel)
 
     def close(self) -> None:
@@ -158,15 +159,26 @@ class TraceWriter:
         self._logger.stop()
 
 
+@contextmanager
+def appended(
+    _: Sequence[str], file: Path, part: int | None
+) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """Write a trace; what is given ``COLUMNS``, shape (K,) each, appends their frames."""
+    writer = TraceWriter(file, "can0", part)
+    try:
+        yield lambda block: writer.write(map(from_row, *(each.tolist() for each in block.values())))
+    finally:
+        writer.close()
+
+
 def _part(file: Path, number: int) -> Path:
-    return file if number == 1 else file.with_name(f"{file.stem}-{number}{file.suffix}")
+    return file.with_name(f"{file.stem}-{number}{file.suffix}") if number else file
 
 
 def parts(file: Path) -> list[Path]:
-    """The parts of a trace that are there, in order."""
-    later = file.parent.glob(f"{file.stem}-*{file.suffix}")
-    numbers = [int(n) for each in later if (n := each.stem.rpartition("-")[2]).isdecimal()]
-    return [each for n in (1, *sorted(numbers)) if (each := _part(file, n)).is_file()]
+    """The parts of a trace that are there: the first, and in any order the last two."""
+    numbers = range(3 if file.name == TRACE else 1)
+    return [each for number in numbers if (each := _part(file, number)).is_file()]
 
 
 @dataclass
@@ -216,8 +228,6 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
     if not frames:
         why = f": {remarks[0]}" if remarks else ""
         raise LogError(f"{path}: no frame can be read{why}")
-    if len(files) > 2 and not _part(path, 2).is_file():
-        remarks.append(f"{path.name}: the parts between the first and {files[1].name} are gone")
     counts = Counter(_name(each) for each in frames)
     chosen = channel or counts.most_common(1)[0][0]
     if chosen not in counts:
@@ -227,7 +237,7 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
         remarks.append(f"channel {chosen} is told ({counts[chosen]} frames); others: {others}")
         frames = [each for each in frames if _name(each) == chosen]
     back = max((a.timestamp - b.timestamp for a, b in pairwise(frames)), default=0.0)
-    if back > _DISORDER:
+    if back > _DISORDER and len(files) == 1:
         remarks.append(f"time goes back, by up to {back:.3g} s; frames are told in order of time")
     frames.sort(key=lambda each: each.timestamp)
     return Trace(chosen, frames, remarks)

@@ -1,0 +1,139 @@
+"""A class's answers: mutants, mixtures and worse, graded, killed, gone on with; and their pages."""
+
+import csv
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from difflib import SequenceMatcher
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin.lab.grade import candidates
+from twin.lab.pages import discrimination, of_class
+from twin.lab.schema import Lab, read
+from twin.lab.variants import deal, filled, hand_out
+
+MINI = Path(__file__).parent / "mini"
+KEY = "the key of a course"
+
+
+def mixed(one: str, other: str, draw: random.Random) -> str:
+    """A text with some of the lines in which another differs from it."""
+    a, b = one.splitlines(keepends=True), other.splitlines(keepends=True)
+    lines: list[str] = []
+    for _, begin, end, start, stop in SequenceMatcher(None, a, b).get_opcodes():
+        lines += a[begin:end] if draw.random() < 0.5 else b[start:stop]
+    return "".join(lines)
+
+
+def hand_in(lab: Lab, folder: Path, people: int) -> list[str]:
+    """Submissions of a class: own answers of the lab, mixtures of two of them, and no answers."""
+    draw, names = random.Random(1), [f"student{number:02}" for number in range(people)]
+    hand_out(lab, {name: name for name in names}, KEY, folder)
+    own = [each for each in candidates(lab) if each.name != "starter"]
+    texts = [each.file.read_text() for each in own if each.file.suffix == ".py"]
+    worse = ["def broken(:\n", "import mujoco\n", "", None]
+    for number, name in enumerate(names):
+        file = folder / name / lab.answer.file
+        if number < people - len(worse):
+            one, other = draw.choice(texts), draw.choice(texts)
+            text = texts[number] if number < len(texts) else mixed(one, other, draw)
+            file.write_text(filled(text, deal(lab, name, KEY).told))
+        elif (wrong := worse[people - 1 - number]) is None:
+            file.unlink()
+        else:
+            file.write_text(wrong)
+    return names
+
+
+def command(*given: object) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [Path(sys.executable).with_name("ballplate"), "lab", "grade", *map(str, given)],
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def marks(file: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(file.read_text().splitlines()))
+
+
+@pytest.mark.long
+def test_a_class_that_was_killed_in_the_middle_gets_the_same_marks(tmp_path: Path) -> None:
+    lab, handed_in, key = read(MINI), tmp_path / "in", tmp_path / "key.txt"
+    names = hand_in(lab, handed_in, 10)
+    (handed_in / "stranger").mkdir()
+    key.write_text(KEY)
+    people = tmp_path / "class.csv"
+    people.write_text("\n".join(["id", *names, "absent"]))
+    given = (MINI, handed_in, "--key", key, "--class", people, "--processes", 2)
+    whole, killed = tmp_path / "whole.csv", tmp_path / "killed.csv"
+    assert command(*given, "--out", whole).wait() == 1
+    kept = tmp_path / "killed.results"
+    process = command(*given, "--out", killed)
+    while len([*kept.glob("*.json")]) < 3:
+        assert process.poll() is None
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not killed.exists()
+    before = {file: file.stat().st_mtime_ns for file in kept.glob("*.json")}
+    assert len(before) < len(names)
+    assert command(*given, "--out", killed).wait() == 1
+    assert marks(killed) == marks(whole)
+    assert all(file.stat().st_mtime_ns == then for file, then in before.items())
+    by_name = {each["student"]: each for each in marks(whole)}
+    assert by_name["student00"]["score"] == by_name["student00"]["max_score"]
+    assert by_name["absent"]["problem"] == "not handed in"
+    assert "not in the class" in by_name["stranger"]["problem"]
+    for name in names:
+        page = (tmp_path / "whole.results" / f"{name}.html").read_text()
+        assert ("<svg" in page) == (name < "student06"), name
+    assert 'href="whole.results/student00.html"' in whole.with_suffix(".html").read_text()
+
+
+def a_result(student: str, *scores: float) -> dict[str, object]:
+    results = [
+        {
+            "name": f"check {number}",
+            "passed": score == 4,
+            "score": score,
+            "max_score": 4.0,
+            "data": {"value": 10 * score},
+        }
+        for number, score in enumerate(scores)
+    ]
+    return {"student": student, "score": sum(scores), "max_score": 8.0, "results": results}
+
+
+def test_the_page_of_a_class_counts_what_became_of_each_check(tmp_path: Path) -> None:
+    lab = read(MINI)
+    three = [(2.0, 4.0, 4.0), (2.0, 0.0, 1.0), (0.0, 4.0, 4.0), (2.0, 4.0, 4.0)]
+    found = [a_result(f"<b>{number}", *each) for number, each in enumerate(three)]
+    found.append({"student": "eve", "score": None, "results": [], "problem": "no <key>"})
+    page = of_class(lab, found, tmp_path)
+    assert "<b>" not in page
+    assert "no &lt;key&gt;" in page
+    assert "5 students, 1 with a problem; median 9 points" in page
+    rows = re.findall(r"<tr>(.*?)</tr>", page, re.DOTALL)
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in rows]
+    row = next(row for row in cells if row and row[0] == "the ball is brought to the middle")
+    assert row[2:6] == ["3", "0", "1", "0"]
+    assert row[6] == "3.00 of 4"
+
+
+def test_a_check_tells_good_from_weak_as_a_correlation_says() -> None:
+    draw = np.random.default_rng(1)
+    points = draw.uniform(0, 4, (40, 3))
+    others = points[:, 1] + points[:, 2]
+    own = points[:, 0]
+    by_hand = ((own - own.mean()) * (others - others.mean())).mean() / own.std() / others.std()
+    assert discrimination(points, 0) == f"{by_hand:.2f}"
+    assert discrimination(np.ones((9, 2)), 0) == "-"
