@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.reporter import Reporter, default, writable
-from twin.devices.akd import TRACE
 from twin.errors import RigError, ScenarioError, TwinError
 from twin.run.files import STREAM, free
 from twin.shipped import find
@@ -151,6 +150,8 @@ def trace_file(
             raise ScenarioError(f"{what}: a simulated rig has no bus; it needs {needed}")
         return None
     if trace is None:
+        from twin.devices.akd import TRACE
+
         return None if folder is None else free(folder) / TRACE
     from twin.devices.akd.traces import check_ending
 
@@ -197,6 +198,8 @@ def traced(
 
 def _place_trace(file: Path | None, folder: Path) -> None:
     """Put the trace of a run, if it has one, in the place of that of the former run there."""
+    from twin.devices.akd import TRACE  # not before: a student's process may not import it
+
     if file != folder / TRACE:
         for old in folder.glob("trace*.log"):
             old.unlink()

@@ -197,6 +197,61 @@ def test_numbers_are_judged_by_distance_and_width(
 
 
 @pytest.mark.parametrize(
+    ("answer", "score"),
+    [
+        ("mass = 0.0264", 3),  # 10 % off
+        ("mass = [0.0216, 0.0264]", 3),
+        ("mass = [0.024, 0.0312]", 1),  # its upper end is 30 % off, though it holds the truth
+        ("mass = [0.0168, 0.024]", 1),
+        ("mass = [0.0, 1.0]", 0),
+    ],
+)
+def test_of_an_interval_the_worse_end_may_be_judged(
+    tmp_path: Path, answer: str, score: float
+) -> None:
+    text = NUMBERS.replace(
+        "relative = true\nfull = 10\nnone = 30\npoints = 4",
+        """judge = "error"
+relative = true
+full = 20
+none = 35
+points = 3""",
+    )
+    folder = of(tmp_path, text)
+    (folder / "answer.toml").write_text(f"{answer}\nwind = 0\n")
+    found = bp.lab.check(folder, folder / "answer.toml")
+    assert found["results"][0]["score"] == pytest.approx(score, abs=0.011)
+
+
+def test_not_determined_where_it_is_not_is_no_wider_than_it_must_be(tmp_path: Path) -> None:
+    width = NUMBERS[NUMBERS.index('[[check]]\nname = "wind"') :].replace(
+        '"wind"\nnumber', '"w"\nnumber'
+    )
+    folder = of(tmp_path, NUMBERS + width.replace("full = 0", 'judge = "width"\nfull = 0'))
+    for wind, score in (('"not determined"', 1), ('"unknown"', 0), ("[0.0, 0.0]", 0)):
+        (folder / "answer.toml").write_text(f"mass = 0.024\nwind = {wind}\n")
+        found = bp.lab.check(folder, folder / "answer.toml")
+        assert [each["score"] for each in found["results"]][2:] == [score, score]
+
+
+def test_a_log_may_be_written_by_a_function_of_the_lab(tmp_path: Path) -> None:
+    text = (MINI / "lab.toml").read_text()
+    folder = of(tmp_path, text.replace("told =", 'log = "log.py:write"\ntold ='))
+    for each in ("family.toml", "hold.toml", "task.md", "answer.py"):
+        (folder / each).write_text((MINI / each).read_text())
+    (folder / "log.py").write_text(
+        "def write(point, folder):\n    (folder / 'own.txt').write_text(repr(sorted(point)))\n"
+    )
+    lab = read(folder)
+    hand_out(lab, {"ann": "."}, KEY, tmp_path / "handed")
+    assert (tmp_path / "handed" / "own.txt").read_text() == "['plant.level_deg.0', 'plant.start.x']"
+    (folder / "log.py").write_text("")
+    with pytest.raises(ScenarioError, match=r"log\.py: must define a function write"):
+        hand_out(lab, {"ann": "."}, KEY, tmp_path / "again")
+    assert not (tmp_path / "again").exists()
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         (None, "answer.toml: not handed in"),

@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import can
+import numpy as np
 import pytest
 
 from twin.lab.grade import candidates, prepared
@@ -53,7 +55,7 @@ def test_a_starter_is_what_remains_of_its_solution(name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["deadtime", "friction"])
+@pytest.mark.parametrize("name", ["deadtime", "friction", "identify", "wire"])
 def test_an_answer_handed_on_scores_visibly_worse(name: str, tmp_path: Path) -> None:
     lab = read(name)
     solution = next(each.file for each in candidates(lab) if each.name == "solution")
@@ -68,6 +70,40 @@ def test_an_answer_handed_on_scores_visibly_worse(name: str, tmp_path: Path) -> 
         found, copied = (judged(lab, each, answer, hidden=False) for each in (own, other))
         assert found["score"] == found["max_score"]
         assert copied["score"] <= 0.75 * found["score"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "fault", ["silent", "heartbeat", "drive fault", "reboot", "pre-operational"]
+)
+def test_a_trace_of_the_wire_shows_the_fault_that_was_dealt(fault: str, tmp_path: Path) -> None:
+    lab = read("wire")
+    point = {"wire.fault": fault, "wire.node": 2.0, "wire.begins": 2.1005, "wire.lost": 3.0}
+    record(lab, deal(lab, "ann", KEY)._replace(point=point), tmp_path / LOG)
+    with can.CanutilsLogReader(tmp_path / "bus.log") as frames:  # another's reader of this format
+        said = [(each.timestamp, each.arbitration_id, bytes(each.data)) for each in frames]
+    pdos, beats = (
+        [(time, data) for time, identifier, data in said if identifier == service + 2]
+        for service in (0x180, 0x700)
+    )
+    before = [time for time, _ in pdos if time < 2.1]
+    gaps = np.diff(before)
+    assert max(gaps) == pytest.approx(0.008)  # three frames of 2 ms each are lost, once
+    assert 1.59 < before[int(np.argmax(gaps))] < 1.61
+    stopped = next(
+        time
+        for time, identifier, data in said
+        if time > 2.1 and identifier in {0x201, 0x202} and data[0] != 0x0F
+    )
+    later = [(time, data) for time, data in beats if time > 2.1]
+    shown = {
+        "silent": not later and pdos[-1][0] < 2.1,
+        "heartbeat": not later and pdos[-1][0] > stopped > 2.13,
+        "drive fault": any(data[0] & 8 for time, data in pdos if time <= stopped),
+        "reboot": later[:1] != [] and later[0][1] == bytes(1),
+        "pre-operational": later[:1] != [] and later[0][1] == b"\x7f" and pdos[-1][0] < 2.1,
+    }
+    assert [name for name, there in shown.items() if there] == [fault]
 
 
 def sheet_of(folder: Path) -> str:

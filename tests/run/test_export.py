@@ -134,12 +134,12 @@ def test_reruns_own_importer_finds_nothing_wrong_in_the_mcap_file(folder, tmp_pa
     assert "/joint_states/true/velocity - data columns: [Scalars:scalars" in shown.stdout
 
 
-def test_without_the_extra_there_is_no_mcap_file_and_a_line(folder, tmp_path, monkeypatch, capsys):
+def test_without_the_extra_there_is_no_mcap_file_and_a_line(
+    folder, tmp_path, monkeypatch, ballplate
+):
     monkeypatch.setitem(sys.modules, "mcap_ros2.writer", None)
-    with pytest.raises(SystemExit) as end:
-        main(["export", str(folder), str(tmp_path / "log.mcap")])
-    assert end.value.code == 2
-    line = capsys.readouterr().err
+    code, _, line = ballplate("export", folder, tmp_path / "log.mcap")
+    assert code == 2
     assert "log.mcap: needs the extra mcap: pip install 'ballplate[mcap]'" in line
     assert line.count("\n") == 1
     assert not list(tmp_path.iterdir())

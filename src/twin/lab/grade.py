@@ -20,9 +20,9 @@ from twin.data_file import DataError, parse_json
 from twin.errors import ScenarioError, TwinError, nearest
 from twin.jobs import results
 from twin.lab.forms import written
-from twin.lab.judge import Judge, digest_of, judged, trusted
+from twin.lab.judge import Judge, digest_of, judged
 from twin.lab.pages import of_student
-from twin.lab.schema import CheckTable, Lab
+from twin.lab.schema import CheckTable, Lab, trusted
 from twin.lab.variants import LOG, RIG, Deal, deal, filled, had_again, record, starter, toml
 from twin.page import Verdict, html
 from twin.report.numbers import flat

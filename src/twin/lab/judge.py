@@ -5,18 +5,17 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from runpy import run_path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from twin.errors import LawError, ScenarioError, TwinError, nearest, shortened
 from twin.lab.process import NAME, AnswerProcess, answering
-from twin.lab.schema import AnswerTable, CheckTable, Lab
+from twin.lab.schema import AnswerTable, CheckTable, Lab, trusted
 from twin.lab.variants import Deal, seen
 from twin.report.numbers import in_json
 from twin.run.finished import Run, run
@@ -279,10 +278,12 @@ class Judge(NamedTuple):
         low, high = given if isinstance(given, list) else (given, given)
         truth = None if check.truth is None else self.truth(check, check.truth, point)
         if isinstance(given, str) or isinstance(truth, str):
-            return 0.0 if given == truth and check.judge == "distance" else math.inf
+            return 0.0 if given == truth else math.inf
         scale = abs(truth) / 100 if check.relative and truth else 1.0
         if check.judge == "width" or truth is None:
             return float(high - low) / scale
+        if check.judge == "error":
+            return float(max(truth - low, high - truth)) / scale
         return float(max(low - truth, truth - high, 0.0)) / scale
 
     def truth(self, check: CheckTable, truth: float | str, point: Point) -> float | str:
@@ -305,18 +306,6 @@ class Judge(NamedTuple):
             found = point.get(truth) if part is None else part * known(check.set, truth)
             found = known(check.set, truth) if found is None else found
         return found if isinstance(found, str) else float(found)
-
-
-def trusted(file: Path, function: str) -> Callable[..., Any]:
-    """A function of a lecturer's own file.
-
-    Raises:
-        ScenarioError: If there is none.
-    """
-    call: Callable[..., Any] | None = run_path(str(file)).get(function)
-    if not callable(call):
-        raise ScenarioError(f"{file.name}: must define a function {function}")
-    return call
 
 
 def tables(about: AnswerTable, file: Path) -> dict[str, Any]:

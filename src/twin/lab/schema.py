@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
+from runpy import run_path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -76,7 +77,8 @@ class VariantTable(Checked):
         family: Name or file of the family of rigs.
         keys: Which of its keys are dealt; the others stay as the scenario has them.
         told: Which of those the sheet tells; the others are drawn from the course's key alone.
-        log: Scenario of which a log is made on the student's rig.
+        log: Scenario of which a log is made on the student's rig, or ``FILE.py:FUNCTION`` that
+            writes one, given the rig and a folder.
         set: Overrides ``key=value`` of that log.
     """
 
@@ -114,7 +116,8 @@ class CheckTable(Checked):
         against: Overrides of the same run that the metric is divided by.
         number: Name of an answer in numbers, of which the worst of all runs counts.
         truth: What it should be: a value, a key of the scenario, or ``truth.py:FUNCTION``.
-        judge: Whether its distance from the truth is judged, or the width of its interval.
+        judge: Whether the distance of its interval from the truth is judged, that of the end which
+            is farther off (``error``), or the width.
         relative: Whether in percent of the truth.
         after: Checks without which this one cannot be judged: skipped where one got no points.
         why: What is wrong with an answer that fails.
@@ -139,7 +142,7 @@ class CheckTable(Checked):
     given: Mapping[str, Any] = Field({})
     number: str = ""
     truth: float | str | None = None
-    judge: Literal["distance", "width"] = "distance"
+    judge: Literal["distance", "error", "width"] = "distance"
     relative: bool = False
     after: Annotated[tuple[str, ...], BeforeValidator(as_list)] = ()
     why: str = ""
@@ -156,7 +159,7 @@ class CheckTable(Checked):
             raise ValueError("metric: missing; limit and against are about one")
         if self.metric and self.number:
             raise ValueError("metric, number: give one of them")
-        if self.number and self.truth is None and self.judge == "distance":
+        if self.number and self.truth is None and self.judge != "width":
             raise ValueError("truth: missing; it says what the number should be")
         if (self.metric or self.number) and not {"full", "none"} <= self.model_fields_set:
             raise ValueError("full, none: both must be given")
@@ -303,3 +306,15 @@ def read(name: str | Path) -> Lab:
         )
     more = read_model(HiddenFile, hidden).check if hidden.is_file() else ()
     return read_model(Lab, file, called=str(name), folder=place.resolve(), hidden=more)
+
+
+def trusted(file: Path, function: str) -> Callable[..., Any]:
+    """A function of a lecturer's own file.
+
+    Raises:
+        ScenarioError: If there is none.
+    """
+    call: Callable[..., Any] | None = run_path(str(file)).get(function)
+    if not callable(call):
+        raise ScenarioError(f"{file.name}: must define a function {function}")
+    return call

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, shortened
-from twin.lab.schema import Lab
+from twin.lab.schema import Lab, trusted
 from twin.run.exports import export
 from twin.run.finished import run
 from twin.scenario import Scenario
@@ -223,7 +223,10 @@ def record(lab: Lab, dealt: Deal, path: Path) -> None:
         TwinError: If its scenario cannot be run.
     """
     variant = lab.variant
-    if variant is not None and variant.log and lab.family is not None:
+    file, _, function = (variant.log if variant else "").partition(":")
+    if function:
+        trusted(lab.folder / file, function)(dealt.point, path.parent)
+    elif variant is not None and file and lab.family is not None:
         fixed = (*variant.set, f"seed={dealt.seed}")
         relative = [key for key, each in lab.family.parameters.items() if each.relative]
         scenario = Builder(lab.path(variant.log))(fixed, dealt.point, relative)
