@@ -18,7 +18,6 @@ from twin.devices.lumio.calibration import (
     read_calibration,
 )
 
-SHARE = st.floats(0, 1)
 SWAPPED = Calibration(((0.0, 0.7), (-0.395, 0.0)), (-0.35, 0.1975))
 POINTS = np.array([(x, y) for y in (-0.15, 0, 0.15) for x in (-0.28, 0, 0.28)])
 
