@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,7 @@ from twin.run.finished import open_runs
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from twin.identify.identify import Identification
+    from twin.identify.report import Found
     from twin.identify.verdict import ParameterVerdict
 
 
@@ -107,7 +107,7 @@ class Identified:
         found: The fit with its intervals, checks on what was held out, and notes.
     """
 
-    found: Identification
+    found: Found
 
     @property
     def verdicts(self) -> tuple[ParameterVerdict, ...]:
@@ -148,35 +148,75 @@ class Identified:
 
 
 def identify(
-    log: str | Path | Result,
+    log: str | Path | Result | Sequence[str | Path],
     parameters: str | Iterable[str] = (),
     *,
-    hold_out: float = HOLD_OUT,
+    hold_out: float | str | Path | Sequence[str | Path] = HOLD_OUT,
+    columns: str | None = None,
+    separator: str | None = None,
+    pixel: str | None = None,
+    ball: str | float | None = None,
     reporter: Reporter | None = None,
 ) -> Identified:
     """Fit friction, dead time, drives and level to a recorded motion.
 
     Args:
         log: Run folder, ``run.parquet`` or CSV file with named columns, or a result; preferably
-            recorded with the scenario ``excite``.
+            recorded with the scenario ``excite``. With ``columns`` one or more logs of any rig.
         parameters: Names of those to fit, as ``rolling`` or ``dead_time``; the usual ones if none.
-        hold_out: Share of the log held out from the fit, 0 to 0.8.
+        hold_out: Share of the log held out from the fit, 0 to 0.8; with ``columns`` also another
+            log, or some.
+        columns: Of a log of any rig, ``"time=t:ms,measured_x=X:mm,command_phi=u:deg"``.
+        separator: Between its columns; found if None.
+        pixel: Length of a pixel, as ``"0.5mm"``.
+        ball: ``"hollow"``, ``"solid"``, or the share of gravity that accelerates it.
         reporter: Who is told progress; a notebook has its own.
 
     Raises:
         TwinError: If the log cannot be read, or nothing can be learned from it.
     """
-    from twin.identify.identify import identify as fit
-    from twin.identify.parameters import chosen
+    from twin.identify.any_log import BALLS, ball_factor, read_any, wanted_columns
+    from twin.identify.parameters import PLAIN, chosen
 
-    if not 0 <= hold_out <= 0.8:
+    if isinstance(hold_out, float | int) and not 0 <= hold_out <= 0.8:
         raise ScenarioError(f"hold_out: must be 0 to 0.8, got {hold_out:g}")
     names = [parameters] if isinstance(parameters, str) else parameters
-    wanted = chosen(",".join(names) or None)
-    recorded = _recorded(log)
+    factor = None if ball is None else ball_factor(ball)
     report = reporter or default()
+    if columns is not None:
+        from twin.identify.any_rig import identify_any
+
+        wanted = wanted_columns(columns, pixel)
+        logs = [read_any(path, wanted, separator) for path in _paths(log)]
+        held = (
+            float(hold_out)
+            if isinstance(hold_out, float | int)
+            else [read_any(path, wanted, separator) for path in _paths(hold_out)]
+        )
+        fitted = chosen(",".join(names) or None, tuple(PLAIN), ())
+        with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
+            found = identify_any(logs, held, fitted, factor or BALLS["hollow"], progress=advance)
+        return Identified(found)
+    from twin.identify.identify import identify as fit
+
+    if not isinstance(log, str | Path | Result):
+        log, *others = log
+        if others:
+            raise ScenarioError("log: give one; several are taken with columns only")
+    if not isinstance(hold_out, float | int):
+        raise ScenarioError("hold_out: must be 0 to 0.8; another log is taken with columns only")
+    wanted_names = chosen(",".join(names) or None)
+    recorded = _recorded(log)
+    if factor is not None:
+        recorded = recorded.with_ball(factor)
     with report.progress(f"identifying from {recorded.source}", 1.0) as advance:
-        return Identified(fit(recorded, wanted, 1 - hold_out, advance))
+        return Identified(fit(recorded, wanted_names, 1 - hold_out, advance))
+
+
+def _paths(logs: str | Path | Result | Sequence[str | Path]) -> list[Path]:
+    if isinstance(logs, Result):
+        raise ScenarioError("columns: are of a file, not of a result")
+    return [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
 
 
 def _recorded(log: str | Path | Result) -> logs.Log:

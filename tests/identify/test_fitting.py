@@ -18,7 +18,15 @@ from twin.identify.problem import Linearisation, Problem
 from twin.identify.replay import PACE, STEP, AccelerationField, replay
 from twin.identify.report import parameters
 from twin.identify.search import _creeping, fit_starts
-from twin.identify.verdict import BOUNDED, IDENTIFIED, REJECTED, _ball, _servo, whiteness
+from twin.identify.verdict import (
+    BOUNDED,
+    IDENTIFIED,
+    REJECTED,
+    _ball,
+    _servo,
+    verdicts,
+    whiteness,
+)
 from twin.identify.windows import Windows
 from twin.scenario import load
 from twin.sim.drives import Hysteresis, Play, Resonance
@@ -289,3 +297,23 @@ def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_sa
         fit = estimate(truth + step, normal, np.einsum("wmi,wm->wi", slopes, left))
         covered += int(abs(fit.value[0] - truth[0]) <= fit.half_width[0])
     assert 180 <= covered <= 199
+
+
+def test_a_dead_time_at_its_bound_is_not_identified():
+    problem = SimpleNamespace(names=("delay",), windows=SimpleNamespace(resting=np.array([True])))
+    draws = 0.1395 + 5e-4 * np.random.default_rng(1).standard_normal((400, 1))
+    ball = Estimate(np.array([0.1395]), draws, np.array([True]), 20)
+    found = _ball("delay", SimpleNamespace(problem=problem), ball, white=True)
+    assert found.word == BOUNDED
+    assert "--columns" in found.why
+    assert found.high is None
+
+
+def test_a_lost_motion_that_is_identified_is_in_the_parameter_file():
+    fit = SimpleNamespace(estimate=lambda: None)
+    drives = Drives(0.0159, 1e-4, agree=True, play=np.radians(0.3), play_half_width=1e-5)
+    found = verdicts(("servo",), fit, drives, white=True)
+    shown = SimpleNamespace(verdicts=found, log=SimpleNamespace(source="log"))
+    assert "backlash_deg = 0.3" in parameters(shown)
+    tight = drives._replace(play=1e-6)
+    assert len(verdicts(("servo",), fit, tight, white=True)) == 1

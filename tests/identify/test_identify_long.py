@@ -67,7 +67,8 @@ def trials(batch):
             "level_theta": 0.0,
         }
         done = identify(log, DEFAULT)
-        rows = [(v.name, truth[v.name], v.value, v.low, v.high) for v in done.verdicts]
+        asked = (v for v in done.verdicts if v.name in truth)
+        rows = [(v.name, truth[v.name], v.value, v.low, v.high) for v in asked]
         ahead = done.horizons
         found.append((rows, float(ahead.twin[np.argmin(abs(ahead.ahead - 1))])))
     return found

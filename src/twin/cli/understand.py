@@ -12,7 +12,8 @@ import click
 from ballplate.changes import changes_of, scenario_of
 from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, indicators, listed, progress, show, warn
-from twin.identify.parameters import CHOICES, DEFAULT, SHARE
+from twin.errors import LogError
+from twin.identify.parameters import CHOICES, DEFAULT, PLAIN, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
 from twin.page import Table
 from twin.run.files import ROOT, is_record, log_file, run_folder, run_name
@@ -105,44 +106,91 @@ def _effects(found: Explanation) -> Iterator[Shown]:
         yield f"not in this scenario: {', '.join(lacking)}"
 
 
-PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
+PARAMETERS = (
+    f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]; with --columns {', '.join(PLAIN)}."
+)
 
 
 @options.command(example="identify runs/excite")
-@click.argument("log", type=options.PATH, shell_complete=options.runs)
+@click.argument("logs", type=options.PATH, nargs=-1, required=True, shell_complete=options.runs)
 @click.option("--parameters", "names", metavar="NAME,...", help=PARAMETERS)
 @click.option(
     "--hold-out",
-    type=click.FloatRange(0, 0.8),
-    default=round(1 - SHARE, 2),
-    show_default=True,
-    help="Share of the log held out from the fit.",
+    "held",
+    multiple=True,
+    metavar="SHARE|LOG",
+    help=f"Share of the log held out from the fit [{1 - SHARE:.2f}]; with --columns also a log.",
 )
+@click.option(
+    "--columns",
+    metavar="ROLE=NAME:UNIT,...",
+    help="Columns of a log of any rig: time, measured_x, measured_y, command_phi, command_theta.",
+)
+@click.option("--separator", help="Between its columns, as ; or tab [found].")
+@click.option("--pixel", metavar="LENGTH", help="Length of a pixel, as 0.5mm, for positions in px.")
+@click.option("--ball", metavar="BALL", help="hollow, solid, or its share of gravity [hollow].")
 @click.option("--out", type=options.PATH, help="Folder [runs/identify-LOG].")
 @options.JSON
-def identify(log: Path, names: str | None, hold_out: float, out: Path | None) -> int:
-    """Fit friction, dead time, drives and level to a recorded run.
+def identify(
+    logs: tuple[Path, ...],
+    names: str | None,
+    held: tuple[str, ...],
+    columns: str | None,
+    separator: str | None,
+    pixel: str | None,
+    ball: str | None,
+    out: Path | None,
+) -> int:
+    """Fit friction, dead time, drives and level to a recorded run, or to logs of any rig.
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns, preferably recorded with
-    the scenario `excite`. Writes report.html and parameters.toml; exit code 1 if no parameter can
-    be identified.
+    the scenario `excite`; with --columns one or more text files of any rig, with commands in place
+    of plate angles. Writes report.html and parameters.toml; exit code 1 if no parameter can be
+    identified.
     """
-    chosen_parameters(names)  # a wrong name is told before anything heavy is imported
-    log = log_file(log)
+    if columns is None:
+        chosen_parameters(names)  # a wrong name is told before anything heavy is imported
+    files = [log_file(log) for log in logs]
+    share = _share(held)
     from ballplate.loading import identify as identify_log
     from twin.identify.report import HEADS, rows
     from twin.identify.verdict import IDENTIFIED
 
-    folder = check_writable(out or ROOT / f"identify-{run_name(log)}")
-    done = identify_log(log, names or (), hold_out=hold_out, reporter=TERMINAL)
+    folder = check_writable(out or ROOT / f"identify-{run_name(files[0])}")
+    done = identify_log(
+        files,
+        names or (),
+        hold_out=[log_file(Path(each)) for each in held] if share is None else share,
+        columns=columns,
+        separator=separator,
+        pixel=pixel,
+        ball=ball,
+        reporter=TERMINAL,
+    )
     done.save(folder)
     found = done.found
-    why = (f"{each.about.name}: {each.why}" for each in found.verdicts if each.why)
+    why = (
+        f"{row[0]}: {each.why}"
+        for row, each in zip(rows(found), found.verdicts, strict=True)
+        if each.why
+    )
     notes = (f"note: {note}" for note in found.notes)
     table = Table("", HEADS, rows(found), words=(0, *range(3, len(HEADS))))
     shown = (table, *why, *done.sentences, *notes)
-    show(found.as_dict(), shown, folder, "report.html, parameters.toml")
-    return int(all(each.word != IDENTIFIED for each in found.verdicts))
+    none = all(each.word != IDENTIFIED for each in found.verdicts)
+    show(found.as_dict(), shown, folder, "report.html" if none else "report.html, parameters.toml")
+    return int(none)
+
+
+def _share(held: tuple[str, ...]) -> float | None:
+    """The share that is held out; None if it is logs."""
+    try:
+        shares = [float(each) for each in held] or [round(1 - SHARE, 2)]
+    except ValueError:
+        return None
+    if len(shares) > 1 or not 0 <= shares[0] <= 0.8:
+        raise LogError(f"--hold-out {' '.join(held)}: give one share from 0 to 0.8, or logs")
+    return shares[0]
 
 
 @options.command(example="fit friction_of_two_series")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -26,8 +25,6 @@ from twin.identify.windows import cut, moving_spans
 
 LONGEST = 2.5
 """Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
-NOTHING = math.radians(0.005)
-"""Lost motion in rad up to which there is none: what wheels and joints of a good rig make."""
 
 
 @dataclass(frozen=True)
@@ -108,12 +105,6 @@ def identify(
         if whiteness(richer).white:
             fit, white, names = richer, whiteness(richer), (*names, "viscous")
             notes.append("viscous friction fitted along: without it the log is not explained")
-    if drives is not None and drives.play - drives.play_half_width > NOTHING:
-        lost, half = (math.degrees(each) for each in (drives.play, drives.play_half_width))
-        notes.append(
-            f"drives fitted with lost motion of {lost:.3f} deg (95 %: +-{half:.3f}): play, "
-            "hysteresis or friction; ballplate calibrate lost-motion tells which"
-        )
     if len(fits) > 1:
         kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
         notes.append(f"friction at rest taken to be {kind}, which fits better")
@@ -121,6 +112,8 @@ def identify(
         notes.append(
             f"{fit.left_out} of {len(windows)} windows left out: no replay explains the ball there"
         )
+    if not log.scenario and not log.age.any():
+        notes.append("no column age: the wait for a frame is counted in the dead time")
     if usable.segments[0].command is None:
         notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
     horizons = None

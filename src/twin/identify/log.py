@@ -83,6 +83,17 @@ class Log:
     late: Array | None = None
     scenario: Mapping[str, Any] = field(default_factory=dict)
 
+    def with_ball(self, factor: float) -> Log:
+        """That of another ball, by the share of gravity that accelerates it.
+
+        Raises:
+            LogError: If it is a run, which knows its ball.
+        """
+        if self.scenario:
+            raise LogError(f"{self.source}: --ball: a run knows its ball")
+        inertia = self.model.mass * self.model.radius**2 * (1 / factor - 1)
+        return replace(self, model=replace(self.model, inertia=inertia))
+
     def rows(self, chosen: Mask | NDArray[np.intp] | slice) -> Log:
         """Some of its rows."""
         names = ("time", "ball", "plate", "age", "touched", "command", "late")

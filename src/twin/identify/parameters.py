@@ -62,6 +62,8 @@ BALL = {name: IdentifiedParameter(**about) for name, about in _TABLES["ball"].it
 """What shows in the ball's motion, by the name the command line uses (level: both)."""
 SERVO = IdentifiedParameter(**_TABLES["servo"])
 """The drives' time constant in s; the scenario takes the corner frequency it gives."""
+PLAIN = {name: IdentifiedParameter(**about) for name, about in _TABLES["plain"].items()}
+"""The plain model of any rig, of each axis; gain, friction and level are accelerations."""
 HIDDEN = {name: IdentifiedParameter(**about) for name, about in _TABLES["hidden"].items()}
 """What neither ball nor plate positions of a closed-loop run show."""
 
@@ -73,19 +75,21 @@ ALWAYS = ("rolling", "breakaway", "delay", "level_phi", "level_theta")
 """Fitted whether asked for or not: to hold one at a guess would spoil the others."""
 
 
-def chosen(text: str | None) -> tuple[str, ...]:
-    """The parameters of a list with commas; None for the usual ones.
+def chosen(
+    text: str | None, known: tuple[str, ...] = CHOICES, usual: tuple[str, ...] = DEFAULT
+) -> tuple[str, ...]:
+    """The parameters of a list with commas, of those known; None for the usual ones.
 
     Raises:
         LogError: If one is unknown.
     """
     if text is None:
-        return DEFAULT
+        return usual
     names = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
-    unknown = [name for name in names if name not in CHOICES]
+    unknown = [name for name in names if name not in known]
     if unknown or not names:
         raise LogError(
-            f"--parameters: no '{', '.join(unknown) or text}' (known: {', '.join(CHOICES)})"
+            f"--parameters: no '{', '.join(unknown) or text}' (known: {', '.join(known)})"
         )
     return names
 

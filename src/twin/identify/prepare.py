@@ -251,6 +251,8 @@ def prepare(log: Log) -> PreparedLog:
     segments = [s for s in segments if len(s.sampled) > 20]
     if not segments:
         why = notes[-1] if notes else f"it lasts {time[-1] - time[0]:.1f} s"
+        if gap.mean() > 0.02:
+            why += "; a clock that jitters: --columns takes such a log"
         raise LogError(f"{log.source}: no stretch of {SHORTEST:g} s without a gap ({why})")
     return PreparedLog(
         source=log.source,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,23 +30,26 @@ class Linearisation(NamedTuple):
         r: Replay minus samples, shape (C, W, M).
         by_start: Slope by the start x, y, x', y' of each window, shape (C, W, M, 4).
         by_parameter: Slope by the parameters, shape (C, W, M, P); P is 0 where not requested.
+        prior: Weak knowledge of a start, its inverse covariance.
     """
 
     r: Array
     by_start: Array
     by_parameter: Array
+    prior: Array = START_PRIOR
 
     def where(self, better: Mask, old: Linearisation) -> Linearisation:
         """This where it is better, shape (C,) or (C, W), elsewhere the old one."""
         parts = []
-        for new, before in zip(self, old, strict=True):
+        for new, before in zip(self[:3], old[:3], strict=True):
             mask = better.reshape(better.shape + (1,) * (new.ndim - better.ndim))
             parts.append(np.where(mask, new, before))
-        return Linearisation(*parts)
+        return Linearisation(parts[0], parts[1], parts[2], self.prior)
 
     def take(self, which: Mask) -> Linearisation:
         """That of some of the windows."""
-        return Linearisation(*(part[:, which] for part in self))
+        r, by_start, by_parameter = (part[:, which] for part in self[:3])
+        return Linearisation(r, by_start, by_parameter, self.prior)
 
     def start_step(self, damping: Array) -> Array:
         """The damped Gauss-Newton step of the starts alone, shape (4, C, W).
@@ -55,24 +58,76 @@ class Linearisation(NamedTuple):
             damping: Multiples of the prior, shape (C, W).
         """
         Zt = np.swapaxes(self.by_start, -1, -2)  # noqa: N806
-        normal = Zt @ self.by_start + damping[..., None, None] * START_PRIOR
+        normal = Zt @ self.by_start + damping[..., None, None] * self.prior
         return np.moveaxis(np.linalg.solve(normal, Zt @ self.r[..., None])[..., 0], -1, 0)
 
-    def eliminate_starts(self) -> tuple[Array, Array]:
+    def eliminate_starts(self, damping: Array | None = None) -> tuple[Array, Array]:
         """Residuals and parameter slopes with the starts fitted along, (C, W, M, 1 + P).
 
         Variable projection: for a linearised problem the best starts are a linear function of the
-        parameters. Also returns its slopes, shape (C, W, 4, 1 + P).
+        parameters. Also returns its slopes, shape (C, W, S, 1 + P).
+
+        Args:
+            damping: Marquardt's for the starts, shape (C,): shares of the diagonal; None for none.
         """
         Z = self.by_start  # noqa: N806
         both = np.concatenate((self.r[..., None], self.by_parameter), axis=-1)
         Zt = np.swapaxes(Z, -1, -2)  # noqa: N806
-        follow = np.linalg.solve(Zt @ Z + START_PRIOR, Zt @ both)
+        normal = Zt @ Z
+        if damping is not None:
+            diagonal = np.eye(Z.shape[-1]) * np.diagonal(normal, axis1=-2, axis2=-1)[..., None]
+            normal = normal + damping[:, None, None, None] * diagonal
+        follow = np.linalg.solve(normal + self.prior, Zt @ both)
         return both - Z @ follow, follow
 
 
+class Fitting:
+    """What any fit of windows minimises.
+
+    Attributes:
+        windows: The samples.
+        names: Names of the parameters that are fitted, P of them.
+    """
+
+    windows: Any
+    names: tuple[str, ...]
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest values of the parameters, shapes (P,)."""
+        raise NotImplementedError
+
+    def initial_starts(self) -> Array:
+        """First guesses of the starts, S numbers of each window, shape (S, 1, W)."""
+        raise NotImplementedError
+
+    def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
+        """Residuals and slopes of C candidates.
+
+        Args:
+            theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
+            starts: The beginning of each window, shape (S, C, W).
+            slopes: Whether the slopes by the parameters are computed.
+        """
+        raise NotImplementedError
+
+    def misfit(self, r: Array) -> Array:
+        """Mean square residual of each window in noise variances, shape (C, W)."""
+        return np.asarray((r**2).sum(axis=-1) / self.windows.size)
+
+    def cost(self, r: Array) -> Array:
+        """What a fit minimises: robust against windows that cannot be explained, shape (C,)."""
+        misfit = self.misfit(r)
+        each = self.windows.size * misfit / (1 + misfit / TOLERATED)
+        return np.asarray(each.sum(axis=-1))
+
+    def weights(self, r: Array) -> Array:
+        """How much each window counts, 1 for a perfect one, shape (C, W)."""
+        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED) ** 2)
+
+
 @dataclass(frozen=True)
-class Problem:
+class Problem(Fitting):
     """What is fitted to what.
 
     Attributes:
@@ -99,6 +154,12 @@ class Problem:
         each = theta if theta.ndim > 2 else theta[:, None]
         values |= {name: each[..., k] for k, name in enumerate(self.names)}
         return values
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest values of the parameters, shapes (P,)."""
+        about = [BALL[name] for name in self.names]
+        return np.array([each.least for each in about]), np.array([each.most for each in about])
 
     def initial_starts(self) -> Array:
         """A straight line through the first samples of each window, shape (4, 1, W)."""
@@ -176,17 +237,3 @@ class Problem:
             by_parameter[..., self.names.index("delay")] = by_delay
         target = (windows.ball * windows.weight).reshape(shape[2:])
         return Linearisation(base - target, by_start, by_parameter)
-
-    def misfit(self, r: Array) -> Array:
-        """Mean square residual of each window in noise variances, shape (C, W)."""
-        return np.asarray((r**2).sum(axis=-1) / self.windows.size)
-
-    def cost(self, r: Array) -> Array:
-        """What a fit minimises: robust against windows that cannot be explained, shape (C,)."""
-        misfit = self.misfit(r)
-        each = self.windows.size * misfit / (1 + misfit / TOLERATED)
-        return np.asarray(each.sum(axis=-1))
-
-    def weights(self, r: Array) -> Array:
-        """How much each window counts, 1 for a perfect one, shape (C, W)."""
-        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED) ** 2)

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from twin.identify import any_report
+from twin.identify.any_rig import AnyIdentification
 from twin.identify.identify import Identification
 from twin.identify.search import BestFit
 from twin.identify.verdict import (
@@ -29,7 +31,11 @@ SHOWN = 6
 HEADS = ("parameter", "value", "95 % interval", "unit", "verdict")
 
 
-def sentences(found: Identification) -> list[str]:
+Found = Identification | AnyIdentification
+"""What a log shows, of a rig like the twin's or of any."""
+
+
+def sentences(found: Found) -> list[str]:
     """The verdict in words."""
     words = []
     for said, among in (
@@ -37,9 +43,15 @@ def sentences(found: Identification) -> list[str]:
         ("Fitted, but the log rejects the model, so that no error is known", (REJECTED,)),
         ("Not identified from this log", (BOUNDED, NOT)),
     ):
-        names = dict.fromkeys(each.about.name for each in found.verdicts if each.word in among)
+        names = dict.fromkeys(
+            each.about.name if isinstance(found, Identification) else _name(each)
+            for each in found.verdicts
+            if each.word in among
+        )
         if names:
             words.append(f"{said}: {', '.join(names)}.")
+    if isinstance(found, AnyIdentification):
+        return [*words, *any_report.judged(found)]
     horizons = found.horizons
     if horizons is not None:
         k = int(abs(horizons.ahead - 1.0).argmin())
@@ -54,7 +66,7 @@ def sentences(found: Identification) -> list[str]:
     return words
 
 
-def page(found: Identification) -> str:
+def page(found: Found) -> str:
     """The report as one HTML file."""
     verdicts = [(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)]
     blocks: list[Block] = [
@@ -68,6 +80,10 @@ def page(found: Identification) -> str:
             "with the ball's start in every window.",
         ),
     ]
+    if isinstance(found, AnyIdentification):
+        log = f"{found.log.source}: {found.seconds:.1f} s were fitted."
+        blocks += [*any_report.blocks(found), Text([log, *found.notes], "The log")]
+        return html(f"Identification from {found.log.source}", blocks)
     if found.horizons is not None:
         blocks += _held_out(found.horizons)
     note = "Windows of the fitted part, the ball as measured (points) and replayed (lines)."
@@ -103,7 +119,7 @@ def _held_out(horizons: Horizons) -> list[Block]:
     ]
 
 
-def rows(found: Identification) -> list[tuple[str, str, str, str, str]]:
+def rows(found: Found) -> list[tuple[str, str, str, str, str]]:
     """The verdicts as a table under ``HEADS``."""
     return [
         (_name(each), digits(each.value), interval(each), each.about.unit, each.word)
@@ -111,11 +127,15 @@ def rows(found: Identification) -> list[tuple[str, str, str, str, str]]:
     ]
 
 
-def parameters(found: Identification, words: tuple[str, ...] = (IDENTIFIED,)) -> str:
+def parameters(found: Found, words: tuple[str, ...] = (IDENTIFIED,)) -> str:
     """Parameters as TOML that a scenario may name, those with one of these verdicts."""
     tables: dict[str, list[str]] = {}
     levels: dict[str, ParameterVerdict] = {}
-    for each in found.verdicts:
+    if isinstance(found, AnyIdentification):
+        for key, value in any_report.settings(found).items():
+            table, _, name = key.rpartition(".")
+            tables.setdefault(table, []).append(f"{name} = {value}")
+    for each in () if isinstance(found, AnyIdentification) else found.verdicts:
         if each.word not in words or each.value is None:
             continue
         if each.name.startswith("level_"):
@@ -138,7 +158,7 @@ def parameters(found: Identification, words: tuple[str, ...] = (IDENTIFIED,)) ->
     return "\n".join(lines) + "\n"
 
 
-def write(found: Identification, folder: Path) -> None:
+def write(found: Found, folder: Path) -> None:
     """Write report.html and, if anything was identified, parameters.toml.
 
     Raises:
@@ -159,7 +179,8 @@ def interval(each: ParameterVerdict) -> str:
 
 
 def _name(each: ParameterVerdict) -> str:
-    axis = {"level_phi": " (phi)", "level_theta": " (theta)"}.get(each.name, "")
+    axis = each.name.rpartition("_")[2]
+    axis = f" ({axis})" if axis in ("phi", "theta", "x", "y") else ""
     return each.about.key + axis
 
 

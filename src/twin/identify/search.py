@@ -9,7 +9,7 @@ makes a fit some twenty times as fast.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -18,7 +18,7 @@ from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.parameters import BALL
-from twin.identify.problem import Linearisation, Problem
+from twin.identify.problem import Fitting, Linearisation, Problem
 from twin.identify.windows import Windows
 
 TOLERANCE = 1e-5
@@ -75,7 +75,7 @@ class Minimum(NamedTuple):
     termination: Termination
 
 
-def fit_starts(problem: Problem, theta: Array, starts: Array, step_limit: int) -> Array:
+def fit_starts(problem: Fitting, theta: Array, starts: Array, step_limit: int) -> Array:
     """The best starts for fixed parameters, by damped Gauss-Newton steps, shape (4, C, W).
 
     Windows share nothing, so one whose starts suit it is not replayed again.
@@ -108,11 +108,19 @@ def fit_starts(problem: Problem, theta: Array, starts: Array, step_limit: int) -
         misfit = np.where(better, reached, misfit)[:, going]
         damping = np.where(better, damping / 3, damping * 30)[:, going]
         starts, theta, left = starts[..., going], theta[:, going], left[going]
-        problem = replace(problem, windows=problem.windows.take(going))
+        rest: Any = problem
+        problem = replace(rest, windows=rest.windows.take(going))
     return found
 
 
-def minimise(problem: Problem, theta: Array, starts: Array, step_limit: int) -> Minimum:
+def minimise(
+    problem: Fitting,
+    theta: Array,
+    starts: Array,
+    step_limit: int,
+    patience: int = 2,
+    polish: int = 0,
+) -> Minimum:
     """Fit the parameters together with the starts, from each of C first guesses.
 
     Args:
@@ -120,9 +128,10 @@ def minimise(problem: Problem, theta: Array, starts: Array, step_limit: int) -> 
         theta: First guesses, shape (C, P).
         starts: Starts that suit them, shape (4, C, W).
         step_limit: Most steps.
+        patience: So many steps one after another that gain nothing end it.
+        polish: Steps by which starts are fitted to the parameters of a step before it is judged.
     """
-    least = np.array([BALL[name].least for name in problem.names])
-    most = np.array([BALL[name].most for name in problem.names])
+    least, most = problem.bounds
     current = problem.linearise(theta, starts)
     cost = problem.cost(current.r)
     damping = np.full(len(theta), 1e-2)
@@ -130,18 +139,25 @@ def minimise(problem: Problem, theta: Array, starts: Array, step_limit: int) -> 
     rejected, decrease = np.zeros(len(theta), dtype=int), np.zeros(len(theta))
     idle = np.zeros(len(theta), dtype=int)
     steps = 0
-    while steps < step_limit and (idle < 2).any():
+    while steps < step_limit and (idle < patience).any():
         steps += 1
-        free, follow = current.eliminate_starts()
+        # starts that a step would throw too far are held back with the parameters
+        free, follow = current.eliminate_starts(np.maximum(damping - 1.0, 0.0))
         r, J = free[..., 0], free[..., 1:]  # noqa: N806
         weighted = np.swapaxes(J * problem.weights(current.r)[..., None, None], -1, -2)
         normal, slope = (weighted @ J).sum(axis=1), (weighted @ r[..., None]).sum(axis=1)
+        # what stands at a bound and would go beyond stays there, and the others know it
+        held = ((theta <= least) & (slope[..., 0] > 0)) | ((theta >= most) & (slope[..., 0] < 0))
+        slope = np.where(held[..., None], 0.0, slope)
+        normal = np.where(held[..., None] | held[..., None, :], 0.0, normal)
         # Marquardt's scaling by the diagonal, so that no unit matters
         scale = np.diagonal(normal, axis1=-2, axis2=-1)[..., None] * eye
         damped = normal + damping[:, None, None] * scale + 1e-9 * eye
         moved = np.clip(theta - np.linalg.solve(damped, slope)[..., 0], least, most)
         step = np.concatenate((np.ones((len(theta), 1)), moved - theta), axis=-1)
         shifted = starts - np.moveaxis(follow @ step[:, None, :, None], -2, 0)[..., 0]
+        if polish:
+            shifted = fit_starts(problem, moved, shifted, polish)
         trial = problem.linearise(moved, shifted)
         trial_cost = problem.cost(trial.r)
         better = trial_cost < cost
@@ -155,7 +171,7 @@ def minimise(problem: Problem, theta: Array, starts: Array, step_limit: int) -> 
         rejected += ~better
         idle = np.where(gained, 0, idle + 1)
     best = int(np.argmin(cost))
-    reason = CONVERGED if idle[best] >= 2 else STEP_LIMIT
+    reason = CONVERGED if idle[best] >= patience else STEP_LIMIT
     termination = Termination(reason, steps, step_limit, int(rejected[best]), float(decrease[best]))
     return Minimum(theta, starts, cost, current, termination)
 
@@ -195,15 +211,26 @@ class BestFit:
 
     def estimate(self) -> Estimate:
         """The parameters and their uncertainty, every window an independent observation."""
-        free, _ = self.linearisation.eliminate_starts()
-        r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
-        weight = self.problem.weights(self.linearisation.r)[0]
-        return estimate(
-            self.theta,
-            np.einsum("wmi,wmj,w->wij", J, J, weight),
-            np.einsum("wmi,wm,w->wi", J, r, weight),
-            np.einsum("wmi,wmj,w->ij", J, J, weight**2),
-        )
+        return estimated(self.problem, self.theta, self.linearisation)
+
+
+def estimated(problem: Fitting, theta: Array, found: Linearisation) -> Estimate:
+    """Parameters, shape (P,), and their uncertainty, every window an independent observation.
+
+    Args:
+        problem: What was fitted.
+        theta: The fit.
+        found: Residuals and slopes there, of one candidate.
+    """
+    free, _ = found.eliminate_starts()
+    r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
+    weight = problem.weights(found.r)[0]
+    return estimate(
+        theta,
+        np.einsum("wmi,wmj,w->wij", J, J, weight),
+        np.einsum("wmi,wm,w->wi", J, r, weight),
+        np.einsum("wmi,wmj,w->ij", J, J, weight**2),
+    )
 
 
 def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> BestFit:
@@ -238,7 +265,7 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
         problem=problem,
         theta=found.theta[best[0]],
         starts=found.starts[:, best],
-        linearisation=Linearisation(*(part[best] for part in found.linearisation)),
+        linearisation=Linearisation(*(part[best] for part in found.linearisation[:3])),
         cost=float(found.cost[best[0]]),
         left_out=len(windows) - len(problem.windows),
         termination=found.termination,

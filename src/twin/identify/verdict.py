@@ -20,6 +20,10 @@ from twin.identify.problem import START_PRIOR, Problem
 from twin.identify.search import BestFit, fit_starts
 from twin.identify.windows import BIN, LOOKBACK, Spans, cut
 
+NOTHING = math.radians(0.005)
+"""Lost motion in rad up to which there is none: what wheels and joints of a good rig make."""
+MOVES = 0.005
+"""Way in m from which on a ball moves: of one that rests a replay says nothing."""
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0)
 """Seconds ahead."""
 LEAD = 0.4
@@ -72,6 +76,11 @@ def hold_out(log: PreparedLog, fit: BestFit, lag: float) -> Horizons | None:
     windows = cut(log, lag, LONGEST, _overlapping_spans)
     if windows is None:
         return None
+    far = np.where(windows.weight > 0, windows.ball, np.nan)
+    moves = (np.nanmax(far, axis=1) - np.nanmin(far, axis=1) > MOVES).any(axis=-1)
+    if not moves.any():
+        return None
+    windows = windows.take(moves)
     names, model = fit.problem.names, fit.problem.model
     frictionless = fit.theta.copy()
     for name, value in (("rolling", 0.0), ("breakaway", 1.0), ("viscous", 0.0)):
@@ -246,6 +255,8 @@ def verdicts(
             found.append(ParameterVerdict(about=HIDDEN[name], name=name, why=why))
         elif name == "servo":
             found.append(_servo(drives))
+            if drives is not None and drives.play - drives.play_half_width > NOTHING:
+                found.append(_lost_motion(drives))
         else:
             axes = ("level_phi", "level_theta") if name == "level" else (name,)
             found += [_ball(each, fit, ball, white=white) for each in axes]
@@ -293,6 +304,10 @@ def _ball(name: str, fit: BestFit, ball: Estimate, *, white: bool) -> ParameterV
         why = "best fit only: the log holds motion that the twin does not explain"
         return replace(found, word=REJECTED, why=why)
     low, high = max(value - half, about.least), min(value + half, about.most)
+    if name == "delay" and value > about.most - half:
+        why = f"at its bound of {about.most:g} s: give the log with --columns, which takes 1 s"
+        low = about.factor * (value - half)
+        return replace(found, low=low, word=BOUNDED, why=why)
     found = replace(found, low=about.factor * low, high=about.factor * high)
     if half <= max(about.tolerance, about.relative * abs(value)):
         return replace(found, word=IDENTIFIED)
@@ -303,6 +318,19 @@ def _ball(name: str, fit: BestFit, ball: Estimate, *, white: bool) -> ParameterV
     at_edge = value <= about.least + half or value >= about.most - half
     word = BOUNDED if at_edge and high - low < about.most - about.least else NOT
     return replace(found, word=word, why=f"{why}; {about.experiment}")
+
+
+def _lost_motion(drives: Drives) -> ParameterVerdict:
+    value, half = math.degrees(drives.play), math.degrees(drives.play_half_width)
+    return ParameterVerdict(
+        about=HIDDEN["lost_motion"],
+        name="lost_motion",
+        value=value,
+        low=value - half,
+        high=value + half,
+        word=IDENTIFIED,
+        why="play, hysteresis or friction: ballplate calibrate lost-motion tells which",
+    )
 
 
 def _servo(drives: Drives | None) -> ParameterVerdict:

@@ -1,0 +1,382 @@
+"""Reads logs of any rig: columns of any name, unit, sign and separator, cleaned of what is false.
+
+A column is told as ``role=name:unit``: ``measured_x=X:mm``, ``time=3:ms`` for the third,
+``command_theta=-servo2:0.24deg`` with its sign turned and a factor.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from controllers.arrays import Array, Mask
+from twin.errors import LogError
+from twin.identify.prepare import resolution, runs
+from twin.run.logs import SCALES
+
+ROLES = {
+    "time": "s",
+    "measured_x": "m",
+    "measured_y": "m",
+    "command_phi": "rad",
+    "command_theta": "rad",
+    "measured_phi": "rad",
+    "measured_theta": "rad",
+    "age": "s",
+    "touched": "1",
+}
+"""What a column may be, and its SI unit."""
+ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"}
+"""Other words for it: the command that moves the ball along x is that of phi."""
+AXES = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
+"""The ball's column and the plate's angle that moves it, of each axis."""
+MORE = {
+    "s": {"ns": 1e-9, "min": 60.0},
+    "m": {"um": 1e-6, "in": 0.0254, "inch": 0.0254},
+    "rad": {"counts": 1.0, "count": 1.0, "1": 1.0, "": 1.0},
+    "1": {},
+}
+"""Units beside those of ``SCALES``; a pixel is as long as the user says."""
+BALLS = {"hollow": 3 / 5, "solid": 5 / 7}
+"""Share of gravity that accelerates a ball which rolls."""
+SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
+COMMENTS = ("#", "%", "//")
+BLANK = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
+WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
+GAP = 0.5
+"""Time in s without a row over which nothing is known of the command."""
+JUMP = 0.004
+"""Way in m at once before or after a repeated reading by which it is false or held."""
+
+
+@dataclass(frozen=True)
+class ColumnWanted:
+    """Which column has a role, and how its numbers become SI.
+
+    Attributes:
+        name: In the header, or its number from 1 on.
+        unit: As it was told; empty for that of the header or SI.
+        sign: 1 or -1.
+        pixel: Length of a pixel in m; NaN if nobody said.
+    """
+
+    name: str
+    unit: str
+    sign: float
+    pixel: float
+
+
+@dataclass(frozen=True)
+class AxisLog:
+    """One axis of a log.
+
+    Attributes:
+        time: When each command begins, s, shape (K,).
+        tilt: The command or the measured angle, rad or counts, shape (K,).
+        held: Whether it is held from row to row, as commands are.
+        sampled: When each sample of the ball was taken, s, shape (M,).
+        ball: The samples, m, shape (M,).
+    """
+
+    time: Array
+    tilt: Array
+    held: bool
+    sampled: Array
+    ball: Array
+
+    def between(self, begin: float, end: float) -> AxisLog:
+        """That with the samples between two times in s."""
+        there = (self.sampled >= begin) & (self.sampled < end)
+        return replace(self, sampled=self.sampled[there], ball=self.ball[there])
+
+
+@dataclass(frozen=True)
+class AnyLog:
+    """A log of any rig.
+
+    Attributes:
+        source: Its name in messages.
+        axes: Axis to what the log has of it.
+        unit: Unit of the tilt of each axis: rad or counts.
+        notes: What was left out or assumed, in words.
+    """
+
+    source: str
+    axes: Mapping[str, AxisLog]
+    unit: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def ball_factor(text: str | float) -> float:
+    """Share of gravity that accelerates a ball: of ``hollow``, ``solid``, or a number.
+
+    Raises:
+        LogError: If it is neither, or no ball has it.
+    """
+    try:
+        factor = BALLS.get(str(text)) or float(text)
+    except ValueError:
+        factor = 0.0
+    if not 0.5 <= factor <= 1.0:
+        raise LogError(f"--ball {text}: give hollow (3/5), solid (5/7) or a share from 0.5 to 1")
+    return factor
+
+
+def wanted_columns(text: str, pixel: str | None = None) -> dict[str, ColumnWanted]:
+    """Which columns to read, of a list ``role=name:unit,...``.
+
+    Args:
+        text: The list.
+        pixel: Length of a pixel, as ``0.5mm``.
+
+    Raises:
+        LogError: If a role is unknown, told twice, or one that is needed is missing.
+    """
+    length = np.nan if pixel is None else unit_factor(pixel, "m")
+    if length is None or not (pixel is None or 0 < length < 0.1):
+        raise LogError(f"--pixel {pixel}: give a length, as 0.5mm")
+    found: dict[str, ColumnWanted] = {}
+    for part in filter(None, (each.strip() for each in text.split(","))):
+        role, equals, name = (each.strip() for each in part.partition("="))
+        role = ALIASES.get(role, role)
+        if role not in ROLES or not equals or not name:
+            raise LogError(
+                f"--columns: '{part}': give ROLE=NAME:UNIT, role one of {', '.join(ROLES)}"
+            )
+        if role in found:
+            raise LogError(f"--columns: {role}: told twice")
+        sign = -1.0 if name.startswith("-") and len(name) > 1 else 1.0
+        name, _, unit = name.removeprefix("-").rpartition(":")
+        name, unit = (name, unit) if name else (unit, "")
+        if unit and unit_factor(unit, ROLES[role]) is None:
+            known = ", ".join(filter(None, SCALES[ROLES[role]] | MORE[ROLES[role]] | {"px": 1.0}))
+            raise LogError(
+                f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
+            )
+        found[role] = ColumnWanted(name.strip(), unit, sign, length)
+    lacking = [] if "time" in found else ["time"]
+    if not any(ball in found for ball, _ in AXES.values()):
+        lacking.append("measured_x or measured_y")
+    for ball, angle in AXES.values():
+        if ball in found and not {f"command_{angle}", f"measured_{angle}"} & set(found):
+            lacking.append(f"command_{angle} or measured_{angle}, for {ball}")
+    if lacking:
+        raise LogError(f"--columns: tell {'; '.join(lacking)} as well")
+    return found
+
+
+def unit_factor(unit: str, si: str, pixel: float = math.nan) -> float | None:
+    """Factor from a unit such as ``mm``, ``0.5mm`` or ``0.24`` to SI; None if it is none."""
+    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([A-Za-z1]*)\s*", unit)
+    if match is None:
+        return None
+    scales = SCALES[si] | MORE[si] | ({"px": pixel} if si == "m" else {})
+    if match[2] not in scales and not (match[1] and not match[2]):
+        return None
+    try:
+        return float(match[1] or 1.0) * scales.get(match[2], 1.0)
+    except ValueError:
+        return None
+
+
+def read_any(
+    path: Path,
+    wanted: Mapping[str, ColumnWanted],
+    separator: str | None = None,
+) -> AnyLog:
+    """Read a log of any rig.
+
+    Args:
+        path: A text file with columns, with or without a header.
+        wanted: Role to column.
+        separator: Between columns; None to find it.
+
+    Raises:
+        LogError: If it cannot be read, lacks a column, or a column is of an unknown unit.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
+    lines = [line for line in text.splitlines() if line.strip()]
+    lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
+    if not lines:
+        raise LogError(f"{path.name}: is empty")
+    split = _separated(lines, SEPARATORS.get(separator or "", separator))
+    rows = [[cell.strip().strip("\"'") for cell in split(line)] for line in lines]
+    header, at = _header(rows, wanted)
+    notes: list[str] = []
+    columns: dict[str, Array] = {}
+    units: dict[str, str] = {}
+    for role, column in wanted.items():
+        index, unit = _found(path.name, header, role, column)
+        unit = column.unit or unit
+        factor = unit_factor(unit, ROLES[role], column.pixel) if unit else 1.0
+        if factor is None or np.isnan(factor):
+            why = "--pixel tells how long one is, as 0.5mm" if unit.endswith("px") else "tell it"
+            raise LogError(f"{path.name}: {role}: unit '{unit}' of {column.name}; {why}")
+        values, broken = _numbers([row[index] if index < len(row) else "" for row in rows[at:]])
+        if broken > 0.2 * len(values) or not np.isfinite(values).any():
+            raise LogError(f"{path.name}: {role}: {column.name} holds hardly any number")
+        if broken:
+            notes.append(f"{broken} cells of {column.name} are no numbers: taken as empty")
+        columns[role] = column.sign * factor * values
+        counted = ROLES[role] == "rad" and re.search(r"deg|rad$", unit) is None and unit
+        units[role] = "count" if counted else ROLES[role]
+    return _cleaned(path.name, columns, units, notes)
+
+
+def _separated(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
+    """What splits a line into cells: by the separator that most lines have equally often."""
+    if separator is None:
+        some = lines[len(lines) // 2 :][:50]
+
+        def alike(each: str) -> float:
+            counts = [line.count(each) for line in some]
+            usual = int(np.median(counts))
+            return float(np.mean([count == usual for count in counts])) if usual else 0.0
+
+        separator = next((s for s in (";", "\t", ",") if alike(s) > 0.8), " ")
+    return (lambda line: line.split()) if separator == " " else lambda line: line.split(separator)
+
+
+def _header(rows: list[list[str]], wanted: Mapping[str, ColumnWanted]) -> tuple[list[str], int]:
+    """The names of the columns, empty without any, and the row at which numbers begin."""
+    for at, row in enumerate(rows[:50]):
+        names = {_plain(cell) for cell in row} | {_plain(_bare(cell)[0]) for cell in row}
+        if any(_plain(each.name) in names for each in wanted.values()) and not _number(row[0]):
+            return row, at + 1
+    for at, row in enumerate(rows[:50]):
+        if sum(_number(cell) for cell in row) > len(row) / 2:
+            return rows[at - 1] if at else [], at
+    return [], 0
+
+
+def _found(source: str, header: list[str], role: str, column: ColumnWanted) -> tuple[int, str]:
+    """Place of a column, and the unit that the header gives it."""
+    for names in ([_plain(cell) for cell in header], [_plain(_bare(cell)[0]) for cell in header]):
+        if names.count(_plain(column.name)) > 1:
+            raise LogError(f"{source}: {role}: two columns are called {column.name}; give a number")
+        if _plain(column.name) in names:
+            index = names.index(_plain(column.name))
+            return index, _bare(header[index])[1]
+    if column.name.isdigit() and int(column.name) >= 1:
+        return int(column.name) - 1, ""
+    has = ", ".join(header[:20]) or "no header: give numbers of columns, 1 for the first"
+    raise LogError(f"{source}: {role}: no column {column.name} (it has {has})")
+
+
+def _plain(name: str) -> str:
+    return name.strip().casefold()
+
+
+def _bare(header: str) -> tuple[str, str]:
+    """Name and unit of ``X [mm]`` or ``X (mm)``."""
+    match = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*", header)
+    return (match[1], match[2]) if match else (header, "")
+
+
+def _number(cell: str) -> bool:
+    return re.fullmatch(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?[.,]?", cell) is not None
+
+
+def _numbers(cells: list[str]) -> tuple[Array, int]:
+    """Numbers of cells, NaN where there is none, and how many are neither number nor blank."""
+    values, broken = np.full(len(cells), np.nan), 0
+    for k, cell in enumerate(cells):
+        word = cell.casefold()
+        try:
+            values[k] = WORDS[word] if word in WORDS else float(cell.replace(",", "."))
+        except ValueError:
+            broken += word not in BLANK
+    values[~np.isfinite(values)] = np.nan
+    return values, broken
+
+
+def _cleaned(
+    source: str, columns: dict[str, Array], units: dict[str, str], notes: list[str]
+) -> AnyLog:
+    """A log of columns in SI units, without what is false in it."""
+    time = columns["time"]
+    there = np.isfinite(time)
+    time = time[there] - time[there][:1]
+    back = np.flatnonzero(np.diff(time) < -GAP)
+    for row in back:  # a clock that begins anew: another part, after a gap
+        time[row + 1 :] += time[row] - time[row + 1] + 10 * GAP
+    kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
+    if len(back):
+        notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
+    if (~kept).any():
+        notes.append(f"{int((~kept).sum())} rows of a time that does not rise left out")
+    columns = {role: values[there][kept] for role, values in columns.items()}
+    time = time[kept]
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if len(time) < 50 or not 2e-5 < step < GAP:
+        hint = "; milliseconds? tell time=NAME:ms" if step >= GAP else ""
+        raise LogError(
+            f"{source}: {len(time)} usable rows, {step:.3g} s apart: at least 50 are needed, at "
+            f"most {GAP:g} s apart{hint}"
+        )
+    seen = columns.get("touched", np.ones_like(time)) > 0.5
+    sampled = time - np.nan_to_num(columns.get("age", np.zeros_like(time)))
+    balls = [columns[ball] for ball, _ in AXES.values() if ball in columns]
+    ball = np.stack(balls, axis=-1)
+    far = float(np.nanpercentile(np.abs(ball - np.nanmedian(ball, axis=0)), 99))
+    if not 1e-3 < far < 3.0:
+        raise LogError(
+            f"{source}: the ball's positions lie within {far:.3g} m of their middle, a plate's "
+            "within 0.001 to 3 m: tell the unit, as measured_x=NAME:mm"
+        )
+    seen &= np.isfinite(ball).all(axis=-1)
+    false = _false(ball, seen)
+    if false.any():
+        notes.append(f"{int(false.sum())} ball positions left out: held, or far off those beside")
+    shown = np.flatnonzero(seen & ~false)
+    if len(shown) < 10:
+        raise LogError(f"{source}: the ball is seen in {len(shown)} rows; too few to identify")
+    shown = shown[np.argsort(sampled[shown], kind="stable")]
+    axes, tilts = {}, {}
+    for axis, (name, angle) in AXES.items():
+        if name not in columns:
+            continue
+        role = f"measured_{angle}" if f"measured_{angle}" in columns else f"command_{angle}"
+        known = np.isfinite(columns[role])
+        held = role.startswith("command")
+        axes[axis] = AxisLog(
+            time[known], columns[role][known], held, sampled[shown], columns[name][shown]
+        )
+        tilts[axis] = units[role]
+    return AnyLog(source, axes, tilts, tuple(notes))
+
+
+def _false(ball: Array, seen: Mask) -> Mask:
+    """Samples that are held from before or of no ball, shape (K,).
+
+    A reading that comes again and again beside a jump is a value held where nothing was seen; a
+    ball at rest does not jump. Single ones are told by the median of their neighbours.
+    """
+    false = np.zeros_like(seen)
+    at = np.flatnonzero(seen)
+    if len(at) < 9:
+        return false
+    here = ball[at]
+    grid = max(resolution(here[:, axis]) for axis in range(here.shape[1]))
+    usual = np.median(np.abs(np.diff(here, n=2, axis=0)), axis=0).max()
+    jump = max(JUMP, 2.5 * grid, 8 * usual)
+    step = np.concatenate((np.abs(np.diff(here, axis=0)).max(axis=1), [0.0]))
+    for first, stop in runs(np.asarray(step[:-1] == 0)):
+        after = step[stop]
+        before = step[first - 1] if first else 0.0
+        if stop - first >= 2 and max(before, after) > jump:
+            false[at[first + (before <= jump) : stop + 1]] = True
+    at = np.flatnonzero(seen & ~false)
+    here = ball[at]
+    off = np.abs(here - median_filter(here, size=(9, 1), mode="nearest")).max(axis=1)
+    false[at[off > np.maximum(jump, 3 * np.percentile(off, 90))]] = True
+    return false

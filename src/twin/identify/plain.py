@@ -1,0 +1,415 @@
+"""The plain model of any rig's axis, fitted to simulated windows whose beginnings are free.
+
+    x'' = gain u(t - dead time) + level + camber x - viscous x' - friction sign(x')
+
+u is the command behind a first-order lag, or the measured angle; a ball that friction can hold
+rests. Axes are independent of one another. Dead time is all between command and measured ball.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import lfilter
+
+from controllers.arrays import Array, Mask
+from twin.errors import LogError
+from twin.identify.any_log import GAP, AxisLog
+from twin.identify.parameters import PLAIN
+from twin.identify.problem import TOLERATED, Fitting, Linearisation
+from twin.identify.search import Minimum, fit_starts, minimise
+from twin.identify.windows import BIN
+
+STEP = 0.008
+"""Step of the simulation in s."""
+FINE = 0.002
+"""Step of the lag in s."""
+SHORT = 0.4
+"""Least share of the longest window that a window has."""
+PRIOR = np.diag(np.array([0.02, 0.3]) ** -2.0)
+"""Weak knowledge of a start: m and m/s."""
+START_STEPS = np.array([1e-4, 1e-3, 1e-3])
+"""Steps of finite differences of a start: m, m/s, and m/s^2 of a level of its own."""
+
+
+@dataclass(frozen=True)
+class AxisWindows:
+    """W windows of an axis, with up to B averaged samples each.
+
+    Attributes:
+        begin: When each begins, s, shape (W,).
+        time: When its samples were taken, s from there, shape (W, B).
+        ball: m, shape (W, B).
+        weight: One over the standard deviation of each, 0 where there is none, shape (W, B).
+    """
+
+    begin: Array
+    time: Array
+    ball: Array
+    weight: Array
+
+    def __len__(self) -> int:
+        """Number of windows."""
+        return len(self.begin)
+
+    @property
+    def size(self) -> Array:
+        """Number of samples in each, at least 1, shape (W,)."""
+        return np.asarray(np.maximum((self.weight > 0).sum(axis=1), 1))
+
+    def take(self, which: Mask) -> AxisWindows:
+        """Some of the windows."""
+        return AxisWindows(
+            self.begin[which], self.time[which], self.ball[which], self.weight[which]
+        )
+
+    @classmethod
+    def of(cls, log: AxisLog, begin: Array, end: Array) -> AxisWindows:
+        """The windows between two times in s each, shape (W,); weights are those of one sample."""
+        bins = int(np.ceil(float(np.max(end - begin, initial=BIN)) / BIN - 1e-6))
+        first, stop = np.searchsorted(log.sampled, np.stack((begin - 1e-9, end)))
+        row = np.repeat(np.arange(len(begin)), stop - first)
+        each = zip(first, stop, strict=True)
+        sample = np.concatenate([np.zeros(0, int), *(np.arange(*ends) for ends in each)])
+        place = np.floor((log.sampled[sample] - begin[row]) / BIN + 1e-6).astype(int)
+        slot = row * bins + np.minimum(place, bins - 1)
+        count = np.bincount(slot, minlength=len(begin) * bins).astype(float)
+        time, ball = (
+            (np.bincount(slot, values, count.size) / np.maximum(count, 1)).reshape(-1, bins)
+            for values in (log.sampled[sample] - begin[row], log.ball[sample])
+        )
+        return cls(begin, time, ball, np.sqrt(count).reshape(-1, bins))
+
+
+class Tilt:
+    """What tilts the plate, at any time, behind lags.
+
+    Attributes:
+        scale: How far it swings: what one unit of the fit's gain is for.
+    """
+
+    def __init__(self, log: AxisLog, usual: float | None = None) -> None:
+        """Of a log; ``usual`` is the swing of another one that it was fitted to."""
+        time, tilt = log.time, log.tilt
+        self.begin = float(time[0])
+        self.scale = usual or float(np.std(tilt)) or 1.0
+        area = tilt[:-1] if log.held else (tilt[:-1] + tilt[1:]) / 2
+        covered = np.concatenate(([0.0], np.cumsum(area * np.diff(time))))
+        fine = self.begin + FINE * np.arange(int((time[-1] - self.begin) / FINE) + 2)
+        # the mean of each step, so that no command's time is rounded to a step
+        mean = np.diff(np.interp(fine, time, covered)) / FINE
+        self.time, self.mean = fine[1:], mean / self.scale
+        self.lagged: dict[float, Array] = {}
+
+    def at(self, time: Array, lag: float) -> Array:
+        """Behind a lag in s, at times in s of any shape."""
+        if lag not in self.lagged:
+            if len(self.lagged) > 40:
+                self.lagged.clear()
+            stay = float(np.exp(-FINE / lag)) if lag > 1e-4 else 0.0
+            first = [stay * self.mean[0]]
+            self.lagged[lag] = lfilter([1.0 - stay], [1.0, -stay], self.mean, zi=first)[0]
+        return np.interp(time, self.time, self.lagged[lag])
+
+
+@dataclass(frozen=True)
+class PlainProblem(Fitting):
+    """What is fitted to what, of one axis.
+
+    Attributes:
+        windows: The samples.
+        names: Of the parameters that are fitted.
+        tilt: What tilts the plate.
+        longest: Length of the simulation in s.
+        delays: Least and largest dead time in s.
+        drift: Standard deviation in m/s^2 of a level of each window's own, which is then the
+            third number of its start; 0 for none.
+    """
+
+    windows: AxisWindows
+    names: tuple[str, ...]
+    tilt: Tilt
+    longest: float
+    delays: tuple[float, float]
+    drift: float = 0.0
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest values of the parameters, shapes (P,)."""
+        ends = [(PLAIN[name].least, PLAIN[name].most) for name in self.names]
+        ends[self.names.index("dead_time")] = self.delays
+        least, most = np.array(ends).T
+        return least, most
+
+    def cost(self, r: Array) -> Array:
+        """Robust (Cauchy): what a window costs rises with the logarithm of its misfit, (C,)."""
+        each = self.windows.size * TOLERATED * np.log1p(self.misfit(r) / TOLERATED)
+        return np.asarray(each.sum(axis=-1))
+
+    def weights(self, r: Array) -> Array:
+        """How much each window counts, 1 for a perfect one, shape (C, W)."""
+        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED))
+
+    def initial_starts(self) -> Array:
+        """A straight line through the first samples of each window, shape (2 or 3, 1, W)."""
+        out = np.zeros((3 if self.drift else 2, 1, len(self.windows)))
+        for w, (time, ball, weight) in enumerate(
+            zip(self.windows.time, self.windows.ball, self.windows.weight, strict=True)
+        ):
+            first = np.flatnonzero(weight > 0)
+            first = first[time[first] < max(0.3, time[first[2]] if len(first) > 2 else 0.0) + 1e-6]
+            line = np.stack((np.ones_like(first), time[first]), axis=-1)
+            out[:2, 0, w] = np.linalg.lstsq(line, ball[first], rcond=1e-6)[0]
+        return out
+
+    def simulated(self, theta: Array, starts: Array) -> Array:
+        """Positions in m every ``STEP``, shape (N, C, W).
+
+        Args:
+            theta: Parameters, shape (C, P) or (C, W, P), in which case dead time and lag of a
+                candidate are those of its first window.
+            starts: Position, velocity and, where the level is followed, what it is off.
+        """
+        each = theta if theta.ndim > 2 else theta[:, None]
+        values = {name: each[..., k] for k, name in enumerate(self.names)}
+        zero = np.zeros((len(theta), 1))
+        gain, level, camber, viscous, friction, lag = (
+            values.get(name, zero)
+            for name in ("gain", "level", "camber", "viscous", "friction", "lag")
+        )
+        steps = int(np.ceil(self.longest / STEP)) + 1
+        grid = self.windows.begin + STEP * np.arange(steps)[:, None]
+        pairs = np.stack((values["dead_time"][:, 0], lag[:, 0]), axis=-1)
+        pairs, which = np.unique(pairs, axis=0, return_inverse=True)
+        inputs = np.stack([self.tilt.at(grid - delay, each) for delay, each in pairs], axis=1)
+        p, v = starts[0], starts[1]
+        own = level + starts[2] if len(starts) > 2 else level + 0 * p
+        out = np.empty((steps, *p.shape))
+        out[0] = p
+        push = gain * inputs[0][which] + own
+        for n in range(steps - 1):
+            ahead = gain * inputs[n + 1][which] + own
+            a = push + camber * p - viscous * v
+            after = v + STEP * a
+            a = (a + ahead + camber * (p + STEP * v) - viscous * after) / 2
+            pull = v / STEP + a
+            after = STEP * (pull - np.clip(pull, -friction, friction))
+            p = p + (STEP / 2) * (v + after)
+            v, push = after, ahead
+            out[n + 1] = p
+        return out
+
+    def at_samples(self, places: Array) -> Array:
+        """A simulation at the samples, m, shape (C, W, B)."""
+        at = self.windows.time / STEP
+        low = np.minimum(at.astype(int), len(places) - 2)
+        rows = np.arange(len(self.windows))[:, None]
+        first, second = (np.moveaxis(places[low + k, :, rows], -1, 0) for k in (0, 1))
+        return np.asarray(first + (at - low) * (second - first))
+
+    def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
+        """Residuals and slopes of C candidates, by finite differences; see ``Fitting``."""
+        count, free = len(theta), len(starts)
+        batch = [(theta, starts)]
+        for k in range(free):
+            moved = starts.copy()
+            moved[k] += START_STEPS[k]
+            batch.append((theta, moved))
+        widths = []
+        least, most = self.bounds
+        for k, name in enumerate(self.names if slopes else ()):
+            up, down = theta.copy(), theta.copy()
+            up[..., k] = np.minimum(up[..., k] + PLAIN[name].difference, most[k])
+            down[..., k] = np.maximum(down[..., k] - PLAIN[name].difference, least[k])
+            widths.append((up - down)[..., k].reshape(count, -1, 1))
+            batch += [(up, starts), (down, starts)]
+        thetas = np.concatenate([each[0] for each in batch])
+        places = self.simulated(thetas, np.concatenate([each[1] for each in batch], axis=1))
+        scaled = self.at_samples(places) * self.windows.weight
+        scaled = scaled.reshape(len(batch), count, *self.windows.weight.shape)
+        r = scaled[0] - self.windows.ball * self.windows.weight
+        by_start = np.stack(
+            [(scaled[1 + k] - scaled[0]) / START_STEPS[k] for k in range(free)], axis=-1
+        )
+        by_parameter = np.zeros((*r.shape, len(widths)))
+        for k, width in enumerate(widths):
+            up, down = scaled[1 + free + 2 * k : 3 + free + 2 * k]
+            by_parameter[..., k] = (up - down) / width
+        prior = PRIOR
+        if self.drift:
+            # one value more: how far the window's own level is off that of all
+            r = np.concatenate((r, starts[2][..., None] / self.drift), axis=-1)
+            by_start = np.pad(by_start, [*[(0, 0)] * 2, (0, 1), (0, 0)])
+            by_start[..., -1, 2] = 1 / self.drift
+            by_parameter = np.pad(by_parameter, [*[(0, 0)] * 2, (0, 1), (0, 0)])
+            prior = np.diag([*np.diag(PRIOR), 1e-6])
+        return Linearisation(r, by_start, by_parameter, prior)
+
+
+def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:
+    """Beginnings and ends of windows one after another, s: none goes over a gap of the samples."""
+    time, found = log.sampled, list[tuple[float, float]]()
+    step = float(np.median(np.diff(time))) if len(time) > 1 else GAP
+    borders = np.concatenate(([0], np.flatnonzero(np.diff(time) > GAP) + 1, [len(time)]))
+    for first, stop in pairwise(borders):
+        here = time[first:stop]
+        length = float(here[-1] - here[0]) if len(here) else 0.0
+        if length < SHORT * longest:
+            continue
+        edges = np.linspace(here[0], here[-1] + step / 2, int(np.ceil(length / longest)) + 1)
+        for begin, end in pairwise(edges):
+            inside = here[(here >= begin) & (here < end)]
+            if len(inside) >= max(6, 0.3 * (end - begin) / step):
+                found.append((float(inside[0]), float(end)))
+    pairs = np.array(found).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]
+
+
+FRICTIONS = (0.0, 0.02, 0.08, 0.25)
+"""First guesses of friction, m/s^2."""
+DELAYS = (0.02, 0.1, 0.2, 0.35)
+"""First guesses of the dead time, s."""
+LAGS = (0.02, 0.045, 0.07, 0.1, 0.14)
+"""Lags in s that are tried in place of dead time."""
+BY_TILT = 6.5
+"""A first guess of the gain, m/s^2 per rad: between a hollow ball and a solid one."""
+BRIEF = 0.8
+"""Length in s of the windows of the first fit, which finds its way from any guess."""
+PUSHED = 5.0
+"""Residual of such a window over the usual one above which a hand, the rim or a false ball was at
+work: no longer window goes over it."""
+OUTLIER = 4.0
+"""Residual of a sample over that of its window above which it is left out."""
+SMOOTH = ("gain", "dead_time", "lag", "level")
+"""What is always fitted; the lag is 0 of a measured angle."""
+
+
+@dataclass(frozen=True)
+class AxisFit:
+    """The fit of an axis.
+
+    Attributes:
+        log: What was fitted, without the parts where something else moved the ball.
+        problem: What was fitted, weighed by the usual residual.
+        found: The minimum, of one candidate.
+        sigma: The usual residual in m.
+        noise: What windows of ``BRIEF`` leave, m.
+        pushed: Seconds left out.
+    """
+
+    log: AxisLog
+    problem: PlainProblem
+    found: Minimum
+    sigma: float
+    noise: float = 0.0
+    pushed: float = 0.0
+
+    def value(self, name: str) -> float:
+        """A parameter; 0 if it is not fitted."""
+        names = self.problem.names
+        return float(self.found.theta[0, names.index(name)]) if name in names else 0.0
+
+    def again(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
+        """The fit of other parameters, windows or parts of a log, begun from this one."""
+        guess = np.array([[self.value(name) for name in names]])
+        found = _fitted(
+            log, self.problem.tilt, names, longest, guess, self.sigma, self.problem.delays
+        )
+        return replace(found, noise=self.noise, pushed=self.pushed)
+
+
+def fit_axis(
+    log: AxisLog, names: tuple[str, ...], longest: float, delays: tuple[float, float]
+) -> AxisFit:
+    """Fit an axis from no first guess.
+
+    Windows of ``BRIEF`` without friction find gain, dead time and level, and what pushed the
+    ball; from there, and from the gain of a mere tilt, the long ones begin with several frictions.
+
+    Args:
+        log: Of the axis.
+        names: Of the parameters.
+        longest: Length of the windows in s.
+        delays: Least and largest dead time in s.
+
+    Raises:
+        LogError: If there are too few windows.
+    """
+    tilt = Tilt(log)
+    smooth = tuple(name for name in names if name in SMOOTH)
+    guess = np.array([[PLAIN[name].start for name in smooth]]).repeat(len(DELAYS), axis=0)
+    guess[:, smooth.index("dead_time")] = DELAYS
+    brief = _fitted(log, tilt, smooth, BRIEF, guess, 2e-3, delays)
+    rms = np.sqrt(brief.problem.misfit(brief.found.linearisation.r)[0])
+    pushed = brief.problem.windows.begin[rms > PUSHED * np.median(rms)]
+    into = log.sampled - pushed[:, None]
+    kept = ~((into >= 0) & (into <= BRIEF)).any(axis=0)
+    log = replace(log, sampled=log.sampled[kept], ball=log.ball[kept])
+    guess = np.array([[brief.value(name) for name in names]]).repeat(2 * len(FRICTIONS), axis=0)
+    guess[: len(FRICTIONS), 0] = np.copysign(BY_TILT * tilt.scale, guess[0, 0])
+    if "friction" in names:
+        guess[:, names.index("friction")] = np.tile(FRICTIONS, 2)
+    fit = _fitted(log, tilt, names, longest, guess, brief.sigma * longest / BRIEF, delays)
+    return replace(fit, noise=brief.sigma, pushed=BRIEF * len(pushed))
+
+
+def _fitted(
+    log: AxisLog,
+    tilt: Tilt,
+    names: tuple[str, ...],
+    longest: float,
+    guess: Array,
+    sigma: float,
+    delays: tuple[float, float],
+) -> AxisFit:
+    """The best fit from C guesses, shape (C, P), for a first guess of the residual in m."""
+    windows = AxisWindows.of(log, *spans(log, longest))
+    if len(windows) < 3:
+        raise LogError(
+            f"{len(windows)} stretches of {SHORT * longest:.2g} s with the ball seen every {GAP:g} "
+            "s, at least 3 are needed: record for longer, or see the ball more often"
+        )
+    base, there = windows.weight, windows.weight > 0
+    problem = PlainProblem(
+        replace(windows, weight=base / sigma), names, tilt, longest + BIN, delays
+    )
+    starts = np.repeat(problem.initial_starts(), len(guess), axis=1)
+    found = minimise(problem, guess, fit_starts(problem, guess, starts, 4), 8, 6)
+    best = np.argsort(found.cost)[:3]
+    found = minimise(problem, found.theta[best], found.starts[:, best], 20, 6)
+    for last in (False, False, True):
+        best = np.argsort(found.cost)[:1]
+        theta, starts = found.theta[best], found.starts[:, best]
+        off = problem.at_samples(problem.simulated(theta, starts))[0] - windows.ball
+        off = np.where(there, np.abs(off) * base, np.nan)
+        each = 1.4826 * np.nanmedian(off, axis=1)
+        sigma = max(float(np.median(each)), 1e-5)
+        good = there & (off < OUTLIER * np.maximum(each, sigma)[:, None])
+        weight = np.where(good, base, 0.0) / sigma
+        problem = replace(problem, windows=replace(windows, weight=weight))
+        if last and "lag" in names:
+            theta = _along(theta, names, delays)
+            starts = fit_starts(problem, theta, np.repeat(starts, len(theta), axis=1), 4)
+        found = minimise(problem, theta, starts, 30 if last else 6, 4, 2 if last else 0)
+    best = np.argsort(found.cost)[:1]
+    r, by_start, by_parameter = (part[best] for part in found.linearisation[:3])
+    line = Linearisation(r, by_start, by_parameter, PRIOR)
+    found = Minimum(
+        found.theta[best], found.starts[:, best], found.cost[best], line, found.termination
+    )
+    return AxisFit(log, problem, found, sigma)
+
+
+def _along(theta: Array, names: tuple[str, ...], delays: tuple[float, float]) -> Array:
+    """Guesses of the same dead time and lag together, for the two are told by their shapes only.
+
+    Without a lag its slope is none, so that no step would ever leave there.
+    """
+    at, lag = names.index("dead_time"), names.index("lag")
+    both = float(theta[0, at] + theta[0, lag])
+    guesses = np.repeat(theta, 1 + len(LAGS), axis=0)
+    guesses[1:, lag] = np.clip(LAGS, 0.0, max(both - delays[0], 0.0))
+    guesses[1:, at] = both - guesses[1:, lag]
+    return guesses

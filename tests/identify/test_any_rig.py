@@ -1,0 +1,285 @@
+"""Logs of rigs that are none of ours: read, fitted, judged and refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from twin.cli.understand import identify as command
+from twin.errors import LogError
+from twin.identify.any_log import AxisLog, ball_factor, read_any, unit_factor, wanted_columns
+from twin.identify.any_rig import _chosen, _verdicts, identify_any
+from twin.identify.judged import HORIZONS, beginnings, predicted, score
+from twin.identify.plain import AxisWindows, PlainProblem, Tilt, fit_axis, spans
+from twin.identify.verdict import IDENTIFIED, NOT
+from twin.scenario import load
+
+ROOT = Path(__file__).parents[2]
+REAL = Path("/work/shared/real/kdotchandra__ball-balancing-robot")
+TRUTH = {"gain": 6.0, "dead_time": 0.1, "lag": 0.08, "level": 0.05, "friction": 0.03}
+T = np.arange(400) / 40.0
+X = 0.05 * np.sin(1.3 * T)
+
+
+def lines(separator, comma=".", header=True, scale=1000.0, start=0.0):
+    rows = ["ms;X [mm];u;seen".replace(";", separator)] if header else []
+    for t, x in zip(T, X, strict=True):
+        cells = (f"{1e3 * (start + t):.3f}", f"{scale * x:.4f}", f"{20 * np.cos(t):.4f}", "1")
+        rows.append(separator.join(cells).replace(".", comma))
+    return rows
+
+
+def written(tmp_path, rows):
+    file = tmp_path / "log.txt"
+    file.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return file
+
+
+COLUMNS = "time=ms:ms,measured_x=x,command_x=-u:0.3deg,touched=seen"
+
+
+@pytest.mark.parametrize(
+    ("separator", "comma", "told"),
+    [(",", ".", None), (";", ",", None), ("\t", ",", None), (" ", ".", None), (";", ".", ";"),
+     ("\t", ".", "tab")],
+)  # fmt: skip
+def test_columns_are_read_of_any_separator_sign_and_unit(tmp_path, separator, comma, told):
+    rows = lines(separator, comma)
+    if separator == " ":
+        rows[0] = "ms X u seen"
+    columns = COLUMNS if separator != " " else COLUMNS.replace("=x,", "=x:mm,")
+    log = read_any(written(tmp_path, rows), wanted_columns(columns), told)
+    axis = log.axes["x"]
+    assert list(log.axes) == ["x"]
+    assert axis.ball == pytest.approx(X, abs=1e-7)
+    assert axis.time == pytest.approx(T)
+    assert axis.tilt == pytest.approx(-np.radians(0.3) * 20 * np.cos(T), abs=1e-6)
+
+
+def test_columns_have_numbers_where_there_is_no_header_and_pixels_a_length(tmp_path):
+    file = written(tmp_path, ["# a remark", *lines(",", header=False, scale=2000, start=1.7e9)])
+    told = "time=1:ms,measured_x=2:px,command_phi=3:counts"
+    log = read_any(file, wanted_columns(told, "0.5mm"))
+    assert log.axes["x"].ball == pytest.approx(X, abs=1e-6)
+    assert np.ptp(log.axes["x"].time) == pytest.approx(np.ptp(T), abs=1e-5)
+    assert log.unit["x"] == "count"
+    with pytest.raises(LogError, match="--pixel tells"):
+        read_any(file, wanted_columns(told))
+
+
+def test_what_is_broken_in_a_log_is_left_out_and_said(tmp_path):
+    rows = lines(",")
+    rows[50] = rows[50].replace(",1", ",0")  # not seen
+    rows[60] = ",".join([rows[60].split(",")[0], "", "nan", "1"])
+    rows[70] = rows[69]  # a doubled time
+    rows[80] = rows[80][:5] + "?," + ",".join(rows[80].split(",")[1:])
+    for k in range(100, 108):  # a value held while the ball rolls on
+        rows[k] = ",".join([rows[k].split(",")[0], "-80.0", *rows[k].split(",")[2:]])
+    log = read_any(written(tmp_path, rows), wanted_columns(COLUMNS))
+    axis = log.axes["x"]
+    assert len(axis.ball) == len(T) - 12
+    assert axis.ball == pytest.approx(0.05 * np.sin(1.3 * axis.sampled), abs=1e-6)
+    assert np.abs(axis.ball).max() < 0.051
+    said = " ".join(log.notes)
+    assert "8 ball positions left out" in said
+    assert "1 rows of a time" in said
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        ("time=ms:ms,measured_x=x", "command_phi or measured_phi, for measured_x"),
+        ("measured_x=x,command_phi=u", "tell time"),
+        ("time=ms:ms,mesured_x=x", "role one of time"),
+        ("time=ms:hours,measured_x=x,command_phi=u", "unit 'hours'"),
+        ("time=ms:ms,measured_x=ball,command_phi=u", r"no column ball \(it has ms, X"),
+        ("time=ms:s,measured_x=x,command_phi=u", "milliseconds"),
+        ("time=ms:ms,measured_x=x:m,command_phi=u", "tell the unit"),
+    ],
+)
+def test_a_column_that_is_missing_or_wrong_is_named_with_what_would_do(tmp_path, columns, says):
+    with pytest.raises(LogError, match=says) as caught:
+        read_any(written(tmp_path, lines(",")), wanted_columns(columns))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_unit_may_have_a_factor_and_a_ball_is_a_name_or_a_share():
+    assert unit_factor("0.24deg", "rad") == pytest.approx(np.radians(0.24))
+    assert unit_factor("5e-4", "m") == 5e-4
+    assert unit_factor("in", "m") == 0.0254
+    assert unit_factor("furlong", "m") is None
+    assert (ball_factor("solid"), ball_factor("0.6")) == (5 / 7, 0.6)
+    with pytest.raises(LogError, match="hollow"):
+        ball_factor("round")
+
+
+@pytest.fixture(scope="module")
+def axis_of(axis_log):
+    """Gives the log of an axis with the truth, but for what is told."""
+
+    def of(seed, **about):
+        time, ball, command = axis_log(seed, **{**TRUTH, **about})
+        return AxisLog(time, command, True, time, ball)
+
+    return of
+
+
+def test_a_simulation_without_friction_is_the_closed_form():
+    """A step of the command behind dead time and lag: s^2/2 - T s + T^2 (1 - e^-s/T) of it."""
+    time = np.arange(0.0, 4.0, 0.02)
+    tilt = np.where(time >= 1.0, 0.02, 0.0)
+    log = AxisLog(time, tilt, True, time, np.zeros_like(time))
+    windows = AxisWindows.of(log, np.array([0.5]), np.array([3.5]))
+    names = ("gain", "dead_time", "lag", "level")
+    source = Tilt(log)
+    problem = PlainProblem(windows, names, source, 3.0, (0.0, 0.5))
+    theta = np.array([[6.0 * source.scale, 0.13, 0.1, 0.03]])
+    places = problem.simulated(theta, np.array([[[0.01]], [[0.02]]]))
+    found = problem.at_samples(places)[0, 0]
+    t = windows.time[0]
+    s = np.maximum(t + 0.5 - 1.0 - 0.13, 0.0)
+    moved = 0.12 * (s**2 / 2 - 0.1 * s + 0.01 * (1 - np.exp(-s / 0.1)))
+    assert found == pytest.approx(0.01 + 0.02 * t + 0.015 * t**2 + moved, abs=2e-4)
+
+
+def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_2a():
+    time = np.arange(0.0, 3.0, 0.02)
+    log = AxisLog(time, np.sin(time), True, time, np.zeros_like(time))
+    windows = AxisWindows.of(log, np.array([0.0, 0.0]), np.array([2.5, 2.5]))
+    problem = PlainProblem(
+        windows, ("gain", "dead_time", "level", "friction"), Tilt(log), 2.5, (0.0, 0.5)
+    )
+    places = problem.simulated(
+        np.array([[0.0, 0.0, 0.02, 0.05]]), np.array([[[0.0, 0.0]], [[0.0, 0.03]]])
+    )
+    assert places[-1, 0, 0] == 0.0
+    assert places[-1, 0, 1] == pytest.approx(0.03**2 / (2 * 0.03), rel=0.01)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("rate", "about"),
+    [
+        (25.0, {"pixel": 1e-3, "dead_time": 0.25}),
+        (30.0, {"camber": 0.35, "dead_time": 0.02}),
+        (240.0, {"camber": 0.35}),
+        (1000.0, {"dead_time": 0.05}),
+    ],
+)
+def test_a_rig_is_found_by_commands_alone_within_its_intervals(axis_of, rate, about):
+    truth = {**TRUTH, "camber": 0.0, **about}
+    names = ("friction", "camber") if "camber" in about else ("friction",)
+    fit, _ = _chosen(axis_of(3, rate=rate, seconds=50, **about), names, 2.5)
+    found = {each.name[:-2]: each for each in _verdicts(fit, "x", "rad", 2.5)}
+    for name in ("gain", "level", *names):
+        each = found[name]
+        assert each.word == IDENTIFIED
+        # three times the interval: a twentieth of all is outside of the plain one
+        half = 3 * (each.high - each.low) / 2
+        assert each.value == pytest.approx(truth[name], abs=half)
+        assert each.value == pytest.approx(truth[name], rel=0.1, abs=0.01)
+    both = truth["dead_time"] + truth["lag"]
+    assert found["delay"].value == pytest.approx(both, abs=0.004)
+
+
+@pytest.mark.long
+def test_an_axis_that_nobody_moved_is_not_blamed_and_the_other_is_identified(axis_of, tmp_path):
+    moved, still = axis_of(1, seconds=30), axis_of(1, seconds=30)
+    quiet = replace(still, tilt=0 * still.tilt, ball=0 * still.ball)
+    file = tmp_path / "rig.csv"
+    rows = zip(moved.time, moved.ball, quiet.ball, moved.tilt, quiet.tilt, strict=True)
+    text = ["t;x;y;a;b", *(";".join(f"{cell:.6g}" for cell in row) for row in rows)]
+    file.write_text("\n".join(text), encoding="utf-8")
+    columns = "time=t:s,measured_x=x:m,measured_y=y:m,command_phi=a:rad,command_theta=b:rad"
+    done = CliRunner().invoke(
+        command, [str(file), "--columns", columns, "--json", "--out", str(tmp_path / "out")]
+    )
+    found = json.loads(done.stdout)
+    words = {each["name"]: each["verdict"] for each in found["parameters"]}
+    assert done.exit_code == 0
+    assert words["gain_x"] == words["friction_x"] == IDENTIFIED
+    assert words["gain_y"] == NOT
+    assert any("nobody moved" in note for note in found["notes"])
+    (one,) = found["held_out"]
+    at = HORIZONS.index(1.0)
+    assert one["median"]["model"][at] < 0.2 * one["median"]["stays"][at]
+    assert one["median"]["model"][at] < 0.5 * one["median"]["without friction"][at]
+    assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8").count("<svg") == 1
+    twin = load("circle", (f"parameters={tmp_path / 'out' / 'parameters.toml'}",))
+    assert twin.sensors.touch.dead_time == pytest.approx(0.1, abs=0.02)
+
+
+@pytest.mark.long
+def test_the_commands_of_the_page_work_on_logs_of_these_names(axis_of, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for seed in (1, 2):
+        log = axis_of(seed, seconds=25)
+        rows = zip(1e3 * log.time, 1e3 * log.ball, np.degrees(log.tilt), strict=True)
+        text = ["millis,X,servo", *(",".join(f"{cell:.5g}" for cell in row) for row in rows)]
+        Path(f"run{seed}.csv").write_text("\n".join(text), encoding="utf-8")
+    page = (ROOT / "docs" / "own-rig.md").read_text(encoding="utf-8")
+    told = [line for line in page.splitlines() if "identify run1.csv" in line]
+    assert len(told) == 2
+    for line in told:
+        done = CliRunner().invoke(command, line.split()[4:])
+        assert done.exit_code == 0, done.output
+        assert "gain (x)" in done.output
+        assert "a ball that stays" in done.output
+
+
+@pytest.mark.long
+def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
+    log = axis_of(2, seconds=30)
+    other = np.random.default_rng(1).normal(0, 0.05, len(log.tilt))
+    from twin.identify.any_log import AnyLog
+    from twin.identify.any_report import judged
+
+    wrong = AnyLog("wrong", {"x": replace(log, tilt=other)}, {"x": "rad"}, ())
+    found = identify_any([wrong], 1 / 3, ("friction",))
+    (gain,) = [each for each in found.verdicts if each.name == "gain_x"]
+    assert gain.word == NOT
+    assert any("WORSE THAN NO MODEL" in each for each in judged(found))
+
+
+def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
+    time = np.arange(0.0, 12.0, 0.04)
+    ball = 0.05 * time - 0.004 * time**2
+    log = AxisLog(time, np.sin(3 * time), True, time, ball)
+    windows = AxisWindows.of(log, *spans(log, 2.5))
+    problem = PlainProblem(windows, ("gain", "dead_time", "level"), Tilt(log), 2.6, (0.0, 0.5))
+    line = problem.linearise(np.zeros((1, 3)), problem.initial_starts())
+    from twin.identify.plain import AxisFit
+    from twin.identify.search import Minimum, Termination
+
+    found = Minimum(
+        np.array([[0.0, 0.0, -0.008]]), problem.initial_starts(), np.zeros(1), line,
+        Termination("converged", 1, 1, 0, 0.0),
+    )  # fmt: skip
+    fit = AxisFit(log, problem, found, 1e-3, 1e-3)
+    at = beginnings(log)
+    judged = score({"x": predicted(log, fit, at)})
+    for k, ahead in enumerate(HORIZONS):
+        ways = [0.05 * ahead - 0.004 * ((t + ahead) ** 2 - t**2) for t in at]
+        assert judged.median["stays"][k] == pytest.approx(np.median(np.abs(ways)), rel=0.15)
+        # a parabola leaves its tangent in the middle of the lead by a (t + 0.2)^2
+        assert judged.median["goes on"][k] == pytest.approx(0.004 * (ahead + 0.2) ** 2, rel=0.2)
+        assert judged.median["model"][k] < 2e-4
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not REAL.is_dir(), reason="the logs of other people's rigs are not here")
+def test_a_real_log_gives_the_gain_of_its_ball_and_says_what_it_is_worth():
+    columns = (
+        "time=t_s:s,measured_x=x_m:m,command_phi=theta_x_ACTUATE_deg:deg,measured_y=y_m:m,"
+        "command_theta=-theta_y_ACTUATE_deg:deg,touched=detected"
+    )
+    log = read_any(REAL / "run_20260928T140759Z.csv", wanted_columns(columns))
+    fit = fit_axis(log.axes["x"], ("gain", "dead_time", "lag", "level", "friction"), 2.5, (0, 0.5))
+    gain = fit.value("gain") / fit.problem.tilt.scale
+    assert gain == pytest.approx(0.6 * 9.81, rel=0.2)  # its README: 1.00 times
+    assert fit.value("dead_time") + fit.value("lag") == pytest.approx(0.27, abs=0.08)
