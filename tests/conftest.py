@@ -1,7 +1,6 @@
 """What every test may use."""
 
 import gc
-from functools import partial
 
 import one_thread  # noqa: F401  before numpy
 import pytest
@@ -96,12 +95,3 @@ def scenario():
         return check(put(TABLES, map(setting, overrides)), "test")
 
     return make
-
-
-@pytest.fixture
-def ballplate(capsys, tmp_path, monkeypatch):
-    """Calls the command line in an empty folder; its code, output and errors."""
-    from command_line import called
-
-    monkeypatch.chdir(tmp_path)
-    return partial(called, capsys)

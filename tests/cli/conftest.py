@@ -1,4 +1,5 @@
 import pytest
+from command_line import ballplate  # noqa: F401  a fixture
 
 from controllers import catalog
 from controllers.catalog import ADDED, forget

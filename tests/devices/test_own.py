@@ -11,9 +11,18 @@ import numpy as np
 import pytest
 from own_board import EXAMPLE, VirtualBoard, own_rig
 
-from twin.devices.own import OwnConfig, load_backend
+from twin.devices.own import (
+    ASTRAY,
+    FAILED,
+    LACKING,
+    OWN_CONDITIONS,
+    REPORTED,
+    SILENT,
+    OwnConfig,
+    load_backend,
+)
 from twin.errors import RigError, ScenarioError
-from twin.hal.supervisor import State
+from twin.hal.supervisor import BALL_LOST, State
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
@@ -69,20 +78,20 @@ def talking_nonsense(hardware):
 
 
 FAULTS = {
-    "measure raises": (fails("measure"), State.FAULT, "OSError: cable gone", 0.004),
-    "command raises": (fails("command"), State.FAULT, "OSError: cable gone", 0.004),
-    "faults raises": (fails("faults"), State.FAULT, "OSError: cable gone", 0.004),
-    "no reading": (talking_nonsense, State.FAULT, "must give a ballplate.hardware.Reading", 0.004),
-    "reports": (reporting, State.FAULT, "servo too hot", 0.004),
-    "silent": (silent, State.HOLDING, "measurements ended: none for 0.25 s", 0.27),
-    "stuck": (stuck, State.FAULT, "is not where it was told", 1.2),
-    "blind": (blind, State.HOLDING, "screen no longer feels the ball", 0.22),
+    "measure raises": (fails("measure"), State.FAULT, "OSError: cable gone", 0.004, FAILED),
+    "command raises": (fails("command"), State.FAULT, "OSError: cable gone", 0.004, FAILED),
+    "faults raises": (fails("faults"), State.FAULT, "OSError: cable gone", 0.004, FAILED),
+    "no reading": (talking_nonsense, State.FAULT, "a ballplate.hardware.Reading", 0.004, FAILED),
+    "reports": (reporting, State.FAULT, "servo too hot", 0.004, REPORTED),
+    "silent": (silent, State.HOLDING, "measurements ended: none for 0.25 s", 0.27, SILENT),
+    "stuck": (stuck, State.FAULT, "deg off for", 1.2, ASTRAY),
+    "blind": (blind, State.HOLDING, "no longer feels the ball", 0.22, BALL_LOST),
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_told_within_its_time_and_the_hardware_is_stopped_once(fault, scenario):
-    change, state, words, within = FAULTS[fault]
+    change, state, words, within, condition = FAULTS[fault]
     hardware = VirtualBoard()
     rig = own_rig(hardware, scenario())
     with rig:
@@ -95,11 +104,17 @@ def test_a_fault_is_told_within_its_time_and_the_hardware_is_stopped_once(fault,
             turned(rig, rig.period, 0.1)
         assert rig.supervisor.state[0] == state
         assert words in rig.supervisor.reason[0]
+        assert condition.name in {entry.note.condition.name for entry in rig.journal}
         assert hardware.now - begin <= within + rig.period
         if fault not in ("command raises", "stuck"):
             turned(rig, 0.5, 0.3)
             assert hardware.rates == pytest.approx((0.0, 0.0), abs=2e-4)
     assert hardware.stopped == 1
+
+
+def test_every_condition_of_own_hardware_is_provoked_here():
+    provoked = {fault[4] for fault in FAULTS.values()} - {BALL_LOST}
+    assert provoked == set(OWN_CONDITIONS) - {LACKING}
 
 
 def test_what_is_late_or_unseen_within_its_bounds_is_no_fault(scenario):

@@ -151,7 +151,7 @@ def test_what_can_be_said_of_the_computer_and_the_rig_file_is_said(scenario, tmp
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        ({}, "touch: missing"),
+        ({}, "touch is missing"),
         ({"touch": {"port": "x", "protocl": "elo"}}, "did you mean 'protocol'"),
         ({"touch": {"port": "x"}, "phi": {"node": 0}}, "node 0 must be 1 to 126"),
         ({"touch": {"port": "x"}, "phi": {"node": 2}}, "must differ"),

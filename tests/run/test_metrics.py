@@ -133,8 +133,14 @@ def test_an_indicator_that_is_no_number_is_told_as_none():
 
 def test_every_indicator_has_a_unit():
     step = measure(motion(np.linspace(0, [0.1, 0], 101), np.full((101, 2), 0.1)), DONE, start=1.0)
+    late = step.pop("late_percent")  # of a law that takes no time
+    assert late is None
     assert None not in step.values(), "of such a motion each has a value"
-    assert step.keys() - {"outcome", "reason"} == set(UNITS) - {"judged_from", "real_time_factor"}
+    assert step.keys() - {"outcome", "reason"} == set(UNITS) - {
+        "judged_from",
+        "late_percent",
+        "real_time_factor",
+    }
 
 
 def test_a_ball_at_rest_for_longer_than_a_turn_is_held():

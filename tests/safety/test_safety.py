@@ -13,6 +13,7 @@ from click.testing import CliRunner
 import twin.devices
 import twin.hal
 from twin.cli.rig import safety
+from twin.devices.own import OWN_CONDITIONS
 from twin.hal.interface import Condition, Severity
 from twin.safety.cases import CASES
 from twin.safety.trial import run_case
@@ -36,14 +37,18 @@ measured = cache(run_case)
 
 
 def conditions():
-    """Every condition of any module of the devices and of what judges them, listed or not."""
+    """Every condition of any module of the devices and of what judges them, listed or not.
+
+    Those of hardware of one's own are provoked in ``tests/devices/test_own.py``.
+    """
     found = {}
     for package in (twin.hal, twin.devices):
         for each in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             module = importlib.import_module(each.name)
             values = [value for value in vars(module).values() if isinstance(value, Condition)]
             found.update({id(value): value for value in values})
-    return list(found.values())
+    own = {id(each) for each in OWN_CONDITIONS}
+    return [each for key, each in found.items() if key not in own]
 
 
 def tables(text):

@@ -67,6 +67,7 @@ BESIDE = {
     "data_file",
     "errors",
     "paths",
+    "run/exports",
     "run/files",
     "scenario/__init__",
     "scenario/load",

@@ -9,6 +9,7 @@ import copy
 import json
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -81,7 +82,7 @@ def resolved(
     if file is not None:
         if not isinstance(file, str):
             raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
-        path = chosen("rig", file, shipped_in("rigs"))
+        path = Path(file) if Path(file).suffix else chosen("rig", file, shipped_in("rigs"))
         more = read_tables(path, f"{source}: parameters: {file}")
         merged = put(laid_over(tables, more), settings)
         merged.pop("parameters", None)

@@ -1,0 +1,3 @@
+"""What tests of controllers may use."""
+
+from command_line import ballplate  # noqa: F401  a fixture
