@@ -89,19 +89,3 @@ def scenario():
         return check(put(TABLES, map(setting, overrides)), "test")
 
     return make
-
-
-@pytest.fixture
-def ballplate(capsys, tmp_path, monkeypatch):
-    """Calls the command line in an empty folder; its code, output and errors."""
-    from twin.cli import main
-
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            main(list(map(str, arguments)))
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
-
-    return call
