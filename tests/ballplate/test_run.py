@@ -13,6 +13,7 @@ import pytest
 import ballplate
 from ballplate.changes import changes_of
 from ballplate.reporter import Notebook, Reporter
+from twin.cli import main
 
 QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.2, "metrics": {"start": 0}}
 
@@ -35,10 +36,16 @@ def circle():
     return ballplate.run("circle", ["duration=0.2", "metrics.start=0"])
 
 
-def test_the_same_call_and_command_write_the_same_files(tmp_path, circle, ballplate):
+def command(*arguments):
+    with pytest.raises(SystemExit) as end:
+        main(list(arguments))
+    return end.value.code
+
+
+def test_the_same_call_and_command_write_the_same_files(tmp_path, circle):
     circle.save(tmp_path / "python")
     shorter = ("--set", "duration=0.2", "--set", "metrics.start=0")
-    assert ballplate("run", "circle", *shorter, "--out", "command")[0] == 0
+    assert command("run", "circle", *shorter, "--out", str(tmp_path / "command")) == 0
     for name in ("run.parquet", "picture.png"):
         one, other = ((tmp_path / each / name).read_bytes() for each in ("python", "command"))
         assert one == other, name

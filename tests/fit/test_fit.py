@@ -219,6 +219,7 @@ def test_what_the_rigs_computer_sees_is_judged_not_the_truth(made, folder):
     about = read(str(made))
     scenario = Runs(about, Store(folder / "runs")).scenario(TRUE, about.experiments[0])
     (true,), (seen,) = simulate([scenario]), simulate([scenario], seen=True)
+    assert seen["outcome"] == "finished"
     assert seen["tracking_error_percent"] != pytest.approx(true["tracking_error_percent"], rel=1e-3)
     counts = math.radians(seen["phi_max_deg"]) / (2 * math.pi) * scenario.sensors.encoders.counts
     assert counts == pytest.approx(round(counts), abs=1e-6)

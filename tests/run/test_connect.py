@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from twin.cli import main
 from twin.hal.cams import CamTable
 from twin.run.connect import connect
 from twin.scenario import load
@@ -45,11 +46,13 @@ def test_the_motors_are_turned_by_the_table_that_the_rig_file_names(tmp_path):
     ],
     ids=lambda changes: changes[1],
 )
-def test_settings_of_a_simulation_are_refused_on_a_real_rig_by_one_line(
-    changes, tmp_path, ballplate
-):
+def test_settings_of_a_simulation_are_refused_on_a_real_rig_by_one_line(changes, tmp_path, capsys):
     file = tmp_path / "rig.toml"
     file.write_text('[touch]\nport = "/dev/null"\nprotocol = "elo"\n')
-    code, _, error = ballplate("run", "circle", "--rig", file, *changes, "--out", "out")
-    assert (code, error.count("\n")) == (2, 1)
+    out = str(tmp_path / "out")
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "circle", "--rig", str(file), *changes, "--out", out])
+    assert ended.value.code == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
     assert "describes a simulated rig" in error

@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from scipy.io import loadmat
 
+from twin.cli import main
 from twin.cli.look import export as command
 from twin.identify.log import read
 from twin.run.finished import run, save
@@ -164,9 +165,13 @@ def test_some_columns_of_every_tenth_row(folder, recorded, tmp_path):
     ],
 )
 def test_wrong_requests_are_one_line_and_write_nothing(
-    folder, tmp_path, ballplate, options, expected
+    folder, tmp_path, monkeypatch, capsys, options, expected
 ):
-    code, _, err = ballplate("export", folder, *options)
-    assert (code, err.count("\n")) == (2, 1)
-    assert expected in err
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        main(["export", str(folder), *options])
+    assert end.value.code == 2
+    text = capsys.readouterr().err
+    assert expected in text
+    assert text.count("\n") == 1
     assert not list(tmp_path.iterdir())
