@@ -1,23 +1,8 @@
 import pytest
-from command_line import ballplate
+from command_line import ballplate  # noqa: F401  a fixture
 
 from controllers import catalog
 from controllers.catalog import ADDED, forget
-from twin.cli import main
-
-
-@pytest.fixture
-def ballplate(capsys, tmp_path, monkeypatch):
-    """Calls the command line in an empty folder; its code, output and errors."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            main(list(map(str, arguments)))
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
-
-    return call
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ import pytest
 from PIL import Image, ImageColor
 
 import ballplate as bp
-from twin.cli import main
 from twin.errors import RecordError
 from twin.run import film as film_module
 from twin.run.files import MOVING
@@ -42,19 +41,6 @@ def told(ball, tilt=(0.0, 0.0), outcome="finished", **metrics):
     rows |= {f"applied_{axis}_acc": nothing for axis in ("phi", "theta")}
     rows["time"] = 0.01 * np.arange(len(ball))
     return Run("told", check(TABLES, "test"), rows, metrics={"outcome": outcome, **metrics})
-
-
-@pytest.fixture
-def ballplate(capsys, tmp_path, monkeypatch):
-    """Calls the program in an empty folder: exit code, standard output and error."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            main(list(arguments))
-        return (ended.value.code, *capsys.readouterr())
-
-    return call
 
 
 def frames(one, *others, **cut):
