@@ -158,6 +158,11 @@ def test_a_pdo_is_decoded_by_the_mapping_that_the_trace_shows():
     assert told.nodes[5].drive == ["operation enabled"]
 
 
+def test_a_mapping_of_absurdly_many_objects_is_read_as_far_as_subindices_go():
+    told = said(frame(0.0, 0x605, "23001a00ffffffff"), frame(0.001, 0x585, "60001a0000000000"))
+    assert len(told.summary()["pdos"]["185h"]["entries"]) == 0xFF
+
+
 def test_a_fifth_pdo_has_no_identifier_but_the_one_it_is_given():
     fifth = [frame(each.timestamp, each.arbitration_id, bytes(each.data).hex()) for each in MAPPING]
     for each in fifth:

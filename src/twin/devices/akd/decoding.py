@@ -36,9 +36,13 @@ _FEW, _MOST = 10, 20
 """Fewest frames in which a rhythm is seen; most gaps of one kind that are told, the longest."""
 _ENDED, _ENDED_FOR = 5, 0.05
 """Times the usual pause, and s, from which something has ended before the trace does."""
-_SEGMENT, _DOWNLOAD, _UPLOAD, _ABORT = 0, 1, 2, 4
-_BLOCKS = (5, 6)
+_SEGMENT, _DOWNLOAD, _UPLOAD, _ABORT, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD = 0, 1, 2, 4, 5, 6
 """Command specifiers of SDO: reading is an upload, writing a download."""
+_SIZED, _EXPEDITED = 1, 2
+"""Bits of the specifier that begins a transfer: its size is told; all data are in this frame."""
+_BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
+_UNANSWERED = "unanswered", "no answer"
+_WORDS = {STATUS: cia402.status_words, CONTROL: cia402.control_words}
 HOST = "host"
 """Who sends what only a master sends."""
 
@@ -105,15 +109,15 @@ class Series(NamedTuple):
 class _Transfer:
     """An SDO transfer under way: since when, its object, whether it writes, what has come.
 
-    ``more`` says that segments follow.
+    ``more`` says that data are still to come.
     """
 
     since: float
     key: Key
     writes: bool
-    block: bool = False
+    block: bool
     data: bytes = b""
-    more: bool = False
+    more: bool = True
 
 
 class Conversation:
@@ -135,7 +139,7 @@ class Conversation:
         """What was said, in order; of PDOs the changes."""
         self.nodes: dict[int, Node] = {}
         """Nodes that sent something, by number."""
-        self.series: dict[tuple[int, Key], Series] = {}
+        self.series = defaultdict[tuple[int, Key], Series](lambda: Series(array("d"), array("q")))
         """What PDOs carried, by node and object."""
         self.begin = heard[0].timestamp
         """Time of the first frame, s, as the trace has it."""
@@ -149,12 +153,11 @@ class Conversation:
         self._axes = {axis.node: axis for axis in rig.axes} if rig else {}
         self._times: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
         self._sdo: dict[int, _Transfer] = {}
-        self._pdos: dict[int, Pdo | None] = {}
-        self._last: dict[tuple[int, Key], str] = {}
-        self._lengths: dict[str, int] = {}
+        self._pdos: dict[int, Pdo] = {}
+        self._last: dict[object, object] = {}
         # what the trace does not show: the standard, the maker's file, the rig's
         known = dictionary.mapping_objects() | self._names.defaults
-        self._values: defaultdict[int, dict[Key, int]] = defaultdict(known.copy)
+        self._values = defaultdict[int, dict[Key, int]](known.copy)
         for axis in self._axes.values():
             maps = frames.pdo_maps(axis.plate_object).items()
             own = {at: [dictionary.entry(*key) for key in each] for at, each in maps}
@@ -162,7 +165,7 @@ class Conversation:
         for message in heard:
             self._take(message, message.timestamp - self.begin)
         for node, left in sorted(self._sdo.items()):
-            self._ended(node, left, "unanswered", "no answer")
+            self._ended(node, left, *_UNANSWERED)
         self._find_gaps()
         self.events.sort(key=lambda each: each.time)
 
@@ -193,19 +196,19 @@ class Conversation:
         """A value of an object in words."""
         index, sub = key
         factor, unit = self.scale(node, key)
+        of_pdo, maps = PDOS[0] <= index < PDOS[1], bool(index & 0x200)
         said = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & 0xFFFFFFFF:X}h)"
-        if index == STATUS:
-            said = f"{cia402.status_words(value)} ({value:04X}h)"
-        elif index == CONTROL:
-            said = f"{cia402.control_words(value)} ({value:04X}h)"
+        if index in _WORDS:
+            said = f"{_WORDS[index](value)} ({value:04X}h)"
         elif index in {0x6060, 0x6061}:
             said = table()["modes"].get(f"{value}", f"mode {value}")
         elif index == 0x1016 and sub and value:
             said = f"node {value >> 16 & 0x7F} within {value & 0xFFFF} ms"
-        elif PDOS[0] <= index < PDOS[1] and not index & 0x200 and sub == 1:
+        elif of_pdo and not maps and sub == 1:
             said = f"{value & 0x7FF:03X}h{' off' if value & PDO_INVALID else ''}"
-        elif PDOS[0] <= index < PDOS[1] and index & 0x200 and sub and value:
-            said = f"{self._object((value >> 16, value >> 8 & 0xFF))}, {value & 0xFF} bits"
+        elif of_pdo and maps and sub and value:
+            carried, bits = _mapped(value)
+            said = f"{self._object(carried)}, {bits} bits"
         elif index == 0x2001 and sub and value:
             said = frames.fault_words([value])
         elif unit:
@@ -222,12 +225,8 @@ class Conversation:
                 its = {"from": ends[0], "to": ends[1], "unit": unit}
                 nodes[f"{number}"]["signals"][self._object(key)] = its
         pdos = {
-            f"{cob_id:03X}h": {
-                **pdo._asdict(),
-                "entries": [self._object(k) for k, _ in pdo.entries],
-            }
+            f"{cob_id:03X}h": pdo._asdict() | {"entries": [self._object(k) for k, _ in pdo.entries]}
             for cob_id, pdo in self._pdos.items()
-            if pdo is not None
         }
         strangers = {f"{each:03X}h": count for each, count in self.strangers.items()}
         return {"begin": self.begin, "duration": self.duration, "nodes": nodes, "pdos": pdos} | {
@@ -241,6 +240,11 @@ class Conversation:
 
     def _node(self, number: int) -> Node:
         return self.nodes.setdefault(number, Node(self.called(number)))
+
+    def _new(self, what: object, value: object) -> bool:
+        """Whether something is not as it was when this was asked last."""
+        before, self._last[what] = self._last.get(what), value
+        return value != before
 
     def _say(self, at: float, who: str, kind: str, text: str) -> None:
         self.events.append(Event(at, who, kind, text))
@@ -270,7 +274,7 @@ class Conversation:
         elif kind is None or not number:
             self.strangers[identifier] += 1
         elif service == frames.SDO_REQUEST:
-            self._request(at, number, data)
+            self._transfer(at, number, data, asks=True)
         else:
             node = self._node(number)
             node.frames[kind] += 1
@@ -280,7 +284,7 @@ class Conversation:
                 if message.code:
                     node.faults.append({"time": at, "text": message.words})
             elif service == frames.SDO_RESPONSE:
-                self._response(at, number, data)
+                self._transfer(at, number, data, asks=False)
             elif (state := frames.decode_nmt_state(data)) is not None:
                 self._heartbeat(at, node, state)
 
@@ -302,24 +306,21 @@ class Conversation:
 
     def _pdo(self, identifier: int) -> Pdo | None:
         """The PDO of an identifier; None if it is another service's."""
-        if identifier not in self._pdos:
-            number = identifier & frames.NODE_MASK
-            place, receives = divmod(identifier - number - frames.TPDO1, 0x100)
-            if number and 0 <= place < 4 and receives in {0, 0x80}:
-                parameters = (0x1400 if receives else 0x1800) + place
-                self._pdos[identifier] = self._assigned(number, parameters)
-            else:
-                self._pdos[identifier] = None
-        return self._pdos[identifier]
+        number = identifier & frames.NODE_MASK
+        first, last = frames.TPDO1, frames.SDO_RESPONSE
+        if identifier not in self._pdos and number and first <= identifier < last:
+            place, receives = divmod(identifier - number - first, 0x100)
+            parameters = (0x1400 if receives else 0x1800) + place
+            self._pdos[identifier] = self._assigned(number, parameters)
+        return self._pdos.get(identifier)
 
     def _assigned(self, number: int, parameters: int) -> Pdo:
         """What a PDO of a node carries, as far as it is known now."""
         mapping, values = parameters + 0x200, self._values[number]
-        count = values.get((mapping, 0), 0)
-        entries = [values.get((mapping, sub), 0) for sub in range(1, count + 1)]
-        carried = tuple(((e >> 16, e >> 8 & 0xFF), e & 0xFF) for e in entries)
+        count = values.get((mapping, 0), 0) & 0xFF
+        entries = [_mapped(values.get((mapping, sub), 0)) for sub in range(1, count + 1)]
         name = f"{'T' if parameters >= 0x1800 else 'R'}PDO{(parameters & 0x1FF) + 1}"
-        return Pdo(number, name, carried)
+        return Pdo(number, name, tuple(entries))
 
     def _exchange(self, at: float, pdo: Pdo, data: bytes) -> None:
         node = self._node(pdo.node)
@@ -330,8 +331,7 @@ class Conversation:
         self._times[stream].append(at)
         mapped = sum(bits for _, bits in pdo.entries)
         if 8 * len(data) != mapped:
-            if self._lengths.get(stream) != len(data):
-                self._lengths[stream] = len(data)
+            if self._new(stream, len(data)):
                 known = f"{mapped} bits are known: not decoded"
                 self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {known}")
             return
@@ -340,9 +340,7 @@ class Conversation:
             value, packed = packed & (1 << bits) - 1, packed >> bits
             if self._names[key].type[0] == "I" and value >> bits - 1:
                 value -= 1 << bits
-            series = self.series.get((pdo.node, key))
-            if series is None:
-                series = self.series[pdo.node, key] = Series(array("d"), array("q"))
+            series = self.series[pdo.node, key]
             if key[0] in _TOLD and (not series.counts or series.counts[-1] != value):
                 self._changed(at, who, pdo, key, value)
             series.time.append(at)
@@ -354,54 +352,41 @@ class Conversation:
         meaning = words.partition(" (")[0]
         if key[0] == STATUS:
             self._power(at, pdo.node, value)
-        if self._last.get((pdo.node, key)) != meaning:
-            self._last[pdo.node, key] = meaning
+        if self._new((pdo.node, key), meaning):
             to = "" if who != HOST else f" to {self.called(pdo.node)}"
             self._say(at, who, "PDO", f"{self._object(key)}{to}: {words}")
 
-    def _request(self, at: float, number: int, data: bytes) -> None:
-        """Take in what a client sends to a node: CiA 301's command specifier is in bits 5 to 7."""
-        command, key = data[0] >> 5 if len(data) == 8 else -1, (0, 0)
-        transfer = self._sdo.get(number)
-        if command == _SEGMENT and transfer is not None:
+    def _transfer(self, at: float, number: int, data: bytes, *, asks: bool) -> None:
+        """Take in what a client asks of a node, or what that answers.
+
+        CiA 301 has the command specifier in bits 5 to 7 of the first byte.
+        """
+        if len(data) != 8:
+            return
+        command, transfer = data[0] >> 5, self._sdo.get(number)
+        writes, block = command in _WRITING, command in _BLOCKS
+        if asks and (writes or block or command == _UPLOAD):
+            if transfer is not None:
+                self._ended(number, transfer, *_UNANSWERED)
+            key = data[1] | data[2] << 8, data[3]
+            transfer = self._sdo[number] = _Transfer(at, key, writes, block)
+        if transfer is None:
+            return
+        if command == _ABORT:
+            why = dictionary.abort_words(int.from_bytes(data[4:], "little"))
+            self._ended(number, self._sdo.pop(number), "refused", f"refused, {why}")
+            return
+        if command == _SEGMENT:
             transfer.data += data[1 : 8 - (data[0] >> 1 & 7)]
             transfer.more = not data[0] & 1
-        elif command == _ABORT:
-            self._refused(number, data)
-        elif command in {_DOWNLOAD, _UPLOAD, *_BLOCKS}:
-            if transfer is not None:
-                self._ended(number, transfer, "unanswered", "no answer")
-            key = data[1] | data[2] << 8, data[3]
-            transfer = _Transfer(at, key, command in {_DOWNLOAD, _BLOCKS[1]}, command in _BLOCKS)
-            self._sdo[number] = transfer
-            if command == _DOWNLOAD:
-                transfer.data = _expedited(data, self._names[key].bits // 8)
-                transfer.more = not transfer.data
-
-    def _response(self, at: float, number: int, data: bytes) -> None:
-        """Take in what a node answers."""
-        transfer = self._sdo.get(number)
-        if len(data) != 8 or transfer is None:
-            return
-        command = data[0] >> 5
-        if command == _ABORT:
-            self._refused(number, data)
-            return
-        over = transfer.block or (command in {1, 3} and not transfer.more)
-        if command == _UPLOAD:
-            transfer.data = _expedited(data, 4)
-            over = bool(transfer.data)
-        elif command == _SEGMENT:
-            transfer.data += data[1 : 8 - (data[0] >> 1 & 7)]
-            over = bool(data[0] & 1)
-        if over:
+        elif command == (_DOWNLOAD if asks else _UPLOAD) and data[0] & _EXPEDITED:
+            size = self._names[transfer.key].bits // 8 or 4
+            transfer.data = (
+                data[4 : 8 - (data[0] >> 2 & 3)] if data[0] & _SIZED else data[4:][:size]
+            )
+            transfer.more = False
+        if not asks and (transfer.block or not transfer.more):
             self._done(at, number, self._sdo.pop(number))
-
-    def _refused(self, number: int, data: bytes) -> None:
-        transfer = self._sdo.pop(number, None)
-        if transfer is not None:
-            why = dictionary.abort_words(int.from_bytes(data[4:], "little"))
-            self._ended(number, transfer, "refused", f"refused, {why}")
 
     def _done(self, at: float, number: int, transfer: _Transfer) -> None:
         key, known, data = transfer.key, self._names[transfer.key], transfer.data
@@ -451,12 +436,11 @@ class Conversation:
             if len(times) < _FEW:
                 continue
             pauses = np.diff(times)
-            usual = float(np.median(pauses))
+            usual, last = float(np.median(pauses)), float(times[-1])
             gaps = np.flatnonzero(pauses > _LONG * usual)
             if len(gaps) > _IRREGULAR * len(pauses):
                 continue
             found = [(float(times[at]), float(times[at + 1])) for at in gaps]
-            rest = self.duration - float(times[-1])
             longest = max((b - a for a, b in found), default=0.0)
             self.pauses[stream] = {"usual": usual, "gaps": len(found), "longest": longest}
             if stream == "SYNC":
@@ -468,12 +452,10 @@ class Conversation:
             for begin, end in sorted(found, key=lambda gap: gap[0] - gap[1])[:_MOST]:
                 text = f"no {stream} for {1e3 * (end - begin):.3g} ms ({often})"
                 self._say(begin, who, "gap", text)
-            if rest > max(_ENDED * usual, _ENDED_FOR):
-                self._say(float(times[-1]), who, "gap", f"no {stream} from here on ({often})")
+            if self.duration - last > max(_ENDED * usual, _ENDED_FOR):
+                self._say(last, who, "gap", f"no {stream} from here on ({often})")
 
 
-def _expedited(data: bytes, size: int) -> bytes:
-    """The data in the first frame of a transfer, nothing if segments follow; size if not said."""
-    if not data[0] & 2:
-        return b""
-    return data[4 : 8 - (data[0] >> 2 & 3)] if data[0] & 1 else data[4 : 4 + (size or 4)]
+def _mapped(entry: int) -> tuple[Key, int]:
+    """The object that an entry of a mapping names, and its bits."""
+    return (entry >> 16, entry >> 8 & 0xFF), entry & 0xFF
