@@ -18,9 +18,10 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from controllers.arrays import Array
+from twin.devices.akd.conditions import FaultReports
 from twin.devices.nets import bounded, check_ranges, net, relaxed_nets
 from twin.errors import RigError, ScenarioError
-from twin.hal.interface import Condition, Fault, Limits, Severity, Touch
+from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
 
 Answer = TypeVar("Answer")
 
@@ -118,21 +119,10 @@ class OwnConfig:
         return tuple(relaxed_nets(self, "own."))
 
 
-def _condition(name: str, severity: Severity, within: float, recovery: str) -> Condition:
-    levelled = severity is Severity.LEVEL
-    reaction = "level the plate, then hold" if levelled else "zero rate, then `stop`"
-    return Condition(name, severity, within, reaction, recovery)
-
-
 ASTRAY_FOR = 0.3
 """Seconds for which a plate must be astray until it is a fault."""
-FAILED = _condition("own hardware failed", Severity.STOP, 0.002, "mend its class, then run again")
-REPORTED = _condition("own hardware reports", Severity.STOP, 0.002, "see what it reports")
-SILENT = _condition("measurements ended", Severity.LEVEL, 0.252, "check cable and power")
-ASTRAY = _condition("plate is not where it was told", Severity.STOP, 0.302, "check the actuators")
-LACKING = Condition("no safety net", Severity.WARNING, 0.002, "noted", "build one into the board")
-OWN_CONDITIONS = (FAILED, REPORTED, SILENT, ASTRAY, LACKING)
-"""Every condition that own hardware is watched for."""
+FAILED, REPORTED, SILENT, ASTRAY, LACKING = conditions("twin.devices").values()
+"""Every condition that own hardware is watched for, from ``conditions.toml``."""
 
 
 def load_backend(named: str, config: OwnConfig) -> Hardware:
@@ -221,8 +211,7 @@ class OwnServos:
         self._rate, self._angle, self._model = np.zeros((3, 2))
         self._started = False
         self._astray: float | None = None
-        self._new: list[Fault] = []
-        self._latched: set[str] = set()
+        self._reports = FaultReports(math.inf)
 
     def warnings(self) -> tuple[Fault, ...]:
         """Safety nets that such a rig does not have."""
@@ -238,7 +227,7 @@ class OwnServos:
             RigError: If it cannot, or measures nothing that is a reading.
         """
         self._started = True
-        self._new, self._latched, self._astray = [], set(), None
+        self._reports, self._astray = FaultReports(math.inf), None
         try:
             self._hardware.start()
             self.reading = self._checked(self._hardware.measure())
@@ -285,12 +274,15 @@ class OwnServos:
         """Plate rates in rad/s, shape (1, 2), until the next command."""
         self._rate = np.asarray(motor_rate, float).reshape(2)
 
+    @property
+    def _measured(self) -> Reading | None:
+        """The newest reading if it has plate angles."""
+        return self.reading if self.reading and self.reading.phi is not None else None
+
     def plate(self) -> Array:
         """Measured plate angles, or where the plate is believed to be, rad, shape (1, 2)."""
-        reading = self.reading
-        if reading is None or reading.phi is None or reading.theta is None:
-            return self._model[None].copy()
-        return np.array([[reading.phi, reading.theta]])
+        reading = self._measured
+        return np.array([reading[3:]]) if reading else self._model[None].copy()
 
     def motor(self) -> Array:
         """The commanded plate angles, rad, shape (1, 2)."""
@@ -298,9 +290,8 @@ class OwnServos:
 
     def age(self) -> Array:
         """Seconds since the plate was measured; 0 where it is computed, shape (1, 2)."""
-        measured = self.reading is not None and self.reading.phi is not None
-        age = self.now() - self.reading.at if measured and self.reading else 0.0
-        return np.full((1, 2), age)
+        reading = self._measured
+        return np.full((1, 2), self.now() - reading.at if reading else 0.0)
 
     def home(self, plate: Array, motor: Array) -> None:
         """Declare where the plate stands, rad, shape (1, 2)."""
@@ -308,8 +299,7 @@ class OwnServos:
 
     def faults(self) -> tuple[Fault, ...]:
         """Faults detected since the last call, oldest first."""
-        new, self._new = tuple(self._new), []
-        return new
+        return self._reports.take()
 
     def _checked(self, reading: Any) -> Reading:
         """A reading of finite time whose angles, if any, are finite; positions may be NaN.
@@ -349,9 +339,7 @@ class OwnServos:
             return None
 
     def _report(self, condition: Condition, detail: str) -> None:
-        if condition.name not in self._latched:
-            self._latched.add(condition.name)
-            self._new.append(Fault(condition, self._where, detail, self.now()))
+        self._reports.report(condition, self._where, detail, self.now())
 
 
 class OwnScreen:
@@ -363,12 +351,11 @@ class OwnScreen:
 
     def __init__(self, servos: OwnServos) -> None:
         self._servos = servos
-        self._position = np.full((1, 2), np.nan)
-        self._seen = -math.inf
+        self.start()
 
     def start(self) -> None:
         """Know nothing of what was before."""
-        self._position, self._seen = np.full((1, 2), np.nan), -math.inf
+        self._position, self._seen = np.zeros((1, 2)), -math.inf
 
     def stop(self) -> None:
         """Nothing to close."""
@@ -388,5 +375,4 @@ class OwnScreen:
             touched = True
         else:
             touched = now - self._seen <= self._servos.config.unseen
-        position = self._position if touched else np.nan_to_num(self._position)
-        return Touch(position, np.array([max(0.0, now - self._seen)]), np.array([touched]))
+        return Touch(self._position, np.array([max(0.0, now - self._seen)]), np.array([touched]))
