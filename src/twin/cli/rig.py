@@ -249,12 +249,8 @@ def trace(
     drives = own.servos(0.002) if own else None
     said = Conversation(found.frames, Names(eds), drives)
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
-    summary |= said.summary()
-    numbers = {
-        **summary,
-        "remarks": found.remarks,
-        "events": [event._asdict() for event in said.events],
-    }
+    summary |= said.summary() | {"remarks": found.remarks}
+    events = [event._asdict() for event in said.events]
     written = [each for each in (out, log) if each is not None]
     if log and own and drives and touch:
         home = np.radians(own.home_deg)
@@ -271,43 +267,42 @@ def trace(
         *_nodes(summary),
         Table("", ("time [s]", "who", "kind", "what"), rows, words=(1, 2, 3)),
     )
-    show(numbers, (*shown, *(f"written: {each}" for each in written)))
+    show({**summary, "events": events}, (*shown, *(f"written: {each}" for each in written)))
     return 0
 
 
-def _nodes(found: dict[str, Any]) -> Iterator[Table]:
+def _nodes(found: dict[str, Any]) -> list[Table]:
     """What each node did, what it carried, and what came regularly, as tables."""
     nodes = found["nodes"].values()
-    if nodes:
-        heads = ("", "sent", "network", "drive", "SDO", "faults")
-        rows = [
-            (
-                node["name"],
-                counted(node["frames"]) or "nothing",
-                " -> ".join(node["states"]),
-                " -> ".join(node["drive"]),
-                counted(node["transfers"]),
-                "; ".join(f"{each['time']:.3f} s {each['text']}" for each in node["faults"]),
-            )
-            for node in nodes
-        ]
-        yield Table("", heads, rows, words=range(len(heads)))
+    heads = ("", "sent", "network", "drive", "SDO", "faults")
+    did = [
+        (
+            node["name"],
+            counted(node["frames"]) or "nothing",
+            " -> ".join(node["states"]),
+            " -> ".join(node["drive"]),
+            counted(node["transfers"]),
+            "; ".join(f"{each['time']:.3f} s {each['text']}" for each in node["faults"]),
+        )
+        for node in nodes
+    ]
     signals = [
         (node["name"], name, digits(its["from"]), digits(its["to"]), its["unit"] or "counts")
         for node in nodes
         for name, its in node["signals"].items()
     ]
-    if signals:
-        yield Table("", ("", "in PDOs", "from", "to", "unit"), signals, words=(0, 1, 4))
     rhythms = [
         (name, f"{1e3 * its['usual']:.3f}", f"{its['gaps']}", f"{1e3 * its['longest']:.1f}")
         for name, its in found["regular"].items()
     ]
-    if rhythms:
-        yield Table("", ("", "every [ms]", "gaps", "longest [ms]"), rhythms)
     strangers = [(name, f"{count}") for name, count in found["strangers"].items()]
-    if strangers:
-        yield Table("", ("no service of CANopen", "frames"), strangers)
+    tables = (
+        Table("", heads, did, words=range(len(heads))),
+        Table("", ("", "in PDOs", "from", "to", "unit"), signals, words=(0, 1, 4)),
+        Table("", ("", "every [ms]", "gaps", "longest [ms]"), rhythms),
+        Table("", ("no service of CANopen", "frames"), strangers),
+    )
+    return [each for each in tables if each.rows]
 
 
 def counted(numbers: dict[str, int]) -> str:

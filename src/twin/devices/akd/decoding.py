@@ -440,9 +440,9 @@ class Conversation:
             gaps = np.flatnonzero(pauses > _LONG * usual)
             if len(gaps) > _IRREGULAR * len(pauses):
                 continue
-            found = [(float(times[at]), float(times[at + 1])) for at in gaps]
-            longest = max((b - a for a, b in found), default=0.0)
-            self.pauses[stream] = {"usual": usual, "gaps": len(found), "longest": longest}
+            longest = float(pauses[gaps].max(initial=0.0))
+            self.pauses[stream] = {"usual": usual, "gaps": len(gaps), "longest": longest}
+            found = list(zip(times[gaps].tolist(), times[gaps + 1].tolist(), strict=True))
             if stream == "SYNC":
                 missing = found
             elif not stream.startswith("heartbeat"):

@@ -78,14 +78,18 @@ COLUMNS = ("time", "identifier", "length", "low", "high")
 """What ``to_row`` makes of a frame."""
 
 
+def _format(file: Path) -> str:
+    """The ending of a file, of one that is compressed the one before that."""
+    return file.with_suffix("").suffix if file.suffix == ".gz" else file.suffix
+
+
 def check_ending(file: Path) -> None:
     """Make sure that a trace can be written into a file of this name.
 
     Raises:
         LogError: If its ending is none that is known.
     """
-    plain = file.with_suffix("") if file.suffix == ".gz" else file
-    if plain.suffix not in WRITTEN:
+    if _format(file) not in WRITTEN:
         raise LogError(
             f"--trace {file}: its ending must be one of {', '.join(WRITTEN)}, or with .gz"
         )
@@ -213,10 +217,8 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
     if not files:
         raise LogError(f"{path}: no such trace")
     for file in files:
-        plain = file.with_suffix("") if file.suffix == ".gz" else file
-        known = plain.suffix in {".asc", ".blf", ".csv", ".db", ".mf4", ".trc"}
-        source = _library(file, remarks) if known else _candump(file, remarks)
-        frames.extend(source)
+        known = _format(file) in {".asc", ".blf", ".csv", ".db", ".mf4", ".trc"}
+        frames.extend((_library if known else _candump)(file, remarks))
     if not frames:
         why = f": {remarks[0]}" if remarks else ""
         raise LogError(f"{path}: no frame can be read{why}")
