@@ -148,8 +148,7 @@ def _variables(eds: Path) -> list[tuple[Any, str]]:
     except Exception as error:
         why = " ".join(str(error).split()) or type(error).__name__
         raise LogError(f"--eds {eds}: not a readable EDS file: {why}") from error
-    both = [[each] if isinstance(each, ODVariable) else each.values() for each in found]
-    every = [each for some in both for each in some]
+    every = [v for one in found for v in ([one] if isinstance(one, ODVariable) else one.values())]
     return [
         (each, f"{'I' if each.data_type in SIGNED_TYPES else 'U'}{len(each)}") for each in every
     ]

@@ -71,7 +71,8 @@ WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
 """Endings of traces that are written; each may be followed by ``.gz``."""
 _DISORDER = 0.01
 """Time in s by which frames of two clocks may lie in a wrong order."""
-_EXTENDED, _REMOTE, _ERROR, _SENT = 1 << 29, 1 << 30, 1 << 31, 1 << 32
+_ERROR, _REMOTE, _EXTENDED, _SENT = 1 << 29, 1 << 30, 1 << 31, 1 << 32
+"""Flags above an identifier, as SocketCAN has them; the last is ours."""
 
 
 COLUMNS = ("time", "identifier", "length", "low", "high")
@@ -106,17 +107,24 @@ def to_row(message: can.Message) -> tuple[float, float, float, float, float]:
 
 def from_row(time: float, mark: float, length: float, low: float, high: float) -> can.Message:
     """The frame that ``to_row`` made numbers of."""
-    flags, size = int(mark), int(length)
     data = int(low).to_bytes(4, "little") + int(high).to_bytes(4, "little")
+    return _frame(time, int(mark), data[: int(length)], int(length))
+
+
+def _frame(
+    time: float, mark: int, data: bytes, length: int | None = None, channel: str | None = None
+) -> can.Message:
+    """A frame of its identifier with flags; as long as its data unless that is said."""
     return can.Message(
         timestamp=time,
-        arbitration_id=flags & (_EXTENDED - 1),
-        is_extended_id=bool(flags & _EXTENDED),
-        is_remote_frame=bool(flags & _REMOTE),
-        is_error_frame=bool(flags & _ERROR),
-        is_rx=not flags & _SENT,
-        dlc=size,
-        data=None if flags & _REMOTE else data[:size],
+        channel=channel,
+        arbitration_id=mark & (_ERROR - 1),
+        is_extended_id=bool(mark & _EXTENDED),
+        is_remote_frame=bool(mark & _REMOTE),
+        is_error_frame=bool(mark & _ERROR),
+        is_rx=not mark & _SENT,
+        dlc=length,
+        data=None if mark & _REMOTE else data,
     )
 
 
@@ -275,15 +283,10 @@ def _candump(file: Path, remarks: list[str]) -> Iterator[can.Message]:
 
 
 def _of_line(found: re.Match[str]) -> can.Message:
-    identifier, data = int(found["id"], 16), (found["data"] or found["bytes"] or "").strip()
+    identifier, data = found["id"], (found["data"] or found["bytes"] or "").strip()
     remote = data[:1].upper() == "R"
-    return can.Message(
-        timestamp=float(found["time"]),
-        channel=found["channel"],
-        arbitration_id=identifier & 0x1FFFFFFF,
-        is_extended_id=len(found["id"]) > 3,
-        is_error_frame=bool(identifier & 0x20000000 and len(found["id"]) > 3),
-        is_remote_frame=remote,
-        is_rx=(found["end"] or found["way"] or "R")[0].upper() == "R",
-        data=None if remote else bytes.fromhex(data)[:8],
-    )
+    sent = (found["end"] or found["way"] or "R")[0].upper() == "T"
+    mark = int(identifier, 16) & (_REMOTE - 1) | (len(identifier) > 3) * _EXTENDED
+    mark |= remote * _REMOTE | sent * _SENT
+    content = b"" if remote else bytes.fromhex(data)[:8]
+    return _frame(float(found["time"]), mark, content, channel=found["channel"])
