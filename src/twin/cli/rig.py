@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import sys
 import threading
 import webbrowser
@@ -234,6 +232,7 @@ def trace(
     compare, identify and shadow take: encoders, motors and what was commanded, whoever drove.
     """
     import numpy as np
+    import pandas as pd
 
     from twin.devices.akd.decoding import Conversation, Event
     from twin.devices.akd.dictionary import Names
@@ -257,10 +256,8 @@ def trace(
         export(log, log_of_trace(said, drives, cams_of(own), home, touch), TRACE_UNITS)
     rows = [(f"{each.time:.6f}", *each[1:]) for each in said.events]
     if out is not None:
-        with io.StringIO(newline="") as text:
-            writer = csv.writer(text, lineterminator="\n")
-            writer.writerows([("time [s]", *Event._fields[1:]), *rows])
-            write_whole(out, text.getvalue())
+        frame = pd.DataFrame(rows, columns=["time [s]", *Event._fields[1:]])
+        write_whole(out, frame.to_csv(index=False, lineterminator="\n"))
     shown = (
         bold(f"{file}: {len(found.frames)} frames on {found.channel} in {said.duration:.3f} s"),
         *found.remarks,

@@ -185,9 +185,10 @@ class Conversation:
         turn = values.get((0x608F, 1))
         if axis is not None and key == axis.plate_object:
             return axis.plate.unit, "rad"
-        if index in _POSITIONS and (axis or turn):
-            seen = TURN * values.get((0x608F, 2), 1) / turn if turn else 0.0
-            return axis.position.unit if axis else seen, "rad"
+        if index in _POSITIONS and axis is not None:
+            return axis.position.unit, "rad"
+        if index in _POSITIONS and turn:
+            return TURN * values.get((0x608F, 2), 1) / turn, "rad"
         if index in _VELOCITIES and (axis or values.get((0x1018, 1)) == _AKD):
             return axis.velocity.unit if axis else 0.001 * RPM, "rad/s"
         return 1.0, ""
@@ -420,13 +421,12 @@ class Conversation:
 
     def _assign(self, number: int, parameters: int) -> None:
         """Take note of the identifier and mapping of a PDO, as far as they are known now."""
-        pdo = self._assigned(number, parameters)
         base = frames.RPDO1 if parameters < 0x1800 else frames.TPDO1
         place = parameters & 0x1FF
         usual = base + 0x100 * place + number if place < 4 else PDO_INVALID
         cob_id = self._values[number].get((parameters, 1), usual)
         if not cob_id & PDO_INVALID:
-            self._pdos[cob_id & 0x7FF] = pdo
+            self._pdos[cob_id & 0x7FF] = self._assigned(number, parameters)
 
     def _find_gaps(self) -> None:
         """Find where what comes regularly did not; of PDOs only where SYNC came."""
