@@ -227,6 +227,14 @@ def test_a_request_that_nobody_answers_is_told():
     ]
 
 
+def test_where_no_size_is_told_a_value_is_as_long_as_its_object():
+    written = [frame(0, 0x605, "224060000600ffff"), frame(1, 0x585, "6040600000000000")]
+    read = [frame(2, 0x605, "4040600000000000"), frame(3, 0x585, "424060000600ffff")]
+    assert texts(said(*written, *read), "SDO") == [
+        "writes 6040h Control word to node 5: shutdown (0006h); read back"
+    ]
+
+
 def test_what_is_no_service_of_canopen_is_counted():
     told = said(frame(0, 0x10A, "00"), frame(1, 0x10A), frame(2, 0x7E5, "00"))
     assert told.summary()["strangers"] == {"10Ah": 2, "7E5h": 1}
