@@ -121,8 +121,9 @@ class OwnConfig:
 
 ASTRAY_FOR = 0.3
 """Seconds for which a plate must be astray until it is a fault."""
-FAILED, REPORTED, SILENT, ASTRAY, LACKING = conditions("twin.devices").values()
+OWN_CONDITIONS = tuple(conditions("twin.devices").values())
 """Every condition that own hardware is watched for, from ``conditions.toml``."""
+FAILED, REPORTED, SILENT, ASTRAY, LACKING = OWN_CONDITIONS
 
 
 def load_backend(named: str, config: OwnConfig) -> Hardware:
