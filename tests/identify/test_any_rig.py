@@ -237,13 +237,13 @@ def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     log = axis_of(2, seconds=30)
     other = np.random.default_rng(1).normal(0, 0.05, len(log.tilt))
     from twin.identify.any_log import AnyLog
-    from twin.identify.any_report import judged
+    from twin.identify.report import sentences
 
     wrong = AnyLog("wrong", {"x": replace(log, tilt=other)}, {"x": "rad"}, ())
     found = identify_any([wrong], 1 / 3, ("friction",))
     (gain,) = [each for each in found.verdicts if each.name == "gain_x"]
     assert gain.word == NOT
-    assert any("WORSE THAN NO MODEL" in each for each in judged(found))
+    assert any("WORSE THAN NO MODEL" in each for each in sentences(found))
 
 
 def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from controllers.analysis import number
 from twin.errors import LogError
 from twin.identify.any_log import BALLS, AnyLog, AxisLog
 from twin.identify.bootstrap import Estimate
@@ -57,16 +56,12 @@ class AnyIdentification:
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""
-        scores = [asdict(each) for each in self.scores]
-        for each in scores:
-            for table in (each["median"], each["ninety"]):
-                table.update({k: [number(v) for v in row] for k, row in table.items()})
         return {
             "log": self.log.source,
             "fitted_seconds": self.seconds,
             "parameters": [each.as_dict() for each in self.verdicts],
             "ahead": HORIZONS,
-            "held_out": scores,
+            "held_out": [each.as_dict() for each in self.scores],
             "notes": list(self.notes),
         }
 

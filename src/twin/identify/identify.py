@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from twin.errors import LogError
+from twin.identify.judged import HORIZONS, Predicted, Score, replayed, score
 from twin.identify.log import Log
 from twin.identify.log_checks import check_motion, check_ranges
 from twin.identify.parameters import SHARE, fitted
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.search import BestFit, search
-from twin.identify.verdict import (
-    Horizons,
-    ParameterVerdict,
-    Whiteness,
-    hold_out,
-    verdicts,
-    whiteness,
-)
+from twin.identify.verdict import ParameterVerdict, Whiteness, verdicts, whiteness
 from twin.identify.windows import cut, moving_spans
 
 LONGEST = 2.5
@@ -36,7 +30,8 @@ class Identification:
         fitted_time: Seconds of it that were fitted.
         fit: The best fit.
         verdicts: The parameters asked for.
-        horizons: Replay error on the part held out.
+        scores: Of both axes together, on the part held out; empty without one.
+        predictions: Axis to its predictions there.
         whiteness: What the fit leaves over.
         notes: What had to be left out or assumed, in words.
     """
@@ -45,19 +40,20 @@ class Identification:
     fitted_time: float
     fit: BestFit
     verdicts: tuple[ParameterVerdict, ...]
-    horizons: Horizons | None
+    scores: tuple[Score, ...]
+    predictions: Mapping[str, Predicted]
     whiteness: Whiteness
     notes: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""
-        horizons = self.horizons
         return {
             "log": self.log.source,
             "usable_seconds": self.log.length,
             "fitted_seconds": self.fitted_time,
             "parameters": [each.as_dict() for each in self.verdicts],
-            "replay_error": None if horizons is None else horizons.as_dict(),
+            "ahead": HORIZONS,
+            "held_out": [each.as_dict() for each in self.scores],
             "residuals": self.whiteness.as_dict(),
             "fit": asdict(self.fit.termination),
             "notes": list(self.notes),
@@ -116,10 +112,8 @@ def identify(
         notes.append("no column age: the wait for a frame is counted in the dead time")
     if usable.segments[0].command is None:
         notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
-    horizons = None
-    if unknown is not None and unknown.segments:
-        horizons = hold_out(unknown, fit, lag)
-    if horizons is None and share < 1:
+    tried = replayed(unknown, fit, lag) if unknown is not None and unknown.segments else {}
+    if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
     return Identification(
@@ -127,7 +121,8 @@ def identify(
         fitted_time=known.length,
         fit=fit,
         verdicts=verdicts(names, fit, drives, white=white.white),
-        horizons=horizons,
+        scores=(score(tried),) if tried else (),
+        predictions=tried,
         whiteness=white,
         notes=tuple(notes),
     )
