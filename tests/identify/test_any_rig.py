@@ -139,8 +139,7 @@ def test_a_simulation_without_friction_is_the_closed_form():
     source = Tilt(log)
     problem = PlainProblem(windows, names, source, 3.0, (0.0, 0.5))
     theta = np.array([[6.0 * source.scale, 0.13, 0.1, 0.03]])
-    places = problem.simulated(theta, np.array([[[0.01]], [[0.02]]]))
-    found = problem.at_samples(places)[0, 0]
+    found = problem.reported(theta, np.array([[[0.01]], [[0.02]]]))[0][0, 0]
     t = windows.time[0]
     s = np.maximum(t + 0.5 - 1.0 - 0.13, 0.0)
     moved = 0.12 * (s**2 / 2 - 0.1 * s + 0.01 * (1 - np.exp(-s / 0.1)))

@@ -90,7 +90,7 @@ def predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) -> 
                 values[..., names.index(name)] *= change if name == "friction" else 1.0
                 values[..., names.index(name)] += change if name == "level" else 0.0
         starts = fit_starts(problem, values, problem.initial_starts(), 8)
-        return np.asarray(problem.at_samples(problem.simulated(values, starts))[0])
+        return np.asarray(problem.reported(values, starts)[0][0])
 
     by = {"model": simulated(), **_baselines(ahead, ball, known)}
     if follow:
@@ -134,7 +134,7 @@ def replayed(log: PreparedLog, fit: BestFit, lag: float) -> dict[str, Predicted]
         return {}
     ahead, there = windows.time - lead, windows.weight[..., 0] > 0
     known = there & (ahead < 0)
-    names, delay = fit.problem.names, np.full((1, 1), fit.theta[fit.problem.names.index("delay")])
+    names = fit.problem.names
     begun = replace(windows, weight=windows.weight * known[..., None])
     problem = Problem(fit.problem.model, begun, names, fit.problem.grip)
     frictionless = fit.theta.copy()
@@ -144,7 +144,7 @@ def replayed(log: PreparedLog, fit: BestFit, lag: float) -> dict[str, Predicted]
     places = {}
     for who, theta in (("model", fit.theta[None]), ("without friction", frictionless[None])):
         starts = fit_starts(problem, theta, problem.initial_starts(), 6)
-        places[who] = windows.at_samples(*problem.replayed(theta, starts), delay)[0][0]
+        places[who] = problem.reported(theta, starts)[0][0]
     ball = np.where(there[..., None], windows.ball, np.nan)
     return {
         axis: Predicted(

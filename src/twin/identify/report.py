@@ -273,9 +273,7 @@ def _prediction_figure(found: Found) -> Figure:
 def _fit_figure(fit: BestFit) -> Figure:
     """Some windows of the fit, evenly chosen."""
     windows = fit.problem.windows
-    theta = fit.theta[None]
-    delay = np.full((1, 1), fit.theta[fit.problem.names.index("delay")])
-    replayed = windows.at_samples(*fit.problem.replayed(theta, fit.starts), delay)[0][0]
+    replayed = fit.problem.reported(fit.theta[None], fit.starts)[0][0]
     chosen = np.unique(np.linspace(0, len(windows) - 1, SHOWN).round().astype(int))
     with drawn(12, 5) as figure:
         panels = figure.subplots(2, 3).ravel()
