@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from twin.errors import LogError
 from twin.identify.any_log import BALLS, AnyLog, AxisLog
 from twin.identify.bootstrap import Estimate
-from twin.identify.judged import HORIZONS, Predicted, Score, beginnings, crossed, predicted, score
+from twin.identify.judged import Identified, Predicted, beginnings, crossed, predicted, score
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain import SMOOTH, AxisFit, fit_axis
-from twin.identify.search import estimated
 from twin.identify.verdict import BOUNDED, CORRELATED, IDENTIFIED, NOT, ParameterVerdict
 
 LONGEST = 2.5
@@ -30,40 +28,19 @@ PAUSE = 10.0
 """Time in s between two logs that are fitted as one."""
 
 
-@dataclass(frozen=True)
-class AnyIdentification:
+@dataclass(frozen=True, kw_only=True)
+class AnyIdentification(Identified):
     """What logs of any rig show.
 
     Attributes:
-        log: The first log.
         fits: Axis to its fit.
-        verdicts: Of the parameters of all axes.
-        scores: Of each axis and of both together, on what was held out.
-        predictions: Axis to its predictions there, of each held-out log.
-        notes: What was left out or assumed, in words.
+        unit: Axis to the unit of its command: rad or count.
         factor: Share of gravity that accelerates the ball.
-        seconds: That were fitted.
     """
 
-    log: AnyLog
     fits: Mapping[str, AxisFit]
-    verdicts: tuple[ParameterVerdict, ...]
-    scores: tuple[Score, ...]
-    predictions: Mapping[str, Predicted]
-    notes: tuple[str, ...]
+    unit: Mapping[str, str]
     factor: float
-    seconds: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """The numbers, for ``--json``."""
-        return {
-            "log": self.log.source,
-            "fitted_seconds": self.seconds,
-            "parameters": [each.as_dict() for each in self.verdicts],
-            "ahead": HORIZONS,
-            "held_out": [each.as_dict() for each in self.scores],
-            "notes": list(self.notes),
-        }
 
 
 def identify_any(
@@ -121,14 +98,15 @@ def identify_any(
     if len(tried) > 1:
         scores.append(score(tried))
     return AnyIdentification(
-        logs[0],
-        fits,
-        tuple(found),
-        tuple(scores),
-        tried,
-        tuple(notes),
-        factor,
-        sum(float(np.ptp(part[0][axes[0]].sampled)) for part in parts),
+        source=logs[0].source,
+        seconds=sum(float(np.ptp(part[0][axes[0]].sampled)) for part in parts),
+        verdicts=tuple(found),
+        scores=tuple(scores),
+        predictions=tried,
+        notes=tuple(notes),
+        fits=fits,
+        unit=logs[0].unit,
+        factor=factor,
     )
 
 
@@ -209,22 +187,19 @@ def _unknown(name: str, axis: str, unit: str, why: str) -> ParameterVerdict:
 def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[ParameterVerdict]:
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
-    own = estimated(fit.problem, fit.found.theta[0], fit.found.linearisation)
+    own = fit.estimate()
     low, high = own.value - own.half_width, own.value + own.half_width
     unlike = np.zeros(len(names), bool)
     try:
-        again = fit.again(fit.log, names, BRIEFER * longest)
-        other = estimated(again.problem, again.found.theta[0], again.found.linearisation)
+        other = fit.again(fit.log, names, BRIEFER * longest).estimate()
         apart = np.abs(own.value - other.value)
         unlike = apart > np.hypot(own.half_width, other.half_width)
         low = np.where(unlike, np.minimum(low, other.value - other.half_width), low)
         high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
     except LogError:
         pass
-    ends = np.array(fit.problem.bounds)
     found = [
-        _verdict(fit, own, k, axis, unit, (low[k], high[k]), (ends[0, k], ends[1, k]), unlike[k])
-        for k in range(len(names))
+        _verdict(fit, own, k, axis, unit, (low[k], high[k]), unlike[k]) for k in range(len(names))
     ]
     if "lag" in names:
         found.insert(3, _both(own, names, axis))
@@ -260,10 +235,9 @@ def _verdict(
     axis: str,
     unit: str,
     interval: tuple[float, float],
-    ends: tuple[float, float],
     unlike: bool,
 ) -> ParameterVerdict:
-    names = fit.problem.names
+    names, ends = fit.problem.names, [each[k] for each in fit.problem.bounds]
     name, about = names[k], _about(names[k], unit)
     scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
     value, (low, high) = float(own.value[k]), interval

@@ -2,61 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from twin.errors import LogError
-from twin.identify.judged import HORIZONS, Predicted, Score, replayed, score
+from twin.identify.judged import Identified, replayed, score
 from twin.identify.log import Log
 from twin.identify.log_checks import check_motion, check_ranges
 from twin.identify.parameters import SHARE, fitted
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.search import BestFit, search
-from twin.identify.verdict import ParameterVerdict, Whiteness, verdicts, whiteness
+from twin.identify.verdict import Whiteness, verdicts, whiteness
 from twin.identify.windows import cut, moving_spans
 
 LONGEST = 2.5
 """Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, kw_only=True)
+class Identification(Identified):
     """What a log shows.
 
     Attributes:
         log: The part of it that was used.
-        fitted_time: Seconds of it that were fitted.
         fit: The best fit.
-        verdicts: The parameters asked for.
-        scores: Of both axes together, on the part held out; empty without one.
-        predictions: Axis to its predictions there.
         whiteness: What the fit leaves over.
-        notes: What had to be left out or assumed, in words.
     """
 
     log: PreparedLog
-    fitted_time: float
     fit: BestFit
-    verdicts: tuple[ParameterVerdict, ...]
-    scores: tuple[Score, ...]
-    predictions: Mapping[str, Predicted]
     whiteness: Whiteness
-    notes: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""
         return {
-            "log": self.log.source,
+            **super().as_dict(),
             "usable_seconds": self.log.length,
-            "fitted_seconds": self.fitted_time,
-            "parameters": [each.as_dict() for each in self.verdicts],
-            "ahead": HORIZONS,
-            "held_out": [each.as_dict() for each in self.scores],
             "residuals": self.whiteness.as_dict(),
             "fit": asdict(self.fit.termination),
-            "notes": list(self.notes),
         }
 
 
@@ -117,8 +102,9 @@ def identify(
         notes.append("too little left to hold out")
     progress(1.0)
     return Identification(
+        source=usable.source,
         log=usable,
-        fitted_time=known.length,
+        seconds=known.length,
         fit=fit,
         verdicts=verdicts(names, fit, drives, white=white.white),
         scores=(score(tried),) if tried else (),

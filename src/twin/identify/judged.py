@@ -16,6 +16,7 @@ from twin.identify.plain import AxisFit, AxisWindows, Tilt
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.problem import Problem
 from twin.identify.search import BestFit, fit_starts
+from twin.identify.verdict import ParameterVerdict
 from twin.identify.windows import LOOKBACK, Spans, cut
 
 HORIZONS = (0.5, 1.0, 2.0)
@@ -254,3 +255,35 @@ def score(found: Mapping[str, Predicted]) -> Score:
                 for ahead in HORIZONS
             ]
     return Score("".join(found), int(moves.sum()), *out)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identified:
+    """What any identification has.
+
+    Attributes:
+        source: What the log is called.
+        seconds: That were fitted.
+        verdicts: Of the parameters asked for.
+        scores: On what was held out, of one axis or of both together.
+        predictions: Axis to its predictions there.
+        notes: What was left out or assumed, in words.
+    """
+
+    source: str
+    seconds: float
+    verdicts: tuple[ParameterVerdict, ...]
+    scores: tuple[Score, ...]
+    predictions: Mapping[str, Predicted]
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The numbers, for ``--json``."""
+        return {
+            "log": self.source,
+            "fitted_seconds": self.seconds,
+            "parameters": [each.as_dict() for each in self.verdicts],
+            "ahead": HORIZONS,
+            "held_out": [each.as_dict() for each in self.scores],
+            "notes": list(self.notes),
+        }

@@ -17,9 +17,10 @@ from scipy.signal import lfilter
 from controllers.arrays import Array, Mask
 from twin.errors import LogError
 from twin.identify.any_log import GAP, AxisLog
+from twin.identify.bootstrap import Estimate
 from twin.identify.parameters import PLAIN
 from twin.identify.problem import TOLERATED, Fitting, Linearisation
-from twin.identify.search import Minimum, fit_starts, minimise
+from twin.identify.search import Minimum, estimated, fit_starts, minimise
 from twin.identify.windows import BIN
 
 STEP = 0.008
@@ -290,6 +291,10 @@ class AxisFit:
         """A parameter; 0 if it is not fitted."""
         names = self.problem.names
         return float(self.found.theta[0, names.index(name)]) if name in names else 0.0
+
+    def estimate(self) -> Estimate:
+        """The parameters and their uncertainty, every window an independent observation."""
+        return estimated(self.problem, self.found.theta[0], self.found.linearisation)
 
     def again(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
         """The fit of other parameters, windows or parts of a log, begun from this one."""

@@ -94,7 +94,7 @@ def _shares(found: AnyIdentification) -> Iterator[str]:
     """How much of what a ball does each axis does, in sentences."""
     for axis, fit in found.fits.items():
         per = fit.value("gain") / fit.problem.tilt.scale
-        if found.log.unit[axis] == "rad":
+        if found.unit[axis] == "rad":
             share = per / (found.factor * BallPlate().gravity)
             yield (
                 f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball does "
@@ -128,11 +128,11 @@ def page(found: Found) -> str:
     ]
     blocks += _held_out(found)
     if isinstance(found, AnyIdentification):
-        log = f"{found.log.source}: {found.seconds:.1f} s were fitted."
+        log = f"{found.source}: {found.seconds:.1f} s were fitted."
     else:
         log = (
-            f"{found.log.source}: {found.log.length:.1f} usable seconds, of which "
-            f"{found.fitted_time:.1f} were fitted, in {len(found.fit.problem.windows)} windows; "
+            f"{found.source}: {found.log.length:.1f} usable seconds, of which "
+            f"{found.seconds:.1f} were fitted, in {len(found.fit.problem.windows)} windows; "
             f"{found.fit.termination}."
         )
         note = "Windows of the fitted part, the ball as measured (points) and replayed (lines)."
@@ -143,7 +143,7 @@ def page(found: Found) -> str:
             ),
         ]
     blocks.append(Text([log, *found.notes], "The log"))
-    return html(f"Identification from {found.log.source}", blocks)
+    return html(f"Identification from {found.source}", blocks)
 
 
 def _held_out(found: Found) -> list[Block]:
@@ -188,28 +188,26 @@ def rows(found: Found) -> list[tuple[str, str, str, str, str]]:
 
 def parameters(found: Found, words: tuple[str, ...] = (IDENTIFIED,)) -> str:
     """Parameters as TOML that a scenario may name, those with one of these verdicts."""
-    tables: dict[str, list[str]] = {}
-    levels: dict[str, ParameterVerdict] = {}
+    known = {
+        each.name: each for each in found.verdicts if each.word in words and each.value is not None
+    }
     if isinstance(found, AnyIdentification):
-        for key, value in _settings(found).items():
-            table, _, name = key.rpartition(".")
-            tables.setdefault(table, []).append(f"{name} = {value}")
-    for each in () if isinstance(found, AnyIdentification) else found.verdicts:
-        if each.word not in words or each.value is None:
-            continue
-        if each.name.startswith("level_"):
-            levels[each.name] = each
-            continue
-        table, _, name = each.about.key.rpartition(".")
-        line = f"{name} = {each.value:.6g}  # {interval(each)}, 95 %"
-        tables.setdefault(table, []).append(line)
-    if levels:
-        pair = [levels.get(name) for name in ("level_phi", "level_theta")]
-        values = ", ".join("0.0" if each is None else f"{each.value:.6g}" for each in pair)
-        ends = "; ".join("unknown" if each is None else interval(each) for each in pair)
-        tables.setdefault("plant", []).append(f"level_deg = [{values}]  # {ends}, 95 %")
+        values = _settings(found)
+    else:
+        pair = [known.pop(name, None) for name in ("level_phi", "level_theta")]
+        values = {
+            each.about.key: f"{each.value:.6g}  # {interval(each)}, 95 %" for each in known.values()
+        }
+        if any(pair):
+            level = ", ".join("0.0" if each is None else f"{each.value:.6g}" for each in pair)
+            ends = "; ".join("unknown" if each is None else interval(each) for each in pair)
+            values["plant.level_deg"] = f"[{level}]  # {ends}, 95 %"
+    tables: dict[str, list[str]] = {}
+    for key, value in values.items():
+        table, _, name = key.rpartition(".")
+        tables.setdefault(table, []).append(f"{name} = {value}")
     lines = [
-        f"# Identified from {found.log.source} by `ballplate identify`; a scenario takes it by",
+        f"# Identified from {found.source} by `ballplate identify`; a scenario takes it by",
         '# parameters = "this file", a run by --set parameters=FILE.',
     ]
     for table in sorted(tables):
