@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from controllers.arrays import Array
 from twin.errors import LogError
 from twin.identify.any_log import BALLS, AnyLog, AxisLog
 from twin.identify.bootstrap import Estimate
@@ -24,6 +25,7 @@ OPTIONAL = ("camber", "viscous")
 """Fitted where it pays, unless asked for."""
 PAYS = 0.9
 """Share of the error across the halves of the log that is left with a parameter that pays."""
+NO_BOUNDS = np.array([-np.inf, np.inf])
 PAUSE = 10.0
 """Time in s between two logs that are fitted as one."""
 
@@ -81,7 +83,10 @@ def identify_any(
             notes += [f"{axis}: {each}" for each in about]
         except LogError as error:
             reasons.append(f"{axis}: {error}")
-            found += [_unknown(name, axis, unit, str(error)) for name in (*SMOOTH, "friction")]
+            found += [
+                ParameterVerdict(about=_about(name, unit), name=f"{name}_{axis}", why=str(error))
+                for name in (*SMOOTH, "friction")
+            ]
             continue
         fits[axis] = fit
         found += _verdicts(fit, axis, unit, longest)
@@ -180,10 +185,6 @@ def _about(name: str, unit: str) -> IdentifiedParameter:
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
 
-def _unknown(name: str, axis: str, unit: str, why: str) -> ParameterVerdict:
-    return ParameterVerdict(about=_about(name, unit), name=f"{name}_{axis}", why=why)
-
-
 def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[ParameterVerdict]:
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
@@ -198,74 +199,72 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[Parame
         high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
     except LogError:
         pass
-    found = [
-        _verdict(fit, own, k, axis, unit, (low[k], high[k]), unlike[k]) for k in range(len(names))
-    ]
-    if "lag" in names:
-        found.insert(3, _both(own, names, axis))
+    alike = np.abs(own.correlation) > CORRELATED
+    ends = np.transpose(fit.problem.bounds)
+    found = []
+    for k, name in enumerate(names):
+        scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
+        others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
+        reasons = (
+            ["shorter windows give another value, which the interval holds: a model error"]
+            if unlike[k]
+            else []
+        )
+        values = (own.value[k], low[k], high[k])
+        found.append(
+            _verdict(_about(name, unit), f"{name}_{axis}", values, ends[k], reasons, others, scale)
+        )
+    if "lag" in names:  # the two together are told where neither is
+        pair = [names.index("dead_time"), names.index("lag")]
+        both = Estimate(
+            own.value[pair].sum(),
+            own.draws[:, pair].sum(axis=1),
+            np.asarray(own.identifiable[pair].all()),
+            own.degrees_of_freedom[pair].min(),
+        )
+        about = replace(PLAIN["dead_time"], key="dead time + lag")
+        values = (both.value, both.value - both.half_width, both.value + both.half_width)
+        found.insert(3, _verdict(about, f"delay_{axis}", values, NO_BOUNDS, [], []))
     return found
 
 
-def _both(own: Estimate, names: tuple[str, ...], axis: str) -> ParameterVerdict:
-    """Dead time and lag together, which are told where neither is."""
-    pair = [names.index("dead_time"), names.index("lag")]
-    least = int(np.argmin(own.degrees_of_freedom[pair]))
-    both = Estimate(
-        own.value[pair].sum(keepdims=True),
-        own.draws[:, pair].sum(axis=1, keepdims=True),
-        np.array([own.identifiable[pair].all()]),
-        own.degrees_of_freedom[pair][[least]],
-    )
-    about = replace(PLAIN["dead_time"], key="dead time + lag")
-    value, half = float(both.value[0]), max(float(both.half_width[0]), about.floor)
-    found = ParameterVerdict(about=about, name=f"delay_{axis}", value=value)
-    if not math.isfinite(half):
-        return replace(found, value=None, why=about.experiment)
-    good = half <= max(about.tolerance, about.relative * value)
-    why = "" if good else f"its interval is wide; {about.experiment}"
-    return replace(
-        found, low=value - half, high=value + half, word=IDENTIFIED if good else NOT, why=why
-    )
-
-
 def _verdict(
-    fit: AxisFit,
-    own: Estimate,
-    k: int,
-    axis: str,
-    unit: str,
-    interval: tuple[float, float],
-    unlike: bool,
+    about: IdentifiedParameter,
+    name: str,
+    values: tuple[Array, Array, Array],
+    ends: Array,
+    reasons: list[str],
+    alike: list[str],
+    scale: float = 1.0,
 ) -> ParameterVerdict:
-    names, ends = fit.problem.names, [each[k] for each in fit.problem.bounds]
-    name, about = names[k], _about(names[k], unit)
-    scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
-    value, (low, high) = float(own.value[k]), interval
+    """The verdict of one parameter.
+
+    Args:
+        about: Which.
+        name: With its axis.
+        values: The fit and both ends of its interval.
+        ends: Least and largest value of a fit.
+        reasons: What has been found wrong so far.
+        alike: Keys of what it cannot be told from.
+        scale: From these values to those that are told.
+    """
+    (value, low, high), (least, most) = map(float, values), map(float, ends)
     if not math.isfinite(high - low):
-        return _unknown(name, axis, unit, f"the log does not show it; {about.experiment}")
+        why = f"the log does not show it; {about.experiment}"
+        return ParameterVerdict(about=about, name=name, why=why)
     low, high = min(low, value - about.floor), max(high, value + about.floor)
-    low, high = max(low, ends[0]), min(high, ends[1])
+    low, high = max(low, least), min(high, most)
     half = (high - low) / 2
     found = ParameterVerdict(
-        about=about, name=f"{name}_{axis}", value=scale * value, low=scale * low, high=scale * high
+        about=about, name=name, value=scale * value, low=scale * low, high=scale * high
     )
-    reasons = []
-    if unlike:
-        reasons.append(
-            "shorter windows give another value, which the interval holds: a model error"
-        )
-    slack = 1e-3 * (ends[1] - ends[0])
-    at_bound = value < ends[0] + slack or value > ends[1] - slack
-    if value < ends[0] + slack and ends[0] == 0:
+    slack = 1e-3 * (most - least)
+    at_bound = value < least + slack or value > most - slack
+    if value < least + slack and least == 0:
         reasons.append(f"not told from none; {about.experiment}")
     elif at_bound:
         reasons.append(f"at its bound of {value:.3g}; {about.experiment}")
-    alike = [
-        PLAIN[other].key
-        for other, same in zip(names, np.abs(own.correlation[k]) > CORRELATED, strict=True)
-        if same and other != name
-    ]
-    if name == "gain" and low <= 0 <= high:
+    if name.startswith("gain") and low <= 0 <= high:
         reasons.append(f"not told from none: another column, exchanged axes, or {about.experiment}")
         return replace(found, word=NOT, why="; ".join(reasons))
     if half <= max(about.tolerance, about.relative * abs(value)) and not at_bound:
@@ -274,5 +273,5 @@ def _verdict(
         reasons.append(f"told together with {' and '.join(alike)} only")
     elif not at_bound:
         reasons.append(f"its interval is wide; {about.experiment}")
-    bounded = at_bound or low <= ends[0] or high >= ends[1]
+    bounded = at_bound or low <= least or high >= most
     return replace(found, word=BOUNDED if bounded else NOT, why="; ".join(reasons))
