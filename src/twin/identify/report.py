@@ -148,6 +148,8 @@ def page(found: Found) -> str:
 
 def _held_out(found: Found) -> list[Block]:
     """What was held out, as a table and in pictures."""
+    if not found.scores:
+        return []
     heads = ["axes", "by"]
     for ahead in HORIZONS:
         heads += [f"{ahead:g} s, median [mm]", f"{ahead:g} s, 90 % [mm]"]
