@@ -143,7 +143,7 @@ class Identified:
         """For a notebook: the verdict in words, and each parameter with its interval."""
         from twin.identify.report import HEADS, rows
 
-        title = f"Identification from {self.found.log.source}"
+        title = f"Identification from {self.found.source}"
         return fragment(title, [Table("", HEADS, rows(self.found)), Text(self.sentences)])
 
 

@@ -139,8 +139,7 @@ def test_a_simulation_without_friction_is_the_closed_form():
     source = Tilt(log)
     problem = PlainProblem(windows, names, source, 3.0, (0.0, 0.5))
     theta = np.array([[6.0 * source.scale, 0.13, 0.1, 0.03]])
-    places = problem.simulated(theta, np.array([[[0.01]], [[0.02]]]))
-    found = problem.at_samples(places)[0, 0]
+    found = problem.reported(theta, np.array([[[0.01]], [[0.02]]]))[0][0, 0]
     t = windows.time[0]
     s = np.maximum(t + 0.5 - 1.0 - 0.13, 0.0)
     moved = 0.12 * (s**2 / 2 - 0.1 * s + 0.01 * (1 - np.exp(-s / 0.1)))
@@ -237,13 +236,13 @@ def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     log = axis_of(2, seconds=30)
     other = np.random.default_rng(1).normal(0, 0.05, len(log.tilt))
     from twin.identify.any_log import AnyLog
-    from twin.identify.any_report import judged
+    from twin.identify.report import sentences
 
     wrong = AnyLog("wrong", {"x": replace(log, tilt=other)}, {"x": "rad"}, ())
     found = identify_any([wrong], 1 / 3, ("friction",))
     (gain,) = [each for each in found.verdicts if each.name == "gain_x"]
     assert gain.word == NOT
-    assert any("WORSE THAN NO MODEL" in each for each in judged(found))
+    assert any("WORSE THAN NO MODEL" in each for each in sentences(found))
 
 
 def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():

@@ -191,7 +191,7 @@ def test_of_a_model_that_the_log_rejects_there_is_no_interval():
     assert bad.value == good.value == pytest.approx(0.2)
     assert good.low < 0.2 < good.high
     assert (bad.low, bad.high) == (None, None)
-    found = SimpleNamespace(verdicts=(bad,), log=SimpleNamespace(source="log"))
+    found = SimpleNamespace(verdicts=(bad,), source="log")
     assert "rolling" not in parameters(found)
     assert "rolling_mm = 0.2" in parameters(found, (REJECTED,))
 
@@ -313,7 +313,7 @@ def test_a_lost_motion_that_is_identified_is_in_the_parameter_file():
     fit = SimpleNamespace(estimate=lambda: None)
     drives = Drives(0.0159, 1e-4, agree=True, play=np.radians(0.3), play_half_width=1e-5)
     found = verdicts(("servo",), fit, drives, white=True)
-    shown = SimpleNamespace(verdicts=found, log=SimpleNamespace(source="log"))
+    shown = SimpleNamespace(verdicts=found, source="log")
     assert "backlash_deg = 0.3" in parameters(shown)
     tight = drives._replace(play=1e-6)
     assert len(verdicts(("servo",), fit, tight, white=True)) == 1

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from twin.identify.identify import identify
+from twin.identify.judged import HORIZONS
 from twin.identify.log import MECHANISM_GRIP, MECHANISM_LAG, Log
 from twin.identify.parameters import DEFAULT
 from twin.jobs import results
@@ -69,8 +70,7 @@ def trials(batch):
         done = identify(log, DEFAULT)
         asked = (v for v in done.verdicts if v.name in truth)
         rows = [(v.name, truth[v.name], v.value, v.low, v.high) for v in asked]
-        ahead = done.horizons
-        found.append((rows, float(ahead.twin[np.argmin(abs(ahead.ahead - 1))])))
+        found.append((rows, done.scores[0].median["model"][HORIZONS.index(1.0)]))
     return found
 
 

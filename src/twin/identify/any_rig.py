@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controllers.analysis import number
+from controllers.arrays import Array
 from twin.errors import LogError
 from twin.identify.any_log import BALLS, AnyLog, AxisLog
 from twin.identify.bootstrap import Estimate
-from twin.identify.judged import HORIZONS, Predicted, Score, beginnings, crossed, predicted, score
+from twin.identify.judged import Identified, Predicted, beginnings, crossed, predicted, score
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain import SMOOTH, AxisFit, fit_axis
-from twin.identify.search import estimated
 from twin.identify.verdict import BOUNDED, CORRELATED, IDENTIFIED, NOT, ParameterVerdict
 
 LONGEST = 2.5
@@ -27,48 +25,24 @@ OPTIONAL = ("camber", "viscous")
 """Fitted where it pays, unless asked for."""
 PAYS = 0.9
 """Share of the error across the halves of the log that is left with a parameter that pays."""
+NO_BOUNDS = np.array([-np.inf, np.inf])
 PAUSE = 10.0
 """Time in s between two logs that are fitted as one."""
 
 
-@dataclass(frozen=True)
-class AnyIdentification:
+@dataclass(frozen=True, kw_only=True)
+class AnyIdentification(Identified):
     """What logs of any rig show.
 
     Attributes:
-        log: The first log.
         fits: Axis to its fit.
-        verdicts: Of the parameters of all axes.
-        scores: Of each axis and of both together, on what was held out.
-        predictions: Axis to its predictions there, of each held-out log.
-        notes: What was left out or assumed, in words.
+        unit: Axis to the unit of its command: rad or count.
         factor: Share of gravity that accelerates the ball.
-        seconds: That were fitted.
     """
 
-    log: AnyLog
     fits: Mapping[str, AxisFit]
-    verdicts: tuple[ParameterVerdict, ...]
-    scores: tuple[Score, ...]
-    predictions: Mapping[str, Predicted]
-    notes: tuple[str, ...]
+    unit: Mapping[str, str]
     factor: float
-    seconds: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """The numbers, for ``--json``."""
-        scores = [asdict(each) for each in self.scores]
-        for each in scores:
-            for table in (each["median"], each["ninety"]):
-                table.update({k: [number(v) for v in row] for k, row in table.items()})
-        return {
-            "log": self.log.source,
-            "fitted_seconds": self.seconds,
-            "parameters": [each.as_dict() for each in self.verdicts],
-            "ahead": HORIZONS,
-            "held_out": scores,
-            "notes": list(self.notes),
-        }
 
 
 def identify_any(
@@ -109,7 +83,10 @@ def identify_any(
             notes += [f"{axis}: {each}" for each in about]
         except LogError as error:
             reasons.append(f"{axis}: {error}")
-            found += [_unknown(name, axis, unit, str(error)) for name in (*SMOOTH, "friction")]
+            found += [
+                ParameterVerdict(about=_about(name, unit), name=f"{name}_{axis}", why=str(error))
+                for name in (*SMOOTH, "friction")
+            ]
             continue
         fits[axis] = fit
         found += _verdicts(fit, axis, unit, longest)
@@ -126,14 +103,15 @@ def identify_any(
     if len(tried) > 1:
         scores.append(score(tried))
     return AnyIdentification(
-        logs[0],
-        fits,
-        tuple(found),
-        tuple(scores),
-        tried,
-        tuple(notes),
-        factor,
-        sum(float(np.ptp(part[0][axes[0]].sampled)) for part in parts),
+        source=logs[0].source,
+        seconds=sum(float(np.ptp(part[0][axes[0]].sampled)) for part in parts),
+        verdicts=tuple(found),
+        scores=tuple(scores),
+        predictions=tried,
+        notes=tuple(notes),
+        fits=fits,
+        unit=logs[0].unit,
+        factor=factor,
     )
 
 
@@ -207,96 +185,86 @@ def _about(name: str, unit: str) -> IdentifiedParameter:
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
 
-def _unknown(name: str, axis: str, unit: str, why: str) -> ParameterVerdict:
-    return ParameterVerdict(about=_about(name, unit), name=f"{name}_{axis}", why=why)
-
-
 def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[ParameterVerdict]:
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
-    own = estimated(fit.problem, fit.found.theta[0], fit.found.linearisation)
+    own = fit.estimate()
     low, high = own.value - own.half_width, own.value + own.half_width
     unlike = np.zeros(len(names), bool)
     try:
-        again = fit.again(fit.log, names, BRIEFER * longest)
-        other = estimated(again.problem, again.found.theta[0], again.found.linearisation)
+        other = fit.again(fit.log, names, BRIEFER * longest).estimate()
         apart = np.abs(own.value - other.value)
         unlike = apart > np.hypot(own.half_width, other.half_width)
         low = np.where(unlike, np.minimum(low, other.value - other.half_width), low)
         high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
     except LogError:
         pass
-    ends = np.array(fit.problem.bounds)
-    found = [
-        _verdict(fit, own, k, axis, unit, (low[k], high[k]), (ends[0, k], ends[1, k]), unlike[k])
-        for k in range(len(names))
-    ]
-    if "lag" in names:
-        found.insert(3, _both(own, names, axis))
+    alike = np.abs(own.correlation) > CORRELATED
+    ends = np.transpose(fit.problem.bounds)
+    found = []
+    for k, name in enumerate(names):
+        scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
+        others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
+        reasons = (
+            ["shorter windows give another value, which the interval holds: a model error"]
+            if unlike[k]
+            else []
+        )
+        values = (own.value[k], low[k], high[k])
+        found.append(
+            _verdict(_about(name, unit), f"{name}_{axis}", values, ends[k], reasons, others, scale)
+        )
+    if "lag" in names:  # the two together are told where neither is
+        pair = [names.index("dead_time"), names.index("lag")]
+        both = Estimate(
+            own.value[pair].sum(),
+            own.draws[:, pair].sum(axis=1),
+            np.asarray(own.identifiable[pair].all()),
+            own.degrees_of_freedom[pair].min(),
+        )
+        about = replace(PLAIN["dead_time"], key="dead time + lag")
+        values = (both.value, both.value - both.half_width, both.value + both.half_width)
+        found.insert(3, _verdict(about, f"delay_{axis}", values, NO_BOUNDS, [], []))
     return found
 
 
-def _both(own: Estimate, names: tuple[str, ...], axis: str) -> ParameterVerdict:
-    """Dead time and lag together, which are told where neither is."""
-    pair = [names.index("dead_time"), names.index("lag")]
-    least = int(np.argmin(own.degrees_of_freedom[pair]))
-    both = Estimate(
-        own.value[pair].sum(keepdims=True),
-        own.draws[:, pair].sum(axis=1, keepdims=True),
-        np.array([own.identifiable[pair].all()]),
-        own.degrees_of_freedom[pair][[least]],
-    )
-    about = replace(PLAIN["dead_time"], key="dead time + lag")
-    value, half = float(both.value[0]), max(float(both.half_width[0]), about.floor)
-    found = ParameterVerdict(about=about, name=f"delay_{axis}", value=value)
-    if not math.isfinite(half):
-        return replace(found, value=None, why=about.experiment)
-    good = half <= max(about.tolerance, about.relative * value)
-    why = "" if good else f"its interval is wide; {about.experiment}"
-    return replace(
-        found, low=value - half, high=value + half, word=IDENTIFIED if good else NOT, why=why
-    )
-
-
 def _verdict(
-    fit: AxisFit,
-    own: Estimate,
-    k: int,
-    axis: str,
-    unit: str,
-    interval: tuple[float, float],
-    ends: tuple[float, float],
-    unlike: bool,
+    about: IdentifiedParameter,
+    name: str,
+    values: tuple[Array, Array, Array],
+    ends: Array,
+    reasons: list[str],
+    alike: list[str],
+    scale: float = 1.0,
 ) -> ParameterVerdict:
-    names = fit.problem.names
-    name, about = names[k], _about(names[k], unit)
-    scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
-    value, (low, high) = float(own.value[k]), interval
+    """The verdict of one parameter.
+
+    Args:
+        about: Which.
+        name: With its axis.
+        values: The fit and both ends of its interval.
+        ends: Least and largest value of a fit.
+        reasons: What has been found wrong so far.
+        alike: Keys of what it cannot be told from.
+        scale: From these values to those that are told.
+    """
+    (value, low, high), (least, most) = map(float, values), map(float, ends)
     if not math.isfinite(high - low):
-        return _unknown(name, axis, unit, f"the log does not show it; {about.experiment}")
+        why = f"the log does not show it; {about.experiment}"
+        return ParameterVerdict(about=about, name=name, why=why)
     low, high = min(low, value - about.floor), max(high, value + about.floor)
-    low, high = max(low, ends[0]), min(high, ends[1])
+    low, high = max(low, least), min(high, most)
     half = (high - low) / 2
     found = ParameterVerdict(
-        about=about, name=f"{name}_{axis}", value=scale * value, low=scale * low, high=scale * high
+        about=about, name=name, value=scale * value, low=scale * low, high=scale * high
     )
-    reasons = []
-    if unlike:
-        reasons.append(
-            "shorter windows give another value, which the interval holds: a model error"
-        )
-    slack = 1e-3 * (ends[1] - ends[0])
-    at_bound = value < ends[0] + slack or value > ends[1] - slack
-    if value < ends[0] + slack and ends[0] == 0:
+    slack = 1e-3 * (most - least)
+    at_bound = value < least + slack or value > most - slack
+    if value < least + slack and least == 0:
         reasons.append(f"not told from none; {about.experiment}")
     elif at_bound:
         reasons.append(f"at its bound of {value:.3g}; {about.experiment}")
-    alike = [
-        PLAIN[other].key
-        for other, same in zip(names, np.abs(own.correlation[k]) > CORRELATED, strict=True)
-        if same and other != name
-    ]
-    if name == "gain" and low <= 0 <= high:
+    if name.startswith("gain") and low <= 0 <= high:
         reasons.append(f"not told from none: another column, exchanged axes, or {about.experiment}")
         return replace(found, word=NOT, why="; ".join(reasons))
     if half <= max(about.tolerance, about.relative * abs(value)) and not at_bound:
@@ -305,5 +273,5 @@ def _verdict(
         reasons.append(f"told together with {' and '.join(alike)} only")
     elif not at_bound:
         reasons.append(f"its interval is wide; {about.experiment}")
-    bounded = at_bound or low <= ends[0] or high >= ends[1]
+    bounded = at_bound or low <= least or high >= most
     return replace(found, word=BOUNDED if bounded else NOT, why="; ".join(reasons))

@@ -7,60 +7,41 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from twin.errors import LogError
+from twin.identify.judged import Identified, replayed, score
 from twin.identify.log import Log
 from twin.identify.log_checks import check_motion, check_ranges
 from twin.identify.parameters import SHARE, fitted
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.search import BestFit, search
-from twin.identify.verdict import (
-    Horizons,
-    ParameterVerdict,
-    Whiteness,
-    hold_out,
-    verdicts,
-    whiteness,
-)
+from twin.identify.verdict import Whiteness, verdicts, whiteness
 from twin.identify.windows import cut, moving_spans
 
 LONGEST = 2.5
 """Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, kw_only=True)
+class Identification(Identified):
     """What a log shows.
 
     Attributes:
         log: The part of it that was used.
-        fitted_time: Seconds of it that were fitted.
         fit: The best fit.
-        verdicts: The parameters asked for.
-        horizons: Replay error on the part held out.
         whiteness: What the fit leaves over.
-        notes: What had to be left out or assumed, in words.
     """
 
     log: PreparedLog
-    fitted_time: float
     fit: BestFit
-    verdicts: tuple[ParameterVerdict, ...]
-    horizons: Horizons | None
     whiteness: Whiteness
-    notes: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""
-        horizons = self.horizons
         return {
-            "log": self.log.source,
+            **super().as_dict(),
             "usable_seconds": self.log.length,
-            "fitted_seconds": self.fitted_time,
-            "parameters": [each.as_dict() for each in self.verdicts],
-            "replay_error": None if horizons is None else horizons.as_dict(),
             "residuals": self.whiteness.as_dict(),
             "fit": asdict(self.fit.termination),
-            "notes": list(self.notes),
         }
 
 
@@ -116,18 +97,18 @@ def identify(
         notes.append("no column age: the wait for a frame is counted in the dead time")
     if usable.segments[0].command is None:
         notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
-    horizons = None
-    if unknown is not None and unknown.segments:
-        horizons = hold_out(unknown, fit, lag)
-    if horizons is None and share < 1:
+    tried = replayed(unknown, fit, lag) if unknown is not None and unknown.segments else {}
+    if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
     return Identification(
+        source=usable.source,
         log=usable,
-        fitted_time=known.length,
+        seconds=known.length,
         fit=fit,
         verdicts=verdicts(names, fit, drives, white=white.white),
-        horizons=horizons,
+        scores=(score(tried),) if tried else (),
+        predictions=tried,
         whiteness=white,
         notes=tuple(notes),
     )

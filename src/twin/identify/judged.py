@@ -1,17 +1,23 @@
-"""What a plain model predicts of what was held out, where the ball moves, beside baselines."""
+"""What a fit predicts of what was held out, where the ball moves, beside baselines."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.analysis import number
+from controllers.arrays import Array, Mask
 from twin.errors import LogError
 from twin.identify.any_log import AxisLog
 from twin.identify.plain import AxisFit, AxisWindows, Tilt
-from twin.identify.search import fit_starts
+from twin.identify.prepare import PreparedLog, Segment
+from twin.identify.problem import Problem
+from twin.identify.search import BestFit, fit_starts
+from twin.identify.verdict import ParameterVerdict
+from twin.identify.windows import LOOKBACK, Spans, cut
 
 HORIZONS = (0.5, 1.0, 2.0)
 """Seconds ahead."""
@@ -85,16 +91,9 @@ def predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) -> 
                 values[..., names.index(name)] *= change if name == "friction" else 1.0
                 values[..., names.index(name)] += change if name == "level" else 0.0
         starts = fit_starts(problem, values, problem.initial_starts(), 8)
-        return np.asarray(problem.at_samples(problem.simulated(values, starts))[0])
+        return np.asarray(problem.reported(values, starts)[0][0])
 
-    lines = np.zeros((len(at), 2))
-    for w, row in enumerate(known):
-        lines[w] = np.polyfit(ahead[w, row], ball[w, row], min(1, int(row.sum()) - 1))[-2:]
-    by = {
-        "model": simulated(),
-        "stays": np.broadcast_to(lines[:, 1:], ball.shape),
-        "goes on": lines[:, 1:] + lines[:, :1] * ahead,
-    }
+    by = {"model": simulated(), **_baselines(ahead, ball, known)}
     if follow:
         windows = AxisWindows.of(log, at - PAST, at)
         windows = replace(windows, weight=windows.weight / fit.sigma)
@@ -104,6 +103,65 @@ def predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) -> 
         by["level followed"] = simulated(level=starts[2])
     found = Predicted(at, ahead, ball, by)
     return _switched(found) if follow else found
+
+
+def _baselines(ahead: Array, ball: Array, known: Mask) -> dict[str, Array]:
+    """A ball that stays and one that goes on, by a straight line through what is known, (W, B)."""
+    lines = np.zeros((len(ball), 2))
+    for w, row in enumerate(known):
+        lines[w] = np.polyfit(ahead[w, row], ball[w, row], min(1, int(row.sum()) - 1))[-2:]
+    return {
+        "stays": np.broadcast_to(lines[:, 1:], ball.shape),
+        "goes on": lines[:, 1:] + lines[:, :1] * ahead,
+    }
+
+
+def replayed(log: PreparedLog, fit: BestFit, lag: float) -> dict[str, Predicted]:
+    """Replay a part of a log by a fitted twin from many starts: both axes, or none if too short.
+
+    Args:
+        log: The part held out.
+        fit: The parameters.
+        lag: Time constant of the drives in s.
+    """
+    windows = cut(log, lag, LEAD + HORIZONS[-1] + NEAR, _overlapping_spans)
+    if windows is None:
+        return {}
+    lead = LOOKBACK + LEAD
+    there = windows.weight[..., 0] > 0
+    before = (there & (windows.time < lead)).sum(axis=1)
+    windows = windows.take((before >= 3) & (there.sum(axis=1) > before))
+    if not len(windows):
+        return {}
+    ahead, there = windows.time - lead, windows.weight[..., 0] > 0
+    known = there & (ahead < 0)
+    names = fit.problem.names
+    begun = replace(windows, weight=windows.weight * known[..., None])
+    problem = Problem(fit.problem.model, begun, names, fit.problem.grip)
+    frictionless = fit.theta.copy()
+    for name, value in (("rolling", 0.0), ("breakaway", 1.0), ("viscous", 0.0)):
+        if name in names:
+            frictionless[names.index(name)] = value
+    places = {}
+    for who, theta in (("model", fit.theta[None]), ("without friction", frictionless[None])):
+        starts = fit_starts(problem, theta, problem.initial_starts(), 6)
+        places[who] = problem.reported(theta, starts)[0][0]
+    ball = np.where(there[..., None], windows.ball, np.nan)
+    return {
+        axis: Predicted(
+            windows.begin + lead,
+            ahead,
+            ball[..., k],
+            {who: place[..., k] for who, place in places.items()}
+            | _baselines(ahead, ball[..., k], known),
+        )
+        for k, axis in enumerate("xy")
+    }
+
+
+def _overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> Spans:
+    begins = np.arange(begin, end - longest, EVERY)
+    return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
 
 
 def _switched(found: Predicted) -> Predicted:
@@ -173,13 +231,21 @@ class Score:
     median: Mapping[str, Sequence[float]]
     ninety: Mapping[str, Sequence[float]]
 
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``; None where nothing is known."""
+        out = asdict(self)
+        for table in (out["median"], out["ninety"]):
+            table.update({who: list(map(number, row)) for who, row in table.items()})
+        return out
+
 
 def score(found: Mapping[str, Predicted]) -> Score:
     """The errors of axes whose predictions begin at the same times."""
     way = np.hypot.reduce([each.way for each in found.values()])
     moves = way > MOVES
     out: list[dict[str, list[float]]] = [{}, {}]
-    for name in PREDICTORS:
+    by = next(iter(found.values())).by
+    for name in filter(by.__contains__, PREDICTORS):
         for share, into in zip((0.5, 0.9), out, strict=True):
             into[name] = [
                 _quantile(
@@ -189,3 +255,35 @@ def score(found: Mapping[str, Predicted]) -> Score:
                 for ahead in HORIZONS
             ]
     return Score("".join(found), int(moves.sum()), *out)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identified:
+    """What any identification has.
+
+    Attributes:
+        source: What the log is called.
+        seconds: That were fitted.
+        verdicts: Of the parameters asked for.
+        scores: On what was held out, of one axis or of both together.
+        predictions: Axis to its predictions there.
+        notes: What was left out or assumed, in words.
+    """
+
+    source: str
+    seconds: float
+    verdicts: tuple[ParameterVerdict, ...]
+    scores: tuple[Score, ...]
+    predictions: Mapping[str, Predicted]
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The numbers, for ``--json``."""
+        return {
+            "log": self.source,
+            "fitted_seconds": self.seconds,
+            "parameters": [each.as_dict() for each in self.verdicts],
+            "ahead": HORIZONS,
+            "held_out": [each.as_dict() for each in self.scores],
+            "notes": list(self.notes),
+        }

@@ -17,9 +17,10 @@ from scipy.signal import lfilter
 from controllers.arrays import Array, Mask
 from twin.errors import LogError
 from twin.identify.any_log import GAP, AxisLog
+from twin.identify.bootstrap import Estimate
 from twin.identify.parameters import PLAIN
 from twin.identify.problem import TOLERATED, Fitting, Linearisation
-from twin.identify.search import Minimum, fit_starts, minimise
+from twin.identify.search import Minimum, estimated, fit_starts, minimise
 from twin.identify.windows import BIN
 
 STEP = 0.008
@@ -134,13 +135,16 @@ class PlainProblem(Fitting):
     longest: float
     delays: tuple[float, float]
     drift: float = 0.0
+    about = PLAIN
+    start_steps = START_STEPS
+    prior = PRIOR
 
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Least and largest values of the parameters, shapes (P,)."""
-        ends = [(PLAIN[name].least, PLAIN[name].most) for name in self.names]
-        ends[self.names.index("dead_time")] = self.delays
-        least, most = np.array(ends).T
+        least, most = super().bounds
+        at = self.names.index("dead_time")
+        least[at], most[at] = self.delays
         return least, most
 
     def cost(self, r: Array) -> Array:
@@ -201,51 +205,28 @@ class PlainProblem(Fitting):
             out[n + 1] = p
         return out
 
-    def at_samples(self, places: Array) -> Array:
-        """A simulation at the samples, m, shape (C, W, B)."""
+    def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+        """A simulation at the samples in m, and its rate in m/s, shape (C, W, B)."""
+        places = self.simulated(theta, starts)
         at = self.windows.time / STEP
         low = np.minimum(at.astype(int), len(places) - 2)
         rows = np.arange(len(self.windows))[:, None]
         first, second = (np.moveaxis(places[low + k, :, rows], -1, 0) for k in (0, 1))
-        return np.asarray(first + (at - low) * (second - first))
+        found = np.asarray(first + (at - low) * (second - first))
+        return found, (second - first) / STEP
 
     def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
-        """Residuals and slopes of C candidates, by finite differences; see ``Fitting``."""
-        count, free = len(theta), len(starts)
-        batch = [(theta, starts)]
-        for k in range(free):
-            moved = starts.copy()
-            moved[k] += START_STEPS[k]
-            batch.append((theta, moved))
-        widths = []
-        least, most = self.bounds
-        for k, name in enumerate(self.names if slopes else ()):
-            up, down = theta.copy(), theta.copy()
-            up[..., k] = np.minimum(up[..., k] + PLAIN[name].difference, most[k])
-            down[..., k] = np.maximum(down[..., k] - PLAIN[name].difference, least[k])
-            widths.append((up - down)[..., k].reshape(count, -1, 1))
-            batch += [(up, starts), (down, starts)]
-        thetas = np.concatenate([each[0] for each in batch])
-        places = self.simulated(thetas, np.concatenate([each[1] for each in batch], axis=1))
-        scaled = self.at_samples(places) * self.windows.weight
-        scaled = scaled.reshape(len(batch), count, *self.windows.weight.shape)
-        r = scaled[0] - self.windows.ball * self.windows.weight
-        by_start = np.stack(
-            [(scaled[1 + k] - scaled[0]) / START_STEPS[k] for k in range(free)], axis=-1
-        )
-        by_parameter = np.zeros((*r.shape, len(widths)))
-        for k, width in enumerate(widths):
-            up, down = scaled[1 + free + 2 * k : 3 + free + 2 * k]
-            by_parameter[..., k] = (up - down) / width
-        prior = PRIOR
-        if self.drift:
-            # one value more: how far the window's own level is off that of all
-            r = np.concatenate((r, starts[2][..., None] / self.drift), axis=-1)
-            by_start = np.pad(by_start, [*[(0, 0)] * 2, (0, 1), (0, 0)])
-            by_start[..., -1, 2] = 1 / self.drift
-            by_parameter = np.pad(by_parameter, [*[(0, 0)] * 2, (0, 1), (0, 0)])
-            prior = np.diag([*np.diag(PRIOR), 1e-6])
-        return Linearisation(r, by_start, by_parameter, prior)
+        """Residuals and slopes of C candidates, and how far a window's own level is off."""
+        found = super().linearise(theta, starts, slopes=slopes)
+        if not self.drift:
+            return found
+        # one value more: how far the window's own level is off that of all
+        r = np.concatenate((found.r, starts[2][..., None] / self.drift), axis=-1)
+        room = [*[(0, 0)] * 2, (0, 1), (0, 0)]
+        by_start = np.pad(found.by_start, room)
+        by_start[..., -1, 2] = 1 / self.drift
+        prior = np.diag([*np.diag(PRIOR), 1e-6])
+        return Linearisation(r, by_start, np.pad(found.by_parameter, room), prior)
 
 
 def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:
@@ -310,6 +291,10 @@ class AxisFit:
         """A parameter; 0 if it is not fitted."""
         names = self.problem.names
         return float(self.found.theta[0, names.index(name)]) if name in names else 0.0
+
+    def estimate(self) -> Estimate:
+        """The parameters and their uncertainty, every window an independent observation."""
+        return estimated(self.problem, self.found.theta[0], self.found.linearisation)
 
     def again(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
         """The fit of other parameters, windows or parts of a log, begun from this one."""
@@ -382,7 +367,7 @@ def _fitted(
     for last in (False, False, True):
         best = np.argsort(found.cost)[:1]
         theta, starts = found.theta[best], found.starts[:, best]
-        off = problem.at_samples(problem.simulated(theta, starts))[0] - windows.ball
+        off = problem.reported(theta, starts)[0][0] - windows.ball
         off = np.where(there, np.abs(off) * base, np.nan)
         each = 1.4826 * np.nanmedian(off, axis=1)
         sigma = max(float(np.median(each)), 1e-5)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.identify.parameters import BALL, friction
+from twin.identify.parameters import BALL, IdentifiedParameter, friction
 from twin.identify.replay import replay
 from twin.identify.windows import LOOKBACK, Windows
 
@@ -87,29 +88,79 @@ class Fitting:
     Attributes:
         windows: The samples.
         names: Names of the parameters that are fitted, P of them.
+        about: What is known of each parameter.
+        start_steps: Steps of finite differences of a start.
+        prior: Weak knowledge of a start, its inverse covariance.
     """
 
     windows: Any
     names: tuple[str, ...]
+    about: ClassVar[Mapping[str, IdentifiedParameter]]
+    start_steps: ClassVar[Array]
+    prior: ClassVar[Array]
 
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Least and largest values of the parameters, shapes (P,)."""
-        raise NotImplementedError
+        about = [self.about[name] for name in self.names]
+        return np.array([each.least for each in about]), np.array([each.most for each in about])
 
     def initial_starts(self) -> Array:
         """First guesses of the starts, S numbers of each window, shape (S, 1, W)."""
         raise NotImplementedError
 
+    def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+        """What the samples would be, in m, and how fast they change, (C, W, ...) like the samples.
+
+        The rate is used only where dead time has no finite difference.
+        """
+        raise NotImplementedError
+
     def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
-        """Residuals and slopes of C candidates.
+        """Residuals and slopes of C candidates, by finite differences.
+
+        The candidates and all their finite differences are replayed in one batch.
 
         Args:
             theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
             starts: The beginning of each window, shape (S, C, W).
             slopes: Whether the slopes by the parameters are computed.
         """
-        raise NotImplementedError
+        count, free, weight = len(theta), len(starts), self.windows.weight
+        batch = [(theta, starts)]
+        for k in range(free):
+            moved = starts.copy()
+            moved[k] += self.start_steps[k]
+            batch.append((theta, moved))
+        least, most = self.bounds
+        widths = {}
+        for k, name in enumerate(self.names if slopes else ()):
+            step = self.about[name].difference
+            if step == 0:
+                continue
+            up, down = theta.copy(), theta.copy()
+            up[..., k] = np.minimum(up[..., k] + step, most[k])
+            down[..., k] = np.maximum(down[..., k] - step, least[k])
+            widths[k] = (up - down)[..., k].reshape(count, -1, 1)
+            batch += [(up, starts), (down, starts)]
+        places, rates = self.reported(
+            np.concatenate([each[0] for each in batch]),
+            np.concatenate([each[1] for each in batch], axis=1),
+        )
+        shape = (len(batch), count, len(weight), weight[0].size)
+        scaled = (places * weight).reshape(shape)
+        by_start = np.stack(
+            [(scaled[1 + k] - scaled[0]) / self.start_steps[k] for k in range(free)], axis=-1
+        )
+        by_parameter = np.zeros((*shape[1:], len(self.names) if slopes else 0))
+        for j, (k, width) in enumerate(widths.items()):
+            up, down = scaled[1 + free + 2 * j : 3 + free + 2 * j]
+            by_parameter[..., k] = (up - down) / width
+        if slopes and "delay" in self.names:
+            by_delay = (-rates[:count] * weight).reshape(shape[1:])
+            by_parameter[..., self.names.index("delay")] = by_delay
+        target = (self.windows.ball * weight).reshape(shape[2:])
+        return Linearisation(scaled[0] - target, by_start, by_parameter, self.prior)
 
     def misfit(self, r: Array) -> Array:
         """Mean square residual of each window in noise variances, shape (C, W)."""
@@ -141,6 +192,9 @@ class Problem(Fitting):
     windows: Windows
     names: tuple[str, ...]
     grip: float = 0.0
+    about = BALL
+    start_steps = START_DIFFERENCES
+    prior = START_PRIOR
 
     def values(self, theta: Array) -> dict[str, Array]:
         """All ball parameters by name, those not fitted at values without effect, shape (C, 1).
@@ -154,12 +208,6 @@ class Problem(Fitting):
         each = theta if theta.ndim > 2 else theta[:, None]
         values |= {name: each[..., k] for k, name in enumerate(self.names)}
         return values
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Least and largest values of the parameters, shapes (P,)."""
-        about = [BALL[name] for name in self.names]
-        return np.array([each.least for each in about]), np.array([each.most for each in about])
 
     def initial_starts(self) -> Array:
         """A straight line through the first samples of each window, shape (4, 1, W)."""
@@ -193,47 +241,13 @@ class Problem(Fitting):
             self.windows.paces,
         )
 
+    def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+        """What the screen would have reported in m, and its rate in m/s, (C, W, B, 2)."""
+        places, speeds = self.replayed(theta, starts)
+        return self.windows.at_samples(places, speeds, self.values(theta)["delay"])
+
     def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
-        """Residuals and slopes of C candidates, by finite differences.
-
-        The candidates and all their finite differences are replayed in one batch.
-
-        Args:
-            theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
-            starts: x, y, x', y' at the beginning of each window, shape (4, C, W).
-            slopes: Whether the slopes by the parameters are computed.
-        """
-        count, windows = len(theta), self.windows
-        batch = [(theta, starts)]
-        for k, step in enumerate(START_DIFFERENCES):
-            moved = starts.copy()
-            moved[k] += step
-            batch.append((theta, moved))
-        shifted = []
-        for k, name in enumerate(self.names if slopes else ()):
-            about = BALL[name]
-            if about.difference == 0:
-                continue
-            up, down = theta.copy(), theta.copy()
-            up[..., k] = np.minimum(up[..., k] + about.difference, about.most)
-            down[..., k] = np.maximum(down[..., k] - about.difference, about.least)
-            shifted.append((k, (up - down)[..., k].reshape(count, -1, 1)))
-            batch += [(up, starts), (down, starts)]
-        every = np.concatenate([each[0] for each in batch])
-        places, speeds = self.replayed(every, np.concatenate([each[1] for each in batch], axis=1))
-        ball, rate = windows.at_samples(places, speeds, self.values(every)["delay"])
-        shape = (len(batch), count, len(windows), windows.weight[0].size)
-        scaled = (ball * windows.weight).reshape(shape)
-        base = scaled[0]
-        by_start = np.stack(
-            [(scaled[1 + k] - base) / START_DIFFERENCES[k] for k in range(4)], axis=-1
-        )
-        by_start[:, windows.resting, :, 2:] = 0.0  # a resting ball has no speed to be fitted
-        by_parameter = np.zeros((*shape[1:], len(self.names) if slopes else 0))
-        for j, (k, step) in enumerate(shifted):
-            by_parameter[..., k] = (scaled[5 + 2 * j] - scaled[6 + 2 * j]) / step
-        if slopes and "delay" in self.names:
-            by_delay = (-rate[:count] * windows.weight).reshape(shape[1:])
-            by_parameter[..., self.names.index("delay")] = by_delay
-        target = (windows.ball * windows.weight).reshape(shape[2:])
-        return Linearisation(base - target, by_start, by_parameter)
+        """Residuals and slopes of C candidates; a resting ball has no speed to be fitted."""
+        found = super().linearise(theta, starts, slopes=slopes)
+        found.by_start[:, self.windows.resting, :, 2:] = 0.0
+        return found
