@@ -56,7 +56,7 @@ def test_a_batch_agrees_with_single_runs_to_rounding(kind: str) -> None:
     some = scenarios(kind, 5, 0.24)
     for scenario, metrics in zip(some, simulate(some), strict=True):
         alone = run(scenario).metrics
-        for name, value in metrics.as_dict().items():
+        for name, value in metrics.items():
             same = isinstance(value, float)
             assert value == (pytest.approx(alone[name], rel=1e-6) if same else alone[name])
 
