@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import UnionType
@@ -14,6 +15,8 @@ from twin.data_file import DataError, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 
 Model = TypeVar("Model", bound=BaseModel)
+KIND = re.compile(r"(constrained-)?(float|int|str)|literal\[.*\]")
+"""How pydantic names the members of a union behind a key."""
 
 
 class Checked(BaseModel):
@@ -87,7 +90,11 @@ def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence
     if first["type"] == "value_error":
         text = first["msg"].removeprefix("Value error, ")
         return f"{place}: {text}" if place else text
-    message = first["msg"].removeprefix("Input should be ")
+    same = [each for each in error.errors() if each["loc"][:-1] == first["loc"][:-1]]
+    kinds = [each for each in same if KIND.fullmatch(str(each["loc"][-1]))]  # of a union
+    if kinds:
+        place = place.removesuffix(f".{first['loc'][-1]}")
+    message = " or ".join(each["msg"].removeprefix("Input should be ") for each in kinds or [first])
     return f"{place}: must be {message}, got {shortened(json.dumps(first['input'], default=str))}"
 
 

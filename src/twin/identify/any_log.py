@@ -155,7 +155,8 @@ def wanted_columns(text: str, pixel: str | None = None) -> dict[str, ColumnWante
         name, _, unit = name.removeprefix("-").rpartition(":")
         name, unit = (name, unit) if name else (unit, "")
         if unit and unit_factor(unit, ROLES[role]) is None:
-            known = ", ".join(filter(None, SCALES[ROLES[role]] | MORE[ROLES[role]] | {"px": 1.0}))
+            pixels = {"px": 1.0} if ROLES[role] == "m" else {}
+            known = ", ".join(filter(None, SCALES[ROLES[role]] | MORE[ROLES[role]] | pixels))
             raise LogError(
                 f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
             )

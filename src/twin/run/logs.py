@@ -291,7 +291,10 @@ def distances(logs: Mapping[str, Run], motions: Mapping[str, Motion]) -> list[st
 def _require(names: list[str], needed: Sequence[str], source: str) -> None:
     if missing := [name for name in needed if name not in names]:
         has = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-        raise LogError(f"{source}: no column {', '.join(missing)} (it has {has or 'none'})")
+        raise LogError(
+            f"{source}: no column {', '.join(missing)} (it has {has or 'none'}); identify takes "
+            "others by --columns"
+        )
 
 
 def _filled(time: Array, values: Array, at: Array) -> Array:
