@@ -38,7 +38,7 @@ CIRCLE = {
     "plant.ball.mass=-1": "greater than 0",
     "plant.start.y=0.3": "0.1975",
     "rig.period=0.0013": "multiple of plant.step",
-    "controller.computing_time=-1": "computing_time: must be greater than or equal to 0 or 'measured'",
+    "controller.computing_time=-1": "must be greater than or equal to 0 or 'measured'",
     "parameters=hoby": "rig 'hoby': not found; did you mean 'hobby'?",
     "rig.limits.angle_deg=20": "the cams reach 10; set plant.kind=lagrange",
     "reference.omega=1e-300": "no finite number",
