@@ -72,13 +72,17 @@ def test_an_answer_handed_on_scores_visibly_worse(name: str, tmp_path: Path) -> 
         assert copied["score"] <= 0.75 * found["score"]
 
 
+BEGINS = 2.1005
+"""When the fault of that test begins, s: between two periods."""
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     "fault", ["silent", "heartbeat", "drive fault", "reboot", "pre-operational"]
 )
 def test_a_trace_of_the_wire_shows_the_fault_that_was_dealt(fault: str, tmp_path: Path) -> None:
     lab = read("wire")
-    point = {"wire.fault": fault, "wire.node": 2.0, "wire.begins": 2.1005, "wire.lost": 3.0}
+    point = {"wire.fault": fault, "wire.node": 2.0, "wire.begins": BEGINS, "wire.lost": 3.0}
     record(lab, deal(lab, "ann", KEY)._replace(point=point), tmp_path / LOG)
     with can.CanutilsLogReader(tmp_path / "bus.log") as frames:  # another's reader of this format
         said = [(each.timestamp, each.arbitration_id, bytes(each.data)) for each in frames]
@@ -93,15 +97,15 @@ def test_a_trace_of_the_wire_shows_the_fault_that_was_dealt(fault: str, tmp_path
     stopped = next(
         time
         for time, identifier, data in said
-        if time > 2.1 and identifier in {0x201, 0x202} and data[0] != 0x0F
+        if time > BEGINS and identifier in {0x201, 0x202} and data[0] != 0x0F
     )
-    later = [(time, data) for time, data in beats if time > 2.1]
+    later = [(time, data) for time, data in beats if time > BEGINS]
     shown = {
-        "silent": not later and pdos[-1][0] < 2.1,
+        "silent": not later and pdos[-1][0] < BEGINS,
         "heartbeat": not later and pdos[-1][0] > stopped > 2.13,
         "drive fault": any(data[0] & 8 for time, data in pdos if time <= stopped),
         "reboot": later[:1] != [] and later[0][1] == bytes(1),
-        "pre-operational": later[:1] != [] and later[0][1] == b"\x7f" and pdos[-1][0] < 2.1,
+        "pre-operational": later[:1] != [] and later[0][1] == b"\x7f" and pdos[-1][0] < BEGINS,
     }
     assert [name for name, there in shown.items() if there] == [fault]
 
