@@ -30,7 +30,8 @@ def begun(kind, scenario, stack):
         from twin.view import live_process, recording, terminal
         if kind == "terminal":
             return live_process.LiveProcess(terminal.work, (scenario,))
-        return recording.show(scenario, "run", "rerun+http://127.0.0.1:1/proxy")
+        about = (scenario, "run", "rerun+http://127.0.0.1:1/proxy", None, False)
+        return live_process.LiveProcess(recording.work, about)
 
 if __name__ == "__main__":
     with ExitStack() as stack:
