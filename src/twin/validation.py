@@ -90,11 +90,12 @@ def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence
     if first["type"] == "value_error":
         text = first["msg"].removeprefix("Value error, ")
         return f"{place}: {text}" if place else text
-    same = [each for each in error.errors() if each["loc"][:-1] == first["loc"][:-1]]
-    kinds = [each for each in same if KIND.fullmatch(str(each["loc"][-1]))]  # of a union
-    if kinds:
-        place = place.removesuffix(f".{first['loc'][-1]}")
-    message = " or ".join(each["msg"].removeprefix("Input should be ") for each in kinds or [first])
+    *key, last = first["loc"] or ("",)
+    kinds = [first]
+    if KIND.fullmatch(str(last)):  # one of a union: whatever the key may be instead
+        place = ".".join(map(str, key))
+        kinds = [each for each in error.errors() if [*each["loc"][:-1]] == key]
+    message = " or ".join(each["msg"].removeprefix("Input should be ") for each in kinds)
     return f"{place}: must be {message}, got {shortened(json.dumps(first['input'], default=str))}"
 
 
