@@ -192,6 +192,8 @@ def traced(
                 error.args = (f"{error}; what was said on the bus: ballplate trace {file}",)
             raise
         live.finish()
+        if not bounded and not parts(file):
+            reporter.warn(f"{file}: not written, for nothing was said on a CAN bus")
         if live.dropped:
             reporter.warn(f"{file}: {live.dropped} frames are missing: the computer was too busy")
 

@@ -255,6 +255,7 @@ def test_the_example_runs_on_its_emulated_board(options, code, words, tmp_path):
         )
     assert done == code, said
     assert words in " ".join(said.split())
+    assert "on the CAN bus" not in said
     assert {"metrics.json", "run.parquet"} <= {each.name for each in (tmp_path / "made").iterdir()}
 
 

@@ -106,8 +106,8 @@ def run(
         )
     shown.append(bold(done.verdict))
     files = "picture.png, metrics.json, run.parquet"
-    if rig is not None:
-        spoken = folder / "trace.log" if trace is None else trace
+    spoken = folder / "trace.log" if trace is None else trace
+    if rig is not None and spoken.is_file():  # own hardware has no CAN bus
         shown.append(dim(f"what was said on the CAN bus: ballplate trace {spoken}"))
     if examined is not None:
         from twin.shadow.report import advice

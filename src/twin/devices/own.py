@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import runpy
 import time
-import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.catalog import error_words, failed_line
 from twin.devices.akd.conditions import FaultReports
 from twin.devices.nets import bounded, check_ranges, net, relaxed_nets
 from twin.errors import RigError, ScenarioError
@@ -161,14 +161,8 @@ def load_backend(named: str, config: OwnConfig) -> Hardware:
 
 
 def _told(error: BaseException, file: str) -> str:
-    """File, line and error in one line."""
-    text = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    if isinstance(error, SyntaxError):
-        return f"{error.filename}, line {error.lineno}: {text}"
-    for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        if Path(frame.filename).name == Path(file).name:
-            return f"{frame.filename}, line {frame.lineno}: {text}"
-    return text
+    """File, line and error in one line; the error alone if it came from elsewhere."""
+    return failed_line(error, {file}) or error_words(error)
 
 
 def _pair(values: Array) -> tuple[float, float]:
