@@ -20,7 +20,7 @@ from twin.identify.verdict import IDENTIFIED, NOT
 from twin.scenario import load
 
 ROOT = Path(__file__).parents[2]
-REAL = Path("/work/shared/real/kdotchandra__ball-balancing-robot")
+REAL = Path(__file__).parents[3] / "shared" / "real" / "kdotchandra__ball-balancing-robot"
 TRUTH = {"gain": 6.0, "dead_time": 0.1, "lag": 0.08, "level": 0.05, "friction": 0.03}
 T = np.arange(400) / 40.0
 X = 0.05 * np.sin(1.3 * T)
