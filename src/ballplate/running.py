@@ -88,8 +88,8 @@ def run(
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess, cores
+    from twin.run.assemble import PLANTS
     from twin.run.finished import holds_finished
-    from twin.run.plants import PLANTS
 
     folder = writable(out, report)
     file = trace_file(trace, folder, on, report)
@@ -356,8 +356,8 @@ def connected(
         yield None
         return
     from twin.emulator.serve import follow_changes
+    from twin.run.assemble import believed
     from twin.run.connect import connect
-    from twin.run.plants import believed
 
     if scenario.sensors.ideal:
         raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")

@@ -29,9 +29,9 @@ from twin.identify.verdict import (
 )
 from twin.identify.windows import Windows
 from twin.scenario import load
-from twin.sim.drives import Hysteresis, Play, Resonance
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
+from twin.sim.rig import Hysteresis, Play, Resonance
 
 
 @pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED), (4.0e-4, IDENTIFIED)])

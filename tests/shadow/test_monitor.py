@@ -34,7 +34,7 @@ from twin.shadow.monitor import (
 )
 from twin.shadow.monitor import LATE_THRESHOLD as OWN
 from twin.shadow.motion import plate_evidence
-from twin.sim.drives import Play
+from twin.sim.rig import Play
 
 LATE = PARAMETERS.index("delay")
 

@@ -19,13 +19,14 @@ from twin.emulator.screen import Ball, ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.hal.interface import Touch, Transmission
 from twin.hal.rig import Rig
-from twin.run.assemble import build_devices, start_plant
-from twin.run.plants import (
+from twin.run.assemble import (
     RigChanges,
+    build_devices,
     build_plant,
     change_devices,
     change_transmission,
     changing_devices,
+    start_plant,
     without_error,
 )
 from twin.scenario.load import Tables

@@ -21,8 +21,7 @@ import numpy as np
 from twin.errors import ScenarioError, TwinError
 from twin.fmu.description import build_description, c_source, model_description, written
 from twin.fmu.variables import Variable, variables
-from twin.run.assemble import assemble, own_errors
-from twin.run.plants import build_friction
+from twin.run.assemble import assemble, build_friction, own_errors
 from twin.scenario.schema import Scenario
 from twin.writing import write_whole
 

@@ -15,7 +15,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.errors import LogError
 from twin.hal.cams import CamTable
-from twin.sim.drives import Hysteresis, Play
+from twin.sim.rig import Hysteresis, Play
 
 SHAPES: dict[str, type[Play] | type[Hysteresis]] = {"flat": Play, "round": Hysteresis}
 """Corners of the loop, and the part of the twin that makes them."""

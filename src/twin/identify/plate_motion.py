@@ -15,7 +15,7 @@ from controllers.arrays import Array
 from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.parameters import SERVO
 from twin.identify.prepare import PreparedLog, Segment, resolution
-from twin.sim.drives import Play
+from twin.sim.rig import Play
 
 CORNERS = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
 """Corner frequencies in Hz; the data choose how much of the encoders to believe."""

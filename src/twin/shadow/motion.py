@@ -26,8 +26,8 @@ from twin.settings import changed
 from twin.shadow.belief import BALL, DRIVES, Belief
 from twin.shadow.evidence import NONE, Evidence, clear, log_evidence, undisturbed
 from twin.shadow.friction_map import products, unknown_motion
-from twin.sim.plant.linear import STATES, linear_mechanism
-from twin.sim.plant.parts import Parts
+from twin.sim.calibration import STATES, linear_mechanism
+from twin.sim.plant.interface import Parts
 
 LONGEST = 2.0
 """Longest window in s: long enough for a small force to show, short enough to stay near it."""

@@ -18,13 +18,12 @@ from controllers.interfaces import Reference
 from twin.errors import RecordError
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
-from twin.run.assemble import build_limits, build_reference
+from twin.run.assemble import build_friction, build_limits, build_reference
 from twin.run.finished import Run, columns, states_of
-from twin.run.plants import build_friction
 from twin.scenario.schema import Scenario
 from twin.settings import changed
+from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import load_model
-from twin.sim.plant.parts import Parts
 from twin.view.scene import Scene, fixed, in_view, rolled
 from twin.view.signals import (
     BLACK,
