@@ -14,10 +14,9 @@ import numpy as np
 import scipy
 from annotated_types import Ge, Gt, Lt
 
-from controllers.arrays import Array
+from controllers.arrays import Array, NotNegative, Positive
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
-from controllers.ranges import NotNegative, Positive
 from controllers.stable_inversion import AboutMotion, DesiredMotion, MotionPlan, Tilts, flat_axis
 
 KNOT = 0.02

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.arrays import Array
-from controllers.ranges import NotNegative, Positive, check
+from controllers.arrays import Array, NotNegative, Positive, check
 
 STATES = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
 """Names of the state (5.5) in columns and signals."""

@@ -19,11 +19,10 @@ import numpy as np
 import scipy
 from annotated_types import Gt, Le, Len
 
-from controllers.arrays import Array
+from controllers.arrays import Array, NotNegative, Positive
 from controllers.ballplate import SIGN, desired
 from controllers.design import Pole, gains_from, listed, require_stable, stable_poles
 from controllers.interfaces import Law, Reference
-from controllers.ranges import NotNegative, Positive
 
 
 @dataclass(frozen=True, kw_only=True)

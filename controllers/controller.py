@@ -14,10 +14,9 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, constant, some
+from controllers.arrays import Array, NotNegative, constant, some
 from controllers.catalog import commanded, estimated, remembered
 from controllers.interfaces import DelayedObserver, Feedback, Law, Measurement, Observer, Reference
-from controllers.ranges import NotNegative
 
 
 class HeldCommand:

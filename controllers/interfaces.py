@@ -13,9 +13,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array, Mask, NotNegative, Positive, check
 from controllers.ballplate import BallPlate
-from controllers.ranges import NotNegative, Positive, check
 
 
 class Measurement(NamedTuple):

@@ -19,9 +19,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import scipy
 
-from controllers.arrays import Array
+from controllers.arrays import Array, NotNegative, Pair, Positive
 from controllers.interfaces import Reference
-from controllers.ranges import NotNegative, Pair, Positive
 
 __all__ = ["Circle", "Hold", "Lissajous", "Path", "Setpoints", "Sine", "Step", "Transition"]
 

@@ -20,10 +20,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask, square_of
+from controllers.arrays import Array, Mask, NotNegative, Positive, square_of
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
-from controllers.ranges import NotNegative, Positive
 
 
 class DesiredMotion(NamedTuple):

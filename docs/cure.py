@@ -92,8 +92,12 @@ def known(
 def simulated(runs: list[Any], judged: str) -> list[float | None]:
     """The same, by one batch."""
     from twin.run.assemble import assemble  # noqa: PLC0415
-    from twin.run.loop import Ending, drive  # noqa: PLC0415
-    from twin.run.metrics import Motion, measure  # noqa: PLC0415
+    from twin.run.loop import drive  # noqa: PLC0415
+    from twin.run.metrics import (  # noqa: PLC0415
+        Ending,
+        Motion,
+        measure,
+    )
     from twin.run.record import Recorder  # noqa: PLC0415
 
     rig, controller = assemble(runs, threads=1)

@@ -15,7 +15,8 @@ import numpy as np
 from pages import HERE, filled, kept, planned
 
 from twin.run.assemble import assemble
-from twin.run.loop import Ending, drive
+from twin.run.loop import drive
+from twin.run.metrics import Ending
 from twin.run.record import Recorder
 from twin.study.family import drawn, read
 from twin.study.work import Builder, code, digest

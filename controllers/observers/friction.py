@@ -15,11 +15,10 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask, every, square_of
+from controllers.arrays import Array, Mask, Positive, every, square_of
 from controllers.interfaces import Measurement, Quantity
 from controllers.observers.late_ball import Derivatives, LateBall, Tilt, components, together
 from controllers.observers.thesis import NOISE
-from controllers.ranges import Positive
 
 LONGEST = 50
 """Control periods between two samples from which on the gain is that of so many."""

@@ -19,10 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, some
+from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Positive, some
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import DelayedObserver, Measurement
-from controllers.ranges import Positive
 
 SUBSTEP = 0.011
 """Longest time in s over which the friction's heading is taken as constant while carried."""

@@ -17,11 +17,10 @@ import numpy as np
 import scipy
 from annotated_types import Len
 
-from controllers.arrays import Array, every
+from controllers.arrays import Array, Positive, every
 from controllers.ballplate import MEASURED
 from controllers.design import Pole, listed, place_poles, sample, stable_poles
 from controllers.interfaces import Measurement, Observer
-from controllers.ranges import Positive
 
 OUTPUTS = slice(0, None, 2)
 """h(x) = (x, phi, y, theta) of (5.7) as a slice of the state: unlike a list of indices, a view."""

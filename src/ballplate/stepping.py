@@ -18,7 +18,8 @@ from controllers.arrays import Array
 from controllers.interfaces import Measurement, Reference
 from twin.errors import TwinError
 from twin.run.assemble import PLANTS, assemble
-from twin.run.loop import Ending, Outcome, RunMonitor, passed
+from twin.run.loop import RunMonitor, passed
+from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder
 from twin.scenario.schema import Scenario
 

@@ -17,7 +17,7 @@ from ballplate.running import importable
 from twin.errors import LawError, ScenarioError, nearest
 from twin.page import Picture, Table, Text, digits, fragment
 from twin.report.numbers import LABELS
-from twin.run.indicators import UNITS
+from twin.run.files import UNITS
 from twin.shipped import find
 from twin.writing import write_whole
 

@@ -17,7 +17,7 @@ from twin.emulator import process
 from twin.errors import ScenarioError, TwinError
 from twin.play.process import Simulation
 from twin.run import loop
-from twin.run.loop import INTERRUPTED
+from twin.run.metrics import INTERRUPTED
 from twin.view.live_process import LiveProcess
 from twin.writing import written_alone
 

@@ -19,7 +19,7 @@ from twin.cli import main
 from twin.errors import ScenarioError
 from twin.run.assemble import build_controller
 from twin.run.finished import run
-from twin.run.loop import Ending
+from twin.run.metrics import Ending
 
 
 def test_a_luenberger_of_the_thesis_is_fast_enough_with_and_without_predictor():

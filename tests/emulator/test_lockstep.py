@@ -10,7 +10,8 @@ from twin.emulator.screen import FRAME
 from twin.hal.supervisor import State
 from twin.run.assemble import build_controller
 from twin.run.finished import run
-from twin.run.loop import Ending, drive
+from twin.run.loop import drive
+from twin.run.metrics import Ending
 from twin.run.record import Recorder
 from twin.scenario import load
 

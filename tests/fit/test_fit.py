@@ -11,7 +11,7 @@ from twin.cli.understand import fit as command
 from twin.errors import ScenarioError
 from twin.fit.fit import Search, bootstrap, correlation, descent, estimates, fit, searched, wide
 from twin.fit.runs import LOST, UNITS, FitTable, FittedParameter, Runs, cells, read, rounded
-from twin.run.batch import simulate
+from twin.run.loop import simulate
 from twin.shipped import shipped_in
 from twin.study.experiments import Store
 from twin.study.schema import METRICS

@@ -5,7 +5,8 @@ import pytest
 from c_rig import CRig, behind_the_seam, counted, exact, made
 
 from twin.run.assemble import assemble, build_controller
-from twin.run.loop import Ending, drive
+from twin.run.loop import drive
+from twin.run.metrics import Ending
 from twin.run.record import Recorder
 
 

@@ -14,7 +14,7 @@ from controllers import catalog
 from twin.errors import LawError, ScenarioError
 from twin.lab.process import NAME, answering
 from twin.lab.schema import AnswerTable, read
-from twin.run.batch import simulate
+from twin.run.loop import simulate
 from twin.scenario import load
 from twin.shipped import folder
 from twin.study.family import drawn

@@ -20,7 +20,7 @@ from twin.lab.pages import of_student
 from twin.lab.process import NAME, answering
 from twin.lab.schema import PRIVATE, CheckTable, read
 from twin.lab.variants import PRACTICE, deal, filled, had_again, hand_out, starter, students
-from twin.run.batch import simulate
+from twin.run.loop import simulate
 from twin.scenario import load
 
 MINI = Path(__file__).parent / "mini"

@@ -13,8 +13,8 @@ from twin.errors import RecordError
 from twin.report.html import details, html
 from twin.report.numbers import LABELS, TIMES, as_csv, as_latex
 from twin.report.summary import Diagnosis, spectrum, summary, verdict
+from twin.run.files import UNITS
 from twin.run.finished import Run, open_run, open_runs, run, save
-from twin.run.indicators import UNITS
 from twin.scenario.load import check, clean
 from twin.view.signals import signals
 from twin.writing import write_json

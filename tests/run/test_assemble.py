@@ -11,9 +11,8 @@ from controllers.references import Circle, Hold
 from twin.errors import ModelError, ScenarioError
 from twin.hal.interface import Limits
 from twin.run.assemble import SHARED, SHARED_EXACT, assemble
-from twin.run.batch import simulate
 from twin.run.finished import run
-from twin.run.loop import drive
+from twin.run.loop import drive, simulate
 from twin.run.record import Recorder
 from twin.scenario import load
 from twin.settings import settings_of

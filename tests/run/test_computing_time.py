@@ -14,7 +14,7 @@ from controllers.classical import LQR
 from twin.cli import main
 from twin.report.numbers import first_rows
 from twin.run.assemble import build_controller
-from twin.run.batch import simulate
+from twin.run.loop import simulate
 from twin.scenario import load
 
 SETTINGS = {"plant.kind": "lagrange", "plant.start.x": 0.05, "duration": 1.2, "metrics.start": 0}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.errors import ModelError, ScenarioError
-from twin.run.batch import Episodes
+from twin.run.loop import Episodes
 from twin.sim.sensors import Noise
 from twin.study.family import drawn, read
 from twin.study.work import Builder
@@ -104,7 +104,7 @@ def test_an_episode_that_cannot_begin_leaves_scenarios_and_plant_together(monkey
     def refuse(*_):
         raise ModelError("no such spring")
 
-    monkeypatch.setattr("twin.run.batch.build_rig", refuse)
+    monkeypatch.setattr("twin.run.loop.build_rig", refuse)
     with pytest.raises(ModelError):
         episodes.begin(BEGUN, nominal(2, 2))
     assert episodes.scenarios == before

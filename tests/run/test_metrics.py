@@ -3,9 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.run.indicators import UNITS
-from twin.run.loop import Ending, Outcome
-from twin.run.metrics import Motion, held, measure, tracking_error
+from twin.run.files import UNITS
+from twin.run.metrics import Ending, Motion, Outcome, held, measure, tracking_error
 
 DONE = Outcome(Ending.FINISHED, 10.0)
 

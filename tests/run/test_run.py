@@ -7,7 +7,7 @@ import twin.run.finished
 from twin.errors import ScenarioError
 from twin.run.assemble import assemble
 from twin.run.finished import run, save
-from twin.run.loop import Ending
+from twin.run.metrics import Ending
 
 
 def test_the_same_seed_gives_the_same_record_to_the_last_bit(scenario):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from twin.page import inline
-from twin.run.indicators import METRICS
+from twin.run.files import METRICS
 from twin.study.answers import Answer, SensitivityIndex, answers, spread
 from twin.study.design import points
 from twin.study.experiments import Store, carry

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from controllers.classical import LQR
-from twin.run.batch import alike, simulate
 from twin.run.finished import run
+from twin.run.loop import alike, simulate
 from twin.scenario import Scenario, load
 from twin.sim.plant.exact import ExactPlant
 

@@ -9,7 +9,7 @@ from scipy import stats
 
 from twin.cli.studies import study as command
 from twin.errors import ScenarioError
-from twin.run.batch import alike, simulate
+from twin.run.loop import alike, simulate
 from twin.study.design import points
 from twin.study.family import Parameter, drawn, read
 from twin.study.schema import Study

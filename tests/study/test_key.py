@@ -53,7 +53,7 @@ def test_the_versions_of_what_it_calculates_with_are_in_the_key(key, library):
         ("devices", "akd", "config.py"),
         ("view", "scene.py"),
         ("run", "picture.py"),
-        ("scenario", "load.py"),
+        ("scenario", "describe.py"),
         ("study", "report.py"),
     ],
     ids="/".join,
@@ -67,10 +67,8 @@ BESIDE = {
     "data_file",
     "errors",
     "paths",
-    "run/signals",
     "run/files",
     "scenario/__init__",
-    "scenario/load",
     "shipped",
     "validation",
     "writing",
@@ -79,7 +77,7 @@ BESIDE = {
 
 
 def test_all_that_a_run_imports_is_in_the_key_but_what_reads_its_files():
-    imported = import_graph().find_upstream_modules("twin.run.batch")
+    imported = import_graph().find_upstream_modules("twin.run.loop")
     files = {source(*name.split(".")[1:]) for name in imported if name.startswith("twin.")}
     files = {path / "__init__" if path.is_dir() else path for path in files}
     known = {path.with_suffix("") for path in work.sources()}

@@ -15,8 +15,8 @@ import pytest
 
 from twin.errors import TwinError
 from twin.jobs import handed_out
-from twin.run.batch import simulate
-from twin.run.indicators import METRICS
+from twin.run.files import METRICS
+from twin.run.loop import simulate
 from twin.scenario import load
 from twin.study import experiments, work
 from twin.study import experiments as carrying

@@ -16,7 +16,7 @@ from ballplate.gym.task import REWARD_SCALE, Task
 from ballplate.stepping import shaped
 from controllers.arrays import Array, Mask, put
 from twin.errors import TwinError
-from twin.run.batch import Episodes
+from twin.run.loop import Episodes
 
 
 class Rigs:
@@ -190,7 +190,7 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     environment that is reset with n + i. ``reset(options={"reset_mask": mask})`` begins the
     episodes of some rigs; the others do not notice, to the last bit. From 16 rigs on the engine's
     are seen in another way than fewer, as in studies, so that the last bits of the mechanism differ
-    from those of one rig; and see ``twin.run.batch.Episodes`` on episodes that begin at moments
+    from those of one rig; and see ``twin.run.loop.Episodes`` on episodes that begin at moments
     that are no multiple of 40 ms.
 
     Args:

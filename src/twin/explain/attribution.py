@@ -18,7 +18,7 @@ from twin.data_file import packaged
 from twin.errors import ScenarioError
 from twin.jobs import cores, results
 from twin.run.finished import run
-from twin.run.loop import Ending
+from twin.run.metrics import Ending
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import MECHANISM_ONLY, Scenario
 from twin.writing import write_whole

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from controllers.arrays import Array
 from twin.errors import LawError, nearest
-from twin.run.indicators import UNITS as ALL_UNITS
+from twin.run.files import UNITS as ALL_UNITS
 from twin.scenario import Scenario
 from twin.shipped import chosen, shipped_in
 from twin.study.experiments import Store, evaluate

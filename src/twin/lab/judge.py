@@ -18,8 +18,8 @@ from twin.lab.process import NAME, AnswerProcess, answering
 from twin.lab.schema import AnswerTable, CheckTable, Lab, trusted
 from twin.lab.variants import Deal, seen
 from twin.report.numbers import in_json
+from twin.run.files import UNITS
 from twin.run.finished import Run, run
-from twin.run.indicators import UNITS
 from twin.scenario import Scenario
 from twin.study.family import FamilyRig, Point, drawn
 from twin.study.family import read as read_family

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from twin.errors import ScenarioError, nearest, shortened
-from twin.run.indicators import METRICS
+from twin.run.files import METRICS
 from twin.shipped import shipped_labs
 from twin.study.family import Family
 from twin.study.family import read as read_family

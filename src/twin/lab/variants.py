@@ -17,8 +17,8 @@ from pydantic import Field
 from controllers.arrays import Array
 from twin.errors import ScenarioError, shortened
 from twin.lab.schema import Lab, trusted
+from twin.run.files import export
 from twin.run.finished import run
-from twin.run.signals import export
 from twin.scenario import Scenario
 from twin.study.family import Point, drawn
 from twin.study.work import Builder

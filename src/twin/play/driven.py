@@ -17,7 +17,7 @@ from twin.errors import ScenarioError
 from twin.hal.rig import Entry
 from twin.run.assemble import RigChanges, assemble, build_controller, build_reference
 from twin.run.finished import Run, save
-from twin.run.loop import Outcome
+from twin.run.metrics import Outcome
 from twin.run.record import Recorder
 from twin.run.state import MOST, Snapshot
 from twin.scenario.load import at_time, check, clean, put

@@ -25,7 +25,8 @@ from twin.play.driven import (
     worth_keeping,
 )
 from twin.run.assemble import build_controller
-from twin.run.loop import Ending, Outcome, drive
+from twin.run.loop import drive
+from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder
 from twin.scenario.load import at_time
 from twin.scenario.schema import Scenario

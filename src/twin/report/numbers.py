@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.page import Table, digits
-from twin.run.indicators import INDICATORS
+from twin.run.files import INDICATORS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -29,8 +29,8 @@ from PIL import Image
 from controllers.arrays import Array
 from twin.errors import RecordError
 from twin.hal.interface import SCREEN
+from twin.run.files import LEFT
 from twin.run.finished import Run
-from twin.run.indicators import LEFT
 from twin.run.picture import COLOURS, LOOK
 from twin.writing import write_whole
 

@@ -35,6 +35,8 @@ from twin.run.assemble import (
 )
 from twin.run.files import (
     STREAM,
+    UNITS,
+    Signals,
     is_last,
     is_record,
     last,
@@ -44,11 +46,9 @@ from twin.run.files import (
     record_of,
     run_folders,
 )
-from twin.run.indicators import UNITS
-from twin.run.loop import INTERRUPTED, KILLED, Ending, Outcome, drive
-from twin.run.metrics import Motion, held, measure
+from twin.run.loop import drive
+from twin.run.metrics import INTERRUPTED, KILLED, Ending, Motion, Outcome, held, measure
 from twin.run.record import CHANNELS, Recorder, classes_of, read_beside, read_run, write_run
-from twin.run.signals import Signals
 from twin.run.state import SNAPSHOTS, Keeper, Snapshot, packed
 from twin.scenario.load import always_friction, check, recorded
 from twin.scenario.schema import Scenario, choices

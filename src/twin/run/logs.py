@@ -21,8 +21,7 @@ from twin.hal.interface import SCREEN
 from twin.hal.supervisor import State
 from twin.run.files import is_record
 from twin.run.finished import Run, judged_as
-from twin.run.loop import Ending, Outcome
-from twin.run.metrics import Motion
+from twin.run.metrics import Ending, Motion, Outcome
 from twin.run.record import CHANNELS, stored
 from twin.scenario.schema import Scenario
 

@@ -1,23 +1,55 @@
-"""Performance indicators of a run, each named for what it is.
+"""How a run ended, and its performance indicators, each named for what it is.
 
 The thesis (Appendix C) judges single axes on x; so do the indicators below that say "on x".
 Its "average tracking error" is a root mean square (rms_error here), not the mean of (C.4).
-
-The units of the indicators of a run; nothing heavy is imported with them.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.run.indicators import LEFT, METRICS
-from twin.run.loop import Outcome
+from twin.run.files import LEFT, METRICS
 from twin.run.record import Recorder
+
+
+class Ending(StrEnum):
+    """How a run ended."""
+
+    FINISHED = "finished"
+    FELL = "fell"
+    LOST = "lost"
+    FAULT = "fault"
+    ABORTED = "aborted"
+    DIVERGED = "diverged"
+
+
+INTERRUPTED = "interrupted"
+"""The reason of a run that Ctrl-C ended."""
+KILLED = "killed before its end; the record goes as far as it was written"
+"""The reason of a run whose process or computer ended without a word."""
+RAN_AWAY = "the simulation's numbers ran away"
+"""The reason of a run that diverged."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one rig's run ended, at what time in s, and why in words."""
+
+    ending: Ending
+    time: float
+    reason: str = ""
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a person ended the run."""
+        return self.reason == INTERRUPTED
+
 
 LEAST_WAY = 1e-3
 """Way to a goal in m from which overshoot and settling are shares of it: below, of the noise."""

@@ -27,7 +27,8 @@ from twin.errors import TwinError
 from twin.hal.interface import Severity
 from twin.jobs import results
 from twin.run.assemble import build_controller
-from twin.run.loop import Ending, Outcome, drive
+from twin.run.loop import drive
+from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder
 from twin.safety import limits
 from twin.safety.case import FaultCase, Reaction, Stopper, reaction

@@ -17,9 +17,8 @@ from matplotlib.figure import Figure
 from twin.identify.log import read
 from twin.identify.replay import STEP
 from twin.page import Block, Picture, Table, Text, Verdict, html
-from twin.run.files import run_name
+from twin.run.files import arrow_fields, run_name
 from twin.run.picture import COLOURS, drawn
-from twin.run.signals import arrow_fields
 from twin.scenario.schema import Scenario
 from twin.shadow.belief import believed
 from twin.shadow.diagnosis import THRESHOLD, Alarm, likely

@@ -26,7 +26,7 @@ import pyarrow.parquet as pq
 
 from twin.errors import RecordError, ScenarioError, TwinError
 from twin.jobs import AHEAD, cores, handed_out, pool, results
-from twin.run.indicators import METRICS
+from twin.run.files import METRICS
 from twin.study.work import Job, Row, ScenarioRuns, StudyTask, carry_out
 from twin.writing import write_whole
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from twin.errors import nearest
-from twin.run.indicators import METRICS
+from twin.run.files import METRICS
 from twin.shipped import chosen, shipped_in
 from twin.study.family import Parameter
 from twin.study.family import read as read_family

@@ -21,9 +21,9 @@ from controllers.catalog import outside
 from twin.errors import ScenarioError, TwinError
 from twin.paths import model_path
 from twin.run.assemble import build_controller, own_errors
-from twin.run.batch import alike, simulate
-from twin.run.indicators import METRICS
-from twin.run.loop import Ending
+from twin.run.files import METRICS
+from twin.run.loop import alike, simulate
+from twin.run.metrics import Ending
 from twin.scenario import Scenario
 from twin.scenario.load import check, resolved, setting, validated
 from twin.scenario.load import read as read_tables
@@ -364,7 +364,7 @@ def sources() -> list[Path]:
     return sorted(found)
 
 
-RUN = ("assemble", "batch", "indicators", "loop", "metrics", "plants", "record")
+RUN = ("assemble", "loop", "metrics", "record")
 """What of the room ``run`` a run of a study executes."""
-SCENARIO = ("changing", "schema")
+SCENARIO = ("load", "schema")
 """The same of the room ``scenario``."""

@@ -28,8 +28,8 @@ from twin.hal.cams import FixedRatio
 from twin.hal.interface import Transmission
 from twin.jobs import cores, results
 from twin.run.assemble import PlantKind, assemble, register
-from twin.run.loop import Ending, Outcome, drive
-from twin.run.metrics import Motion, measure
+from twin.run.loop import drive
+from twin.run.metrics import Ending, Motion, Outcome, measure
 from twin.run.record import Recorder
 from twin.scenario.load import check, laid_over, put
 from twin.scenario.schema import Scenario

@@ -19,7 +19,7 @@ from controllers.interfaces import Law, Observer
 from controllers.observers import Ideal
 from twin.errors import ScenarioError, TwinError, nearest
 from twin.run.assemble import build_controller, own_errors
-from twin.run.indicators import METRICS
+from twin.run.files import METRICS
 from twin.scenario import Scenario
 from twin.scenario.schema import at_study_step
 from twin.shipped import chosen, shipped_in
