@@ -104,7 +104,7 @@ def test_an_episode_that_cannot_begin_leaves_scenarios_and_plant_together(monkey
     def refuse(*_):
         raise ModelError("no such spring")
 
-    monkeypatch.setattr("twin.run.loop.build_rig", refuse)
+    monkeypatch.setattr("twin.run.assemble.build_rig", refuse)
     with pytest.raises(ModelError):
         episodes.begin(BEGUN, nominal(2, 2))
     assert episodes.scenarios == before

@@ -25,6 +25,7 @@ from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import State
 from twin.jobs import SecondProcess
+from twin.run import files
 from twin.run.assemble import (
     assemble,
     build_controller,
@@ -32,19 +33,6 @@ from twin.run.assemble import (
     build_limits,
     build_reference,
     own_errors,
-)
-from twin.run.files import (
-    STREAM,
-    UNITS,
-    Signals,
-    is_last,
-    is_record,
-    last,
-    listed,
-    numbered,
-    record_in,
-    record_of,
-    run_folders,
 )
 from twin.run.loop import drive
 from twin.run.metrics import INTERRUPTED, KILLED, Ending, Motion, Outcome, held, measure
@@ -77,7 +65,7 @@ class RecordedReference(Reference):
 
 
 @dataclass(eq=False, repr=False)
-class Run(Signals):
+class Run(files.Signals):
     """A finished run of one rig: a mapping from column to values, and what can be said of them.
 
     Attributes:
@@ -187,8 +175,8 @@ class Run(Signals):
             speed = self.real_time_factor
             made = {"judged_from": self.scenario.metrics.start, "real_time_factor": speed}
         driven = {"driven": self.driven} if made and self.driven else {}
-        title = self.scenario.title
-        return {"scenario": title, **self.metrics, **made, "units": UNITS, **self.account, **driven}
+        said = {"scenario": self.scenario.title, **self.metrics, **made}
+        return said | {"units": files.UNITS, **self.account, **driven}
 
     @cached_property
     def followed(self) -> Reference:
@@ -439,7 +427,7 @@ def open_run(path: Path) -> list[Run]:
     Raises:
         RecordError: If there is no record, or none of this program.
     """
-    file = record_of(path)
+    file = files.record_of(path)
     values, units, metadata = read_run(file)
     missing = [name for name in NEEDED if name not in values]
     for group in TOGETHER:
@@ -464,7 +452,7 @@ def open_run(path: Path) -> list[Run]:
         raise RecordError(f"{absent['reference']}; where it led is not in the record")
     _check_rows(values, str(file))
     run = Run(
-        file.resolve().parent.name if is_record(file) else file.stem,
+        file.resolve().parent.name if files.is_record(file) else file.stem,
         scenario,
         values,
         units,
@@ -472,7 +460,7 @@ def open_run(path: Path) -> list[Run]:
         absent=absent,
         **said | {"events": tuple(said["events"])},
     )
-    if file.name != STREAM:
+    if file.name != files.STREAM:
         return [run]
     return [
         judged_as(run, Outcome(Ending.ABORTED, values["time"][-1] + scenario.rig.period, KILLED))
@@ -525,8 +513,8 @@ def open_runs(
         except RecordError as error:
             failed.append(error)
             continue
-        name = listed(path.parent).get(path.name, run.name)
-        runs.append(replace(run, name=numbered(name, [other.name for other in runs])))
+        name = files.listed(path.parent).get(path.name, run.name)
+        runs.append(replace(run, name=files.numbered(name, [other.name for other in runs])))
     if not runs:
         raise failed[0]
     for each in failed:
@@ -564,7 +552,7 @@ def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:
 def _metadata(folder: Path) -> Mapping[str, Any]:
     """What lies beside the rows of a folder's record; empty if it cannot be read, or has none."""
     try:
-        found = parse_json(read_beside(record_in(folder), "ballplate") or b"{}")
+        found = parse_json(read_beside(files.record_in(folder), "ballplate") or b"{}")
     except (RecordError, DataError):
         return {}
     return found if isinstance(found, dict) else {}
@@ -574,11 +562,16 @@ def _records(paths: tuple[Path, ...]) -> list[Path]:
     """The run folders and files that paths lead to, each once."""
     found: list[Path] = []
     for path in paths:
-        folder = last() if is_last(path) else path
-        inner = run_folders(folder)
+        folder = files.last() if files.is_last(path) else path
+        inner = files.run_folders(folder)
         if inner:
             found += inner
-        elif path.suffix == ".parquet" or is_record(path) or len(paths) == 1 or not path.exists():
+        elif (
+            path.suffix == ".parquet"
+            or len(paths) == 1
+            or not path.exists()
+            or files.is_record(path)
+        ):
             found.append(path)
     if not found:
         raise RecordError(f"{paths[0]}: not a run; give run folders, as in runs/circle")

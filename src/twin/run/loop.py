@@ -23,23 +23,7 @@ from controllers.interfaces import Measurement
 from twin.errors import ScenarioError, TwinError
 from twin.hal.rig import Rig
 from twin.hal.supervisor import State
-from twin.run.assemble import (
-    OF_PLANTS,
-    PLANTS,
-    agree,
-    assemble,
-    build_friction,
-    build_plant,
-    build_rig,
-    change_devices,
-    change_transmission,
-    differ,
-    law_of,
-    mistaken,
-    own_errors,
-    shared,
-    without_error,
-)
+from twin.run import assemble
 from twin.run.metrics import INTERRUPTED, RAN_AWAY, Ending, Motion, Outcome, measure, unjudged
 from twin.run.record import Recorder
 from twin.scenario import Scenario
@@ -236,9 +220,9 @@ def alike(scenario: Scenario) -> dict[str, Any]:
     Besides what the rigs of a batch share, that is what makes a plant or an observer calculate in
     another way.
     """
-    friction = build_friction([scenario])
+    friction = assemble.build_friction([scenario])
     surface = None if friction is None or friction.map is None else friction.map
-    return shared(scenario) | {
+    return assemble.shared(scenario) | {
         "observer": scenario.observer.model_dump(),
         "predictor": None if scenario.predictor is None else scenario.predictor.model_dump(),
         "model": repr(scenario.designed_on),
@@ -254,7 +238,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-@own_errors()
+@assemble.own_errors()
 def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[dict[str, Any]]:
     """The indicators of each scenario, all of them alike.
 
@@ -269,7 +253,7 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[dict[
     """
     order = _padded(scenarios)
     first = scenarios[0]
-    rig, controller = assemble([scenarios[i] for i in order], threads=1)
+    rig, controller = assemble.assemble([scenarios[i] for i in order], threads=1)
     ticks = round(first.duration / first.rig.period)
     late = [bool(scenario.controller.computing_time) for scenario in scenarios]
     record = Recorder(
@@ -307,11 +291,11 @@ def _padded(scenarios: Sequence[Scenario]) -> list[int]:
     """Which scenario each rig runs: law by law, the last of one twice to make its number even."""
     groups: dict[tuple[str, BallPlate], list[int]] = {}
     for index, scenario in enumerate(scenarios):
-        groups.setdefault(law_of(scenario), []).append(index)
+        groups.setdefault(assemble.law_of(scenario), []).append(index)
     found: list[int] = []
     for its in groups.values():
         found += its + its[-1:] * (len(its) % PAIR)
-    lacking = max(0, PLANTS[scenarios[0].plant.kind].least - len(found))
+    lacking = max(0, assemble.PLANTS[scenarios[0].plant.kind].least - len(found))
     return found + [found[-1]] * lacking
 
 
@@ -386,7 +370,7 @@ class Episodes:
             ModelError: If a number is out of range.
         """
         for scenario in scenarios:
-            agree(self._common, _common(scenario), "all episodes")
+            assemble.agree(self._common, _common(scenario), "all episodes")
         before = list(self.scenarios)
         for rig, scenario in zip(rigs.tolist(), scenarios, strict=True):
             self.scenarios[rig] = scenario
@@ -399,9 +383,9 @@ class Episodes:
     def _begin(self, rigs: NDArray[np.integer], before: Sequence[Scenario]) -> None:
         """Let rigs begin with their present scenarios."""
         if len(rigs) == len(self._all):
-            plant, transmission = build_plant(self.scenarios, threads=self._threads)
-            self._known = without_error(transmission)
-            self._rig = build_rig(self.scenarios, plant, transmission)
+            plant, transmission = assemble.build_plant(self.scenarios, threads=self._threads)
+            self._known = assemble.without_error(transmission)
+            self._rig = assemble.build_rig(self.scenarios, plant, transmission)
             self.measurement = _own(_started(self._rig))
             self.applied = np.zeros((len(rigs), 2))
             self.ticks = np.zeros(len(rigs), int)
@@ -413,11 +397,11 @@ class Episodes:
         new, rig = [self.scenarios[each] for each in rigs], self._rig
         plant = rig.devices.plant
         old = [before[each] for each in rigs]
-        if differ(OF_PLANTS, old, new):
-            PLANTS[new[0].plant.kind].rebuild(plant, rigs, self.scenarios)
-        change_devices(rig.devices, before, self.scenarios, plant=False)
-        change_transmission(rig, self._known, before, self.scenarios)
-        begun = build_rig(new, SomeRigs(plant, rigs), mistaken(self._known, new))
+        if assemble.differ(assemble.OF_PLANTS, old, new):
+            assemble.PLANTS[new[0].plant.kind].rebuild(plant, rigs, self.scenarios)
+        assemble.change_devices(rig.devices, before, self.scenarios, plant=False)
+        assemble.change_transmission(rig, self._known, before, self.scenarios)
+        begun = assemble.build_rig(new, SomeRigs(plant, rigs), assemble.mistaken(self._known, new))
         seen = _started(begun)
         rig.devices.adopt(rigs, begun.devices)
         rig.adopt(rigs, begun)
@@ -466,4 +450,4 @@ def _own(seen: Measurement) -> Measurement:
 
 
 def _common(scenario: Scenario) -> dict[str, object]:
-    return shared(scenario) | {key: value_of(scenario, key) for key in EPISODES}
+    return assemble.shared(scenario) | {key: value_of(scenario, key) for key in EPISODES}

@@ -75,6 +75,8 @@ def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Seque
 # their light blue, which are hard to see as lines on white.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B57D00", "#4B2E83")
 STYLES = ("-", "--", "-.", ":")
+LOOKS = len(COLOURS) * len(STYLES)
+"""Runs that differ in colour or style; the legend has no more."""
 LOOK: Any = {
     "font.size": 9,
     "axes.grid": True,
@@ -91,8 +93,6 @@ WIDTH = 100
 """Characters in a line of the title."""
 LEGEND = 150
 """Characters in a line of the legend."""
-MOST = 12
-"""Entries of a legend, and lines of a list; of more runs, numbers stand at the curves."""
 FEW = 2
 """Runs whose efforts can be told apart as they are; of more, the running RMS is drawn."""
 WINDOW = 0.5
@@ -172,36 +172,21 @@ def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float])
     smooth = len(runs) > FEW
     for index, (label, motion) in enumerate(runs.items()):
         _add(panels, motion, label, index, smooth=smooth)
-        if len(runs) > MOST:
-            _number(panels, motion, index, len(runs))
     _refer(panels, runs)
     _label(panels, smooth=smooth)
     shade(panels, runs, COLOURS)
     if any(_gone(motion) for motion in runs.values()):
         panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
-    _place(figure, panels, _legend(figure, panels["plate"], list(runs)), title)
+    _place(figure, panels, _legend(figure, panels["plate"], len(runs)), title)
     return figure
 
 
-def _legend(figure: Figure, panel: Axes, names: Sequence[str]) -> Legend:
-    """What the curves are: an entry each, or, if there are too many, a list of their numbers."""
+def _legend(figure: Figure, panel: Axes, runs: int) -> Legend:
+    """What the curves are, as far as they can be told apart."""
     entries = list(zip(*panel.get_legend_handles_labels(), strict=True))
-    numbered = None
-    if len(names) > MOST:
-        whole = (f"{n}\xa0{name}".replace(" ", "\xa0") for n, name in enumerate(names, 1))
-        lines = textwrap.wrap(
-            "   ".join(whole), LEGEND, max_lines=MOST, placeholder=" ...", break_on_hyphens=False
-        )
-        numbered = "\n".join(lines)
-        entries = entries[len(names) :]
+    entries = [*entries[: min(runs, LOOKS)], *entries[runs:]]
     columns = max(1, min(len(entries), LEGEND // (5 + max(len(words) for _, words in entries))))
-    return figure.legend(
-        *zip(*entries, strict=True),
-        loc="lower center",
-        ncols=columns,
-        title=numbered,
-        title_fontsize=LOOK["font.size"] - 1,
-    )
+    return figure.legend(*zip(*entries, strict=True), loc="lower center", ncols=columns)
 
 
 def _place(figure: Figure, panels: Mapping[str, Axes], legend: Legend, title: str) -> None:
@@ -249,25 +234,6 @@ def _same_reference(motion: Motion, longest: Motion) -> bool:
     """Whether two references, each at the instants of its own run, can not be told apart."""
     other = [np.interp(motion.time, longest.time, axis) for axis in longest.reference.T]
     return np.allclose(motion.reference, np.stack(other, axis=1), rtol=0, atol=SAME)
-
-
-def _number(panels: Mapping[str, Axes], motion: Motion, index: int, count: int) -> None:
-    """Write a run's number at its curves, each run's further on than that of the one before."""
-    at = int((index + 0.5) / count * (len(motion.time) - 1))
-    for name, (x, y) in {
-        "plate": 1000 * motion.ball[at],
-        "error": (motion.time[at], 1000 * np.hypot(*motion.error[at])),
-    }.items():
-        panels[name].annotate(
-            str(index + 1),
-            (x, y),
-            color=COLOURS[index % len(COLOURS)],
-            fontsize=7,
-            ha="center",
-            va="center",
-            bbox={"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none"},
-            zorder=6,
-        )
 
 
 def _plate(panel: Axes, area: tuple[float, float]) -> None:
