@@ -52,7 +52,7 @@ RINGS = (1.0, 0.74, 0.5, 0.87, 0.62)
 """Radii of the further runs' rings as shares of that: of balls in one place all are seen."""
 TRAIL, TONES = 36, 6
 """Frames that a trail is long, tones in which it fades."""
-FACTORS = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 60)
+STEEPEST = 50
 """How many times as steep as it is the tilt may be drawn."""
 MOST_FRAMES, MOST_FPS = 2000, 50
 SIZES = (300, 1200)
@@ -308,12 +308,9 @@ class Film:
         error.xaxis.set_major_locator(MaxNLocator(8))
         error.yaxis.set_major_locator(MaxNLocator(3))
         error.tick_params(labelsize=7, labelcolor=GREY, length=0, pad=2)
-        most = [float(each.error[np.isfinite(each.error)].max(initial=0.1)) for each in self._acts]
-        error.set(ylim=(0, 1.05 * max(most)))
         tilts = np.abs(self._acts[0].tilt)
         steepest = float(tilts[np.isfinite(tilts)].max(initial=1e-3))
-        fitting = [f for f in FACTORS if math.sin(min(1.5, f * steepest)) <= 0.73 * thick / x]
-        self._steep = max(fitting or [1])
+        self._steep = min(STEEPEST, max(1, int(math.asin(0.73 * thick / x) / steepest)))
 
     def _add(self, index: int, act: Act) -> Line2D:
         """Add a run to what stays and to what moves; returns its entry of the legend."""
@@ -362,6 +359,7 @@ class Film:
 
     def _letter(self, runs: Mapping[str, Run], entries: list[Line2D]) -> None:
         """Write what stays, and make room for the time."""
+        self._panels["error"].set(ylim=(0, 1.05 * max(0.1, self._panels["error"].dataLim.y1)))
         self._figure.legend(
             entries,
             [_described(label, run) for label, run in runs.items()],
@@ -510,7 +508,7 @@ def _video(target: Path, film: Film, frames: Iterator[Image.Image]) -> None:
     wide, high = (side - side % 2 for side in film.size)
     with av.open(str(target), "w", format="mp4") as file:
         stream = file.add_stream("libx264", rate=film.fps)
-        stream.thread_count = 1  # several may give other bytes on a busy machine
+        stream.options = {"x264-params": "mbtree=0"}  # which gives other bytes now and then
         stream.width, stream.height, stream.pix_fmt = wide, high, "yuv420p"
         for frame in frames:
             image = frame.convert("RGB").crop((0, 0, wide, high))

@@ -1,10 +1,7 @@
-"""Where everything of interest stands in the arrays of a batch of mechanisms.
+"""The MuJoCo plant: N mechanisms of ``models/ballplate.xml`` stepped as one batch.
 
-How the one friction object acts in the engine: on each rig's ball, when it has to.
-
-How balls are put, rolling, on the plates of a batch of mechanisms.
-
-The MuJoCo plant: N mechanisms of ``models/ballplate.xml`` stepped as one batch.
+Besides where everything of interest stands in the arrays of a batch, and how the one friction
+object acts in the engine: on each rig's ball, when it has to.
 """
 
 from __future__ import annotations
@@ -197,52 +194,6 @@ def free_dimension(model: mujoco.MjModel) -> int:
     return 4 if model.pair_friction[model.pair("ball_plate").id, 2] > LEAST else 3
 
 
-class BallPlacing:
-    """Writes where the balls of N rigs are and how they roll.
-
-    Args:
-        batch: The rigs.
-        at: Places in its arrays.
-        surface: Height of the screen over the cardan joint, m.
-        height: That of the balls' centres on a level plate, m, shape (N,).
-    """
-
-    def __init__(self, batch: Batch, at: Addresses, surface: float, height: Array) -> None:
-        self._qpos: Array = batch.bind("qpos")
-        self._qvel: Array = batch.bind("qvel")
-        self._at, self._surface, self._height = at, surface, height
-
-    def change(self, rigs: NDArray[np.integer], height: Array) -> None:
-        """Give some rigs balls whose centres are at other heights in m, shape (k,)."""
-        self._height[rigs] = height
-
-    @property
-    def _radius(self) -> Array:
-        return self._height - self._surface
-
-    def level(self, rigs: slice | NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
-        """Let balls of level plates roll at (x, x', y, y'), shape (k, 4).
-
-        Positions in m, speeds in m/s; ``spin`` is their rate about the vertical in rad/s.
-        """
-        x, vx, y, vy = ball.T
-        zero, radius = np.zeros(len(ball)), self._radius[rigs]
-        self._qpos[rigs, self._at.ball_pose] = np.stack((x, y, self._height[rigs]), axis=-1)
-        turn = (-vy / radius, vx / radius, zero + spin)
-        self._qvel[rigs, self._at.ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
-
-    def tilted(self, ball: Array) -> None:
-        """Let the balls roll at (x, x', y, y') on plates as they are now, shape (N, 4)."""
-        angles, rates = self._qpos.T[self._at.poses[:2]], self._qvel.T[self._at.rates[:2]]
-        centre, velocity, turning = rolling_ball(angles, rates, ball.T, self._height, self._radius)
-        pose, rate = self._at.ball_pose.start, self._at.ball_rate.start
-        self._qpos[:, pose : pose + 3] = centre
-        # upright, so that its own axes are those of the rig
-        self._qpos[:, pose + 3 : pose + 7] = 1.0, 0.0, 0.0, 0.0
-        self._qvel[:, rate : rate + 3] = velocity
-        self._qvel[:, rate + 3 : rate + 6] = turning
-
-
 _MANY = 16
 """From this number of rigs on, numpy sees where the balls are faster than the engine's sensors."""
 
@@ -302,7 +253,7 @@ class Mechanism:
         screen = model.geom("plate")
         self._surface = float(screen.pos[2] + screen.size[2])
         self._half = screen.size[:2, None]
-        self._placing = BallPlacing(self._batch, self._at, self._surface, self._models.heights())
+        self._height = self._models.heights()
         self._contact = None if friction is None else BallContact(self._batch, friction)
         # how often friction that changes with speed or place is updated: every 2 ms
         self._stride = max(1, round(0.002 / self.step))
@@ -342,7 +293,7 @@ class Mechanism:
             ModelError: If a number is out of range.
         """
         self._models.rebuild(self._batch, rigs, parts)
-        self._placing.change(rigs, self._models.heights(rigs))
+        self._height[rigs] = self._models.heights(rigs)
         self._exchange_friction(friction)
 
     def _exchange_friction(self, friction: Friction) -> None:
@@ -373,14 +324,28 @@ class Mechanism:
         """Put rigs, all by default, level and at rest with their balls as ``start`` says."""
         batch = self._batch
         batch.reset(rigs, keyframe=self._at.level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        self._placing.level(slice(None) if rigs is None else rigs, ball, spin)
+        which = slice(None) if rigs is None else rigs
+        x, vx, y, vy = ball.T
+        zero, radius = np.zeros(len(ball)), self._height[which] - self._surface
+        self._qpos[which, self._at.ball_pose] = np.stack((x, y, self._height[which]), axis=-1)
+        turn = (-vy / radius, vx / radius, zero + spin)
+        self._qvel[which, self._at.ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
         batch.forward(rigs)
         self._sensed = self._live
         self._look()
 
     def place(self, ball: Array) -> None:
         """Put the balls, rolling, at (x, x', y, y') on plates that stay as they are, (N, 4)."""
-        self._placing.tilted(np.broadcast_to(ball, (self.rigs, 4)))
+        ball = np.broadcast_to(ball, (self.rigs, 4)).T
+        angles, rates = self._qpos.T[self._at.poses[:2]], self._qvel.T[self._at.rates[:2]]
+        radius = self._height - self._surface
+        centre, velocity, turning = rolling_ball(angles, rates, ball, self._height, radius)
+        pose, rate = self._at.ball_pose.start, self._at.ball_rate.start
+        self._qpos[:, pose : pose + 3] = centre
+        # upright, so that its own axes are those of the rig
+        self._qpos[:, pose + 3 : pose + 7] = 1.0, 0.0, 0.0, 0.0
+        self._qvel[:, rate : rate + 3] = velocity
+        self._qvel[:, rate + 3 : rate + 6] = turning
         if self._sensing:
             self._batch.forward(None, _VELOCITY_STAGE)
         self._look()
