@@ -15,10 +15,12 @@ from twin.page import html as html_of
 from twin.report.numbers import differing, in_json, indicators, rows
 from twin.report.summary import Diagnosis, spectrum, summary, verdict
 from twin.run.finished import Run, columns
-from twin.run.picture import MOST, drawn, picture, style
+from twin.run.picture import drawn, picture, style
 
 DETAILS = read_toml(Path(__file__).with_name("details.toml"))
 """Of each panel title, labels, and where its axis begins and ends if that is known."""
+MOST = 12
+"""Runs that a legend within a panel has room for."""
 
 
 def overview(runs: Sequence[Run]) -> Figure:

@@ -38,28 +38,14 @@ from twin.errors import LawError, ModelError, ScenarioError, TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Limits, Transmission
 from twin.hal.rig import Rig
+from twin.scenario import schema
 from twin.scenario.load import at_time, times
-from twin.scenario.schema import PLANTS as NAMED
-from twin.scenario.schema import (
-    SLACK,
-    Choice,
-    ControllerChoice,
-    Scenario,
-    checked_settings,
-    choices,
-)
+from twin.scenario.schema import SLACK, Scenario, choices
 from twin.settings import changed, filled, per_rig, settings_of, value_of
+from twin.sim import rig as simulated
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction, SurfaceMap, SurfaceModel
 from twin.sim.plant.interface import BallStart, Parts, Plant
-from twin.sim.rig import (
-    DriveModel,
-    PerRigTransmission,
-    SimulatedDevices,
-    SimulatedRig,
-    TransmissionError,
-    WrongTransmission,
-)
 from twin.sim.sensors import EncoderModel, TouchModel
 
 
@@ -86,8 +72,8 @@ def believed(scenario: Scenario) -> Transmission:
 
 def mistaken(known: Transmission, scenarios: Sequence[Scenario]) -> Transmission:
     """A transmission with the errors that the scenarios have of it."""
-    error = filled(TransmissionError, scenarios)
-    return WrongTransmission(known, error) if error.any else known
+    error = filled(simulated.TransmissionError, scenarios)
+    return simulated.WrongTransmission(known, error) if error.any else known
 
 
 OF_PLANTS = (Friction, SurfaceModel, Parts)
@@ -138,7 +124,7 @@ def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Tran
     cams = {kind: _cams(kind, plant.ratio) for kind in set(kinds)}
     if len(cams) == 1:
         return plant, cams[kinds[0]]
-    return plant, PerRigTransmission([cams[kind] for kind in kinds])
+    return plant, simulated.PerRigTransmission([cams[kind] for kind in kinds])
 
 
 def _stays(plant: Any, *_: Any) -> None:
@@ -191,8 +177,8 @@ PLANTS = {
 def register(name: str, kind: PlantKind) -> None:
     """Let scenarios of this process name a further plant."""
     PLANTS[name] = kind
-    if name not in NAMED:
-        NAMED.append(name)
+    if name not in schema.PLANTS:
+        schema.PLANTS.append(name)
 
 
 @lru_cache(maxsize=8)
@@ -278,7 +264,7 @@ class RigChanges:
 
 
 def change_devices(
-    devices: SimulatedDevices,
+    devices: simulated.SimulatedDevices,
     old: Sequence[Scenario],
     new: Sequence[Scenario],
     *,
@@ -304,7 +290,9 @@ def change_devices(
         if differ((TouchModel,), old, new)
         else None,
         encoders=filled(EncoderModel, new) if differ((EncoderModel,), old, new) else None,
-        drives=filled(DriveModel, new) if differ((DriveModel,), old, new) else None,
+        drives=filled(simulated.DriveModel, new)
+        if differ((simulated.DriveModel,), old, new)
+        else None,
     )
 
 
@@ -319,17 +307,24 @@ def change_transmission(
         old: What the scenarios said until now, one per rig.
         new: What they say now.
     """
-    if differ((TransmissionError,), old, new):
+    if differ((simulated.TransmissionError,), old, new):
         rig.replace_transmission(mistaken(known, new))
 
 
 def without_error(transmission: Transmission) -> Transmission:
     """What a rig would know of its cams if it made no mistake."""
-    return transmission.known if isinstance(transmission, WrongTransmission) else transmission
+    return (
+        transmission.known
+        if isinstance(transmission, simulated.WrongTransmission)
+        else transmission
+    )
 
 
 def changing(
-    rig: Rig, devices: SimulatedDevices, transmission: Transmission, scenarios: Sequence[Scenario]
+    rig: Rig,
+    devices: simulated.SimulatedDevices,
+    transmission: Transmission,
+    scenarios: Sequence[Scenario],
 ) -> RigChanges:
     """The changes of simulated rigs, made ready so that none of them takes long.
 
@@ -352,7 +347,7 @@ def changing(
 
 
 def changing_devices(
-    devices: SimulatedDevices, scenarios: Sequence[Scenario], act: Act
+    devices: simulated.SimulatedDevices, scenarios: Sequence[Scenario], act: Act
 ) -> RigChanges:
     """Changes that an act makes, the plant made ready so that none of them takes long.
 
@@ -470,7 +465,7 @@ def build_law(scenario: Scenario) -> Law:
 @lru_cache(maxsize=1024)
 def _designed(cls: type, choice: str, ticks: int, model: BallPlate) -> Law:
     """A law has no state: one object serves all runs of this process."""
-    chosen = ControllerChoice.model_validate_json(choice)
+    chosen = schema.ControllerChoice.model_validate_json(choice)
     law: Law = _build("controller", chosen, model=model)
     if problem := wrong_answer(law):
         raise ScenarioError(problem)
@@ -531,9 +526,9 @@ def build_reference(scenario: Scenario) -> Reference:
     return reference
 
 
-def _build(table: str, choice: Choice, **given: object) -> Any:
+def _build(table: str, choice: schema.Choice, **given: object) -> Any:
     cls = choices(table)[choice.kind]
-    settings = checked_settings(cls, choice.settings)
+    settings = schema.checked_settings(cls, choice.settings)
     try:
         return cls(**settings, **given)
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -549,7 +544,7 @@ SHARED_EXACT = ("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia")
 class Assembled(NamedTuple):
     """Rigs and the controller to drive them."""
 
-    rig: SimulatedRig
+    rig: simulated.SimulatedRig
     controller: Controller
 
 
@@ -594,7 +589,7 @@ def build_rig(
     anchor: float = Rig.ANCHOR,
     *,
     changeable: bool = False,
-) -> SimulatedRig:
+) -> simulated.SimulatedRig:
     """The rigs of scenarios that agree in what a batch shares, around their plant.
 
     Args:
@@ -605,7 +600,7 @@ def build_rig(
         anchor: Time in s from one look of the rig at its measured plate angle to the next.
         changeable: Whether they may be changed while they run, also where no scenario says so.
     """
-    rig = SimulatedRig(
+    rig = simulated.SimulatedRig(
         build_devices(scenarios, plant, seeds=seeds),
         transmission=transmission,
         limits=filled(Limits, scenarios),
@@ -643,7 +638,7 @@ def build_devices(
     seeds: Sequence[np.random.SeedSequence] | None = None,
     touch: TouchModel | None = None,
     encoders: EncoderModel | None = None,
-) -> SimulatedDevices:
+) -> simulated.SimulatedDevices:
     """The scenarios' devices around their plant, the plant started.
 
     Args:
@@ -659,12 +654,12 @@ def build_devices(
     holds = [round(max(s.sensors.noise_hold, s.rig.period) / period) for s in scenarios]
     if seeds is None:
         seeds = [np.random.SeedSequence(s.seed, spawn_key=(0,)) for s in scenarios]
-    return SimulatedDevices(
+    return simulated.SimulatedDevices(
         plant,
         period=period,
         touch=touch or filled(TouchModel, scenarios),
         encoders=encoders or filled(EncoderModel, scenarios),
-        drives=filled(DriveModel, scenarios),
+        drives=filled(simulated.DriveModel, scenarios),
         hold=holds[0] if len(set(holds)) == 1 else np.array(holds),
         seeds=seeds,
     )

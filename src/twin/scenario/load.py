@@ -23,18 +23,8 @@ from pydantic import ValidationError
 from controllers.catalog import broken
 from twin.data_file import DEEPEST, DataError, parse_toml
 from twin.errors import ScenarioError, nearest, shortened
-from twin.scenario.schema import (
-    JUMPS,
-    KINDS,
-    RAMPS,
-    SLACK,
-    TABLES,
-    Change,
-    Scenario,
-    choices,
-    settings_model,
-    without_ball,
-)
+from twin.scenario import schema
+from twin.scenario.schema import KINDS, SLACK, Change, Scenario
 from twin.settings import value_of
 from twin.shipped import chosen, find, shipped_in
 from twin.validation import Model, keys_of, one_line, read_tables
@@ -84,7 +74,7 @@ def problem_of_changes(scenario: Scenario) -> str:
                 f"change.{number}.at: {change.at:g} s is not before the end at duration = "
                 f"{scenario.duration:g} s"
             )
-    for key in RAMPS + JUMPS:
+    for key in schema.RAMPS + schema.JUMPS:
         its = sorted((c for c in scenario.change if key in c.set), key=lambda each: each.at)
         for one, other in pairwise(its):
             if other.at < one.end or other.at == one.at:
@@ -151,7 +141,7 @@ def clean(scenario: Scenario) -> Scenario:
         },
         "disturbance": {"variance": none},
     }
-    tables = {name: TABLES[name].model_validate(table) for name, table in said.items()}
+    tables = {name: schema.TABLES[name].model_validate(table) for name, table in said.items()}
     prompt = scenario.without_computing_time
     return prompt.model_copy(update={**tables, "predictor": None, "change": ()})
 
@@ -277,7 +267,7 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
             for other in table.keys() - {"model"}:
                 del table[other]
         if names == ["plant", "ball", "kind"] and table.get("kind", new) != new:
-            without_ball(result["plant"], table["kind"])
+            schema.without_ball(result["plant"], table["kind"])
         table[names[-1]] = copy.deepcopy(new)
     return result
 
@@ -308,7 +298,7 @@ def recorded(tables: Mapping[str, Any], source: str) -> tuple[Scenario, dict[str
     absent = {}
     for table in KINDS:
         choice = getattr(scenario, table)
-        known = choices(table)
+        known = schema.choices(table)
         if choice.kind not in known:
             absent[table] = (
                 f"{source}: {table}.kind: no '{choice.kind}'{nearest(choice.kind, known)}"
@@ -316,7 +306,9 @@ def recorded(tables: Mapping[str, Any], source: str) -> tuple[Scenario, dict[str
             )
             continue
         try:
-            validated(settings_model(known[choice.kind]), choice.settings, source, f"{table}.")
+            validated(
+                schema.settings_model(known[choice.kind]), choice.settings, source, f"{table}."
+            )
         except ScenarioError as error:
             absent[table] = str(error)
     _check_changes(scenario, source)
@@ -371,8 +363,8 @@ def every_key() -> list[str]:
     """Every dotted key of a scenario, with the settings of every law, observer and reference."""
     found = list(keys_of(Scenario))
     for table in KINDS:
-        for cls in choices(table).values():
-            found += [f"{table}.{name}" for name in settings_model(cls).model_fields]
+        for cls in schema.choices(table).values():
+            found += [f"{table}.{name}" for name in schema.settings_model(cls).model_fields]
     return list(dict.fromkeys(found))
 
 

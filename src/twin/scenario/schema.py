@@ -9,18 +9,8 @@ from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    WithJsonSchema,
-    create_model,
-    field_validator,
-    model_serializer,
-    model_validator,
-)
+import pydantic
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
@@ -127,7 +117,9 @@ def tables(*classes: type, bases: Mapping[str, type[Section]], module: str) -> d
     for path in sorted(fields, key=lambda path: -path.count(".")):
         title = "".join(part.capitalize() for part in path.split(".")) + "Table"
         own: dict[str, Any] = inner.get(path, {}) | fields[path]
-        made = create_model(title, __base__=bases.get(path, Section), __module__=module, **own)
+        made = pydantic.create_model(
+            title, __base__=bases.get(path, Section), __module__=module, **own
+        )
         made.sources = sources[path]
         outer, _, name = path.rpartition(".")
         inner.setdefault(outer, {})[name] = (made, made())
@@ -168,7 +160,7 @@ def model_of(cls: type, without: Collection[str] = ()) -> type[BaseModel]:
             fields[item.name] = (hint, Field(default_factory=item.default_factory))
         else:
             fields[item.name] = (hint, ...)
-    return create_model(cls.__name__, __config__=STRICT, **fields)
+    return pydantic.create_model(cls.__name__, __config__=STRICT, **fields)
 
 
 def dataclass_of(hint: Any) -> type | None:
@@ -260,7 +252,9 @@ class PlantKeys(Section):
     """What is simulated."""
 
     kind: Annotated[
-        str, AfterValidator(_known), WithJsonSchema({"type": "string", "enum": list(PLANTS)})
+        str,
+        pydantic.AfterValidator(_known),
+        pydantic.WithJsonSchema({"type": "string", "enum": list(PLANTS)}),
     ] = "mujoco"
     """The mechanism in MuJoCo, or the exact equations (5.9)."""
     step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
@@ -369,7 +363,7 @@ class _Rig(Section):
 class _Touch(Section):
     """The touch screen."""
 
-    @field_validator("frame_rate", check_fields=False)
+    @pydantic.field_validator("frame_rate", check_fields=False)
     @classmethod
     def _frames_come(cls, value: float) -> float:
         if 0 < value < 1:
@@ -453,8 +447,8 @@ class KnownBall(Section):
     def _by_name(cls, value: Any) -> Any:
         return {"kind": value} if isinstance(value, str) else value
 
-    @model_serializer(mode="wrap")
-    def _in_short(self, whole: SerializerFunctionWrapHandler) -> str | dict[str, Any]:
+    @pydantic.model_serializer(mode="wrap")
+    def _in_short(self, whole: pydantic.SerializerFunctionWrapHandler) -> str | dict[str, Any]:
         given = {key: value for key, value in whole(self).items() if value is not None}
         return self.kind if given.keys() == {"kind"} else given
 
