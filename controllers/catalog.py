@@ -23,11 +23,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from enum import Enum
 from functools import cache, partial
-from importlib.machinery import SourceFileLoader
 from importlib.metadata import entry_points
 from itertools import chain
 from pathlib import Path, PurePath
-from types import CodeType, ModuleType
+from types import ModuleType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -136,16 +135,6 @@ def _files() -> Iterator[tuple[str, Callable[[], ModuleType]]]:
         yield str(path), partial(imported, path)
 
 
-class _FromSource(SourceFileLoader):
-    """Compiles a file anew each time.
-
-    Python takes stored bytecode for that of a file of the same size, changed in the same second.
-    """
-
-    def get_code(self, fullname: str) -> CodeType:
-        return self.source_to_code(self.get_data(self.path), self.path)
-
-
 def imported(path: Path) -> ModuleType:
     """The module of a file that lies in no package."""
     name = f"{FOLDER}_{path.stem}"
@@ -153,14 +142,14 @@ def imported(path: Path) -> ModuleType:
         name += (
             f"_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"  # another file of this name
         )
-    spec = importlib.util.spec_from_file_location(name, path, loader=_FromSource(name, str(path)))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    module = ModuleType(name)
+    module.__file__ = str(path)
     sys.modules[name] = module
     try:
         _texts[name] = _text(path)
-        spec.loader.exec_module(module)
+        # not by its bytecode, which Python takes for that of a file of the same size, changed in
+        # the same second
+        exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), vars(module))
     except BaseException:
         del sys.modules[name]
         raise

@@ -17,7 +17,6 @@ from typing import Any, get_args, get_origin
 
 from docstring_parser import parse_from_object
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
 from twin.errors import ScenarioError, shortened
 from twin.scenario.schema import KINDS, Choice, Scenario, Section, choices, settings_model
@@ -101,22 +100,20 @@ def described(name: str = "") -> list[Key]:
     if not name:
         return general
     kinds = every_kind()
-    found = [key for key in general if f"{key.key}.".startswith(f"{name}.")]
-    for kind, its in kinds.items():
-        if name in (kind, *kind.split(".")):
-            found += its
-    if found or any(name in (kind, kind.partition(".")[2]) for kind in kinds):
-        return found
     every = [*general, *chain.from_iterable(kinds.values())]
-    found = [key for key in every if f".{key.key}".endswith(f".{name}")]
-    # one setting of a kind, as reference.path.points
+    word = re.compile(rf"\b{re.escape(name)}", re.IGNORECASE)
     full, _, leaf = name.rpartition(".")
-    found += [key for key in kinds.get(full, ()) if key.key.endswith(f".{leaf}")]
-    if not found:  # a table within another, as servo; then a word of a meaning, as vibration
-        found = [key for key in every if name in key.key.split(".")]
-        word = re.compile(rf"\b{re.escape(name)}", re.IGNORECASE)
+    called = {kind for kind in kinds if name in (kind, *kind.split("."))}
+    found = [key for key in general if f"{key.key}.".startswith(f"{name}.")]
+    found += chain.from_iterable(kinds[kind] for kind in kinds if kind in called)
+    if not (found or called):
+        found = [key for key in every if f".{key.key}".endswith(f".{name}")]
+        # one setting of a kind, as reference.path.points
+        found += [key for key in kinds.get(full, ()) if key.key.endswith(f".{leaf}")]
+        # a table within another, as servo; then a word of a meaning, as vibration
+        found = found or [key for key in every if name in key.key.split(".")]
         found = found or [key for key in every if len(name) > 2 and word.search(key.meaning)]
-    if not found:
+    if not (found or called):
         names = {key.key for key in every} | {key.key.rpartition(".")[2] for key in every}
         names |= kinds.keys() | {kind.partition(".")[2] for kind in kinds}
         close = get_close_matches(name, sorted(names), n=1, cutoff=0.5)
@@ -152,7 +149,10 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
     for name, field in model.model_fields.items():
         inner = _table(field.annotation)
         if name == "kind" and issubclass(model, Choice):
-            yield _kind(prefix.rstrip("."), field)
+            table = prefix.rstrip(".")
+            meaning = f"The {table}; its own settings stand beside it."
+            kind = _key(f"{table}.kind", schema["properties"][name], meaning)
+            yield replace(kind, allowed=", ".join(choices(table)))
         elif inner is not None:
             yield from keys(inner, f"{prefix}{name}.")
         else:
@@ -163,19 +163,6 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
                 meanings(source).get(attribute, ""),
                 settings_of(source)[attribute] if name in sources else None,
             )
-
-
-def _kind(table: str, field: FieldInfo) -> Key:
-    """The key that names a law, observer or reference."""
-    return Key(
-        key=f"{table}.kind",
-        type="text",
-        unit="",
-        default=None if field.is_required() else field.default,
-        required=field.is_required(),
-        allowed=", ".join(choices(table)),
-        meaning=f"The {table}; its own settings stand beside it.",
-    )
 
 
 def _settings(table: str, kind: str) -> Iterator[Key]:
