@@ -24,7 +24,7 @@ def begun(kind, scenario, stack):
         from twin.play.process import Simulation
         return Simulation(scenario)
     elif kind == "emulated rig":
-        from twin.emulator.process import emulated
+        from twin.emulator.serve import emulated
         stack.enter_context(emulated(scenario))
     else:
         from twin.view import live_process, recording, terminal

@@ -24,7 +24,7 @@ from twin.writing import written_alone
 if TYPE_CHECKING:
     from ballplate.results import Result
     from twin.devices.rig import HardwareRig
-    from twin.emulator.process import Emulator
+    from twin.emulator.serve import Emulator
     from twin.hal.rig import Rig
     from twin.jobs import SecondProcess
     from twin.run.finished import Run
@@ -314,7 +314,7 @@ def rig_of(
     Raises:
         TwinError: If there is no such rig, or its file is wrong.
     """
-    from twin.emulator.process import emulated
+    from twin.emulator.serve import emulated
     from twin.scenario.rig import check_rig, read_rig
 
     if on != EMULATED:

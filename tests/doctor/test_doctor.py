@@ -12,7 +12,7 @@ from stepped import SteppedDrives
 
 import ballplate as bp
 from twin.cli.rig import doctor
-from twin.devices import scheduling
+from twin.devices import realtime
 from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.doctor import computer as computer_checks
@@ -128,7 +128,7 @@ def brief(monkeypatch):
 
     To lock it is to fetch all of it, gigabytes after some hundred tests.
     """
-    monkeypatch.setattr(scheduling, "_lock", lambda _: False)
+    monkeypatch.setattr(realtime, "_lock", lambda _: False)
     monkeypatch.setattr(computer_checks, "TIMED", 0.1)
 
 

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.rig import doctor
-from twin.devices import scheduling
+from twin.devices import realtime
 from twin.doctor import install
 from twin.errors import TwinError
 
@@ -17,7 +17,7 @@ PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text
 @pytest.fixture
 def found(monkeypatch):
     """What it says, by what was looked at."""
-    monkeypatch.setattr(scheduling, "_lock", lambda _: False)
+    monkeypatch.setattr(realtime, "_lock", lambda _: False)
 
     def look():
         done = CliRunner().invoke(doctor, ["--install", "--json"], standalone_mode=False)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from served_screen import EmulatedScreen
 
-from twin.devices.lumio.calibration import Calibration, CalibrationError, Mounting
-from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig, Mounting
 from twin.devices.lumio.screen import LumioScreen
 from twin.doctor.check import CheckStatus
 from twin.doctor.touch import (
@@ -21,8 +20,7 @@ from twin.doctor.touch import (
     usual_points,
 )
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.screen import ScreenLine
-from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen import Protocol, ScreenLine
 from twin.errors import RigError, TwinError
 from twin.scenario.rig import check_rig
 

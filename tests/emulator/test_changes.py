@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen import Protocol
 from twin.emulator.serve import BEGIN, VirtualRig, follow_changes
 from twin.run.assemble import build_controller
 from twin.run.loop import drive

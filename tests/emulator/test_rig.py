@@ -21,8 +21,7 @@ from serving import serving
 from twin.cli.look import export, report
 from twin.devices.akd.traces import read_trace
 from twin.emulator.drive import MASTER_SILENT
-from twin.emulator.process import emulated
-from twin.emulator.serve import TICK, VirtualRig
+from twin.emulator.serve import TICK, VirtualRig, emulated
 from twin.report.numbers import flat
 from twin.run.finished import open_run
 from twin.run.record import read_run

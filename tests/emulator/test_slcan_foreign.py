@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from serving import serving
 
 from twin.devices.akd.bus import PromptSlcanBus
-from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_faults import Frame
+from twin.emulator.can_bus import EmulatedBus, Frame
 from twin.emulator.can_slcan import BusServer, PseudoTerminal, SlcanPort
 
 FRAMES = st.builds(

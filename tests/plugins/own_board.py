@@ -6,9 +6,8 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from twin.devices.own import Direct, Hardware, OwnConfig, OwnScreen, OwnServos, Reading
-from twin.devices.realtime import RealTimeClock
+from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
-from twin.devices.scheduling import Scheduling
 from twin.run.assemble import build_limits
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_rig"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from twin.devices.akd.axis import Axis, AxisRequest
-from twin.devices.akd.network import Remote
+from twin.devices.akd.bringup import Remote
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Clamp

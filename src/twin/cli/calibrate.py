@@ -36,7 +36,7 @@ def _turned(
 ) -> Iterator[tuple[RigFile, AkdServos, Advance]]:
     """A rig whose plate is turned in real time: its file, its servos, and progress."""
     from twin.devices.akd.servos import AkdServos
-    from twin.devices.scheduling import real_time
+    from twin.devices.realtime import real_time
 
     with rig_file(rig, scenario) as (file, _), real_time(), progress(what, total) as advance:
         yield file, AkdServos(file.servos(0.002)), advance

@@ -17,7 +17,7 @@ from twin.cli import options
 from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show, warn
 from twin.devices.akd import TRACE
 from twin.doctor.check import CheckStatus, next_step
-from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen import Protocol
 from twin.errors import LogError
 from twin.jobs import cores
 from twin.page import Table, digits
@@ -155,8 +155,7 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
     and put for the ball, touch X Y (mm) for a finger, unplug and plug for the screen, lag for how
     far it is behind the clock; Ctrl-C ends it.
     """
-    from twin.emulator.process import come_forward
-    from twin.emulator.serve import VirtualRig
+    from twin.emulator.serve import VirtualRig, come_forward
     from twin.scenario import load
 
     with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
@@ -234,8 +233,7 @@ def trace(
     import numpy as np
     import pandas as pd
 
-    from twin.devices.akd.decoding import Conversation, Event
-    from twin.devices.akd.dictionary import Names
+    from twin.devices.akd.decoding import Conversation, Event, Names
     from twin.devices.akd.traces import read_trace
     from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
     from twin.scenario.rig import read_rig

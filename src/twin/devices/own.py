@@ -18,8 +18,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.catalog import error_words, failed_line
-from twin.devices.akd.conditions import FaultReports
-from twin.devices.nets import bounded, check_ranges, net, relaxed_nets
+from twin.devices.common import FaultReports, bounded, check_ranges, net, relaxed_nets
 from twin.errors import RigError, ScenarioError
 from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
 

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from twin.devices.akd.bringup import BY_HAND
 from twin.devices.akd.config import AkdConfig, unconfirmed
-from twin.devices.realtime import RealTimeClock, TimingLog
-from twin.devices.scheduling import real_time
+from twin.devices.realtime import RealTimeClock, TimingLog, real_time
 from twin.doctor.check import CheckResult, failed, noted, passed, scheduled, warned
 from twin.errors import TwinError
 from twin.hal.cams import CamTable

@@ -8,10 +8,9 @@ from math import degrees, radians
 import numpy as np
 
 from controllers.arrays import Array
-from twin.devices.akd.cia402 import DriveState, StatusBit
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.frames import fault_words
+from twin.devices.akd.protocol import DriveState, StatusBit, fault_words
 from twin.devices.akd.servos import AkdServos
 from twin.doctor.check import CheckResult, failed, noted, passed, reported, warned
 from twin.doctor.steps import enable, exchange, hold_level, stopped_by, turn, until

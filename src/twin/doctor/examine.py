@@ -12,8 +12,8 @@ from controllers.arrays import Array
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.own import OwnServos, Reading
+from twin.devices.realtime import real_time
 from twin.devices.rig import HardwareRig
-from twin.devices.scheduling import real_time
 from twin.doctor import drives
 from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, passed, reported, warned
 from twin.doctor.computer import computer

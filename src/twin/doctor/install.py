@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from serial.tools import list_ports
 
 from twin import installation
-from twin.devices.scheduling import real_time
+from twin.devices.realtime import real_time
 from twin.doctor.check import CheckResult, failed, noted, passed, scheduled, warned
 from twin.errors import TwinError
 from twin.view.viewer import has_display, program

@@ -16,20 +16,20 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd.servos import AkdServos
-from twin.devices.lumio.calibration import (
+from twin.devices.lumio.conditions import TWO_CONTACTS
+from twin.devices.lumio.config import (
     Calibration,
     CalibrationError,
     CalibrationFit,
+    LumioConfig,
     Mounting,
+    PlausibilityLimits,
     check_spread,
     fit,
     outlier,
     read_calibration,
 )
-from twin.devices.lumio.conditions import TWO_CONTACTS
-from twin.devices.lumio.config import LumioConfig, PlausibilityLimits
-from twin.devices.lumio.screen import LumioScreen
-from twin.devices.lumio.stream import Sample, TouchState
+from twin.devices.lumio.screen import LumioScreen, Sample, TouchState
 from twin.devices.lumio.transports import HIDRAW_CLASS, Interface, panels
 from twin.doctor.check import Ask, CheckResult, failed, noted, passed, reported, warned
 from twin.doctor.steps import exchange, hold_level, stopped_by, turn

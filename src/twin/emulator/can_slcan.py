@@ -15,7 +15,7 @@ from typing import Self
 
 from twin.devices.realtime import LatencyHistogram, Paused, never
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_faults import Frame
+from twin.emulator.drive_objects import Frame
 from twin.errors import RigError
 
 

@@ -21,9 +21,8 @@ from twin.devices.akd.servos import AkdServos
 from twin.devices.akd.traces import Hear, TracedBus
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.own import Direct, OwnConfig, OwnScreen, OwnServos, load_backend
-from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never
+from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time
 from twin.devices.rig import HardwareRig
-from twin.devices.scheduling import real_time
 from twin.errors import LogError
 from twin.hal.cams import CamTable
 from twin.hal.interface import Limits, Transmission

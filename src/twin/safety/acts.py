@@ -13,7 +13,8 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd import conditions as akd
-from twin.emulator.can_faults import Frame, Towards
+from twin.emulator.can_bus import Towards
+from twin.emulator.drive_objects import Frame
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import ScreenFault
 from twin.hal.cams import FixedRatio

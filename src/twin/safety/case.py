@@ -15,7 +15,7 @@ from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.drive import MASTER_SILENT, NO_VOLTAGE, STO_FAULT, UNDERVOLTAGE, Power
 from twin.emulator.lockstep import LockstepRig, MotionTrace, PowerChange
-from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen import Protocol
 from twin.hal.interface import Condition, Severity
 
 STILL = 0.02

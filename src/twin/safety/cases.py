@@ -18,7 +18,7 @@ from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.rig import HardwareRig
 from twin.emulator.drive import Power
 from twin.emulator.lockstep import PATIENCE, LockstepRig
-from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen import Protocol
 from twin.hal import supervisor
 from twin.hal.interface import Condition
 from twin.safety import acts

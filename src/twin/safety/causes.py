@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from twin.data_file import packaged
-from twin.emulator.can_faults import Towards
+from twin.emulator.can_bus import Towards
 from twin.emulator.drive import Power
-from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen import Protocol
 
 NAMES = {each.name: each for kind in (Power, Protocol, Towards) for each in kind}
 """What a text in a step names."""

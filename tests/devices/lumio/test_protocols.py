@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.protocols import STREAMS, Detector, EloDecoder, MicroTouchDecoder
-from twin.devices.lumio.stream import TouchStream
-from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
+from twin.devices.lumio.screen import TouchStream
+from twin.emulator.screen import ENCODERS, Protocol, Spot
 
 PROTOCOLS = [Protocol.MICROTOUCH, Protocol.ELO]
 SHARE = st.floats(0, 1)

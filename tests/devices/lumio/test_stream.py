@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.lumio.calibration import Calibration
 from twin.devices.lumio.conditions import CONDITIONS
-from twin.devices.lumio.config import LumioConfig, PlausibilityLimits
-from twin.devices.lumio.stream import TouchState, TouchStream
-from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
+from twin.devices.lumio.config import Calibration, LumioConfig, PlausibilityLimits
+from twin.devices.lumio.screen import TouchState, TouchStream
+from twin.emulator.screen import ENCODERS, Protocol, Spot, beyond
 from twin.sim.plant.exact import SCREEN
 
 FRAME = 0.01736

@@ -26,12 +26,14 @@ from can.interfaces.slcan import slcanBus
 from serial.tools.list_ports import comports
 
 from twin.devices.akd import conditions as c
-from twin.devices.akd import frames
-from twin.devices.akd.conditions import DriveError, FaultReports
+from twin.devices.akd import protocol
+from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import BusConfig
-from twin.devices.akd.network import BUS_ERRORS
-from twin.devices.ports import claim, in_words
+from twin.devices.common import FaultReports, claim, in_words
 from twin.errors import nearest
+
+BUS_ERRORS = (can.CanError, OSError)
+"""What python-can and the drivers below it raise when an adapter goes."""
 
 ERROR_PASSIVE_FRAME = (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)))
 BUS_ERROR_FRAME = (0x080, bytes(8))
@@ -295,7 +297,7 @@ class CanTransport:
 
     def send_heartbeat(self, host: int) -> None:
         """Send the heartbeat of the host's node."""
-        self.send(frames.HEARTBEAT + host, bytes((frames.OPERATIONAL,)))
+        self.send(protocol.HEARTBEAT + host, bytes((protocol.OPERATIONAL,)))
 
     def close(self) -> None:
         """Close the bus, whatever state it is in."""

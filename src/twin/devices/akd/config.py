@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from twin.devices.nets import bounded, check_ranges, net, relaxed_nets
+from twin.devices.common import bounded, check_ranges, net, relaxed_nets
 from twin.errors import ScenarioError
 
 

@@ -1,10 +1,22 @@
-"""The protocols a Lumio screen may speak on a serial line, and which of them bytes are of."""
+"""Touch reports out of bytes: the protocols of a serial line, and the reports of a USB panel.
+
+A panel is read by what its own report descriptor says, after Device Class Definition for HID 1.11,
+section 6.2.2, and as the Linux kernel reads it where devices and definition differ. Written here
+because the libraries that read descriptors leave out units, from which the size of a panel follows,
+or have a licence that does not go with this one.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from typing import ClassVar, NamedTuple, Self
+
+from twin.data_file import packaged
+from twin.errors import TwinError
 
 
 class Contact(NamedTuple):
@@ -270,3 +282,448 @@ class Detector:
 
     def _start(self) -> None:
         self._decoders = [decoder() for decoder in STREAMS.values()]
+
+
+LONGEST = 4096
+"""Bytes of a descriptor, as the kernel allows."""
+LARGEST = 8 * 16384
+"""Bits of a report, as the kernel allows."""
+WIDEST = 64
+"""Bits of a field."""
+MOST = 12288
+"""Fields of a device, and usages of one item, as the kernel allows."""
+DEEPEST = 64
+"""Levels of collections, and of settings put by."""
+
+_MAIN, _GLOBAL, _LOCAL = 0, 1, 2
+_LONG_ITEM = 0xFE
+_INPUT, _COLLECTION, _END = 0x8, 0xA, 0xC
+_CONSTANT, _VARIABLE = 1 << 0, 1 << 1
+_PUSH, _POP = 0xA, 0xB
+
+
+class DescriptorError(TwinError, ValueError):
+    """Bytes that are no report descriptor."""
+
+
+@dataclass(frozen=True)
+class _Globals:
+    """The settings that hold until they are changed."""
+
+    page: int = 0
+    logical_low: int = 0
+    logical_high: int = 0
+    physical_low: int = 0
+    physical_high: int = 0
+    exponent: int = 0
+    unit: int = 0
+    size: int = 0
+    report: int = 0
+    count: int = 0
+
+
+_GLOBALS = tuple(each.name for each in fields(_Globals))
+"""Their names by the tag of the item that sets them, 0 to 9."""
+
+
+@dataclass
+class _Parser:
+    settings: _Globals = _Globals()
+    put_by: list[_Globals] = field(default_factory=list)
+    usages: list[int] = field(default_factory=list)
+    first: int = 0
+    within: list[tuple[int, int]] = field(default_factory=list)
+    fields: list[ReportField] = field(default_factory=list)
+    bits: dict[int, int] = field(default_factory=dict)
+    applications: list[int] = field(default_factory=list)
+
+    def main(self, tag: int, data: int, at: int) -> None:
+        if tag == _INPUT:
+            self._input(data)
+        elif tag == _COLLECTION:
+            usage = self._complete(self.usages[0]) if self.usages else 0
+            if not self.within:
+                self.applications.append(usage)
+            self.within.append((usage, at))
+            if len(self.within) > DEEPEST:
+                raise DescriptorError(f"more than {DEEPEST} levels of collections")
+        elif tag == _END:
+            if not self.within:
+                raise DescriptorError(f"byte {at}: ends a collection that has not begun")
+            self.within.pop()
+        self.usages, self.first = [], 0
+
+    def _input(self, flags: int) -> None:
+        now = self.settings
+        begin = self.bits.get(now.report, 0)
+        if not (0 < now.size <= WIDEST or flags & _CONSTANT):
+            raise DescriptorError(f"a field of {now.size} bits; 1 to {WIDEST} are possible")
+        if begin + now.size * now.count > LARGEST:
+            raise DescriptorError(f"a report of more than {LARGEST} bits")
+        self.bits[now.report] = begin + now.size * now.count
+        if flags & _CONSTANT or not flags & _VARIABLE or not self.usages:
+            return
+        if len(self.fields) + now.count > MOST:
+            raise DescriptorError(f"more than {MOST} fields")
+        logical = now.logical_low, now.logical_high
+        physical = now.physical_low, now.physical_high
+        # with fewer usages than fields, the last one holds for the rest
+        for index in range(now.count):
+            usage = self._complete(self.usages[min(index, len(self.usages) - 1)])
+            self.fields.append(
+                ReportField(
+                    now.report,
+                    begin + index * now.size,
+                    now.size,
+                    usage,
+                    logical,
+                    logical if physical == (0, 0) else physical,
+                    _metres(now.unit, now.exponent),
+                    tuple(self.within),
+                )
+            )
+
+    def _complete(self, usage: int) -> int:
+        """A usage with its page; one of four bytes brings it along."""
+        return usage if usage >> 16 else self.settings.page << 16 | usage
+
+    def globals(self, tag: int, data: int, size: int) -> None:
+        if tag == _PUSH:
+            self.put_by.append(self.settings)
+            if len(self.put_by) > DEEPEST:
+                raise DescriptorError(f"more than {DEEPEST} settings put by")
+        elif tag == _POP:
+            if not self.put_by:
+                raise DescriptorError("settings fetched that were not put by")
+            self.settings = self.put_by.pop()
+        else:
+            self.settings = self._changed(tag, data, size)
+
+    def _changed(self, tag: int, data: int, size: int) -> _Globals:
+        if tag >= len(_GLOBALS):
+            return self.settings
+        now, name, value = self.settings, _GLOBALS[tag], data
+        signed = _signed(data, 8 * size)
+        if name == "page":
+            value = data & 0xFFFF
+        elif name.endswith("_low"):
+            value = signed
+        elif name.endswith("_high"):
+            # 25 FF after a smallest value of 0 means 255 and not -1
+            low = getattr(now, name.replace("high", "low"))
+            value = signed if low < 0 else data
+        elif name == "exponent":
+            # meant as a byte with a sign, mostly written as half of one
+            value = _signed(data, 4) if 0 <= signed < 16 else signed
+        elif name == "report" and not 0 < data <= 0xFF:
+            raise DescriptorError(f"report number {data}; 1 to 255 are possible")
+        return replace(now, **{name: value})
+
+    def local(self, tag: int, data: int) -> None:
+        if tag == 0x0:
+            self.usages.append(data)
+        elif tag == 0x1:
+            self.first = data
+        elif tag == 0x2:
+            if data - self.first >= MOST or len(self.usages) >= MOST:
+                raise DescriptorError(f"more than {MOST} usages of one field")
+            self.usages += range(self.first, data + 1)
+
+
+def parse(data: bytes) -> ReportDescriptor:
+    """What a report descriptor says of the input reports.
+
+    Args:
+        data: The descriptor.
+
+    Raises:
+        DescriptorError: It is cut short, or says what no device can mean.
+    """
+    if len(data) > LONGEST:
+        raise DescriptorError(f"{len(data)} bytes; at most {LONGEST} are possible")
+    parser = _Parser()
+    for at, kind, tag, value, size in _items(data):
+        if kind == _MAIN:
+            parser.main(tag, value, at)
+        elif kind == _GLOBAL:
+            parser.globals(tag, value, size)
+        elif kind == _LOCAL:
+            parser.local(tag, value)
+    if parser.within:
+        raise DescriptorError("it ends within a collection")
+    return ReportDescriptor(tuple(parser.fields), parser.bits, tuple(parser.applications))
+
+
+def _items(data: bytes) -> Iterator[tuple[int, int, int, int, int]]:
+    """Position, type, tag, value and size of the short items; long ones mean nothing yet."""
+    at = 0
+    while at < len(data):
+        head = data[at]
+        if head == _LONG_ITEM:
+            at += 3 + (data[at + 1] if at + 1 < len(data) else 0)
+            continue
+        size = (0, 1, 2, 4)[head & 3]
+        body = data[at + 1 : at + 1 + size]
+        if len(body) < size:
+            raise DescriptorError(f"byte {at}: cut short")
+        yield at, head >> 2 & 3, head >> 4, int.from_bytes(body, "little"), size
+        at += 1 + size
+
+
+def _signed(value: int, bits: int) -> int:
+    """A number of so many bits in two's complement."""
+    return value - (1 << bits) if bits and value >> bits - 1 & 1 else value
+
+
+_CENTIMETRE, _INCH = 0x11, 0x13
+
+
+def _metres(unit: int, exponent: int) -> float:
+    """A unit of length in m, 0 for any other; 10 to its exponent of them (6.2.2.7)."""
+    base = {_CENTIMETRE: 0.01, _INCH: 0.0254}.get(unit, 0.0)
+    return base * 10.0**exponent if -32 < exponent < 32 else 0.0
+
+
+class ReportField(NamedTuple):
+    """A number in an input report.
+
+    Attributes:
+        report: Number of the report that holds it; 0 in a device that numbers none.
+        offset: Its first bit, counted from the beginning of the report after its number.
+        bits: Its length.
+        usage: What it means: page << 16 | identifier; 0 for padding.
+        logical: Smallest and largest value.
+        physical: What these two stand for, in the unit.
+        metres: The unit, if it is one of length, in m; else 0.
+        within: Usages of the collections around it, outermost first, and their positions in the
+            descriptor: ``(usage, position)``.
+    """
+
+    report: int
+    offset: int
+    bits: int
+    usage: int
+    logical: tuple[int, int]
+    physical: tuple[int, int]
+    metres: float
+    within: tuple[tuple[int, int], ...]
+
+    def value(self, report: int) -> int:
+        """Its value in a report, given as one little-endian number without the report's number."""
+        raw = report >> self.offset & (1 << self.bits) - 1
+        negative = self.logical[0] < 0 and raw >> self.bits - 1
+        return raw - (1 << self.bits) if negative else raw
+
+    @property
+    def length(self) -> float:
+        """What its whole range stands for, m; 0 if that is no length."""
+        return self.metres * (self.physical[1] - self.physical[0])
+
+
+@dataclass(frozen=True)
+class ReportDescriptor:
+    """Everything in a report descriptor that concerns input.
+
+    Attributes:
+        fields: Of all input reports, padding left out.
+        bits: Length of each input report by its number, without the number itself; 0 in a device
+            that numbers none, whose reports do not begin with it.
+        applications: Usages of the outermost collections: what the device is.
+    """
+
+    fields: tuple[ReportField, ...]
+    bits: dict[int, int]
+    applications: tuple[int, ...]
+
+    @property
+    def what(self) -> str:
+        """What an interface that has it is, in words."""
+        return ", ".join(map(application, self.applications)) or "without any use"
+
+
+TOUCH_SCREEN = 0x000D_0004
+_FINGER = 0x000D_0022
+_TIP, _IDENTIFIER, _COUNT = 0x000D_0042, 0x000D_0051, 0x000D_0054
+_X, _Y = 0x0001_0030, 0x0001_0031
+
+
+def application(usage: int) -> str:
+    """What an interface can be, in words, by the usage of its outermost collection."""
+    key = f"{usage >> 16:04x}:{usage & 0xFFFF:04x}"
+    return str(_panels()["applications"].get(key, f"usage {key}"))
+
+
+class ContactFields(NamedTuple):
+    """Where in a report the numbers of one contact are."""
+
+    tip: ReportField
+    x: ReportField
+    y: ReportField
+    identifier: ReportField | None
+
+
+@dataclass(frozen=True)
+class TouchLayout:
+    """Where everything is in the report of a touch screen.
+
+    Attributes:
+        report: Its number; 0 if the device numbers none.
+        size: Its bytes, the number included.
+        contacts: The places for contacts.
+        count: How many of them hold one; None where a report does not say.
+    """
+
+    report: int
+    size: int
+    contacts: tuple[ContactFields, ...]
+    count: ReportField | None
+
+    @classmethod
+    def of(cls, descriptor: ReportDescriptor) -> Self | None:
+        """The layout that a descriptor gives, or None if it is no touch screen's."""
+        fingers: dict[tuple[int, int], dict[int, ReportField]] = defaultdict(dict)
+        counts: dict[int, ReportField] = {}
+        for each in descriptor.fields:
+            if not each.within or each.within[0][0] != TOUCH_SCREEN:
+                continue
+            if each.usage == _COUNT:
+                counts.setdefault(each.report, each)
+            fingers[each.report, _place(each)].setdefault(each.usage, each)
+        found = [
+            (report, ContactFields(known[_TIP], known[_X], known[_Y], known.get(_IDENTIFIER)))
+            for (report, _), known in fingers.items()
+            if {_TIP, _X, _Y} <= known.keys() and _spans(known[_X]) and _spans(known[_Y])
+        ]
+        if not found:
+            return None
+        report = found[0][0]
+        return cls(
+            report,
+            -(-descriptor.bits[report] // 8) + (report > 0),
+            tuple(contact for number, contact in found if number == report),
+            counts.get(report),
+        )
+
+    @property
+    def extent(self) -> tuple[float, float] | None:
+        """Sides of the sensing area along the screen's x and y, m, if the panel tells."""
+        first = self.contacts[0]
+        x, y = first.x.length, first.y.length
+        return (x, y) if x > 0 and y > 0 else None
+
+
+def _place(field: ReportField) -> int:
+    """What tells the numbers of one contact from those of another: the collection around them.
+
+    That is the one called a finger. Product 202E:0006 calls only the first of its four so, and
+    devices with a single contact may have none.
+    """
+    named = [position for usage, position in field.within if usage == _FINGER]
+    return named[-1] if named else field.within[:2][-1][1]
+
+
+def _spans(field: ReportField) -> bool:
+    return field.logical[1] > field.logical[0]
+
+
+class HidDecoder(Decoder):
+    """Decoder of the reports of one panel, one or more whole ones at a time.
+
+    A contact touches if its tip switch says so. Whether it is in range and whether the panel is
+    confident that it is a finger is not asked: the ball is none. Padding may be anything, and so
+    may places beyond the number of contacts. Identifiers are taken as they are: panels declare a
+    range for them that they do not keep.
+
+    Args:
+        layout: Of its report.
+    """
+
+    name = "hid"
+
+    def __init__(self, layout: TouchLayout) -> None:
+        super().__init__()
+        self.layout, self.extent = layout, layout.extent
+        self._left = 0
+        self._down: set[int] = set()
+
+    def feed(self, data: bytes) -> list[Report]:
+        """The reports in these bytes, oldest first."""
+        self.stats.bytes += len(data)
+        layout, reports = self.layout, []
+        for at in range(0, len(data), layout.size):
+            report = data[at : at + layout.size]
+            if layout.report and report[0] != layout.report:
+                break  # of another part of the same interface, of whatever length
+            if len(report) < layout.size:
+                self.stats.skipped += len(report)
+                break
+            number = int.from_bytes(report[1:] if layout.report else report, "little")
+            contacts = self._contacts(number)
+            if contacts:
+                self.stats.reports += 1
+                reports.append(contacts)
+        return reports
+
+    def reset(self) -> None:
+        """Forget what a first report said of a second."""
+        self._left = 0
+
+    def _contacts(self, report: int) -> Report | None:
+        used = self._used(report)
+        contacts = []
+        for place in used:
+            x, y = _share(place.x, report), _share(place.y, report)
+            if not (0 <= x <= 1 and 0 <= y <= 1):
+                self.stats.outside += 1
+                return None
+            contacts.append(Contact(x, y, bool(place.tip.value(report)), _name(place, report)))
+        for contact in contacts:
+            (self._down.add if contact.down else self._down.discard)(contact.id)
+        return tuple(contacts)
+
+    def _used(self, report: int) -> tuple[ContactFields, ...]:
+        """The places that hold a contact.
+
+        Where there are more contacts than places, the rest follow in reports whose count is 0.
+        """
+        places = self.layout.contacts
+        if self.layout.count is not None:
+            number = self.layout.count.value(report) or self._left
+            self._left = max(0, number - len(places))
+            return places[:number]
+        if len(places) == 1:
+            return places
+        return tuple(
+            place
+            for place in places
+            if place.tip.value(report) or _name(place, report) in self._down
+        )
+
+
+def _share(field: ReportField, report: int) -> float:
+    """A coordinate as a share of its range."""
+    low, high = field.logical
+    return (field.value(report) - low) / (high - low)
+
+
+def _name(place: ContactFields, report: int) -> int:
+    return place.identifier.value(report) if place.identifier is not None else 1
+
+
+@cache
+def _panels() -> dict[str, dict[str, str]]:
+    return packaged("twin.devices.lumio", "panels.toml")
+
+
+@cache
+def _known_layouts() -> dict[str, TouchLayout]:
+    """Layouts of the products in ``panels.toml``."""
+    known = _panels()["descriptors"].items()
+    found = {name: TouchLayout.of(parse(bytes.fromhex(data))) for name, data in known}
+    return {name: layout for name, layout in found.items() if layout is not None}
+
+
+def decoder_of(protocol: str) -> Decoder:
+    """A decoder of a protocol, by the name a rig file gives it."""
+    stream = STREAMS.get(protocol)
+    return stream() if stream is not None else HidDecoder(_known_layouts()[protocol])
