@@ -9,9 +9,8 @@ from __future__ import annotations
 import errno
 import math
 import os
-from collections.abc import Iterator
-from dataclasses import field, fields
-from typing import Any
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
 
 from twin.data_file import packaged
 from twin.errors import ScenarioError
@@ -36,32 +35,38 @@ def bounded(default: Any, low: float, high: float, **metadata: Any) -> Any:
     return field(default=default, metadata={"range": (low, high), **metadata})
 
 
-def check_ranges(settings: Any, prefix: str) -> None:
-    """Refuse a value that is no number of its range.
-
-    Args:
-        settings: A dataclass with such fields.
-        prefix: What its keys begin with, as ``drives.watch.``.
+@dataclass(frozen=True, kw_only=True)
+class Ranged:
+    """Settings whose ranges are checked when they are made.
 
     Raises:
-        ScenarioError: Naming the key.
+        ScenarioError: Naming the key of a value that is no number of its range.
     """
-    for each in fields(settings):
-        low, high = each.metadata.get("range", (None, None))
-        value = getattr(settings, each.name)
-        if low is None or value is None:
-            continue
-        numbers = value if isinstance(value, tuple) else (value,)
-        if not all(low <= number <= high for number in numbers):
-            raise ScenarioError(f"{prefix}{each.name} = {value}: must be {low:g} to {high:g}")
 
+    keys: ClassVar[str]
+    """What their keys begin with, as ``drives.watch.``."""
 
-def relaxed_nets(settings: Any, prefix: str) -> Iterator[str]:
-    """Every net that is wider than by default: key, value and default."""
-    for each in fields(settings):
-        value = getattr(settings, each.name)
-        if (sense := each.metadata.get("net")) and wider(value, each.default, sense):
-            yield f"{prefix}{each.name} = {value} (default {each.default})"
+    def __post_init__(self) -> None:
+        """Refuse what is out of range."""
+        for each in fields(self):
+            low, high = each.metadata.get("range", (None, None))
+            value = getattr(self, each.name)
+            if low is None or value is None:
+                continue
+            numbers = value if isinstance(value, tuple) else (value,)
+            if not all(low <= number <= high for number in numbers):
+                key = f"{self.keys.format(self)}{each.name}"
+                raise ScenarioError(f"{key} = {value}: must be {low:g} to {high:g}")
+
+    @property
+    def relaxed(self) -> tuple[str, ...]:
+        """Every net that is wider than by default, in words: key, value and default."""
+        return tuple(
+            f"{self.keys}{each.name} = {getattr(self, each.name)} (default {each.default})"
+            for each in fields(self)
+            if (sense := each.metadata.get("net"))
+            and wider(getattr(self, each.name), each.default, sense)
+        )
 
 
 def wider(value: Any, default: Any, sense: int = 1) -> bool:
@@ -105,6 +110,11 @@ def in_words(device: str, number: int, **about: str) -> str | None:
     found = (words for name, words in known if getattr(errno, name, None) == number)
     words = next(found, None)
     return None if words is None else str(words.format(**about))
+
+
+def one_line(error: Exception) -> str:
+    """What a library says of an error, in one line."""
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 class FaultReports:

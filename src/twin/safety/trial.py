@@ -90,7 +90,7 @@ class Trial:
             config=case.host,
             touch=screen,
             protocol=case.protocol,
-            relaxed=(*case.host.relaxed, *screen.relaxed),
+            relaxed=(*case.host.relaxed, *screen.gate.relaxed),
         )
         self.trace = MotionTrace(self.rig)
         self.drives = list(self.rig.lockstep.drives)

@@ -146,7 +146,7 @@ class RigFile(Section):
             TwinError: If the drives' settings do not go together.
         """
         if self.backend is None:
-            found = [*self.servos(period).relaxed, *self.uncalibrated_screen().relaxed]
+            found = [*self.servos(period).relaxed, *self.uncalibrated_screen().gate.relaxed]
         else:
             found = list(built(OwnConfig, self.own).relaxed)
         if self.late_periods > LATE_PERIODS:

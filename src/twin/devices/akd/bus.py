@@ -29,7 +29,7 @@ from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import BusConfig
-from twin.devices.common import FaultReports, claim, in_words
+from twin.devices.common import FaultReports, claim, in_words, one_line
 from twin.errors import nearest
 
 BUS_ERRORS = (can.CanError, OSError)
@@ -360,8 +360,8 @@ def _reason(config: BusConfig, error: Exception) -> str:
     if known is not None:
         return known
     if isinstance(error, (can.CanInterfaceNotImplementedError, ImportError, NameError)):
-        return f"the driver of {config.interface} is not installed ({_line(error)})"
-    return _line(error)
+        return f"the driver of {config.interface} is not installed ({one_line(error)})"
+    return one_line(error)
 
 
 def _errno(error: BaseException | None) -> int | None:
@@ -380,10 +380,6 @@ def _channels(config: BusConfig) -> list[str]:
         return [port.device for port in comports()]
     devices = Path("/sys/class/net").glob("*/type")
     return [each.parent.name for each in devices if each.read_text().strip() == _CAN_DEVICE]
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _bad(config: BusConfig, detail: str) -> DriveError:

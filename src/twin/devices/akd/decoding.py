@@ -24,9 +24,11 @@ from twin.devices.akd.protocol import (
     DriveState,
     Key,
     Object,
+    mappings,
     objects,
     table,
 )
+from twin.devices.common import one_line
 from twin.errors import LogError
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
@@ -86,8 +88,10 @@ class Pdo(NamedTuple):
     entries: tuple[tuple[Key, int], ...]
 
 
-class Names:
+class Names(dict[Key, Object]):
     """What objects are called: by an EDS file, else as the standards and an AKD have them.
+
+    One that nobody knows is called by its index.
 
     Args:
         eds: The file, EDS or DCF.
@@ -97,36 +101,28 @@ class Names:
     """
 
     def __init__(self, eds: Path | None = None) -> None:
-        known = [Object(*each) for each in table()["standard"]]
-        self._known = {(each.index, each.sub): each for each in known} | objects()
+        standard = [Object(*each) for each in table()["standard"]]
+        super().__init__({(each.index, each.sub): each for each in standard} | objects())
         self.defaults: dict[Key, int] = {}
         """Default values that the file gives for mappings of PDOs."""
-        for each, kind in () if eds is None else _variables(eds):
-            key = each.index, each.subindex
-            self._known[key] = Object(*key, each.qualname.replace(".", ": "), kind)
-            mapping = PDOS[0] <= each.index < PDOS[1] and each.index & 0x200
-            if mapping and isinstance(each.default, int):
-                self.defaults[key] = each.default
+        if eds is None:
+            return
+        from canopen.objectdictionary import ODVariable, datatypes, import_od  # noqa: PLC0415
 
-    def __getitem__(self, key: Key) -> Object:
-        """The object; one that nobody knows is called by its index."""
-        return self._known.get(key) or Object(*key, "", "U0")
+        try:
+            found = import_od(str(eds), node_id=None).values()
+        except Exception as error:
+            raise LogError(f"--eds {eds}: not a readable EDS file: {one_line(error)}") from error
+        for one in found:
+            for each in [one] if isinstance(one, ODVariable) else one.values():
+                key = each.index, each.subindex
+                sign = "I" if each.data_type in datatypes.SIGNED_TYPES else "U"
+                self[key] = Object(*key, each.qualname.replace(".", ": "), f"{sign}{len(each)}")
+                if PDOS[0] <= key[0] < PDOS[1] and key[0] & 0x200 and isinstance(each.default, int):
+                    self.defaults[key] = each.default
 
-
-def _variables(eds: Path) -> list[tuple[Any, str]]:
-    """All variables of an EDS file, as canopen has them, with their types."""
-    from canopen.objectdictionary import ODVariable, import_od  # noqa: PLC0415  rarely needed
-    from canopen.objectdictionary.datatypes import SIGNED_TYPES  # noqa: PLC0415
-
-    try:
-        found = import_od(str(eds), node_id=None).values()
-    except Exception as error:
-        why = " ".join(str(error).split()) or type(error).__name__
-        raise LogError(f"--eds {eds}: not a readable EDS file: {why}") from error
-    every = [v for one in found for v in ([one] if isinstance(one, ODVariable) else one.values())]
-    return [
-        (each, f"{'I' if each.data_type in SIGNED_TYPES else 'U'}{len(each)}") for each in every
-    ]
+    def __missing__(self, key: Key) -> Object:
+        return Object(*key, "", "U0")
 
 
 @dataclass
@@ -208,12 +204,13 @@ class Conversation:
         self._pdos: dict[int, Pdo] = {}
         self._last: dict[object, object] = {}
         # what the trace does not show: the standard, the maker's file, the rig's
-        known = protocol.mapping_objects() | self._names.defaults
+        known = (
+            mappings({int(at, 16): each for at, each in table()["defaults"].items()})
+            | self._names.defaults
+        )
         self._values = defaultdict[int, dict[Key, int]](known.copy)
         for axis in self._axes.values():
-            maps = protocol.pdo_maps(axis.plate_object).items()
-            own = {at: [protocol.entry(*key) for key in each] for at, each in maps}
-            self._values[axis.node] |= protocol.as_objects(own)
+            self._values[axis.node] |= mappings(protocol.pdo_maps(axis.plate_object))
         for message in heard:
             self._take(message, message.timestamp - self.begin)
         for node, left in sorted(self._sdo.items()):

@@ -87,29 +87,19 @@ def abort_words(code: int) -> str:
     return f"code {code:08X}h, {known}"
 
 
-def entry(index: int, sub: int) -> int:
-    """An object as an entry of a mapping.
+def mappings(maps: Mapping[int, Sequence[Key]]) -> dict[Key, int]:
+    """What the objects of mappings hold, by the index of their PDO's parameters.
 
     Raises:
-        KeyError: If the host does not know it.
+        KeyError: If the host does not know an object.
     """
-    return index << 16 | sub << 8 | objects()[index, sub].bits
-
-
-@cache
-def mapping_objects() -> dict[Key, int]:
-    """The mappings of the PDOs that CiA 402 has by default, as the objects that hold them."""
-    entries = {int(key, 16): each for key, each in table()["defaults"].items()}
-    return as_objects(entries)
-
-
-def as_objects(entries: Mapping[int, Sequence[int]]) -> dict[Key, int]:
-    """Mappings, by the index of their PDO's parameters, as the objects that hold them."""
-    return {
-        (parameters + 0x200, sub): value
-        for parameters, each in entries.items()
-        for sub, value in enumerate((len(each), *each))
-    }
+    held = {}
+    for parameters, keys in maps.items():
+        held[parameters + 0x200, 0] = len(keys)
+        for place, (index, sub) in enumerate(keys, 1):
+            bits = objects()[index, sub].bits
+            held[parameters + 0x200, place] = index << 16 | sub << 8 | bits
+    return held
 
 
 class DriveState(Enum):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from controllers.arrays import Array
 from twin.data_file import parse_json
-from twin.devices.common import check_ranges, net, relaxed_nets
+from twin.devices.common import Ranged, net
 from twin.devices.lumio.protocols import STREAMS
 from twin.devices.lumio.transports import PRODUCTS, TRANSPORTS, ScreenError
 from twin.errors import TwinError
@@ -286,7 +286,7 @@ def _turned(angle: float) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlausibilityLimits:
+class PlausibilityLimits(Ranged):
     """Which positions can be those of one ball, and when it is stale, lost or frozen.
 
     Each is a `net`: relaxed, it is told in every run; beyond its range it is refused.
@@ -306,6 +306,7 @@ class PlausibilityLimits:
         rest: Seconds of rest on a plate tilted further than that, which show the same.
     """
 
+    keys = "touch.gate."
     speed: float = net(1.5, 0.5, 5)
     slack: float = net(0.006, 0.001, 0.05)
     confirm: int = net(3, 1, 20, sense=-1)
@@ -315,10 +316,6 @@ class PlausibilityLimits:
     still: int = net(4, 2, 120)
     tilt: float = net(math.radians(2), 0.01, 0.17)
     rest: float = net(0.3, 0.05, 10)
-
-    def __post_init__(self) -> None:
-        """Refuse what would be no threshold."""
-        check_ranges(self, "touch.gate.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -358,11 +355,6 @@ class LumioConfig:
                 raise ScreenError(f"touch.{key}: must be one of {', '.join(allowed)}, got {value}")
         if self.baud <= 0:
             raise ScreenError(f"touch.baud: must be positive, got {self.baud}")
-
-    @property
-    def relaxed(self) -> tuple[str, ...]:
-        """Every safety net that is wider than by default, in words."""
-        return tuple(relaxed_nets(self.gate, "touch.gate."))
 
     @property
     def capacity(self) -> float:

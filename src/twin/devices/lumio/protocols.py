@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar, NamedTuple, Self
 
@@ -60,21 +60,6 @@ class DecoderStats:
     outside: int = 0
 
 
-class Packet(NamedTuple):
-    """What a decoder makes of the beginning of its buffer.
-
-    Attributes:
-        length: Bytes it takes; 0 for a packet that is not complete yet.
-        report: Its contacts, if it has any.
-    """
-
-    length: int
-    report: Report | None = None
-
-
-INCOMPLETE = Packet(0)
-
-
 class Decoder(ABC):
     """Reports out of bytes; never raises, whatever the bytes."""
 
@@ -119,18 +104,18 @@ class StreamDecoder(Decoder):
         reports = []
         at = 0
         while at < len(self._buffer):
-            packet = self._packet(self._buffer, at)
-            if packet is None:
+            packet = self._buffer[at : at + self.size]
+            if not self._fits(packet):
                 self._leave_out()
                 at += 1
-            elif packet.length == 0:
+                continue
+            if len(packet) < self.size:
                 break
-            else:
-                at += packet.length
-                self._joined = True
-                if packet.report is not None:
-                    self.stats.reports += 1
-                    reports.append(packet.report)
+            at += self.size
+            self._joined = True
+            if (report := self._report(packet)) is not None:
+                self.stats.reports += 1
+                reports.append(report)
         del self._buffer[:at]
         return reports
 
@@ -148,13 +133,15 @@ class StreamDecoder(Decoder):
             self.stats.cut += 1
 
     @abstractmethod
-    def _packet(self, buffer: bytearray, at: int) -> Packet | None:
-        """The packet that begins at an index; INCOMPLETE, or None where none can begin."""
+    def _fits(self, packet: bytearray) -> bool:
+        """Whether bytes, up to ``size``, may be a packet or its beginning."""
+
+    @abstractmethod
+    def _report(self, packet: bytearray) -> Report | None:
+        """The contacts of a whole packet, if it has any."""
 
 
 _TABLET_TOP = 16383
-_REPLY_START, _REPLY_END = 0x01, 0x0D
-_LONGEST_REPLY = 34
 
 
 class MicroTouchDecoder(StreamDecoder):
@@ -162,37 +149,18 @@ class MicroTouchDecoder(StreamDecoder):
 
     Five bytes, the first marked by its highest bit. The origin is at the bottom left; y is turned
     here, so that it counts downwards as in the other protocols. There being no checksum, a damaged
-    stream can yield false positions.
+    stream can yield false positions. Replies to commands cannot come: none is sent.
     """
 
     name = "microtouch"
     size = 5
 
-    def _packet(self, buffer: bytearray, at: int) -> Packet | None:
-        first = buffer[at]
-        if first == _REPLY_START:
-            return self._reply(buffer, at)
-        if not first & 0x80:
-            return None
-        body = buffer[at + 1 : at + self.size]
-        if any(byte & 0x80 for byte in body):
-            return None
-        if len(body) < self.size - 1:
-            return INCOMPLETE
-        x = body[0] | body[1] << 7
-        y = body[2] | body[3] << 7
-        contact = Contact(x / _TABLET_TOP, 1 - y / _TABLET_TOP, bool(first & 0x40))
-        return Packet(self.size, (contact,))
+    def _fits(self, packet: bytearray) -> bool:
+        return packet[0] >= 0x80 and all(byte < 0x80 for byte in packet[1:])
 
-    def _reply(self, buffer: bytearray, at: int) -> Packet | None:
-        """An answer to a command: SOH, printable characters, CR."""
-        for index in range(at + 1, min(len(buffer), at + _LONGEST_REPLY)):
-            byte = buffer[index]
-            if byte == _REPLY_END:
-                return Packet(index + 1 - at)
-            if not 0x20 <= byte < 0x7F:
-                return None
-        return INCOMPLETE if len(buffer) - at < _LONGEST_REPLY else None
+    def _report(self, packet: bytearray) -> Report:
+        x, y = packet[1] | packet[2] << 7, packet[3] | packet[4] << 7
+        return (Contact(x / _TABLET_TOP, 1 - y / _TABLET_TOP, bool(packet[0] & 0x40)),)
 
 
 _SMARTSET_TOP = 4095
@@ -210,20 +178,16 @@ class EloDecoder(StreamDecoder):
     name = "elo"
     size = 10
 
-    def _packet(self, buffer: bytearray, at: int) -> Packet | None:
-        packet = buffer[at : at + self.size]
-        if packet[0] != _LEAD or not ord("A") <= (packet[1:2] or b"T")[0] <= ord("Z"):
-            return None
-        if len(packet) < self.size:
-            return INCOMPLETE
-        if (0xAA + sum(packet[:-1])) & 0xFF != packet[-1]:
-            self.stats.checksum += packet[1] == _TOUCH
-            return None
-        if packet[1] == _TOUCH:
-            return Packet(self.size, self._touch(packet))
-        return Packet(self.size)
+    def _fits(self, packet: bytearray) -> bool:
+        if packet[0] != _LEAD or not b"A" <= (packet[1:2] or b"T") <= b"Z":
+            return False
+        right = len(packet) < self.size or (0xAA + sum(packet[:-1])) & 0xFF == packet[-1]
+        self.stats.checksum += not right and packet[1] == _TOUCH
+        return right
 
-    def _touch(self, packet: bytearray) -> Report | None:
+    def _report(self, packet: bytearray) -> Report | None:
+        if packet[1] != _TOUCH:
+            return None
         status, x, y = packet[2], packet[3] | packet[4] << 8, packet[5] | packet[6] << 8
         if x > _SMARTSET_TOP or y > _SMARTSET_TOP:
             self.stats.outside += 1
@@ -295,7 +259,6 @@ MOST = 12288
 DEEPEST = 64
 """Levels of collections, and of settings put by."""
 
-_MAIN, _GLOBAL, _LOCAL = 0, 1, 2
 _LONG_ITEM = 0xFE
 _INPUT, _COLLECTION, _END = 0x8, 0xA, 0xC
 _CONSTANT, _VARIABLE = 1 << 0, 1 << 1
@@ -306,128 +269,99 @@ class DescriptorError(TwinError, ValueError):
     """Bytes that are no report descriptor."""
 
 
-@dataclass(frozen=True)
-class _Globals:
-    """The settings that hold until they are changed."""
-
-    page: int = 0
-    logical_low: int = 0
-    logical_high: int = 0
-    physical_low: int = 0
-    physical_high: int = 0
-    exponent: int = 0
-    unit: int = 0
-    size: int = 0
-    report: int = 0
-    count: int = 0
+_GLOBALS = ("page", "logical_low", "logical_high", "physical_low", "physical_high")
+_GLOBALS += ("exponent", "unit", "size", "report", "count")
+"""Settings that hold until they are changed, by the tag of the item that does so."""
 
 
-_GLOBALS = tuple(each.name for each in fields(_Globals))
-"""Their names by the tag of the item that sets them, 0 to 9."""
-
-
-@dataclass
 class _Parser:
-    settings: _Globals = _Globals()
-    put_by: list[_Globals] = field(default_factory=list)
-    usages: list[int] = field(default_factory=list)
-    first: int = 0
-    within: list[tuple[int, int]] = field(default_factory=list)
-    fields: list[ReportField] = field(default_factory=list)
-    bits: dict[int, int] = field(default_factory=dict)
-    applications: list[int] = field(default_factory=list)
+    """What the items have said so far."""
 
-    def main(self, tag: int, data: int, at: int) -> None:
+    def __init__(self) -> None:
+        self.settings = dict.fromkeys(_GLOBALS, 0)
+        self.put_by: list[dict[str, int]] = []
+        self.usages: list[int] = []
+        self.first = 0
+        self.within: list[tuple[int, int]] = []
+        self.fields: list[ReportField] = []
+        self.bits: dict[int, int] = {}
+        self.applications: list[int] = []
+
+    def main(self, tag: int, data: int, _: int, at: int) -> None:
         if tag == _INPUT:
-            self._input(data)
+            self._input(data, **self.settings)
         elif tag == _COLLECTION:
             usage = self._complete(self.usages[0]) if self.usages else 0
             if not self.within:
                 self.applications.append(usage)
             self.within.append((usage, at))
-            if len(self.within) > DEEPEST:
-                raise DescriptorError(f"more than {DEEPEST} levels of collections")
+            _check(len(self.within) <= DEEPEST, f"more than {DEEPEST} levels of collections")
         elif tag == _END:
-            if not self.within:
-                raise DescriptorError(f"byte {at}: ends a collection that has not begun")
+            _check(self.within, f"byte {at}: ends a collection that has not begun")
             self.within.pop()
         self.usages, self.first = [], 0
 
-    def _input(self, flags: int) -> None:
-        now = self.settings
-        begin = self.bits.get(now.report, 0)
-        if not (0 < now.size <= WIDEST or flags & _CONSTANT):
-            raise DescriptorError(f"a field of {now.size} bits; 1 to {WIDEST} are possible")
-        if begin + now.size * now.count > LARGEST:
-            raise DescriptorError(f"a report of more than {LARGEST} bits")
-        self.bits[now.report] = begin + now.size * now.count
+    def _input(self, flags: int, size: int, report: int, count: int, **now: int) -> None:
+        begin = self.bits.get(report, 0)
+        possible = 0 < size <= WIDEST or flags & _CONSTANT
+        _check(possible, f"a field of {size} bits; 1 to {WIDEST} are possible")
+        self.bits[report] = begin + size * count
+        _check(self.bits[report] <= LARGEST, f"a report of more than {LARGEST} bits")
         if flags & _CONSTANT or not flags & _VARIABLE or not self.usages:
             return
-        if len(self.fields) + now.count > MOST:
-            raise DescriptorError(f"more than {MOST} fields")
-        logical = now.logical_low, now.logical_high
-        physical = now.physical_low, now.physical_high
+        _check(len(self.fields) + count <= MOST, f"more than {MOST} fields")
+        logical, physical = (
+            (now[f"{kind}_low"], now[f"{kind}_high"]) for kind in ("logical", "physical")
+        )
+        stands_for = logical if physical == (0, 0) else physical
+        metres, within = _metres(now["unit"], now["exponent"]), tuple(self.within)
         # with fewer usages than fields, the last one holds for the rest
-        for index in range(now.count):
+        for index in range(count):
             usage = self._complete(self.usages[min(index, len(self.usages) - 1)])
-            self.fields.append(
-                ReportField(
-                    now.report,
-                    begin + index * now.size,
-                    now.size,
-                    usage,
-                    logical,
-                    logical if physical == (0, 0) else physical,
-                    _metres(now.unit, now.exponent),
-                    tuple(self.within),
-                )
-            )
+            at = begin + index * size
+            field = ReportField(report, at, size, usage, logical, stands_for, metres, within)
+            self.fields.append(field)
 
     def _complete(self, usage: int) -> int:
         """A usage with its page; one of four bytes brings it along."""
-        return usage if usage >> 16 else self.settings.page << 16 | usage
+        return usage if usage >> 16 else self.settings["page"] << 16 | usage
 
-    def globals(self, tag: int, data: int, size: int) -> None:
+    def globals(self, tag: int, data: int, size: int, _: int) -> None:
         if tag == _PUSH:
-            self.put_by.append(self.settings)
-            if len(self.put_by) > DEEPEST:
-                raise DescriptorError(f"more than {DEEPEST} settings put by")
+            self.put_by.append(dict(self.settings))
+            _check(len(self.put_by) <= DEEPEST, f"more than {DEEPEST} settings put by")
         elif tag == _POP:
-            if not self.put_by:
-                raise DescriptorError("settings fetched that were not put by")
+            _check(self.put_by, "settings fetched that were not put by")
             self.settings = self.put_by.pop()
-        else:
-            self.settings = self._changed(tag, data, size)
+        elif tag < len(_GLOBALS):
+            self._change(_GLOBALS[tag], data, _signed(data, 8 * size))
 
-    def _changed(self, tag: int, data: int, size: int) -> _Globals:
-        if tag >= len(_GLOBALS):
-            return self.settings
-        now, name, value = self.settings, _GLOBALS[tag], data
-        signed = _signed(data, 8 * size)
+    def _change(self, name: str, data: int, signed: int) -> None:
         if name == "page":
-            value = data & 0xFFFF
-        elif name.endswith("_low"):
-            value = signed
-        elif name.endswith("_high"):
-            # 25 FF after a smallest value of 0 means 255 and not -1
-            low = getattr(now, name.replace("high", "low"))
-            value = signed if low < 0 else data
+            data &= 0xFFFF
         elif name == "exponent":
             # meant as a byte with a sign, mostly written as half of one
-            value = _signed(data, 4) if 0 <= signed < 16 else signed
-        elif name == "report" and not 0 < data <= 0xFF:
-            raise DescriptorError(f"report number {data}; 1 to 255 are possible")
-        return replace(now, **{name: value})
+            data = _signed(data, 4) if 0 <= signed < 16 else signed
+        # 25 FF after a smallest value of 0 means 255 and not -1
+        elif name.endswith("_low") or self.settings.get(name.replace("high", "low"), 0) < 0:
+            data = signed
+        _check(name != "report" or 0 < data <= 0xFF, f"report number {data}; 1 to 255 are possible")
+        self.settings[name] = data
 
-    def local(self, tag: int, data: int) -> None:
+    def local(self, tag: int, data: int, _: int, at: int) -> None:
         if tag == 0x0:
             self.usages.append(data)
         elif tag == 0x1:
             self.first = data
         elif tag == 0x2:
-            if data - self.first >= MOST or len(self.usages) >= MOST:
-                raise DescriptorError(f"more than {MOST} usages of one field")
+            few = data - self.first < MOST and len(self.usages) < MOST
+            _check(few, f"more than {MOST} usages of one field")
             self.usages += range(self.first, data + 1)
+
+
+def _check(holds: object, words: str) -> None:
+    if not holds:
+        raise DescriptorError(words)
 
 
 def parse(data: bytes) -> ReportDescriptor:
@@ -439,18 +373,13 @@ def parse(data: bytes) -> ReportDescriptor:
     Raises:
         DescriptorError: It is cut short, or says what no device can mean.
     """
-    if len(data) > LONGEST:
-        raise DescriptorError(f"{len(data)} bytes; at most {LONGEST} are possible")
+    _check(len(data) <= LONGEST, f"{len(data)} bytes; at most {LONGEST} are possible")
     parser = _Parser()
+    kinds = parser.main, parser.globals, parser.local
     for at, kind, tag, value, size in _items(data):
-        if kind == _MAIN:
-            parser.main(tag, value, at)
-        elif kind == _GLOBAL:
-            parser.globals(tag, value, size)
-        elif kind == _LOCAL:
-            parser.local(tag, value)
-    if parser.within:
-        raise DescriptorError("it ends within a collection")
+        if kind < len(kinds):
+            kinds[kind](tag, value, size, at)
+    _check(not parser.within, "it ends within a collection")
     return ReportDescriptor(tuple(parser.fields), parser.bits, tuple(parser.applications))
 
 
@@ -464,8 +393,7 @@ def _items(data: bytes) -> Iterator[tuple[int, int, int, int, int]]:
             continue
         size = (0, 1, 2, 4)[head & 3]
         body = data[at + 1 : at + 1 + size]
-        if len(body) < size:
-            raise DescriptorError(f"byte {at}: cut short")
+        _check(len(body) == size, f"byte {at}: cut short")
         yield at, head >> 2 & 3, head >> 4, int.from_bytes(body, "little"), size
         at += 1 + size
 
