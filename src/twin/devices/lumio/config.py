@@ -174,8 +174,9 @@ def outlier(screen: Array, plate: Array) -> tuple[int, float] | None:
     """The point that does not fit the others, if there is one, and how far it is off, in m.
 
     Each point is compared with the calibration of the others: the square of its distance from
-    where they put it, over their own scatter, follows an F distribution if it is one of them. With
-    fewer than five points the others leave no scatter to compare with.
+    where they put it, over their own scatter, follows an F distribution if it is one of them. Both
+    follow from the fit to all points and the diagonal of its projection. With fewer than five
+    points the others leave no scatter to compare with.
 
     Args:
         screen: What the screen said, screen units, shape (K, 2).
@@ -185,22 +186,16 @@ def outlier(screen: Array, plate: Array) -> tuple[int, float] | None:
     freedom = 2 * (count - 1) - UNKNOWNS
     if freedom < 1:
         return None
-    ratios, distances = np.zeros(count), np.zeros(count)
-    for index in range(count):
-        others = np.arange(count) != index
-        try:
-            found = fit(screen[others], plate[others])
-        except CalibrationError:
-            continue  # nothing but this point keeps the others from a line: it cannot be judged
-        system, row = _system(screen[others]), _system(screen[index : index + 1])
-        reach = 1 + float((row @ np.linalg.pinv(system.T @ system) @ row.T).item())
-        off = np.array(found.calibration.plate(*screen[index])) - plate[index]
-        scatter = float((found.left**2).sum()) / freedom
-        distances[index] = float(np.hypot(*off))
-        ratios[index] = float(off @ off) / 2 / max(scatter * reach, 1e-30)
+    system = _system(screen)
+    projection = system @ np.linalg.pinv(system)
+    alone = 1 - np.diag(projection)
+    alone[alone < 1e-6] = np.inf  # nothing but this point keeps the others from a line: not judged
+    squares = ((plate - projection @ plate) ** 2).sum(axis=1)
+    scatter = (squares.sum() - squares / alone) / freedom
+    ratios = squares / alone / 2 / np.maximum(scatter, 1e-30)
     worst = int(np.argmax(ratios))
     chance = count * float(scipy.special.fdtrc(2, freedom, ratios[worst]))
-    return (worst, float(distances[worst])) if chance < DOUBT else None
+    return (worst, float(np.sqrt(squares[worst]) / alone[worst])) if chance < DOUBT else None
 
 
 def _system(points: Array) -> Array:
