@@ -17,14 +17,11 @@ from twin.errors import TwinError
 from twin.identify.log import MECHANISM_LAG, LogError, read
 from twin.run.finished import run, save
 from twin.scenario import load
-from twin.shadow.belief import PARAMETERS, Belief, believed
-from twin.shadow.diagnosis import THRESHOLD, weigh
-from twin.shadow.evidence import NONE, Evidence, log_evidence, posterior
+from twin.shadow.alarms import THRESHOLD, Before, weigh
+from twin.shadow.belief import PARAMETERS, Belief, believed, logs
+from twin.shadow.evidence import NONE, Evidence, log_evidence, posterior, whitened
 from twin.shadow.follow import shadow
-from twin.shadow.monitor import Before
-from twin.shadow.motion import whitened
 from twin.shadow.report import page
-from twin.shadow.simulated import logs
 
 ROLLING = '"plant.friction.rolling_mm"=0.234'
 CHANGES = {

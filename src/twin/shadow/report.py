@@ -20,12 +20,10 @@ from twin.page import Block, Picture, Table, Text, Verdict, html
 from twin.run.files import arrow_fields, run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
+from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm, likely
 from twin.shadow.belief import believed
-from twin.shadow.diagnosis import THRESHOLD, Alarm, likely
-from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, shadow
+from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, propose, shadow, written
 from twin.shadow.horizon import BAND, DRAWN, Replays
-from twin.shadow.monitor import LATE_THRESHOLD
-from twin.shadow.proposal import propose, written
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
 from twin.view.streams import Scores, TwinStream
