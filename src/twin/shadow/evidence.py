@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
-from twin.identify.log import Log
+from twin.identify.logs import Log
 from twin.identify.prepare import PreparedLog, Segment
 from twin.shadow.belief import PARAMETERS, Belief
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.errors import LogError
-from twin.identify.log import COLUMNS, Log, of_columns
-from twin.identify.log_checks import check_ranges
-from twin.identify.prepare import PreparedLog, prepare
+from twin.identify.logs import COLUMNS, Log, of_columns
+from twin.identify.prepare import PreparedLog, check_ranges, prepare
 from twin.identify.windows import Windows
+from twin.run.logs import NEEDED
 from twin.scenario.schema import Scenario
 from twin.shadow.belief import Belief, check_commands
 from twin.shadow.diagnosis import THRESHOLD, Alarm, crossings, weigh
@@ -357,7 +357,7 @@ class LiveFollower(Follower):
         self._rows: dict[str, Array] = {}
         self._rate: Array = np.zeros(2)
         self._judged = 0.0
-        nothing = {name: np.zeros(0) for name, column in COLUMNS.items() if column.required}
+        nothing = {name: np.zeros(0) for name in NEEDED}
         super().__init__(Belief.of(scenario, of_columns(nothing, self._metadata, source)))
 
     def take(self, rows: Mapping[str, Array]) -> bool:

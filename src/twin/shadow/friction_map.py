@@ -19,8 +19,7 @@ import numpy as np
 from controllers.arrays import Array, Mask
 from twin.hal.interface import SCREEN
 from twin.identify.prepare import ROLL
-from twin.identify.replay import STEP
-from twin.identify.windows import Windows
+from twin.identify.windows import STEP, Windows
 from twin.shadow.belief import Belief
 
 PITCH = 0.045

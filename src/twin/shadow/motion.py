@@ -19,8 +19,7 @@ from scipy.signal import lfilter, ss2tf
 from controllers.arrays import Array, Mask
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
-from twin.identify.problem import START_PRIOR, Linearisation
-from twin.identify.search import fit_starts
+from twin.identify.search import START_PRIOR, Linearisation, fit_starts
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans
 from twin.settings import changed
 from twin.shadow.belief import BALL, DRIVES, Belief

@@ -11,12 +11,12 @@ import numpy as np
 
 from twin.data_file import parse_toml
 from twin.errors import LogError
-from twin.identify.identify import identify
-from twin.identify.log import Log
+from twin.identify.judged import IDENTIFIED, REJECTED
+from twin.identify.logs import Log
 from twin.identify.parameters import SHARE
 from twin.identify.prepare import prepare
 from twin.identify.report import parameters
-from twin.identify.verdict import IDENTIFIED, REJECTED
+from twin.identify.twin_model import identify
 from twin.report.numbers import flat
 from twin.scenario.load import check, put
 from twin.shadow.belief import Belief

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from twin.identify.log import Log, of_columns
+from twin.identify.logs import Log, of_columns
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
