@@ -20,7 +20,7 @@ from twin.devices.realtime import TimingLog
 from twin.errors import TwinError
 from twin.hal.interface import Severity
 from twin.hal.rig import Entry
-from twin.identify.log import read
+from twin.identify.logs import read
 from twin.run import plants
 from twin.run.connect import ComputingTime
 from twin.run.finished import run

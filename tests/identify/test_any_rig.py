@@ -12,11 +12,19 @@ from click.testing import CliRunner
 
 from twin.cli.understand import identify as command
 from twin.errors import LogError
-from twin.identify.any_log import AxisLog, ball_factor, read_any, unit_factor, wanted_columns
-from twin.identify.any_rig import _chosen, _verdicts, identify_any
-from twin.identify.judged import HORIZONS, beginnings, predicted, score
-from twin.identify.plain import AxisWindows, PlainProblem, Tilt, fit_axis, spans
-from twin.identify.verdict import IDENTIFIED, NOT
+from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, score
+from twin.identify.logs import AxisLog, ball_factor, read_any, unit_factor, wanted_columns
+from twin.identify.plain_model import (
+    PlainProblem,
+    Tilt,
+    _chosen,
+    _verdicts,
+    beginnings,
+    fit_axis,
+    identify_any,
+    predicted,
+)
+from twin.identify.windows import AxisWindows, spans
 from twin.scenario import load
 
 ROOT = Path(__file__).parents[2]
@@ -235,7 +243,7 @@ def test_the_commands_of_the_page_work_on_logs_of_these_names(axis_of, tmp_path,
 def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     log = axis_of(2, seconds=30)
     other = np.random.default_rng(1).normal(0, 0.05, len(log.tilt))
-    from twin.identify.any_log import AnyLog
+    from twin.identify.logs import AnyLog
     from twin.identify.report import sentences
 
     wrong = AnyLog("wrong", {"x": replace(log, tilt=other)}, {"x": "rad"}, ())
@@ -252,7 +260,7 @@ def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
     windows = AxisWindows.of(log, *spans(log, 2.5))
     problem = PlainProblem(windows, ("gain", "dead_time", "level"), Tilt(log), 2.6, (0.0, 0.5))
     line = problem.linearise(np.zeros((1, 3)), problem.initial_starts())
-    from twin.identify.plain import AxisFit
+    from twin.identify.plain_model import AxisFit
     from twin.identify.search import Minimum, Termination
 
     found = Minimum(

@@ -10,24 +10,14 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from controllers.ballplate import BallPlate
-from twin.identify.bootstrap import Estimate, estimate
+from twin.identify.judged import BOUNDED, IDENTIFIED, REJECTED
 from twin.identify.parameters import SERVO
 from twin.identify.plate_motion import Drives, fit_drives, servo_response
-from twin.identify.prepare import PreparedLog, Segment, paces, rests, speed
-from twin.identify.problem import Linearisation, Problem
-from twin.identify.replay import PACE, STEP, AccelerationField, replay
+from twin.identify.prepare import PACE, PreparedLog, Segment, paces, rests, speed
 from twin.identify.report import parameters
-from twin.identify.search import _creeping, fit_starts
-from twin.identify.verdict import (
-    BOUNDED,
-    IDENTIFIED,
-    REJECTED,
-    _ball,
-    _servo,
-    verdicts,
-    whiteness,
-)
-from twin.identify.windows import Windows
+from twin.identify.search import Estimate, Linearisation, estimate, fit_starts
+from twin.identify.twin_model import Problem, _ball, _creeping, _servo, verdicts, whiteness
+from twin.identify.windows import STEP, AccelerationField, Windows, replay
 from twin.scenario import load
 from twin.sim.drives import Hysteresis, Play, Resonance
 from twin.sim.plant.exact import ExactPlant

@@ -10,15 +10,14 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.understand import identify as command
-from twin.identify.identify import identify
 from twin.identify.judged import HORIZONS
-from twin.identify.log import COLUMNS, read
+from twin.identify.logs import COLUMNS, read
 from twin.identify.parameters import DEFAULT
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.report import page, parameters, sentences
 from twin.identify.search import TOLERANCE, minimise
-from twin.identify.verdict import _servo
+from twin.identify.twin_model import _servo, identify
 from twin.run.finished import run, save
 from twin.scenario import load
 
@@ -120,7 +119,7 @@ def test_the_report_needs_no_other_file(found):
 def test_a_csv_file_in_other_units_says_the_same(columns, found, tmp_path, write):
     scaled, headers = {}, {}
     for name, values in columns.items():
-        unit = COLUMNS[name].unit
+        unit = COLUMNS[name]
         new, factor = {"s": ("ms", 1e3), "m": ("mm", 1e3), **DEGREES}.get(unit, (unit, 1.0))
         scaled[name], headers[name] = values * factor, f"{name} [{new}]"
     again = identify(read(write(tmp_path / "log.csv", scaled, headers=headers)), DEFAULT)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from twin.identify.log import MECHANISM_LAG
+from twin.identify.logs import MECHANISM_LAG
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import Segment
 from twin.scenario import load

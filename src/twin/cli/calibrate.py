@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ballplate.reporter import Advance
     from twin.devices.akd.servos import AkdServos
     from twin.doctor.touch import MeasuredTouch
-    from twin.identify.verdict import ParameterVerdict
+    from twin.identify.judged import ParameterVerdict
     from twin.scenario import Scenario
     from twin.scenario.rig import RigFile
 
@@ -66,7 +66,7 @@ def lost_motion(
     Settings are those of the virtual rig.
     """
     from twin.doctor.lost_motion import measure
-    from twin.identify.lost_motion import KEYS
+    from twin.identify.plate_motion import KEYS
     from twin.run.connect import cams_of
     from twin.scenario import load
 
@@ -250,9 +250,9 @@ def level(log: Path) -> int:
     LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
     """
     log = log_file(log)  # a wrong name is told before anything heavy is imported
-    from twin.identify.identify import identify
-    from twin.identify.log import read
-    from twin.identify.verdict import IDENTIFIED
+    from twin.identify.judged import IDENTIFIED
+    from twin.identify.logs import read
+    from twin.identify.twin_model import identify
 
     recorded = read(log)
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
@@ -269,8 +269,8 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
         found: The tilt about the axis in deg.
         foot: Its entry of ``FEET``.
     """
+    from twin.identify.judged import IDENTIFIED
     from twin.identify.report import interval
-    from twin.identify.verdict import IDENTIFIED
 
     if found.value is None or found.low is None or found.high is None:
         return found.why

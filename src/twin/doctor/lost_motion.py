@@ -11,7 +11,7 @@ from twin.devices.akd.servos import AkdServos
 from twin.doctor.steps import exchange, hold_level, stopped_by, turn
 from twin.errors import RigError
 from twin.hal.cams import CamTable
-from twin.identify.lost_motion import LostMotion, as_plate, lost_motion, triangle
+from twin.identify.plate_motion import LostMotion, as_plate, lost_motion, triangle
 
 AXES = ("phi", "theta")
 STEPS = 100

@@ -1,34 +1,50 @@
-"""The plate's motion in a log, and how far its drives lag behind their commands.
-
-The motion is the servos' response to the command, corrected by the encoders.
-"""
+"""What the plate does in a log: how its drives lag, what play they have, if the ball goes by it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, filtfilt, lfilter
 
 from controllers.arrays import Array
-from twin.identify.bootstrap import Estimate, estimate
+from twin.errors import LogError
+from twin.hal.cams import CamTable
+from twin.identify.logs import resolution
 from twin.identify.parameters import SERVO
-from twin.identify.prepare import PreparedLog, Segment, resolution
-from twin.sim.drives import Play
+from twin.identify.prepare import (
+    COLUMNS_OF_AXIS,
+    ROLL,
+    PreparedLog,
+    Segment,
+    speed,
+)
+from twin.identify.search import Estimate, estimate
+from twin.sim.drives import Hysteresis, Play
 
 CORNERS = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
 """Corner frequencies in Hz; the data choose how much of the encoders to believe."""
+
+
 CHUNK = 1.0
 """Length in s of the pieces from which a parabola is taken, for disturbances drift the plate."""
 
 
 PLAYS = np.radians((0.0, 0.03, 0.1, 0.3))
 """Play in rad from which a fit of the drives begins."""
+
+
 STEPS = 8
 """Steps of such a fit."""
+
+
 DIFFERENCES = np.array((1e-4, 1e-5, 1e-5, 1e-5))
 """Steps of its finite differences: lag in s, elasticity of both axes in s^2, play in rad."""
+
+
 MOST = np.array((SERVO.most, 1e-3, 1e-3, 0.035))
 """Largest values of these."""
 
@@ -234,3 +250,252 @@ def _delayed(values: Array, whole: int, part: float) -> Array:
     """Values a number of samples later, between two of them by a straight line."""
     held = np.concatenate((np.repeat(values[:1], whole + 1, axis=0), values))[: len(values) + 1]
     return (1 - part) * held[1:] + part * held[:-1]
+
+
+def check_motion(log: PreparedLog) -> None:
+    """Make sure that the ball rolls, and accelerates as the plate's angles say.
+
+    Raises:
+        LogError: If it hardly moves, or moves otherwise.
+    """
+    rolled = sum(
+        log.period * float((speed(s.time, s.even_ball) > ROLL).sum()) for s in log.segments
+    )
+    if rolled < 5.0:
+        raise LogError(
+            f"{log.source}: too quiet: the ball rolls for {rolled:.1f} s of {log.length:.1f} s, "
+            "at least 5 s are needed; run the scenario excite"
+        )
+    for axis, (ball, plate) in enumerate(COLUMNS_OF_AXIS):
+        gain = _gain(log, axis)
+        if gain is None or 0.25 < gain < 4:
+            continue
+        if -4 < gain < -0.25:
+            raise LogError(
+                f"{log.source}: {ball} accelerates against {plate}: one of them has the wrong sign"
+            )
+        raise LogError(
+            f"{log.source}: {ball} accelerates {gain:.2g} times as much as {plate} explains: "
+            "wrong unit, or axes exchanged"
+        )
+    _check_command(log)
+
+
+def _check_command(log: PreparedLog) -> None:
+    for axis, name in enumerate(("phi", "theta")):
+        over, under = 0.0, 0.0
+        for segment in log.segments:
+            if segment.command is None:
+                return
+            response = servo_response(segment.command, log.period, log.own_lag)[0][:, axis]
+            for a, b in _chunks(response, segment.plate[:, axis], log.period):
+                over, under = over + float(a @ b), under + float(a @ a)
+        # a plate that hardly moves says nothing
+        if under * log.period / log.length < 1e-8:
+            continue
+        gain = over / under
+        if not 0.4 < gain < 2.5:
+            raise LogError(
+                f"{log.source}: measured_{name} moves {gain:.2g} times as far as the commanded "
+                f"applied_{name} columns say: wrong unit or sign, or exchanged axes"
+            )
+
+
+def _chunks(first: Array, second: Array, period: float) -> list[tuple[Array, Array]]:
+    """Pieces of 2 s of two signals without their straight-line parts."""
+    rows = round(2.0 / period)
+    base, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, rows), 2))
+    pieces: list[tuple[Array, Array]] = []
+    for k in range(len(first) // rows):
+        part = slice(k * rows, (k + 1) * rows)
+        a, b = first[part], second[part]
+        pieces.append((a - base @ (base.T @ a), b - base @ (base.T @ b)))
+    return pieces
+
+
+def _gain(log: PreparedLog, axis: int) -> float | None:
+    """Acceleration of the ball over what the plate's angle explains, while it rolls.
+
+    The integral form of the level model: x = x0 + v0 t + gain (k1 phi'' - b phi) - friction.
+    """
+    model, period = log.model, log.period
+    rows = round(1.0 / period)
+    line = np.vander(np.linspace(-1, 1, rows), 2)
+    normal, right = np.zeros((2, 2)), np.zeros(2)
+    for segment in log.segments:
+        ball = segment.even_ball
+        velocity = np.gradient(ball, period, axis=0)
+        smooth = np.stack([np.convolve(v, np.ones(25) / 25, "same") for v in velocity.T], axis=-1)
+        rate = speed(segment.time, ball)
+        for k in range(len(ball) // rows):
+            part = slice(k * rows, (k + 1) * rows)
+            if rate[part].min() < ROLL:
+                continue
+            angle = segment.plate[part, axis] * (1 if axis == 0 else -1)
+            tilt = model.k1 * _double_integral(np.sin(angle), period) - model.c2 * angle
+            direction = smooth[part, axis] / np.maximum(np.hypot(*smooth[part].T), 1e-4)
+            drag = _double_integral(direction, period)
+            columns = np.stack((tilt, drag, ball[part, axis]), axis=-1)
+            columns -= line @ np.linalg.lstsq(line, columns, rcond=None)[0]
+            normal += columns[:, :2].T @ columns[:, :2]
+            right += columns[:, :2].T @ columns[:, 2]
+    if normal[0, 0] * period < 1e-6 or np.linalg.cond(normal) > 1e8:
+        return None
+    return float(np.linalg.solve(normal, right)[0])
+
+
+def _double_integral(values: Array, period: float) -> Array:
+    """From zero, by the trapezoidal rule."""
+    once = cumulative_trapezoid(values, dx=period, initial=0)
+    return np.asarray(cumulative_trapezoid(once, dx=period, initial=0))
+
+
+SHAPES: dict[str, type[Play] | type[Hysteresis]] = {"flat": Play, "round": Hysteresis}
+"""Corners of the loop, and the part of the twin that makes them."""
+
+
+KEYS = {"flat": "plant.servo.backlash_deg", "round": "plant.servo.hysteresis_deg"}
+"""The scenario keys that take the width."""
+
+
+POINTS = 400
+"""Instants of a cycle that are compared."""
+
+
+CLEAR = 1.5
+"""How many times as much one shape must leave as the other to be ruled out."""
+
+
+NO_LOOP = 0.01
+"""Width in deg up to which there is none: servos and wheels of a rig without any lose half of it at
+1 deg/s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LostMotion:
+    """The loop of plate angle over motor angle of one axis. All in deg of the plate.
+
+    Attributes:
+        axis: ``phi`` or ``theta``.
+        width: Of the loop along the motor's angle: twice what is lost to each side.
+        spread: By how much the cycles differ, largest width less smallest.
+        shape: Its corners: ``flat``, ``round``, ``either`` if they cannot be told, or ``none``.
+        left: What the best loop of each shape leaves, root mean square.
+        gain: Plate angle per motor angle beside the loop, 1 where the cam table is right.
+    """
+
+    axis: str
+    width: float
+    spread: float
+    shape: str
+    left: dict[str, float]
+    gain: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {**asdict(self), "key": KEYS.get(self.shape), "verdict": self.words}
+
+    @property
+    def words(self) -> str:
+        """The verdict in words."""
+        if self.shape == "none":
+            return f"no lost motion: the loop is {self.width:.3f} deg wide"
+        corners = {
+            "flat": "flat corners: play, or dry friction in the plate's joint; motor torque, which "
+            "jumps at a reversal by friction alone, tells them apart",
+            "round": "round corners: hysteresis of elastic parts",
+            "either": "the corners cannot be told",
+        }[self.shape]
+        known = f"{self.width:.3f} deg ({self.spread:.3f} between cycles)"
+        return f"lost motion of {known}, {self.width / 2:.3f} to each side; {corners}"
+
+
+def triangle(amplitude: float, rate: float, cycles: int, period: float) -> Array:
+    """Angles of a triangle that begins at 0: a quarter of a cycle, then whole ones, shape (K,).
+
+    Args:
+        amplitude: Its largest angle, rad.
+        rate: How fast, rad/s.
+        cycles: Whole cycles.
+        period: From one angle to the next, s.
+    """
+    length = 4 * amplitude / rate
+    phase = np.arange(round((cycles + 0.25) * length / period) + 1) * period / length
+    angles: Array = amplitude * (4 * np.abs((phase - 0.25) % 1.0 - 0.5) - 1)
+    return angles
+
+
+def as_plate(cams: CamTable, motor: Array, axis: int) -> Array:
+    """Plate angles that motor angles of one axis mean while the other stands level, rad, (K,)."""
+    line = np.zeros((len(cams.grid), 2))
+    line[:, axis] = cams.grid
+    return np.interp(motor, cams.motor(line)[:, axis], cams.grid)
+
+
+def lost_motion(axis: str, motor: Array, plate: Array, cycles: int) -> LostMotion:
+    """The loop of a few cycles of a triangle.
+
+    Args:
+        axis: Which.
+        motor: Motor angle as plate angle, by the cam table, in rad, evenly in time over a quarter
+            of a cycle and then whole ones, shape (K,).
+        plate: Angle of the plate's encoder in rad, shape (K,).
+        cycles: Whole cycles, 2 or more: the first closes the loop and is not judged.
+
+    Raises:
+        LogError: If the motor or the plate did not move.
+    """
+    every = max(1, round(len(motor) / (cycles + 0.25) / POINTS))
+    s, p = np.degrees(motor[::every]), np.degrees(plate[::every])
+    travel = float(np.ptp(s))
+    if min(travel, float(np.ptp(p))) < NO_LOOP:
+        raise LogError(f"{axis}: motor moved {travel:.4f} deg, plate {np.ptp(p):.4f} deg: too few")
+    ends = np.linspace(len(s) * 0.25 / (cycles + 0.25), len(s), cycles + 1).round().astype(int)
+    closed = ends[1]
+    found = {
+        shape: _best_loop(shape, s[closed:], p[closed:], s[:closed], travel) for shape in SHAPES
+    }
+    left = {shape: each[1] for shape, each in found.items()}
+    ahead = min(left, key=lambda shape: left[shape])
+    width, _, gain = found[ahead]
+    own = [
+        _best_loop(ahead, s[start:end], p[start:end], s[:start], travel)[0]
+        for start, end in pairwise(ends[1:])
+    ]
+    shape = ahead if max(left.values()) > CLEAR * left[ahead] else "either"
+    return LostMotion(
+        axis=axis,
+        width=width,
+        spread=float(np.ptp(own)),
+        shape=shape if width > NO_LOOP else "none",
+        left=left,
+        gain=gain,
+    )
+
+
+def _best_loop(
+    shape: str, s: Array, p: Array, before: Array, travel: float
+) -> tuple[float, float, float]:
+    """Width in deg, what it leaves in deg rms, and gain, by three ever finer grids."""
+    middle, reach = travel / 4, travel / 4
+    for _ in range(3):
+        widths = np.clip(np.linspace(middle - reach, middle + reach, 41), 0, None)
+        left, gains = _left_by(shape, widths, s, p, before)
+        at = int(left.argmin())
+        middle, reach = float(widths[at]), reach / 15
+    return middle, float(left[at]), float(gains[at])
+
+
+def _left_by(shape: str, widths: Array, s: Array, p: Array, before: Array) -> tuple[Array, Array]:
+    """What loops of some widths leave, in deg rms, and their gains, shapes (widths,).
+
+    Offset and gain are fitted. What was before brings the loop to where it is.
+    """
+    part = SHAPES[shape](widths[:, None])
+    turns = np.diff(np.concatenate((before, s)), prepend=before[0])
+    moved = np.cumsum([part.follow(np.full((1, 2), turn))[:, 0] for turn in turns], axis=0)
+    followed = np.where(part.acts[:, 0], moved, np.cumsum(turns)[:, None])[len(before) :]
+    followed = followed - followed.mean(axis=0)
+    judged = (p - p.mean())[:, None]
+    gains = (followed * judged).sum(axis=0) / np.maximum((followed**2).sum(axis=0), 1e-12)
+    return np.sqrt(((judged - gains * followed) ** 2).mean(axis=0)), gains

@@ -10,19 +10,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from controllers.ballplate import BallPlate
-from twin.identify.any_rig import AnyIdentification
-from twin.identify.identify import Identification
-from twin.identify.judged import HORIZONS, MOVES, PREDICTORS, Score
-from twin.identify.search import BestFit
-from twin.identify.verdict import (
+from twin.identify.judged import (
     BOUNDED,
+    HORIZONS,
     IDENTIFIED,
+    MOVES,
     NOT,
+    PREDICTORS,
     REJECTED,
     ParameterVerdict,
-    Whiteness,
+    Score,
     corner_frequency,
 )
+from twin.identify.plain_model import AnyIdentification
+from twin.identify.twin_model import BestFit, Identification, Whiteness
 from twin.identify.windows import LOOKBACK
 from twin.page import Block, Picture, Table, Text, Verdict, digits, html
 from twin.run.picture import COLOURS, drawn
@@ -30,12 +31,22 @@ from twin.writing import write_whole
 
 SHOWN = 6
 """This many windows of the fit are drawn."""
+
+
 HEADS = ("parameter", "value", "95 % interval", "unit", "verdict")
+
+
 WINDOWS = ("best", "median", "worst")
 """The windows held out that are drawn, by their error after 1 s."""
+
+
 BASELINES = {"stays": "a ball that stays", "goes on": "one that goes on at its velocity"}
+
+
 BAD = 0.02
 """Share by which a model may be worse than a baseline before it is said."""
+
+
 Found = Identification | AnyIdentification
 """What a log shows, of a rig like the twin's or of any."""
 

@@ -14,8 +14,8 @@ from controllers.ballplate import BallPlate
 from twin.data_file import read_toml
 from twin.errors import LogError
 from twin.hal.interface import SCREEN
-from twin.identify.log import Log, of_columns
-from twin.identify.problem import Problem
+from twin.identify.logs import Log, of_columns
+from twin.identify.twin_model import Problem
 from twin.identify.windows import Windows
 from twin.run.assemble import assemble
 from twin.run.loop import drive

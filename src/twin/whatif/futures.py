@@ -275,7 +275,7 @@ def _not_repeated(run: Run, at: float) -> tuple[str, ...]:
 
 def _estimated(name: str, file: Path, scenario: Scenario, at: float) -> Moment:
     """A moment of what was measured."""
-    from twin.identify.log import read  # noqa: PLC0415  heavy: loaded when needed
+    from twin.identify.logs import read  # noqa: PLC0415  heavy: loaded when needed
     from twin.whatif.moment import estimated, judge  # noqa: PLC0415
 
     return estimated(name, judge(read(file), scenario, at), scenario, at)
