@@ -3,6 +3,7 @@
 import ctypes
 import re
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -63,6 +64,36 @@ def test_fmpy_finds_the_reference_that_lies_in_the_fmu(fmu):
     assert abs(expected["true_x"]).max() > 1e-3
     noisy = fmpy.simulate_fmu(str(fmu), input=commands, output=list(names))
     assert abs(noisy["measured_x"] - expected["measured_x"]).max() > 1e-4
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="libcosim is installed on Linux alone")
+def test_another_importer_finds_the_reference_too(exported):
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimManipulator import CosimManipulator
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    log_output_level(CosimLogLevel.WARNING)
+    fmu = exported / "rig2.fmu"  # libcosim reads FMI 1.0 and 2.0
+    commands, expected = answers(fmu, "in"), answers(fmu)
+    known = {each.name: each for each in fmpy.read_model_description(str(fmu)).modelVariables}
+    execution = CosimExecution.from_step_size(2_000_000)  # nanoseconds
+    rig = execution.add_local_slave(CosimLocalSlave(str(fmu), "rig"))
+    execution.boolean_initial_value(rig, known["noise"].valueReference, value=False)
+    observer, manipulator = CosimObserver.create_last_value(), CosimManipulator.create_override()
+    execution.add_observer(observer)
+    execution.add_manipulator(manipulator)
+    ball = [known[name].valueReference for name in ("true_x", "true_y")]
+    rates = [known[name].valueReference for name in commands.dtype.names[1:]]
+    path = []
+    for _, *given in commands[:-1]:
+        manipulator.slave_real_values(rig, rates, given)
+        assert execution.step()
+        path.append(observer.last_real_values(rig, ball))
+    wanted = np.column_stack((expected["true_x"], expected["true_y"]))
+    np.testing.assert_allclose(path, wanted[1:], rtol=0, atol=1e-12)
+    assert np.ptp(wanted, axis=0).min() > 1e-4
 
 
 def test_the_sources_that_are_listed_make_the_binary(fmu, tmp_path):
