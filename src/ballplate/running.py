@@ -355,17 +355,16 @@ def connected(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None
         return
-    from twin.emulator.serve import follow_changes
     from twin.run.connect import connect
     from twin.run.plants import believed
 
     if scenario.sensors.ideal:
         raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")
+    if scenario.change:
+        raise ScenarioError(
+            f"{name} {on}: [[change]] changes a simulated rig, none on a wire; leave it out"
+        )
     if on != EMULATED:
-        if scenario.change:
-            raise ScenarioError(
-                f"{name} {on}: [[change]] changes a simulated rig, never a real one; leave it out"
-            )
         for key in keys:
             if key.startswith(SIMULATION_ONLY):
                 raise ScenarioError(
@@ -382,9 +381,7 @@ def connected(
             return
         # what a virtual rig knows of its cams is part of its scenario
         known, paused = believed(scenario), virtual.pauses.paused
-        host = connect(scenario, file, reset=reset, transmission=known, paused=paused, hear=hear)
-        follow_changes(host, scenario, known, virtual.begin)
-        yield host
+        yield connect(scenario, file, reset=reset, transmission=known, paused=paused, hear=hear)
 
 
 def _judge_computer(where: str, scenario: Scenario, reporter: Reporter) -> None:

@@ -240,8 +240,6 @@ class HardwareRig(Rig):
 
     def wait(self) -> None:
         """Return at the beginning of the next control period."""
-        if self.changes is not None:
-            self.changes(self.clock.time)
         self.clock.timing.mark("record")
         self.servos.settle(self.clock.left - self.MARGIN)
         self._trip = self.servos.round_trip

@@ -253,7 +253,7 @@ class ScreenLine:
         protocol: What it speaks.
         baud: Bits per second of a serial protocol, ten bits per byte.
         frame: Seconds between frames.
-        dead_time: Seconds from looking to arrival, or what tells them at each look.
+        dead_time: Seconds from looking to arrival.
         calibration: How it is mounted: plate to screen units.
         seed: Of everything random in the faults injected.
     """
@@ -268,7 +268,7 @@ class ScreenLine:
         protocol: Protocol = Protocol.MICROTOUCH,
         baud: int = 9600,
         frame: float = FRAME,
-        dead_time: float | Callable[[], float] = DEAD_TIME,
+        dead_time: float = DEAD_TIME,
         calibration: Calibration | None = None,
         seed: int = 0,
     ) -> None:
@@ -278,7 +278,7 @@ class ScreenLine:
         self._byte = 10 / baud if protocol in {Protocol.MICROTOUCH, Protocol.ELO} else 0.0
         self._baud = baud
         self._frame = frame
-        self._dead_time = dead_time if callable(dead_time) else lambda: dead_time
+        self._dead_time = dead_time
         self._calibration = calibration or Calibration.nominal()
         self._next: float | None = None
         self._queue: deque[tuple[float, bytes]] = deque()
@@ -305,7 +305,7 @@ class ScreenLine:
             for name, (x, y) in enumerate(shares, start=1)
             if 0 <= x <= 1 and 0 <= y <= 1
         ]
-        arrival = now + self._dead_time()
+        arrival = now + self._dead_time
         spots = self.damage.contacts(now, seen)
         lifted = () if self.damage.hides_lift(now) else self._lifted(spots)
         self._down = spots

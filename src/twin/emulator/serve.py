@@ -27,53 +27,15 @@ from twin.emulator.drive import EmulatedDrive
 from twin.emulator.screen import Ball, Protocol, ScreenLine
 from twin.errors import RigError
 from twin.hal.interface import Touch, Transmission
-from twin.hal.rig import Rig
 from twin.jobs import let_go, program_left_out, undisturbed
 from twin.run.assemble import build_devices, start_plant
 from twin.run.plants import (
-    RigChanges,
     build_plant,
-    change_devices,
-    change_transmission,
-    changing_devices,
-    without_error,
 )
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedDevices
 from twin.sim.sensors import EncoderModel, TouchModel
-
-
-def follow_changes(
-    rig: Rig, scenario: Scenario, transmission: Transmission, begin: Callable[[], None]
-) -> None:
-    """Let the virtual rig's changes begin with the run, and the host's own knowledge change.
-
-    Args:
-        rig: The host's, not switched on.
-        scenario: Of the virtual rig.
-        transmission: What the host knows of the cams.
-        begin: Tells the virtual rig that the run's time is zero now; must not wait.
-    """
-    if not scenario.change:
-        return
-    known = without_error(transmission)
-
-    def act(old: Sequence[Scenario], new: Sequence[Scenario]) -> None:
-        change_transmission(rig, known, old, new)
-
-    changes = RigChanges([scenario], act)
-    begun = False
-
-    def passing(time: float) -> None:
-        nonlocal begun
-        if not begun:
-            begun = True
-            begin()
-        changes(time)
-
-    rig.changes = passing
-
 
 TICK = 0.001
 """Longest step in s of the plant between two looks at the drives."""
@@ -96,8 +58,6 @@ class EmulatedPlant:
         plant, self.transmission = build_plant([scenario])
         self._tick = plant.step * max(1, int(TICK / plant.step + 1e-9))
         touch, encoders = scenario.sensors.touch, scenario.sensors.encoders
-        self.dead_time = touch.dead_time
-        """Time in s from a touch to its arrival, now."""
         self.devices: SimulatedDevices = build_devices(
             [scenario],
             plant,
@@ -105,8 +65,6 @@ class EmulatedPlant:
             touch=TouchModel(dead_time=0.0, grid=0, variance=touch.variance),
             encoders=EncoderModel(counts=0, variance=encoders.variance),
         )
-        self._changes = changing_devices(self.devices, [scenario], self._change)
-        self._begun: float | None = None
         self.present = True
         """Whether there is a ball that the screen can sense."""
         self.shoved = np.zeros(2)
@@ -128,16 +86,8 @@ class EmulatedPlant:
 
     def screen_line(self, ball: Ball, protocol: Protocol) -> ScreenLine:
         """What a screen on it sends, that speaks a protocol and senses where ``ball`` says."""
-        seed = self._scenario.seed
-        return ScreenLine(ball, protocol=protocol, dead_time=lambda: self.dead_time, seed=seed)
-
-    def begin(self) -> None:
-        """The run's time is zero now: what its scenario changes is counted from here."""
-        self._begun = self.devices.time
-
-    def _change(self, old: Sequence[Scenario], new: Sequence[Scenario]) -> None:
-        self.dead_time = new[0].sensors.touch.dead_time
-        change_devices(self.devices, old, new, touch={"dead_time": 0.0})
+        seen, seed = self._scenario.sensors.touch, self._scenario.seed
+        return ScreenLine(ball, protocol=protocol, dead_time=seen.dead_time, seed=seed)
 
     def advance(self, seconds: float) -> None:
         """Let time pass in whole ticks; the rest is kept for the next call."""
@@ -146,8 +96,6 @@ class EmulatedPlant:
             self._owed -= self._tick
             if not any(drive.enabled for drive in self._drives):
                 self.devices.rest()
-            if self._begun is not None:
-                self._changes(self.devices.time - self._begun)
             self.devices.command(np.array([[drive.rate for drive in self._drives]]) + self.shoved)
             self.devices.wait()
             self._sense()
@@ -183,8 +131,6 @@ class EmulatedPlant:
 
 STARVED = 0.001
 """Lag in s of every hundredth round from which the emulator is too slow for periods of 2 ms."""
-BEGIN = "begin"
-"""Word that says that the run's time is zero now; it has no answer."""
 
 
 class VirtualRig:
@@ -263,7 +209,6 @@ class VirtualRig:
             "put": ("ball put back", partial(self._put, True)),
             "unplug": ("touch screen unplugged", self.screen.unplug),
             "plug": ("touch screen plugged in", self.screen.plug),
-            BEGIN: ("the run begins", self.plant.begin),
         }
         text, act = known.get(word) or self._touch(word)
         with self.server.lock:
@@ -403,10 +348,7 @@ def _listen(pipe: Connection, rig: VirtualRig) -> None:
     """Obey what comes through the pipe until its other end is closed."""
     while True:
         try:
-            word = pipe.recv()
-            answer = rig.obey(word)
-            if word != BEGIN:
-                pipe.send(answer)
+            pipe.send(rig.obey(pipe.recv()))
         except (EOFError, OSError):
             rig.server.stop()
             return
@@ -442,11 +384,6 @@ class Emulator:
             return self.tell("lag")
         except RigError as error:
             return str(error)
-
-    def begin(self) -> None:
-        """Say that the run's time is zero now; waits for nothing."""
-        with suppress(OSError):  # a rig that has ended shows in its devices
-            self._pipe.send(BEGIN)
 
 
 @contextmanager

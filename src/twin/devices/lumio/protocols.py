@@ -269,10 +269,8 @@ class DescriptorError(TwinError, ValueError):
     """Bytes that are no report descriptor."""
 
 
-_GLOBALS = (
-    *("page", "logical_low", "logical_high", "physical_low", "physical_high"),
-    *("exponent", "unit", "size", "report", "count"),
-)
+_GLOBALS: tuple[str, ...] = "page", "logical_low", "logical_high", "physical_low", "physical_high"
+_GLOBALS += "exponent", "unit", "size", "report", "count"
 """Settings that hold until they are changed, by the tag of the item that does so."""
 
 
