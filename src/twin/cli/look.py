@@ -198,8 +198,7 @@ def export(
 ) -> int:
     """Export the signals of a run to a .csv, .mat, .parquet or .mcap file, or the run as it moved.
 
-    A picture that moves is a .webp, .gif, .apng or, by the extra video, .mp4; a FILE without ending
-    is a folder of its frames:
+    A picture that moves is a .webp, .gif or, by the extra video, .mp4:
     ballplate export runs/circle circle.webp --beside runs/cure --seconds 8
 
     In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
@@ -227,7 +226,7 @@ def export(
     if not moving and (given or beside):
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
-            "pictures: .webp, .gif, .apng, .mp4"
+            "pictures: .webp, .gif, .mp4"
         )
     check_no_scenario(run)
     (opened,) = open_run(run)

@@ -39,7 +39,7 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
     """
     write = WRITERS.get(path.suffix)
     if write is None:
-        known, moves = ", ".join(WRITERS), ", ".join(filter(None, MOVING))
+        known, moves = ", ".join(WRITERS), ", ".join(MOVING)
         raise RecordError(
             f"{path}: the ending says what is written; known: {known}, moving pictures: {moves}"
         )

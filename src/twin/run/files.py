@@ -267,8 +267,8 @@ def arrow_fields(units: Units) -> list[pa.Field]:
     return [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()]
 
 
-MOVING = (".webp", ".gif", ".apng", ".mp4", "")
-"""Endings of moving pictures of runs, see ``twin.run.film``; none is a folder of their frames."""
+MOVING = (".webp", ".gif", ".mp4")
+"""Endings of moving pictures of runs, see ``twin.run.film``."""
 
 
 class Signals(Mapping[str, "Array"]):
