@@ -70,8 +70,8 @@ def doctor(
 
         click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
         return 0
+    from twin.doctor.computer import examine_installation
     from twin.doctor.examine import examine
-    from twin.doctor.install import examine_installation
     from twin.scenario import load
 
     if install:
@@ -109,7 +109,7 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
 
 
 def _ask(word: str) -> str:
-    from twin.doctor.touch import EDGES
+    from twin.doctor.drives import EDGES
 
     if word == "edge":
         question = "which edges of the plate dipped, the short or the long ones?"
@@ -184,7 +184,7 @@ def _listen(rig: VirtualRig) -> None:
 @options.JSON
 def safety(processes: int | None) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
-    from twin.safety.cases import CASES
+    from twin.safety.faults import CASES
     from twin.safety.trial import run_all
 
     with progress("fault matrix", len(CASES)) as advance:
