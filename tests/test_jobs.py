@@ -21,7 +21,7 @@ def begun(kind, scenario, stack):
         from twin.jobs import SecondProcess
         stack.enter_context(SecondProcess(wanted=True)).begin(os.getpid)()
     elif kind == "play":
-        from twin.play.process import Simulation
+        from twin.play.serve import Simulation
         return Simulation(scenario)
     elif kind == "emulated rig":
         from twin.emulator.serve import emulated

@@ -15,7 +15,7 @@ import pytest
 import ballplate as bp
 from twin.emulator import serve
 from twin.errors import ScenarioError, TwinError
-from twin.play.process import Simulation
+from twin.play.serve import Simulation
 from twin.run import loop
 from twin.run.loop import INTERRUPTED
 from twin.view.live_process import LiveProcess

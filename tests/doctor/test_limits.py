@@ -5,7 +5,7 @@ from stepped import SteppedDrives
 
 from twin.doctor import drives
 from twin.doctor.check import CheckStatus
-from twin.doctor.limits import limits
+from twin.doctor.drives import limits
 from twin.emulator.drive import EmulatedDrive
 
 

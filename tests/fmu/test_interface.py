@@ -17,9 +17,8 @@ from fmpy.validation import validate_fmu
 import ballplate as bp
 from twin.cli import ballplate as command
 from twin.errors import RecordError, ScenarioError
-from twin.fmu.description import exponents
+from twin.fmu.description import exponents, parameters
 from twin.fmu.export import frame_phase
-from twin.fmu.variables import parameters
 from twin.run.assemble import assemble
 from twin.scenario.describe import described
 

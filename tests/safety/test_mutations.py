@@ -18,7 +18,7 @@ from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Clamp
 from twin.hal.supervisor import Supervisor
 from twin.safety.case import Stopper
-from twin.safety.cases import CASES, GROUPS
+from twin.safety.faults import CASES, GROUPS
 from twin.safety.row import FaultRow
 from twin.safety.trial import Trial
 

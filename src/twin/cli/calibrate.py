@@ -24,7 +24,7 @@ from twin.writing import check_writable, write_whole
 if TYPE_CHECKING:
     from ballplate.reporter import Advance
     from twin.devices.akd.servos import AkdServos
-    from twin.doctor.touch import MeasuredTouch
+    from twin.doctor.calibration import MeasuredTouch
     from twin.identify.judged import ParameterVerdict
     from twin.scenario import Scenario
     from twin.scenario.rig import RigFile
@@ -65,7 +65,7 @@ def lost_motion(
 
     Settings are those of the virtual rig.
     """
-    from twin.doctor.lost_motion import measure
+    from twin.doctor.calibration import measure_lost_motion
     from twin.identify.plate_motion import KEYS
     from twin.run.connect import cams_of
     from twin.scenario import load
@@ -75,7 +75,7 @@ def lost_motion(
         servos,
         advance,
     ):
-        found = measure(
+        found = measure_lost_motion(
             servos,
             cams_of(file),
             amplitude=math.radians(amplitude),
@@ -113,14 +113,14 @@ def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
 
     Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
     """
-    from twin.doctor.touch import measure, usual_points
+    from twin.doctor.calibration import measure_touch, usual_points
     from twin.scenario import load
 
     points = [_point(text) for text in places] or usual_points()
     with rig_file(rig, load("circle")) as (file, ask):
         shown = progress("calibrating the touch screen", len(points)) if rig == EMULATED else None
         with shown or nullcontext(lambda _: None) as advance:
-            found = measure(file.uncalibrated_screen(), points, ask, file.patience, advance)
+            found = measure_touch(file.uncalibrated_screen(), points, ask, file.patience, advance)
     write_whole(out, found.save)
     then = f'written to {out}; name it in the rig file, under [touch]: calibration_file = "{out}"'
     show({"file": str(out), **found.as_dict()}, (*_residuals(found), then))
@@ -147,7 +147,7 @@ def _point(text: str) -> tuple[float, float]:
 def _residuals(found: MeasuredTouch) -> tuple[Shown, ...]:
     import numpy as np
 
-    from twin.doctor.touch import place
+    from twin.doctor.calibration import place
 
     rows = [
         (place(point), *(f"{1e3 * each:+.2f}" for each in off))
@@ -287,12 +287,12 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
 
 def _on_rig(rig: str, path: Path, reach: float, lines: int) -> None:
     """Measure the cams of a rig."""
-    from twin.doctor.cams import measure
+    from twin.doctor.calibration import measure_cams
     from twin.hal.cams import CamTable
     from twin.scenario import load
 
     with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, advance):
-        found = measure(
+        found = measure_cams(
             servos,
             CamTable.packaged(),
             reach=math.radians(reach),

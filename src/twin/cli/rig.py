@@ -14,7 +14,7 @@ import click
 
 from ballplate.running import EMULATED, rig_of
 from twin.cli import options
-from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show, warn
+from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show
 from twin.devices.akd import TRACE
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen import Protocol
@@ -70,8 +70,8 @@ def doctor(
 
         click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
         return 0
+    from twin.doctor.computer import examine_installation
     from twin.doctor.examine import examine
-    from twin.doctor.install import examine_installation
     from twin.scenario import load
 
     if install:
@@ -109,7 +109,7 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
 
 
 def _ask(word: str) -> str:
-    from twin.doctor.touch import EDGES
+    from twin.doctor.drives import EDGES
 
     if word == "edge":
         question = "which edges of the plate dipped, the short or the long ones?"
@@ -183,7 +183,7 @@ def _listen(rig: VirtualRig) -> None:
 @options.JSON
 def safety(processes: int | None) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
-    from twin.safety.cases import CASES
+    from twin.safety.faults import CASES
     from twin.safety.trial import run_all
 
     with progress("fault matrix", len(CASES)) as advance:
@@ -321,12 +321,6 @@ PORT = 8090
     show_default=True,
     help="Port of the page; 0 for a free one.",
 )
-@click.option(
-    "--address",
-    default="127.0.0.1",
-    show_default=True,
-    help="Serve there, behind a token; otherwise on this machine alone.",
-)
 @click.option("--no-browser", is_flag=True, help="Open no window; print the address only.")
 @click.option("--seconds", type=click.FloatRange(min=0), help="End by itself after this time, s.")
 def play(
@@ -334,7 +328,6 @@ def play(
     overrides: tuple[str, ...],
     out: Path | None,
     port: int,
-    address: str,
     seconds: float | None,
     *,
     no_browser: bool,
@@ -352,9 +345,7 @@ def play(
     library()
     chosen = load(scenario, overrides)
     folder = check_writable(out or folder_of(scenario))
-    server = Server(chosen, folder, address=address, port=port, seconds=seconds)
-    if server.token:
-        warn(f"the page can be reached from other machines, by whoever has this address: {address}")
+    server = Server(chosen, folder, port=port, seconds=seconds)
 
     def begun() -> None:
         say(f"open {server.url} in a browser; Ctrl-C ends it")

@@ -19,8 +19,14 @@ from xml.etree import ElementTree
 import numpy as np
 
 from twin.errors import ScenarioError, TwinError
-from twin.fmu.description import build_description, c_source, model_description, written
-from twin.fmu.variables import Variable, variables
+from twin.fmu.description import (
+    Variable,
+    build_description,
+    c_source,
+    model_description,
+    variables,
+    written,
+)
 from twin.run.assemble import assemble, own_errors
 from twin.run.plants import build_friction
 from twin.scenario.schema import Scenario
