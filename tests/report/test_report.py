@@ -16,7 +16,7 @@ from twin.report.summary import Diagnosis, spectrum, summary, verdict
 from twin.run.finished import Run, open_run, open_runs, run, save
 from twin.run.indicators import UNITS
 from twin.scenario.load import check, clean
-from twin.view.signals import signals
+from twin.view.streams import signals
 from twin.writing import write_json
 
 pytestmark = pytest.mark.usefixtures("quick_pictures")
@@ -105,12 +105,12 @@ def test_what_the_observer_made_of_friction_is_told():
     told = " ".join(summary(one, Diagnosis.of(one)))
     assert "slow the ball by 53 ± 4 mm/s²" in told
     assert "+5.3 ± 0.4 % along x" in told
-    plots = signals(one.rows, one.motion.reference, one.limits)
+    plots = signals(one.rows, one.motion.reference)
     assert plots["friction_mm_per_s2"]["friction"].values[0] == pytest.approx(53)
     silent = made(rest, **measured)
     told = " ".join(summary(silent, Diagnosis.of(silent)))
     assert "observer took friction" not in told
-    assert "friction_mm_per_s2" not in signals(silent.rows, silent.motion.reference, silent.limits)
+    assert "friction_mm_per_s2" not in signals(silent.rows, silent.motion.reference)
 
 
 def test_a_ball_stuck_by_friction_is_called_stuck():

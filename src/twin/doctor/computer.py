@@ -116,6 +116,7 @@ def _cams(rig: RigFile) -> CheckResult:
 EXTRAS = {
     "casadi": "the equations as symbols",
     "cluster": "study --scheduler, on other computers",
+    "fmi": "controllers that are an FMU",
     "gym": "environments for Gymnasium",
     "mcap": "export to .mcap",
     "mpc": "the law mpc",

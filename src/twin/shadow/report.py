@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from twin.identify.logs import read
 from twin.identify.windows import STEP
 from twin.page import Block, Picture, Table, Text, Verdict, html
-from twin.run.files import arrow_fields, run_name
+from twin.run.files import run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm, likely
@@ -26,7 +26,7 @@ from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, propose, 
 from twin.shadow.horizon import BAND, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
-from twin.view.streams import Scores, TwinStream
+from twin.view.streams import TwinRows, TwinStream
 from twin.writing import write_json, write_whole
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
@@ -41,10 +41,17 @@ class Shown(NamedTuple):
     name: str
 
 
-def scores(run: Replays) -> Scores:
+def told(run: Replays) -> TwinRows:
     """Replays as the view draws them."""
-    values, end = (run.score, run.distance, run.band), run.time + run.ahead
-    return Scores.of(run.counted, run.time, end, values, run.path, DRAWN * STEP)
+    rows = {
+        "time": run.time + run.ahead,
+        "told": run.counted.astype(float),
+        "score": run.score,
+        "distance": run.distance,
+        "band": run.band,
+        **{name: run.path[..., axis] for axis, name in enumerate(("twin_x", "twin_y"))},
+    }
+    return TwinRows(rows, run.ahead, DRAWN * STEP)
 
 
 def drawing(scenario: Scenario, shown: Shown) -> Tell:
@@ -55,7 +62,7 @@ def drawing(scenario: Scenario, shown: Shown) -> Tell:
     fix(stream, twin.fixed())
 
     def tell(replays: Replays | None, events: list[tuple[float, str]]) -> None:
-        found = None if replays is None or not len(replays.time) else scores(replays)
+        found = None if replays is None or not len(replays.time) else told(replays)
         send(stream, twin.batches(found, events))
         stream.flush()
 
@@ -213,6 +220,11 @@ def _causes(alarm: Alarm) -> list[tuple[str, ...]]:
     ]
 
 
+PLAIN = ("told", "score", "log_likelihood_ratio", "dead_time_ratio")
+UNITS = {"time": "s", **dict.fromkeys(PLAIN, "1")}
+"""Units of columns; all others are in m."""
+
+
 def write_scores(found: Shadow, path: Path) -> None:
     """One row a replay: when, error, spread, score, the test's statistic, the twin's way."""
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
@@ -220,31 +232,23 @@ def write_scores(found: Shadow, path: Path) -> None:
 
     run = found.replays
     assert run is not None
-    end = run.time + run.ahead
-    before = np.searchsorted(found.time, end, side="right") - 1
+    drawn = told(run)
+    before = np.searchsorted(found.time, drawn.rows["time"], side="right") - 1
     values = {
-        "time": ("s", end),
-        "error_x": ("m", run.error[:, 0]),
-        "error_y": ("m", run.error[:, 1]),
-        "spread_x": ("m", np.sqrt(run.spread[:, 0, 0])),
-        "spread_y": ("m", np.sqrt(run.spread[:, 1, 1])),
-        "score": ("1", run.score),
-        "distance": ("m", run.distance),
-        "band": ("m", run.band),
-        "told": ("1", run.counted.astype(float)),
-        "log_likelihood_ratio": ("1", np.where(before >= 0, found.ratio[before], 0.0)),
-        "dead_time_ratio": ("1", np.where(before >= 0, found.delayed[before], 0.0)),
+        **drawn.rows,
+        **{f"error_{axis}": run.error[:, k] for k, axis in enumerate("xy")},
+        **{f"spread_{axis}": np.sqrt(run.spread[:, k, k]) for k, axis in enumerate("xy")},
+        "log_likelihood_ratio": np.where(before >= 0, found.ratio[before], 0.0),
+        "dead_time_ratio": np.where(before >= 0, found.delayed[before], 0.0),
     }
-    fields = arrow_fields({name: unit for name, (unit, _) in values.items()})
-    paths = {name: run.path[..., axis].tolist() for axis, name in enumerate(("twin_x", "twin_y"))}
-    listed = pa.list_(pa.float64())
-    fields += [pa.field(name, listed, metadata={"unit": "m"}) for name in paths]
     about = {"horizon": run.ahead, "threshold": THRESHOLD, "log": found.source}
-    content = json.dumps({**about, "step": DRAWN * STEP, "record": found.record})
-    schema = pa.schema(fields, metadata={"ballplate": content})
-    columns = [pa.array(column) for _, column in values.values()]
-    columns += [pa.array(path, listed) for path in paths.values()]
-    pq.write_table(pa.Table.from_arrays(columns, schema=schema), path)
+    content = json.dumps({**about, "step": drawn.step, "record": found.record})
+    columns = {name: pa.array(each.tolist()) for name, each in values.items()}
+    fields = [
+        pa.field(name, each.type, metadata={"unit": UNITS.get(name, "m")})
+        for name, each in columns.items()
+    ]
+    pq.write_table(pa.table(columns, pa.schema(fields, {"ballplate": content})), path)
 
 
 FILES = "shadow.html, shadow.json, shadow.parquet"

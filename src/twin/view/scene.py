@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from controllers.arrays import Array
 from twin.hal.interface import SCREEN
 from twin.sim.plant.friction import SurfaceMap
-from twin.view.signals import Colour
+
+Colour = tuple[int, int, int]
 
 
 def rolled(turn: Array, position: Array, radius: float) -> Array:
@@ -28,33 +29,6 @@ def rolled(turn: Array, position: Array, radius: float) -> Array:
     for step in steps:
         found.append(step * found[-1])
     return np.stack([each.as_quat() for each in found])
-
-
-def marked_ball(radius: float, upright: float) -> rr.Mesh3D:
-    """A ball in two colours with a dark cap, so that one sees it roll; half axes in m."""
-    rings, sectors = 24, 32
-    lat, lon = np.meshgrid(
-        np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, sectors + 1), indexing="ij"
-    )
-    unit = np.stack((np.sin(lat) * np.cos(lon), np.sin(lat) * np.sin(lon), np.cos(lat)), axis=-1)
-    corner = np.arange(rings * (sectors + 1)).reshape(rings, sectors + 1)[:, :-1].ravel()
-    below = corner + sectors + 1
-    quads = np.concatenate(
-        (np.stack((corner, below, below + 1), 1), np.stack((corner, below + 1, corner + 1), 1))
-    )
-    points = unit.reshape(-1, 3)
-    # triangles share no corners, so that the colours meet in a sharp line
-    flat = points[quads].reshape(-1, 3)
-    middle = np.repeat(points[quads].mean(axis=1), 3, axis=0)
-    white, orange, dark = [248, 246, 238], [238, 120, 20], [25, 25, 25]
-    odd = (middle[:, 0] * middle[:, 1] * middle[:, 2] > 0)[:, None]
-    colours = np.where(odd, orange, white)
-    colours = np.where((np.abs(middle) > 0.93).any(axis=1)[:, None], dark, colours)
-    return rr.Mesh3D(
-        vertex_positions=flat * [radius, radius, upright],
-        vertex_normals=flat,
-        vertex_colors=colours.astype(np.uint8),
-    )
 
 
 def in_view(points: Array) -> Array:
@@ -208,7 +182,14 @@ class Scene:
             f"{self.plate}/trail",
             rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0022]),
         )
-        yield f"{self.ball}/ball", marked_ball(self.radius, self._lift)
+        # rings on the ball, so that one sees it roll
+        for name, wide, rgb, mode in (
+            ("ball", 1.0, [248, 246, 238], rr.components.FillMode.Solid),
+            ("rings", 1.01, [238, 120, 20], rr.components.FillMode.MajorWireframe),
+        ):
+            sizes = wide * np.array([self.radius, self.radius, self._lift])
+            look = {"colors": [rgb], "fill_mode": mode, "line_radii": 0.001}
+            yield f"{self.ball}/{name}", rr.Ellipsoids3D(half_sizes=[sizes], **look)
         yield (
             f"{self.spring}/coil",
             rr.LineStrips3D([_coil(0.014)], colors=[[26, 115, 64]], radii=0.003),

@@ -22,7 +22,7 @@ from twin.run.metrics import Motion
 from twin.run.record import Recorder
 from twin.scenario.load import check, load, put, setting
 from twin.scenario.schema import JUMPS, RAMPS, Scenario
-from twin.whatif.moment import LOOK_BACK, Moment, exact, save_recorded, take_over
+from twin.whatif.moment import LOOK_BACK, Moment, exact, take_over
 from twin.writing import write_json, write_whole
 
 CONTROL = ("controller.", "observer.", "predictor.", "reference.")
@@ -299,7 +299,7 @@ def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]])
 
 
 def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondProcess) -> None:
-    """Write a folder of run folders, of record and futures, with a picture and a page of all.
+    """Write a folder of run folders, one a future, with a picture and a page of record and all.
 
     Args:
         moment: Where they begin.
@@ -320,10 +320,7 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
         changed = {"exact": moment.exact, "set": [*each.settings]}
         origin = {"of": moment.name, "at": moment.at, **changed}
         record_run(each.run, folders[-1], {"branch": origin})
-    period = moment.scenario.rig.period
-    end = period + max(each.run.motion.time[-1] for each in found)
-    save_recorded(moment, moment.at - SHOWN_BEFORE, end, folder / "recorded")
-    kept = {"folders": ["recorded", *(own.name for own in folders)]}
+    kept = {"folders": [own.name for own in folders]}
     write_json(folder / WHATIF, summary(moment, found) | kept)
     drawing = picture()
     write_whole(folder / "picture.png", drawing)
