@@ -23,8 +23,7 @@ from twin.run.finished import open_runs
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from twin.identify.judged import ParameterVerdict
-    from twin.identify.report import Found
+    from twin.identify.judged import Identification, ParameterVerdict
 
 
 @dataclass(eq=False, repr=False)
@@ -106,7 +105,7 @@ class Identified:
         found: The fit with its intervals, checks on what was held out, and notes.
     """
 
-    found: Found
+    found: Identification
 
     @property
     def verdicts(self) -> tuple[ParameterVerdict, ...]:
@@ -183,7 +182,7 @@ def identify(
     factor = None if ball is None else ball_factor(ball)
     report = reporter or default()
     if columns is not None:
-        from twin.identify.plain_model import identify_any
+        from twin.identify.any_rig import identify_any
 
         wanted = wanted_columns(columns, pixel)
         logs = [read_any(path, wanted, separator) for path in _paths(log)]

@@ -14,7 +14,7 @@ from twin.identify.judged import HORIZONS, score
 from twin.identify.logs import NEEDED, read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen
 from twin.identify.prepare import prepare
-from twin.identify.twin_model import identify, replayed
+from twin.identify.twin_model import Problem, identify, replayed
 from twin.run.finished import open_run, run, save
 from twin.scenario import load
 
@@ -152,8 +152,9 @@ def test_the_ball_that_stays_stays_where_it_was_at_the_last_sample(tmp_path, rat
     log = prepare(read(tmp_path))
     names = ("delay", "rolling")
     theta = np.array([0.042, done.scenario.plant.friction.rolling_mm * 1e-3])
-    fit = SimpleNamespace(problem=SimpleNamespace(names=names, model=log.model, grip=0.0))
-    fit.theta = theta
+    fit = SimpleNamespace(
+        problem=Problem(log.model, None, names), found=SimpleNamespace(theta=theta[None])
+    )
     found = replayed(log, fit, 0.0)
     still = score(found).median["stays"]
     (recorded,) = open_run(tmp_path)

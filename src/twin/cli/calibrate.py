@@ -270,11 +270,10 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
         foot: Its entry of ``FEET``.
     """
     from twin.identify.judged import IDENTIFIED
-    from twin.identify.report import interval
 
     if found.value is None or found.low is None or found.high is None:
         return found.why
-    known = f"{found.value:+.4f} deg ({interval(found)}, 95 %)"
+    known = f"{found.value:+.4f} deg ({found.interval}, 95 %)"
     if found.low <= 0 <= found.high:
         if found.word == IDENTIFIED:
             return f"level within {max(-found.low, found.high):.2g} deg: nothing to do"

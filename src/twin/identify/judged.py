@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,12 @@ import numpy as np
 from controllers.analysis import number
 from controllers.arrays import Array, Mask
 from twin.identify.parameters import IdentifiedParameter
+from twin.identify.search import fit_starts
+from twin.page import digits
 
 IDENTIFIED, BOUNDED, NOT = "identified", "bounded", "not identifiable"
-
-
 REJECTED = "model rejected"
 """What is fitted to a log that the model does not explain: a value, but nothing known of it."""
-
-
 CORRELATED = 0.95
 """Correlation above which two parameters cannot be told apart."""
 
@@ -46,6 +44,26 @@ class ParameterVerdict:
     word: str = NOT
     why: str = ""
 
+    @property
+    def label(self) -> str:
+        """What tables and sentences call it: its key, and its axis."""
+        axis = self.name.rpartition("_")[2]
+        return self.about.key + (f" ({axis})" if axis in {"phi", "theta", "x", "y"} else "")
+
+    @property
+    def short_label(self) -> str:
+        """The same without the first tables of the key."""
+        return self.label.removeprefix("plant.").removeprefix("sensors.")
+
+    @property
+    def interval(self) -> str:
+        """Its interval in words."""
+        if self.low is None and self.high is None:
+            return "-"
+        if self.high is None:
+            return f"above {digits(self.low)}"
+        return f"{digits(self.low)} to {digits(self.high)}"
+
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
         return {
@@ -67,24 +85,16 @@ def corner_frequency(lag: float) -> float:
 
 HORIZONS = (0.5, 1.0, 2.0)
 """Seconds ahead."""
-
-
 LEAD = 0.4
 """Seconds of samples from which a prediction begins."""
-
-
 EVERY = 0.5
 """Seconds between the beginnings of two predictions."""
-
-
 MOVES = 0.005
 """Way in m from which on a ball moves."""
-
-
 NEAR = 0.06
 """A sample so near to a horizon in s is taken for it."""
-
-
+STEPS = 8
+"""Steps by which the starts of predictions are fitted."""
 PREDICTORS = ("model", "level followed", "without friction", "stays", "goes on")
 
 
@@ -118,6 +128,34 @@ class Predicted:
         return np.where(np.take_along_axis(off, at, axis=1)[:, 0] <= NEAR, error, np.nan)
 
 
+def predicted(
+    problem: Any, lead: float, by: Mapping[str, Array], axes: Sequence[str]
+) -> dict[str, Predicted]:
+    """Axis to predictions from some time after the beginning of windows on, by what was before it.
+
+    Args:
+        problem: What was fitted, with windows of what was held out.
+        lead: That time in s.
+        by: Who predicts, to parameters, shape (1, P) or (1, W, P).
+        axes: Of the windows.
+    """
+    windows = problem.windows
+    ahead, there = windows.time - lead, windows.weight > 0
+    known = there & (ahead < 0)[..., None]
+    begun = replace(problem, windows=replace(windows, weight=windows.weight * known))
+    places = {}
+    for who, theta in by.items():
+        starts = fit_starts(begun, theta, begun.initial_starts(), STEPS)
+        places[who] = begun.reported(theta, starts)[0][0]
+    ball = np.where(there, windows.ball, np.nan)
+    found = {}
+    for k, axis in enumerate(axes):
+        every = {who: place[..., k] for who, place in places.items()}
+        every |= _baselines(ahead, ball[..., k], known[..., k])
+        found[axis] = Predicted(windows.begin + lead, ahead, ball[..., k], every)
+    return found
+
+
 def _baselines(ahead: Array, ball: Array, known: Mask) -> dict[str, Array]:
     """A ball that stays and one that goes on, by a straight line through what is known, (W, B)."""
     lines = np.zeros((len(ball), 2))
@@ -129,7 +167,8 @@ def _baselines(ahead: Array, ball: Array, known: Mask) -> dict[str, Array]:
     }
 
 
-def _quantile(errors: Array, share: float) -> float:
+def quantile(errors: Array, share: float) -> float:
+    """What a share of errors stay within; NaN if none is known."""
     sizes = np.abs(errors[np.isfinite(errors)])
     return float(np.quantile(sizes, share)) if len(sizes) else float("nan")
 
@@ -160,25 +199,23 @@ class Score:
 
 def score(found: Mapping[str, Predicted]) -> Score:
     """The errors of axes whose predictions begin at the same times."""
-    way = np.hypot.reduce([each.way for each in found.values()])
-    moves = way > MOVES
-    out: list[dict[str, list[float]]] = [{}, {}]
-    by = next(iter(found.values())).by
-    for name in filter(by.__contains__, PREDICTORS):
-        for share, into in zip((0.5, 0.9), out, strict=True):
-            into[name] = [
-                _quantile(
-                    np.sqrt(sum(each.errors(name, ahead) ** 2 for each in found.values()))[moves],
-                    share,
-                )
-                for ahead in HORIZONS
-            ]
-    return Score("".join(found), int(moves.sum()), *out)
+    every = list(found.values())
+    moves = np.hypot.reduce([each.way for each in every]) > MOVES
+    off = {
+        who: [np.sqrt(sum(e.errors(who, ahead) ** 2 for e in every))[moves] for ahead in HORIZONS]
+        for who in PREDICTORS
+        if who in every[0].by
+    }
+    median, ninety = (
+        {who: [quantile(each, share) for each in errors] for who, errors in off.items()}
+        for share in (0.5, 0.9)
+    )
+    return Score("".join(found), int(moves.sum()), median, ninety)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Identified:
-    """What any identification has.
+class Identification:
+    """What a log shows of its rig, by either model.
 
     Attributes:
         source: What the log is called.
@@ -195,6 +232,20 @@ class Identified:
     scores: tuple[Score, ...]
     predictions: Mapping[str, Predicted]
     notes: tuple[str, ...]
+
+    @property
+    def extent(self) -> str:
+        """How much of the log was used, in words."""
+        raise NotImplementedError
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is to be said of the fit beside its verdicts and scores, in sentences."""
+        raise NotImplementedError
+
+    def settings(self, words: Collection[str]) -> dict[str, str]:
+        """Scenario keys to values in TOML with remarks, of those with one of some verdicts."""
+        raise NotImplementedError
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""

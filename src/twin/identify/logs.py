@@ -30,12 +30,8 @@ COLUMNS = {name: UNITS[name] for name in (*NEEDED, *MORE_COLUMNS)} | dict.fromke
 
 MECHANISM_LAG = 0.0025
 """Lag in s of the mechanism's own servos: fitted to runs of it without a bandwidth limit."""
-
-
 MECHANISM_GRIP = 0.0248
 """Time constant in s of its rolling contact, (d t) / 2 with solreffriction t = 0.05 s, d = 0.99."""
-
-
 GRIPS = {"mujoco": (MECHANISM_GRIP,), "lagrange": (0.0,)}
 """What is known of the twin's own plants; of a rig it is not."""
 
@@ -173,16 +169,10 @@ ROLES = {
     "touched": "1",
 }
 """What a column may be, and its SI unit."""
-
-
 ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"}
 """Other words for it: the command that moves the ball along x is that of phi."""
-
-
 AXES = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
 """The ball's column and the plate's angle that moves it, of each axis."""
-
-
 MORE = {
     "s": {"ns": 1e-9, "min": 60.0},
     "m": {"um": 1e-6, "in": 0.0254, "inch": 0.0254},
@@ -190,12 +180,8 @@ MORE = {
     "1": {},
 }
 """Units beside those of ``SCALES``; a pixel is as long as the user says."""
-
-
 BALLS = {"hollow": 3 / 5, "solid": 5 / 7}
 """Share of gravity that accelerates a ball which rolls."""
-
-
 SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
 
 
@@ -210,8 +196,6 @@ WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
 
 GAP = 0.5
 """Time in s without a row over which nothing is known of the command."""
-
-
 JUMP = 0.004
 """Way in m at once before or after a repeated reading by which it is false or held."""
 

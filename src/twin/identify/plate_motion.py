@@ -27,24 +27,14 @@ from twin.sim.drives import Hysteresis, Play
 
 CORNERS = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
 """Corner frequencies in Hz; the data choose how much of the encoders to believe."""
-
-
 CHUNK = 1.0
 """Length in s of the pieces from which a parabola is taken, for disturbances drift the plate."""
-
-
 PLAYS = np.radians((0.0, 0.03, 0.1, 0.3))
 """Play in rad from which a fit of the drives begins."""
-
-
 STEPS = 8
 """Steps of such a fit."""
-
-
 DIFFERENCES = np.array((1e-4, 1e-5, 1e-5, 1e-5))
 """Steps of its finite differences: lag in s, elasticity of both axes in s^2, play in rad."""
-
-
 MOST = np.array((SERVO.most, 1e-3, 1e-3, 0.035))
 """Largest values of these."""
 
@@ -65,21 +55,6 @@ class Drives(NamedTuple):
     agree: bool
     play: float
     play_half_width: float
-
-
-@dataclass(frozen=True)
-class PlateMotion:
-    """Angles and rates of the plate at equal times.
-
-    Attributes:
-        time: Seconds, shape (K,).
-        angle: phi and theta in rad, shape (K, 2).
-        rate: Their rates in rad/s, shape (K, 2).
-    """
-
-    time: Array
-    angle: Array
-    rate: Array
 
 
 def servo_response(
@@ -107,8 +82,8 @@ def servo_response(
     return _delayed(angle, int(whole), part), _delayed(rate, int(whole), part)
 
 
-def plate_motion(segment: Segment, lag: float, shift: float) -> PlateMotion:
-    """Estimate what the plate did from encoders and, where it was recorded, the command.
+def plate_motion(segment: Segment, lag: float, shift: float) -> tuple[Array, Array]:
+    """Plate angles in rad and rates, (K, 2), from encoders and, if it was recorded, the command.
 
     What the encoders say beyond the servos' response is smoothed by a zero-phase second-order
     Butterworth filter: the optimal (Rauch-Tung-Striebel) smoother where disturbances are white
@@ -127,7 +102,7 @@ def plate_motion(segment: Segment, lag: float, shift: float) -> PlateMotion:
     smooth = np.stack(
         [_smooth(rest[:, axis], period, resolution(measured[:, axis])) for axis in (0, 1)], axis=-1
     )
-    return PlateMotion(segment.time, angle + smooth, rate + np.gradient(smooth, period, axis=0))
+    return angle + smooth, rate + np.gradient(smooth, period, axis=0)
 
 
 def fit_drives(log: PreparedLog) -> Drives | None:
@@ -352,20 +327,12 @@ def _double_integral(values: Array, period: float) -> Array:
 
 SHAPES: dict[str, type[Play] | type[Hysteresis]] = {"flat": Play, "round": Hysteresis}
 """Corners of the loop, and the part of the twin that makes them."""
-
-
 KEYS = {"flat": "plant.servo.backlash_deg", "round": "plant.servo.hysteresis_deg"}
 """The scenario keys that take the width."""
-
-
 POINTS = 400
 """Instants of a cycle that are compared."""
-
-
 CLEAR = 1.5
 """How many times as much one shape must leave as the other to be ruled out."""
-
-
 NO_LOOP = 0.01
 """Width in deg up to which there is none: servos and wheels of a rig without any lose half of it at
 1 deg/s."""

@@ -16,8 +16,6 @@ from twin.identify.logs import Log, resolution, runs
 
 STEEPEST = 0.26
 """Largest plate angle in rad that any such rig reaches; the thesis's stops at 10 deg."""
-
-
 COLUMNS_OF_AXIS = (("measured_x", "measured_phi"), ("measured_y", "measured_theta"))
 
 
@@ -53,21 +51,13 @@ def check_ranges(log: Log) -> None:
 
 PACE = 0.02
 """Seconds between the speeds before a replay that it is told of."""
-
-
 REST, ROLL = 0.004, 0.008
 """Measured speeds in m/s below which the ball rests and above which it rolls."""
-
-
 SPEED_SPAN = 0.3
 """Time in s over which the speed is measured, and shortest rest."""
-
-
 CREPT = 6e-4
 """Way in m from the first to the last third of a rest from which on it is none: some times the
 noise of these means."""
-
-
 MEMORY = 200
 """Measured speeds before a replay that it is told of: of some seconds, as long as contacts age."""
 
@@ -158,16 +148,10 @@ def _noise(ball: Array) -> Array:
 
 SLOWEST = 0.05
 """Longest time in s between rows."""
-
-
 BRIDGED = 0.012
 """Missing rows up to this time in s are bridged by a straight line."""
-
-
 LIFTED = 0.05
 """Without touch for longer than this time in s, the ball counts as off the screen."""
-
-
 SHORTEST = 2.5
 """Segments shorter than this time in s are left out."""
 

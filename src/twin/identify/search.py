@@ -8,7 +8,7 @@ makes a fit some twenty times as fast. Intervals are by the wild score bootstrap
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
@@ -20,8 +20,6 @@ from twin.identify.parameters import IdentifiedParameter
 
 DRAWS = 4000
 """Bootstrap draws."""
-
-
 LEVEL = 0.95
 """Coverage of the intervals."""
 
@@ -121,8 +119,6 @@ def _leave_one_out(total: Array, inverse: Array, part: Array, score: Array) -> A
 
 START_DIFFERENCES = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 """Steps of finite differences of the ball's start: m and m/s."""
-
-
 TOLERATED = 3.0
 """Mean square misfit, in noise variances, above which a window loses weight (Geman and McClure):
 a window that no replay explains costs no more than a few that are explained badly, however far off
@@ -208,6 +204,12 @@ class Fitting:
     start_steps: ClassVar[Array]
     prior: ClassVar[Array]
 
+    def first_guesses(self, **tried: Sequence[float]) -> Array:
+        """Parameters to begin with, shape (C, P): C values of some, of the others the usual one."""
+        usual = {name: self.about[name].start for name in self.names}
+        columns = [np.atleast_1d(value) for value in (usual | tried).values()]
+        return np.stack(np.broadcast_arrays(*columns), axis=-1).astype(float)
+
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Least and largest values of the parameters, shapes (P,)."""
@@ -288,12 +290,8 @@ class Fitting:
 
 TOLERANCE = 1e-5
 """Relative decrease of the cost below which a step counts as none."""
-
-
 SETTLED = 1e-4
 """Change of a window's misfit, in noise variances, below which its starts suit it."""
-
-
 CONVERGED, STEP_LIMIT = "converged", "step limit reached"
 
 
@@ -343,6 +341,17 @@ class Minimum(NamedTuple):
     linearisation: Linearisation
     termination: Termination
 
+    def ahead(self, count: int) -> Minimum:
+        """The best of its candidates."""
+        best = np.argsort(self.cost)[:count]
+        r, by_start, by_parameter = (part[best] for part in self.linearisation[:3])
+        return self._replace(
+            theta=self.theta[best],
+            starts=self.starts[:, best],
+            cost=self.cost[best],
+            linearisation=Linearisation(r, by_start, by_parameter, self.linearisation.prior),
+        )
+
 
 def fit_starts(problem: Fitting, theta: Array, starts: Array, step_limit: int) -> Array:
     """The best starts for fixed parameters, by damped Gauss-Newton steps, shape (4, C, W).
@@ -380,6 +389,12 @@ def fit_starts(problem: Fitting, theta: Array, starts: Array, step_limit: int) -
         rest: Any = problem
         problem = replace(rest, windows=rest.windows.take(going))
     return found
+
+
+def begun(problem: Fitting, theta: Array, step_limit: int) -> Array:
+    """The best starts for fixed parameters from no first guess, as ``fit_starts`` finds them."""
+    first = problem.initial_starts()
+    return fit_starts(problem, theta, np.repeat(first, len(theta), axis=1), step_limit)
 
 
 def minimise(
@@ -445,20 +460,32 @@ def minimise(
     return Minimum(theta, starts, cost, current, termination)
 
 
-def estimated(problem: Fitting, theta: Array, found: Linearisation) -> Estimate:
-    """Parameters, shape (P,), and their uncertainty, every window an independent observation.
+@dataclass(frozen=True)
+class Fit:
+    """The best fit found.
 
-    Args:
+    Attributes:
         problem: What was fitted.
-        theta: The fit.
-        found: Residuals and slopes there, of one candidate.
+        found: The minimum, of one candidate.
     """
-    free, _ = found.eliminate_starts()
-    r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
-    weight = problem.weights(found.r)[0]
-    return estimate(
-        theta,
-        np.einsum("wmi,wmj,w->wij", J, J, weight),
-        np.einsum("wmi,wm,w->wi", J, r, weight),
-        np.einsum("wmi,wmj,w->ij", J, J, weight**2),
-    )
+
+    problem: Any
+    found: Minimum
+
+    def value(self, name: str) -> float:
+        """A parameter; 0 if it is not fitted."""
+        names = self.problem.names
+        return float(self.found.theta[0, names.index(name)]) if name in names else 0.0
+
+    def estimate(self) -> Estimate:
+        """The parameters and their uncertainty, every window an independent observation."""
+        line = self.found.linearisation
+        free, _ = line.eliminate_starts()
+        r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
+        weight = self.problem.weights(line.r)[0]
+        return estimate(
+            self.found.theta[0],
+            np.einsum("wmi,wmj,w->wij", J, J, weight),
+            np.einsum("wmi,wm,w->wi", J, r, weight),
+            np.einsum("wmi,wmj,w->ij", J, J, weight**2),
+        )

@@ -6,7 +6,7 @@ From a log with plate angles to parameters, verdicts, and what they are worth on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -26,11 +26,11 @@ from twin.identify.judged import (
     NEAR,
     NOT,
     REJECTED,
-    Identified,
+    Identification,
     ParameterVerdict,
     Predicted,
-    _baselines,
     corner_frequency,
+    predicted,
     score,
 )
 from twin.identify.logs import Log
@@ -48,11 +48,10 @@ from twin.identify.search import (
     START_DIFFERENCES,
     START_PRIOR,
     Estimate,
+    Fit,
     Fitting,
     Linearisation,
-    Termination,
-    estimated,
-    fit_starts,
+    begun,
     minimise,
 )
 from twin.identify.windows import LOOKBACK, Spans, Windows, cut, moving_spans, replay
@@ -136,49 +135,23 @@ class Problem(Fitting):
 
 BREAKAWAY_RATIOS = 1 + np.linspace(0, 2.2, 32) ** 1.3
 """Breakaway ratios that are tried."""
-
-
 FITTED_GUESSES = 3
 """This many of them, the best, are first guesses of a full fit."""
-
-
 UNEXPLAINED = 2.0
 """Mean square misfit over the usual one above which a window is left out at the end: where the
 ball nearly comes to rest, a touch of noise decides whether it does, and no replay can know."""
-
-
 CREEPS = float(stats.chi2.ppf(0.99, 2))
 """Noise variances by which a free speed at the start may seem to improve a window begun at rest."""
 
 
 @dataclass(frozen=True)
-class BestFit:
-    """The best fit found.
+class TwinFit(Fit):
+    """The best fit found; ``left_out`` counts the windows that no candidate explains."""
 
-    Attributes:
-        problem: What was fitted.
-        theta: The parameters, shape (P,).
-        starts: The ball's start in each window, shape (4, 1, W).
-        linearisation: Residuals and slopes there, of one candidate.
-        cost: Its cost.
-        left_out: How many windows no candidate explains.
-        termination: How the last minimisation ended.
-    """
-
-    problem: Problem
-    theta: Array
-    starts: Array
-    linearisation: Linearisation
-    cost: float
     left_out: int
-    termination: Termination
-
-    def estimate(self) -> Estimate:
-        """The parameters and their uncertainty, every window an independent observation."""
-        return estimated(self.problem, self.theta, self.linearisation)
 
 
-def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> BestFit:
+def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> TwinFit:
     """Fit the parameters, from many starts; ``grip`` as in ``replay``.
 
     A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
@@ -190,38 +163,28 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
     """
     problem = Problem(model, windows, names, grip)
     guesses = _scan_breakaway(problem, _fit_rolling(problem))
-    starts = np.repeat(problem.initial_starts(), len(guesses), axis=1)
-    starts = fit_starts(problem, guesses, starts, 3)
-    found = minimise(problem, guesses, starts, 12)
+    found = minimise(problem, guesses, begun(problem, guesses, 3), 12)
     while True:
-        best = np.argsort(found.cost)[:1]
-        misfit = problem.misfit(found.linearisation.r[best])[0]
+        best = found.ahead(1)
+        misfit = problem.misfit(best.linearisation.r)[0]
         kept = misfit < UNEXPLAINED * max(1.0, float(np.median(misfit)))
         if kept.all() or kept.sum() < max(3, len(windows) / 2):
             break
         problem = replace(problem, windows=problem.windows.take(kept))
         found = minimise(problem, found.theta, found.starts[:, :, kept], 12)
-    creeping = _creeping(problem, found.theta[best], found.starts[:, best])
+    creeping = _creeping(problem, best.theta, best.starts)
     if creeping.any():
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
         resting = windows.resting & ~crept
         return search(model, replace(windows, resting=resting), names, grip)
-    return BestFit(
-        problem=problem,
-        theta=found.theta[best[0]],
-        starts=found.starts[:, best],
-        linearisation=Linearisation(*(part[best] for part in found.linearisation[:3])),
-        cost=float(found.cost[best[0]]),
-        left_out=len(windows) - len(problem.windows),
-        termination=found.termination,
-    )
+    return TwinFit(problem, best, len(windows) - len(problem.windows))
 
 
 def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
     """Windows begun at rest that a ball which creeps at first explains better, shape (W,)."""
     windows = problem.windows
     free = replace(problem, windows=replace(windows, resting=np.zeros_like(windows.resting)))
-    going = fit_starts(free, theta, free.initial_starts(), 8)
+    going = begun(free, theta, 8)
     rest, roll = (
         problem.misfit(problem.linearise(theta, each, slopes=False).r)[0] * windows.size
         for each in (starts, going)
@@ -232,22 +195,13 @@ def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
 def _fit_rolling(whole: Problem) -> Array:
     """Candidates for all parameters from the windows that begin in full roll, shape (C, P)."""
     windows, names = whole.windows, whole.names
+    if (~windows.resting).sum() < 3:
+        return whole.first_guesses(rolling=(5e-5, 1e-4, 2e-4, 4e-4))
     smooth = tuple(name for name in names if name not in ("breakaway", "stribeck", "dwell"))
-    first = np.array([[BALL[name].start for name in names]])
-    rolling = ~windows.resting
-    if rolling.sum() < 3:
-        found = np.repeat(first, 4, axis=0)
-        found[:, names.index("rolling")] = (5e-5, 1e-4, 2e-4, 4e-4)
-        return found
-    problem = replace(whole, windows=windows.take(rolling), names=smooth)
-    theta = np.array([[BALL[name].start for name in smooth]]).repeat(4, axis=0)
-    theta[:, smooth.index("rolling")] = (1e-4, 1e-4, 4e-4, 4e-4)
-    theta[:, smooth.index("delay")] = (0.02, 0.07, 0.02, 0.07)
-    starts = fit_starts(problem, theta, np.repeat(problem.initial_starts(), 4, axis=1), 2)
-    minimum = minimise(problem, theta, starts, 8)
-    for k, name in enumerate(smooth):
-        first[:, names.index(name)] = minimum.theta[np.argmin(minimum.cost), k]
-    return first
+    problem = replace(whole, windows=windows.take(~windows.resting), names=smooth)
+    theta = problem.first_guesses(rolling=(1e-4, 1e-4, 4e-4, 4e-4), delay=(0.02, 0.07, 0.02, 0.07))
+    best = minimise(problem, theta, begun(problem, theta, 2), 8).ahead(1)
+    return whole.first_guesses(**dict(zip(smooth, best.theta.T, strict=True)))
 
 
 def _scan_breakaway(problem: Problem, guesses: Array) -> Array:
@@ -258,27 +212,18 @@ def _scan_breakaway(problem: Problem, guesses: Array) -> Array:
     at_rest = replace(problem, windows=windows.take(windows.resting))
     tried = np.repeat(guesses, len(BREAKAWAY_RATIOS), axis=0)
     tried[:, names.index("breakaway")] = np.tile(BREAKAWAY_RATIOS, len(guesses))
-    starts = np.repeat(at_rest.initial_starts(), len(tried), axis=1)
-    fitted = at_rest.linearise(tried, fit_starts(at_rest, tried, starts, 1), slopes=False)
+    fitted = at_rest.linearise(tried, begun(at_rest, tried, 1), slopes=False)
     return np.asarray(tried[np.argsort(at_rest.cost(fitted.r))[:FITTED_GUESSES]])
 
 
 NOTHING = math.radians(0.005)
 """Lost motion in rad up to which there is none: what wheels and joints of a good rig make."""
-
-
 FASTEST = 1000.0
 """Largest corner frequency in Hz that a scenario takes; drives beyond are as good as ideal."""
-
-
 LAGS = 20
 """This many lags of the residuals' autocorrelation are judged."""
-
-
 CHANCE = 0.99
 """Level of the test that the residuals are white (Box and Pierce)."""
-
-
 SLIGHT = 0.05
 """Correlation of the residuals that is seen in a long log but does not reject a model: what moves
 together is then a twentieth of the noise variance, less than 0.1 mm. A replay leaves up to 0.03 of
@@ -332,7 +277,7 @@ class Whiteness:
 
 
 def verdicts(
-    names: tuple[str, ...], fit: BestFit, drives: Drives | None, *, white: bool
+    names: tuple[str, ...], fit: TwinFit, drives: Drives | None, *, white: bool
 ) -> tuple[ParameterVerdict, ...]:
     """One verdict per parameter asked for, in that order; the level has two.
 
@@ -357,12 +302,12 @@ def verdicts(
     return tuple(found)
 
 
-def whiteness(fit: BestFit) -> Whiteness:
+def whiteness(fit: TwinFit) -> Whiteness:
     """How white the residuals of a fit are.
 
     What the starts fitted along take out of white noise is known, and is not held against it.
     """
-    windows, every = fit.problem.windows, fit.linearisation
+    windows, every = fit.problem.windows, fit.found.linearisation
     products, counts = np.zeros(LAGS + 1), np.zeros(LAGS + 1)
     for r, Z, weight in zip(every.r[0], every.by_start[0], windows.weight, strict=True):  # noqa: N806
         there = np.repeat((weight > 0).all(axis=-1), 2)
@@ -381,7 +326,7 @@ def whiteness(fit: BestFit) -> Whiteness:
     )
 
 
-def _ball(name: str, fit: BestFit, ball: Estimate, *, white: bool) -> ParameterVerdict:
+def _ball(name: str, fit: TwinFit, ball: Estimate, *, white: bool) -> ParameterVerdict:
     about, k = BALL[name], fit.problem.names.index(name)
     value, half = float(ball.value[k]), max(float(ball.half_width[k]), about.floor)
     never = name in {"breakaway", "stribeck", "dwell"} and not fit.problem.windows.resting.any()
@@ -442,7 +387,7 @@ def _servo(drives: Drives | None) -> ParameterVerdict:
     return replace(found, value=value, low=low, high=high, word=word, why=why)
 
 
-def replayed(log: PreparedLog, fit: BestFit, lag: float) -> dict[str, Predicted]:
+def replayed(log: PreparedLog, fit: TwinFit, lag: float) -> dict[str, Predicted]:
     """Replay a part of a log by a fitted twin from many starts: both axes, or none if too short.
 
     Args:
@@ -459,30 +404,12 @@ def replayed(log: PreparedLog, fit: BestFit, lag: float) -> dict[str, Predicted]
     windows = windows.take((before >= 3) & (there.sum(axis=1) > before))
     if not len(windows):
         return {}
-    ahead, there = windows.time - lead, windows.weight[..., 0] > 0
-    known = there & (ahead < 0)
-    names = fit.problem.names
-    begun = replace(windows, weight=windows.weight * known[..., None])
-    problem = Problem(fit.problem.model, begun, names, fit.problem.grip)
-    frictionless = fit.theta.copy()
+    problem, theta = replace(fit.problem, windows=windows), fit.found.theta
+    frictionless = theta.copy()
     for name, value in (("rolling", 0.0), ("breakaway", 1.0), ("viscous", 0.0)):
-        if name in names:
-            frictionless[names.index(name)] = value
-    places = {}
-    for who, theta in (("model", fit.theta[None]), ("without friction", frictionless[None])):
-        starts = fit_starts(problem, theta, problem.initial_starts(), 6)
-        places[who] = problem.reported(theta, starts)[0][0]
-    ball = np.where(there[..., None], windows.ball, np.nan)
-    return {
-        axis: Predicted(
-            windows.begin + lead,
-            ahead,
-            ball[..., k],
-            {who: place[..., k] for who, place in places.items()}
-            | _baselines(ahead, ball[..., k], known),
-        )
-        for k, axis in enumerate("xy")
-    }
+        if name in problem.names:
+            frictionless[:, problem.names.index(name)] = value
+    return predicted(problem, lead, {"model": theta, "without friction": frictionless}, "xy")
 
 
 def _overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> Spans:
@@ -495,8 +422,8 @@ LONGEST = 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Identification(Identified):
-    """What a log shows.
+class TwinIdentification(Identification):
+    """What a log shows of a rig like the twin's.
 
     Attributes:
         log: The part of it that was used.
@@ -505,8 +432,40 @@ class Identification(Identified):
     """
 
     log: PreparedLog
-    fit: BestFit
+    fit: TwinFit
     whiteness: Whiteness
+
+    @property
+    def extent(self) -> str:
+        """How much of the log was used, in words."""
+        count, ended = len(self.fit.problem.windows), self.fit.found.termination
+        return (
+            f"{self.source}: {self.log.length:.1f} usable seconds, of which {self.seconds:.1f} "
+            f"were fitted, in {count} windows; {ended}."
+        )
+
+    @property
+    def remarks(self) -> list[str]:
+        """Whether the model explains the log, in a sentence."""
+        words = self.whiteness.words
+        return [f"{words[0].upper()}{words[1:]}."]
+
+    def settings(self, words: Collection[str]) -> dict[str, str]:
+        """Scenario keys to values in TOML with remarks, of those with one of some verdicts."""
+        known = {
+            each.name: each
+            for each in self.verdicts
+            if each.word in words and each.value is not None
+        }
+        pair = [known.pop(name, None) for name in ("level_phi", "level_theta")]
+        values = {
+            each.about.key: f"{each.value:.6g}  # {each.interval}, 95 %" for each in known.values()
+        }
+        if any(pair):
+            level = ", ".join("0.0" if each is None else f"{each.value:.6g}" for each in pair)
+            ends = "; ".join("unknown" if each is None else each.interval for each in pair)
+            values["plant.level_deg"] = f"[{level}]  # {ends}, 95 %"
+        return values
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""
@@ -519,7 +478,7 @@ class Identification(Identified):
             "replay_error": {"ahead": found["ahead"], **replay[0]} if replay else None,
             "usable_seconds": self.log.length,
             "residuals": self.whiteness.as_dict(),
-            "fit": asdict(self.fit.termination),
+            "fit": asdict(self.fit.found.termination),
         }
 
 
@@ -528,7 +487,7 @@ def identify(
     names: tuple[str, ...],
     share: float = SHARE,
     progress: Callable[[float], None] = lambda _: None,
-) -> Identification:
+) -> TwinIdentification:
     """Fit the parameters of these names to the first share of a log and try them on the rest.
 
     Args:
@@ -557,7 +516,7 @@ def identify(
     for grip in usable.grips:
         fits.append(search(usable.model, windows, fitted(names), grip))
         progress(0.1 + 0.8 * len(fits) / len(usable.grips))
-    fit = min(fits, key=lambda each: each.cost)
+    fit = min(fits, key=lambda each: each.found.cost[0])
     notes, white = list(usable.notes), whiteness(fit)
     if not white.white and "viscous" not in names:
         richer = search(usable.model, windows, fitted((*names, "viscous")), fit.problem.grip)
@@ -579,7 +538,7 @@ def identify(
     if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
-    return Identification(
+    return TwinIdentification(
         source=usable.source,
         log=usable,
         seconds=known.length,

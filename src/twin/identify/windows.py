@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.logs import GAP, AxisLog
-from twin.identify.plate_motion import PlateMotion, plate_motion
+from twin.identify.plate_motion import plate_motion
 from twin.identify.prepare import (
     PACE,
     ROLL,
@@ -186,14 +187,8 @@ def _steps_first(values: Array) -> Array:
 
 LOOKBACK = 0.15
 """Each replay begins this long before its samples, in s: no fit finds a longer delay."""
-
-
 BIN = 0.016
 """Ball samples within this time in s are averaged."""
-
-
-BY_WINDOW = ("begin", "resting", "paces", "time", "ball", "weight")
-"""What of ``Windows`` has one entry per window first."""
 
 
 class Spans(NamedTuple):
@@ -205,97 +200,112 @@ class Spans(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Windows:
-    """W parts of a log, each with up to B averaged ball samples.
+class SampleWindows:
+    """W windows with up to B averaged samples each of the ball along A axes.
 
     Attributes:
-        begin: When the replay of each begins, s, shape (W,).
-        resting: Whether the ball then rests, shape (W,).
-        paces: Speeds of the ball over the last seconds before, ``PACE`` apart, m/s, shape (W, K).
-        field: What accelerates the ball.
+        begin: When each begins, s, shape (W,).
         time: When the samples were taken, s from ``begin``, shape (W, B).
-        ball: x and y in m, shape (W, B, 2).
-        weight: One over the standard deviation of each, 0 where there is none, shape (W, B, 2).
+        ball: Positions in m, shape (W, B, A).
+        weight: One over the standard deviation of each, 0 where there is none, shape (W, B, A).
     """
 
     begin: Array
-    resting: Mask
-    paces: Array
-    field: AccelerationField
     time: Array
     ball: Array
     weight: Array
+    by_window: ClassVar[tuple[str, ...]] = ("begin", "time", "ball", "weight")
 
     def __len__(self) -> int:
         """Number of windows."""
         return len(self.begin)
 
+    @property
+    def size(self) -> Array:
+        """Number of values in each window, at least 1, shape (W,)."""
+        return np.asarray(np.maximum((self.weight > 0).sum(axis=(1, 2)), 1))
+
+    def take(self, which: Mask) -> Self:
+        """Some of the windows."""
+        return replace(self, **{name: getattr(self, name)[which] for name in self.by_window})
+
+
+def averaged(
+    row: NDArray[np.intp], place: NDArray[np.intp], windows: int, bins: int, *values: Array
+) -> Iterator[Array]:
+    """Means of values, shape (K,) each, over the bins of windows, and how many: all (W, bins)."""
+    slot = row * bins + place
+    count = np.bincount(slot, minlength=windows * bins).astype(float)
+    for each in values:
+        yield (np.bincount(slot, each, count.size) / np.maximum(count, 1)).reshape(-1, bins)
+    yield count.reshape(-1, bins)
+
+
+@dataclass(frozen=True)
+class Windows(SampleWindows):
+    """W parts of a log, along x and y.
+
+    Attributes:
+        resting: Whether the ball rests at the beginning, shape (W,).
+        paces: Speeds of the ball over the last seconds before, ``PACE`` apart, m/s, shape (W, K).
+        field: What accelerates the ball.
+    """
+
+    resting: Mask
+    paces: Array
+    field: AccelerationField
+    by_window = (*SampleWindows.by_window, "resting", "paces")
+
     @classmethod
     def of(
-        cls,
-        model: BallPlate,
-        motion: PlateMotion,
-        segment: Segment,
-        spans: Spans,
-        sigma: Array,
-        longest: float,
+        cls, log: PreparedLog, segment: Segment, spans: Spans, lag: float, longest: float
     ) -> Windows:
         """The windows of a segment, replays beginning ``LOOKBACK`` before the spans.
 
         Args:
-            model: Ball parameters.
-            motion: What the plate did.
+            log: Of which it is a part.
             segment: The ball samples.
             spans: Where the windows are.
-            sigma: Standard deviation of a sample along x and y in m, shape (2,).
+            lag: Time constant of the drives in s.
             longest: Room for windows of up to this time in s.
         """
         begin = spans.begin - LOOKBACK
         grid = begin[:, None] + STEP * np.arange(round((LOOKBACK + longest) / STEP) + 1)
-        angle, rate = (
-            interpolated(grid, motion.time, values) for values in (motion.angle, motion.rate)
-        )
+        motion = plate_motion(segment, lag, log.own_lag)
+        angle, rate = (interpolated(grid, segment.time, values) for values in motion)
         bins = round(longest / BIN)
         place = np.floor((segment.sampled - spans.begin[:, None]) / BIN + 1e-6).astype(int)
         row, sample = np.nonzero((place >= 0) & (place < np.round(spans.length / BIN)[:, None]))
-        slot = row * bins + place[row, sample]
-        count = np.bincount(slot, minlength=len(begin) * bins).astype(float)
-        time, x, y = (
-            (np.bincount(slot, values, count.size) / np.maximum(count, 1)).reshape(-1, bins)
-            for values in (segment.sampled[sample] - begin[row], *segment.ball[sample].T)
-        )
+        values = (segment.sampled[sample] - begin[row], *segment.ball[sample].T)
+        time, x, y, count = averaged(row, place[row, sample], len(begin), bins, *values)
         return cls(
             begin,
-            spans.resting,
-            paces(segment, begin),
-            AccelerationField.of(model, angle, rate),
             time,
             np.stack((x, y), axis=-1),
-            np.sqrt(count).reshape(-1, bins, 1) / sigma,
+            np.sqrt(count)[..., None] / log.sigma,
+            spans.resting,
+            paces(segment, begin),
+            AccelerationField.of(log.model, angle, rate),
         )
 
-    def take(self, which: Mask) -> Windows:
+    def take(self, which: Mask) -> Self:
         """Some of the windows."""
         field = AccelerationField(*(values[..., which] for values in self.field))
-        return Windows(field=field, **{name: getattr(self, name)[which] for name in BY_WINDOW})
+        return replace(super().take(which), field=field)
 
     @classmethod
     def join(cls, parts: Sequence[Windows]) -> Windows:
         """All windows of several segments."""
         every = zip(*(part.field for part in parts), strict=True)
         field = AccelerationField(*(np.concatenate(values, axis=-1) for values in every))
-        rest = {name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_WINDOW}
+        names = cls.by_window
+        rest = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         return cls(field=field, **rest)
 
     def resisted(self, share: Array) -> Windows:
         """The windows if friction is more or less at times: by a share at each step, (W, N)."""
         normal = self.field.normal * np.maximum(share, 0.0).T[: len(self.field.normal), None]
         return replace(self, field=self.field._replace(normal=normal))
-
-    @property
-    def size(self) -> Array:
-        """Number of values in each window, at least 1, shape (W,)."""
-        return np.asarray(np.maximum((self.weight > 0).sum(axis=(1, 2)), 1))
 
     def at_samples(self, places: Array, speeds: Array, delay: Array) -> tuple[Array, Array]:
         """What the screen would have reported, with its rate, both shape (C, W, B, 2).
@@ -344,8 +354,7 @@ def cut(
         begin, end = segment.time[0] + LOOKBACK, min(segment.time[-1], segment.sampled[-1])
         spans = choose(segment, begin, end, longest)
         if len(spans.begin):
-            motion = plate_motion(segment, lag, log.own_lag)
-            parts.append(Windows.of(log.model, motion, segment, spans, log.sigma, longest))
+            parts.append(Windows.of(log, segment, spans, lag, longest))
     return Windows.join(parts) if parts else None
 
 
@@ -388,53 +397,17 @@ SHORT = 0.4
 """Least share of the longest window that a window has."""
 
 
-@dataclass(frozen=True)
-class AxisWindows:
-    """W windows of an axis, with up to B averaged samples each.
-
-    Attributes:
-        begin: When each begins, s, shape (W,).
-        time: When its samples were taken, s from there, shape (W, B).
-        ball: m, shape (W, B).
-        weight: One over the standard deviation of each, 0 where there is none, shape (W, B).
-    """
-
-    begin: Array
-    time: Array
-    ball: Array
-    weight: Array
-
-    def __len__(self) -> int:
-        """Number of windows."""
-        return len(self.begin)
-
-    @property
-    def size(self) -> Array:
-        """Number of samples in each, at least 1, shape (W,)."""
-        return np.asarray(np.maximum((self.weight > 0).sum(axis=1), 1))
-
-    def take(self, which: Mask) -> AxisWindows:
-        """Some of the windows."""
-        return AxisWindows(
-            self.begin[which], self.time[which], self.ball[which], self.weight[which]
-        )
-
-    @classmethod
-    def of(cls, log: AxisLog, begin: Array, end: Array) -> AxisWindows:
-        """The windows between two times in s each, shape (W,); weights are those of one sample."""
-        bins = int(np.ceil(float(np.max(end - begin, initial=BIN)) / BIN - 1e-6))
-        first, stop = np.searchsorted(log.sampled, np.stack((begin - 1e-9, end)))
-        row = np.repeat(np.arange(len(begin)), stop - first)
-        each = zip(first, stop, strict=True)
-        sample = np.concatenate([np.zeros(0, int), *(np.arange(*ends) for ends in each)])
-        place = np.floor((log.sampled[sample] - begin[row]) / BIN + 1e-6).astype(int)
-        slot = row * bins + np.minimum(place, bins - 1)
-        count = np.bincount(slot, minlength=len(begin) * bins).astype(float)
-        time, ball = (
-            (np.bincount(slot, values, count.size) / np.maximum(count, 1)).reshape(-1, bins)
-            for values in (log.sampled[sample] - begin[row], log.ball[sample])
-        )
-        return cls(begin, time, ball, np.sqrt(count).reshape(-1, bins))
+def axis_windows(log: AxisLog, begin: Array, end: Array) -> SampleWindows:
+    """The windows of an axis between two times in s each, (W,); weights are of one sample in m."""
+    bins = int(np.ceil(float(np.max(end - begin, initial=BIN)) / BIN - 1e-6))
+    first, stop = np.searchsorted(log.sampled, np.stack((begin - 1e-9, end)))
+    row = np.repeat(np.arange(len(begin)), stop - first)
+    each = zip(first, stop, strict=True)
+    sample = np.concatenate([np.zeros(0, int), *(np.arange(*ends) for ends in each)])
+    since = log.sampled[sample] - begin[row]
+    place = np.minimum(np.floor(since / BIN + 1e-6).astype(int), bins - 1)
+    time, ball, count = averaged(row, place, len(begin), bins, since, log.ball[sample])
+    return SampleWindows(begin, time, ball[..., None], np.sqrt(count)[..., None])
 
 
 def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:

@@ -1,0 +1,333 @@
+"""From logs of any rig to the plain model of each axis, its intervals, and what it is worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controllers.arrays import Array
+from controllers.ballplate import BallPlate
+from twin.errors import LogError
+from twin.identify.judged import (
+    BOUNDED,
+    CORRELATED,
+    IDENTIFIED,
+    NOT,
+    Identification,
+    ParameterVerdict,
+    corner_frequency,
+    score,
+)
+from twin.identify.logs import BALLS, AnyLog, AxisLog
+from twin.identify.parameters import PLAIN, IdentifiedParameter
+from twin.identify.plain_model import SMOOTH, AxisFit, axis_predicted, beginnings, crossed, fit_axis
+from twin.identify.search import (
+    Estimate,
+)
+
+LONGEST = 2.5
+"""Length of the windows in s, as a rule."""
+BRIEFER = 0.5
+"""Share of it of the windows of a second fit: a model error shows as another value there."""
+OPTIONAL = ("camber", "viscous")
+"""Fitted where it pays, unless asked for."""
+PAYS = 0.9
+"""Share of the error across the halves of the log that is left with a parameter that pays."""
+SIGNS = (("x", 1.0), ("y", -1.0))
+"""The axes, and how a level along them is a tilt of the base."""
+PAUSE = 10.0
+"""Time in s between two logs that are fitted as one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlainIdentification(Identification):
+    """What logs of any rig show.
+
+    Attributes:
+        fits: Axis to its fit.
+        unit: Axis to the unit of its command: rad or count.
+        factor: Share of gravity that accelerates the ball.
+    """
+
+    fits: Mapping[str, AxisFit]
+    unit: Mapping[str, str]
+    factor: float
+
+    @property
+    def extent(self) -> str:
+        """How much of the logs was used, in words."""
+        return f"{self.source}: {self.seconds:.1f} s were fitted."
+
+    @property
+    def remarks(self) -> list[str]:
+        """How much of what a ball does each axis does, in sentences."""
+        found = []
+        for axis, fit in self.fits.items():
+            per = fit.value("gain") / fit.problem.tilt.scale
+            share = per / (self.factor * BallPlate().gravity)
+            if self.unit[axis] == "rad":
+                found.append(
+                    f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball "
+                    f"does that takes {self.factor:.3g} of gravity: only this product of the "
+                    "plate's tilt per command and the ball's share of gravity is told."
+                )
+        return found
+
+    def settings(self, words: Collection[str]) -> dict[str, str]:
+        """Scenario keys to values in TOML with remarks, of those with one of some verdicts.
+
+        Friction, dead time and lag are the mean of the axes; a scenario has one of each.
+        """
+        known: dict[str, dict[str, float]] = {}
+        for each in self.verdicts:
+            if each.word in words and each.value is not None:
+                name, _, axis = each.name.rpartition("_")
+                known.setdefault(name, {})[axis] = each.value
+        mean = {name: float(np.mean(list(values.values()))) for name, values in known.items()}
+        ball = BallPlate()
+        push = self.factor * ball.gravity
+        inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
+        lines = {"plant.ball.inertia": f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"}
+        if "friction" in mean:
+            rolling = 1000 * mean["friction"] * ball.radius / push
+            lines["plant.friction.rolling_mm"] = f"{rolling:.6g}  # for a ball of 20 mm radius"
+        if mean.get("dead_time", 0.0) > 0:
+            dead_time = f"{mean['dead_time']:.6g}"
+            lines["sensors.touch.dead_time"] = f"{dead_time}  # all of it, commands' too"
+        if "lag" in mean:
+            lines["plant.servo.bandwidth_hz"] = f"{corner_frequency(mean['lag']):.6g}"
+        if level := known.get("level"):
+            tilts = [math.degrees(sign * level.get(axis, 0.0) / push) for axis, sign in SIGNS]
+            lines["plant.level_deg"] = f"[{tilts[0]:.6g}, {tilts[1]:.6g}]"
+        return lines
+
+
+def identify_any(
+    logs: list[AnyLog],
+    held: list[AnyLog] | float,
+    names: tuple[str, ...] = (),
+    factor: float = BALLS["hollow"],
+    longest: float = LONGEST,
+    progress: Callable[[float], None] = lambda _: None,
+) -> PlainIdentification:
+    """Fit the plain model to logs and try it on others, or on their last share.
+
+    Args:
+        logs: What is fitted.
+        held: What is held out: other logs of the same rig, or a share of each log's time.
+        names: Parameters that are fitted beside gain, dead time, lag and level; none for friction
+            and what pays.
+        factor: Share of gravity that accelerates the ball: 3/5 of a hollow one, 5/7 of a solid one.
+        longest: Length of the windows in s.
+        progress: Called with the share of the work done.
+
+    Raises:
+        LogError: If no axis can be identified: what each of them lacks.
+    """
+    notes = [note for log in logs for note in log.notes]
+    fits: dict[str, AxisFit] = {}
+    found: list[ParameterVerdict] = []
+    reasons = []
+    first = logs[0]
+    parts = [_parts(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
+    known = [part[0] for part in parts]
+    others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
+    for k, (axis, unit) in enumerate(first.unit.items()):
+        try:
+            log = _joined([part[axis] for part in known])
+            _check_excited(log)
+            fit, about = _chosen(log, names, longest)
+            notes += [f"{axis}: {each}" for each in about]
+        except LogError as error:
+            reasons.append(f"{axis}: {error}")
+            found += [
+                ParameterVerdict(about=_about(name, unit), name=f"{name}_{axis}", why=str(error))
+                for name in (*SMOOTH, "friction")
+            ]
+            continue
+        fits[axis] = fit
+        found += _verdicts(fit, axis, unit, longest)
+        if fit.pushed:
+            notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
+        progress((k + 1) / len(first.unit))
+    if not fits:
+        raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
+    notes += [f"not identified: {each}" for each in reasons]
+    there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
+    unseen = {axis: _joined(own) for axis, own in there.items() if own}
+    # all axes from the same times on: the ball is seen along both or neither
+    at = beginnings(next(iter(unseen.values()))) if unseen else np.zeros(0)
+    tried = {axis: axis_predicted(log, fits[axis], at) for axis, log in unseen.items() if len(at)}
+    scores = [score({axis: each}) for axis, each in tried.items()]
+    if len(tried) > 1:
+        scores.append(score(tried))
+    return PlainIdentification(
+        source=first.source,
+        seconds=sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known),
+        verdicts=tuple(found),
+        scores=tuple(scores),
+        predictions=tried,
+        notes=tuple(notes),
+        fits=fits,
+        unit=first.unit,
+        factor=factor,
+    )
+
+
+def _parts(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, AxisLog]]:
+    """The axes of a log before and after a share of its time from the end."""
+    border = min(each.sampled[0] + (1 - share) * np.ptp(each.sampled) for each in log.axes.values())
+    return (
+        {axis: each.between(-np.inf, border) for axis, each in log.axes.items()},
+        {axis: each.between(border, np.inf) for axis, each in log.axes.items()},
+    )
+
+
+def _joined(logs: list[AxisLog]) -> AxisLog:
+    """Logs of an axis one after another, with a pause between."""
+    start, shifted = 0.0, []
+    for each in logs:
+        shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
+        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball))
+        start = float(each.time[-1]) + shift + PAUSE
+    time, tilt, sampled, ball = (np.concatenate(part) for part in zip(*shifted, strict=True))
+    return AxisLog(time, tilt, logs[0].held, sampled, ball)
+
+
+def _check_excited(log: AxisLog) -> None:
+    if float(np.ptp(log.tilt)) == 0.0:
+        raise LogError("nobody moved this axis in the log; tilt it to and fro to identify it")
+    if len(log.sampled) < 30 or float(np.ptp(log.ball)) < 0.005:
+        way = 1000 * float(np.ptp(log.ball)) if len(log.ball) else 0.0
+        raise LogError(
+            f"{len(log.sampled)} ball positions within {way:.1f} mm; let it roll some centimetres"
+        )
+
+
+def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisFit, list[str]]:
+    """The fit with the parameters that pay, and what is to be said of it."""
+    notes: list[str] = []
+    asked = tuple(name for name in PLAIN if name in names and name not in SMOOTH)
+    chosen = (*(each for each in SMOOTH if log.held or each != "lag"), *(asked or ("friction",)))
+    delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
+    fit = fit_axis(log, chosen, longest, delays)
+    least, most = delays
+    if not least + 0.01 < fit.value("dead_time") < most - 0.01 and (
+        not log.held or fit.value("dead_time") > 0.25
+    ):
+        fit = fit_axis(log, chosen, longest, (0.0 if log.held else -0.5, 1.0))
+        notes.append("dead time at a bound, which was widened to 1 s")
+    if not names:
+        best = crossed(fit, chosen, longest)
+        for name in OPTIONAL:
+            richer = (*chosen, name)
+            left = crossed(fit, richer, longest)
+            if left < PAYS * best:
+                notes.append(
+                    f"{name} fitted along: with it one half of the log predicts the other to "
+                    f"{1000 * left:.1f} mm, without it to {1000 * best:.1f} mm"
+                )
+                chosen, best = richer, left
+        if len(chosen) > len(fit.problem.names):
+            fit = fit.again(fit.log, chosen, longest)
+    return fit, notes
+
+
+def _about(name: str, unit: str) -> IdentifiedParameter:
+    about = PLAIN[name]
+    return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
+
+
+def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[ParameterVerdict]:
+    """Value, interval and verdict of each parameter of an axis."""
+    names = fit.problem.names
+    own = fit.estimate()
+    low, high = own.value - own.half_width, own.value + own.half_width
+    unlike = np.zeros(len(names), bool)
+    try:
+        other = fit.again(fit.log, names, BRIEFER * longest).estimate()
+        apart = np.abs(own.value - other.value)
+        unlike = apart > np.hypot(own.half_width, other.half_width)
+        low = np.where(unlike, np.minimum(low, other.value - other.half_width), low)
+        high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
+    except LogError:
+        pass
+    alike = np.abs(own.correlation) > CORRELATED
+    ends = np.transpose(fit.problem.bounds)
+    found = []
+    for k, name in enumerate(names):
+        scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
+        others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
+        told = "shorter windows give another value, which the interval holds: a model error"
+        reasons = [told] if unlike[k] else []
+        values = (own.value[k], low[k], high[k])
+        about = _about(name, unit)
+        found.append(_verdict(about, f"{name}_{axis}", values, ends[k], reasons, others, scale))
+    if "lag" in names:  # the two together are told where neither is
+        pair = [names.index("dead_time"), names.index("lag")]
+        both = Estimate(
+            own.value[pair].sum(),
+            own.draws[:, pair].sum(axis=1),
+            np.asarray(own.identifiable[pair].all()),
+            own.degrees_of_freedom[pair].min(),
+        )
+        about = replace(PLAIN["dead_time"], key="dead time + lag")
+        values = (both.value, both.value - both.half_width, both.value + both.half_width)
+        found.insert(3, _verdict(about, f"delay_{axis}", values, (-np.inf, np.inf), [], []))
+    return found
+
+
+def _verdict(
+    about: IdentifiedParameter,
+    name: str,
+    values: tuple[Array, Array, Array],
+    ends: Array | tuple[float, float],
+    reasons: list[str],
+    alike: list[str],
+    scale: float = 1.0,
+) -> ParameterVerdict:
+    """The verdict of one parameter.
+
+    Args:
+        about: Which.
+        name: With its axis.
+        values: The fit and both ends of its interval.
+        ends: Least and largest value of a fit.
+        reasons: What has been found wrong so far.
+        alike: Keys of what it cannot be told from.
+        scale: From these values to those that are told.
+    """
+    (value, low, high), (least, most) = map(float, values), map(float, ends)
+    if not math.isfinite(high - low):
+        why = f"the log does not show it; {about.experiment}"
+        return ParameterVerdict(about=about, name=name, why=why)
+    low = max(min(low, value - about.floor), least)
+    high = min(max(high, value + about.floor), most)
+    slack = 1e-3 * (most - least)
+    at_bound = value < least + slack or value > most - slack
+    narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value)) and not at_bound
+    nothing = name.startswith("gain") and low <= 0 <= high
+    if value < least + slack and least == 0:
+        reasons.append(f"not told from none; {about.experiment}")
+    elif at_bound:
+        reasons.append(f"at its bound of {value:.3g}; {about.experiment}")
+    if nothing:
+        reasons.append(f"not told from none: another column, exchanged axes, or {about.experiment}")
+    elif alike and not narrow:
+        reasons.append(f"told together with {' and '.join(alike)} only")
+    elif not at_bound and not narrow:
+        reasons.append(f"its interval is wide; {about.experiment}")
+    bounded = at_bound or low <= least or high >= most
+    word = IDENTIFIED if narrow else BOUNDED if bounded else NOT
+    return ParameterVerdict(
+        about=about,
+        name=name,
+        value=scale * value,
+        low=scale * low,
+        high=scale * high,
+        word=NOT if nothing else word,
+        why="; ".join(reasons),
+    )
