@@ -19,7 +19,7 @@ from twin.cli import ballplate as command
 from twin.errors import RecordError, ScenarioError
 from twin.fmu.description import exponents, parameters
 from twin.fmu.export import frame_phase
-from twin.run.assemble import assemble
+from twin.run.assemble import assemble, build_reference
 from twin.scenario.describe import described
 
 HERE = Path(__file__).parent
@@ -242,8 +242,14 @@ def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["circle", "rig.fmu", "--every", "2"], "of an .fmu there are the options --fmi and --set"),
-        (["circle", "rig.csv", "--fmi", "3"], "--fmi and --set are of a scenario's rig"),
+        (
+            ["circle", "rig.fmu", "--every", "2"],
+            "of an .fmu there are the options --fmi, --reference and --set",
+        ),
+        (
+            ["circle", "rig.csv", "--fmi", "3"],
+            "--fmi, --reference and --set are of a scenario's rig",
+        ),
         (["cirle", "rig.fmu"], "cirle"),
         (["circle", "rig.fmu", "--set", "plant.friction.sliding=0.4"], "plant.friction.sliding"),
     ],
@@ -286,3 +292,20 @@ def test_the_sanitizers_find_nothing(library, tmp_path):
     )
     done = subprocess.run([program], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_the_reference_is_an_output_where_it_is_asked_for(tmp_path, fmi, exported):
+    path = tmp_path / "rig.fmu"
+    bp.fmu("sine", path, duration=1.0, fmi=fmi, wished=True)
+    assert validate_fmu(str(path)) == []
+    names = [f"reference_{axis}{order}" for order in ("", "_rate", "_acc") for axis in "xy"]
+    found = fmpy.simulate_fmu(str(path), output=names, stop_time=1.2, output_interval=0.002)
+    scenario = exact("sine", duration=1.0)
+    time = np.minimum(found["time"], 1.0)
+    wished = build_reference(scenario)(time)
+    for i, name in enumerate(names):
+        np.testing.assert_allclose(found[name], wished[i // 2, :, i % 2], rtol=0, atol=1e-12)
+    assert np.ptp(found["reference_x_acc"]) > 1e-3
+    plain = fmpy.read_model_description(str(exported / f"rig{fmi}.fmu"))
+    assert not {each.name for each in plain.modelVariables} & {*names}

@@ -46,6 +46,7 @@ FAULTS = (
     "0 none, 1 ball outside its area, 2 plate past its limit, 3 ball lost, 4 ball too fast, "
     "5 command not finite; from a fault on the rig levels its plate"
 )
+WISHED = "Where the scenario's reference wants the ball; after its end as at its end."
 
 
 class Variable(NamedTuple):
@@ -74,14 +75,20 @@ class Variable(NamedTuple):
     high: float = math.inf
 
 
-def variables(scenario: Scenario, phase: float) -> list[Variable]:
+def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[Variable]:
     """All variables of the rig of a scenario on the exact equations.
 
     Args:
         scenario: The scenario.
         phase: At which share of a frame the first frame of the screen comes.
+        path: Whether its reference is an output, too.
     """
-    return [*_signals(), *_own(scenario, phase), *parameters(scenario)]
+    along = [
+        Variable(f"reference_{axis}{order}", "output", "continuous", WISHED, f"m{unit}")
+        for order, unit in (("", ""), ("_rate", "/s"), ("_acc", "/s^2"))
+        for axis in "xy"
+    ]
+    return [*_signals(), *along * path, *_own(scenario, phase), *parameters(scenario)]
 
 
 def _signals() -> Iterator[Variable]:
@@ -292,7 +299,11 @@ def c_name(variable: str) -> str:
 
 
 def c_source(
-    scenario: Scenario, variables: Sequence[Variable], token: str, surface: Array | None
+    scenario: Scenario,
+    variables: Sequence[Variable],
+    token: str,
+    surface: Array | None,
+    path: Array | None,
 ) -> dict[str, str]:
     """The two files that tell the C source of its scenario, by name.
 
@@ -301,7 +312,10 @@ def c_source(
         variables: In the order of their value references.
         token: By which FMU and description know each other; hexadecimal.
         surface: Relative friction and slope along x and y over the screen, shape (n, m, 3).
+        path: The reference at the control periods, x, y and their first and second derivatives,
+            shape (K, 6); None where it is no output.
     """
+    rows = np.zeros((1, 6)) if path is None else path
     grid = np.zeros((1, 1, 3)) if surface is None else surface
     size = (0, 0) if surface is None else surface.shape
     touch, period = scenario.sensors.touch, scenario.rig.period
@@ -317,6 +331,7 @@ def c_source(
         "SURFACE_X": size[0],
         "SURFACE_Y": size[1],
         "SLOPING": int(bool(grid[..., 1:].any())),
+        "PATH_ROWS": 0 if path is None else len(path),
     }
     header = [
         "/* Written by ballplate: the variables of this FMU, and what its scenario fixes. */",
@@ -326,11 +341,14 @@ def c_source(
         *(f"    {c_name(each.name)}," for each in variables),
         "    VARIABLES\n};\n\n#endif\n",
     ]
-    points = json.dumps(grid.tolist()).translate(str.maketrans("[]", "{}"))
+    points, wished = (
+        json.dumps(each.tolist()).translate(str.maketrans("[]", "{}")) for each in (grid, rows)
+    )
     tables = [
         '/* Written by ballplate. */\n#include "rig.h"\n\nconst Kind KINDS[VARIABLES] = {',
         *(f"    {_kind(each)}," for each in variables),
         f"}};\n\nconst double SURFACE[{len(grid)}][{grid.shape[1]}][3] =\n{points};\n",
+        f"const double PATH[{len(rows)}][6] =\n{wished};\n",
     ]
     return {"scenario.h": "\n".join(header), "scenario.c": "\n".join(tables)}
 
