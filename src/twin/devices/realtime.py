@@ -347,10 +347,6 @@ class Scheduling(NamedTuple):
     locked: bool
     words: tuple[str, ...]
 
-    def as_dict(self) -> dict[str, Any]:
-        """For the record of a run."""
-        return {"fifo": self.fifo, "locked": self.locked, "words": list(self.words)}
-
 
 @contextmanager
 def real_time(priority: int = PRIORITY) -> Iterator[Scheduling]:

@@ -262,7 +262,7 @@ class HardwareRig(Rig):
 
     def account(self) -> dict[str, Any]:
         """Timing statistics, and what the operating system allowed."""
-        scheduling = self._obtained.as_dict() if self._obtained else {}
+        scheduling = self._obtained._asdict() if self._obtained else {}
         return {"ledger": self.clock.timing.as_dict(), "scheduling": scheduling}
 
     def _torque(self) -> None:

@@ -309,8 +309,6 @@ class TouchStream:
         self.decoder: Decoder | None = named
         self.heard = 0
         """Bytes heard since the port was opened."""
-        self.dropped = 0
-        """Bytes dropped undecoded."""
         self.extent: tuple[float, float] | None = None
         """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
         self.looks_like = ""
@@ -383,7 +381,6 @@ class TouchStream:
             self._arrived = time
             self.heard += len(data)
             self._measure(time, len(data))
-            self.dropped += max(0, len(data) - self.MOST)
             for report in self._decode(time, data[-self.MOST :]):
                 self._times.append(time)
                 self.tracker.take(time, report)
