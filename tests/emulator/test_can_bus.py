@@ -10,8 +10,7 @@ from serving import serving
 
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
-from twin.emulator.can_bus import BusFaults, EmulatedBus, Frame, Towards, message
-from twin.emulator.can_slcan import BusServer
+from twin.emulator.can_bus import BusFaults, BusServer, EmulatedBus, Frame, Towards, message
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.serve import PauseWatch
 

@@ -160,14 +160,6 @@ def _pair(values: Array) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-class Direct:
-    """No cams: what turns the plate is told its angles."""
-
-    def motor(self, plate: Array) -> Array:
-        """The plate angles themselves, rad."""
-        return plate
-
-
 class OwnServos:
     """Own hardware as two servo axes; a `PoweredServos`.
 
@@ -178,7 +170,7 @@ class OwnServos:
         period: Control period in s.
     """
 
-    round_trip = None
+    round_trip: float | None = None
 
     def __init__(
         self, hardware: Hardware, config: OwnConfig, limits: Limits, period: float

@@ -12,9 +12,10 @@ import os
 import struct
 import sys
 import time
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 from twin.hal.interface import Condition, Fault, Severity
@@ -56,13 +57,8 @@ class LatencyHistogram:
 
         Beyond the limit the longest of all; 0 if nothing was counted.
         """
-        needed = share * self.number
-        passed = 0
-        for index, count in enumerate(self._bins):
-            passed += count
-            if count and passed >= needed:
-                return 1e-6 * index if index < self._top else self.longest
-        return 0.0
+        index = bisect_left(list(accumulate(self._bins)), max(1, share * self.number))
+        return 1e-6 * index if index < self._top else self.longest
 
     def counts(self, edges: tuple[float, ...]) -> list[int]:
         """Numbers of durations below the first edge, between edges, and from the last one up.
@@ -350,10 +346,6 @@ class Scheduling(NamedTuple):
     fifo: bool
     locked: bool
     words: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For the record of a run."""
-        return {"fifo": self.fifo, "locked": self.locked, "words": list(self.words)}
 
 
 @contextmanager

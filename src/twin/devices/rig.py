@@ -55,6 +55,7 @@ class PoweredServos(Servos, FaultSource, Protocol):
 
     def warnings(self) -> tuple[Fault, ...]:
         """What every run is to be warned of, from its start."""
+        return ()
 
     def receive(self) -> None:
         """Take in what has arrived; never waits."""
@@ -75,9 +76,8 @@ class PoweredServos(Servos, FaultSource, Protocol):
     def enabled(self) -> bool:
         """Whether both axes follow their commands."""
 
-    @property
-    def round_trip(self) -> float | None:
-        """Seconds from the last command to the last answer; None while one is missing."""
+    round_trip: float | None = None
+    """Seconds from the last command to the last answer; None while one is missing."""
 
 
 class ListeningScreen(TouchScreen, FaultSource, Protocol):
@@ -262,7 +262,7 @@ class HardwareRig(Rig):
 
     def account(self) -> dict[str, Any]:
         """Timing statistics, and what the operating system allowed."""
-        scheduling = self._obtained.as_dict() if self._obtained else {}
+        scheduling = self._obtained._asdict() if self._obtained else {}
         return {"ledger": self.clock.timing.as_dict(), "scheduling": scheduling}
 
     def _torque(self) -> None:

@@ -169,7 +169,7 @@ def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
     if not wait_until(
         lambda: screen.state is TouchState.TOUCHING and screen.stream.rate > 0, patience
     ):
-        heard = screen.stream.stats.bytes
+        heard = screen.stream.heard
         advice = screen.hint or "put the ball on the plate"
         yield failed("touch", f"no ball within {patience:g} s, {heard} bytes heard", advice)
         return

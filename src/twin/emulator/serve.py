@@ -21,8 +21,13 @@ from string import Template
 
 import numpy as np
 
-from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_slcan import BusServer, PseudoTerminal, SlcanPort, check_pseudo_terminals
+from twin.emulator.can_bus import (
+    BusServer,
+    EmulatedBus,
+    PseudoTerminal,
+    SlcanPort,
+    check_pseudo_terminals,
+)
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.screen import Ball, Protocol, ScreenLine
 from twin.errors import RigError

@@ -268,30 +268,14 @@ class DriveQuantity(NamedTuple):
         return f"{counts * self.scale / RPM:.6g} {self.unit}"
 
 
-class DriveUnits(NamedTuple):
-    """What a drive says of its units."""
-
-    velocity: DriveQuantity
-    acceleration: DriveQuantity
-
-    @property
-    def words(self) -> str:
-        """In one line, for the doctor."""
-        speed, ramp = self.velocity, self.acceleration
-        return (
-            f"target velocity in 0.001 rpm; limits in {speed.unit} (365Fh), {speed.words(1)} "
-            f"a count; ramps in {ramp.unit} (3659h), {ramp.words(1)} a count"
-        )
-
-
 SPEEDS = (9 * RPM, 20_000 * RPM)
 """Speed limits that a motor may have, rad/s; the host sets none below 1 rad/s."""
 RAMPS = (100 * RPM, 5e6 * RPM)
 """Ramps that a drive may have, rad/s^2."""
 
 
-def read_units(remote: Remote) -> DriveUnits:
-    """Read a drive's units, and check whatever else scales what is exchanged with it.
+def read_units(remote: Remote) -> tuple[DriveQuantity, DriveQuantity]:
+    """Units of velocity and acceleration; checks whatever else scales what is exchanged, too.
 
     Raises:
         DriveError: If anything scales otherwise than the host counts; it names the line to change.
@@ -318,7 +302,7 @@ def read_units(remote: Remote) -> DriveUnits:
     ramp = _quantity(remote, 0x3659, "UNIT.ACCROTARY", "rpm/s", "acceleration_unit")
     _check_plausible(remote, speed, "velocity", SPEEDS)
     _check_plausible(remote, ramp, "acceleration", RAMPS)
-    return DriveUnits(speed, ramp)
+    return speed, ramp
 
 
 def _quantity(remote: Remote, index: int, name: str, unit: str, key: str) -> DriveQuantity:
@@ -378,24 +362,19 @@ def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition,
         DriveError: If the drive does not answer.
     """
     found = []
-    rate = remote.read_if_there(0x36E5)
+    rate, wanted = remote.read_if_there(0x36E5), config.bus.bitrate // 1000
     if rate is not None:
-        found.append(_bit_rate(rate, config.bus.bitrate // 1000))
-    for index, name, well, badly, advice in table()["flags"]:
+        seen, advice = f"{rate} kbit/s", ""
+        if rate != wanted:
+            automatic = "automatic: found from the first frames at power-up"
+            seen = f"{seen} from the next power-up on" if rate else automatic
+            advice = f"set it to {wanted} in the drive and power-cycle it"
+        found.append(Precondition("FBUS.PARAM01 (bit rate)", seen, advice))
+    for index, name, well, badly, remedy in table()["flags"]:
         value = remote.read_if_there(index)
         if value is not None:
-            seen = (well, "") if value else (badly, advice)
-            found.append(Precondition(name, *seen))
+            found.append(Precondition(name, *((well, "") if value else (badly, remedy))))
     return tuple(found)
-
-
-def _bit_rate(value: int, configured: int) -> Precondition:
-    name = "FBUS.PARAM01 (bit rate)"
-    if value == configured:
-        return Precondition(name, f"{value} kbit/s", "")
-    automatic = "automatic: found from the first frames at power-up"
-    seen = f"{value} kbit/s from the next power-up on" if value else automatic
-    return Precondition(name, seen, f"set it to {configured} in the drive and power-cycle it")
 
 
 _RPDOS = 4
@@ -474,20 +453,8 @@ _STEP = 0.1
 """Step in A to which the limit is rounded up."""
 
 
-class CurrentLimit(NamedTuple):
-    """A current that the drive's controller does not pass.
-
-    Attributes:
-        counts: In the drive's counts.
-        words: What it means.
-    """
-
-    counts: int
-    words: str
-
-
-def current_limit(remote: Remote, config: AkdConfig) -> CurrentLimit:
-    """The current that gives the torque limit, in the counts of IL.LIMITP (356Eh).
+def current_limit(remote: Remote, config: AkdConfig) -> tuple[int, str]:
+    """The current that gives the torque limit, in counts of IL.LIMITP (356Eh) and in words.
 
     Raises:
         DriveError: If the drive's motor is not the one configured, or its currents count unlike.
@@ -514,7 +481,7 @@ def current_limit(remote: Remote, config: AkdConfig) -> CurrentLimit:
     amperes = config.torque_limit / axis.gear / (constant / _PER_UNIT)
     amperes = _STEP * math.ceil(amperes / _STEP - 1e-9)
     words = f"torque {amperes * axis.gear * constant / _PER_UNIT:.3g} N m ({amperes:.3g} A)"
-    return CurrentLimit(round(amperes * _PER_UNIT), words)
+    return round(amperes * _PER_UNIT), words
 
 
 VENDOR = 0x6A
@@ -653,17 +620,17 @@ class SettingsFound(NamedTuple):
 def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
     """Set everything but the PDOs, computed from the drive's own units."""
     axis = remote.axis
-    units = read_units(remote)
+    speed, accel = read_units(remote)
     modes = remote.read(0x6502)
     if modes and not modes & _PROFILE_VELOCITY_BIT:
         detail = f"has no profile velocity mode (6502h = {modes:X}h)"
         raise remote.wrong(detail)
     try:
-        limit = units.velocity.counts(config.rate_limit * axis.gear)
-        ramp = units.acceleration.counts(config.ramp * axis.gear)
+        limit = speed.counts(config.rate_limit * axis.gear)
+        ramp = accel.counts(config.ramp * axis.gear)
     except ValueError as error:
         raise remote.wrong(f"{error}; set 365Fh and 3659h to 0") from error
-    current = current_limit(remote, config)
+    current, torque = current_limit(remote, config)
     for index, sub, value in (
         (0x1005, 0, protocol.SYNC),
         (0x6060, 0, protocol.PROFILE_VELOCITY),
@@ -673,17 +640,18 @@ def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
         (0x207F, 0, limit),
         (0x3622, 0, limit),
         (0x3623, 0, -limit),
-        (0x356E, 0, current.counts),
-        (0x356F, 0, -current.counts),
+        (0x356E, 0, current),
+        (0x356F, 0, -current),
         (0x60C2, 1, round(config.period * 1e3)),
         (0x60C2, 2, -3),
         (0x1017, 0, round(config.heartbeat * 1e3)),
     ):
         remote.write(index, sub, value)
     return SettingsFound(
-        units=units.words,
-        limits=f"speed {units.velocity.words(remote.read(0x3622))}, "
-        f"ramps {units.acceleration.words(remote.read(0x6083))}, {current.words}",
+        units=f"target velocity in 0.001 rpm; limits in {speed.unit} (365Fh), {speed.words(1)} "
+        f"a count; ramps in {accel.unit} (3659h), {accel.words(1)} a count",
+        limits=f"speed {speed.words(remote.read(0x3622))}, "
+        f"ramps {accel.words(remote.read(0x6083))}, {torque}",
         faults=_faults(remote),
         preconditions=read_preconditions(remote, config),
     )

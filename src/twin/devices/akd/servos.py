@@ -19,6 +19,7 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.protocol import AxisRequest, DriveState, abort_words
 from twin.devices.common import FaultReports
+from twin.devices.rig import PoweredServos
 from twin.hal.interface import Fault
 
 _MONITORING = (0x1016, 1)
@@ -103,8 +104,8 @@ SHUTDOWN = 0.4
 """Longest time in s for each step of the shutdown."""
 
 
-class AkdServos:
-    """Two AKD drives; a `PoweredServos`.
+class AkdServos(PoweredServos):
+    """Two AKD drives.
 
     Between ``start`` and ``stop``, ``receive`` and ``send`` are called once per period, or the
     drives stop themselves: they monitor the host's heartbeat.
@@ -131,8 +132,6 @@ class AkdServos:
         """What phi's and theta's drive were found to be at the last start."""
         self.heartbeat = True
         """Whether the host sends its heartbeat; off only to test that the drives then stop."""
-        self.round_trip: float | None = None
-        """Seconds from the last SYNC to the last of its answers; None while one is missing."""
         self.now, self.sleep = now, sleep
         self._where = f"CAN {config.bus}"
         self._motor_zero, self._plate_zero = np.zeros((1, 2)), np.zeros((1, 2))
@@ -315,10 +314,6 @@ class AkdServos:
     def faults(self) -> tuple[Fault, ...]:
         """Faults detected since the last call, oldest first; never waits."""
         return self._reports.take()
-
-    def warnings(self) -> tuple[Fault, ...]:
-        """None: the drives watch over themselves."""
-        return ()
 
     @property
     def _up(self) -> bool:

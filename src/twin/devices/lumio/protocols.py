@@ -219,13 +219,11 @@ class Detector:
     WINDOW = 1024
 
     def __init__(self) -> None:
-        self._listened = 0
-        self._start()
+        self.restart()
 
-    @property
-    def listened(self) -> int:
-        """Bytes heard in vain."""
-        return self._listened + self._decoders[0].stats.bytes
+    def restart(self) -> None:
+        """Listen afresh."""
+        self._decoders = [decoder() for decoder in STREAMS.values()]
 
     def feed(self, data: bytes) -> tuple[StreamDecoder, list[Report]] | None:
         """The decoder of the protocol and what it makes of these bytes, once it is known."""
@@ -240,12 +238,8 @@ class Detector:
             _, decoder, reports = max(found, key=lambda entry: entry[0])
             return decoder, reports
         if self._decoders[0].stats.bytes > self.WINDOW:
-            self._listened += self._decoders[0].stats.bytes
-            self._start()
+            self.restart()
         return None
-
-    def _start(self) -> None:
-        self._decoders = [decoder() for decoder in STREAMS.values()]
 
 
 LONGEST = 4096

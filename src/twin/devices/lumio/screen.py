@@ -307,8 +307,8 @@ class TouchStream:
     def __init__(self, config: LumioConfig) -> None:
         named = None if config.protocol == "auto" else decoder_of(config.protocol)
         self.decoder: Decoder | None = named
-        self.dropped = 0
-        """Bytes dropped undecoded."""
+        self.heard = 0
+        """Bytes heard since the port was opened."""
         self.extent: tuple[float, float] | None = None
         """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
         self.looks_like = ""
@@ -341,8 +341,7 @@ class TouchStream:
     @property
     def stats(self) -> DecoderStats:
         """What the decoder has met so far."""
-        heard = self._detector.listened if self._detector else 0
-        return self.decoder.stats if self.decoder else DecoderStats(bytes=heard)
+        return self.decoder.stats if self.decoder else DecoderStats()
 
     def report_fault(self, condition: Condition, detail: str) -> None:
         """Note a condition detected; any thread may."""
@@ -366,6 +365,7 @@ class TouchStream:
         """Forget the ball and half a packet, as after the port was reopened."""
         self.tracker.forget()
         self._deaf = None
+        self.heard = 0
         self.looks_like = ""
         self._detector = Detector()
         if self.decoder:
@@ -379,8 +379,8 @@ class TouchStream:
             self.decoder.reset()
         if data:
             self._arrived = time
+            self.heard += len(data)
             self._measure(time, len(data))
-            self.dropped += max(0, len(data) - self.MOST)
             for report in self._decode(time, data[-self.MOST :]):
                 self._times.append(time)
                 self.tracker.take(time, report)
@@ -411,7 +411,7 @@ class TouchStream:
             self._report_rate_limited(time, c.UNKNOWN_PROTOCOL, heard)
         elif not self.stats.reports and time - self._deaf > self.DEAF:
             wanted = "no known protocol" if protocol == "auto" else f"no {protocol}"
-            heard = f"{self.stats.bytes} bytes are of {wanted}"
+            heard = f"{self.heard} bytes are of {wanted}"
             self._report_rate_limited(time, c.UNKNOWN_PROTOCOL, heard)
 
     def _measure(self, time: float, count: int) -> None:
@@ -557,7 +557,7 @@ class LumioScreen:
         """What to change if there is no position; empty if nothing is known."""
         if self.stream.looks_like:
             return f"the bytes look like {self.stream.looks_like}: set touch.protocol to that"
-        heard = self.stream.stats.bytes
+        heard = self.stream.heard
         if not heard:
             return "nothing heard: put the ball on, check the cable and the port"
         if self.stream.stats.reports:
