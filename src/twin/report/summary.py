@@ -320,26 +320,11 @@ def _by_hand(run: Run) -> list[str]:
     """Of a run that a person drove: what they did."""
     if not run.driven:
         return []
-    done = [
-        _counted(number, word)
-        for number, word in (
-            (run.driven["goals"], "goal"),
-            (len(run.driven["pushes"]), "push"),
-            (run.driven["changes"], "change of the rig"),
-            (len(run.driven["controllers"]) - 1, "change of the controller"),
-        )
-        if number > 0
+    driven = run.driven
+    return [
+        f"It was driven by hand: goals {driven['goals']}, pushes {len(driven['pushes'])}, changes "
+        f"of the rig {driven['changes']}, of the controller {len(driven['controllers']) - 1}."
     ]
-    return [f"It was driven by hand: {', '.join(done) or 'nothing was done'}."]
-
-
-def _counted(number: int, word: str) -> str:
-    """A number of things, in words."""
-    if number == 1:
-        return f"1 {word}"
-    head, _, rest = word.partition(" ")
-    plural = f"{head}{'es' if head.endswith('sh') else 's'}"
-    return f"{number} {plural} {rest}".strip()
 
 
 def _mm(distance: float) -> str:
