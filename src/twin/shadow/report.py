@@ -70,21 +70,20 @@ def drawing(scenario: Scenario, shown: Shown) -> Tell:
 
 
 ALARM = COLOURS[1]
-SIDES = 1.96
-"""Half-width of a 95 % band in standard deviations."""
 
 
 def picture(found: Shadow) -> Figure:
-    """Score, error along x and y with the 95 % band, and the statistic, over time."""
-    with drawn(12, 8.5) as figure:
-        panels = figure.subplots(4, 1, sharex=True)
-        _score(panels[0], found)
-        for axis, panel in enumerate(panels[1:3]):
-            _error(panel, found, axis)
-        _test(panels[3], found)
-        for panel in panels:
-            _marks(panel, found)
-        panels[3].set_xlabel("time [s]")
+    """Score, error with the 95 % band, and the statistic, over time."""
+    with drawn(12, 7) as figure:
+        panels = figure.subplots(3, 1, sharex=True)
+        for panel, draw in zip(panels, (_score, _error, _test), strict=True):
+            draw(panel, found)
+            for begin, end in found.gaps:
+                panel.axvspan(begin, end, color="0.8", lw=0)
+            for alarm in found.alarms:
+                panel.axvline(alarm.time, color=ALARM, lw=1.2)
+                panel.axvline(alarm.since, color=ALARM, lw=1, ls=":")
+        panels[2].set_xlabel("time [s]")
     return figure
 
 
@@ -109,23 +108,19 @@ def _score(panel: Axes, found: Shadow) -> None:
         panel.legend(fontsize=8, loc="upper left")
 
 
-def _error(panel: Axes, found: Shadow, axis: int) -> None:
+def _error(panel: Axes, found: Shadow) -> None:
+    title = f"Measured ball and replay apart after {AHEAD:g} s; bars: the predicted 95 % band"
+    panel.set(ylabel="error [mm]")
+    panel.set_title(title, fontsize=9)
     run = found.replays
-    panel.set(ylabel=f"error, {'xy'[axis]} [mm]")
     if run is None or not run.counted.any():
         return
-    panel.set_title(
-        f"Measured ball minus replay after {AHEAD:g} s, with the predicted 95 % band",
-        fontsize=9,
+    end, error, band = (
+        each[run.counted] for each in (run.time + AHEAD, 1000 * run.distance, 1000 * run.band)
     )
-    told = run.counted
-    end = (run.time + AHEAD)[told]
-    error = 1000 * run.error[told, axis]
-    half = 1000 * SIDES * np.sqrt(run.spread[told, axis, axis])
-    panel.bar(end, 2 * half, 0.8 * AHEAD, -half, color=COLOURS[5], alpha=0.35)
+    panel.bar(end, band, 0.8 * AHEAD, color=COLOURS[5], alpha=0.35)
     panel.plot(end, error, ".", color=COLOURS[0])
-    most = float(max(3.0, 1.2 * np.percentile(np.abs(error), 95), 1.2 * np.percentile(half, 80)))
-    panel.set_ylim(-most, most)
+    panel.set_ylim(0, max(3.0, *(1.2 * np.percentile(error, 95), 1.2 * np.percentile(band, 80))))
 
 
 def _test(panel: Axes, found: Shadow) -> None:
@@ -136,14 +131,6 @@ def _test(panel: Axes, found: Shadow) -> None:
         panel.axhline(threshold, color=ALARM, lw=1, ls="--")
     panel.legend(fontsize=7, loc="upper left")
     panel.set(ylabel="log likelihood ratio", title="A change against none; dashed: alarm")
-
-
-def _marks(panel: Axes, found: Shadow) -> None:
-    for begin, end in found.gaps:
-        panel.axvspan(begin, end, color="0.8", lw=0)
-    for alarm in found.alarms:
-        panel.axvline(alarm.time, color=ALARM, lw=1.2)
-        panel.axvline(alarm.since, color=ALARM, lw=1, ls=":")
 
 
 def sentences(found: Shadow) -> list[str]:
