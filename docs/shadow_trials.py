@@ -235,7 +235,7 @@ def carry_out(job: Job) -> list[dict[str, Any]]:
     for each, (_, truth), log in zip(job.rigs, pairs, logs(pairs), strict=True):
         said = shadow(log, believed(log))
         first = said.alarms[0] if said.alarms else None
-        run = None if said.one_second is None else said.one_second.take(said.one_second.counted)
+        run = None if said.replays is None else said.replays.take(said.replays.counted)
         found.append(
             {
                 "seed": each.seed,

@@ -301,10 +301,13 @@ def test_of_many_runs_each_is_told_in_a_sentence(page, runs):
     assert many.count("run_1: Tracking error e_tt") == 4
 
 
-def test_a_page_of_simulated_runs_has_no_picture_of_lateness(runs):
-    titles = [panel.get_title() for panel in details(runs).axes]
-    assert len(titles) == 3
-    assert not any("late" in title for title in titles)
+def test_where_nobody_knows_the_truth_no_error_of_the_estimate_is_drawn(runs):
+    one = runs[0]
+    real = {name: rows for name, rows in one.rows.items() if not name.startswith("true")}
+    for shown, panels in ((runs, 3), ([replace(one, rows=real)], 2)):
+        titles = [panel.get_title() for panel in details(shown).axes]
+        assert len(titles) == panels
+        assert any("estimated" in title for title in titles) == (panels == 3)
 
 
 def test_an_unknown_format_names_the_known_ones(tmp_path):

@@ -85,19 +85,19 @@ def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
 
 def test_on_an_uneven_screen_replays_stray_as_far_as_predicted(uneven):
     log, belief = uneven
-    run = replays(log, belief, NO_GAPS, 1.0, 1.0)
+    run = replays(log, belief, NO_GAPS)
     inside = run.square[run.counted] <= BAND
     assert len(inside) > 10
     assert inside.sum() >= stats.binom.ppf(1e-3, len(inside), 0.95)
-    even = replays(log, replace(belief, rough=1e-6), NO_GAPS, 1.0, 1.0)
+    even = replays(log, replace(belief, rough=1e-6), NO_GAPS)
     assert (even.square[even.counted] <= BAND).mean() < 0.5
 
 
 def test_replays_in_parts_are_those_in_one_go(uneven):
     log, belief = uneven
-    whole = replays(log, belief, NO_GAPS, 1.0, 1.0)
-    first = replays(log, belief, NO_GAPS, 1.0, 1.0, until=8.5)
-    rest = replays(log, belief, NO_GAPS, 1.0, 1.0, float(first.time[-1]) + 1.0)
+    whole = replays(log, belief, NO_GAPS)
+    first = replays(log, belief, NO_GAPS, until=8.5)
+    rest = replays(log, belief, NO_GAPS, since=float(first.time[-1]) + 1.0)
     assert 8.5 - 2.0 < first.time[-1] + 1.0 <= 8.5
     together = Replays.join([first, rest])
     assert together.time == pytest.approx(whole.time)
@@ -107,7 +107,7 @@ def test_replays_in_parts_are_those_in_one_go(uneven):
 
 def test_over_a_gap_nothing_is_told(uneven):
     log, belief = uneven
-    assert not replays(log, belief, np.array([[0.0, 40.0]]), 1.0, 1.0).counted.any()
+    assert not replays(log, belief, np.array([[0.0, 40.0]])).counted.any()
 
 
 COUNT = 250

@@ -41,7 +41,7 @@ def replays(error, time):
     spread = np.broadcast_to(1e-6 * np.eye(2), (count, 2, 2))
     told = np.ones(count, bool)
     path = np.zeros((count, 51, 2)) + np.arange(51)[:, None] / 1000
-    return Replays(np.asarray(time), 1.0, np.asarray(error), spread, told, path)
+    return Replays(np.asarray(time), np.asarray(error), spread, told, path)
 
 
 class Scripted:

@@ -19,7 +19,7 @@ much is therefore expanded again where it puts the parameters, until both agree 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ from controllers.arrays import Array
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.windows import Windows
 from twin.shadow.belief import BALL, CAUSES, CHANGING, PARAMETERS, STOPPING, TABLES, Belief
-from twin.shadow.evidence import GAPS, Evidence, ball_evidence, log_evidence, posterior
+from twin.shadow.evidence import GAPS, NONE, Evidence, ball_evidence, log_evidence, posterior
 
 LATEST = 8.0
 """Seconds before a window that it learns nothing from, for a change may have begun in them."""
@@ -376,34 +376,46 @@ MOVED = tuple(name for name, sizes in CAUSES.items() if set(sizes) <= set(BALL))
 """Causes that change the ball's motion."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Hypothesis:
     """A cause, and the evidence around a deviation ``at`` from the belief, shape (P,).
 
     Attributes:
         name: Of the cause.
         prior: Covariance of the deviation, shape (P, P).
-        ball: Windows of the ball, expanded at ``at``, softened.
-        other: Evidence of plate and screen, expanded at the belief.
+        other: Evidence of plate and screen, expanded at the belief, softened.
+        expanded: Windows of the ball, expanded at ``at``.
         at: Where, shape (P,).
+        ball: The same windows, softened.
     """
 
     name: str
     prior: Array
-    ball: Evidence
     other: Evidence
+    expanded: Evidence
     at: Array
+    ball: Evidence = NONE
 
     def sums(self) -> tuple[Array, Array, float]:
         """A, b and height about ``at``."""
-        A, b = _sums(self.other)  # noqa: N806
-        more, slope = _sums(self.ball)
+        A, b = self.other.information.sum(axis=0), self.other.score.sum(axis=0)  # noqa: N806
+        more, slope = self.ball.information.sum(axis=0), self.ball.score.sum(axis=0)
         return A + more, b - A @ self.at + slope, float(self.ball.height.sum())
 
     def moved(self, before: Before) -> Array:
         """The most probable deviation from the belief, shape (P,)."""
         A, b, _ = self.sums()  # noqa: N806
         return np.asarray(self.at + posterior(A, b, self.prior, before.mean - self.at)[0])
+
+    def expand(self, before: Before, belief: Belief, windows: Windows) -> None:
+        """Expand the windows of the ball anew where the cause puts the parameters."""
+        watched, believed = [PARAMETERS.index(name) for name in BALL], belief.theta[0]
+        least, most = zip(*((BOUNDS[name].least, BOUNDS[name].most) for name in BALL), strict=True)
+        theta, count = believed.copy(), len(BALL)
+        theta[:count] = np.clip(theta[:count] + self.moved(before)[watched], least, most)
+        self.expanded = ball_evidence(windows, belief, theta)
+        self.at = np.zeros(len(PARAMETERS))
+        self.at[watched] = (theta - believed)[:count]
 
     def log(self, before: Before, belief: Belief) -> float:
         """Logarithm of the marginal likelihood."""
@@ -431,22 +443,23 @@ def weigh(
         before: How far the twin was off before it.
         belief: The twin.
     """
-    expanded = dict.fromkeys(CAUSES, ball)
-    nowhere: Array = np.zeros(len(PARAMETERS))
-    at = dict.fromkeys(CAUSES, nowhere)
-    soft = other.softened(belief.changing)
-    hypotheses = _hypotheses(soft, expanded, at, before, belief)
-    for number in range(0 if windows is None else ROUNDS):
-        assert windows is not None
+    soft, nowhere = other.softened(belief.changing), np.zeros(len(PARAMETERS))
+    priors = before.covariance + belief.changes
+    hypotheses = [
+        _Hypothesis(name, prior, soft, ball, nowhere)
+        for name, prior in zip(CAUSES, priors, strict=True)
+    ]
+    logs = np.zeros(len(hypotheses))
+    for number in range(1 + ROUNDS):
+        for each, log in zip(hypotheses, logs, strict=True):
+            hopeless = log <= logs.max() - HOPELESS and number > SETTLED
+            if number and windows is not None and each.name in MOVED and not hopeless:
+                each.expand(before, belief, windows)
+        # noise as large for every cause as the best of them leaves
+        left = np.min([each.expanded.dispersion for each in hypotheses], axis=0)
+        for each in hypotheses:
+            each.ball = each.expanded.tempered(left).softened(belief.changing)
         logs = np.array([each.log(before, belief) for each in hypotheses])
-        for hypothesis, log in zip(hypotheses, logs, strict=True):
-            hopeless = log <= logs.max() - HOPELESS and number >= SETTLED
-            if hypothesis.name in MOVED and not hopeless:
-                theta = _bounded(belief, hypothesis.moved(before))
-                expanded[hypothesis.name] = ball_evidence(windows, belief, theta)
-                at[hypothesis.name] = _deviation(belief, theta)
-        hypotheses = _hypotheses(soft, expanded, at, before, belief)
-    logs = np.array([each.log(before, belief) for each in hypotheses])
     weights: Array = np.exp(logs - logs.max())
     weights /= weights.sum()
     causes = [
@@ -454,50 +467,6 @@ def weigh(
         for each, p in zip(hypotheses, weights, strict=True)
     ]
     return sorted(causes, key=lambda each: -each.probability)
-
-
-def _hypotheses(
-    soft: Evidence,
-    expanded: Mapping[str, Evidence],
-    at: Mapping[str, Array],
-    before: Before,
-    belief: Belief,
-) -> list[_Hypothesis]:
-    """The hypotheses, each with its evidence expanded where it puts the parameters.
-
-    Args:
-        soft: Evidence of plate and screen, softened.
-        expanded: Evidence of the ball by cause, not softened.
-        at: Where, by cause, each shape (P,).
-        before: How far the twin was off before.
-        belief: The twin.
-    """
-    # noise as large for every cause as the best of them leaves
-    left = np.min([each.dispersion for each in expanded.values()], axis=0)
-    balls = [each.tempered(left).softened(belief.changing) for each in expanded.values()]
-    priors = before.covariance + belief.changes
-    return [
-        _Hypothesis(name, prior, ball, soft, at[name])
-        for name, prior, ball in zip(CAUSES, priors, balls, strict=True)
-    ]
-
-
-def _sums(evidence: Evidence) -> tuple[Array, Array]:
-    return evidence.information.sum(axis=0), evidence.score.sum(axis=0)
-
-
-def _bounded(belief: Belief, moved: Array) -> Array:
-    theta: Array = belief.theta[0].copy()
-    for k, name in enumerate(BALL):
-        value = theta[k] + moved[PARAMETERS.index(name)]
-        theta[k] = min(max(value, BOUNDS[name].least), BOUNDS[name].most)
-    return theta
-
-
-def _deviation(belief: Belief, theta: Array) -> Array:
-    at = np.zeros(len(PARAMETERS))
-    at[[PARAMETERS.index(name) for name in BALL]] = (theta - belief.theta[0])[: len(BALL)]
-    return at
 
 
 THRESHOLD = 12.0

@@ -56,7 +56,7 @@ from twin.shadow.evidence import (
     noise_evidence,
     plate_evidence,
 )
-from twin.shadow.horizon import BAND, Replays, replays
+from twin.shadow.horizon import AHEAD, BAND, Replays, replays
 from twin.view.streams import fingerprint
 from twin.writing import write_whole
 
@@ -64,8 +64,6 @@ RECENT = 180.0
 """Seconds at the end of a log that are fitted and held out."""
 LEAST_GAIN = 0.05
 """Share by which the replay error on what was held out must fall."""
-AHEAD = 1.0
-"""Horizon in s of that error."""
 OFTEN = 0.25
 """Seconds between the starts of its replays."""
 FITTED = (IDENTIFIED, REJECTED)
@@ -131,7 +129,7 @@ class Shadow:
     """What the twin says of a run, or has said of it so far.
 
     Attributes:
-        replays: At the horizon asked for; None if no replay is long enough.
+        replays: None if the log is long enough for none.
         soft: Windows of all kinds, as the sequential test takes them.
         ratio: The statistic of the sequential test after each.
         delayed: That of the test for the dead time alone.
@@ -142,7 +140,6 @@ class Shadow:
         length: Usable seconds of what was looked at last.
         notes: What had to be left out of it, in words.
         gaps: Begin and end in s of what is missing or late in it, shape (G, 2).
-        one_second: Replays 1 s ahead, of a recorded run.
         record: Fingerprint of a recorded run.
         proposal: A better twin of it, if one was looked for.
     """
@@ -157,7 +154,6 @@ class Shadow:
     length: float = 0.0
     notes: tuple[str, ...] = ()
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    one_second: Replays | None = None
     record: int = 0
     proposal: Proposal | None = None
 
@@ -198,7 +194,7 @@ class Shadow:
     @property
     def error_1s(self) -> float | None:
         """Median distance in m of replay and measured ball after 1 s."""
-        return _median(self.one_second, lambda each: each.distance)
+        return _median(self.replays, lambda each: each.distance)
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -217,27 +213,23 @@ class Shadow:
         }
 
 
-def shadow(log: Log, belief: Belief, horizon: float = 1.0) -> Shadow:
+def shadow(log: Log, belief: Belief) -> Shadow:
     """Let the twin run beside a log.
 
     Args:
         log: What was recorded.
         belief: The twin.
-        horizon: Seconds ahead and from one start to the next.
 
     Raises:
         LogError: If the log is broken, too short, or does not say what was commanded.
     """
     check_ranges(log)
     check_commands(log)
-    follower = Follower(belief, horizon)
+    follower = Follower(belief)
     follower.judge(log, whole=True)
     said = follower.said
     if not len(said.soft) and not len(said.gaps):
         raise LogError(f"{log.source}: too short: {said.length:.1f} s; 3 s in a row are needed")
-    said.one_second = said.replays
-    if horizon != 1.0:
-        said.one_second = replays(follower.usable, belief, said.gaps, 1.0, horizon)
     said.record = fingerprint(*log.ball.T)
     return said
 
@@ -266,7 +258,7 @@ def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
     better = Belief.of(check(put(tables, settings.items()), "the proposal"), last)
     errors = []
     for twin in (belief, better):
-        run = replays(held_out, twin, gaps(last, held_out.period), AHEAD, OFTEN)
+        run = replays(held_out, twin, gaps(last, held_out.period), OFTEN)
         if run is None or not run.counted.any():
             return Proposal("", {}, None, None, "No proposal: too little was held out")
         errors.append(float(np.median(np.hypot(*run.error[run.counted].T))))
@@ -308,15 +300,11 @@ class Follower:
 
     Args:
         belief: The twin.
-        horizon: Seconds ahead and from one start to the next.
     """
 
-    def __init__(self, belief: Belief, horizon: float = 1.0) -> None:
+    def __init__(self, belief: Belief) -> None:
         self.said = Shadow()
-        self.usable: PreparedLog
-        """What of the log was looked at last."""
         self._belief = belief
-        self._horizon = horizon
         self._windows: Windows | None = None
         self._ball = self._other = self._every = self._soft = self._limited = NONE
         self._factors: Array = np.zeros((0, 0))
@@ -340,7 +328,7 @@ class Follower:
         now = float(log.time[-1])
         usable = self._of_late(prepare(replace(log, model=self._belief.model)), now)
         until = np.inf if whole else now - MARGIN
-        self.usable, said = usable, self.said
+        said = self.said
         said.source, said.length, said.notes = usable.source, usable.length, usable.notes
         said.gaps = gaps(log, usable.period)
         self._replay(usable, until)
@@ -359,11 +347,10 @@ class Follower:
         return replace(log, segments=tuple(parts))
 
     def _replay(self, log: PreparedLog, until: float) -> None:
-        said, ahead = self.said, self._horizon
-        since = self._since["replays"]
-        found = replays(log, self._belief, said.gaps, ahead, ahead, since, until)
+        said, since = self.said, self._since["replays"]
+        found = replays(log, self._belief, said.gaps, AHEAD, since, until)
         if found is not None:
-            self._since["replays"] = float(found.time[-1]) + ahead
+            self._since["replays"] = float(found.time[-1]) + AHEAD
             said.replays = found if said.replays is None else Replays.join([said.replays, found])
 
     def _add(self, log: PreparedLog, until: float) -> int:

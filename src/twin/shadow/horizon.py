@@ -22,6 +22,8 @@ from twin.identify.windows import BIN, LOOKBACK, STEP, Spans, Windows, cut
 from twin.shadow.belief import BALL, PARAMETERS, Belief
 from twin.shadow.evidence import STRETCH, clear, edges_of, portions, unknown_motion
 
+AHEAD = 1.0
+"""Seconds that replays go ahead: the horizon."""
 LEAD = 1.2
 """Seconds of samples from which the state at a start is smoothed."""
 UNKNOWN = 4e-4
@@ -154,7 +156,7 @@ KAPPA = 1.0
 
 
 def _replayed(
-    before: Windows, windows: Windows, belief: Belief, ahead: float, period: float
+    before: Windows, windows: Windows, belief: Belief, period: float
 ) -> tuple[Array, Array, Array]:
     """How far the balls are from where their twins are in the end, and how the twins went.
 
@@ -162,7 +164,6 @@ def _replayed(
         before: The windows up to the starts.
         windows: Those that are foreseen.
         belief: The twin.
-        ahead: Horizon in s.
         period: Seconds between the screen's samples.
 
     Returns:
@@ -173,7 +174,7 @@ def _replayed(
     whole = belief.problem(windows)
     places, speeds = whole.replayed(*points)
     ball, _ = windows.at_samples(places, speeds, whole.values(points[0])["delay"])
-    at = windows.time - (LOOKBACK + ahead)
+    at = windows.time - (LOOKBACK + AHEAD)
     # a screen of slow frames has not one in every bin; the twin is asked for the sample's time
     away = np.where(windows.weight[..., 0] > 0, np.abs(at), np.inf)
     rows, sample = np.arange(len(windows)), np.argmin(away, axis=1)
@@ -184,7 +185,7 @@ def _replayed(
     noise = 1 / np.maximum(windows.weight[rows, sample], 1e-12) ** 2
     spread = np.einsum("c,cwi,cwj->wij", weights, off, off) + noise[..., None] * np.eye(2)
     # the smoothed state is that at the begin of the windows, LOOKBACK before the start
-    first, gone = round(LOOKBACK / STEP), LOOKBACK + ahead
+    first, gone = round(LOOKBACK / STEP), LOOKBACK + AHEAD
     steps = round(gone / STEP) + 1
     way = np.einsum("c,nicw->niw", weights, speeds[:steps])
     spread += unforeseen(forces(belief, way), gone)
@@ -220,11 +221,10 @@ DRAWN = 5
 
 @dataclass(frozen=True)
 class Replays:
-    """Replays of one horizon.
+    """Replays to the horizon.
 
     Attributes:
         time: When each was started, s, shape (W,).
-        ahead: Horizon in s.
         error: Measured ball minus replay at the horizon, m, shape (W, 2); NaN without a sample.
         spread: Predicted covariance of it, m^2, shape (W, 2, 2).
         told: Whether the ball moved, so that the replay can tell anything, shape (W,).
@@ -232,7 +232,6 @@ class Replays:
     """
 
     time: Array
-    ahead: float
     error: Array
     spread: Array
     told: Mask
@@ -245,7 +244,7 @@ class Replays:
 
     @classmethod
     def join(cls, parts: Sequence[Replays]) -> Replays:
-        """All of several of one horizon."""
+        """All of several."""
         rows: dict[str, Any] = {
             name: np.concatenate([getattr(part, name) for part in parts]) for name in ROWS
         }
@@ -282,8 +281,7 @@ def replays(
     log: PreparedLog,
     belief: Belief,
     gaps: Array,
-    ahead: float,
-    every: float,
+    every: float = AHEAD,
     since: float = -np.inf,
     until: float = np.inf,
 ) -> Replays | None:
@@ -293,7 +291,6 @@ def replays(
         log: What was recorded.
         belief: The twin.
         gaps: Of the log; a replay over one tells nothing.
-        ahead: Horizon in s.
         every: Seconds between the starts of two replays.
         since: The first start in s, where a log goes back further.
         until: Seconds; of replays that end later there is none.
@@ -302,34 +299,33 @@ def replays(
     def spans(later: float, length: float) -> Callable[[Segment, float, float, float], Spans]:
         def chosen(segment: Segment, begin: float, end: float, longest: float) -> Spans:
             del segment, longest
-            last = min(end, until) - (LEAD + ahead + BIN)
+            last = min(end, until) - (LEAD + AHEAD + BIN)
             begins = np.arange(max(begin, since - LEAD), last, every) + later
             return Spans(begins, np.full(len(begins), length), np.zeros(len(begins), bool))
 
         return chosen
 
     before = cut(log, belief.lag, LEAD, spans(0.0, LEAD))
-    after = cut(log, belief.lag, ahead + BIN, spans(LEAD, ahead + BIN))
+    after = cut(log, belief.lag, AHEAD + BIN, spans(LEAD, AHEAD + BIN))
     if before is None or after is None:
         return None
     start = after.begin + LOOKBACK
     parts = [
-        _replayed(before.take(part), after.take(part), belief, ahead, log.sample_period)
+        _replayed(before.take(part), after.take(part), belief, log.sample_period)
         for part in portions(len(start))
     ]
     error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))
-    told = _moving(log, start, ahead)
-    told &= clear(start - LEAD - LOOKBACK, start + ahead, gaps)
-    return Replays(start, ahead, error, spread, told, path[:, ::DRAWN])
+    told = _moving(log, start) & clear(start - LEAD - LOOKBACK, start + AHEAD, gaps)
+    return Replays(start, error, spread, told, path[:, ::DRAWN])
 
 
-def _moving(log: PreparedLog, start: Array, ahead: float) -> Mask:
+def _moving(log: PreparedLog, start: Array) -> Mask:
     """Whether the ball rolls at all from each start to its horizon."""
     told = np.zeros(len(start), bool)
     for segment in log.segments:
         fast = np.concatenate(([0], np.cumsum(speed(segment.time, segment.even_ball) > ROLL)))
         inside = (start >= segment.time[0]) & (start <= segment.time[-1])
         first = np.searchsorted(segment.time, start[inside])
-        last = np.searchsorted(segment.time, np.minimum(start[inside] + ahead, segment.time[-1]))
+        last = np.searchsorted(segment.time, np.minimum(start[inside] + AHEAD, segment.time[-1]))
         told[inside] = fast[last] > fast[first]
     return told

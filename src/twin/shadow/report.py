@@ -23,7 +23,7 @@ from twin.scenario.schema import Scenario
 from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm, likely
 from twin.shadow.belief import believed
 from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, propose, shadow, written
-from twin.shadow.horizon import BAND, DRAWN, Replays
+from twin.shadow.horizon import AHEAD, BAND, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
 from twin.view.streams import TwinRows, TwinStream
@@ -44,14 +44,14 @@ class Shown(NamedTuple):
 def told(run: Replays) -> TwinRows:
     """Replays as the view draws them."""
     rows = {
-        "time": run.time + run.ahead,
+        "time": run.time + AHEAD,
         "told": run.counted.astype(float),
         "score": run.score,
         "distance": run.distance,
         "band": run.band,
         **{name: run.path[..., axis] for axis, name in enumerate(("twin_x", "twin_y"))},
     }
-    return TwinRows(rows, run.ahead, DRAWN * STEP)
+    return TwinRows(rows, AHEAD, DRAWN * STEP)
 
 
 def drawing(scenario: Scenario, shown: Shown) -> Tell:
@@ -70,21 +70,20 @@ def drawing(scenario: Scenario, shown: Shown) -> Tell:
 
 
 ALARM = COLOURS[1]
-SIDES = 1.96
-"""Half-width of a 95 % band in standard deviations."""
 
 
 def picture(found: Shadow) -> Figure:
-    """Score, error along x and y with the 95 % band, and the statistic, over time."""
-    with drawn(12, 8.5) as figure:
-        panels = figure.subplots(4, 1, sharex=True)
-        _score(panels[0], found)
-        for axis, panel in enumerate(panels[1:3]):
-            _error(panel, found, axis)
-        _test(panels[3], found)
-        for panel in panels:
-            _marks(panel, found)
-        panels[3].set_xlabel("time [s]")
+    """Score, error with the 95 % band, and the statistic, over time."""
+    with drawn(12, 7) as figure:
+        panels = figure.subplots(3, 1, sharex=True)
+        for panel, draw in zip(panels, (_score, _error, _test), strict=True):
+            draw(panel, found)
+            for begin, end in found.gaps:
+                panel.axvspan(begin, end, color="0.8", lw=0)
+            for alarm in found.alarms:
+                panel.axvline(alarm.time, color=ALARM, lw=1.2)
+                panel.axvline(alarm.since, color=ALARM, lw=1, ls=":")
+        panels[2].set_xlabel("time [s]")
     return figure
 
 
@@ -95,7 +94,7 @@ def _score(panel: Axes, found: Shadow) -> None:
     if run is None:
         return
     told, silent = run.counted, ~run.counted
-    end = run.time + run.ahead
+    end = run.time + AHEAD
     panel.semilogy(end[told], np.maximum(run.score[told], 0.02), ".", color=COLOURS[0])
     panel.plot(
         end[silent],
@@ -109,23 +108,19 @@ def _score(panel: Axes, found: Shadow) -> None:
         panel.legend(fontsize=8, loc="upper left")
 
 
-def _error(panel: Axes, found: Shadow, axis: int) -> None:
+def _error(panel: Axes, found: Shadow) -> None:
+    title = f"Measured ball and replay apart after {AHEAD:g} s; bars: the predicted 95 % band"
+    panel.set(ylabel="error [mm]")
+    panel.set_title(title, fontsize=9)
     run = found.replays
-    panel.set(ylabel=f"error, {'xy'[axis]} [mm]")
     if run is None or not run.counted.any():
         return
-    panel.set_title(
-        f"Measured ball minus replay after {run.ahead:g} s, with the predicted 95 % band",
-        fontsize=9,
+    end, error, band = (
+        each[run.counted] for each in (run.time + AHEAD, 1000 * run.distance, 1000 * run.band)
     )
-    told = run.counted
-    end = (run.time + run.ahead)[told]
-    error = 1000 * run.error[told, axis]
-    half = 1000 * SIDES * np.sqrt(run.spread[told, axis, axis])
-    panel.bar(end, 2 * half, 0.8 * run.ahead, -half, color=COLOURS[5], alpha=0.35)
+    panel.bar(end, band, 0.8 * AHEAD, color=COLOURS[5], alpha=0.35)
     panel.plot(end, error, ".", color=COLOURS[0])
-    most = float(max(3.0, 1.2 * np.percentile(np.abs(error), 95), 1.2 * np.percentile(half, 80)))
-    panel.set_ylim(-most, most)
+    panel.set_ylim(0, max(3.0, *(1.2 * np.percentile(error, 95), 1.2 * np.percentile(band, 80))))
 
 
 def _test(panel: Axes, found: Shadow) -> None:
@@ -136,14 +131,6 @@ def _test(panel: Axes, found: Shadow) -> None:
         panel.axhline(threshold, color=ALARM, lw=1, ls="--")
     panel.legend(fontsize=7, loc="upper left")
     panel.set(ylabel="log likelihood ratio", title="A change against none; dashed: alarm")
-
-
-def _marks(panel: Axes, found: Shadow) -> None:
-    for begin, end in found.gaps:
-        panel.axvspan(begin, end, color="0.8", lw=0)
-    for alarm in found.alarms:
-        panel.axvline(alarm.time, color=ALARM, lw=1.2)
-        panel.axvline(alarm.since, color=ALARM, lw=1, ls=":")
 
 
 def sentences(found: Shadow) -> list[str]:
@@ -164,7 +151,7 @@ def sentences(found: Shadow) -> list[str]:
     score, inside, error = found.score_median, found.inside_band, found.error_1s
     if found.replays is not None and score is not None:
         words.append(
-            f"A replay of {found.replays.ahead:g} s strays {score:.2f} times as far as the twin "
+            f"A replay of {AHEAD:g} s strays {score:.2f} times as far as the twin "
             f"predicts of itself (median), and {inside:.0f} % of them end in their 95 % band."
         )
     if error is not None:
@@ -241,7 +228,7 @@ def write_scores(found: Shadow, path: Path) -> None:
         "log_likelihood_ratio": np.where(before >= 0, found.ratio[before], 0.0),
         "dead_time_ratio": np.where(before >= 0, found.delayed[before], 0.0),
     }
-    about = {"horizon": run.ahead, "threshold": THRESHOLD, "log": found.source}
+    about = {"horizon": AHEAD, "threshold": THRESHOLD, "log": found.source}
     content = json.dumps({**about, "step": drawn.step, "record": found.record})
     columns = {name: pa.array(each.tolist()) for name, each in values.items()}
     fields = [
@@ -271,7 +258,6 @@ def examine(
     log: Path,
     folder: Path,
     overrides: Sequence[str] = (),
-    horizon: float = 1.0,
     *,
     proposing: bool = True,
     progress: Callable[[float], None] = lambda _: None,
@@ -282,7 +268,6 @@ def examine(
         log: Run folder, ``run.parquet`` or CSV file.
         folder: Where ``FILES`` go, and ``parameters-N.toml`` if a better twin is proposed.
         overrides: ``KEY=VALUE`` each, over what the run was simulated with or believed.
-        horizon: Seconds ahead and from one start to the next.
         proposing: Whether a better twin is looked for after an alarm.
         progress: Called with the share of the work done.
 
@@ -291,7 +276,7 @@ def examine(
     """
     recorded = replace(read(log), source=run_name(log))
     belief = believed(recorded, overrides)
-    found = shadow(recorded, belief, horizon)
+    found = shadow(recorded, belief)
     progress(0.5)
     if found.alarms and proposing:
         proposal = propose(recorded, belief, found.alarms[-1].since)
@@ -395,7 +380,7 @@ class Commentary:
         run = self._follower.said.replays
         if run is None or not len(run.time):
             return
-        end = run.time + run.ahead
+        end = run.time + AHEAD
         if end[-1] - self._scored < max(every, 1e-9):
             return
         of_late = run.take(run.counted & (end > self._scored))

@@ -256,11 +256,6 @@ class LiveProcess:
         """Whether the process still runs."""
         return self._process.is_alive()
 
-    @property
-    def failed(self) -> bool:
-        """Whether the process ended by itself with an error."""
-        return self._process.exitcode not in (None, 0)
-
     def finish(self, wait: float = LAST) -> bool:
         """Let the process work through the rows left; return whether it has.
 

@@ -117,11 +117,7 @@ def _lines(roots: Sequence[str], group: str) -> list[str]:
 
 
 def _world(root: str, several: bool) -> rrb.Spatial3DView:
-    title = (
-        root.removeprefix("/").replace("\\", "")
-        if several
-        else "mechanism (green: forces on wheels and ball)"
-    )
+    title = root.removeprefix("/").replace("\\", "") if several else "mechanism"
     return rrb.Spatial3DView(
         origin=f"{root}/mechanism",
         name=title,

@@ -111,14 +111,11 @@ _BOX, _CYLINDER, _CAPSULE = (
 )
 VISIBLE_GROUPS = 3
 """Geoms of groups below this are drawn, as MuJoCo's own viewer does."""
-COILS = 9
-BESIDE = 0.03
 TURNED = ("cardan", "plate", "motor_phi", "motor_theta")
 
 
 Pose = dict[str, Array]
-"""Where an entity is over time: ``translation`` (K, 3) in m and ``quaternion`` (K, 4) xyzw; where
-it is stretched ``scale``, (K, 3)."""
+"""Where an entity is over time: ``translation`` (K, 3) in m and ``quaternion`` (K, 4) xyzw."""
 
 
 class Scene:
@@ -172,12 +169,6 @@ class Scene:
                 radii=0.003,
             ),
         )
-        for force in (
-            f"{self.root}/force_wheel_phi",
-            f"{self.root}/force_wheel_theta",
-            f"{self.plate}/force_ball",
-        ):
-            yield force, rr.Arrows3D.from_fields(colors=[[90, 230, 120]], radii=[0.004])
         yield (
             f"{self.plate}/trail",
             rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0022]),
@@ -190,10 +181,7 @@ class Scene:
             sizes = wide * np.array([self.radius, self.radius, self._lift])
             look = {"colors": [rgb], "fill_mode": mode, "line_radii": 0.001}
             yield f"{self.ball}/{name}", rr.Ellipsoids3D(half_sizes=[sizes], **look)
-        yield (
-            f"{self.spring}/coil",
-            rr.LineStrips3D([_coil(0.014)], colors=[[26, 115, 64]], radii=0.003),
-        )
+        yield self.spring, rr.LineStrips3D.from_fields(colors=[[26, 115, 64]], radii=[0.006])
 
     def _shape(self, i: int) -> rr.AsComponents | None:
         model = self._model
@@ -238,34 +226,13 @@ class Scene:
         height = np.full(count, self.surface + self._lift)
         place = np.stack((state[:, 0], state[:, 4], height), axis=1)
         poses[self.ball] = {"translation": place, "quaternion": roll}
-        low = model.site("spring_base").pos
-        high = plate_to_rig(phi, theta).apply(model.site("spring_plate").pos)
-        poses[self.spring] = _between(low, high)
         return poses
 
-    def wheels(self, state: Array, motor: Array) -> dict[str, tuple[Array, Array]]:
-        """Where each wheel touches its cam and the direction of the push, rig axes, (K, 3).
-
-        The place is moved along the shaft, off the wheel, where an arrow can be seen.
-        """
-        model, found = self._model, {}
-        tilt = plate_to_rig(state[:, 2], state[:, 6])
-        for axis, turn in (("phi", motor[:, 0]), ("theta", motor[:, 1])):
-            wheel, cam = model.geom(f"wheel_{axis}"), model.geom(f"cam_{axis}")
-            body = model.body(f"motor_{axis}")
-            spin = about(model.jnt_axis[int(body.jntadr[0])], turn)
-            middle = body.pos + spin.apply(cam.pos)
-            centre = tilt.apply(wheel.pos)
-            way = centre - middle
-            way[:, 1 if axis == "phi" else 0] = 0.0  # along the shaft nothing is pushed
-            normal = way / np.linalg.norm(way, axis=1, keepdims=True)
-            place = centre - wheel.size[0] * normal
-            if axis == "phi":
-                place[:, 1] += BESIDE
-            else:
-                place[:, 0] -= BESIDE
-            found[axis] = place, normal
-        return found
+    def spring_ends(self, state: Array) -> Array:
+        """Where the spring begins and ends in rig axes at K instants, m, shape (K, 2, 3)."""
+        high = plate_to_rig(state[:, 2], state[:, 6]).apply(self._model.site("spring_plate").pos)
+        low = np.broadcast_to(self._model.site("spring_base").pos, high.shape)
+        return np.stack((low, high), axis=1)
 
 
 def about(axis: Array, angle: Array) -> Rotation:
@@ -276,23 +243,3 @@ def about(axis: Array, angle: Array) -> Rotation:
 def plate_to_rig(phi: Array, theta: Array) -> Rotation:
     """Plate axes to rig axes, R = Rx(theta) Ry(phi) (4.5), for angles (K,) in rad."""
     return Rotation.from_euler("XY", np.stack((theta, phi), axis=1))
-
-
-def _coil(radius: float) -> Array:
-    """A spring of height 1 along z."""
-    s = np.linspace(0, 1, 24 * COILS + 1)
-    wide = radius * np.minimum(1, 12 * np.minimum(s, 1 - s))
-    turn = 2 * np.pi * COILS * s
-    return np.stack((wide * np.cos(turn), wide * np.sin(turn), s), axis=1)
-
-
-def _between(low: Array, high: Array) -> Pose:
-    """The pose that takes the unit z axis to the way from one point (3,) to others (K, 3)."""
-    way = high - low
-    length = np.linalg.norm(way, axis=1, keepdims=True)
-    x, y, z = (way / length).T
-    turn = np.stack((-y, x, np.zeros_like(x), 1 + z), axis=1)  # half way from z to the direction
-    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    scale = np.ones_like(way)
-    scale[:, 2] = length[:, 0]
-    return {"translation": np.broadcast_to(low, way.shape), "quaternion": turn, "scale": scale}

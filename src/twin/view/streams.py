@@ -173,8 +173,6 @@ FRAMES = 50.0
 """Poses and trails per second; the plots have every period."""
 TRAIL = 3.0
 """Seconds of the ball's path that its trail shows."""
-FORCE_SCALE = {"phi": 0.001, "theta": 0.001, "ball": 0.25}
-"""Metres of arrow per newton: a wheel bears some 50 N, the ball presses with 0.24 N."""
 COLOURS = {
     State.OFF: 0x757575FF,
     State.INITIALISING: 0x56B4E9FF,
@@ -333,15 +331,8 @@ class RunStream:
             motor = self._cams.motor(state[:, 2::4])
         for entity, pose in self.scene.poses(state, motor, turns).items():
             yield Batch(entity, time, rr.Transform3D.columns(**pose))
-        for axis, (at, way) in self.scene.wheels(state, motor).items():
-            if f"wheel_{axis}_N" in rows:
-                force = FORCE_SCALE[axis] * rows[f"wheel_{axis}_N"][:, None] * way
-                yield _arrows(f"{self.scene.root}/force_wheel_{axis}", time, at, force)
-        if "ball_N" in rows:
-            push = np.zeros((len(time), 3))
-            push[:, 2] = FORCE_SCALE["ball"] * rows["ball_N"]
-            at = np.column_stack((state[:, 0], state[:, 4], np.full(len(time), self.scene.surface)))
-            yield _arrows(f"{self.scene.plate}/force_ball", time, at, push)
+        spring = rr.LineStrips3D.columns(strips=self.scene.spring_ends(state))
+        yield Batch(self.scene.spring, time, spring)
 
     def _on_plate(self, rows: Mapping[str, Array], reference: Array) -> Iterator[Batch]:
         time, ball = rows["time"], states_of(rows)[:, 0::4]
@@ -381,10 +372,6 @@ def _told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterato
         times, texts = zip(*events, strict=True)
         lines = rr.TextLog.columns(text=texts, level=[level] * len(events))
         yield Batch(f"{root}/events", np.array(times), lines)
-
-
-def _arrows(entity: str, time: Array, at: Array, way: Array) -> Batch:
-    return Batch(entity, time, rr.Arrows3D.columns(origins=at, vectors=way))
 
 
 def fingerprint(x: Array, y: Array) -> int:
