@@ -21,7 +21,7 @@ from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.run.files import is_record, log_file
-from twin.run.logs import NEEDED, SCALES, UNITS, read_columns
+from twin.run.logs import NEEDED, SCALES, UNITS, read_columns, split_unit
 
 MORE_COLUMNS = ("age", "touched", "applied_phi_acc", "applied_theta_acc", "lateness")
 RATES = ("applied_phi_rate", "applied_theta_rate")
@@ -173,13 +173,8 @@ ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"
 """Other words for it: the command that moves the ball along x is that of phi."""
 AXES = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
 """The ball's column and the plate's angle that moves it, of each axis."""
-MORE = {
-    "s": {"ns": 1e-9, "min": 60.0},
-    "m": {"um": 1e-6, "in": 0.0254, "inch": 0.0254},
-    "rad": {"counts": 1.0, "count": 1.0, "1": 1.0, "": 1.0},
-    "1": {},
-}
-"""Units beside those of ``SCALES``; a pixel is as long as the user says."""
+COUNTS = dict.fromkeys(("counts", "count", "1", ""), 1.0)
+"""Units of a command beside angles; a pixel is as long as the user says."""
 BALLS = {"hollow": 3 / 5, "solid": 5 / 7}
 """Share of gravity that accelerates a ball which rolls."""
 SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
@@ -300,8 +295,7 @@ def wanted_columns(text: str, pixel: str | None = None) -> dict[str, ColumnWante
         name, _, unit = name.removeprefix("-").rpartition(":")
         name, unit = (name, unit) if name else (unit, "")
         if unit and unit_factor(unit, ROLES[role]) is None:
-            pixels = {"px": 1.0} if ROLES[role] == "m" else {}
-            known = ", ".join(filter(None, SCALES[ROLES[role]] | MORE[ROLES[role]] | pixels))
+            known = ", ".join(filter(None, _scales(ROLES[role])))
             raise LogError(
                 f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
             )
@@ -322,13 +316,16 @@ def unit_factor(unit: str, si: str, pixel: float = math.nan) -> float | None:
     match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([A-Za-z1]*)\s*", unit)
     if match is None:
         return None
-    scales = SCALES[si] | MORE[si] | ({"px": pixel} if si == "m" else {})
-    if match[2] not in scales and not (match[1] and not match[2]):
-        return None
+    scale = _scales(si, pixel).get(match[2], 1.0 if match[1] and not match[2] else None)
     try:
-        return float(match[1] or 1.0) * scales.get(match[2], 1.0)
+        return None if scale is None else float(match[1] or 1.0) * scale
     except ValueError:
         return None
+
+
+def _scales(si: str, pixel: float = math.nan) -> dict[str, float]:
+    """The units of a quantity and their factors."""
+    return SCALES[si] | {"m": {"px": pixel}, "rad": COUNTS}.get(si, {})
 
 
 def read_any(
@@ -395,8 +392,8 @@ def _separated(lines: list[str], separator: str | None) -> Callable[[str], list[
 def _header(rows: list[list[str]], wanted: Mapping[str, ColumnWanted]) -> tuple[list[str], int]:
     """The names of the columns, empty without any, and the row at which numbers begin."""
     for at, row in enumerate(rows[:50]):
-        names = {_plain(cell) for cell in row} | {_plain(_bare(cell)[0]) for cell in row}
-        if any(_plain(each.name) in names for each in wanted.values()) and not _number(row[0]):
+        known = {name for names in _names(row) for name in names}
+        if any(each.name.casefold() in known for each in wanted.values()) and not _number(row[0]):
             return row, at + 1
     for at, row in enumerate(rows[:50]):
         if sum(_number(cell) for cell in row) > len(row) / 2:
@@ -404,28 +401,23 @@ def _header(rows: list[list[str]], wanted: Mapping[str, ColumnWanted]) -> tuple[
     return [], 0
 
 
+def _names(header: list[str]) -> tuple[list[str], list[str]]:
+    """The names of columns as they stand and without their units, in small letters."""
+    return [c.casefold() for c in header], [split_unit(c)[0].casefold() for c in header]
+
+
 def _found(source: str, header: list[str], role: str, column: ColumnWanted) -> tuple[int, str]:
     """Place of a column, and the unit that the header gives it."""
-    for names in ([_plain(cell) for cell in header], [_plain(_bare(cell)[0]) for cell in header]):
-        if names.count(_plain(column.name)) > 1:
+    for names in _names(header):
+        if names.count(column.name.casefold()) > 1:
             raise LogError(f"{source}: {role}: two columns are called {column.name}; give a number")
-        if _plain(column.name) in names:
-            index = names.index(_plain(column.name))
-            return index, _bare(header[index])[1]
+        if column.name.casefold() in names:
+            index = names.index(column.name.casefold())
+            return index, split_unit(header[index])[1] or ""
     if column.name.isdigit() and int(column.name) >= 1:
         return int(column.name) - 1, ""
     has = ", ".join(header[:20]) or "no header: give numbers of columns, 1 for the first"
     raise LogError(f"{source}: {role}: no column {column.name} (it has {has})")
-
-
-def _plain(name: str) -> str:
-    return name.strip().casefold()
-
-
-def _bare(header: str) -> tuple[str, str]:
-    """Name and unit of ``X [mm]`` or ``X (mm)``."""
-    match = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*", header)
-    return (match[1], match[2]) if match else (header, "")
 
 
 def _number(cell: str) -> bool:

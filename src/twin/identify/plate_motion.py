@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
-from scipy.signal import butter, filtfilt, lfilter
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, detrend, filtfilt, lfilter
 
 from controllers.arrays import Array
 from twin.errors import LogError
@@ -149,11 +151,8 @@ def _fitted(log: PreparedLog, segments: list[Segment], theta: Array, order: int)
 
     def pieces(values: list[Array]) -> Array:
         """Pieces of ``CHUNK`` without their parabola, shape (..., W, rows, 2)."""
-        cut = [
-            v[..., : v.shape[-2] // rows * rows, :].reshape(*v.shape[:-2], -1, rows, 2)
-            for v in values
-        ]
-        each = np.diff(np.concatenate(cut, axis=-3), n=order, axis=-2)
+        cut = np.concatenate([_pieces(each, rows) for each in values], axis=-3)
+        each = np.diff(cut, n=order, axis=-2)
         return np.asarray(each - base @ (base.T @ each))
 
     measured = pieces([segment.plate for segment in segments])
@@ -241,8 +240,7 @@ def check_motion(log: PreparedLog) -> None:
             f"{log.source}: too quiet: the ball rolls for {rolled:.1f} s of {log.length:.1f} s, "
             "at least 5 s are needed; run the scenario excite"
         )
-    for axis, (ball, plate) in enumerate(COLUMNS_OF_AXIS):
-        gain = _gain(log, axis)
+    for (ball, plate), gain in zip(COLUMNS_OF_AXIS, _gains(log), strict=True):
         if gain is None or 0.25 < gain < 4:
             continue
         if -4 < gain < -0.25:
@@ -257,72 +255,59 @@ def check_motion(log: PreparedLog) -> None:
 
 
 def _check_command(log: PreparedLog) -> None:
-    for axis, name in enumerate(("phi", "theta")):
-        over, under = 0.0, 0.0
-        for segment in log.segments:
-            if segment.command is None:
-                return
-            response = servo_response(segment.command, log.period, log.own_lag)[0][:, axis]
-            for a, b in _chunks(response, segment.plate[:, axis], log.period):
-                over, under = over + float(a @ b), under + float(a @ a)
+    """Make sure that the plate moves about as far as was commanded, by pieces without a drift."""
+    over, under = np.zeros(2), np.zeros(2)
+    for segment in log.segments:
+        if segment.command is None:
+            return
+        response = servo_response(segment.command, log.period, log.own_lag)[0]
+        both = _pieces(np.stack((response, segment.plate)), round(2.0 / log.period))
+        commanded, moved = detrend(both, axis=-2)
+        over += (commanded * moved).sum(axis=(0, 1))
+        under += (commanded**2).sum(axis=(0, 1))
+    for name, far, whole in zip(("phi", "theta"), over, under, strict=True):
         # a plate that hardly moves says nothing
-        if under * log.period / log.length < 1e-8:
-            continue
-        gain = over / under
-        if not 0.4 < gain < 2.5:
+        if whole * log.period / log.length >= 1e-8 and not 0.4 < far / whole < 2.5:
             raise LogError(
-                f"{log.source}: measured_{name} moves {gain:.2g} times as far as the commanded "
-                f"applied_{name} columns say: wrong unit or sign, or exchanged axes"
+                f"{log.source}: measured_{name} moves {far / whole:.2g} times as far as the "
+                f"commanded applied_{name} columns say: wrong unit or sign, or exchanged axes"
             )
 
 
-def _chunks(first: Array, second: Array, period: float) -> list[tuple[Array, Array]]:
-    """Pieces of 2 s of two signals without their straight-line parts."""
-    rows = round(2.0 / period)
-    base, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, rows), 2))
-    pieces: list[tuple[Array, Array]] = []
-    for k in range(len(first) // rows):
-        part = slice(k * rows, (k + 1) * rows)
-        a, b = first[part], second[part]
-        pieces.append((a - base @ (base.T @ a), b - base @ (base.T @ b)))
-    return pieces
+def _pieces(values: Array, rows: int) -> Array:
+    """Signals of shape (..., K, 2) in whole pieces, shape (..., W, rows, 2)."""
+    whole = values[..., : values.shape[-2] // rows * rows, :]
+    return whole.reshape(*values.shape[:-2], -1, rows, 2)
 
 
-def _gain(log: PreparedLog, axis: int) -> float | None:
-    """Acceleration of the ball over what the plate's angle explains, while it rolls.
+def _gains(log: PreparedLog) -> Iterator[float | None]:
+    """Acceleration of the ball over what the plate's angles explain, while it rolls, by axis.
 
     The integral form of the level model: x = x0 + v0 t + gain (k1 phi'' - b phi) - friction.
     """
-    model, period = log.model, log.period
-    rows = round(1.0 / period)
-    line = np.vander(np.linspace(-1, 1, rows), 2)
-    normal, right = np.zeros((2, 2)), np.zeros(2)
+    model, period, rows = log.model, log.period, round(1.0 / log.period)
+
+    def twice_integrated(values: Array) -> Array:
+        for _ in range(2):
+            values = cumulative_trapezoid(values, dx=period, axis=-2, initial=0)
+        return values
+
+    products = np.zeros((2, 3, 3))
     for segment in log.segments:
         ball = segment.even_ball
-        velocity = np.gradient(ball, period, axis=0)
-        smooth = np.stack([np.convolve(v, np.ones(25) / 25, "same") for v in velocity.T], axis=-1)
-        rate = speed(segment.time, ball)
-        for k in range(len(ball) // rows):
-            part = slice(k * rows, (k + 1) * rows)
-            if rate[part].min() < ROLL:
-                continue
-            angle = segment.plate[part, axis] * (1 if axis == 0 else -1)
-            tilt = model.k1 * _double_integral(np.sin(angle), period) - model.c2 * angle
-            direction = smooth[part, axis] / np.maximum(np.hypot(*smooth[part].T), 1e-4)
-            drag = _double_integral(direction, period)
-            columns = np.stack((tilt, drag, ball[part, axis]), axis=-1)
-            columns -= line @ np.linalg.lstsq(line, columns, rcond=None)[0]
-            normal += columns[:, :2].T @ columns[:, :2]
-            right += columns[:, :2].T @ columns[:, 2]
-    if normal[0, 0] * period < 1e-6 or np.linalg.cond(normal) > 1e8:
-        return None
-    return float(np.linalg.solve(normal, right)[0])
-
-
-def _double_integral(values: Array, period: float) -> Array:
-    """From zero, by the trapezoidal rule."""
-    once = cumulative_trapezoid(values, dx=period, initial=0)
-    return np.asarray(cumulative_trapezoid(once, dx=period, initial=0))
+        velocity = uniform_filter1d(np.gradient(ball, period, axis=0), 25, axis=0, mode="constant")
+        way = velocity / np.maximum(np.hypot(*velocity.T), 1e-4)[:, None]
+        rolls = speed(segment.time, ball)[: len(ball) // rows * rows].reshape(-1, rows) >= ROLL
+        if not rolls.all(axis=1).any():
+            continue
+        every = _pieces(np.stack((segment.plate * (1, -1), way, ball)), rows)
+        angle, way, ball = every[:, rolls.all(axis=1)]
+        tilt = model.k1 * twice_integrated(np.sin(angle)) - model.c2 * angle
+        columns = detrend(np.stack((tilt, twice_integrated(way), ball)), axis=-2)
+        products += np.einsum("iwra,jwra->aij", columns, columns)
+    for normal, right in zip(products[:, :2, :2], products[:, :2, 2], strict=True):
+        vague = normal[0, 0] * period < 1e-6 or np.linalg.cond(normal) > 1e8
+        yield None if vague else float(np.linalg.solve(normal, right)[0])
 
 
 SHAPES: dict[str, type[Play] | type[Hysteresis]] = {"flat": Play, "round": Hysteresis}
