@@ -17,8 +17,8 @@ from twin.data_file import parse_toml
 from twin.errors import ScenarioError
 from twin.identify import logs
 from twin.page import Picture, Table, Text, fragment
-from twin.run.files import Signals
 from twin.run.finished import open_runs
+from twin.run.signals import Signals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from ballplate.reporter import Reporter, default, overview, showable
 from twin.errors import RecordError
-from twin.run.files import MOVING, free
+from twin.run.files import free
 from twin.run.finished import Run, of_other_class, save
+from twin.run.signals import MOVING
 from twin.writing import write_whole
 
 if TYPE_CHECKING:

@@ -88,8 +88,8 @@ def run(
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess, cores
+    from twin.run.assemble import PLANTS
     from twin.run.finished import holds_finished
-    from twin.run.plants import PLANTS
 
     folder = writable(out, report)
     file = trace_file(trace, folder, on, report)
@@ -355,8 +355,8 @@ def connected(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None
         return
+    from twin.run.assemble import believed
     from twin.run.connect import connect
-    from twin.run.plants import believed
 
     if scenario.sensors.ideal:
         raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")

@@ -21,7 +21,7 @@ from twin.errors import TwinError
 from twin.hal.interface import Severity
 from twin.hal.rig import Entry
 from twin.identify.logs import read
-from twin.run import plants
+from twin.run import assemble
 from twin.run.connect import ComputingTime
 from twin.run.finished import run
 from twin.scenario.load import load
@@ -101,9 +101,9 @@ def test_a_computer_is_judged_by_what_is_left_of_a_period(median, worst, enough,
 )
 def test_what_a_rig_believes_of_its_cams_needs_no_mechanism(keys, monkeypatch):
     scenario, angle = load("circle", keys), np.array([[0.03, -0.02]])
-    wanted = plants.build_plant([scenario])[1].motor(angle)
-    monkeypatch.setattr(plants, "build_plant", None)
-    assert np.array_equal(plants.believed(scenario).motor(angle), wanted)
+    wanted = assemble.build_plant([scenario])[1].motor(angle)
+    monkeypatch.setattr(assemble, "build_plant", None)
+    assert np.array_equal(assemble.believed(scenario).motor(angle), wanted)
 
 
 KILLED = """

@@ -27,9 +27,9 @@ from twin.identify.twin_model import (
 )
 from twin.identify.windows import STEP, AccelerationField, Windows, replay
 from twin.scenario import load
-from twin.sim.drives import Hysteresis, Play, Resonance
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
+from twin.sim.rig import Hysteresis, Play, Resonance
 
 
 def shown(*verdicts):

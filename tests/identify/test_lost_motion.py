@@ -5,7 +5,7 @@ import pytest
 
 from twin.errors import LogError
 from twin.identify.plate_motion import KEYS, NO_LOOP, lost_motion, triangle
-from twin.sim.drives import Hysteresis, Play
+from twin.sim.rig import Hysteresis, Play
 
 CYCLES = 3
 MOTOR = triangle(np.radians(1.0), np.radians(1.0), CYCLES, 0.002)

@@ -12,10 +12,10 @@ from PIL import Image, ImageColor
 import ballplate as bp
 from twin.errors import RecordError
 from twin.run import film as film_module
-from twin.run.files import MOVING
 from twin.run.film import WRITTEN, Cut, Film, Stage, moving
 from twin.run.finished import Run, record_run, run
 from twin.run.picture import COLOURS
+from twin.run.signals import MOVING
 from twin.scenario.load import check, load
 
 BLUE = np.array(ImageColor.getrgb(COLOURS[0]))

@@ -33,7 +33,7 @@ from twin.shadow.alarms import LATE_THRESHOLD as OWN
 from twin.shadow.belief import PARAMETERS, Belief
 from twin.shadow.evidence import Evidence, plate_evidence
 from twin.shadow.follow import Shadow
-from twin.sim.drives import Play
+from twin.sim.rig import Play
 
 LATE = PARAMETERS.index("delay")
 

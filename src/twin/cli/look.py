@@ -16,8 +16,9 @@ from twin.cli.options import opened as open_all
 from twin.cli.output import TERMINAL, say, warn
 from twin.errors import RecordError, TwinError, ViewError, nearest
 from twin.paths import model_path
-from twin.run.exports import export as export_signals
-from twin.run.files import MOVING, check_no_scenario, run_folder
+from twin.run.files import check_no_scenario, run_folder
+from twin.run.signals import MOVING
+from twin.run.signals import export as export_signals
 from twin.writing import write_whole
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from twin.emulator.screen import Protocol
 from twin.errors import LogError
 from twin.jobs import cores
 from twin.page import Table, digits
-from twin.run.exports import export
+from twin.run.signals import export
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:

@@ -18,10 +18,9 @@ from twin.hal.interface import Limits
 from twin.scenario.describe import UNIT, meanings
 from twin.scenario.schema import Scenario
 from twin.settings import Setting, Unit, settings_of
-from twin.sim.drives import DriveModel, TransmissionError
 from twin.sim.plant.friction import Friction
-from twin.sim.plant.interface import BallStart
-from twin.sim.plant.parts import Parts
+from twin.sim.plant.interface import BallStart, Parts
+from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
 SOURCES: tuple[type, ...] = (

@@ -28,8 +28,7 @@ from twin.fmu.description import (
     variables,
     written,
 )
-from twin.run.assemble import assemble, build_reference, own_errors
-from twin.run.plants import build_friction
+from twin.run.assemble import assemble, build_friction, build_reference, own_errors
 from twin.scenario.schema import Scenario
 from twin.writing import write_whole
 

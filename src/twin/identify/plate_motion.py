@@ -25,7 +25,7 @@ from twin.identify.prepare import (
     speed,
 )
 from twin.identify.search import Estimate, estimate
-from twin.sim.drives import Hysteresis, Play
+from twin.sim.rig import Hysteresis, Play
 
 CORNERS = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
 """Corner frequencies in Hz; the data choose how much of the encoders to believe."""

@@ -17,9 +17,9 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, nearest, shortened
-from twin.run.exports import export
 from twin.run.finished import run
 from twin.run.indicators import METRICS
+from twin.run.signals import export
 from twin.scenario import Scenario
 from twin.shipped import shipped_labs
 from twin.study.family import Family, Point, drawn

@@ -174,9 +174,9 @@ class Stage:
 
         from twin.hal.cams import CamTable  # noqa: PLC0415
         from twin.settings import changed  # noqa: PLC0415
+        from twin.sim.plant.interface import Parts  # noqa: PLC0415
         from twin.sim.plant.mechanism import Addresses  # noqa: PLC0415
         from twin.sim.plant.model import load_model  # noqa: PLC0415
-        from twin.sim.plant.parts import Parts  # noqa: PLC0415
 
         self._gl, self._cams = mujoco, CamTable.packaged()
         self._model = load_model(parts=changed(Parts, run.scenario))
@@ -198,7 +198,7 @@ class Stage:
             tilt: Plate angles phi, theta in rad, shape (2,).
             path: The reference in plate axes, m, shape (N, 2).
         """
-        from twin.sim.plant.kinematics import from_plate  # noqa: PLC0415
+        from twin.sim.plant.interface import from_plate  # noqa: PLC0415
 
         gl, data, at = self._gl, self._data, self._at
 
@@ -276,9 +276,9 @@ class Film:
         with mpl.rc_context(LOOK):
             dpi = (cut.size + 1e-3) / WIDE * 100
             self._figure = Figure((WIDE / 100, high / 100), dpi, facecolor=CARD)
-            self._canvas = FigureCanvasAgg(self._figure)
+            self._canvas: Any = FigureCanvasAgg(self._figure)
             self._panels = {
-                name: self._figure.add_axes(np.ravel(np.reshape(each, (2, 2)) / self._whole))
+                name: self._figure.add_axes((*each[:2] / self._whole, *each[2:] / self._whole))
                 for name, each in PLACES.items()
             }
             self._lay_out()
@@ -383,8 +383,8 @@ class Film:
         self._write(16, 104, "distance from the reference (+) [mm] over time [s]", 8, GREY)
 
     def _write(self, x: float, y: float, text: str, size: int, colour: str, **more: Any) -> Text:
-        place = (x, y) / self._whole
-        return self._figure.text(*place, text, fontsize=size, color=colour, **more)
+        x, y = (x, y) / self._whole
+        return self._figure.text(x, y, text, fontsize=size, color=colour, **more)
 
     def frames(self) -> Iterator[Image.Image]:
         """The frames in their order, with one palette of at most 256 colours."""

@@ -23,8 +23,8 @@ from twin.run.record import Recorder
 from twin.scenario.load import read, recorded, resolved, setting
 from twin.scenario.schema import Scenario
 from twin.settings import filled
-from twin.sim.drives import DriveModel, TransmissionError
 from twin.sim.plant.friction import Friction
+from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
 BALL = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")

@@ -29,8 +29,8 @@ from twin.identify.search import START_PRIOR, Linearisation, fit_starts
 from twin.identify.windows import BIN, LOOKBACK, STEP, Spans, Windows, cut, moving_spans
 from twin.settings import changed
 from twin.shadow.belief import BALL, DRIVES, PARAMETERS, Belief
-from twin.sim.plant.linear import STATES, linear_mechanism
-from twin.sim.plant.parts import Parts
+from twin.sim.calibration import STATES, linear_mechanism
+from twin.sim.plant.interface import Parts
 
 
 @dataclass(frozen=True)
