@@ -28,13 +28,11 @@ from twin.cli.output import progress
 from twin.jobs import cores, results
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
-from twin.shadow.belief import CONSTANT, PARAMETERS, believed
-from twin.shadow.diagnosis import THRESHOLD, likely
+from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, likely
+from twin.shadow.belief import CONSTANT, PARAMETERS, believed, logs
+from twin.shadow.evidence import GAPS
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import BAND, MEDIAN
-from twin.shadow.monitor import LATE_THRESHOLD
-from twin.shadow.motion import GAPS
-from twin.shadow.simulated import logs
 from twin.study.family import drawn as drawn_rigs
 from twin.study.family import read
 from twin.study.work import code, digest
@@ -237,7 +235,7 @@ def carry_out(job: Job) -> list[dict[str, Any]]:
     for each, (_, truth), log in zip(job.rigs, pairs, logs(pairs), strict=True):
         said = shadow(log, believed(log))
         first = said.alarms[0] if said.alarms else None
-        run = None if said.one_second is None else said.one_second.take(said.one_second.counted)
+        run = None if said.replays is None else said.replays.take(said.replays.counted)
         found.append(
             {
                 "seed": each.seed,

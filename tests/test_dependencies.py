@@ -44,7 +44,7 @@ def test_a_changed_dependency_changes_the_hash(test, path):
 
 @pytest.mark.parametrize(
     ("test", "path"),
-    [(TABLES, "src/twin/view/viewer.py"), (TRIALS, "src/twin/devices/akd/frames.py")],
+    [(TABLES, "src/twin/view/viewer.py"), (TRIALS, "src/twin/devices/akd/protocol.py")],
 )
 def test_a_change_in_an_unrelated_room_does_not(test, path):
     assert (ROOT / path).is_file()

@@ -20,7 +20,7 @@ from twin.devices.realtime import TimingLog
 from twin.errors import TwinError
 from twin.hal.interface import Severity
 from twin.hal.rig import Entry
-from twin.identify.log import read
+from twin.identify.logs import read
 from twin.run import assemble
 from twin.run.connect import ComputingTime
 from twin.run.finished import run
@@ -78,6 +78,12 @@ def test_a_law_that_computes_for_longer_than_a_period_never_meets_a_rig(tmp_path
     (tmp_path / "laws" / "busy.py").write_text(BUSY)
     with pytest.raises(TwinError, match=r"busy computes for 1\.\d\d .* no period can be kept"):
         bp.run("circle", controller="busy", on="emulated")
+
+
+@pytest.mark.parametrize("on", ["emulated", "rig.toml"])
+def test_a_rig_on_a_wire_is_not_changed_by_its_scenario(on):
+    with pytest.raises(TwinError, match=rf"on {on}: \[\[change\]\] .* none on a wire"):
+        bp.run("circle", ['change=[{at=1, set={"plant.level_deg"=[1.0, 0.0]}}]'], on=on)
 
 
 @pytest.mark.parametrize(

@@ -139,7 +139,7 @@ def test_a_saved_run_is_a_run_that_says_it_was_driven(played):
     ]
     said = summary(saved, Diagnosis.of(saved))
     assert (
-        "It was driven by hand: 3 goals, 1 push, 1 change of the rig, 1 change of the controller."
+        "It was driven by hand: goals 3, pushes 1, changes of the rig 1, of the controller 1."
     ) in said
     metrics = json.loads((folder / "metrics.json").read_text())
     assert metrics["driven"]["goals"] == 3

@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 
 from twin.run.picture import COLOURS
 from twin.view.recording import GROUND, SKY
-from twin.view.signals import RUNS, WORDS, Signal, tinted
+from twin.view.streams import RUNS, WORDS, Signal, tinted
 
 LEAST = 3.0
 WHITE = np.ones(3)

@@ -16,7 +16,7 @@ from twin.report.summary import Diagnosis, spectrum, summary, verdict
 from twin.run.files import UNITS
 from twin.run.finished import Run, open_run, open_runs, run, save
 from twin.scenario.load import check, clean
-from twin.view.signals import signals
+from twin.view.streams import signals
 from twin.writing import write_json
 
 pytestmark = pytest.mark.usefixtures("quick_pictures")
@@ -105,12 +105,12 @@ def test_what_the_observer_made_of_friction_is_told():
     told = " ".join(summary(one, Diagnosis.of(one)))
     assert "slow the ball by 53 ± 4 mm/s²" in told
     assert "+5.3 ± 0.4 % along x" in told
-    plots = signals(one.rows, one.motion.reference, one.limits)
+    plots = signals(one.rows, one.motion.reference)
     assert plots["friction_mm_per_s2"]["friction"].values[0] == pytest.approx(53)
     silent = made(rest, **measured)
     told = " ".join(summary(silent, Diagnosis.of(silent)))
     assert "observer took friction" not in told
-    assert "friction_mm_per_s2" not in signals(silent.rows, silent.motion.reference, silent.limits)
+    assert "friction_mm_per_s2" not in signals(silent.rows, silent.motion.reference)
 
 
 def test_a_ball_stuck_by_friction_is_called_stuck():
@@ -301,10 +301,13 @@ def test_of_many_runs_each_is_told_in_a_sentence(page, runs):
     assert many.count("run_1: Tracking error e_tt") == 4
 
 
-def test_a_page_of_simulated_runs_has_no_picture_of_lateness(runs):
-    titles = [panel.get_title() for panel in details(runs).axes]
-    assert len(titles) == 3
-    assert not any("late" in title for title in titles)
+def test_where_nobody_knows_the_truth_no_error_of_the_estimate_is_drawn(runs):
+    one = runs[0]
+    real = {name: rows for name, rows in one.rows.items() if not name.startswith("true")}
+    for shown, panels in ((runs, 3), ([replace(one, rows=real)], 2)):
+        titles = [panel.get_title() for panel in details(shown).axes]
+        assert len(titles) == panels
+        assert any("estimated" in title for title in titles) == (panels == 3)
 
 
 def test_an_unknown_format_names_the_known_ones(tmp_path):

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from twin.scenario import load
-from twin.shadow.belief import believed
+from twin.shadow.belief import believed, logs
 from twin.shadow.evidence import clear, gaps
 from twin.shadow.follow import shadow
-from twin.shadow.simulated import logs
 
 PERIOD = 0.002
 

@@ -13,16 +13,16 @@ from click.testing import CliRunner
 from twin.cli.runs import run as run_command
 from twin.cli.understand import shadow as shadow_command
 from twin.errors import TwinError
-from twin.identify.log import read
+from twin.identify.logs import read
 from twin.identify.prepare import prepare
 from twin.run.finished import open_run, run, save
 from twin.scenario import load
 from twin.shadow import follow
-from twin.shadow.diagnosis import Alarm, Cause
+from twin.shadow.alarms import Alarm, Cause
 from twin.shadow.evidence import Evidence
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
-from twin.shadow.report import Commentary, examine, scores, write
+from twin.shadow.report import Commentary, examine, told, write
 from twin.view.recording import encoded
 from twin.view.streams import TwinStream, saved_twin
 
@@ -41,7 +41,7 @@ def replays(error, time):
     spread = np.broadcast_to(1e-6 * np.eye(2), (count, 2, 2))
     told = np.ones(count, bool)
     path = np.zeros((count, 51, 2)) + np.arange(51)[:, None] / 1000
-    return Replays(np.asarray(time), 1.0, np.asarray(error), spread, told, path)
+    return Replays(np.asarray(time), np.asarray(error), spread, told, path)
 
 
 class Scripted:
@@ -88,14 +88,14 @@ def test_an_alarm_is_one_line_and_its_causes_are_one_when_they_are_settled():
 
 def test_the_band_that_is_drawn_is_the_band_of_the_verdict():
     run = replays([[1e-3, 0.0], [2.4e-3, 0.0], [2.5e-3, 0.0]], [0.0, 1.0, 2.0])
-    drawn = scores(run)
-    assert drawn.time.tolist() == [1, 2, 3]
-    assert ((drawn.distance <= drawn.band) == (run.square <= BAND)).all()
-    assert drawn.band == pytest.approx(np.sqrt(BAND))  # of 1 mm, in every direction
-    assert drawn.ball_time[[0, 50, 51]] == pytest.approx([0.0, 1.0, 1.0])
-    entities = {each.entity for each in TwinStream("a", load("circle")).batches(drawn, [])}
-    assert "/a/twin_error_mm/band" in entities
-    assert "/a/mechanism/cardan/plate/twin_ball" in entities
+    drawn = told(run)
+    assert drawn.rows["time"].tolist() == [1, 2, 3]
+    assert ((drawn.rows["distance"] <= drawn.rows["band"]) == (run.square <= BAND)).all()
+    assert drawn.rows["band"] == pytest.approx(np.sqrt(BAND) / 1000)  # in every direction
+    batches = {each.entity: each for each in TwinStream("a", load("circle")).batches(drawn, [])}
+    assert batches["/a/twin_error_mm/band"].time.tolist() == [1, 2, 3]
+    ball = batches["/a/mechanism/cardan/plate/twin_ball"]
+    assert ball.time[[0, 50, 51]] == pytest.approx([0.0, 1.0, 1.0])
 
 
 def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
@@ -109,10 +109,13 @@ def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
     examined = examine(path, path, proposing=False)
     alarm = Alarm(2.0, 1.5, 20.0, (Cause("level", 1.0, "phi +0.100 deg"),))
     write(replace(examined, alarms=[alarm]), path)
-    said = saved_twin(opened)
-    assert said.events == [(2.0, f"alarm at {alarm.words}")]
-    for drawn_live, read_back in zip(scores(examined.replays), said.scores, strict=True):
-        assert read_back == pytest.approx(drawn_live, nan_ok=True)
+    said, events = saved_twin(opened)
+    assert events == [(2.0, f"alarm at {alarm.words}")]
+    live = told(examined.replays)
+    assert (said.horizon, said.step) == (live.horizon, live.step)
+    assert said.rows.keys() == live.rows.keys()
+    for name, read_back in said.rows.items():
+        assert read_back == pytest.approx(live.rows[name], nan_ok=True)
     entities = b"twin_score/score", b"plate_mm/twin", b"twin_error_mm/band", b"phi +0.100 deg"
     assert all(name in encoded([opened]) for name in entities)
     # another record in the same folder is not what was judged
@@ -171,11 +174,11 @@ def test_what_is_said_while_a_run_goes_on_is_what_is_said_afterwards(
         monkeypatch.setattr(follow, "prepare", lambda log: replace(prepare(log), sigma=sigma))
     follower = follow.LiveFollower(recorded.scenario, "the run")
     rows = recorded.rows
-    told = []
+    alarms = []
     for first in range(0, len(rows["time"]), 170):
         if follower.take({name: values[first : first + 170] for name, values in rows.items()}):
-            told += follower.ask()
-    told += follower.ask(whole=True)
+            alarms += follower.ask()
+    alarms += follower.ask(whole=True)
     scored = pq.read_table(path / "shadow.parquet").to_pydict()
     afterwards = json.loads((path / "shadow.json").read_text(encoding="utf-8"))
     live = follower.said.replays
@@ -185,11 +188,11 @@ def test_what_is_said_while_a_run_goes_on_is_what_is_said_afterwards(
     expected = np.array(scored["score"])[counted]
     rel, least = (0.01, 0.005) if noise_known else (0.25, 0.06)
     assert live.score[counted] == pytest.approx(expected, rel=rel, abs=least)
-    assert [alarm.time for alarm in told] == pytest.approx(
+    assert [alarm.time for alarm in alarms] == pytest.approx(
         [alarm["time"] for alarm in afterwards["alarms"]], abs=0.05
     )
     names = [alarm["causes"][0]["name"] for alarm in afterwards["alarms"]]
-    assert [alarm.causes[0].name for alarm in told] == names
+    assert [alarm.causes[0].name for alarm in alarms] == names
 
 
 def test_a_new_window_that_ends_before_an_old_one_is_neither_dropped_nor_is_an_old_one_told_twice():

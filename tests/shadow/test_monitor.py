@@ -12,18 +12,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from twin.identify.log import MECHANISM_LAG
+from twin.identify.logs import MECHANISM_LAG
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import Segment
 from twin.scenario import load
-from twin.shadow.belief import PARAMETERS, Belief
-from twin.shadow.diagnosis import THRESHOLD
-from twin.shadow.evidence import Evidence
-from twin.shadow.follow import Shadow
-from twin.shadow.monitor import (
+from twin.shadow.alarms import (
     ADDED,
-    CAUSE,
+    DEAD_TIME,
     MOST,
+    THRESHOLD,
     added_up,
     bounded,
     delayed,
@@ -32,8 +29,10 @@ from twin.shadow.monitor import (
     standing,
     statistic,
 )
-from twin.shadow.monitor import LATE_THRESHOLD as OWN
-from twin.shadow.motion import plate_evidence
+from twin.shadow.alarms import LATE_THRESHOLD as OWN
+from twin.shadow.belief import PARAMETERS, Belief
+from twin.shadow.evidence import Evidence, plate_evidence
+from twin.shadow.follow import Shadow
 from twin.sim.rig import Play
 
 LATE = PARAMETERS.index("delay")
@@ -117,12 +116,12 @@ def test_no_window_adds_more_than_it_may_whatever_came_before(belief):
     found = windows(0.002 * rng.standard_t(1.5, 60))
     ratio = delayed(found, belief)
     assert np.diff(ratio, prepend=0.0).max() <= ADDED + 1e-9
-    assert np.diff(added_up(found, belief, 0, CAUSE, np.inf)).max() > 2 * ADDED
+    assert np.diff(added_up(found, belief, 0, DEAD_TIME, np.inf)).max() > 2 * ADDED
 
 
 def test_without_a_bound_it_is_the_largest_ratio_of_any_change(belief):
     found = windows(np.repeat((0.0, 0.004), 10))
-    every = added_up(found, belief, 0, CAUSE, np.inf)
+    every = added_up(found, belief, 0, DEAD_TIME, np.inf)
     prior = belief.drift[LATE] ** 2
 
     def evidence(d, variance, mean):  # of windows with independent errors, by their joint density

@@ -7,9 +7,8 @@ import pytest
 
 from twin.identify.prepare import prepare
 from twin.scenario import load
-from twin.shadow.belief import DRIVES, PARAMETERS, believed
-from twin.shadow.motion import plate_angles, plate_evidence, whitened
-from twin.shadow.simulated import logs
+from twin.shadow.belief import DRIVES, PARAMETERS, believed, logs
+from twin.shadow.evidence import plate_angles, plate_evidence, whitened
 
 SHAKEN = ("duration=5", "seed=3", "plant.step=0.002", "plant.servo.backlash_deg=0.1")
 

@@ -13,18 +13,15 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.understand import shadow as command
-from twin.errors import TwinError
-from twin.identify.log import MECHANISM_LAG, LogError, read
+from twin.errors import LogError, TwinError
+from twin.identify.logs import MECHANISM_LAG, read
 from twin.run.finished import run, save
 from twin.scenario import load
-from twin.shadow.belief import PARAMETERS, Belief, believed
-from twin.shadow.diagnosis import THRESHOLD, weigh
-from twin.shadow.evidence import NONE, Evidence, log_evidence, posterior
+from twin.shadow.alarms import THRESHOLD, Before, weigh
+from twin.shadow.belief import PARAMETERS, Belief, believed, logs
+from twin.shadow.evidence import NONE, Evidence, log_evidence, posterior, whitened
 from twin.shadow.follow import shadow
-from twin.shadow.monitor import Before
-from twin.shadow.motion import whitened
 from twin.shadow.report import page
-from twin.shadow.simulated import logs
 
 ROLLING = '"plant.friction.rolling_mm"=0.234'
 CHANGES = {
@@ -110,7 +107,7 @@ def test_the_mechanism_is_healthy_beside_the_exact_twin(mechanisms):
 @pytest.mark.long
 def test_a_score_rises_when_friction_does(found):
     run = found["rolling friction"].replays
-    before = run.counted & (run.time + run.ahead < 7)
+    before = run.counted & (run.time + 1 < 7)
     after = run.counted & (run.time > 7)
     assert np.median(run.score[after]) > 3 * np.median(run.score[before])
 
@@ -183,7 +180,7 @@ def test_a_gap_is_shown_and_never_bridged(recorded):
     run = said.replays
     assert (run.time < 6).any()
     assert (run.time > 6.8).any()
-    assert not ((run.time < 6.8) & (run.time + run.ahead > 6)).any()
+    assert not ((run.time < 6.8) & (run.time + 1 > 6)).any()
     assert "1 gaps of 0.80 s" in page(said)
 
 

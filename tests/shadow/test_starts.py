@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from twin.identify.prepare import prepare
-from twin.identify.problem import Problem
 from twin.identify.search import SETTLED, fit_starts
+from twin.identify.twin_model import Problem
 from twin.scenario import load
-from twin.shadow import motion
-from twin.shadow.belief import believed
+from twin.shadow import evidence
+from twin.shadow.belief import believed, logs
+from twin.shadow.evidence import ball_evidence, ball_windows
 from twin.shadow.horizon import replays
-from twin.shadow.motion import ball_evidence, ball_windows
-from twin.shadow.simulated import logs
 
 NO_GAPS = np.zeros((0, 2))
 
@@ -41,14 +40,14 @@ def recorded(log):
 def test_windows_in_portions_say_what_all_at_once_say(log, recorded, monkeypatch):
     belief, windows = recorded
     whole = ball_evidence(windows, belief)
-    run = replays(prepare(log), belief, NO_GAPS, 1.0, 1.0)
-    monkeypatch.setattr(motion, "AT_ONCE", 3)
+    run = replays(prepare(log), belief, NO_GAPS)
+    monkeypatch.setattr(evidence, "AT_ONCE", 3)
     assert len(windows) % 3  # the last portion is shorter
     parts = ball_evidence(windows, belief)
     assert parts.end.tolist() == whole.end.tolist()
     assert parts.score == pytest.approx(whole.score, rel=1e-6, abs=1e-9)
     assert parts.information == pytest.approx(whole.information, rel=1e-6, abs=1e-9)
-    again = replays(prepare(log), belief, NO_GAPS, 1.0, 1.0)
+    again = replays(prepare(log), belief, NO_GAPS)
     for name in ("time", "error", "spread", "told", "path"):
         known = getattr(run, name)
         assert getattr(again, name) == pytest.approx(known, rel=1e-6, abs=1e-9, nan_ok=True)

@@ -16,9 +16,8 @@ from twin.cli.runs import run as run_command
 from twin.errors import ViewError
 from twin.run.finished import run
 from twin.shadow import report
-from twin.view import recording, terminal, viewer
-from twin.view.live_process import LiveProcess, SharedRingBuffer
-from twin.view.terminal import Summary
+from twin.view import recording, viewer
+from twin.view.live_process import LiveProcess, SharedRingBuffer, Summary, summarise
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
 
@@ -91,7 +90,7 @@ def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
 
 @pytest.mark.long
 @pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
-@pytest.mark.parametrize(("work", "more"), [(terminal.work, ()), (report.work, (None,))])
+@pytest.mark.parametrize(("work", "more"), [(summarise, ()), (report.work, (None,))])
 def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, work, more, blow):
     chosen = scenario("duration=1")
     with closing(LiveProcess(work, (chosen, *more))) as tap:
@@ -224,16 +223,13 @@ def test_the_summary_says_where_the_run_is(scenario):
         ):
             rows[f"{kind}_{part}"] = done.record[channel][:, 0, i]
     summary = Summary(chosen)
-    assert summary.fields() == {}
     for begin in range(0, 1000, 130):
-        summary.take({name: column[begin : begin + 130] for name, column in rows.items()})
-    told = summary.fields()
+        line = summary.line({name: column[begin : begin + 130] for name, column in rows.items()})
     distance = 1000 * np.hypot(*(done.motion.reference - done.motion.ball).T)
-    assert told["progress"] == "2.0 of 4 s (50%)"
-    assert told["error"].startswith(f"{distance[-1]:.1f} mm")
-    assert f"{np.sqrt((distance[-500:] ** 2).mean()):.1f} mm RMS" in told["error"]
-    assert f"largest {distance.max():.1f} mm" in told["error"]
-    assert told["state"] == "running"
+    assert line.startswith(f"2.0 of 4 s (50%), error {distance[-1]:.1f} mm")
+    assert f"{np.sqrt((distance[-500:] ** 2).mean()):.1f} mm RMS" in line
+    assert f"largest {distance.max():.1f} mm" in line
+    assert line.endswith(", running")
 
 
 @pytest.mark.long

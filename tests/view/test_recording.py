@@ -11,7 +11,7 @@ from twin.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, run, save
 from twin.view import viewer
 from twin.view.recording import blueprint, write
-from twin.view.signals import BLACK, BLUE, ORANGE, PINK, Signal, explained, shown_range, tinted
+from twin.view.streams import BLACK, BLUE, ORANGE, Signal, explained, tinted
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
@@ -21,13 +21,10 @@ PROMISED = (
     "mechanism/cardan/plate/ball/ball",
     "mechanism/cardan/plate/trail",
     "mechanism/cardan/plate/reference_path",
-    "mechanism/cardan/plate/force_ball",
     "mechanism/cardan/cross_phi",
     "mechanism/motor_phi/cam_phi",
     "mechanism/cardan/plate/wheel_phi_disc",
-    "mechanism/spring/coil",
-    "mechanism/force_wheel_phi",
-    "mechanism/force_wheel_theta",
+    "mechanism/spring",
     "plate_mm/screen",
     "plate_mm/operating_area",
     "plate_mm/friction_map",
@@ -41,7 +38,6 @@ PROMISED = (
     "position_y_mm/ball",
     "error_mm/distance",
     "angle_deg/phi",
-    "angle_deg/limit_high",
     "rate_deg_per_s/theta",
     "effort_rad_per_s2/phi",
     "estimation_error_mm/x",
@@ -161,11 +157,7 @@ def test_the_viewer_opens_a_recording_without_a_warning_of_our_making(folder, tm
     assert os.path.getsize(tmp_path / "view.png") > 10_000  # noqa: PTH202
 
 
-ANGLE = {
-    "phi": Signal(np.array([-1.0, np.nan, 3.0]), BLUE),
-    "limit_high": Signal(np.full(3, 10.0), PINK),
-    "limit_low": Signal(np.full(3, -10.0), PINK),
-}
+PHI = {"phi": Signal(np.array([-1.0, np.nan, 3.0]), BLUE)}
 
 NO_LINES = ("StateTimelineView", "TextLogView")
 """Views that show words in the colours of the viewer's own theme."""
@@ -183,26 +175,14 @@ def views(plan):
     return found
 
 
-def test_limits_do_not_squash_the_lines_and_a_flat_line_has_room():
-    assert shown_range([ANGLE]) == pytest.approx((-1.2, 3.2))
-    assert shown_range([{"phi": Signal(np.full(3, np.nan), BLUE)}]) == (-0.05, 0.05)
-    assert shown_range([{"phi": Signal(np.zeros(3), BLUE)}]) == (-0.05, 0.05)
-
-
-def test_of_several_runs_the_error_is_as_high_as_the_distance():
-    plot = {"distance": Signal(np.array([0.0, 1.0]), BLUE), "x": Signal(np.array([-9.0, 0]), BLUE)}
-    assert shown_range([plot])[0] < -9
-    assert shown_range([plot, plot])[0] == pytest.approx(-0.05)
-
-
 def test_titles_say_in_words_which_line_is_which():
     position = {"ball": Signal(np.zeros(2), BLUE), "estimate": Signal(np.zeros(2), ORANGE)}
     position["reference"] = Signal(np.zeros(2), BLACK)
     assert explained([position], ["run"]) == "ball blue, estimate gold, reference white"
-    assert explained([ANGLE], ["run"]) == "phi blue, limit pink"
-    two = {"phi": ANGLE["phi"], "theta": ANGLE["phi"]}
+    assert explained([PHI], ["run"]) == "phi blue"
+    two = {"phi": PHI["phi"], "theta": PHI["phi"]}
     assert explained([two, two], ["afl", "lqr"]) == "afl blue, lqr orange, theta lighter"
-    alone = tinted({"friction": ANGLE["phi"], "disturbance_x": ANGLE["phi"]}, 1)
+    alone = tinted({"friction": PHI["phi"], "disturbance_x": PHI["phi"]}, 1)
     assert explained([{}, alone], ["circle", "cure"]) == "cure orange"
 
 

@@ -180,6 +180,7 @@ def report(
 @click.option("--fps", type=int, help="Its frames a second [20].")
 @click.option("--size", type=int, help="Its width in pixels [600].")
 @click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
+@click.option("--reference", "wished", is_flag=True, help="Of a rig: its reference is an output.")
 @SETTING
 @click.option(
     "--render",
@@ -193,6 +194,7 @@ def export(
     columns: str | None,
     beside: tuple[Path, ...],
     fmi: str | None,
+    wished: bool,
     overrides: tuple[str, ...],
     **cut: Any,
 ) -> int:
@@ -206,13 +208,16 @@ def export(
     """
     if file.suffix == ".fmu":
         if every or columns is not None or beside or any(a is not None for a in cut.values()):
-            raise RecordError(f"{file}: of an .fmu there are the options --fmi and --set only")
+            raise RecordError(
+                f"{file}: of an .fmu there are the options --fmi, --reference and --set only"
+            )
         from ballplate.exporting import fmu
 
-        say(f"written to {fmu(run, file, overrides, fmi=int(fmi or 2), reporter=TERMINAL)}")
+        made = fmu(run, file, overrides, fmi=int(fmi or 2), wished=wished, reporter=TERMINAL)
+        say(f"written to {made}")
         return 0
-    if fmi or overrides:
-        raise RecordError(f"{file}: --fmi and --set are of a scenario's rig: .fmu")
+    if fmi or wished or overrides:
+        raise RecordError(f"{file}: --fmi, --reference and --set are of a scenario's rig: .fmu")
     from ballplate.comparing import labelled
     from ballplate.results import Result
     from twin.run.finished import open_run

@@ -393,10 +393,9 @@ class Viewing:
 
     def _summary(self, scenario: Scenario) -> LiveProcess:
         """Start the live summary."""
-        from twin.view import terminal
-        from twin.view.live_process import LiveProcess
+        from twin.view.live_process import LiveProcess, summarise
 
-        return LiveProcess(terminal.work, (scenario,))
+        return LiveProcess(summarise, (scenario,))
 
     def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
         """Start the twin beside the run, drawn in the view if there is one."""

@@ -153,8 +153,8 @@ def identify(
     files = [log_file(log) for log in logs]
     share = _share(held)
     from ballplate.loading import identify as identify_log
+    from twin.identify.judged import IDENTIFIED
     from twin.identify.report import HEADS, rows
-    from twin.identify.verdict import IDENTIFIED
 
     folder = check_writable(out or ROOT / f"identify-{run_name(files[0])}")
     done = identify_log(
@@ -239,20 +239,15 @@ def fit(
     return int(all(each.verdict != "seen" for each in found.estimates))
 
 
-HORIZON = click.Choice(["0.5", "1", "2"])
-
-
 @options.command(example="shadow runs/circle")
 @click.argument("log", type=options.PATH)
 @options.SETTING
-@click.option("--horizon", type=HORIZON, default="1", show_default=True, help="Seconds ahead.")
 @click.option("--no-proposal", is_flag=True, help="Identify nothing, propose nothing.")
 @click.option("--out", type=options.PATH, help="Folder [RUN, or runs/shadow-LOG].")
 @options.JSON
 def shadow(
     log: Path,
     overrides: tuple[str, ...],
-    horizon: str,
     out: Path | None,
     *,
     no_proposal: bool,
@@ -270,9 +265,7 @@ def shadow(
 
     folder = check_writable(out or (log.parent if is_record(log) else ROOT / f"shadow-{name}"))
     with progress(f"the twin beside {name}", 1.0) as advance:
-        found = examine(
-            log, folder, overrides, float(horizon), proposing=not no_proposal, progress=advance
-        )
+        found = examine(log, folder, overrides, proposing=not no_proposal, progress=advance)
     show(found.as_dict(), advice(found), folder, FILES)
     return int(bool(found.alarms))
 

@@ -30,9 +30,9 @@ def overview(runs: Sequence[Run]) -> Figure:
 
 
 def details(runs: Sequence[Run]) -> Figure:
-    """Error spectrum, estimation error, distribution of the error; in real time, lateness."""
-    late = {index: each for index, run in enumerate(runs) if (each := lateness(run)) is not None}
-    names = ["spectrum", "estimate", "share", *(["late"] if late else [])]
+    """Error spectrum, distribution of the error and, where the truth is known, estimation error."""
+    known = any("true_x" in run.rows for run in runs)
+    names = ["spectrum", "share", *(["estimate"] if known else [])]
     with drawn(12, 3.4) as figure:
         panels = dict(zip(names, figure.subplots(1, len(names)), strict=True))
         for index, run in enumerate(runs):
@@ -46,29 +46,13 @@ def details(runs: Sequence[Run]) -> Figure:
             if "true_x" in run.rows:
                 wrong = 1000 * (columns(run.rows, "estimated")[:, 0::4] - run.motion.ball)
                 panels["estimate"].plot(run.motion.time, np.hypot(*wrong.T), **look)
-        unknown = panels["estimate"]
-        if not unknown.lines:
-            words = "on a real rig nobody knows\nwhere the ball truly is"
-            look = {"ha": "center", "va": "center", "color": "0.4"}
-            unknown.text(0.5, 0.5, words, transform=unknown.transAxes, **look)
-            unknown.set(xticks=[], yticks=[])
-        top = max((float(each.max()) for each in late.values()), default=0.0)
-        for index, each in late.items():
-            edges = np.linspace(0, max(top, 1.0), 60).tolist()
-            panels["late"].hist(each, edges, histtype="step", log=True, **style(index))
         for name, panel in panels.items():
             panel.set(**DETAILS[name]["words"])
-            panel.set_ylim(**DETAILS[name].get("limits", {}))
+            panel.set_ylim(**DETAILS[name]["limits"])
         if 1 < len(runs) <= MOST:
             entries = panels["spectrum"].get_legend_handles_labels()
             figure.legend(*entries, loc="outside lower center", ncols=4, fontsize=9)
     return figure
-
-
-def lateness(run: Run) -> np.ndarray | None:
-    """How late each period of a real-time run began, us, shape (K,); None in simulated time."""
-    names = [name for name in run.rows if name.startswith("late")]
-    return 1e6 * run.rows[names[0]] if names else None
 
 
 LISTED = 40

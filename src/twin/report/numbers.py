@@ -148,11 +148,13 @@ def as_latex(runs: Sequence[Run]) -> str:
     """The table for a paper; needs nothing but LaTeX itself."""
     frame = _frame(runs).rename(columns={"indicator": ""})
     frame = frame.iloc[:, [0, *range(2, 2 + len(runs)), 1]]
-    style = frame.style.hide(axis="index").format(_escaped).format_index(_escaped, axis=1)
+    style = (
+        frame.style.hide(axis="index").format(escape="latex").format_index(escape="latex", axis=1)
+    )
     text: str = style.to_latex(column_format=f"l{'r' * len(runs)}l", hrules=True)
     for rule in ("toprule", "midrule", "bottomrule"):
         text = text.replace(rule, "hline")
-    return text
+    return text.replace("|", "$|$").replace("²", "$^2$")
 
 
 def _frame(runs: Sequence[Run]) -> pd.DataFrame:
@@ -161,9 +163,3 @@ def _frame(runs: Sequence[Run]) -> pd.DataFrame:
 
     heads = ["indicator", "unit", *(run.name for run in runs)]
     return pd.DataFrame([(row.label, row.unit, *row.values) for row in rows(runs)], columns=heads)
-
-
-def _escaped(text: str) -> str:
-    special = {char: rf"\{char}" for char in "&%$#_{}"} | {"|": "$|$", "²": "$^2$"}
-    special |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    return "".join(special.get(char, char) for char in text)

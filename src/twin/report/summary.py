@@ -185,7 +185,7 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
     told = [
         _ending(run),
         *_by_hand(run),
-        _error(run, found),
+        f"{_size(run, found)}.",
         *_rested(found),
         *(fact.sentence for fact in _limits(run, found)),
         *_estimated(found),
@@ -211,15 +211,20 @@ def verdict(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     """
     if run.metrics.get("outcome") != "finished":
         return _ending(run)
+    limits = [fact.words for fact in _limits(run, found)]
+    limits = [words for words in limits if words != FREE] or limits
+    return f"{_size(run, found, clean)}: {'; '.join(limits)}."
+
+
+def _size(run: Run, found: Diagnosis, clean: float | None = None) -> str:
+    """How large the error was; arguments as for ``verdict``."""
     percent = run.metrics.get("tracking_error_percent")
     beside = f" ({clean:.3g} % on the clean model)" if clean is not None else ""
     share = f"Tracking error e_tt {percent:.3g} %{beside}, " if percent is not None else ""
-    rms = f"{_mm(found.rms)} RMS over x and y"
     start = run.scenario.metrics.start
-    since = f" from {start:.4g} s on" if start else ""
-    limits = [fact.words for fact in _limits(run, found)]
-    limits = [words for words in limits if words != FREE] or limits
-    return f"{share}{rms}{since}: {'; '.join(limits)}."
+    judged = 0 < start < (run.metrics.get("outcome_time") or run.scenario.duration)
+    since = f" from {start:.4g} s on" if judged else ""
+    return f"{share}{_mm(found.rms)} RMS over x and y{since}"
 
 
 class Fact(NamedTuple):
@@ -320,40 +325,16 @@ def _by_hand(run: Run) -> list[str]:
     """Of a run that a person drove: what they did."""
     if not run.driven:
         return []
-    done = [
-        _counted(number, word)
-        for number, word in (
-            (run.driven["goals"], "goal"),
-            (len(run.driven["pushes"]), "push"),
-            (run.driven["changes"], "change of the rig"),
-            (len(run.driven["controllers"]) - 1, "change of the controller"),
-        )
-        if number > 0
+    driven = run.driven
+    return [
+        f"It was driven by hand: goals {driven['goals']}, pushes {len(driven['pushes'])}, changes "
+        f"of the rig {driven['changes']}, of the controller {len(driven['controllers']) - 1}."
     ]
-    return [f"It was driven by hand: {', '.join(done) or 'nothing was done'}."]
-
-
-def _counted(number: int, word: str) -> str:
-    """A number of things, in words."""
-    if number == 1:
-        return f"1 {word}"
-    head, _, rest = word.partition(" ")
-    plural = f"{head}{'es' if head.endswith('sh') else 's'}"
-    return f"{number} {plural} {rest}".strip()
 
 
 def _mm(distance: float) -> str:
     """A distance in m, in words; nothing that no rig could tell from none."""
     return f"{1000 * distance:.3g} mm" if distance >= LEAST else f"below {1000 * LEAST:g} mm"
-
-
-def _error(run: Run, found: Diagnosis) -> str:
-    start = run.scenario.metrics.start
-    judged = 0 < start < (run.metrics.get("outcome_time") or run.scenario.duration)
-    since = f"From {start:.4g} s on the" if judged else "The"
-    percent = run.metrics.get("tracking_error_percent")
-    share = f", {percent:.3g} % of the reference (e_tt)" if percent is not None else ""
-    return f"{since} ball was {_mm(found.rms)} (RMS) from its reference{share}."
 
 
 def _rested(found: Diagnosis) -> list[str]:

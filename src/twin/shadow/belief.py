@@ -14,9 +14,12 @@ from controllers.ballplate import BallPlate
 from twin.data_file import read_toml
 from twin.errors import LogError
 from twin.hal.interface import SCREEN
-from twin.identify.log import Log
-from twin.identify.problem import Problem
+from twin.identify.logs import Log, of_columns
+from twin.identify.twin_model import Problem
 from twin.identify.windows import Windows
+from twin.run.assemble import assemble
+from twin.run.loop import drive
+from twin.run.record import Recorder
 from twin.scenario.load import read, recorded, resolved, setting
 from twin.scenario.schema import Scenario
 from twin.settings import filled
@@ -75,10 +78,8 @@ class Belief:
             shape (2, P).
         uneven: The part of it that an uneven screen makes, shape (P,).
         drift: The same of what changes in the course of minutes on a healthy rig, shape (P,).
-        rough: Standard deviation in m/s^2 of the acceleration that is unknown from place to place.
-        sloped: The part of it that the screen's slope makes, which acts in any direction.
-        patchy: Standard deviation of the relative friction from place to place.
-        patch: Size in m of the places that differ.
+        rough: Standard deviation in m/s^2 of the braking that is unknown from place to place.
+        sloped: The same of what the screen's slope does, which acts in any direction.
     """
 
     scenario: Scenario
@@ -99,8 +100,6 @@ class Belief:
     drift: Array
     rough: float
     sloped: float
-    patchy: float
-    patch: float
 
     @classmethod
     def of(cls, scenario: Scenario, log: Log) -> Belief:
@@ -150,8 +149,6 @@ class Belief:
         )
         model: BallPlate = scenario.plant.ball.model
         braking = model.k1 * values["rolling"] / model.radius
-        patchy = surface.spread_percent / 100
-        sloped = float(model.k1 * np.radians(surface.slope_deg))
         windows = [[of[name] for name in PARAMETERS] for of in (CHANGING, STOPPING)]
         return cls(
             scenario=scenario,
@@ -170,10 +167,8 @@ class Belief:
             changing=scale * np.hypot(windows, uneven),
             uneven=scale * uneven,
             drift=scale * np.hypot([DRIFT[name] for name in PARAMETERS], uneven),
-            rough=float(np.hypot(braking * np.hypot(ROUGH, patchy), sloped)),
-            sloped=sloped,
-            patchy=patchy,
-            patch=surface.patch_mm / 1000,
+            rough=float(braking * np.hypot(ROUGH, surface.spread_percent / 100)),
+            sloped=float(model.k1 * np.radians(surface.slope_deg)),
         )
 
     @property
@@ -182,11 +177,6 @@ class Belief:
         sizes = np.array([[sizes.get(p, 0.0) for p in PARAMETERS] for sizes in CAUSES.values()])
         variances = (self.unit * sizes) ** 2
         return np.asarray(variances[..., None] * np.eye(len(PARAMETERS)))
-
-    @property
-    def braking(self) -> float:
-        """What rolling friction slows the ball by on a level plate, m/s^2."""
-        return float(self.model.k1 * self.values["rolling"] / self.model.radius)
 
     @property
     def uncertainty(self) -> Array:
@@ -224,6 +214,28 @@ def believed(log: Log, overrides: Sequence[str] = ()) -> Belief:
     source = log.source if log.scenario else "the twin"
     found = resolved(tables, source, [setting(text) for text in overrides])
     return Belief.of(recorded(*found)[0], log)  # what commands came, not from which law
+
+
+def logs(pairs: Sequence[tuple[Scenario, Scenario]]) -> list[Log]:
+    """Logs of simulated rigs that run side by side, each with what is believed of it.
+
+    Args:
+        pairs: Belief and truth of each.
+    """
+    truths = [truth for _, truth in pairs]
+    duration, period = truths[0].duration, truths[0].rig.period
+    keep = ("measured", "age", "touched", "applied")
+    record = Recorder(round(duration / period), len(pairs), period, keep=keep)
+    drive(*assemble(truths, threads=1), duration, record)
+    columns = {name: values.reshape(len(pairs), -1) for name, _, values in record.columns()}
+    return [
+        of_columns(
+            {"time": record.time.copy(), **{name: v[number] for name, v in columns.items()}},
+            {"scenario": belief.model_dump(mode="json")},
+            f"rig {number}",
+        )
+        for number, (belief, _) in enumerate(pairs)
+    ]
 
 
 def check_commands(log: Log) -> None:

@@ -3,20 +3,34 @@
 Close to what is believed, a window's log-likelihood of a deviation d (true minus believed) is
 b'd - d'A d / 2, with A the Fisher information and b the score. The windows of one part of a log add
 up, and every hypothesis is a prior of d: nothing else of a log is needed to weigh them all.
+
+Of friction, dead time, level and tilt gain the ball's motion tells; of the drives' lag, lost
+motion, and what the cams make of it, the plate's; of the screen's noise its samples. Beyond the
+servos' response to the command, the plate's angle is a doubly integrated white disturbance seen by
+noisy encoders. A Kalman filter's innovations of it are white, and what a parameter would add to the
+angle is whitened by the same filter: then least squares is likelihood.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_are
+from scipy.signal import lfilter, ss2tf
 
 from controllers.arrays import Array, Mask
-from twin.identify.log import Log
+from twin.identify.logs import Log
+from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
-from twin.shadow.belief import PARAMETERS, Belief
+from twin.identify.search import START_PRIOR, Linearisation, fit_starts
+from twin.identify.windows import BIN, LOOKBACK, STEP, Spans, Windows, cut, moving_spans
+from twin.settings import changed
+from twin.shadow.belief import BALL, DRIVES, PARAMETERS, Belief
+from twin.sim.calibration import STATES, linear_mechanism
+from twin.sim.plant.interface import Parts
 
 
 @dataclass(frozen=True)
@@ -223,9 +237,9 @@ def undisturbed(parts: Iterable[Evidence], gaps: Array, after: float = 0.0) -> E
 
 
 WINDOW = 2.0
-"""Length of a window in s."""
+"""Length in s of a window of the plate or of the screen."""
 LEAST = 30
-"""Samples below which a window says nothing."""
+"""Samples below which a window of the screen says nothing."""
 # The second differences of white noise are correlated: so many of them count as one.
 _ALIKE = 35 / 18
 
@@ -254,11 +268,11 @@ def noise_evidence(
         gaps: Of the log; where there is one there is no evidence.
         since: When the first window begins, s, where the log goes back further.
     """
-    parts = (_of_segment(segment, belief, since) for segment in log.segments)
+    parts = (_noise_of(segment, belief, since) for segment in log.segments)
     return undisturbed(parts, gaps)
 
 
-def _of_segment(segment: Segment, belief: Belief, since: float) -> Evidence:
+def _noise_of(segment: Segment, belief: Belief, since: float) -> Evidence:
     begin = max(float(segment.time[0]), since)
     begins = begin + WINDOW * np.arange(int((segment.time[-1] - begin) / WINDOW))
     spans, levels, counts = [], [], []
@@ -273,3 +287,291 @@ def _of_segment(segment: Segment, belief: Belief, since: float) -> Evidence:
     score = information * np.array(levels)
     ends = np.reshape(spans, (-1, 2))
     return Evidence.of(("noise",), ends, information[:, None, None], score[:, None])
+
+
+LONGEST = 2.0
+"""Longest window in s: long enough for a small force to show, short enough to stay near it."""
+WIDE = 100.0
+"""Deviations that may explain a window, in what an identified twin may be wrong by."""
+AT_ONCE = 500
+"""Windows that are worked on at once: more no longer fit the processor's cache."""
+STEPS = 8
+"""Most Gauss-Newton steps that look for the ball's start in a window."""
+
+
+def ball_windows(
+    log: PreparedLog, belief: Belief, gaps: Array, since: float = -np.inf
+) -> tuple[Windows | None, Array]:
+    """The windows in which the ball moves, None if there are none, and when each ends, shape (W,).
+
+    Args:
+        log: What was recorded.
+        belief: The twin.
+        gaps: Of the log; a window that holds one is none.
+        since: Seconds; what was before has been cut into windows already.
+    """
+    ends = [np.zeros(0)]
+
+    def spans(segment: Segment, begin: float, end: float, longest: float) -> Spans:
+        found = moving_spans(segment, max(begin, since), end, longest)
+        whole = clear(found.begin - LOOKBACK, found.begin + found.length, gaps)
+        found = Spans(found.begin[whole], found.length[whole], found.resting[whole])
+        ends.append(found.begin + found.length)
+        return found
+
+    windows = cut(log, belief.lag, LONGEST, spans)
+    return windows, np.concatenate(ends)
+
+
+def portions(windows: int) -> Iterator[Mask]:
+    """Parts of so many windows that are good to work on at a time."""
+    at = np.arange(windows) // AT_ONCE
+    return (np.asarray(at == number) for number in range(at[-1] + 1))
+
+
+def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) -> Evidence:
+    """Evidence of ``BALL`` around parameters, the ball's start being whatever suits it best.
+
+    Args:
+        windows: In which the ball moves, at least one.
+        belief: The twin.
+        theta: Where the likelihood is expanded, shape (len(belief.names),); None for the belief.
+    """
+    at = belief.theta if theta is None else theta[None]
+    parts = [_expanded(windows.take(part), belief, at) for part in portions(len(windows))]
+    return Evidence.beside(parts)
+
+
+def _expanded(windows: Windows, belief: Belief, theta: Array) -> Evidence:
+    """Evidence of windows around parameters, shape (1, P)."""
+    problem = belief.problem(windows)
+    starts = fit_starts(problem, theta, problem.initial_starts(), STEPS)
+    squares, score, information = _without_start(problem.linearise(theta, starts), windows, belief)
+    counted = windows.weight[..., :1] > 0
+    last = np.where(counted[..., 0], windows.time, 0.0).max(axis=1)
+    spans = windows.begin[:, None] + np.stack((np.full(len(windows), LOOKBACK), last), axis=-1)
+    height = -squares / 2
+    stopping = windows.resting | (last - LOOKBACK < LONGEST - 2 * BIN)
+    wide = np.maximum(belief.constant[: len(BALL)], 1e-9) * WIDE
+    prior = np.diag(wide**2)
+    # twice the log-likelihood that some deviation gains is what it takes off the squares
+    gained = 2 * log_evidence(information, score, prior)
+    gained += np.linalg.slogdet(np.eye(len(BALL)) + information @ prior)[1]
+    left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL), 1)
+    left = np.maximum(left, 1.0)
+    return Evidence.of(BALL, spans, information, score, height, stopping, left)
+
+
+def _without_start(
+    line: Linearisation, windows: Windows, belief: Belief
+) -> tuple[Array, Array, Array]:
+    """Squares (W,), score (W, p) and information (W, p, p), the starts fitted along."""
+    parts = (line.r[0, ..., None], line.by_parameter[0, ..., : len(BALL)], line.by_start[0])
+    unknown = unknown_motion(windows, belief.values["delay"])
+    size = float(np.hypot(belief.rough, belief.sloped))
+    Q = products(np.concatenate(parts, axis=-1), unknown, size)  # noqa: N806
+    k = 1 + len(BALL)
+    own = Q[..., k:, k:] + START_PRIOR
+    left = Q[..., :k, :k] - Q[..., :k, k:] @ np.linalg.solve(own, Q[..., k:, :k])
+    return left[..., 0, 0], -left[..., 1:, 0], left[..., 1:, 1:]
+
+
+STRETCH = 0.3
+"""Seconds in which such a force stays the same: a ball crosses a patch of the screen in some."""
+
+
+def unknown_motion(windows: Windows, delay: float) -> Array:
+    """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
+
+    Small forces on the ball that nobody knows (patches of the screen, its waves, the plate's
+    errors) are taken as white along its way: one acceleration for every ``STRETCH`` of time, each
+    axis its own, drawn at random. What they may have moved the ball by is left out of a window's
+    likelihood (generalised least squares), so that a window may be long enough to show a dead time
+    without showing a rough screen as one.
+
+    Args:
+        windows: W windows of B samples.
+        delay: Dead time of the screen in s.
+
+    Returns:
+        Shape (W, 2 B, 2 S), samples as a ``Linearisation`` has them.
+    """
+    count, samples = windows.time.shape
+    edges = edges_of(windows)
+    since = np.maximum((windows.time - delay)[..., None] - edges, 0.0)
+    twice = since**2 / 2
+    moved = twice[..., :-1] - twice[..., 1:]
+    both = np.einsum("wbs,wba,ac->wbasc", moved, windows.weight, np.eye(2))
+    return np.asarray(both.reshape(count, 2 * samples, 2 * moved.shape[-1]))
+
+
+def edges_of(windows: Windows) -> Array:
+    """When each acceleration begins, and the last ends, s from the begin of the windows."""
+    steps, each = len(windows.field.push) - 1, round(STRETCH / STEP)
+    return STEP * np.arange(0, steps + each, each)
+
+
+def products(columns: Array, unknown: Array, size: float) -> Array:
+    """Inner products of columns under noise and the unknown motion, shape (W, K, K).
+
+    With N the unknown motion and s its size, U' (I + s^2 N N')^-1 U by Woodbury's identity.
+
+    Args:
+        columns: U, in standard deviations of the samples, shape (W, M, K).
+        unknown: N, shape (W, M, S).
+        size: s, standard deviation of an unknown acceleration in m/s^2.
+    """
+    U, N = columns, unknown  # noqa: N806
+    shared = np.swapaxes(N, -1, -2) @ U
+    inner = np.eye(N.shape[-1]) / size**2 + np.swapaxes(N, -1, -2) @ N
+    plain = np.swapaxes(U, -1, -2) @ U
+    return np.asarray(plain - np.swapaxes(shared, -1, -2) @ np.linalg.solve(inner, shared))
+
+
+SETTLED = 1.0
+"""Seconds after which the filter has forgotten where it began."""
+ALIKE = 4.0
+"""Innovations that count as one: a slow plate stays on one count of its encoder for a while."""
+LAG_DIFFERENCE = 0.005
+"""Step of the difference by the time constant, s."""
+STILL = 40.0
+"""Range of the plate's angle in a window, in standard deviations of its encoder, below which it
+tells nothing: the readings then stay on a few counts."""
+GAPS = (np.radians(0.05), np.radians(0.2))
+"""Widths in rad of a narrow and of a wide gap."""
+
+
+def plate_evidence(
+    log: PreparedLog, belief: Belief, gaps: Array, since: float = -np.inf
+) -> Evidence:
+    """Evidence of ``DRIVES``; none if no part of the log is long enough.
+
+    Args:
+        log: What was recorded.
+        belief: The twin.
+        gaps: Of the log; where one is still felt there is no evidence.
+        since: When the first window begins, s, where the log goes back further.
+    """
+    parts = (_plate_of(segment, log.period, belief, since) for segment in log.segments)
+    return undisturbed(parts, gaps, SETTLED)
+
+
+def _plate_of(segment: Segment, period: float, belief: Belief, since: float) -> Evidence:
+    rows = round(WINDOW / period)
+    skipped = round(max(SETTLED, since - segment.time[0]) / period)
+    count = (len(segment.time) - skipped) // rows
+    if count < 1 or segment.command is None:
+        return NONE
+    angle, late, *wider = plate_angles(
+        segment.command,
+        period,
+        belief,
+        (belief.lag, belief.play),
+        (belief.lag + LAG_DIFFERENCE, belief.play),
+        *((belief.lag, belief.play + gap) for gap in GAPS),
+    )
+    slopes = ((late - angle) / LAG_DIFFERENCE, *(each - angle for each in wider), angle)
+    information, score = np.zeros((count, 4, 4)), np.zeros((count, 4))
+    for axis in (0, 1):
+        both = np.stack((segment.plate - angle, *slopes))[..., axis]
+        used = slice(skipped, skipped + count * rows)
+        white = whitened(both, period, belief.disturbance[axis], belief.encoders[axis])[:, used]
+        moved = np.ptp(segment.plate[used, axis].reshape(count, rows), axis=1)
+        counted = moved > STILL * np.sqrt(belief.encoders[axis])
+        e, J = white[0].reshape(count, rows), white[1:].reshape(4, count, rows)  # noqa: N806
+        J = J * counted[:, None]  # noqa: N806
+        information += np.einsum("iwk,jwk->wij", J, J) / ALIKE
+        score += np.einsum("iwk,wk->wi", J, e) / ALIKE
+    begin = segment.time[skipped] + WINDOW * np.arange(count)
+    spans = np.stack((begin, begin + WINDOW), axis=-1)
+    return Evidence.of(DRIVES, spans, information, score)
+
+
+def whitened(signals: Array, period: float, disturbance: float, encoder: float) -> Array:
+    """Innovations of the steady Kalman filter in their standard deviations, shape (..., K).
+
+    Args:
+        signals: Angles in rad, shape (..., K).
+        period: Seconds between them.
+        disturbance: Variance of the acceleration of a period, (rad/s^2)^2.
+        encoder: Variance of a reading, rad^2.
+    """
+    F = np.array([[1.0, period], [0.0, 1.0]])  # noqa: N806
+    g = np.array([[period**2 / 2], [period]])
+    h = np.array([[1.0, 0.0]])
+    # without any disturbance or noise there is no filter: a thousandth of Table B.1 stands for none
+    q, r = max(disturbance, 1e-7), max(encoder, 1e-12)
+    P = solve_discrete_are(F.T, h.T, q * g @ g.T, np.array([[r]]))  # noqa: N806
+    variance = float((h @ P @ h.T)[0, 0]) + r
+    gain = F @ P @ h.T / variance
+    out = lfilter(np.poly(F), np.poly(F - gain @ h), signals, axis=-1)
+    return np.asarray(out / np.sqrt(variance))
+
+
+def plate_angles(
+    command: Array, period: float, belief: Belief, *drives: tuple[float, float]
+) -> list[Array]:
+    """The plate's angles as drives make them of commands, from rest at zero, rad, (K, 2) each.
+
+    Args:
+        command: Plate rates in rad/s from each row on, shape (K, 2).
+        period: Seconds between rows.
+        belief: The twin.
+        drives: Time constants in s and widths of the gap in rad.
+    """
+    shafts = [belief.turned * servo_response(command, period, lag)[0] for lag, _ in drives]
+    behind = [_with_play(shaft, play) for shaft, (_, play) in zip(shafts, drives, strict=True)]
+    if belief.scenario.plant.kind != "mujoco":
+        whole, part = divmod(belief.own_lag / period, 1.0)
+        delay = np.concatenate((np.zeros(int(whole)), [1 - part, part]))
+        return [lfilter(delay, [1.0], angle, axis=0) for angle in behind]
+    filters = _mechanism(belief, period)
+    rates = [np.diff(angle, axis=0, append=angle[-1:]) / period for angle in behind]
+    return [
+        np.stack([lfilter(*filters[axis], rate[:, axis]) for axis in (0, 1)], axis=-1)
+        for rate in rates
+    ]
+
+
+def _mechanism(belief: Belief, period: float) -> list[tuple[Array, Array]]:
+    """Numerators and denominators from rates of the shafts to angles of the plate, phi and theta.
+
+    The mechanism about its level rest: servos that turn motors, a plate that swings on its wheels.
+    A law that moves the plate a few times a second makes it swing farther than its shafts turn.
+    """
+    plant = belief.scenario.plant
+    # what a ball off its middle or oval does to the plate is left out
+    parts = replace(changed(Parts, belief.scenario), offset=None, oval=None)
+    steps = max(1, round(period / plant.step))
+    A, B, _, ratio = linear_mechanism(parts, period / steps)  # noqa: N806
+    found = []
+    for axis, name in enumerate(("phi", "theta")):
+        own = (name, f"{name}_rate", f"motor_{name}", f"motor_{name}_rate", f"servo_{name}")
+        keep = [STATES.index(each) for each in own]
+        once, pushed = A[np.ix_(keep, keep)], ratio * B[keep, axis, None]
+        powers = [np.linalg.matrix_power(once, k) for k in range(steps + 1)]
+        top, bottom = ss2tf(powers[-1], sum(powers[:-1]) @ pushed, np.eye(1, len(keep)), [[0.0]])
+        found.append((top[0], bottom))
+    return found
+
+
+def _with_play(angle: Array, width: float) -> Array:
+    """The angle behind a gap of a width in rad, shape (K, 2), the gap's middle at the first.
+
+    In plain numbers, not arrays: a step depends on the one before.
+    """
+    if width == 0:
+        return angle
+    behind = np.empty_like(angle)
+    half = width / 2
+    for axis in (0, 1):
+        at = float(angle[0, axis])
+        out: list[float] = []
+        for value in angle[:, axis].tolist():
+            if value - at > half:
+                at = value - half
+            elif at - value > half:
+                at = value + half
+            out.append(at)
+        behind[:, axis] = out
+    return behind

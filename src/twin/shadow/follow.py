@@ -10,37 +10,97 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controllers.arrays import Array, Mask
+from twin.data_file import parse_toml
 from twin.errors import LogError
-from twin.identify.log import COLUMNS, Log, of_columns
-from twin.identify.log_checks import check_ranges
-from twin.identify.prepare import PreparedLog, prepare
+from twin.identify.judged import IDENTIFIED, REJECTED
+from twin.identify.logs import COLUMNS, Log, of_columns
+from twin.identify.parameters import SHARE
+from twin.identify.prepare import PreparedLog, check_ranges, prepare
+from twin.identify.report import parameters
+from twin.identify.twin_model import identify
 from twin.identify.windows import Windows
+from twin.report.numbers import flat
+from twin.run.logs import NEEDED
+from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
-from twin.shadow.belief import Belief, check_commands
-from twin.shadow.diagnosis import THRESHOLD, Alarm, crossings, weigh
-from twin.shadow.evidence import NONE, Evidence, gaps, noise_evidence
-from twin.shadow.friction_map import FrictionMap
-from twin.shadow.horizon import BAND, Replays, replays
-from twin.shadow.monitor import (
+from twin.shadow.alarms import (
     LATE_THRESHOLD,
     LOOKBACKS,
+    THRESHOLD,
+    Alarm,
     baseline,
     bounded,
+    crossings,
     delayed,
     limited,
     onset,
     scatter,
     standing,
     statistic,
+    weigh,
 )
-from twin.shadow.motion import ball_evidence, ball_windows, plate_evidence
-from twin.shadow.proposal import Proposal
+from twin.shadow.belief import Belief, check_commands
+from twin.shadow.evidence import (
+    NONE,
+    Evidence,
+    ball_evidence,
+    ball_windows,
+    gaps,
+    noise_evidence,
+    plate_evidence,
+)
+from twin.shadow.horizon import AHEAD, BAND, Replays, replays
 from twin.view.streams import fingerprint
+from twin.writing import write_whole
+
+RECENT = 180.0
+"""Seconds at the end of a log that are fitted and held out."""
+LEAST_GAIN = 0.05
+"""Share by which the replay error on what was held out must fall."""
+OFTEN = 0.25
+"""Seconds between the starts of its replays."""
+FITTED = (IDENTIFIED, REJECTED)
+"""Verdicts on parameters that may be proposed: what was held out decides, not their intervals."""
+PROPOSED = ("rolling", "breakaway", "delay", "servo", "level")
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What came of an identification on the last minutes.
+
+    Attributes:
+        text: The parameter file; empty if nothing is proposed.
+        changed: Key to what is believed and what is proposed.
+        before: Median replay error in m of the belief on what was held out; None if unknown.
+        after: The same of the proposed twin.
+        why: In words.
+        file: Where it was written.
+    """
+
+    text: str
+    changed: dict[str, tuple[Any, Any]]
+    before: float | None
+    after: float | None
+    why: str
+    file: Path | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {
+            "file": None if self.file is None else str(self.file),
+            "changed": {key: list(pair) for key, pair in self.changed.items()},
+            "held_out_error_before_mm": None if self.before is None else 1000 * self.before,
+            "held_out_error_after_mm": None if self.after is None else 1000 * self.after,
+            "why": self.why,
+        }
+
 
 LEAST_TOLD = 5.0
 """Seconds of motion without which nothing is said of the rig's health."""
@@ -69,7 +129,7 @@ class Shadow:
     """What the twin says of a run, or has said of it so far.
 
     Attributes:
-        replays: At the horizon asked for; None if no replay is long enough.
+        replays: None if the log is long enough for none.
         soft: Windows of all kinds, as the sequential test takes them.
         ratio: The statistic of the sequential test after each.
         delayed: That of the test for the dead time alone.
@@ -80,7 +140,6 @@ class Shadow:
         length: Usable seconds of what was looked at last.
         notes: What had to be left out of it, in words.
         gaps: Begin and end in s of what is missing or late in it, shape (G, 2).
-        one_second: Replays 1 s ahead, of a recorded run.
         record: Fingerprint of a recorded run.
         proposal: A better twin of it, if one was looked for.
     """
@@ -95,7 +154,6 @@ class Shadow:
     length: float = 0.0
     notes: tuple[str, ...] = ()
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    one_second: Replays | None = None
     record: int = 0
     proposal: Proposal | None = None
 
@@ -136,7 +194,7 @@ class Shadow:
     @property
     def error_1s(self) -> float | None:
         """Median distance in m of replay and measured ball after 1 s."""
-        return _median(self.one_second, lambda each: each.distance)
+        return _median(self.replays, lambda each: each.distance)
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -155,29 +213,86 @@ class Shadow:
         }
 
 
-def shadow(log: Log, belief: Belief, horizon: float = 1.0) -> Shadow:
+def shadow(log: Log, belief: Belief) -> Shadow:
     """Let the twin run beside a log.
 
     Args:
         log: What was recorded.
         belief: The twin.
-        horizon: Seconds ahead and from one start to the next.
 
     Raises:
         LogError: If the log is broken, too short, or does not say what was commanded.
     """
     check_ranges(log)
     check_commands(log)
-    follower = Follower(belief, horizon)
+    follower = Follower(belief)
     follower.judge(log, whole=True)
     said = follower.said
     if not len(said.soft) and not len(said.gaps):
         raise LogError(f"{log.source}: too short: {said.length:.1f} s; 3 s in a row are needed")
-    said.one_second = said.replays
-    if horizon != 1.0:
-        said.one_second = replays(follower.usable, belief, said.gaps, 1.0, horizon)
     said.record = fingerprint(*log.ball.T)
     return said
+
+
+def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
+    """Identify the last minutes of a log, and compare on the part held out.
+
+    Args:
+        log: What was recorded.
+        belief: The twin so far.
+        since: Time in s before which the rig was another.
+    """
+    begin = max(since, float(np.nanmax(log.time)) - LAST)
+    last = replace(log, model=belief.model).rows(log.time >= begin)
+    try:
+        found = identify(last, PROPOSED, SHARE)
+        text = parameters(found, FITTED)
+        settings = flat(parse_toml(text))
+        _, held_out = prepare(last).split(SHARE)
+    except LogError as error:
+        return Proposal("", {}, None, None, f"No proposal: {error}")
+    if not settings or not held_out.segments:
+        return Proposal("", {}, None, None, "No proposal: the last minutes identify nothing")
+    tables = belief.scenario.model_dump(mode="json")
+    known = flat(tables)
+    better = Belief.of(check(put(tables, settings.items()), "the proposal"), last)
+    errors = []
+    for twin in (belief, better):
+        run = replays(held_out, twin, gaps(last, held_out.period), OFTEN)
+        if run is None or not run.counted.any():
+            return Proposal("", {}, None, None, "No proposal: too little was held out")
+        errors.append(float(np.median(np.hypot(*run.error[run.counted].T))))
+    before, after = errors
+    changed = {key: (known.get(key, {}), value) for key, value in settings.items()}
+    gain = 1 - after / before
+    numbers = f"{1000 * before:.2f} to {1000 * after:.2f} mm on what was held out"
+    if gain < LEAST_GAIN:
+        why = f"No proposal: the replay error would go from {numbers}, a gain below 5 %"
+        return Proposal("", {}, before, after, why)
+    names = dict.fromkeys(each.about.key for each in found.verdicts if each.word in FITTED)
+    believed = ", ".join(f"{key} = {known.get(key, {})}" for key in names)
+    why = f"the replay error falls from {numbers} ({100 * gain:.0f} %)"
+    head = [
+        f"# Proposed by `ballplate shadow`: {why}.",
+        f"# parent: {log.source}'s own twin, with {believed}",
+        f"# data: {log.source}, {last.time[0]:.2f} to {last.time[-1]:.2f} s, the last "
+        f"{100 * (1 - SHARE):.0f} % held out",
+        f"# version: ballplate {version('ballplate')}",
+    ]
+    return Proposal("\n".join([*head, text]), changed, before, after, why)
+
+
+def written(proposal: Proposal, folder: Path) -> Proposal:
+    """A proposal written as ``parameters-N.toml``, N being the first number that is free.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    taken = [path.stem.rpartition("-")[2] for path in folder.glob("parameters-*.toml")]
+    number = 1 + max((int(text) for text in taken if text.isdecimal()), default=0)
+    file = folder / f"parameters-{number}.toml"
+    write_whole(file, proposal.text)
+    return replace(proposal, file=file)
 
 
 class Follower:
@@ -185,16 +300,11 @@ class Follower:
 
     Args:
         belief: The twin.
-        horizon: Seconds ahead and from one start to the next.
     """
 
-    def __init__(self, belief: Belief, horizon: float = 1.0) -> None:
+    def __init__(self, belief: Belief) -> None:
         self.said = Shadow()
-        self.usable: PreparedLog
-        """What of the log was looked at last."""
         self._belief = belief
-        self._horizon = horizon
-        self._screen = FrictionMap(belief)
         self._windows: Windows | None = None
         self._ball = self._other = self._every = self._soft = self._limited = NONE
         self._factors: Array = np.zeros((0, 0))
@@ -218,7 +328,7 @@ class Follower:
         now = float(log.time[-1])
         usable = self._of_late(prepare(replace(log, model=self._belief.model)), now)
         until = np.inf if whole else now - MARGIN
-        self.usable, said = usable, self.said
+        said = self.said
         said.source, said.length, said.notes = usable.source, usable.length, usable.notes
         said.gaps = gaps(log, usable.period)
         self._replay(usable, until)
@@ -237,13 +347,10 @@ class Follower:
         return replace(log, segments=tuple(parts))
 
     def _replay(self, log: PreparedLog, until: float) -> None:
-        said, ahead = self.said, self._horizon
-        since = self._since["replays"]
-        found = replays(
-            log, self._belief, said.gaps, ahead, ahead, since, until, screen=self._screen
-        )
+        said, since = self.said, self._since["replays"]
+        found = replays(log, self._belief, said.gaps, AHEAD, since, until)
         if found is not None:
-            self._since["replays"] = float(found.time[-1]) + ahead
+            self._since["replays"] = float(found.time[-1]) + AHEAD
             said.replays = found if said.replays is None else Replays.join([said.replays, found])
 
     def _add(self, log: PreparedLog, until: float) -> int:
@@ -357,7 +464,7 @@ class LiveFollower(Follower):
         self._rows: dict[str, Array] = {}
         self._rate: Array = np.zeros(2)
         self._judged = 0.0
-        nothing = {name: np.zeros(0) for name, column in COLUMNS.items() if column.required}
+        nothing = dict.fromkeys(NEEDED, np.zeros(0))
         super().__init__(Belief.of(scenario, of_columns(nothing, self._metadata, source)))
 
     def take(self, rows: Mapping[str, Array]) -> bool:

@@ -14,21 +14,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from twin.identify.log import read
-from twin.identify.replay import STEP
+from twin.identify.logs import read
+from twin.identify.windows import STEP
 from twin.page import Block, Picture, Table, Text, Verdict, html
-from twin.run.files import arrow_fields, run_name
+from twin.run.files import run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
+from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm, likely
 from twin.shadow.belief import believed
-from twin.shadow.diagnosis import THRESHOLD, Alarm, likely
-from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, shadow
-from twin.shadow.horizon import BAND, DRAWN, Replays
-from twin.shadow.monitor import LATE_THRESHOLD
-from twin.shadow.proposal import propose, written
+from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, propose, shadow, written
+from twin.shadow.horizon import AHEAD, BAND, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
-from twin.view.streams import Scores, TwinStream
+from twin.view.streams import TwinRows, TwinStream
 from twin.writing import write_json, write_whole
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
@@ -43,10 +41,17 @@ class Shown(NamedTuple):
     name: str
 
 
-def scores(run: Replays) -> Scores:
+def told(run: Replays) -> TwinRows:
     """Replays as the view draws them."""
-    values, end = (run.score, run.distance, run.band), run.time + run.ahead
-    return Scores.of(run.counted, run.time, end, values, run.path, DRAWN * STEP)
+    rows = {
+        "time": run.time + AHEAD,
+        "told": run.counted.astype(float),
+        "score": run.score,
+        "distance": run.distance,
+        "band": run.band,
+        **{name: run.path[..., axis] for axis, name in enumerate(("twin_x", "twin_y"))},
+    }
+    return TwinRows(rows, AHEAD, DRAWN * STEP)
 
 
 def drawing(scenario: Scenario, shown: Shown) -> Tell:
@@ -57,7 +62,7 @@ def drawing(scenario: Scenario, shown: Shown) -> Tell:
     fix(stream, twin.fixed())
 
     def tell(replays: Replays | None, events: list[tuple[float, str]]) -> None:
-        found = None if replays is None or not len(replays.time) else scores(replays)
+        found = None if replays is None or not len(replays.time) else told(replays)
         send(stream, twin.batches(found, events))
         stream.flush()
 
@@ -65,21 +70,20 @@ def drawing(scenario: Scenario, shown: Shown) -> Tell:
 
 
 ALARM = COLOURS[1]
-SIDES = 1.96
-"""Half-width of a 95 % band in standard deviations."""
 
 
 def picture(found: Shadow) -> Figure:
-    """Score, error along x and y with the 95 % band, and the statistic, over time."""
-    with drawn(12, 8.5) as figure:
-        panels = figure.subplots(4, 1, sharex=True)
-        _score(panels[0], found)
-        for axis, panel in enumerate(panels[1:3]):
-            _error(panel, found, axis)
-        _test(panels[3], found)
-        for panel in panels:
-            _marks(panel, found)
-        panels[3].set_xlabel("time [s]")
+    """Score, error with the 95 % band, and the statistic, over time."""
+    with drawn(12, 7) as figure:
+        panels = figure.subplots(3, 1, sharex=True)
+        for panel, draw in zip(panels, (_score, _error, _test), strict=True):
+            draw(panel, found)
+            for begin, end in found.gaps:
+                panel.axvspan(begin, end, color="0.8", lw=0)
+            for alarm in found.alarms:
+                panel.axvline(alarm.time, color=ALARM, lw=1.2)
+                panel.axvline(alarm.since, color=ALARM, lw=1, ls=":")
+        panels[2].set_xlabel("time [s]")
     return figure
 
 
@@ -90,7 +94,7 @@ def _score(panel: Axes, found: Shadow) -> None:
     if run is None:
         return
     told, silent = run.counted, ~run.counted
-    end = run.time + run.ahead
+    end = run.time + AHEAD
     panel.semilogy(end[told], np.maximum(run.score[told], 0.02), ".", color=COLOURS[0])
     panel.plot(
         end[silent],
@@ -104,23 +108,19 @@ def _score(panel: Axes, found: Shadow) -> None:
         panel.legend(fontsize=8, loc="upper left")
 
 
-def _error(panel: Axes, found: Shadow, axis: int) -> None:
+def _error(panel: Axes, found: Shadow) -> None:
+    title = f"Measured ball and replay apart after {AHEAD:g} s; bars: the predicted 95 % band"
+    panel.set(ylabel="error [mm]")
+    panel.set_title(title, fontsize=9)
     run = found.replays
-    panel.set(ylabel=f"error, {'xy'[axis]} [mm]")
     if run is None or not run.counted.any():
         return
-    panel.set_title(
-        f"Measured ball minus replay after {run.ahead:g} s, with the predicted 95 % band",
-        fontsize=9,
+    end, error, band = (
+        each[run.counted] for each in (run.time + AHEAD, 1000 * run.distance, 1000 * run.band)
     )
-    told = run.counted
-    end = (run.time + run.ahead)[told]
-    error = 1000 * run.error[told, axis]
-    half = 1000 * SIDES * np.sqrt(run.spread[told, axis, axis])
-    panel.bar(end, 2 * half, 0.8 * run.ahead, -half, color=COLOURS[5], alpha=0.35)
+    panel.bar(end, band, 0.8 * AHEAD, color=COLOURS[5], alpha=0.35)
     panel.plot(end, error, ".", color=COLOURS[0])
-    most = float(max(3.0, 1.2 * np.percentile(np.abs(error), 95), 1.2 * np.percentile(half, 80)))
-    panel.set_ylim(-most, most)
+    panel.set_ylim(0, max(3.0, *(1.2 * np.percentile(error, 95), 1.2 * np.percentile(band, 80))))
 
 
 def _test(panel: Axes, found: Shadow) -> None:
@@ -131,14 +131,6 @@ def _test(panel: Axes, found: Shadow) -> None:
         panel.axhline(threshold, color=ALARM, lw=1, ls="--")
     panel.legend(fontsize=7, loc="upper left")
     panel.set(ylabel="log likelihood ratio", title="A change against none; dashed: alarm")
-
-
-def _marks(panel: Axes, found: Shadow) -> None:
-    for begin, end in found.gaps:
-        panel.axvspan(begin, end, color="0.8", lw=0)
-    for alarm in found.alarms:
-        panel.axvline(alarm.time, color=ALARM, lw=1.2)
-        panel.axvline(alarm.since, color=ALARM, lw=1, ls=":")
 
 
 def sentences(found: Shadow) -> list[str]:
@@ -159,7 +151,7 @@ def sentences(found: Shadow) -> list[str]:
     score, inside, error = found.score_median, found.inside_band, found.error_1s
     if found.replays is not None and score is not None:
         words.append(
-            f"A replay of {found.replays.ahead:g} s strays {score:.2f} times as far as the twin "
+            f"A replay of {AHEAD:g} s strays {score:.2f} times as far as the twin "
             f"predicts of itself (median), and {inside:.0f} % of them end in their 95 % band."
         )
     if error is not None:
@@ -215,6 +207,11 @@ def _causes(alarm: Alarm) -> list[tuple[str, ...]]:
     ]
 
 
+PLAIN = ("told", "score", "log_likelihood_ratio", "dead_time_ratio")
+UNITS = {"time": "s", **dict.fromkeys(PLAIN, "1")}
+"""Units of columns; all others are in m."""
+
+
 def write_scores(found: Shadow, path: Path) -> None:
     """One row a replay: when, error, spread, score, the test's statistic, the twin's way."""
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
@@ -222,31 +219,23 @@ def write_scores(found: Shadow, path: Path) -> None:
 
     run = found.replays
     assert run is not None
-    end = run.time + run.ahead
-    before = np.searchsorted(found.time, end, side="right") - 1
+    drawn = told(run)
+    before = np.searchsorted(found.time, drawn.rows["time"], side="right") - 1
     values = {
-        "time": ("s", end),
-        "error_x": ("m", run.error[:, 0]),
-        "error_y": ("m", run.error[:, 1]),
-        "spread_x": ("m", np.sqrt(run.spread[:, 0, 0])),
-        "spread_y": ("m", np.sqrt(run.spread[:, 1, 1])),
-        "score": ("1", run.score),
-        "distance": ("m", run.distance),
-        "band": ("m", run.band),
-        "told": ("1", run.counted.astype(float)),
-        "log_likelihood_ratio": ("1", np.where(before >= 0, found.ratio[before], 0.0)),
-        "dead_time_ratio": ("1", np.where(before >= 0, found.delayed[before], 0.0)),
+        **drawn.rows,
+        **{f"error_{axis}": run.error[:, k] for k, axis in enumerate("xy")},
+        **{f"spread_{axis}": np.sqrt(run.spread[:, k, k]) for k, axis in enumerate("xy")},
+        "log_likelihood_ratio": np.where(before >= 0, found.ratio[before], 0.0),
+        "dead_time_ratio": np.where(before >= 0, found.delayed[before], 0.0),
     }
-    fields = arrow_fields({name: unit for name, (unit, _) in values.items()})
-    paths = {name: run.path[..., axis].tolist() for axis, name in enumerate(("twin_x", "twin_y"))}
-    listed = pa.list_(pa.float64())
-    fields += [pa.field(name, listed, metadata={"unit": "m"}) for name in paths]
-    about = {"horizon": run.ahead, "threshold": THRESHOLD, "log": found.source}
-    content = json.dumps({**about, "step": DRAWN * STEP, "record": found.record})
-    schema = pa.schema(fields, metadata={"ballplate": content})
-    columns = [pa.array(column) for _, column in values.values()]
-    columns += [pa.array(path, listed) for path in paths.values()]
-    pq.write_table(pa.Table.from_arrays(columns, schema=schema), path)
+    about = {"horizon": AHEAD, "threshold": THRESHOLD, "log": found.source}
+    content = json.dumps({**about, "step": drawn.step, "record": found.record})
+    columns = {name: pa.array(each.tolist()) for name, each in values.items()}
+    fields = [
+        pa.field(name, each.type, metadata={"unit": UNITS.get(name, "m")})
+        for name, each in columns.items()
+    ]
+    pq.write_table(pa.table(columns, pa.schema(fields, {"ballplate": content})), path)
 
 
 FILES = "shadow.html, shadow.json, shadow.parquet"
@@ -269,7 +258,6 @@ def examine(
     log: Path,
     folder: Path,
     overrides: Sequence[str] = (),
-    horizon: float = 1.0,
     *,
     proposing: bool = True,
     progress: Callable[[float], None] = lambda _: None,
@@ -280,7 +268,6 @@ def examine(
         log: Run folder, ``run.parquet`` or CSV file.
         folder: Where ``FILES`` go, and ``parameters-N.toml`` if a better twin is proposed.
         overrides: ``KEY=VALUE`` each, over what the run was simulated with or believed.
-        horizon: Seconds ahead and from one start to the next.
         proposing: Whether a better twin is looked for after an alarm.
         progress: Called with the share of the work done.
 
@@ -289,7 +276,7 @@ def examine(
     """
     recorded = replace(read(log), source=run_name(log))
     belief = believed(recorded, overrides)
-    found = shadow(recorded, belief, horizon)
+    found = shadow(recorded, belief)
     progress(0.5)
     if found.alarms and proposing:
         proposal = propose(recorded, belief, found.alarms[-1].since)
@@ -393,7 +380,7 @@ class Commentary:
         run = self._follower.said.replays
         if run is None or not len(run.time):
             return
-        end = run.time + run.ahead
+        end = run.time + AHEAD
         if end[-1] - self._scored < max(every, 1e-9):
             return
         of_late = run.take(run.counted & (end > self._scored))

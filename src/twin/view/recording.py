@@ -18,14 +18,17 @@ from twin.hal.interface import SCREEN
 from twin.run.finished import Run
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, SharedRingBuffer, step_back
-from twin.view.signals import ORANGE, PLOTS, WORDS, explained, shown_range
 from twin.view.streams import (
+    ORANGE,
+    PLOTS,
     TIMELINE,
-    TWIN_RANGES,
+    TWIN_RANGE,
     TWIN_WORDS,
+    WORDS,
     Batch,
     RunStream,
     TwinStream,
+    explained,
     saved_twin,
 )
 from twin.view.viewer import environment
@@ -33,8 +36,6 @@ from twin.writing import write_whole
 
 Words = Mapping[str, str]
 """Entity of a plot to which line of it has which colour."""
-Ranges = Mapping[str, tuple[float, float]]
-"""Entity of a plot to what its axis shows."""
 GROUND, SKY = (16, 18, 22), (30, 33, 38)
 """Colours of the ground of plots and plate and of the mechanism's, whatever theme a viewer has: no
 recording and no blueprint can choose it, and lines that are seen on this are not on white."""
@@ -46,7 +47,6 @@ def blueprint(
     timeline: str,
     *,
     live: bool = False,
-    ranges: Ranges | None = None,
 ) -> rrb.Blueprint:
     """The arrangement for one run, or for several side by side.
 
@@ -56,7 +56,6 @@ def blueprint(
             A legend would cover the lines, so that stands in the titles.
         timeline: Name of the time line.
         live: Whether a run in progress is watched: then dropped rows are plotted, too.
-        ranges: Entities of the plots to what their axis shows, where the lines are known.
     """
     worlds = [_world(root, len(roots) > 1) for root in roots]
     state = rrb.StateTimelineView(
@@ -71,7 +70,7 @@ def blueprint(
         ),
         row_shares=[3, 2],
     )
-    tabs = {name: _plots(roots, groups, titles, ranges or {}) for name, titles in PLOTS.items()}
+    tabs = {name: _plots(roots, groups, titles) for name, titles in PLOTS.items()}
     if live:
         missed = rrb.TimeSeriesView(origin="/view", name="rows the view missed [1]")
         tabs["estimates and time"].append(missed)
@@ -85,7 +84,7 @@ def blueprint(
 
 
 def _plots(
-    roots: Sequence[str], groups: Words, titles: Mapping[str, str], axes: Ranges
+    roots: Sequence[str], groups: Words, titles: Mapping[str, str]
 ) -> list[rrb.TimeSeriesView]:
     return [
         rrb.TimeSeriesView(
@@ -95,7 +94,7 @@ def _plots(
             background=rrb.archetypes.PlotBackground(color=GROUND),
             plot_legend=rrb.PlotLegend(visible=False),
             axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
-            axis_y=rrb.ScalarAxis(range=axes[entity]) if entity in axes else None,
+            axis_y=rrb.ScalarAxis(range=TWIN_RANGE) if entity in TWIN_WORDS else None,
         )
         for entity, title in titles.items()
         if entity in groups
@@ -112,17 +111,13 @@ def _lines(roots: Sequence[str], group: str) -> list[str]:
         if group == "error_mm":
             wanted += [f"- {root}/{group}/{name}" for name in "xy"]
     for root in roots[1:]:
-        shared = ("reference", "limit_high", "limit_low", "dead_time")
+        shared = ("reference", "dead_time")
         wanted += [f"- {root}/{group}/{name}" for name in shared]
     return wanted
 
 
 def _world(root: str, several: bool) -> rrb.Spatial3DView:
-    title = (
-        root.removeprefix("/").replace("\\", "")
-        if several
-        else "mechanism (green: forces on wheels and ball)"
-    )
+    title = root.removeprefix("/").replace("\\", "") if several else "mechanism"
     return rrb.Spatial3DView(
         origin=f"{root}/mechanism",
         name=title,
@@ -227,16 +222,14 @@ def forward(url: str, runs: Sequence[Run]) -> None:
 def _plan(
     streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], *, live: bool, twin: bool
 ) -> rrb.Blueprint:
-    """How runs are arranged, by rows of each; of a live one nobody knows how far its lines go."""
+    """How runs are arranged, by rows of each."""
     names = [each.name for each in streams]
     plots = [each.plots(rows) for each, rows in zip(streams, blocks, strict=True)]
     entities = {group for plot in plots for group in plot}
     shown = {group: [plot.get(group, {}) for plot in plots] for group in entities}
     groups = {group: explained(lines, names) for group, lines in shown.items()}
-    ranges = {} if live else {group: shown_range(lines) for group, lines in shown.items()}
-    if twin:
-        groups, ranges = groups | TWIN_WORDS, ranges | TWIN_RANGES
-    return blueprint([each.root for each in streams], groups, TIMELINE, live=live, ranges=ranges)
+    groups |= TWIN_WORDS if twin else {}
+    return blueprint([each.root for each in streams], groups, TIMELINE, live=live)
 
 
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from controllers.arrays import Array
 from twin.hal.interface import SCREEN
 from twin.sim.plant.friction import SurfaceMap
-from twin.view.signals import Colour
+
+Colour = tuple[int, int, int]
 
 
 def rolled(turn: Array, position: Array, radius: float) -> Array:
@@ -28,33 +29,6 @@ def rolled(turn: Array, position: Array, radius: float) -> Array:
     for step in steps:
         found.append(step * found[-1])
     return np.stack([each.as_quat() for each in found])
-
-
-def marked_ball(radius: float, upright: float) -> rr.Mesh3D:
-    """A ball in two colours with a dark cap, so that one sees it roll; half axes in m."""
-    rings, sectors = 24, 32
-    lat, lon = np.meshgrid(
-        np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, sectors + 1), indexing="ij"
-    )
-    unit = np.stack((np.sin(lat) * np.cos(lon), np.sin(lat) * np.sin(lon), np.cos(lat)), axis=-1)
-    corner = np.arange(rings * (sectors + 1)).reshape(rings, sectors + 1)[:, :-1].ravel()
-    below = corner + sectors + 1
-    quads = np.concatenate(
-        (np.stack((corner, below, below + 1), 1), np.stack((corner, below + 1, corner + 1), 1))
-    )
-    points = unit.reshape(-1, 3)
-    # triangles share no corners, so that the colours meet in a sharp line
-    flat = points[quads].reshape(-1, 3)
-    middle = np.repeat(points[quads].mean(axis=1), 3, axis=0)
-    white, orange, dark = [248, 246, 238], [238, 120, 20], [25, 25, 25]
-    odd = (middle[:, 0] * middle[:, 1] * middle[:, 2] > 0)[:, None]
-    colours = np.where(odd, orange, white)
-    colours = np.where((np.abs(middle) > 0.93).any(axis=1)[:, None], dark, colours)
-    return rr.Mesh3D(
-        vertex_positions=flat * [radius, radius, upright],
-        vertex_normals=flat,
-        vertex_colors=colours.astype(np.uint8),
-    )
 
 
 def in_view(points: Array) -> Array:
@@ -137,14 +111,11 @@ _BOX, _CYLINDER, _CAPSULE = (
 )
 VISIBLE_GROUPS = 3
 """Geoms of groups below this are drawn, as MuJoCo's own viewer does."""
-COILS = 9
-BESIDE = 0.03
 TURNED = ("cardan", "plate", "motor_phi", "motor_theta")
 
 
 Pose = dict[str, Array]
-"""Where an entity is over time: ``translation`` (K, 3) in m and ``quaternion`` (K, 4) xyzw; where
-it is stretched ``scale``, (K, 3)."""
+"""Where an entity is over time: ``translation`` (K, 3) in m and ``quaternion`` (K, 4) xyzw."""
 
 
 class Scene:
@@ -198,21 +169,19 @@ class Scene:
                 radii=0.003,
             ),
         )
-        for force in (
-            f"{self.root}/force_wheel_phi",
-            f"{self.root}/force_wheel_theta",
-            f"{self.plate}/force_ball",
-        ):
-            yield force, rr.Arrows3D.from_fields(colors=[[90, 230, 120]], radii=[0.004])
         yield (
             f"{self.plate}/trail",
             rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0022]),
         )
-        yield f"{self.ball}/ball", marked_ball(self.radius, self._lift)
-        yield (
-            f"{self.spring}/coil",
-            rr.LineStrips3D([_coil(0.014)], colors=[[26, 115, 64]], radii=0.003),
-        )
+        # rings on the ball, so that one sees it roll
+        for name, wide, rgb, mode in (
+            ("ball", 1.0, [248, 246, 238], rr.components.FillMode.Solid),
+            ("rings", 1.01, [238, 120, 20], rr.components.FillMode.MajorWireframe),
+        ):
+            sizes = wide * np.array([self.radius, self.radius, self._lift])
+            look = {"colors": [rgb], "fill_mode": mode, "line_radii": 0.001}
+            yield f"{self.ball}/{name}", rr.Ellipsoids3D(half_sizes=[sizes], **look)
+        yield self.spring, rr.LineStrips3D.from_fields(colors=[[26, 115, 64]], radii=[0.006])
 
     def _shape(self, i: int) -> rr.AsComponents | None:
         model = self._model
@@ -257,34 +226,13 @@ class Scene:
         height = np.full(count, self.surface + self._lift)
         place = np.stack((state[:, 0], state[:, 4], height), axis=1)
         poses[self.ball] = {"translation": place, "quaternion": roll}
-        low = model.site("spring_base").pos
-        high = plate_to_rig(phi, theta).apply(model.site("spring_plate").pos)
-        poses[self.spring] = _between(low, high)
         return poses
 
-    def wheels(self, state: Array, motor: Array) -> dict[str, tuple[Array, Array]]:
-        """Where each wheel touches its cam and the direction of the push, rig axes, (K, 3).
-
-        The place is moved along the shaft, off the wheel, where an arrow can be seen.
-        """
-        model, found = self._model, {}
-        tilt = plate_to_rig(state[:, 2], state[:, 6])
-        for axis, turn in (("phi", motor[:, 0]), ("theta", motor[:, 1])):
-            wheel, cam = model.geom(f"wheel_{axis}"), model.geom(f"cam_{axis}")
-            body = model.body(f"motor_{axis}")
-            spin = about(model.jnt_axis[int(body.jntadr[0])], turn)
-            middle = body.pos + spin.apply(cam.pos)
-            centre = tilt.apply(wheel.pos)
-            way = centre - middle
-            way[:, 1 if axis == "phi" else 0] = 0.0  # along the shaft nothing is pushed
-            normal = way / np.linalg.norm(way, axis=1, keepdims=True)
-            place = centre - wheel.size[0] * normal
-            if axis == "phi":
-                place[:, 1] += BESIDE
-            else:
-                place[:, 0] -= BESIDE
-            found[axis] = place, normal
-        return found
+    def spring_ends(self, state: Array) -> Array:
+        """Where the spring begins and ends in rig axes at K instants, m, shape (K, 2, 3)."""
+        high = plate_to_rig(state[:, 2], state[:, 6]).apply(self._model.site("spring_plate").pos)
+        low = np.broadcast_to(self._model.site("spring_base").pos, high.shape)
+        return np.stack((low, high), axis=1)
 
 
 def about(axis: Array, angle: Array) -> Rotation:
@@ -295,23 +243,3 @@ def about(axis: Array, angle: Array) -> Rotation:
 def plate_to_rig(phi: Array, theta: Array) -> Rotation:
     """Plate axes to rig axes, R = Rx(theta) Ry(phi) (4.5), for angles (K,) in rad."""
     return Rotation.from_euler("XY", np.stack((theta, phi), axis=1))
-
-
-def _coil(radius: float) -> Array:
-    """A spring of height 1 along z."""
-    s = np.linspace(0, 1, 24 * COILS + 1)
-    wide = radius * np.minimum(1, 12 * np.minimum(s, 1 - s))
-    turn = 2 * np.pi * COILS * s
-    return np.stack((wide * np.cos(turn), wide * np.sin(turn), s), axis=1)
-
-
-def _between(low: Array, high: Array) -> Pose:
-    """The pose that takes the unit z axis to the way from one point (3,) to others (K, 3)."""
-    way = high - low
-    length = np.linalg.norm(way, axis=1, keepdims=True)
-    x, y, z = (way / length).T
-    turn = np.stack((-y, x, np.zeros_like(x), 1 + z), axis=1)  # half way from z to the direction
-    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    scale = np.ones_like(way)
-    scale[:, 2] = length[:, 0]
-    return {"translation": np.broadcast_to(low, way.shape), "quaternion": turn, "scale": scale}

@@ -1,10 +1,12 @@
-"""From recorded rows to columns for Rerun: a stream per run and one of its twin, fed by blocks."""
+"""From recorded rows to time plots and columns for Rerun, a stream per run and one of its twin."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -13,38 +15,163 @@ import pyarrow.parquet as pq
 import rerun as rr
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array
 from controllers.interfaces import Reference
+from twin.data_file import read_toml
 from twin.errors import RecordError
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
-from twin.run.assemble import build_friction, build_limits, build_reference
+from twin.run.assemble import build_friction, build_reference
 from twin.run.finished import Run, columns, states_of
 from twin.scenario.schema import Scenario
 from twin.settings import changed
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import load_model
-from twin.view.scene import Scene, fixed, in_view, rolled
-from twin.view.signals import (
-    BLACK,
-    GREY,
-    PINK,
-    RUNS,
-    VERMILION,
-    WORDS,
-    Colour,
-    Signal,
-    signals,
-    tinted,
+from twin.view.scene import Colour, Scene, fixed, in_view, rolled
+
+# Okabe and Ito's colours: told apart with any colour vision.
+WORDS: dict[Colour, str] = {
+    (0, 114, 178): "blue",
+    (213, 94, 0): "orange",
+    (0, 158, 115): "green",
+    (204, 121, 167): "pink",
+    (230, 159, 0): "gold",
+    (86, 180, 233): "light blue",
+    (150, 150, 150): "grey",
+    (235, 235, 235): "white",
+}
+"""What a person calls these, on the dark ground of the viewer."""
+BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, GREY, BLACK = WORDS
+
+
+AXES = ("phi", "theta")
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One line of a plot: its values (K,), colour and width."""
+
+    values: Array
+    colour: Colour
+    width: float = 1.5
+
+
+RUNS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY)
+"""The colours of runs that are shown together."""
+
+
+def tinted(plot: Mapping[str, Signal], run: int) -> dict[str, Signal]:
+    """The lines of a plot in shades of one run's colour; what is no run's own keeps its colour."""
+    found = {}
+    shade = 0
+    for name, signal in plot.items():
+        if name == "reference":
+            found[name] = signal
+            continue
+        share = (0.0, 0.35, 0.6)[shade % 3]
+        red, green, blue = (round(c + share * (255 - c)) for c in RUNS[run % len(RUNS)])
+        found[name] = replace(signal, colour=(red, green, blue))
+        shade += 1
+    return found
+
+
+PLOTS: dict[str, dict[str, str]] = read_toml(Path(__file__).with_name("plots.toml"))
+"""Entity of each plot and its title with the unit, by the tab it stands in."""
+
+FORCES = (
+    ("wheel_force_N", "wheel_", "_N"),
+    ("ball_force_N", "ball_", "_N"),
+    ("torque_Nm", "torque_", "_Nm"),
 )
+"""Group, and how the names of its columns begin and end."""
+
+
+BEYOND = (
+    ("friction_mm_per_s2", 1000.0, ("friction", "disturbance_x", "disturbance_y")),
+    ("tilt_gain_percent", 100.0, ("tilt_gain_x", "tilt_gain_y")),
+)
+"""Group, factor to its unit, and what an observer may estimate beyond the state."""
+
+
+def signals(
+    rows: Mapping[str, Array], reference: Array, dead_time: float = 0.0
+) -> dict[str, dict[str, Signal]]:
+    """Group entity to its signals by name.
+
+    Args:
+        rows: Recorded columns, (K,) each.
+        reference: Desired ball position in m, shape (K, 2).
+        dead_time: Dead time of the simulated screen, s.
+    """
+    state = states_of(rows)
+    true = "true_x" in rows
+    found: dict[str, dict[str, Signal]] = {}
+    error = 1000 * (reference - state[:, 0::4])
+    for axis, name in enumerate("xy"):
+        plot = {}
+        touched = np.where(rows.get("touched", 1.0) > 0, rows[f"measured_{name}"], np.nan)
+        if true:
+            plot["ball"] = Signal(1000 * state[:, 4 * axis], BLUE, 2.0)
+        plot["estimate"] = Signal(1000 * rows[f"estimated_{name}"], ORANGE, 1.5)
+        plot["measured"] = Signal(1000 * touched, GREY, 1.0)
+        plot["reference"] = Signal(1000 * reference[:, axis], BLACK, 1.0)
+        found[f"position_{name}_mm"] = plot
+    found["error_mm"] = {
+        "distance": Signal(np.hypot(*error.T), GREY, 1.0),
+        **_lines("xy", error.T),
+    }
+    found["angle_deg"] = _lines(AXES, np.degrees(state[:, 2::4].T))
+    found["rate_deg_per_s"] = _lines(AXES, np.degrees(state[:, 3::4].T))
+    found["effort_rad_per_s2"] = _lines(AXES, [rows[f"applied_{axis}_acc"] for axis in AXES])
+    if true:
+        seen = columns(rows, "estimated")[:, 0::4]
+        found["estimation_error_mm"] = _lines("xy", 1000 * (state[:, 0::4] - seen).T)
+    for entity, factor, parts in BEYOND:
+        if all(f"estimated_{name}" in rows for name in parts):
+            found[entity] = _lines(parts, [factor * rows[f"estimated_{name}"] for name in parts])
+    if "age" in rows:
+        found["delay_ms"] = {
+            "age": Signal(1000 * rows["age"], GREEN),
+            "dead_time": Signal(np.full(len(state), 1000 * dead_time), PINK, 0.8),
+        }
+    for entity, beginning, unit in FORCES:
+        names = [name for name in rows if name.startswith(beginning) and name.endswith(unit)]
+        if names:
+            called = [name.removesuffix(unit) for name in names]
+            found[entity] = _lines(called, [rows[name] for name in names])
+    late = [name for name in rows if name.startswith(("late", "compute", "tick_"))]
+    if late:
+        found["timing_ms"] = _lines(late, [1000 * rows[name] for name in late])
+    return found
+
+
+def explained(plots: Sequence[Mapping[str, Signal]], names: Sequence[str]) -> str:
+    """Which line of a plot has which colour, in words.
+
+    Args:
+        plots: The lines of each run; none of one that has no such plot.
+        names: What the runs are called.
+    """
+    if len(plots) > 1:
+        own = [i for i, plot in enumerate(plots) if plot]
+        words = [f"{names[i]} {WORDS[RUNS[i % len(RUNS)]]}" for i in own]
+        second = [f"{name} lighter" for name in ("theta", "y") if name in plots[own[0]]]
+        return ", ".join(words if "distance" in plots[own[0]] else words + second)
+    lines = plots[0].items()
+    return ", ".join(f"{name.replace('_', ' ')} {WORDS[line.colour]}" for name, line in lines)
+
+
+def _lines(names: Sequence[str], values: Sequence[Array] | Array) -> dict[str, Signal]:
+    """Lines of a plot, each in the next colour; no more than there are colours."""
+    colours = (BLUE, VERMILION, GREEN, PINK)
+    return {n: Signal(v, colour) for n, v, colour in zip(names, values, colours, strict=False)}
+
 
 TIMELINE = "simulated time [s]"
 FRAMES = 50.0
 """Poses and trails per second; the plots have every period."""
 TRAIL = 3.0
 """Seconds of the ball's path that its trail shows."""
-FORCE_SCALE = {"phi": 0.001, "theta": 0.001, "ball": 0.25}
-"""Metres of arrow per newton: a wheel bears some 50 N, the ball presses with 0.24 N."""
 COLOURS = {
     State.OFF: 0x757575FF,
     State.INITIALISING: 0x56B4E9FF,
@@ -88,7 +215,6 @@ class RunStream:
         self._colour = RUNS[(among or 0) % len(RUNS)]
         self.root = f"/{rr.escape_entity_path_part(name)}"
         self._reference = build_reference(scenario) if reference is None else reference
-        self._limits = build_limits(scenario.rig.limits)
         self._scenario = scenario
         model = load_model(parts=changed(Parts, scenario))
         self.scene = Scene(model, f"{self.root}/mechanism")
@@ -135,10 +261,8 @@ class RunStream:
         reference = self._reference(time)[0]
         for group, plot in self.plots(rows).items():
             for name, signal in plot.items():
-                seen = np.isfinite(signal.values) if signal.points else np.full(len(time), True)
-                if seen.any():
-                    shown = rr.Scalars.columns(scalars=signal.values[seen])
-                    yield Batch(f"{self.root}/{group}/{name}", time[seen], shown)
+                shown = rr.Scalars.columns(scalars=signal.values)
+                yield Batch(f"{self.root}/{group}/{name}", time, shown)
         yield from self._states_and_events(rows)
         keep = self._frames(time)
         if len(keep):
@@ -154,7 +278,7 @@ class RunStream:
         """The lines of the time plots: group to name to signal."""
         reference = self._reference(rows["time"])[0]
         dead_time = self._scenario.sensors.touch.dead_time
-        plots = signals(rows, reference, self._limits, dead_time)
+        plots = signals(rows, reference, dead_time)
         if self._among is None:
             return plots
         return {group: tinted(plot, self._among) for group, plot in plots.items()}
@@ -166,8 +290,7 @@ class RunStream:
                 called = name.replace("_", " ")
                 if self._among is not None:
                     called = f"{self.name}: {called}"
-                look = _look(signal.colour, signal.width, called, points=signal.points)
-                yield f"{self.root}/{group}/{name}", look
+                yield f"{self.root}/{group}/{name}", _line(signal.colour, signal.width, called)
 
     def _frames(self, time: Array) -> NDArray[np.integer]:
         """Indices of the rows of which a picture is made, FRAMES per second."""
@@ -207,15 +330,8 @@ class RunStream:
             motor = self._cams.motor(state[:, 2::4])
         for entity, pose in self.scene.poses(state, motor, turns).items():
             yield Batch(entity, time, rr.Transform3D.columns(**pose))
-        for axis, (at, way) in self.scene.wheels(state, motor).items():
-            if f"wheel_{axis}_N" in rows:
-                force = FORCE_SCALE[axis] * rows[f"wheel_{axis}_N"][:, None] * way
-                yield _arrows(f"{self.scene.root}/force_wheel_{axis}", time, at, force)
-        if "ball_N" in rows:
-            push = np.zeros((len(time), 3))
-            push[:, 2] = FORCE_SCALE["ball"] * rows["ball_N"]
-            at = np.column_stack((state[:, 0], state[:, 4], np.full(len(time), self.scene.surface)))
-            yield _arrows(f"{self.scene.plate}/force_ball", time, at, push)
+        spring = rr.LineStrips3D.columns(strips=self.scene.spring_ends(state))
+        yield Batch(self.scene.spring, time, spring)
 
     def _on_plate(self, rows: Mapping[str, Array], reference: Array) -> Iterator[Batch]:
         time, ball = rows["time"], states_of(rows)[:, 0::4]
@@ -244,13 +360,9 @@ class RunStream:
         yield Batch(f"{self.scene.plate}/trail", time, rr.LineStrips3D.columns(strips=lifted))
 
 
-def _look(colour: Colour, width: float, called: str, *, points: bool) -> rr.AsComponents:
-    """How a line of the plots is drawn, or its points."""
-    if not points:
-        return rr.SeriesLines(colors=[colour], widths=[width], names=[called])
-    return rr.SeriesPoints(
-        colors=[colour], marker_sizes=[width], names=[called], markers=["circle"]
-    )
+def _line(colour: Colour, width: float, called: str) -> rr.AsComponents:
+    """How a line of the plots is drawn."""
+    return rr.SeriesLines(colors=[colour], widths=[width], names=[called])
 
 
 def _told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterator[Batch]:
@@ -259,10 +371,6 @@ def _told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterato
         times, texts = zip(*events, strict=True)
         lines = rr.TextLog.columns(text=texts, level=[level] * len(events))
         yield Batch(f"{root}/events", np.array(times), lines)
-
-
-def _arrows(entity: str, time: Array, at: Array, way: Array) -> Batch:
-    return Batch(entity, time, rr.Arrows3D.columns(origins=at, vectors=way))
 
 
 def fingerprint(x: Array, y: Array) -> int:
@@ -279,47 +387,24 @@ TWIN_WORDS = {
 }
 """Group of the plots of the twin, and which line has which colour."""
 
-TWIN_RANGES = {"twin_score": (-0.4, 12.0), "twin_error_mm": (-0.4, 12.0)}
+TWIN_RANGE = (-0.4, 12.0)
 """What their axes show: where a ball may or may not stop, its band is as wide as the plate."""
 
 
-class Scores(NamedTuple):
-    """What is drawn of replays.
+class TwinRows(NamedTuple):
+    """What is drawn of W replays.
 
     Attributes:
-        time: When each ended, s, shape (W,).
-        score: Error over predicted spread, shape (W,).
-        distance: Error in mm, shape (W,).
-        band: How far the 95 % band reaches in its direction, mm, shape (W,).
-        ball_time: When the twin's ball was where, s, shape (K,).
-        ball: There, m, shape (K, 2).
+        rows: When each ended (``time``, s), whether it tells anything (``told``), ``score``,
+            ``distance`` and ``band`` in m, shape (W,); where the twin's ball was from the begin on
+            (``twin_x`` and ``twin_y``, m), shape (W, N).
+        horizon: Seconds from the begin of each to its end.
+        step: Seconds from one place to the next.
     """
 
-    time: Array
-    score: Array
-    distance: Array
-    band: Array
-    ball_time: Array
-    ball: Array
-
-    @classmethod
-    def of(
-        cls, told: Mask, begin: Array, end: Array, values: Sequence[Array], path: Array, step: float
-    ) -> Scores:
-        """Those of replays.
-
-        Args:
-            told: Which tell anything, shape (W,).
-            begin: Of each, s, shape (W,).
-            end: Of each, s, shape (W,).
-            values: Score, and error and band in m, shape (W,) each.
-            path: Where the twin's ball is from the begin on, m, shape (W, N, 2).
-            step: Seconds from one place to the next.
-        """
-        score, distance, band = (each[told] for each in values)
-        times = begin[:, None] + step * np.arange(path.shape[1])
-        errors = score, 1000 * distance, 1000 * band
-        return cls(end[told], *errors, times.ravel(), path.reshape(-1, 2))
+    rows: Mapping[str, Array]
+    horizon: float
+    step: float
 
 
 class TwinStream:
@@ -348,57 +433,53 @@ class TwinStream:
             f"{self.root}/plate_mm/twin",
             rr.Points2D.from_fields(colors=[GHOST], radii=[9.0]),
         )
-        for entity, colour, width, called, points in (
-            ("twin_score/score", VERMILION, 4.0, "score", True),
-            ("twin_error_mm/distance", GREY, 4.0, "distance", True),
-            ("twin_score/as_predicted", BLACK, 1.2, "as predicted", False),
-            ("twin_error_mm/band", PINK, 1.2, "95 % band", False),
+        for entity, colour, called in (
+            ("twin_score/score", VERMILION, "score"),
+            ("twin_error_mm/distance", GREY, "distance"),
         ):
-            yield f"{self.root}/{entity}", _look(colour, width, called, points=points)
+            look = {"colors": [colour], "marker_sizes": [4.0], "markers": ["circle"]}
+            yield f"{self.root}/{entity}", rr.SeriesPoints(names=[called], **look)
+        yield f"{self.root}/twin_score/as_predicted", _line(BLACK, 1.2, "as predicted")
+        yield f"{self.root}/twin_error_mm/band", _line(PINK, 1.2, "95 % band")
 
     def batches(
-        self, scores: Scores | None, events: Sequence[tuple[float, str]]
+        self, said: TwinRows | None, events: Sequence[tuple[float, str]]
     ) -> Iterator[Batch]:
         """What is new, as columns for the viewer.
 
         Args:
-            scores: Of replays.
+            said: Of replays; None for nothing.
             events: Time in s and text of what happened.
         """
-        if scores is not None and len(scores.time):
+        if said is not None:
+            rows = {name: values[said.rows["told"] > 0] for name, values in said.rows.items()}
             for entity, values in (
-                ("twin_score/score", scores.score),
-                ("twin_score/as_predicted", np.ones(len(scores.time))),
-                ("twin_error_mm/distance", scores.distance),
-                ("twin_error_mm/band", scores.band),
+                ("twin_score/score", rows["score"]),
+                ("twin_score/as_predicted", np.ones(len(rows["time"]))),
+                ("twin_error_mm/distance", 1000 * rows["distance"]),
+                ("twin_error_mm/band", 1000 * rows["band"]),
             ):
-                yield Batch(
-                    f"{self.root}/{entity}", scores.time, rr.Scalars.columns(scalars=values)
-                )
-        if scores is not None and len(scores.ball_time):
-            high = np.full(len(scores.ball), self._scene.surface + self._scene.radius)
-            place = np.column_stack((scores.ball, high))
-            yield Batch(self._ball, scores.ball_time, rr.Transform3D.columns(translation=place))
-            yield Batch(
-                f"{self.root}/plate_mm/twin",
-                scores.ball_time,
-                rr.Points2D.columns(positions=in_view(scores.ball)),
-            )
+                shown = rr.Scalars.columns(scalars=values)
+                yield Batch(f"{self.root}/{entity}", rows["time"], shown)
+            ball = np.stack((said.rows["twin_x"], said.rows["twin_y"]), axis=-1)
+            begin = said.rows["time"] - said.horizon
+            time = (begin[:, None] + said.step * np.arange(ball.shape[1])).ravel()
+            ball = ball.reshape(-1, 2)
+            high = np.full(len(ball), self._scene.surface + self._scene.radius)
+            place = rr.Transform3D.columns(translation=np.column_stack((ball, high)))
+            yield Batch(self._ball, time, place)
+            above = rr.Points2D.columns(positions=in_view(ball))
+            yield Batch(f"{self.root}/plate_mm/twin", time, above)
         yield from _told(self.root, events, "WARN")
 
 
 COLUMNS = ("time", "told", "score", "distance", "band", "twin_x", "twin_y")
 
 
-class Saved(NamedTuple):
-    """Scores as they are drawn, and time in s and text of every alarm."""
+def saved_twin(run: Run) -> tuple[TwinRows, list[tuple[float, str]]] | None:
+    """What was said of this very record, with time in s and text of every alarm.
 
-    scores: Scores
-    events: list[tuple[float, str]]
-
-
-def saved_twin(run: Run) -> Saved | None:
-    """What was said of this very record; None if nothing was, or only of another one before it.
+    None if nothing was, or only of another one before it.
 
     Raises:
         RecordError: If a file is damaged.
@@ -409,24 +490,13 @@ def saved_twin(run: Run) -> Saved | None:
     try:
         table = pq.read_table(folder / "shadow.parquet")
         about = json.loads(table.schema.metadata[b"ballplate"])
-        measured = run.rows["measured_x"], run.rows["measured_y"]
-        if about.get("record") != fingerprint(*measured):
+        if about.get("record") != fingerprint(run.rows["measured_x"], run.rows["measured_y"]):
             return None
-        scores = _scores({name: table[name].to_pylist() for name in COLUMNS}, about)
+        rows = {name: np.array(table[name].to_pylist(), float) for name in COLUMNS}
         alarms = json.loads((folder / "shadow.json").read_text(encoding="utf-8"))["alarms"]
         events = [(float(each["time"]), f"alarm at {each['words']}") for each in alarms]
+        return TwinRows(rows, float(about["horizon"]), float(about["step"])), events
     except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
         raise RecordError(
             f"{folder}/shadow.parquet: not what `ballplate shadow` writes ({error}); run it again"
         ) from error
-    return Saved(scores, events)
-
-
-def _scores(columns: dict[str, list[Any]], about: dict[str, Any]) -> Scores:
-    told = np.array(columns["told"]) > 0
-    end, *values = (
-        np.array(columns[name], dtype=float) for name in ("time", "score", "distance", "band")
-    )
-    path = np.stack([np.array(columns[name], dtype=float) for name in ("twin_x", "twin_y")], -1)
-    begin, step = end - float(about["horizon"]), float(about["step"])
-    return Scores.of(told, begin, end, values, path, step)

@@ -11,6 +11,7 @@ import numpy as np
 
 from controllers.interfaces import Measurement
 from twin.errors import RecordError, ScenarioError
+from twin.identify.logs import read
 from twin.jobs import SecondProcess
 from twin.page import Block, Picture, Text, Verdict, digits, html
 from twin.report.numbers import IndicatorRow, all_rows, indicators
@@ -22,7 +23,7 @@ from twin.run.metrics import Motion
 from twin.run.record import Recorder
 from twin.scenario.load import check, load, put, setting
 from twin.scenario.schema import JUMPS, RAMPS, Scenario
-from twin.whatif.moment import LOOK_BACK, Moment, exact, save_recorded, take_over
+from twin.whatif.moment import LOOK_BACK, Moment, estimated, exact, judge, take_over
 from twin.writing import write_json, write_whole
 
 CONTROL = ("controller.", "observer.", "predictor.", "reference.")
@@ -221,7 +222,7 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
             raise RecordError(f"{path}: a log does not say what ran; give --scenario NAME")
         chosen = load(scenario)
         at, rounded = _nearest(at, chosen)
-        return _noted(_estimated(path.stem, path, chosen, at), rounded)
+        return _noted(estimated(path.stem, judge(read(path), chosen, at), chosen, at), rounded)
     if scenario is not None:
         raise RecordError(f"--scenario: {path} is a record and says itself what ran; leave it out")
     (run,) = open_run(path)
@@ -238,7 +239,8 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
         if run.versions.get(name) != version
     ]
     if "true_x" not in run.rows or "lateness" in run.rows or other:
-        moment = _estimated(run.name, file, run.scenario, at)
+        log = judge(read(file), run.scenario, at)
+        moment = estimated(run.name, log, run.scenario, at)
         note = f"recorded with {', '.join(other)}: gone on with from its estimated state"
         return _noted(moment, (note,) if other else (), later)
     first, last = run.rows["time"][[0, -1]]
@@ -273,14 +275,6 @@ def _not_repeated(run: Run, at: float) -> tuple[str, ...]:
     )
 
 
-def _estimated(name: str, file: Path, scenario: Scenario, at: float) -> Moment:
-    """A moment of what was measured."""
-    from twin.identify.log import read  # noqa: PLC0415  heavy: loaded when needed
-    from twin.whatif.moment import estimated, judge  # noqa: PLC0415
-
-    return estimated(name, judge(read(file), scenario, at), scenario, at)
-
-
 def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]]) -> list[Future]:
     """Go on from a moment in several ways.
 
@@ -299,7 +293,7 @@ def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]])
 
 
 def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondProcess) -> None:
-    """Write a folder of run folders, of record and futures, with a picture and a page of all.
+    """Write a folder of run folders, one a future, with a picture and a page of record and all.
 
     Args:
         moment: Where they begin.
@@ -320,10 +314,7 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
         changed = {"exact": moment.exact, "set": [*each.settings]}
         origin = {"of": moment.name, "at": moment.at, **changed}
         record_run(each.run, folders[-1], {"branch": origin})
-    period = moment.scenario.rig.period
-    end = period + max(each.run.motion.time[-1] for each in found)
-    save_recorded(moment, moment.at - SHOWN_BEFORE, end, folder / "recorded")
-    kept = {"folders": ["recorded", *(own.name for own in folders)]}
+    kept = {"folders": [own.name for own in folders]}
     write_json(folder / WHATIF, summary(moment, found) | kept)
     drawing = picture()
     write_whole(folder / "picture.png", drawing)

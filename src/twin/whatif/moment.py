@@ -6,7 +6,7 @@ the twin is led, and let go in the state that the log shows, if the log is fit f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,15 +17,13 @@ from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
 from twin.errors import RecordError
-from twin.hal.supervisor import State
-from twin.identify.log import Log
-from twin.identify.log_checks import check_ranges
-from twin.identify.prepare import interpolated
+from twin.identify.logs import Log
+from twin.identify.prepare import check_ranges, interpolated
 from twin.run.assemble import assemble, build_controller, build_reference
-from twin.run.finished import Run, versions
+from twin.run.finished import Run
 from twin.run.loop import drive
 from twin.run.metrics import Motion
-from twin.run.record import CHANNELS, Recorder, write_run
+from twin.run.record import Recorder
 from twin.run.state import Snapshot, restore, snapshots_of
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedRig
@@ -91,7 +89,6 @@ class Moment:
         scenario: Of the run.
         recorded: What was recorded before and after it, for comparison; the ball smoothed along a
             log, NaN where there is none.
-        columns: All of it, by the names of a record.
         exact: Whether the state is the run's own to the bit, or estimated.
         before_mm: Largest distance in mm of twin and record over the last second before it; None
             if there is no such second.
@@ -105,7 +102,6 @@ class Moment:
     at: float
     scenario: Scenario
     recorded: Motion
-    columns: Mapping[str, Array]
     exact: bool
     before_mm: float | None
     controller: Callable[[], Controller]
@@ -160,7 +156,6 @@ def exact(run: Run, file: Path, at: float) -> Moment:
         at=at,
         scenario=run.scenario,
         recorded=motion,
-        columns=run.rows,
         exact=True,
         before_mm=None if apart is None else 1000 * apart,
         controller=partial(_controller, run.scenario, snapshot),
@@ -324,58 +319,6 @@ def _joined(gaps: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
     return tuple(found)
 
 
-def columns_of(log: Usable) -> dict[str, Array]:
-    """A log as the columns of a record.
-
-    The estimate is the smoothed path, with the encoders' angles and the commanded rates; what was
-    requested before the clamps nobody knows.
-    """
-    ball, velocity = path(log.time, log.samples)
-    period = float(np.median(np.diff(log.time)))
-    applied = np.diff(log.command, axis=0, prepend=log.command[:1]) / period
-    known = {
-        "measured": np.stack(
-            (log.ball[:, 0], log.plate[:, 0], log.ball[:, 1], log.plate[:, 1]), axis=1
-        ),
-        "age": log.age[:, None],
-        "touched": log.touched[:, None],
-        "estimate": np.stack(
-            [
-                values[:, axis]
-                for axis in (0, 1)
-                for values in (ball, velocity, log.plate, log.command)
-            ],
-            axis=1,
-        ),
-        "requested": np.full_like(applied, np.nan),
-        "applied": applied,
-        "supervisor": np.full((len(log.time), 1), float(State.RUNNING)),
-    }
-    found = {"time": log.time}
-    for name, values in known.items():
-        found |= dict(zip(CHANNELS[name].columns, values.T, strict=True))
-    return found
-
-
-def save_recorded(moment: Moment, begin: float, end: float, folder: Path) -> None:
-    """Write what was recorded from one time in s to another as a run folder.
-
-    Raises:
-        RecordError: If it cannot be written.
-    """
-    time = moment.columns["time"]
-    shown = (time > begin - 1e-9) & (time < end + 1e-9)
-    rows = {name: values[shown] for name, values in moment.columns.items()}
-    state = [name for each in CHANNELS.values() for name in each.columns]
-    plant = tuple(name for name in rows if name not in {"time", "rig", *state})
-    record = Recorder(int(shown.sum()), 1, moment.scenario.rig.period, plant)
-    record.begin_with(rows)
-    part = {"of": moment.name, "at": moment.at, "recorded": True}
-    scenario = moment.scenario.model_dump(mode="json")
-    metadata = {"scenario": scenario, "versions": versions(), "branch": part}
-    write_run(folder, record, metadata)
-
-
 LED = 0.6
 """Time in s for which the twin is led along the log before it is let go."""
 CATCH_UP = 0.3
@@ -395,23 +338,18 @@ def estimated(name: str, log: Usable, scenario: Scenario, at: float) -> Moment:
         scenario: What ran.
         at: The moment, s; a whole number of periods within the log.
     """
-    columns = columns_of(log)
-    ball, u = (
-        np.stack([columns[name] for name in names], axis=1)
-        for names in (("estimated_x", "estimated_y"), CHANNELS["applied"].columns)
-    )
+    period = float(np.median(np.diff(log.time)))
     return Moment(
         name=name,
         at=at,
         scenario=scenario,
         recorded=Motion(
             time=log.time,
-            ball=ball,
+            ball=path(log.time, log.samples)[0],
             plate=log.plate,
-            u=u,
+            u=np.diff(log.command, axis=0, prepend=log.command[:1]) / period,
             reference=build_reference(scenario)(log.time)[0],
         ),
-        columns=columns,
         exact=False,
         before_mm=_apart(log, scenario, at),
         controller=partial(_warmed, log, scenario, at),

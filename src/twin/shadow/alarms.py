@@ -1,4 +1,4 @@
-"""A sequential test: since when, if at all, has something other than the twin made the log.
+"""When reality has left the model, and why: a sequential test, and its alarms' causes weighed.
 
 A CUSUM over windows in the form for changes of unknown size (Lai and Xing): after each window the
 log-likelihood ratio of every cause against no change, its size integrated over its prior, is
@@ -12,19 +12,26 @@ may count for much. The test of all causes trusts a single window more, and so h
 room for what differs from window to window where the ball stops; little of the dead time is left to
 see there. Here each window is trusted with little, also where it and others would add up to much,
 which bounds the outliers of stopping balls, and the room is smaller.
+
+The evidence of the windows holds close to what is believed. A cause that changes the ball's motion
+much is therefore expanded again where it puts the parameters, until both agree (Laplace's method).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr
 
 from controllers.arrays import Array
-from twin.shadow.belief import CAUSES, CHANGING, PARAMETERS, STOPPING, Belief
-from twin.shadow.evidence import Evidence, log_evidence, posterior
+from twin.identify.parameters import BALL as BOUNDS
+from twin.identify.windows import Windows
+from twin.shadow.belief import BALL, CAUSES, CHANGING, PARAMETERS, STOPPING, TABLES, Belief
+from twin.shadow.evidence import GAPS, NONE, Evidence, ball_evidence, log_evidence, posterior
 
 LATEST = 8.0
 """Seconds before a window that it learns nothing from, for a change may have begun in them."""
@@ -78,7 +85,7 @@ BLOCK = 100
 
 AT_MOST = 5.0
 """Log-likelihood ratio that one window may speak for a change: an outlier alone is no alarm."""
-ROUNDS = 8
+WEAKENED = 8
 """How often a window is weakened until it says no more than that."""
 
 
@@ -145,7 +152,7 @@ def bounded(
     """
     begin = np.arange(after, len(evidence))
     sums, weaker = _Sums(evidence, belief, causes), np.ones(len(begin))
-    for _ in range(ROUNDS):  # the ratio falls less than in proportion, as a rig may have drifted
+    for _ in range(WEAKENED):  # the ratio falls less than in proportion, as a rig may have drifted
         weaker *= np.maximum(sums.ratio(begin, begin + 1, weaker) / at_most, 1.0)
     return evidence.take(begin).tempered(weaker)
 
@@ -236,7 +243,7 @@ def baseline(evidence: Evidence, belief: Belief, change: int) -> Before:
     return Before(mean, covariance + np.diag(belief.drift**2))
 
 
-CAUSE = ("dead time",)
+DEAD_TIME = ("dead time",)
 LATE = PARAMETERS.index("delay")
 ALONE = 0.5
 """Log-likelihood ratio that one window alone may speak for a change of the dead time,"""
@@ -261,7 +268,7 @@ def limited(evidence: Evidence, belief: Belief, after: int = 0) -> Evidence:
     room = np.hypot(belief.unit * np.stack((rolling, stopping)), belief.uneven)
     shows = evidence.information[:, LATE, LATE] > 0
     narrow = evidence.take(shows).softened(room)
-    return bounded(narrow, belief, int(shows[:after].sum()), CAUSE, ALONE)
+    return bounded(narrow, belief, int(shows[:after].sum()), DEAD_TIME, ALONE)
 
 
 def delayed(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
@@ -272,7 +279,7 @@ def delayed(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
         belief: The twin.
         after: Windows for which it is not worked out, but left at zero.
     """
-    return added_up(evidence, belief, after, CAUSE, ADDED)
+    return added_up(evidence, belief, after, DEAD_TIME, ADDED)
 
 
 def standing(evidence: Evidence, ratio: Array, time: Array) -> Array:
@@ -285,3 +292,228 @@ def standing(evidence: Evidence, ratio: Array, time: Array) -> Array:
     """
     windows = np.searchsorted(evidence.end, time, side="right")
     return np.asarray(np.concatenate((np.zeros(1), ratio))[windows])
+
+
+LEAST = 0.05
+"""Probability below which a cause counts as ruled out."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A hypothesis and how probable it is, all of them being equally likely beforehand.
+
+    Attributes:
+        name: What has changed.
+        probability: 0 to 1.
+        change: By how much, in words.
+    """
+
+    name: str
+    probability: float
+    change: str
+
+
+def likely(causes: Sequence[Cause]) -> list[Cause]:
+    """Those that cannot be ruled out; of more than one it is not told which it is."""
+    return [each for each in causes if each.probability >= LEAST]
+
+
+def in_words(causes: Sequence[Cause]) -> str:
+    """What has changed, or between what the log does not tell."""
+    left = likely(causes)
+    if len(left) == 1:
+        return f"{left[0].name} ({left[0].change})"
+    names = [f"{each.name} ({each.change}; {100 * each.probability:.0f} %)" for each in left]
+    return f"not told apart: {', '.join(names[:-1])} or {names[-1]}"
+
+
+def words_of(name: str, moved: Array, belief: Belief) -> str:
+    """The size of a change in words.
+
+    Args:
+        name: Of the cause.
+        moved: Change of the parameters, shape (P,).
+        belief: What held before.
+    """
+    at = {p: float(moved[PARAMETERS.index(p)]) for p in CAUSES[name]}
+    if name == "lost motion":
+        gap = sum(share * width for share, width in zip(at.values(), GAPS, strict=True))
+        return f"{np.degrees(gap):+.2f} deg"
+    parts = [
+        _in_words(p, v / belief.values["rolling"] if p == "rolling" else v) for p, v in at.items()
+    ]
+    if name == "another ball":
+        return f"tilt gain {parts[0]}, rolling friction {parts[1]}"
+    return ", ".join(parts)
+
+
+def _in_words(parameter: str, value: float) -> str:
+    """A change of a parameter in words, that of the rolling friction as a share."""
+    about = TABLES["parameters"][parameter]
+    size = np.exp(value) if parameter == "noise" else about["factor"] * value
+    text: str = about["words"].format(size)
+    return text
+
+
+def one_sided(belief: Belief) -> list[str]:
+    """Parameters that can only have grown, since they are believed to be at their least."""
+    least = {
+        "breakaway": belief.values["breakaway"] <= 1,
+        "lag": belief.lag <= 0,
+        "narrow_play": belief.play <= 0,
+        "wide_play": belief.play <= 0,
+    }
+    return [name for name, there in least.items() if there]
+
+
+ROUNDS = 3
+"""How often a cause is expanded again,"""
+SETTLED = 2
+"""after how often likelihoods are close to what they come to,"""
+HOPELESS = 20.0
+"""and how much less likely than the best, as a logarithm, is then not worth a further time."""
+MOVED = tuple(name for name, sizes in CAUSES.items() if set(sizes) <= set(BALL))
+"""Causes that change the ball's motion."""
+
+
+@dataclass
+class _Hypothesis:
+    """A cause, and the evidence around a deviation ``at`` from the belief, shape (P,).
+
+    Attributes:
+        name: Of the cause.
+        prior: Covariance of the deviation, shape (P, P).
+        other: Evidence of plate and screen, expanded at the belief, softened.
+        expanded: Windows of the ball, expanded at ``at``.
+        at: Where, shape (P,).
+        ball: The same windows, softened.
+    """
+
+    name: str
+    prior: Array
+    other: Evidence
+    expanded: Evidence
+    at: Array
+    ball: Evidence = NONE
+
+    def sums(self) -> tuple[Array, Array, float]:
+        """A, b and height about ``at``."""
+        A, b = self.other.information.sum(axis=0), self.other.score.sum(axis=0)  # noqa: N806
+        more, slope = self.ball.information.sum(axis=0), self.ball.score.sum(axis=0)
+        return A + more, b - A @ self.at + slope, float(self.ball.height.sum())
+
+    def moved(self, before: Before) -> Array:
+        """The most probable deviation from the belief, shape (P,)."""
+        A, b, _ = self.sums()  # noqa: N806
+        return np.asarray(self.at + posterior(A, b, self.prior, before.mean - self.at)[0])
+
+    def expand(self, before: Before, belief: Belief, windows: Windows) -> None:
+        """Expand the windows of the ball anew where the cause puts the parameters."""
+        watched, believed = [PARAMETERS.index(name) for name in BALL], belief.theta[0]
+        least, most = zip(*((BOUNDS[name].least, BOUNDS[name].most) for name in BALL), strict=True)
+        theta, count = believed.copy(), len(BALL)
+        theta[:count] = np.clip(theta[:count] + self.moved(before)[watched], least, most)
+        self.expanded = ball_evidence(windows, belief, theta)
+        self.at = np.zeros(len(PARAMETERS))
+        self.at[watched] = (theta - believed)[:count]
+
+    def log(self, before: Before, belief: Belief) -> float:
+        """Logarithm of the marginal likelihood."""
+        A, b, height = self.sums()  # noqa: N806
+        mean = before.mean - self.at
+        total = height + float(log_evidence(A, b, self.prior, mean))
+        middle, covariance = posterior(A, b, self.prior, mean)
+        for name in one_sided(belief):
+            k = PARAMETERS.index(name)
+            if name in CAUSES[self.name]:
+                grown = (self.at + middle - before.mean)[k] / np.sqrt(max(covariance[k, k], 1e-24))
+                total += float(np.log(2) + log_ndtr(grown))
+        return total
+
+
+def weigh(
+    ball: Evidence, windows: Windows | None, other: Evidence, before: Before, belief: Belief
+) -> list[Cause]:
+    """The causes of what is in a part of a log, the most probable first.
+
+    Args:
+        ball: Windows in which the ball moves, expanded around the belief, not softened.
+        windows: The same, as they are replayed; None if there are none.
+        other: Evidence of plate and screen, not softened.
+        before: How far the twin was off before it.
+        belief: The twin.
+    """
+    soft, nowhere = other.softened(belief.changing), np.zeros(len(PARAMETERS))
+    priors = before.covariance + belief.changes
+    hypotheses = [
+        _Hypothesis(name, prior, soft, ball, nowhere)
+        for name, prior in zip(CAUSES, priors, strict=True)
+    ]
+    logs = np.zeros(len(hypotheses))
+    for number in range(1 + ROUNDS):
+        for each, log in zip(hypotheses, logs, strict=True):
+            hopeless = log <= logs.max() - HOPELESS and number > SETTLED
+            if number and windows is not None and each.name in MOVED and not hopeless:
+                each.expand(before, belief, windows)
+        # noise as large for every cause as the best of them leaves
+        left = np.min([each.expanded.dispersion for each in hypotheses], axis=0)
+        for each in hypotheses:
+            each.ball = each.expanded.tempered(left).softened(belief.changing)
+        logs = np.array([each.log(before, belief) for each in hypotheses])
+    weights: Array = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    causes = [
+        Cause(each.name, float(p), words_of(each.name, each.moved(before) - before.mean, belief))
+        for each, p in zip(hypotheses, weights, strict=True)
+    ]
+    return sorted(causes, key=lambda each: -each.probability)
+
+
+THRESHOLD = 12.0
+"""Log-likelihood ratio of any cause at which an alarm is raised; the dead time has its own."""
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """Reality has left the model.
+
+    Attributes:
+        time: When it was noticed, s.
+        since: The most likely time of the change, s.
+        ratio: Log-likelihood ratio of a change against none, in the test that raised it.
+        causes: All hypotheses, the most probable first.
+    """
+
+    time: float
+    since: float
+    ratio: float
+    causes: tuple[Cause, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``: the causes that cannot be ruled out."""
+        return {
+            "time": self.time,
+            "since": self.since,
+            "log_likelihood_ratio": self.ratio,
+            "words": self.words,
+            "causes": [asdict(each) for each in likely(self.causes)],
+        }
+
+    @property
+    def words(self) -> str:
+        """One sentence."""
+        return f"{self.time:.1f} s, since about {self.since:.1f} s: {in_words(self.causes)}"
+
+
+def crossings(share: Array) -> list[int]:
+    """Windows at which a statistic comes to exceed its threshold, having been far below it.
+
+    Args:
+        share: The statistic over its threshold, shape (W,).
+    """
+    found, armed = [], True
+    for window, value in enumerate(share):
+        if armed and value > 1:
+            found.append(window)
+        armed = value < 1 / 3 if not armed or value > 1 else armed
+    return found
