@@ -7,23 +7,14 @@ from __future__ import annotations
 
 import math
 import operator
+import typing
 from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 from itertools import repeat
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import (
-    Annotated,
-    Any,
-    Concatenate,
-    Literal,
-    NamedTuple,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Len, Lt
@@ -95,7 +86,9 @@ NUMBERS = Arithmetic(
 ARRAYS = Arithmetic(np.sqrt, np.where, np.any, np.minimum, np.maximum)
 
 
-def elementwise(formula: Callable[Concatenate[Arithmetic, ...], Any], *arrays: Array) -> Array:
+def elementwise(
+    formula: Callable[typing.Concatenate[Arithmetic, ...], Any], *arrays: Array
+) -> Array:
     """A formula of plain numbers for every element of arrays, each shape (N, k).
 
     Args:
@@ -150,7 +143,7 @@ def check(item: object) -> None:
 @cache
 def _hints(cls: Any) -> dict[str, Any]:
     """The types of the fields of a dataclass that are given to it."""
-    hints = get_type_hints(cls, include_extras=True)
+    hints = typing.get_type_hints(cls, include_extras=True)
     return {each.name: hints[each.name] for each in fields(cls) if each.init}
 
 
@@ -165,7 +158,7 @@ def _holds(hint: Any, value: Any) -> bool:
             and all(len(value) == length for length in lengths)
             and all(_BOUNDS[type(mark)][0](value, _bound(mark)) for mark in marks)
         )
-    if origin in {Union, UnionType}:
+    if origin in {typing.Union, UnionType}:
         return any(_holds(part, value) for part in parts)
     if origin is tuple:
         several = hasattr(value, "__len__") and not isinstance(value, str)
@@ -191,7 +184,7 @@ def _words(hint: Any, marks: tuple[Any, ...] = (), many: str | None = None) -> s
             if isinstance(mark, Len):  # of tuple[..., ...]
                 return _words(get_args(parts[0])[0], marks, f"{mark.min_length} ")
         return _words(parts[0], (*own, *marks), many)
-    if origin in {Union, UnionType}:
+    if origin in {typing.Union, UnionType}:
         known = [part for part in parts if part is not NoneType]
         return " or ".join(_words(part, marks, many) for part in known)
     if origin is tuple:

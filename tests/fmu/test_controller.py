@@ -11,7 +11,6 @@ import fmpy.fmi2
 import fmpy.fmi3
 import numpy as np
 import pytest
-from twin.run.loop import simulate
 
 import ballplate as bp
 from ballplate.changes import changes_of, scenario_of
@@ -19,6 +18,7 @@ from controllers import catalog
 from controllers.interfaces import Law
 from twin.errors import LawError, ScenarioError
 from twin.run.assemble import build_reference
+from twin.run.loop import simulate
 
 IMPORTER = {2: fmpy.fmi2, 3: fmpy.fmi3}
 X, Y = [17.3, 21.7, 64.5, 16.7], [-17.3, -21.7, 64.5, 16.7]

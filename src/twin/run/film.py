@@ -54,8 +54,8 @@ TRAIL, TONES = 36, 6
 """Frames that a trail is long, tones in which it fades."""
 STEEPEST = 50
 """How many times as steep as it is the tilt may be drawn."""
-MOST_FRAMES, MOST_FPS = 2000, 50
-SIZES = (300, 1200)
+MOST_FRAMES = 2000
+RANGES = {"fps": (1, 50), "size": (300, 1200), "seconds": (0.001, 3600)}
 RENDERERS = ("plate", "mujoco")
 
 
@@ -86,12 +86,9 @@ class Cut:
         """Refuse what no picture can be."""
         if self.render not in RENDERERS:
             raise RecordError(f"render {self.render}: must be {' or '.join(RENDERERS)}")
-        for name, value, (least, most) in (
-            ("fps", self.fps, (1, MOST_FPS)),
-            ("size", self.size, SIZES),
-            ("seconds", 1.0 if self.seconds is None else self.seconds, (0.001, 3600)),
-        ):
-            if not least <= value <= most:
+        for name, (least, most) in RANGES.items():
+            value = getattr(self, name)
+            if value is not None and not least <= value <= most:
                 raise RecordError(f"{name} {value:g}: must be from {least:g} to {most:g}")
 
     def times(self, begin: float, end: float) -> Array:

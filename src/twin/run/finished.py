@@ -25,15 +25,7 @@ from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import State
 from twin.jobs import SecondProcess
-from twin.run import files
-from twin.run.assemble import (
-    assemble,
-    build_controller,
-    build_law,
-    build_limits,
-    build_reference,
-    own_errors,
-)
+from twin.run import assemble, files
 from twin.run.loop import drive
 from twin.run.metrics import INTERRUPTED, KILLED, Ending, Motion, Outcome, held, measure
 from twin.run.record import CHANNELS, Recorder, classes_of, read_beside, read_run, write_run
@@ -132,7 +124,7 @@ class Run(files.Signals):
             account: Timing statistics of a rig in real time.
             more: Further attributes.
         """
-        desired = (reference or build_reference(scenario))(record.time)[0]
+        desired = (reference or assemble.build_reference(scenario))(record.time)[0]
         if origin(choices("reference")[scenario.reference.kind]) is not None:
             record.data["reference"] = desired[:, None]  # who draws the record may lack the class
         if (laid := _laid(scenario, record, reference)) is not None:
@@ -184,7 +176,7 @@ class Run(files.Signals):
         if CHANNELS["reference"].columns[0] in self.rows:
             path = np.stack([self.rows[name] for name in CHANNELS["reference"].columns], axis=1)
             return RecordedReference(self.rows["time"], path)
-        return build_reference(self.scenario)
+        return assemble.build_reference(self.scenario)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -245,7 +237,7 @@ class Run(files.Signals):
     @property
     def limits(self) -> Limits:
         """Limits of what might be commanded of the rig."""
-        return build_limits(self.scenario.rig.limits)
+        return assemble.build_limits(self.scenario.rig.limits)
 
     @cached_property
     def motion(self) -> Motion:
@@ -275,7 +267,7 @@ def states_of(rows: Mapping[str, Array]) -> Array:
     return columns(rows, "true" if "true_x" in rows else "estimated")
 
 
-@own_errors()
+@assemble.own_errors()
 def run(
     scenario: Scenario,
     progress: Callable[[float], None] = lambda _: None,
@@ -295,10 +287,10 @@ def run(
     """
     keeper: Keeper | None = None
     if rig is None:
-        rig, controller = assemble(scenario)
+        rig, controller = assemble.assemble(scenario)
         keeper = Keeper(rig, controller, scenario.duration)
     else:
-        controller = build_controller(scenario.without_computing_time)
+        controller = assemble.build_controller(scenario.without_computing_time)
     period = scenario.rig.period
     ticks, knows = round(scenario.duration / period), controller.observer.knows
     record = Recorder(ticks, 1, period, rig.channels, knows)
@@ -323,14 +315,16 @@ def _laid(scenario: Scenario, record: Recorder, reference: Reference | None) -> 
     law = choices("controller")[scenario.controller.kind]
     if not (issubclass(law, AboutMotion) and record.length):
         return None
-    built: Law = build_law(scenario)
+    built: Law = assemble.build_law(scenario)
     x, period = np.zeros(8), scenario.rig.period
     x[0::4] = record["measured"][0, 0, 0::2]
     if isinstance(built, HeldLaw):
         period, built = built.ticks * period, built.law
     assert isinstance(built, AboutMotion)
     ticks = (record.time / period + 1e-6).astype(int)
-    path = built.laid(x, reference or build_reference(scenario), period, int(ticks[-1]) + 1)[ticks]
+    path = built.laid(
+        x, reference or assemble.build_reference(scenario), period, int(ticks[-1]) + 1
+    )[ticks]
     return None if np.isnan(path).all() else path
 
 

@@ -21,16 +21,9 @@ from twin.hal.interface import Limits, Touch, Transmission
 from twin.hal.rig import Rig
 from twin.hal.supervisor import Supervisor
 from twin.settings import Unit, ramp, setting
+from twin.sim import sensors
 from twin.sim.plant.interface import Plant
-from twin.sim.sensors import (
-    EncoderModel,
-    HeldPeriods,
-    Noise,
-    Rigs,
-    SimulatedEncoders,
-    SimulatedScreen,
-    TouchModel,
-)
+from twin.sim.sensors import Noise, Rigs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -424,17 +417,17 @@ class SimulatedDevices:
         plant: Plant,
         *,
         period: float,
-        touch: TouchModel,
-        encoders: EncoderModel,
+        touch: sensors.TouchModel,
+        encoders: sensors.EncoderModel,
         drives: DriveModel,
-        hold: HeldPeriods = 1,
+        hold: sensors.HeldPeriods = 1,
         seeds: Sequence[np.random.SeedSequence],
     ) -> None:
         self.plant = plant
         self._steps = round(period / plant.step)
         self._period = period
-        self._screen = SimulatedScreen(touch, period, seeds, hold)
-        self._encoders = SimulatedEncoders(encoders, seeds, hold)
+        self._screen = sensors.SimulatedScreen(touch, period, seeds, hold)
+        self._encoders = sensors.SimulatedEncoders(encoders, seeds, hold)
         shaken = self._shaken(drives)
         self._disturbance = Noise(shaken, [s.spawn(1)[0] for s in seeds], hold)
         self._drives = SimulatedDrives(drives, period, plant.ratio, seeds)
@@ -451,8 +444,8 @@ class SimulatedDevices:
     def change(
         self,
         *,
-        touch: TouchModel | None = None,
-        encoders: EncoderModel | None = None,
+        touch: sensors.TouchModel | None = None,
+        encoders: sensors.EncoderModel | None = None,
         drives: DriveModel | None = None,
     ) -> None:
         """Have other imperfections from now on; None leaves what there is.
