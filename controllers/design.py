@@ -1,14 +1,10 @@
-"""Poles of an axis: what a scenario may ask for, and the polynomial they are the roots of.
-
-A linear model from one control tick to the next.
-
-Pole placement that turns the eigenvectors away from each other, pair by pair.
+"""Tools of linear design: poles as a scenario writes them, sampling, and pole placement.
 
 With two inputs, poles do not fix a gain: each eigenvector may lie anywhere in a plane. The search
-is that of A. L. Tits and Y. Yang, Globally convergent algorithms for robust pole assignment by
-state feedback, IEEE Trans. Automatic Control 41 (1996), 1432-1452. It takes the steps of
-``scipy.signal.place_poles`` and ends with its gain; importing that takes as long as a fifth of a
-run, for it brings scipy.stats along.
+turns them away from each other, pair by pair: A. L. Tits and Y. Yang, Globally convergent
+algorithms for robust pole assignment by state feedback, IEEE Trans. Automatic Control 41 (1996),
+1432-1452. It takes the steps of ``scipy.signal.place_poles`` and ends with its gain; importing that
+takes as long as a fifth of a run, for it brings scipy.stats along.
 """
 
 from __future__ import annotations

@@ -1,12 +1,8 @@
-"""A motion of ball and plate that makes the ball follow a reference, laid ahead in slices.
+"""Laws about a motion of ball and plate that makes the ball follow a reference.
 
-Stable inverse of a plant that first moves the wrong way, from an input known ahead.
-
-What a ball is to do, some time ahead: a reference asked slice by slice, its jumps spread.
-
-Linear-quadratic feedback about a motion of ball and plate that is laid ahead.
-
-Preview by the stable inverse of the reference, friction fed forward, feedback by LQR.
+The reference is asked some time ahead slice by slice, its jumps spread, and made one that the plate
+can give. The plate's motion is the stable inverse of a plant that first moves the wrong way; friction is fed
+forward, and the feedback about it is linear-quadratic.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Disturbance observer: all that the model does not say is one slow force in each axis.
+"""Observers of what the model leaves out: disturbance, friction, tilt gain.
 
-Kalman filter on the flat output that estimates friction, disturbance and tilt gain as well.
-
-Kalman filter that learns how the friction differs from place to place on the screen.
+A disturbance observer takes all of it for one slow force in each axis; a Kalman filter on the flat
+output estimates friction and tilt gain as well; another learns how the friction differs from place
+to place on the screen.
 """
 
 from __future__ import annotations

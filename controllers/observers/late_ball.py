@@ -1,11 +1,9 @@
-"""Motion of balls with rolling friction under plates whose angles were measured.
+"""What observers of a rolling ball that make up for the dead time have in common.
 
-Everything is calculated from components, plain numbers for one rig, which is several times faster,
-and arrays with one entry per rig for several.
-
-Plate angle and rate for feedback: what was commanded, drawn slowly to what is measured.
-
-What observers of a rolling ball that make up for the dead time have in common.
+The ball moves with friction under a plate whose angles were measured; plate angle and rate for
+feedback are what was commanded, drawn slowly to what is measured. Everything is calculated from
+components, plain numbers for one rig, which is several times faster, and arrays with one entry per
+rig for several.
 """
 
 from __future__ import annotations

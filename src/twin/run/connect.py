@@ -1,6 +1,7 @@
 """From a rig file to a rig: the real one, or whatever speaks its bytes.
 
-From the trace of a rig that any program drove to a log.
+Besides how long a controller computes on this computer, and a log of a rig that any program drove,
+from a trace of its bus.
 """
 
 from __future__ import annotations

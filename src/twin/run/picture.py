@@ -1,7 +1,4 @@
-"""Strips in a run's picture where friction held the ball at rest.
-
-The picture of one or several runs: where the ball went, and what it took.
-"""
+"""The picture of one or several runs: where the ball went, and what it took."""
 
 from __future__ import annotations
 

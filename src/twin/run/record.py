@@ -1,11 +1,8 @@
-"""The record of a run: named channels, one row per control period, written whole or not at all.
+"""The record of a run: named channels, one row per control period, and its file.
 
-Metadata of a record: what the controller was.
-
-The file of a record, run.parquet: columns with units, and what the run was as metadata.
-
-A run on a rig is streamed while it lasts: run.arrows has the same columns and metadata as an Arrow
-stream, which can be read however it ends.
+``run.parquet`` has columns with units and, as metadata, what the run and its controller were; it is
+written whole or not at all. A run on a rig is streamed while it lasts: ``run.arrows`` has the same
+as an Arrow stream, which can be read however it ends.
 """
 
 from __future__ import annotations

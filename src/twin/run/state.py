@@ -1,13 +1,9 @@
-"""The state of an object and of all that it is made of, as data, and put back where it stands.
+"""Snapshots: the state of simulated rigs and their controller, saved and restored to the bit.
 
 What has a state is found by going through attributes: arrays, numbers, texts and random streams.
 What cannot change is left out: frozen dataclasses, functions, models; changes while running follow
-from the time.
-
-Snapshots: the state of simulated rigs and their controller, saved and restored to the bit.
-
-What has a state is found by ``saved_state``. A restored rig must have been assembled from the same
-scenario, which says again what cannot change.
+from the time. A restored rig must have been assembled from the same scenario, which says again what
+cannot change.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""The rows of the ball in the exact model (5.9), gathered for a plate whose motion is given.
+"""The exact model (5.9) as a plant: the clean simulation a controller is designed on.
 
-How balls move on plates whose motion is given: the rows of (5.9a), resistance and RK4.
-
-The exact model (5.9) as a plant: the clean simulation a controller is designed on.
+The rows of the ball in (5.9a) are gathered for a plate whose motion is given; the balls then move
+with resistance, by RK4.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Friction before it slides: a contact that gives way elastically until it has been bent far.
+"""Rolling resistance between ball and screen, and how a screen varies from place to place.
 
-How a real screen varies from place to place: its friction and how level it is.
-
-Rolling resistance between ball and screen: one object for every plant and every study.
+One object for every plant and every study: a contact gives way elastically until it has been bent
+far, resists the more the longer it has rested, and differs over the screen, which may not be level.
 """
 
 from __future__ import annotations
