@@ -1,8 +1,8 @@
 """Laws about a motion of ball and plate that makes the ball follow a reference.
 
 The reference is asked some time ahead slice by slice, its jumps spread, and made one that the plate
-can give. The plate's motion is the stable inverse of a plant that first moves the wrong way; friction is fed
-forward, and the feedback about it is linear-quadratic.
+can give. The plate's motion is the stable inverse of a plant that first moves the wrong way;
+friction is fed forward, and the feedback about it is linear-quadratic.
 """
 
 from __future__ import annotations
