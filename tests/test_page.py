@@ -3,8 +3,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from twin.markdown import table
-from twin.page import WIDE, Code, Picture, Table, Text, Verdict, digits, html, terminal
+from twin.page import WIDE, Code, Picture, Table, Text, Verdict, digits, html, markdown, terminal
 
 NAMES = [f"law_number_{number}" for number in range(12)]
 BROAD = Table(
@@ -66,7 +65,7 @@ def test_values_have_the_digits_a_person_reads(value, unit, text):
 
 
 def test_a_table_has_words_to_the_left_numbers_to_the_right_and_an_empty_line_after_it():
-    text = table(("name", "a", "remark"), [("x", "1", "good"), ("y", "2", "")], words=(0, -1))
+    text = markdown(("name", "a", "remark"), [("x", "1", "good"), ("y", "2", "")], words=(0, -1))
     assert text.splitlines() == [
         "| name | a | remark |",
         "|---|--:|---|",
@@ -74,4 +73,4 @@ def test_a_table_has_words_to_the_left_numbers_to_the_right_and_an_empty_line_af
         "| y | 2 |  |",
     ]
     assert "\n".join([text, "next"]).endswith("|\n\nnext")
-    assert table(("a", "b", "c"), []) == "| a | b | c |\n|---|--:|--:|\n"
+    assert markdown(("a", "b", "c"), []) == "| a | b | c |\n|---|--:|--:|\n"

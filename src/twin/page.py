@@ -1,11 +1,11 @@
-"""A result as a page: blocks of text, tables and pictures as HTML or on a terminal."""
+"""A result as a page: blocks of text, tables and pictures as HTML, on a terminal, in Markdown."""
 
 from __future__ import annotations
 
 import io
 import math
 from base64 import b64encode
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -202,6 +202,32 @@ def terminal(table: Table) -> rich.table.Table:
     for row in table.rows:
         drawn.add_row(*map(escape, row))
     return drawn
+
+
+def markdown(
+    headings: Sequence[str], rows: Iterable[Sequence[str]], words: Collection[int] = (0,)
+) -> str:
+    """A table of a generated document in Markdown, and the empty line after it.
+
+    Args:
+        headings: One per column.
+        rows: One cell per column each.
+        words: The columns of words, which stand to the left; from the end if negative.
+    """
+    count = len(headings)
+    left = {column % count for column in words}
+    rule = ["---" if column in left else "--:" for column in range(count)]
+    lines = [" | ".join(cells) for cells in (headings, *rows)]
+    first, *others = (f"| {line} |" for line in lines)
+    return "\n".join([first, f"|{'|'.join(rule)}|", *others]) + "\n"
+
+
+def filled(template: Path, **parts: Any) -> str:
+    """The document of a template in Jinja's language; every part that it names must be given."""
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415  heavy: a table needs none
+
+    how = Environment(trim_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined)
+    return how.from_string(template.read_text(encoding="utf-8")).render(parts)
 
 
 def write(path: Path, title: str, blocks: Sequence[Block]) -> None:

@@ -18,8 +18,7 @@ from markupsafe import escape
 from twin.errors import ScenarioError, shortened
 from twin.lab.schema import NAMED, PRIVATE, Lab
 from twin.lab.variants import starter
-from twin.markdown import filled
-from twin.page import Table
+from twin.page import Table, filled
 from twin.shipped import folder as shipped
 from twin.writing import write_folder, write_whole
 
