@@ -398,20 +398,15 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
     if name == "lost motion":
         gap = sum(share * width for share, width in zip(at.values(), GAPS, strict=True))
         return f"{np.degrees(gap):+.2f} deg"
-    parts = [
-        _in_words(p, v / belief.values["rolling"] if p == "rolling" else v) for p, v in at.items()
-    ]
+    parts = []
+    for parameter, value in at.items():
+        about = TABLES["parameters"][parameter]
+        unit = belief.values["rolling"] if parameter == "rolling" else 1.0
+        size = np.exp(value) if parameter == "noise" else about["factor"] * (value / unit)
+        parts.append(about["words"].format(size))
     if name == "another ball":
         return f"tilt gain {parts[0]}, rolling friction {parts[1]}"
     return ", ".join(parts)
-
-
-def _in_words(parameter: str, value: float) -> str:
-    """A change of a parameter in words, that of the rolling friction as a share."""
-    about = TABLES["parameters"][parameter]
-    size = np.exp(value) if parameter == "noise" else about["factor"] * value
-    text: str = about["words"].format(size)
-    return text
 
 
 def one_sided(belief: Belief) -> list[str]:

@@ -44,7 +44,6 @@ recording and no blueprint can choose it, and lines that are seen on this are no
 def blueprint(
     roots: Sequence[str],
     groups: Words,
-    timeline: str,
     *,
     live: bool = False,
 ) -> rrb.Blueprint:
@@ -54,7 +53,6 @@ def blueprint(
         roots: Root entities of the runs.
         groups: Entities of the plots there are, below each root, and which line has which colour.
             A legend would cover the lines, so that stands in the titles.
-        timeline: Name of the time line.
         live: Whether a run in progress is watched: then dropped rows are plotted, too.
     """
     worlds = [_world(root, len(roots) > 1) for root in roots]
@@ -79,7 +77,7 @@ def blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=timeline),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
     )
 
 
@@ -89,7 +87,7 @@ def _plots(
     return [
         rrb.TimeSeriesView(
             origin="/" if len(roots) > 1 else f"{roots[0]}/{entity}",
-            contents=_lines(roots, entity),
+            contents=[f"+ {root}/{entity}/**" for root in roots],
             name=f"{title}: {groups[entity]}",
             background=rrb.archetypes.PlotBackground(color=GROUND),
             plot_legend=rrb.PlotLegend(visible=False),
@@ -99,21 +97,6 @@ def _plots(
         for entity, title in titles.items()
         if entity in groups
     ]
-
-
-def _lines(roots: Sequence[str], group: str) -> list[str]:
-    """What a plot contains; of several runs only what tells them apart."""
-    wanted = [f"+ {root}/{group}/**" for root in roots]
-    if len(roots) == 1:
-        return wanted
-    for root in roots:
-        wanted += [f"- {root}/{group}/{name}" for name in ("estimate", "measured")]
-        if group == "error_mm":
-            wanted += [f"- {root}/{group}/{name}" for name in "xy"]
-    for root in roots[1:]:
-        shared = ("reference", "dead_time")
-        wanted += [f"- {root}/{group}/{name}" for name in shared]
-    return wanted
 
 
 def _world(root: str, several: bool) -> rrb.Spatial3DView:
@@ -229,7 +212,7 @@ def _plan(
     shown = {group: [plot.get(group, {}) for plot in plots] for group in entities}
     groups = {group: explained(lines, names) for group, lines in shown.items()}
     groups |= TWIN_WORDS if twin else {}
-    return blueprint([each.root for each in streams], groups, TIMELINE, live=live)
+    return blueprint([each.root for each in streams], groups, live=live)
 
 
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
@@ -307,7 +290,11 @@ def work(
             if not block or not len(block["time"]):
                 continue
             if not begun:
-                _begin(stream, run, block, url, twin=twin)
+                plan = _plan([run], [block], live=True, twin=twin)
+                stream.connect_grpc(url, default_blueprint=plan)
+                if twin:  # whose process may have come first, and the viewer made its own plan
+                    stream.send_blueprint(plan, make_active=True, make_default=True)
+                fix(stream, (*run.fixed(), *run.styles(block)))
                 begun = True
             send(stream, run.batches(block))
             if ring.dropped != shown:
@@ -315,14 +302,3 @@ def work(
                 missed = rr.Scalars.columns(scalars=[shown])
                 send(stream, [Batch(DROPPED, block["time"][-1:], missed)])
             stream.flush()
-
-
-def _begin(
-    stream: rr.RecordingStream, run: RunStream, block: dict[str, Array], url: str, *, twin: bool
-) -> None:
-    """Connect, and send what does not change."""
-    plan = _plan([run], [block], live=True, twin=twin)
-    stream.connect_grpc(url, default_blueprint=plan)
-    if twin:  # whose process may have come first, and the viewer made a plan of its own
-        stream.send_blueprint(plan, make_active=True, make_default=True)
-    fix(stream, (*run.fixed(), *run.styles(block)))

@@ -158,17 +158,6 @@ class Scene:
                 shape = self._shape(i)
                 if shape is not None:
                     yield f"{self._paths[int(model.geom_bodyid[i])]}/{model.geom(i).name}", shape
-        corner = [-0.32, -0.17, self.surface + 0.002]
-        yield (
-            f"{self.plate}/axes",
-            rr.Arrows3D(
-                origins=[corner, corner],
-                vectors=[[0.08, 0, 0], [0, 0.08, 0]],
-                colors=[[230, 80, 80], [80, 200, 90]],
-                labels=["x", "y"],
-                radii=0.003,
-            ),
-        )
         yield (
             f"{self.plate}/trail",
             rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0022]),
