@@ -96,15 +96,9 @@ def _score(panel: Axes, found: Shadow) -> None:
     told, silent = run.counted, ~run.counted
     end = run.time + AHEAD
     panel.semilogy(end[told], np.maximum(run.score[told], 0.02), ".", color=COLOURS[0])
-    panel.plot(
-        end[silent],
-        np.full(silent.sum(), 0.02),
-        "x",
-        color="0.6",
-        ms=4,
-        label="cannot tell: the ball rests, or was not seen",
-    )
     if silent.any():
+        label = "cannot tell: the ball rests, or was not seen"
+        panel.plot(end[silent], np.full(silent.sum(), 0.02), "x", color="0.6", ms=4, label=label)
         panel.legend(fontsize=8, loc="upper left")
 
 
