@@ -67,7 +67,8 @@ def tinted(plot: Mapping[str, Signal], run: int) -> dict[str, Signal]:
     What is the same in all has the first run alone, in its own colour.
     """
     left_out = {"estimate", "measured", *("xy" if "distance" in plot else ())}
-    found, shared = {}, ("reference", "dead_time")
+    found: dict[str, Signal] = {}
+    shared = ("reference", "dead_time")
     for name, signal in plot.items():
         if name not in (*left_out, *shared):
             share = (0.0, 0.35, 0.6)[len(found.keys() - {*shared}) % 3]
