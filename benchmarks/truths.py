@@ -25,9 +25,9 @@ from twin.run.record import Recorder
 from twin.scenario import load
 from twin.sim.calibration import fit_ringing
 from twin.sim.plant.friction import Friction
+from twin.sim.plant.interface import Parts
 from twin.sim.plant.mechanism import Mechanism
 from twin.sim.plant.model import load_model
-from twin.sim.plant.parts import Parts
 
 PERIOD = 0.002
 AWAY = (0.6, 0.0, 0.0, 0.0)

@@ -20,15 +20,13 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from controllers.ballplate import ACCELERATION, BALL, BallPlate
-from controllers.controller import HeldLaw
+from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, PolePlacement
+from controllers.controller import HeldLaw, Smith
 from controllers.design import Pole, listed, sample
 from controllers.interfaces import Law, Measurement, Observer, Reference
-from controllers.linear import LQR, PolePlacement
-from controllers.nonlinear import AFL, AFLIntegral, Backstepping
 from controllers.observers import Luenberger
-from controllers.observers.linear import Ideal
-from controllers.references.figures import Hold
-from controllers.smith import Smith
+from controllers.observers.thesis import Ideal
+from controllers.references import Hold
 
 
 def slow_observer(law: Law, observer: Observer) -> str | None:

@@ -35,7 +35,7 @@ import numpy as np
 import controllers
 from controllers.arrays import Array
 from controllers.interfaces import Law, Observer, Reference
-from controllers.references.figures import Hold
+from controllers.references import Hold
 
 Kind = TypeVar("Kind", Law, Observer, Reference)
 _HELD = (bool, int, float, complex, str, PurePath, Enum, tuple, list, dict, type(None))

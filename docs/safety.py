@@ -21,7 +21,7 @@ from twin.devices.realtime import TIMING_CONDITIONS
 from twin.hal.interface import SCREEN, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
 from twin.jobs import cores
-from twin.safety.cases import CASES
+from twin.safety.faults import CASES
 from twin.safety.row import HEADING, FaultRow, both, cells
 from twin.safety.trial import AFTER, LEFT, run_all
 

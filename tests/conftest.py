@@ -74,7 +74,7 @@ def take_in(monkeypatch):
     """Takes a law, observer or reference into the catalog."""
 
     def take(cls):
-        monkeypatch.setattr(f"controllers.linear.{cls.__name__}", cls, raising=False)
+        monkeypatch.setattr(f"controllers.classical.{cls.__name__}", cls, raising=False)
         forget()
 
     yield take

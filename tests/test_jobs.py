@@ -21,10 +21,10 @@ def begun(kind, scenario, stack):
         from twin.jobs import SecondProcess
         stack.enter_context(SecondProcess(wanted=True)).begin(os.getpid)()
     elif kind == "play":
-        from twin.play.process import Simulation
+        from twin.play.serve import Simulation
         return Simulation(scenario)
     elif kind == "emulated rig":
-        from twin.emulator.process import emulated
+        from twin.emulator.serve import emulated
         stack.enter_context(emulated(scenario))
     else:
         from twin.view import live_process, recording

@@ -14,10 +14,9 @@ from controllers import catalog as catalog_module
 from controllers.catalog import catalog
 from controllers.interfaces import Law
 from twin.run.finished import run
-from twin.scenario.load import check, read, resolved, setting
+from twin.scenario.load import check, parsed, read, resolved, setting, variants
 from twin.scenario.rig import check_rig
 from twin.scenario.schema import KINDS, Scenario, choices
-from twin.scenario.variants import parsed, variants
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -68,7 +67,7 @@ def test_the_settings_of_the_pages_law_are_checked_like_all_others(snippet, scen
 
 def test_an_outside_package_contributes_by_an_entry_point(tmp_path, monkeypatch):
     (tmp_path / "outside_laws.py").write_text(
-        "from controllers.linear import LQR\nclass Outside(LQR):\n    name = 'outside'\n",
+        "from controllers.classical import LQR\nclass Outside(LQR):\n    name = 'outside'\n",
         encoding="utf-8",
     )
     monkeypatch.syspath_prepend(tmp_path)

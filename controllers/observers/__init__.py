@@ -1,8 +1,13 @@
 """State estimators of chapter 7, two of what it leaves out, and the ideal one."""
 
 from controllers.observers.friction import DisturbanceObserver, FrictionKalman, FrictionMapKalman
-from controllers.observers.linear import Ideal, Kalman, Luenberger
-from controllers.observers.nonlinear import ExtendedKalman, NonlinearLuenberger
+from controllers.observers.thesis import (
+    ExtendedKalman,
+    Ideal,
+    Kalman,
+    Luenberger,
+    NonlinearLuenberger,
+)
 
 __all__ = [
     "DisturbanceObserver",

@@ -18,7 +18,7 @@ import scipy
 from controllers.arrays import Array, Mask, every, square_of
 from controllers.interfaces import Measurement, Quantity
 from controllers.observers.late_ball import Derivatives, LateBall, Tilt, components, together
-from controllers.observers.linear import NOISE
+from controllers.observers.thesis import NOISE
 from controllers.ranges import Positive
 
 LONGEST = 50

@@ -31,7 +31,7 @@ from ballplate.changes import Changes, Keys, describe, law, model, scenarios
 from ballplate.reporter import BallplateWarning, Reporter
 from ballplate.running import run
 from twin.errors import TwinError
-from twin.run.files import Signals
+from twin.run.signals import Signals
 
 if TYPE_CHECKING:
     from ballplate import lab, laws, observers, references, systems

@@ -82,7 +82,7 @@ class KeyChange(NamedTuple):
     @classmethod
     def of(cls, key: str, value: Any) -> KeyChange:
         """That of a key and a plain value."""
-        from twin.scenario.variants import written
+        from twin.scenario.load import written
 
         return cls(key, value, f"{key}={written(value)}")
 
@@ -115,8 +115,7 @@ def scenario_of(name: str | Path, changed: Sequence[KeyChange], *, titled: bool 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    from twin.scenario.load import check, read, resolved
-    from twin.scenario.variants import comparison
+    from twin.scenario.load import check, comparison, read, resolved
 
     pairs = [(each.key, each.value) for each in changed]
     chosen = check(*resolved(*read(str(name)), pairs))
@@ -149,7 +148,7 @@ def varied_of(vary: Vary) -> dict[str, list[Any]]:
         ScenarioError: If a value is none that a scenario can hold, or there is no list of values,
             none in it, or one twice.
     """
-    from twin.scenario.variants import parsed
+    from twin.scenario.load import parsed
 
     if isinstance(vary, list | tuple):
         vary = parsed(vary)

@@ -199,7 +199,7 @@ def compare(
         find(name)  # a wrong name is told before anything heavy is imported
     from ballplate.results import Result, kept
     from twin.run.finished import open_runs
-    from twin.scenario.variants import comparison
+    from twin.scenario.load import comparison
 
     base, varied = changes_of(settings, changes), varied_of(vary or {})
     found = open_runs(folders, tell=report.warn) if folders else []
@@ -296,7 +296,7 @@ def cases_of(
     Raises:
         ScenarioError: If anything in them is unknown or out of range.
     """
-    from twin.scenario.variants import variants
+    from twin.scenario.load import variants
 
     cases: dict[str, Case] = {}
     for name in names:

@@ -23,6 +23,7 @@ def fmu(
     settings: Settings = (),
     *,
     fmi: int = 2,
+    wished: bool = False,
     reporter: Reporter | None = None,
     **changes: Unpack[Changes],
 ) -> Path:
@@ -36,6 +37,7 @@ def fmu(
         file: The file, its ending ``.fmu``.
         settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
         fmi: Version of the standard, 2 for FMI 2.0 or 3 for FMI 3.0.
+        wished: Whether the scenario's reference is an output, too, with two derivatives.
         reporter: Who is told why there is no binary in it.
         changes: What is changed of it, by tables: ``plant={"friction": {"rolling_mm": 0}}``.
 
@@ -56,6 +58,6 @@ def fmu(
     quiet = scenario_of(scenario, [*said, *changes_of(still, {})])
     from twin.fmu.export import export
 
-    if lacking := export(path, chosen, quiet, fmi=fmi):
+    if lacking := export(path, chosen, quiet, fmi=fmi, wished=wished):
         (reporter or default()).warn(f"{path}: source only, without a binary: {lacking}")
     return path

@@ -35,7 +35,7 @@ def check(
             student, lab or key.
     """
     from twin.lab import judge, schema
-    from twin.lab.variants import had_again
+    from twin.lab.schema import had_again
 
     found = schema.read(lab)
     file = Path(answer or found.answer.file)

@@ -5,13 +5,20 @@ on the ball that the scenario describes; on its own ``control(t, x, reference, q
 accelerations.
 """
 
+from controllers.advanced import InternalModel, IterativeLearning, Predictive, TimeVaryingLQR
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from controllers.classical import (
+    AFL,
+    LQR,
+    AFLIntegral,
+    Backstepping,
+    Feedforward,
+    Pid,
+    PolePlacement,
+    SlidingMode,
+)
 from controllers.interfaces import Feedback, Law, Reference
-from controllers.linear import LQR, Feedforward, Pid, PolePlacement
-from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
-from controllers.optimal import Predictive, TimeVaryingLQR
-from controllers.repetitive import InternalModel, IterativeLearning
 from controllers.stable_inversion import StableInversion
 
 __all__ = [

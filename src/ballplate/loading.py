@@ -15,16 +15,15 @@ from ballplate.results import Result
 from controllers.arrays import Array
 from twin.data_file import parse_toml
 from twin.errors import ScenarioError
-from twin.identify import log as logs
+from twin.identify import logs
 from twin.page import Picture, Table, Text, fragment
-from twin.run.files import Signals
 from twin.run.finished import open_runs
+from twin.run.signals import Signals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from twin.identify.report import Found
-    from twin.identify.verdict import ParameterVerdict
+    from twin.identify.judged import Identification, ParameterVerdict
 
 
 @dataclass(eq=False, repr=False)
@@ -90,9 +89,8 @@ def _log(file: Path) -> Log:
     columns |= {"measured_phi": log.plate[:, 0], "measured_theta": log.plate[:, 1]}
     columns |= {"age": log.age, "touched": log.touched.astype(float)}
     if log.command is not None:
-        names = ("applied_phi_rate", "applied_theta_rate")
-        columns |= dict(zip(names, log.command.T, strict=True))
-    return Log(log.source, columns, {name: logs.COLUMNS[name].unit for name in columns})
+        columns |= dict(zip(logs.RATES, log.command.T, strict=True))
+    return Log(log.source, columns, {name: logs.COLUMNS[name] for name in columns})
 
 
 HOLD_OUT = 1 / 3
@@ -107,7 +105,7 @@ class Identified:
         found: The fit with its intervals, checks on what was held out, and notes.
     """
 
-    found: Found
+    found: Identification
 
     @property
     def verdicts(self) -> tuple[ParameterVerdict, ...]:
@@ -175,7 +173,7 @@ def identify(
     Raises:
         TwinError: If the log cannot be read, or nothing can be learned from it.
     """
-    from twin.identify.any_log import BALLS, ball_factor, read_any, wanted_columns
+    from twin.identify.logs import BALLS, ball_factor, read_any, wanted_columns
     from twin.identify.parameters import PLAIN, chosen
 
     if isinstance(hold_out, float | int) and not 0 <= hold_out <= 0.8:
@@ -197,7 +195,7 @@ def identify(
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
             found = identify_any(logs, held, fitted, factor or BALLS["hollow"], progress=advance)
         return Identified(found)
-    from twin.identify.identify import identify as fit
+    from twin.identify.twin_model import identify as fit
 
     if not isinstance(log, str | Path | Result):
         log, *others = log

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from ballplate.reporter import Reporter, default, overview, showable
 from twin.errors import RecordError
-from twin.run.files import MOVING, free
+from twin.run.files import free
 from twin.run.finished import Run, of_other_class, save
+from twin.run.signals import MOVING
 from twin.writing import write_whole
 
 if TYPE_CHECKING:
@@ -115,8 +116,8 @@ class Result(Run):
 
         Args:
             file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` by the extra
-                ``mcap``; of a moving picture ``.webp``, ``.gif``, ``.apng``, ``.mp4`` (by the extra
-                ``video``), or none for a new folder of its frames.
+                ``mcap``; of a moving picture ``.webp``, ``.gif`` or ``.mp4`` (by the extra
+                ``video``).
             fps: Frames of the moving picture a second.
             since: Time of the run at which it begins, s; the first one by default.
             until: Time at which it ends, s; the last one by default.

@@ -24,7 +24,7 @@ from twin.writing import written_alone
 if TYPE_CHECKING:
     from ballplate.results import Result
     from twin.devices.rig import HardwareRig
-    from twin.emulator.process import Emulator
+    from twin.emulator.serve import Emulator
     from twin.hal.rig import Rig
     from twin.jobs import SecondProcess
     from twin.run.finished import Run
@@ -88,8 +88,8 @@ def run(
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess, cores
+    from twin.run.assemble import PLANTS
     from twin.run.finished import holds_finished
-    from twin.run.plants import PLANTS
 
     folder = writable(out, report)
     file = trace_file(trace, folder, on, report)
@@ -314,7 +314,7 @@ def rig_of(
     Raises:
         TwinError: If there is no such rig, or its file is wrong.
     """
-    from twin.emulator.process import emulated
+    from twin.emulator.serve import emulated
     from twin.scenario.rig import check_rig, read_rig
 
     if on != EMULATED:
@@ -355,17 +355,16 @@ def connected(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None
         return
-    from twin.emulator.serve import follow_changes
+    from twin.run.assemble import believed
     from twin.run.connect import connect
-    from twin.run.plants import believed
 
     if scenario.sensors.ideal:
         raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")
+    if scenario.change:
+        raise ScenarioError(
+            f"{name} {on}: [[change]] changes a simulated rig, none on a wire; leave it out"
+        )
     if on != EMULATED:
-        if scenario.change:
-            raise ScenarioError(
-                f"{name} {on}: [[change]] changes a simulated rig, never a real one; leave it out"
-            )
         for key in keys:
             if key.startswith(SIMULATION_ONLY):
                 raise ScenarioError(
@@ -382,9 +381,7 @@ def connected(
             return
         # what a virtual rig knows of its cams is part of its scenario
         known, paused = believed(scenario), virtual.pauses.paused
-        host = connect(scenario, file, reset=reset, transmission=known, paused=paused, hear=hear)
-        follow_changes(host, scenario, known, virtual.begin)
-        yield host
+        yield connect(scenario, file, reset=reset, transmission=known, paused=paused, hear=hear)
 
 
 def _judge_computer(where: str, scenario: Scenario, reporter: Reporter) -> None:

@@ -16,10 +16,10 @@ from ballplate.systems import INPUTS, UNITS
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED, STATES, constants
 from twin.errors import ScenarioError, TwinError
-from twin.fmu.variables import parameters
+from twin.fmu.description import parameters
 from twin.run.assemble import build_limits
 from twin.sim.plant.exact import rolling
-from twin.sim.plant.kinematics import gravity_in_rig
+from twin.sim.plant.interface import gravity_in_rig
 
 PARAMETERS = (
     *("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia"),

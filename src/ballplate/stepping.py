@@ -17,9 +17,8 @@ from ballplate.results import Result
 from controllers.arrays import Array
 from controllers.interfaces import Measurement, Reference
 from twin.errors import TwinError
-from twin.run.assemble import assemble
+from twin.run.assemble import PLANTS, assemble
 from twin.run.loop import Ending, Outcome, RunMonitor, passed
-from twin.run.plants import PLANTS
 from twin.run.record import Recorder
 from twin.scenario.schema import Scenario
 

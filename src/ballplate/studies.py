@@ -213,7 +213,7 @@ def sweep(
     """
     find(str(scenario))  # a wrong name is told before anything heavy is imported
     from twin import jobs
-    from twin.scenario.variants import comparison, headings
+    from twin.scenario.load import comparison, headings
 
     base, varied = changes_of(settings, changes), varied_of(vary)
     if not varied:

@@ -20,8 +20,8 @@ from twin.devices.realtime import TimingLog
 from twin.errors import TwinError
 from twin.hal.interface import Severity
 from twin.hal.rig import Entry
-from twin.identify.log import read
-from twin.run import plants
+from twin.identify.logs import read
+from twin.run import assemble
 from twin.run.connect import ComputingTime
 from twin.run.finished import run
 from twin.scenario.load import load
@@ -80,6 +80,12 @@ def test_a_law_that_computes_for_longer_than_a_period_never_meets_a_rig(tmp_path
         bp.run("circle", controller="busy", on="emulated")
 
 
+@pytest.mark.parametrize("on", ["emulated", "rig.toml"])
+def test_a_rig_on_a_wire_is_not_changed_by_its_scenario(on):
+    with pytest.raises(TwinError, match=rf"on {on}: \[\[change\]\] .* none on a wire"):
+        bp.run("circle", ['change=[{at=1, set={"plant.level_deg"=[1.0, 0.0]}}]'], on=on)
+
+
 @pytest.mark.parametrize(
     ("median", "worst", "enough", "never"),
     [(0.4, 0.7, True, False), (0.4, 0.9, False, False), (0.6, 0.7, False, False), (0.9, 1, 0, 1)],
@@ -95,9 +101,9 @@ def test_a_computer_is_judged_by_what_is_left_of_a_period(median, worst, enough,
 )
 def test_what_a_rig_believes_of_its_cams_needs_no_mechanism(keys, monkeypatch):
     scenario, angle = load("circle", keys), np.array([[0.03, -0.02]])
-    wanted = plants.build_plant([scenario])[1].motor(angle)
-    monkeypatch.setattr(plants, "build_plant", None)
-    assert np.array_equal(plants.believed(scenario).motor(angle), wanted)
+    wanted = assemble.build_plant([scenario])[1].motor(angle)
+    monkeypatch.setattr(assemble, "build_plant", None)
+    assert np.array_equal(assemble.believed(scenario).motor(angle), wanted)
 
 
 KILLED = """

@@ -3,7 +3,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from controllers.nonlinear import SlidingMode
+from controllers.classical import SlidingMode
 from twin.cli.analyse import analyse
 
 SHORT = ("--set", "duration=0.5", "--set", "metrics.start=0.0")

@@ -28,7 +28,7 @@ def test_a_person_is_asked_in_words():
 
 @pytest.mark.real_time
 def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.doctor.touch.READINGS", 5)  # of a point, instead of 20
+    monkeypatch.setattr("twin.doctor.calibration.READINGS", 5)  # of a point, instead of 20
     file = tmp_path / "touch.json"
     points = [
         part for at in ("-280,-150", "280,-150", "280,150", "-280,150") for part in ("--at", at)

@@ -11,7 +11,7 @@ from twin.scenario import load
 
 LOG = "time [s],measured_x [m],measured_phi [rad],measured_y [m],measured_theta [rad]\n"
 LAW = """
-from controllers.linear import LQR
+from controllers.classical import LQR
 class Mine(LQR):
     name = "afl"
 """
@@ -91,7 +91,7 @@ LINES = {
     "view made --connect 127.0.0.1:1": "no viewer there",
     "identify german.csv": "columns are separated by ';'",
     "identify twice.csv": "measured_x: two columns",
-    "new law afl": "law 'afl': the name is taken by controllers.nonlinear",
+    "new law afl": "law 'afl': the name is taken by controllers.classical",
     "new observer afl": "observer 'afl': the name is taken by",
     "new observer mine --like pid": "--like",
     "new scenario there": "there.toml: exists",

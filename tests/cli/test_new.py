@@ -137,7 +137,7 @@ def test_the_option_takes_a_file_in(ballplate, mine):
 def test_a_name_that_is_taken_is_told_and_the_first_one_stays(mine):
     Path("laws").mkdir()
     Path("laws/afl.py").write_text(LAW.format(name="afl"))
-    assert catalog(Law)["afl"].__module__ == "controllers.nonlinear"
+    assert catalog(Law)["afl"].__module__ == "controllers.classical"
     (line,) = broken()
     assert "laws/afl.py" in line
     assert "the name 'afl' is taken by" in line

@@ -13,9 +13,9 @@ from types import SimpleNamespace
 import pytest
 
 import ballplate as bp
-from twin.emulator import process
+from twin.emulator import serve
 from twin.errors import ScenarioError, TwinError
-from twin.play.process import Simulation
+from twin.play.serve import Simulation
 from twin.run import loop
 from twin.run.loop import INTERRUPTED
 from twin.view.live_process import LiveProcess
@@ -103,7 +103,7 @@ def test_a_process_is_left_alone_by_ctrl_c_before_it_runs_a_line(monkeypatch, sc
     LiveProcess(print, ()).close()
     with pytest.raises(TwinError):
         Simulation(scenario())
-    with pytest.raises(AssertionError, match="started process"), process.emulated(scenario()):
+    with pytest.raises(AssertionError, match="started process"), serve.emulated(scenario()):
         pass
     assert [each for each in begun if each != "tracker"] == [True] * 3
     assert "tracker" in (begun[0], begun[begun.index(True) - 1])
@@ -113,11 +113,11 @@ def test_a_process_is_left_alone_by_ctrl_c_before_it_runs_a_line(monkeypatch, sc
 def test_an_emulator_whose_host_has_ended_ends_too(monkeypatch):
     rig = nullcontext(SimpleNamespace(tables=dict))  # it would serve next, and cannot
     for name, there in (("VirtualRig", lambda *_: rig), ("come_forward", lambda: None)):
-        monkeypatch.setattr(process, name, there)
+        monkeypatch.setattr(serve, name, there)
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     ours, its = Pipe()
     ours.close()
-    assert process._work(its, None, [0.0] * 6) is None
+    assert serve._work(its, None, [0.0] * 6) is None
 
 
 def test_a_warning_of_a_library_is_one_line(ballplate):

@@ -2,8 +2,7 @@ import csv
 import json
 
 from twin.run.finished import run
-from twin.scenario.load import load
-from twin.scenario.variants import swept
+from twin.scenario.load import load, swept
 
 SHORT = ("plant.kind=lagrange", "duration=0.3", "metrics.start=0")
 QUICK = [word for text in SHORT for word in ("--set", text)]

@@ -13,10 +13,10 @@ from controllers.analysis import (
     state_feedback_loop,
 )
 from controllers.ballplate import BallPlate
+from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, PolePlacement, SlidingMode
+from controllers.controller import Smith
 from controllers.design import sample
 from controllers.interfaces import Measurement
-from controllers.linear import LQR, PolePlacement
-from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
 from controllers.observers import (
     ExtendedKalman,
     Ideal,
@@ -24,8 +24,7 @@ from controllers.observers import (
     Luenberger,
     NonlinearLuenberger,
 )
-from controllers.references.figures import Hold
-from controllers.smith import Smith
+from controllers.references import Hold
 
 T = 0.002
 A, B, C = BallPlate().linear()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from controllers.ballplate import BallPlate
-from controllers.nonlinear import Backstepping
+from controllers.classical import Backstepping
 from controllers.references import Sine
 
 MODEL = BallPlate()

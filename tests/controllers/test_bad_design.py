@@ -7,14 +7,13 @@ import pytest
 
 import ballplate as bp
 from ballplate.reporter import BallplateWarning
+from controllers.advanced import InternalModel
 from controllers.analysis import instability, slow_observer
+from controllers.classical import AFL, LQR, AFLIntegral, Feedforward, PolePlacement
+from controllers.controller import Smith
 from controllers.interfaces import Law
-from controllers.linear import LQR, Feedforward, PolePlacement
-from controllers.nonlinear import AFL, AFLIntegral
 from controllers.observers import FrictionKalman, Ideal, Luenberger, NonlinearLuenberger
 from controllers.references import Circle, Lissajous, Path, Setpoints, Sine
-from controllers.repetitive import InternalModel
-from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion
 from twin.cli import main
 from twin.errors import ScenarioError

@@ -7,12 +7,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from controllers.controller import Controller
+from controllers.classical import AFL
+from controllers.controller import Controller, Smith
 from controllers.interfaces import Law, Measurement
-from controllers.nonlinear import AFL
 from controllers.observers import FrictionKalman, Luenberger
 from controllers.references import Circle, Hold
-from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion
 from twin.errors import ScenarioError
 from twin.run.assemble import assemble, build_controller

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 import ballplate as bp
 from controllers.controller import PerRigReference
 from controllers.interfaces import Reference
-from controllers.references import Circle, Setpoints
-from controllers.references.paths import Transition
+from controllers.references import Circle, Setpoints, Transition
 from controllers.stable_inversion import PIECES, FeasiblePath, Preview, StableInversion
 from twin.report.summary import judged
 

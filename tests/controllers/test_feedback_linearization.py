@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from controllers.ballplate import BallPlate
-from controllers.nonlinear import AFL, AFLIntegral
+from controllers.classical import AFL, AFLIntegral
 from controllers.references import Hold, Sine
 
 MODEL = BallPlate()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
-from controllers.linear import LQR, Feedforward, PolePlacement
+from controllers.classical import LQR, Feedforward, PolePlacement
 from controllers.references import Circle, Lissajous, Sine
 
 MODEL = BallPlate()

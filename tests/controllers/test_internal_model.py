@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from controllers.advanced import InternalModel
 from controllers.ballplate import BallPlate
 from controllers.references import Hold, Sine
-from controllers.repetitive import InternalModel
 
 MODEL = BallPlate()
 

@@ -2,11 +2,11 @@ import math
 
 import numpy as np
 
+from controllers.advanced import IterativeLearning
 from controllers.ballplate import BallPlate
 from controllers.design import sample
 from controllers.interfaces import Feedback
 from controllers.references import Hold, Sine
-from controllers.repetitive import IterativeLearning
 
 MODEL = BallPlate()
 T = 0.004

@@ -5,12 +5,18 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
+from controllers.advanced import InternalModel, Predictive
+from controllers.classical import (
+    AFL,
+    LQR,
+    AFLIntegral,
+    Backstepping,
+    Feedforward,
+    PolePlacement,
+    SlidingMode,
+)
 from controllers.interfaces import Reference
-from controllers.linear import LQR, Feedforward, PolePlacement
-from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
-from controllers.optimal import Predictive
 from controllers.references import Hold, Sine, Step
-from controllers.repetitive import InternalModel
 
 LAWS = (
     PolePlacement(),

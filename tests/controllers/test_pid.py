@@ -3,8 +3,8 @@ import pytest
 
 from controllers.analysis import linear_law
 from controllers.ballplate import BallPlate
-from controllers.linear import Pid
-from controllers.references.figures import Hold
+from controllers.classical import Pid
+from controllers.references import Hold
 
 GAINS = {"kp": 5.0, "ki": 2.0, "kd": 3.0, "filter": 0.05, "plate": (90.0, 18.0)}
 

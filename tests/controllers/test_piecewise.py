@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.interpolate import BPoly, PPoly
 
-from controllers.references.paths import in_turn, join
+from controllers.references import in_turn, join
 
 numbers = st.floats(-10, 10)
 motions = arrays(float, (5, 2), elements=numbers)

@@ -4,9 +4,9 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from scipy.optimize import minimize
 
+from controllers.advanced import MOST, Predictive, Program
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback
-from controllers.optimal import MOST, Predictive, Program
 from controllers.references import Circle, Hold
 from controllers.stable_inversion import MotionPlan
 

@@ -9,9 +9,9 @@ from annotated_types import Len
 from pydantic import ValidationError
 
 from controllers.ballplate import BallPlate
+from controllers.controller import Smith
 from controllers.observers import Luenberger
 from controllers.ranges import NotNegative, Positive, check
-from controllers.smith import Smith
 from twin.scenario.describe import every_kind
 from twin.scenario.schema import checked_settings, choices
 

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
-from controllers.nonlinear import SlidingMode
+from controllers.classical import SlidingMode
 from controllers.references import Hold, Sine
 
 MODEL = BallPlate()

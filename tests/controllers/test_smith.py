@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from controllers.controller import Smith
 from controllers.interfaces import Measurement
 from controllers.observers import ExtendedKalman, Kalman, Luenberger, NonlinearLuenberger
-from controllers.smith import Smith
 
 T = 0.002
 MODELS = [Luenberger, Kalman, NonlinearLuenberger, ExtendedKalman]

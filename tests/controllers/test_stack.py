@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from controllers.catalog import catalog
+from controllers.classical import LQR
 from controllers.controller import Controller, SampledReference
 from controllers.interfaces import Measurement, Observer
-from controllers.linear import LQR
 from controllers.references import Circle, Hold
 from twin.run.assemble import build_controller
 from twin.run.finished import run

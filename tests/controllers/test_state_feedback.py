@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
 from controllers.ballplate import BallPlate
-from controllers.linear import LQR, PolePlacement
+from controllers.classical import LQR, PolePlacement
 from controllers.references import Sine
 
 A, B, _ = BallPlate().linear()

@@ -1,9 +1,9 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from controllers.advanced import KNOT, SLICE, TimeVaryingLQR, along
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback
-from controllers.optimal import KNOT, SLICE, TimeVaryingLQR, along
 from controllers.references import Circle, Hold
 from controllers.stable_inversion import StableInversion
 

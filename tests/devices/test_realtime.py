@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices import scheduling
-from twin.devices.realtime import LOOP_OVERRUN, RealTimeClock
-from twin.devices.scheduling import ahead, real_time
+from twin.devices import realtime
+from twin.devices.realtime import LOOP_OVERRUN, RealTimeClock, ahead, real_time
 
 PERIOD = 1 / 512
 
@@ -144,7 +143,7 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux's scheduling")
 REAL_TIME = """
 import gc, os, sys
 from pathlib import Path
-from twin.devices.scheduling import real_time
+from twin.devices.realtime import real_time
 
 def locked():
     lines = Path("/proc/self/status").read_text().splitlines()
@@ -172,7 +171,7 @@ def test_leaving_real_time_leaves_everything_as_it_was():
 
 @pytest.fixture
 def unlocked(monkeypatch):
-    monkeypatch.setattr(scheduling, "_lock", lambda _: False)
+    monkeypatch.setattr(realtime, "_lock", lambda _: False)
 
 
 @linux
@@ -208,7 +207,7 @@ def test_processors_are_kept_awake_where_the_system_lets_one(monkeypatch, tmp_pa
     request = tmp_path / "latency"
     if there:
         request.write_bytes(b"")
-    monkeypatch.setattr(scheduling, "_LATENCY", str(request))
+    monkeypatch.setattr(realtime, "_LATENCY", str(request))
     with real_time() as obtained:
         assert ("processors kept awake" in obtained.words) is there
         assert request.exists() is there
@@ -221,8 +220,8 @@ def test_what_is_refused_is_said_with_what_to_do(monkeypatch):
     def refuse(*_):
         raise PermissionError(1, "Operation not permitted")
 
-    monkeypatch.setattr(scheduling.os, "sched_setscheduler", refuse)
-    monkeypatch.setattr(scheduling, "_lock", lambda _: False)
+    monkeypatch.setattr(realtime.os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(realtime, "_lock", lambda _: False)
     with real_time() as obtained:
         assert obtained.as_dict()["fifo"] is False
     assert "limits.conf" in obtained.words[0]

@@ -12,17 +12,16 @@ from stepped import SteppedDrives
 
 import ballplate as bp
 from twin.cli.rig import doctor
-from twin.devices import scheduling
+from twin.devices import realtime
 from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.doctor import computer as computer_checks
 from twin.doctor import drives
-from twin.doctor.cams import measure
+from twin.doctor.calibration import measure_cams
 from twin.doctor.check import CheckStatus, failed, next_step, passed, warned
 from twin.doctor.computer import computer
+from twin.doctor.drives import limits, swapped
 from twin.doctor.examine import _drives
-from twin.doctor.limits import limits
-from twin.doctor.touch import swapped
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.serve import EmulatedPlant
@@ -128,7 +127,7 @@ def brief(monkeypatch):
 
     To lock it is to fetch all of it, gigabytes after some hundred tests.
     """
-    monkeypatch.setattr(scheduling, "_lock", lambda _: False)
+    monkeypatch.setattr(realtime, "_lock", lambda _: False)
     monkeypatch.setattr(computer_checks, "TIMED", 0.1)
 
 
@@ -185,7 +184,7 @@ def test_the_cams_of_a_rig_are_measured_to_two_counts_of_its_encoders():
     with SteppedDrives() as rig:
         plant.attach(rig.drives)
         rig.bus.moved = plant.advance
-        found = measure(rig.servos, wrong, reach=np.radians(5), lines=5)
+        found = measure_cams(rig.servos, wrong, reach=np.radians(5), lines=5)
     assert found.before_deg > 0.15
     plate = np.radians(np.stack(np.meshgrid([-4, 0, 3], [-3, 0, 4]), axis=-1))
     off = (found.table.motor(plate) - true.motor(plate)) / true.ratio

@@ -7,8 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.rig import doctor
-from twin.devices import scheduling
-from twin.doctor import install
+from twin.devices import realtime
+from twin.doctor import computer
 from twin.errors import TwinError
 
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
@@ -17,7 +17,7 @@ PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text
 @pytest.fixture
 def found(monkeypatch):
     """What it says, by what was looked at."""
-    monkeypatch.setattr(scheduling, "_lock", lambda _: False)
+    monkeypatch.setattr(realtime, "_lock", lambda _: False)
 
     def look():
         done = CliRunner().invoke(doctor, ["--install", "--json"], standalone_mode=False)
@@ -29,7 +29,7 @@ def found(monkeypatch):
 
 def test_every_extra_of_the_project_is_looked_at_and_is_here(found):
     extras = PROJECT["project"]["optional-dependencies"]
-    assert install.EXTRAS.keys() == extras.keys()
+    assert computer.EXTRAS.keys() == extras.keys()
     seen = [each for what, each in found().items() if what.startswith("extra ")]
     assert [each["verdict"] for each in seen] == ["pass"] * len(extras)
 
@@ -38,10 +38,10 @@ def test_what_is_missing_is_told_with_what_it_is_for_and_how_to_get_it(monkeypat
     def none():
         raise TwinError("the viewer is missing")
 
-    monkeypatch.setattr(install, "_is_here", lambda name: name != "optuna")
-    monkeypatch.setattr(install, "program", none)
+    monkeypatch.setattr(computer, "_is_here", lambda name: name != "optuna")
+    monkeypatch.setattr(computer, "program", none)
     port = type("Port", (), {"device": "/dev/ttyNONE"})
-    monkeypatch.setattr(install.list_ports, "comports", lambda: [port])
+    monkeypatch.setattr(computer.list_ports, "comports", lambda: [port])
     seen = found()
     tune = seen["extra tune (tune with a search by Optuna)"]
     assert (tune["verdict"], tune["seen"]) == ("warn", "optuna missing")
@@ -55,7 +55,7 @@ def test_a_port_that_may_be_used_is_named(monkeypatch, found, tmp_path):
     port = tmp_path / "ttyACM0"
     port.touch(stat.S_IRUSR | stat.S_IWUSR)
     device = type("Port", (), {"device": str(port)})
-    monkeypatch.setattr(install.list_ports, "comports", lambda: [device])
+    monkeypatch.setattr(computer.list_ports, "comports", lambda: [device])
     assert found()["serial ports"] == {
         "what": "serial ports",
         "verdict": "pass",

@@ -5,7 +5,7 @@ from stepped import SteppedDrives
 
 from twin.doctor import drives
 from twin.doctor.check import CheckStatus
-from twin.doctor.limits import limits
+from twin.doctor.drives import limits
 from twin.emulator.drive import EmulatedDrive
 
 
@@ -25,7 +25,7 @@ def test_a_ramp_that_counts_otherwise_than_believed_is_found(monkeypatch):
         for drive in rig.drives:
             drive.store.live(0x6083, 0, lambda: 500_000_000)
             drive.store.live(0x6084, 0, lambda: 500_000_000)
-        monkeypatch.setattr("twin.devices.akd.dictionary.kept", lambda *_: True)
+        monkeypatch.setattr("twin.devices.akd.protocol.kept", lambda *_: True)
         list(drives.bus(rig.servos.config, rig.servos))
         found = {each.what: each for each in limits(rig.servos)}
     assert "acceleration_unit" in found["phi limits"].advice

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from stepped import SteppedDrives
 
-from twin.doctor.lost_motion import measure
+from twin.doctor.calibration import measure_lost_motion
 from twin.emulator.serve import EmulatedPlant
 from twin.errors import RigError
 from twin.hal.cams import CamTable
@@ -17,7 +17,7 @@ def measured(*overrides, amplitude=0.4, rate=3.0, act=lambda rig: None):
         plant.attach(rig.drives)
         rig.bus.moved = plant.advance
         act(rig)
-        return measure(
+        return measure_lost_motion(
             rig.servos,
             CamTable.packaged(),
             amplitude=np.radians(amplitude),

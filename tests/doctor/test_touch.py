@@ -6,23 +6,13 @@ import numpy as np
 import pytest
 from served_screen import EmulatedScreen
 
-from twin.devices.lumio.calibration import Calibration, CalibrationError, Mounting
-from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig, Mounting
 from twin.devices.lumio.screen import LumioScreen
+from twin.doctor.calibration import LEAST, MeasuredTouch, judged, measure_touch, usual_points
 from twin.doctor.check import CheckStatus
-from twin.doctor.touch import (
-    LEAST,
-    MeasuredTouch,
-    calibrated,
-    judged,
-    measure,
-    plugged_in,
-    touch,
-    usual_points,
-)
+from twin.doctor.examine import calibrated, plugged_in, touch
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.screen import ScreenLine
-from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen import Protocol, ScreenLine
 from twin.errors import RigError, TwinError
 from twin.scenario.rig import check_rig
 
@@ -178,7 +168,7 @@ def test_a_screen_mounted_in_any_way_is_found_again_within_the_noise(true, proto
     line = ScreenLine(hand, protocol=protocol, calibration=true)
     points = usual_points()[::2]
     with EmulatedScreen(line) as emulated:
-        found = measure(config(emulated), points, hand.ask, 20.0)
+        found = measure_touch(config(emulated), points, hand.ask, 20.0)
     # a point is the mean of 20 reports, each with the jitter and half a native count
     error = np.hypot(jitter, 0.7 / 4096 / np.sqrt(12)) / np.sqrt(20)
     system = np.column_stack([points, np.ones(len(points))])
@@ -200,10 +190,10 @@ def test_a_point_that_is_not_touched_is_named_in_one_line_and_so_is_a_wrong_prot
     hand = Hand()
     with EmulatedScreen(ScreenLine(hand)) as emulated:
         with pytest.raises(RigError, match=r"x -280, y -158 mm was not touched within 0.3 s"):
-            measure(config(emulated), usual_points(), lambda _: None, 0.3)
+            measure_touch(config(emulated), usual_points(), lambda _: None, 0.3)
         wrong = config(emulated, protocol="elo")
         with pytest.raises(RigError, match=r"not touched within 2 s; the bytes look like micro"):
-            measure(wrong, usual_points(), hand.ask, 2.0)
+            measure_touch(wrong, usual_points(), hand.ask, 2.0)
 
 
 @pytest.mark.parametrize(
@@ -220,7 +210,7 @@ def test_points_that_cannot_give_a_calibration_are_refused_before_anything_is_to
 ):
     begin = time.monotonic()
     with pytest.raises(CalibrationError, match=words):
-        measure(LumioConfig(port="/dev/null"), points, lambda _: None, 30.0)
+        measure_touch(LumioConfig(port="/dev/null"), points, lambda _: None, 30.0)
     assert time.monotonic() - begin < 5
 
 

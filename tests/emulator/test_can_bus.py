@@ -10,11 +10,9 @@ from serving import serving
 
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
-from twin.emulator.can_bus import EmulatedBus, message
-from twin.emulator.can_faults import BusFaults, Frame, Towards
-from twin.emulator.can_slcan import BusServer
+from twin.emulator.can_bus import BusFaults, BusServer, EmulatedBus, Frame, Towards, message
 from twin.emulator.drive import EmulatedDrive, Power
-from twin.emulator.process import PauseWatch
+from twin.emulator.serve import PauseWatch
 
 
 @pytest.fixture
@@ -125,7 +123,7 @@ def test_an_emulator_that_starves_says_how_far_it_was_behind(bus):
 
 FORWARD = """
 import os
-from twin.emulator.process import PRIORITY, come_forward
+from twin.emulator.serve import PRIORITY, come_forward
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     allowed = True

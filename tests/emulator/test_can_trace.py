@@ -11,7 +11,7 @@ import pytest
 from twin.cli import main
 from twin.devices.akd.traces import TraceWriter
 from twin.emulator.lockstep import LockstepRig
-from twin.identify.log import read
+from twin.identify.logs import read
 from twin.run.finished import run
 from twin.run.logs import read_log
 from twin.scenario.load import check, put, setting

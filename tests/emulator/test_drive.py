@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.emulator.can_faults import Frame
 from twin.emulator.drive import EmulatedDrive, Power, PowerStage
+from twin.emulator.drive_objects import Frame
 
 NODE = 5
 HOST = 127

@@ -10,12 +10,12 @@ from functools import cache
 import pytest
 from stepped import SteppedDrives
 
-from twin.devices.akd import dictionary
+from twin.devices.akd import protocol
 from twin.devices.akd.conditions import DriveError
 from twin.emulator import drive_objects
 
 NODE = 1
-HOST = dictionary.objects()
+HOST = protocol.objects()
 DRIVE = drive_objects.drive_objects(NODE)
 NOT_IN_THE_DRIVE = {(index, sub) for index in range(0x1400, 0x1404) for sub in (3, 5)}
 """CiA 301 has these parameters of receive PDOs, the vendor's EDS has not; nothing may use them."""
@@ -120,7 +120,7 @@ def start_refused(*others):
 def test_the_bring_up_itself_fails_if_the_host_has_a_wrong_type(key, monkeypatch):
     wrong = replace(HOST[key], type=OTHER[HOST[key].type])
     table = {**HOST, key: wrong}
-    monkeypatch.setattr(dictionary, "objects", lambda: table)
+    monkeypatch.setattr(protocol, "objects", lambda: table)
     refusal = start_refused()
     assert any(words in refusal for words in (f"{key[0]:04X}h", "mapping PDO", "data size"))
 

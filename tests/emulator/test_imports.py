@@ -11,9 +11,8 @@ from click.testing import CliRunner
 import twin.devices
 import twin.emulator
 from twin.cli.rig import emulate
-from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_slcan import PseudoTerminal, SlcanPort
-from twin.emulator.process import Emulator, PauseWatch, emulated
+from twin.emulator.can_bus import EmulatedBus, PseudoTerminal, SlcanPort
+from twin.emulator.serve import Emulator, PauseWatch, emulated
 from twin.errors import RigError
 
 FILES = sorted(Path(twin.emulator.__file__).parent.glob("*.py"))

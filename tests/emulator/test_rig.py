@@ -13,6 +13,7 @@ import sys
 import time
 from contextlib import contextmanager
 from multiprocessing import active_children
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -21,8 +22,8 @@ from serving import serving
 from twin.cli.look import export, report
 from twin.devices.akd.traces import read_trace
 from twin.emulator.drive import MASTER_SILENT
-from twin.emulator.process import emulated
-from twin.emulator.serve import TICK, VirtualRig
+from twin.emulator.screen import Protocol
+from twin.emulator.serve import TICK, VirtualRig, emulated
 from twin.report.numbers import flat
 from twin.run.finished import open_run
 from twin.run.record import read_run
@@ -206,3 +207,17 @@ def test_the_process_of_an_emulated_rig_obeys_and_ends(scenario):
         pid = process.pid
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "transport"), [(Protocol.ELO, "serial"), (Protocol.HID_0006, "hidraw")]
+)
+def test_the_rig_file_of_a_virtual_rig_names_its_ports_and_what_they_speak(
+    scenario, protocol, transport
+):
+    with VirtualRig(scenario("plant.kind=lagrange"), protocol) as rig:
+        found = check_rig(rig.tables(), "virtual")
+        assert Path(found.touch.port).is_char_device()
+        assert Path(found.bus.channel).is_char_device()
+    assert (found.touch.transport, found.touch.protocol) == (transport, str(protocol))
+    assert found.bus.interface == "slcan"

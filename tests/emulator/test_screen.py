@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from served_screen import EmulatedScreen
 
-from twin.emulator.screen import Damage, ScreenFault, ScreenLine
-from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
+from twin.emulator.screen import ENCODERS, Damage, Protocol, ScreenFault, ScreenLine, Spot
 
 pytestmark = pytest.mark.real_time
 

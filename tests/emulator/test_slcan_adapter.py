@@ -14,8 +14,7 @@ from twin.devices.akd.bus import open_bus
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
-from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_slcan import BusServer, SlcanAdapter, SlcanPort, nothing
+from twin.emulator.can_bus import BusServer, EmulatedBus, SlcanAdapter, SlcanPort, nothing
 from twin.emulator.drive import EmulatedDrive, Power
 
 

@@ -16,9 +16,7 @@ from hypothesis import strategies as st
 from serving import serving
 
 from twin.devices.akd.bus import PromptSlcanBus
-from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_faults import Frame
-from twin.emulator.can_slcan import BusServer, PseudoTerminal, SlcanPort
+from twin.emulator.can_bus import BusServer, EmulatedBus, Frame, PseudoTerminal, SlcanPort
 
 FRAMES = st.builds(
     lambda cob_id, data, remote: Frame(cob_id, b"" if remote else data, remote),

@@ -3,6 +3,7 @@
 import ctypes
 import re
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -16,10 +17,9 @@ from fmpy.validation import validate_fmu
 import ballplate as bp
 from twin.cli import ballplate as command
 from twin.errors import RecordError, ScenarioError
-from twin.fmu.description import exponents
+from twin.fmu.description import exponents, parameters
 from twin.fmu.export import frame_phase
-from twin.fmu.variables import parameters
-from twin.run.assemble import assemble
+from twin.run.assemble import assemble, build_reference
 from twin.scenario.describe import described
 
 HERE = Path(__file__).parent
@@ -63,6 +63,36 @@ def test_fmpy_finds_the_reference_that_lies_in_the_fmu(fmu):
     assert abs(expected["true_x"]).max() > 1e-3
     noisy = fmpy.simulate_fmu(str(fmu), input=commands, output=list(names))
     assert abs(noisy["measured_x"] - expected["measured_x"]).max() > 1e-4
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="libcosim is installed on Linux alone")
+def test_another_importer_finds_the_reference_too(exported):
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimManipulator import CosimManipulator
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    log_output_level(CosimLogLevel.WARNING)
+    fmu = exported / "rig2.fmu"  # libcosim reads FMI 1.0 and 2.0
+    commands, expected = answers(fmu, "in"), answers(fmu)
+    known = {each.name: each for each in fmpy.read_model_description(str(fmu)).modelVariables}
+    execution = CosimExecution.from_step_size(2_000_000)  # nanoseconds
+    rig = execution.add_local_slave(CosimLocalSlave(str(fmu), "rig"))
+    execution.boolean_initial_value(rig, known["noise"].valueReference, value=False)
+    observer, manipulator = CosimObserver.create_last_value(), CosimManipulator.create_override()
+    execution.add_observer(observer)
+    execution.add_manipulator(manipulator)
+    ball = [known[name].valueReference for name in ("true_x", "true_y")]
+    rates = [known[name].valueReference for name in commands.dtype.names[1:]]
+    path = []
+    for _, *given in commands[:-1]:
+        manipulator.slave_real_values(rig, rates, given)
+        assert execution.step()
+        path.append(observer.last_real_values(rig, ball))
+    wanted = np.column_stack((expected["true_x"], expected["true_y"]))
+    np.testing.assert_allclose(path, wanted[1:], rtol=0, atol=1e-12)
+    assert np.ptp(wanted, axis=0).min() > 1e-4
 
 
 def test_the_sources_that_are_listed_make_the_binary(fmu, tmp_path):
@@ -212,8 +242,14 @@ def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["circle", "rig.fmu", "--every", "2"], "of an .fmu there are the options --fmi and --set"),
-        (["circle", "rig.csv", "--fmi", "3"], "--fmi and --set are of a scenario's rig"),
+        (
+            ["circle", "rig.fmu", "--every", "2"],
+            "of an .fmu there are the options --fmi, --reference and --set",
+        ),
+        (
+            ["circle", "rig.csv", "--fmi", "3"],
+            "--fmi, --reference and --set are of a scenario's rig",
+        ),
         (["cirle", "rig.fmu"], "cirle"),
         (["circle", "rig.fmu", "--set", "plant.friction.sliding=0.4"], "plant.friction.sliding"),
     ],
@@ -256,3 +292,20 @@ def test_the_sanitizers_find_nothing(library, tmp_path):
     )
     done = subprocess.run([program], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_the_reference_is_an_output_where_it_is_asked_for(tmp_path, fmi, exported):
+    path = tmp_path / "rig.fmu"
+    bp.fmu("sine", path, duration=1.0, fmi=fmi, wished=True)
+    assert validate_fmu(str(path)) == []
+    names = [f"reference_{axis}{order}" for order in ("", "_rate", "_acc") for axis in "xy"]
+    found = fmpy.simulate_fmu(str(path), output=names, stop_time=1.2, output_interval=0.002)
+    scenario = exact("sine", duration=1.0)
+    time = np.minimum(found["time"], 1.0)
+    wished = build_reference(scenario)(time)
+    for i, name in enumerate(names):
+        np.testing.assert_allclose(found[name], wished[i // 2, :, i % 2], rtol=0, atol=1e-12)
+    assert np.ptp(found["reference_x_acc"]) > 1e-3
+    plain = fmpy.read_model_description(str(exported / f"rig{fmi}.fmu"))
+    assert not {each.name for each in plain.modelVariables} & {*names}

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
-from twin.devices.akd.conditions import FaultReports
+from twin.devices.common import FaultReports
 from twin.devices.lumio.conditions import BALL_LOST
 from twin.devices.lumio.conditions import CONDITIONS as TOUCH_CONDITIONS
 from twin.hal.interface import Condition, Fault, Limits, Severity

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from twin.identify.log import COLUMNS
+from twin.identify.logs import COLUMNS
 
 
 @pytest.fixture(scope="session")

@@ -12,11 +12,17 @@ from click.testing import CliRunner
 
 from twin.cli.understand import identify as command
 from twin.errors import LogError
-from twin.identify.any_log import AxisLog, ball_factor, read_any, unit_factor, wanted_columns
 from twin.identify.any_rig import _chosen, _verdicts, identify_any
-from twin.identify.judged import HORIZONS, beginnings, predicted, score
-from twin.identify.plain import AxisWindows, PlainProblem, Tilt, fit_axis, spans
-from twin.identify.verdict import IDENTIFIED, NOT
+from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, score
+from twin.identify.logs import AxisLog, ball_factor, read_any, unit_factor, wanted_columns
+from twin.identify.plain_model import (
+    PlainProblem,
+    Tilt,
+    axis_predicted,
+    beginnings,
+    fit_axis,
+)
+from twin.identify.windows import axis_windows, spans
 from twin.scenario import load
 
 ROOT = Path(__file__).parents[2]
@@ -134,12 +140,12 @@ def test_a_simulation_without_friction_is_the_closed_form():
     time = np.arange(0.0, 4.0, 0.02)
     tilt = np.where(time >= 1.0, 0.02, 0.0)
     log = AxisLog(time, tilt, True, time, np.zeros_like(time))
-    windows = AxisWindows.of(log, np.array([0.5]), np.array([3.5]))
+    windows = axis_windows(log, np.array([0.5]), np.array([3.5]))
     names = ("gain", "dead_time", "lag", "level")
     source = Tilt(log)
     problem = PlainProblem(windows, names, source, 3.0, (0.0, 0.5))
     theta = np.array([[6.0 * source.scale, 0.13, 0.1, 0.03]])
-    found = problem.reported(theta, np.array([[[0.01]], [[0.02]]]))[0][0, 0]
+    found = problem.reported(theta, np.array([[[0.01]], [[0.02]]]))[0][0, 0, :, 0]
     t = windows.time[0]
     s = np.maximum(t + 0.5 - 1.0 - 0.13, 0.0)
     moved = 0.12 * (s**2 / 2 - 0.1 * s + 0.01 * (1 - np.exp(-s / 0.1)))
@@ -149,7 +155,7 @@ def test_a_simulation_without_friction_is_the_closed_form():
 def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_2a():
     time = np.arange(0.0, 3.0, 0.02)
     log = AxisLog(time, np.sin(time), True, time, np.zeros_like(time))
-    windows = AxisWindows.of(log, np.array([0.0, 0.0]), np.array([2.5, 2.5]))
+    windows = axis_windows(log, np.array([0.0, 0.0]), np.array([2.5, 2.5]))
     problem = PlainProblem(
         windows, ("gain", "dead_time", "level", "friction"), Tilt(log), 2.5, (0.0, 0.5)
     )
@@ -235,7 +241,7 @@ def test_the_commands_of_the_page_work_on_logs_of_these_names(axis_of, tmp_path,
 def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     log = axis_of(2, seconds=30)
     other = np.random.default_rng(1).normal(0, 0.05, len(log.tilt))
-    from twin.identify.any_log import AnyLog
+    from twin.identify.logs import AnyLog
     from twin.identify.report import sentences
 
     wrong = AnyLog("wrong", {"x": replace(log, tilt=other)}, {"x": "rad"}, ())
@@ -249,19 +255,19 @@ def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
     time = np.arange(0.0, 12.0, 0.04)
     ball = 0.05 * time - 0.004 * time**2
     log = AxisLog(time, np.sin(3 * time), True, time, ball)
-    windows = AxisWindows.of(log, *spans(log, 2.5))
+    windows = axis_windows(log, *spans(log, 2.5))
     problem = PlainProblem(windows, ("gain", "dead_time", "level"), Tilt(log), 2.6, (0.0, 0.5))
     line = problem.linearise(np.zeros((1, 3)), problem.initial_starts())
-    from twin.identify.plain import AxisFit
+    from twin.identify.plain_model import AxisFit
     from twin.identify.search import Minimum, Termination
 
     found = Minimum(
         np.array([[0.0, 0.0, -0.008]]), problem.initial_starts(), np.zeros(1), line,
         Termination("converged", 1, 1, 0, 0.0),
     )  # fmt: skip
-    fit = AxisFit(log, problem, found, 1e-3, 1e-3)
+    fit = AxisFit(problem, found, log, 1e-3, 1e-3)
     at = beginnings(log)
-    judged = score({"x": predicted(log, fit, at)})
+    judged = score({"x": axis_predicted(log, fit, at)})
     for k, ahead in enumerate(HORIZONS):
         ways = [0.05 * ahead - 0.004 * ((t + ahead) ** 2 - t**2) for t in at]
         assert judged.median["stays"][k] == pytest.approx(np.median(np.abs(ways)), rel=0.15)

@@ -10,28 +10,34 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from controllers.ballplate import BallPlate
-from twin.identify.bootstrap import Estimate, estimate
+from twin.identify.judged import BOUNDED, IDENTIFIED, REJECTED
 from twin.identify.parameters import SERVO
 from twin.identify.plate_motion import Drives, fit_drives, servo_response
-from twin.identify.prepare import PreparedLog, Segment, paces, rests, speed
-from twin.identify.problem import Linearisation, Problem
-from twin.identify.replay import PACE, STEP, AccelerationField, replay
+from twin.identify.prepare import PACE, PreparedLog, Segment, paces, rests, speed
 from twin.identify.report import parameters
-from twin.identify.search import _creeping, fit_starts
-from twin.identify.verdict import (
-    BOUNDED,
-    IDENTIFIED,
-    REJECTED,
+from twin.identify.search import Estimate, Linearisation, estimate, fit_starts
+from twin.identify.twin_model import (
+    Problem,
+    TwinIdentification,
     _ball,
+    _creeping,
     _servo,
     verdicts,
     whiteness,
 )
-from twin.identify.windows import Windows
+from twin.identify.windows import STEP, AccelerationField, Windows, replay
 from twin.scenario import load
-from twin.sim.drives import Hysteresis, Play, Resonance
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
+from twin.sim.rig import Hysteresis, Play, Resonance
+
+
+def shown(*verdicts):
+    """An identification of which these verdicts are all that is known."""
+    rest = dict.fromkeys(("log", "fit", "whiteness"))
+    return TwinIdentification(
+        source="log", seconds=0.0, verdicts=verdicts, scores=(), predictions={}, notes=(), **rest
+    )
 
 
 @pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED), (4.0e-4, IDENTIFIED)])
@@ -117,7 +123,8 @@ def test_a_model_is_rejected_by_what_moves_together_in_its_residuals_unless_it_i
     line = Linearisation(r[None], by_start, np.zeros((1, *r.shape, 0)))
     seen = SimpleNamespace(weight=np.ones((windows, bins, 2)))
     problem = SimpleNamespace(windows=seen, misfit=lambda r: (r**2).mean(axis=-1))
-    found = whiteness(SimpleNamespace(problem=problem, linearisation=line))
+    fit = SimpleNamespace(problem=problem, found=SimpleNamespace(linearisation=line))
+    found = whiteness(fit)
     assert found.white == white
     if swing:
         assert found.outside > 3  # either is seen
@@ -145,9 +152,9 @@ def test_a_window_in_which_the_ball_creeps_at_first_is_told_from_one_in_which_it
     tilt[..., 1] = -1.02 * holds
     seen = np.tile(0.15 + 0.016 * np.arange(bins), (2, 1))
     windows = Windows(
-        np.array([0.0, 2.0]), np.array([True, True]), np.zeros((2, 200)),
+        np.array([0.0, 2.0]), seen, np.zeros((2, bins, 2)), np.full((2, bins, 2), 1 / 2e-4),
+        np.array([True, True]), np.zeros((2, 200)),
         AccelerationField.of(model, tilt, np.zeros_like(tilt)),
-        seen, np.zeros((2, bins, 2)), np.full((2, bins, 2), 1 / 2e-4),
     )  # fmt: skip
     problem = Problem(model, windows, names)
     theta, starts = np.array([[2e-4, 1.1, 0.04, 0.0, 0.0]]), np.zeros((4, 1, 2))
@@ -191,7 +198,7 @@ def test_of_a_model_that_the_log_rejects_there_is_no_interval():
     assert bad.value == good.value == pytest.approx(0.2)
     assert good.low < 0.2 < good.high
     assert (bad.low, bad.high) == (None, None)
-    found = SimpleNamespace(verdicts=(bad,), source="log")
+    found = shown(bad)
     assert "rolling" not in parameters(found)
     assert "rolling_mm = 0.2" in parameters(found, (REJECTED,))
 
@@ -313,7 +320,6 @@ def test_a_lost_motion_that_is_identified_is_in_the_parameter_file():
     fit = SimpleNamespace(estimate=lambda: None)
     drives = Drives(0.0159, 1e-4, agree=True, play=np.radians(0.3), play_half_width=1e-5)
     found = verdicts(("servo",), fit, drives, white=True)
-    shown = SimpleNamespace(verdicts=found, source="log")
-    assert "backlash_deg = 0.3" in parameters(shown)
+    assert "backlash_deg = 0.3" in parameters(shown(*found))
     tight = drives._replace(play=1e-6)
     assert len(verdicts(("servo",), fit, tight, white=True)) == 1

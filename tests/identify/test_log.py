@@ -9,11 +9,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from twin.identify.identify import identify
-from twin.identify.judged import HORIZONS, replayed, score
-from twin.identify.log import COLUMNS, LogError, read
+from twin.errors import LogError
+from twin.identify.judged import HORIZONS, score
+from twin.identify.logs import NEEDED, read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen
 from twin.identify.prepare import prepare
+from twin.identify.twin_model import Problem, identify, replayed
 from twin.run.finished import open_run, run, save
 from twin.scenario import load
 
@@ -130,8 +131,7 @@ def test_metadata_that_are_not_those_of_a_run_are_refused_in_one_line(
 
 
 def test_a_parquet_column_that_holds_no_numbers_is_named(tmp_path):
-    names = [name for name, column in COLUMNS.items() if column.required]
-    table = pa.table({name: ["a", "b"] if name == "measured_y" else [0.0, 1.0] for name in names})
+    table = pa.table({name: ["a", "b"] if name == "measured_y" else [0.0, 1.0] for name in NEEDED})
     pq.write_table(table, tmp_path / "log.parquet")
     with pytest.raises(LogError, match="measured_y: is not one column of numbers"):
         read(tmp_path / "log.parquet")
@@ -152,8 +152,9 @@ def test_the_ball_that_stays_stays_where_it_was_at_the_last_sample(tmp_path, rat
     log = prepare(read(tmp_path))
     names = ("delay", "rolling")
     theta = np.array([0.042, done.scenario.plant.friction.rolling_mm * 1e-3])
-    fit = SimpleNamespace(problem=SimpleNamespace(names=names, model=log.model, grip=0.0))
-    fit.theta = theta
+    fit = SimpleNamespace(
+        problem=Problem(log.model, None, names), found=SimpleNamespace(theta=theta[None])
+    )
     found = replayed(log, fit, 0.0)
     still = score(found).median["stays"]
     (recorded,) = open_run(tmp_path)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from twin.identify.log import LogError
-from twin.identify.lost_motion import KEYS, NOTHING, lost_motion, triangle
-from twin.sim.drives import Hysteresis, Play
+from twin.errors import LogError
+from twin.identify.plate_motion import KEYS, NO_LOOP, lost_motion, triangle
+from twin.sim.rig import Hysteresis, Play
 
 CYCLES = 3
 MOTOR = triangle(np.radians(1.0), np.radians(1.0), CYCLES, 0.002)
@@ -41,7 +41,7 @@ def test_a_plate_that_follows_has_no_lost_motion_and_noise_hides_the_corners():
     motor = MOTOR
     none = lost_motion("theta", motor, counted(motor), CYCLES)
     assert none.shape == "none"
-    assert none.width < NOTHING
+    assert none.width < NO_LOOP
     assert none.as_dict()["key"] is None
     noise = np.radians(0.1) * np.random.default_rng(0).normal(size=len(motor))
     noisy = lost_motion("theta", motor, through(Play(np.radians([[0.2]])), motor) + noise, CYCLES)

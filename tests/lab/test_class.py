@@ -18,8 +18,7 @@ import pytest
 
 from twin.lab.grade import candidates
 from twin.lab.pages import discrimination, of_class
-from twin.lab.schema import Lab, read
-from twin.lab.variants import deal, filled, hand_out
+from twin.lab.schema import Lab, deal, filled, hand_out, read
 
 MINI = Path(__file__).parent / "mini"
 KEY = "the key of a course"

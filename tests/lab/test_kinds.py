@@ -1,6 +1,7 @@
 """Answers that are observers and functions: the same bits, one line for what goes wrong."""
 
 import os
+import pwd
 import subprocess
 import sys
 import time
@@ -192,6 +193,44 @@ def test_an_observers_lab_tells_a_good_one_from_a_perverse_one(tmp_path: Path) -
     scores = [judged(tmp_path, text, lab + set_)["score"] for text in texts]
     assert read(tmp_path).answer.file == "answer.py"
     assert scores == [2.0, 0.0]
+
+
+@pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="grades as root, on Linux")
+def test_where_root_grades_an_answer_is_nobody_and_holds_nothing_of_roots(tmp_path: Path) -> None:
+    secret, file = tmp_path / "secret.txt", tmp_path / "answer.py"
+    secret.write_text("truth")
+    file.write_text(f"""
+import ctypes, os
+import scipy.signal
+def tries(**_):
+    open('own.txt', 'w').write('mine')
+    calls = {{
+        'root': lambda: os.setuid(0),
+        'own': lambda: os.chown('.', 0, 0),
+        'write': lambda: open({str(secret)!r}, 'a'),
+    }}
+    found = {{'fork': ctypes.CDLL(None).fork()}}  # this passes the hook
+    for name, call in calls.items():
+        try:
+            call()
+        except PermissionError:
+            found[name] = 'refused'
+    return found
+""")
+    about = AnswerTable(kind="function", function="tries", asked={"x": "m"}, seconds=5.0)
+    with answering(file, about) as process:
+        refused = {"fork": -1, "root": "refused", "own": "refused", "write": "refused"}
+        assert process.call("function", {}) == refused
+        status = Path(f"/proc/{process.process.pid}/status").read_text()
+        said = dict(line.split(":\t", 1) for line in status.splitlines() if ":\t" in line)
+    nobody = pwd.getpwnam("nobody")
+    assert said["Uid"].split() == 4 * [str(nobody.pw_uid)]
+    assert said["Gid"].split() == 4 * [str(nobody.pw_gid)]
+    assert said["Groups"].split() == []
+    search = 1 << 2  # CAP_DAC_READ_SEARCH; one of a container has CAP_DAC_OVERRIDE instead
+    for name in ("CapEff", "CapPrm"):
+        assert int(said[name], 16) in {0, search, 1 << 1}
+    assert int(said["CapInh"], 16) == int(said["CapAmb"], 16) == 0
 
 
 @pytest.mark.long

@@ -13,13 +13,22 @@ import pytest
 import ballplate as bp
 from twin.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
-from twin.lab.forms import begin, pack, written
 from twin.lab.grade import candidates, tried
 from twin.lab.judge import Judge, judged
-from twin.lab.pages import of_student
+from twin.lab.pages import begin, of_student, pack, written
 from twin.lab.process import NAME, answering
-from twin.lab.schema import PRIVATE, CheckTable, read
-from twin.lab.variants import PRACTICE, deal, filled, had_again, hand_out, starter, students
+from twin.lab.schema import (
+    PRACTICE,
+    PRIVATE,
+    CheckTable,
+    deal,
+    filled,
+    had_again,
+    hand_out,
+    read,
+    starter,
+    students,
+)
 from twin.run.batch import simulate
 from twin.scenario import load
 

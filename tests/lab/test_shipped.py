@@ -9,8 +9,7 @@ import pytest
 
 from twin.lab.grade import candidates, prepared
 from twin.lab.judge import judged
-from twin.lab.schema import read, shipped_labs
-from twin.lab.variants import LOG, deal, record, starter
+from twin.lab.schema import LOG, deal, read, record, shipped_labs, starter
 
 LABS = sorted(shipped_labs())
 KEY = "of a test"

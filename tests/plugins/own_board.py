@@ -5,10 +5,10 @@ import math
 from contextlib import nullcontext
 from pathlib import Path
 
-from twin.devices.own import Direct, Hardware, OwnConfig, OwnScreen, OwnServos, Reading
-from twin.devices.realtime import RealTimeClock
+from twin.devices.own import Hardware, OwnConfig, OwnScreen, OwnServos, Reading
+from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
-from twin.devices.scheduling import Scheduling
+from twin.hal.cams import FixedRatio
 from twin.run.assemble import build_limits
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_rig"
@@ -67,7 +67,7 @@ def own_rig(hardware, scenario, **thresholds):
         servos=servos,
         screen=OwnScreen(servos),
         clock=RealTimeClock(scenario.rig.period, spin=0.0, now=hardware.time, sleep=hardware.wait),
-        transmission=Direct(),
+        transmission=FixedRatio(),
         limits=limits,
         patience=1.0,
         scheduling=lambda: nullcontext(Scheduling(False, False, ("virtual time",))),

@@ -3,7 +3,7 @@
 import threading
 import time
 
-from twin.emulator.can_slcan import PseudoTerminal
+from twin.emulator.can_bus import PseudoTerminal
 
 
 class EmulatedScreen(PseudoTerminal):

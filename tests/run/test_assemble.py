@@ -17,10 +17,9 @@ from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
 from twin.settings import settings_of
-from twin.sim.drives import DriveModel, TransmissionError
 from twin.sim.plant.friction import Friction, SurfaceModel
-from twin.sim.plant.interface import BallStart
-from twin.sim.plant.parts import Parts
+from twin.sim.plant.interface import BallStart, Parts
+from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
 SHORT = ("duration=0.12", "metrics.start=0", "plant.start.x_rate=0.1")

@@ -10,7 +10,7 @@ import pytest
 
 import ballplate
 from controllers import catalog
-from controllers.linear import LQR
+from controllers.classical import LQR
 from twin.cli import main
 from twin.report.numbers import first_rows
 from twin.run.assemble import build_controller

@@ -12,7 +12,7 @@ from twin.run.assemble import build_controller
 from twin.run.batch import alike
 from twin.run.finished import open_run, record_run, run
 from twin.scenario import load
-from twin.scenario.changing import at_time
+from twin.scenario.load import at_time
 from twin.scenario.schema import Scenario
 from twin.shipped import shipped
 from twin.study.work import Builder

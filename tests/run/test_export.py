@@ -13,7 +13,7 @@ from scipy.io import loadmat
 
 from twin.cli import main
 from twin.cli.look import export as command
-from twin.identify.log import read
+from twin.identify.logs import read
 from twin.run.finished import run, save
 from twin.run.record import read_run
 from twin.scenario import load

@@ -94,6 +94,7 @@ OBSERVERS = sorted(catalog(Observer))
                 marks=() if name in QUICK else pytest.mark.long,
             )
             for name, law in sorted(catalog(Law).items())
+            if name != "fmu"  # an FMU keeps to itself what it remembers
         ),
         *(("lagrange", (f"observer.kind={observer}",)) for observer in OBSERVERS),
         *(

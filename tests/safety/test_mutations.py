@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from twin.devices.akd.axis import Axis, AxisRequest
-from twin.devices.akd.network import Remote
+from twin.devices.akd.bringup import Remote
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Clamp
 from twin.hal.supervisor import Supervisor
 from twin.safety.case import Stopper
-from twin.safety.cases import CASES, GROUPS
+from twin.safety.faults import CASES, GROUPS
 from twin.safety.row import FaultRow
 from twin.safety.trial import Trial
 

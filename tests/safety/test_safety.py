@@ -15,7 +15,7 @@ import twin.hal
 from twin.cli.rig import safety
 from twin.devices.own import OWN_CONDITIONS
 from twin.hal.interface import Condition, Severity
-from twin.safety.cases import CASES
+from twin.safety.faults import CASES
 from twin.safety.trial import run_case
 
 NUMBER = {case.name: index for index, case in enumerate(CASES)}

@@ -1,7 +1,7 @@
 import pytest
 
 from twin.errors import ScenarioError
-from twin.scenario.variants import comparison, parsed, variants, varied
+from twin.scenario.load import comparison, parsed, variants, varied
 
 
 def headings(*vary):

@@ -9,9 +9,8 @@ import pytest
 from scipy import stats
 
 from twin.identify.prepare import prepare
-from twin.identify.replay import STEP
 from twin.identify.search import fit_starts
-from twin.identify.windows import Spans, cut
+from twin.identify.windows import STEP, Spans, cut
 from twin.scenario import load
 from twin.shadow.belief import believed, logs
 from twin.shadow.evidence import STRETCH

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from twin.cli.runs import run as run_command
 from twin.cli.understand import shadow as shadow_command
 from twin.errors import TwinError
-from twin.identify.log import read
+from twin.identify.logs import read
 from twin.identify.prepare import prepare
 from twin.run.finished import open_run, run, save
 from twin.scenario import load

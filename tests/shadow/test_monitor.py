@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from twin.identify.log import MECHANISM_LAG
+from twin.identify.logs import MECHANISM_LAG
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import Segment
 from twin.scenario import load
@@ -33,7 +33,7 @@ from twin.shadow.alarms import (
 from twin.shadow.alarms import LATE_THRESHOLD as OWN
 from twin.shadow.belief import PARAMETERS, Belief
 from twin.shadow.evidence import Evidence, plate_evidence
-from twin.sim.drives import Play
+from twin.sim.rig import Play
 
 LATE = PARAMETERS.index("delay")
 

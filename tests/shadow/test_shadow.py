@@ -13,8 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.understand import shadow as command
-from twin.errors import TwinError
-from twin.identify.log import MECHANISM_LAG, LogError, read
+from twin.errors import LogError, TwinError
+from twin.identify.logs import MECHANISM_LAG, read
 from twin.run.finished import run, save
 from twin.scenario import load
 from twin.shadow.alarms import THRESHOLD, Before, weigh

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from twin.identify.prepare import prepare
-from twin.identify.problem import Problem
 from twin.identify.search import SETTLED, fit_starts
+from twin.identify.twin_model import Problem
 from twin.scenario import load
 from twin.shadow import evidence
 from twin.shadow.belief import believed, logs

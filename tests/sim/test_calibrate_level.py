@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.calibrate import FEET, advice, level
-from twin.identify.identify import identify
+from twin.identify.judged import ParameterVerdict
 from twin.identify.parameters import BALL
-from twin.identify.verdict import ParameterVerdict
+from twin.identify.twin_model import identify
 from twin.run.finished import run, save
 from twin.scenario import load
 
@@ -39,7 +39,7 @@ def once(monkeypatch, identified):
             identified[recorded.source] = identify(recorded, *arguments)
         return identified[recorded.source]
 
-    monkeypatch.setattr("twin.identify.identify.identify", remembered)
+    monkeypatch.setattr("twin.identify.twin_model.identify", remembered)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from twin.sim.drives import DriveModel, Hysteresis, Play, Resonance, SimulatedDrives, Vibration
+from twin.sim.rig import DriveModel, Hysteresis, Play, Resonance, SimulatedDrives, Vibration
 
 
 def column(*values):

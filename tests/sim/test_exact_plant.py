@@ -7,7 +7,7 @@ from controllers.ballplate import BallPlate
 from twin.hal.interface import SCREEN
 from twin.sim.plant.exact import ExactPlant, rolling
 from twin.sim.plant.friction import Friction, SurfaceMap
-from twin.sim.plant.kinematics import tilted_gravity
+from twin.sim.plant.interface import tilted_gravity
 
 MODEL = BallPlate()
 

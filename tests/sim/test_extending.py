@@ -9,10 +9,9 @@ import ballplate as bp
 from controllers.arrays import Number, column
 from twin.errors import ModelError, ScenarioError
 from twin.hal.cams import FixedRatio
-from twin.run.assemble import assemble
+from twin.run.assemble import PLANTS, PlantKind, assemble, register
 from twin.run.batch import Episodes, simulate
 from twin.run.finished import run
-from twin.run.plants import PLANTS, PlantKind, register
 from twin.scenario import load
 from twin.scenario.load import validated
 from twin.scenario.schema import PLANTS as NAMED

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from twin.sim.plant.kinematics import ball_in_plate
+from twin.sim.plant.interface import ball_in_plate
 from twin.sim.plant.mechanism import Mechanism
 
 ANGLES = st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2))

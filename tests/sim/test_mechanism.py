@@ -13,8 +13,8 @@ from twin.errors import ModelError
 from twin.hal.cams import CamTable
 from twin.paths import model_path
 from twin.sim.plant.friction import Friction
+from twin.sim.plant.interface import Parts
 from twin.sim.plant.mechanism import Mechanism
-from twin.sim.plant.parts import Parts
 
 BALL = BallPlate()
 TICK = 2

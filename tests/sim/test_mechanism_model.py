@@ -14,8 +14,8 @@ import pytest
 from twin.errors import ModelError
 from twin.paths import model_path
 from twin.sim.calibration import tap_test
+from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import differing, fields_of, fitted, load_model, settle, shaped
-from twin.sim.plant.parts import Parts
 
 KINDS = {
     "BODY": "nbody",

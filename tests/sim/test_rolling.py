@@ -10,8 +10,8 @@ import pytest
 from controllers.ballplate import BallPlate
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
+from twin.sim.plant.interface import Parts
 from twin.sim.plant.mechanism import Mechanism
-from twin.sim.plant.parts import Parts
 
 BALL = BallPlate()
 RADIUS, GRAVITY, K1 = BALL.radius, BALL.gravity, BALL.k1

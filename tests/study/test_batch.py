@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from controllers.linear import LQR
+from controllers.classical import LQR
 from twin.run.batch import alike, simulate
 from twin.run.finished import run
 from twin.scenario import Scenario, load

@@ -67,7 +67,7 @@ BESIDE = {
     "data_file",
     "errors",
     "paths",
-    "run/exports",
+    "run/signals",
     "run/files",
     "scenario/__init__",
     "scenario/load",

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from controllers.linear import LQR
-from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
-from controllers.references.figures import Circle, Step
+from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, SlidingMode
+from controllers.references import Circle, Step
 from twin.cli.analyse import reproduce as command
 from twin.errors import ScenarioError
 from twin.fit.runs import Runs, cells, read

@@ -5,10 +5,9 @@ import optuna
 import pytest
 
 from controllers.analysis import margins, sampled_loop, unstable
-from controllers.linear import LQR
-from controllers.nonlinear import AFL, SlidingMode
+from controllers.classical import AFL, LQR, SlidingMode
+from controllers.controller import Smith
 from controllers.observers import Kalman, Luenberger
-from controllers.smith import Smith
 from twin.tune.search import Candidate, best_of, score, searched, tail_mean
 from twin.tune.trials import Indicators, NominalLoop, Tune, loop_margins
 from twin.tune.tune import importance, neighbours

@@ -15,9 +15,9 @@ from twin.cli import ballplate
 from twin.errors import TwinError
 from twin.report.html import html
 from twin.run import finished
-from twin.run.exports import export
 from twin.run.finished import open_run, open_runs
 from twin.run.loop import INTERRUPTED
+from twin.run.signals import export
 from twin.scenario.load import load
 from twin.whatif.futures import POOR, branches_of, futures, moment_of, page
 from twin.whatif.moment import FEWEST, HALF, path

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from twin.emulator.can_faults import Frame, Towards
+from twin.emulator.can_bus import Towards
+from twin.emulator.drive_objects import Frame
 from twin.emulator.lockstep import LockstepRig
 from twin.run.assemble import build_controller
 from twin.run.loop import drive

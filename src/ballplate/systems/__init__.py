@@ -39,7 +39,7 @@ from controllers.analysis import (
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED, STATES
 from controllers.design import sample
-from controllers.observers.linear import Ideal
+from controllers.observers.thesis import Ideal
 from twin.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -157,9 +157,9 @@ def mechanism(
     or out of balance is refused: its attitude would have to be states, too.
     """
     from twin.settings import changed
-    from twin.sim.plant.linear import STATES as MOVING
-    from twin.sim.plant.linear import linear_mechanism
-    from twin.sim.plant.parts import Parts
+    from twin.sim.calibration import STATES as MOVING
+    from twin.sim.calibration import linear_mechanism
+    from twin.sim.plant.interface import Parts
 
     chosen = scenario_of(scenario, changes_of(settings, changes))
     parts, period = changed(Parts, chosen), chosen.rig.period
@@ -220,7 +220,7 @@ def exact(
     """
     import control
 
-    from twin.run.plants import build_plant
+    from twin.run.assemble import build_plant
     from twin.sim.plant.exact import ExactPlant
 
     chosen = scenario_of(scenario, [*changes_of(settings, changes), *changes_of(EXACT, {})])

@@ -24,8 +24,8 @@ from twin.writing import check_writable, write_whole
 if TYPE_CHECKING:
     from ballplate.reporter import Advance
     from twin.devices.akd.servos import AkdServos
-    from twin.doctor.touch import MeasuredTouch
-    from twin.identify.verdict import ParameterVerdict
+    from twin.doctor.calibration import MeasuredTouch
+    from twin.identify.judged import ParameterVerdict
     from twin.scenario import Scenario
     from twin.scenario.rig import RigFile
 
@@ -36,7 +36,7 @@ def _turned(
 ) -> Iterator[tuple[RigFile, AkdServos, Advance]]:
     """A rig whose plate is turned in real time: its file, its servos, and progress."""
     from twin.devices.akd.servos import AkdServos
-    from twin.devices.scheduling import real_time
+    from twin.devices.realtime import real_time
 
     with rig_file(rig, scenario) as (file, _), real_time(), progress(what, total) as advance:
         yield file, AkdServos(file.servos(0.002)), advance
@@ -65,8 +65,8 @@ def lost_motion(
 
     Settings are those of the virtual rig.
     """
-    from twin.doctor.lost_motion import measure
-    from twin.identify.lost_motion import KEYS
+    from twin.doctor.calibration import measure_lost_motion
+    from twin.identify.plate_motion import KEYS
     from twin.run.connect import cams_of
     from twin.scenario import load
 
@@ -75,7 +75,7 @@ def lost_motion(
         servos,
         advance,
     ):
-        found = measure(
+        found = measure_lost_motion(
             servos,
             cams_of(file),
             amplitude=math.radians(amplitude),
@@ -113,14 +113,14 @@ def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
 
     Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
     """
-    from twin.doctor.touch import measure, usual_points
+    from twin.doctor.calibration import measure_touch, usual_points
     from twin.scenario import load
 
     points = [_point(text) for text in places] or usual_points()
     with rig_file(rig, load("circle")) as (file, ask):
         shown = progress("calibrating the touch screen", len(points)) if rig == EMULATED else None
         with shown or nullcontext(lambda _: None) as advance:
-            found = measure(file.uncalibrated_screen(), points, ask, file.patience, advance)
+            found = measure_touch(file.uncalibrated_screen(), points, ask, file.patience, advance)
     write_whole(out, found.save)
     then = f'written to {out}; name it in the rig file, under [touch]: calibration_file = "{out}"'
     show({"file": str(out), **found.as_dict()}, (*_residuals(found), then))
@@ -147,7 +147,7 @@ def _point(text: str) -> tuple[float, float]:
 def _residuals(found: MeasuredTouch) -> tuple[Shown, ...]:
     import numpy as np
 
-    from twin.doctor.touch import place
+    from twin.doctor.calibration import place
 
     rows = [
         (place(point), *(f"{1e3 * each:+.2f}" for each in off))
@@ -250,9 +250,9 @@ def level(log: Path) -> int:
     LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
     """
     log = log_file(log)  # a wrong name is told before anything heavy is imported
-    from twin.identify.identify import identify
-    from twin.identify.log import read
-    from twin.identify.verdict import IDENTIFIED
+    from twin.identify.judged import IDENTIFIED
+    from twin.identify.logs import read
+    from twin.identify.twin_model import identify
 
     recorded = read(log)
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
@@ -269,12 +269,11 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
         found: The tilt about the axis in deg.
         foot: Its entry of ``FEET``.
     """
-    from twin.identify.report import interval
-    from twin.identify.verdict import IDENTIFIED
+    from twin.identify.judged import IDENTIFIED
 
     if found.value is None or found.low is None or found.high is None:
         return found.why
-    known = f"{found.value:+.4f} deg ({interval(found)}, 95 %)"
+    known = f"{found.value:+.4f} deg ({found.interval}, 95 %)"
     if found.low <= 0 <= found.high:
         if found.word == IDENTIFIED:
             return f"level within {max(-found.low, found.high):.2g} deg: nothing to do"
@@ -287,12 +286,12 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
 
 def _on_rig(rig: str, path: Path, reach: float, lines: int) -> None:
     """Measure the cams of a rig."""
-    from twin.doctor.cams import measure
+    from twin.doctor.calibration import measure_cams
     from twin.hal.cams import CamTable
     from twin.scenario import load
 
     with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, advance):
-        found = measure(
+        found = measure_cams(
             servos,
             CamTable.packaged(),
             reach=math.radians(reach),

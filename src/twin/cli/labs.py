@@ -62,7 +62,7 @@ def list_labs() -> int:
 @click.option("--out", type=PATH, help="New folder [NAME].")
 def new(name: str, out: Path | None) -> int:
     """Write a small lab of your own that passes its selftest, to be changed piece by piece."""
-    from twin.lab.forms import begin
+    from twin.lab.pages import begin
 
     folder = out or Path(name)
     begin(name, folder)
@@ -80,7 +80,7 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
 
     Without the course's key the rig is one to practise on; your lecturer hands out yours.
     """
-    from twin.lab.variants import hand_out
+    from twin.lab.schema import hand_out
 
     folder = out or Path(f"{lab.name}-{student}")
     hand_out(lab, {student: "."}, _text(key), folder)
@@ -105,7 +105,7 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
     The answer is a file, or a folder with it; by default that of this folder.
     """
     from ballplate.lab import check as judge
-    from twin.lab.forms import table, written
+    from twin.lab.pages import table, written
     from twin.writing import write_whole
 
     result = judge(**how, key=_text(key))
@@ -125,8 +125,8 @@ def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> in
 
     The class is a CSV file whose first column names the students, below a heading.
     """
-    from twin.lab.variants import hand_out
-    from twin.lab.variants import students as named
+    from twin.lab.schema import hand_out
+    from twin.lab.schema import students as named
 
     people, folder = named(students), out or Path(f"variants-{lab.name}")
     hand_out(lab, {student: student for student in people}, _text(key), folder)
@@ -151,7 +151,7 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     """
     from twin.lab import grade as grades
     from twin.lab.pages import of_class, summary
-    from twin.lab.variants import students
+    from twin.lab.schema import students
     from twin.writing import write_whole, written_alone
 
     names = students(people) if people else None
@@ -184,7 +184,7 @@ def _tried(lab: Lab, found: Iterable[Finding]) -> int:
 def selftest(lab: Lab, starter: bool, processes: int | None) -> int:
     """Try a lab before a class does: the solution has all points, every mutant fails its check."""
     from twin.lab import grade
-    from twin.lab.variants import starter as made
+    from twin.lab.schema import starter as made
     from twin.writing import write_whole
 
     if starter and not lab.answer.data:
@@ -222,7 +222,7 @@ def calibrate(lab: Lab, rigs: int, processes: int | None) -> int:
 @click.option("--out", type=PATH, required=True, help="New file (gradescope) or folder.")
 def pack(out: Path, key: Path | None, **given: Any) -> int:
     """Pack a lab for students (folder, with a notebook) or for the grader of a course system."""
-    from twin.lab.forms import pack as packed
+    from twin.lab.pages import pack as packed
 
     packed(out=out, key=_text(key), **given)
     say(f"{out} written")

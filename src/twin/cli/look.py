@@ -16,8 +16,9 @@ from twin.cli.options import opened as open_all
 from twin.cli.output import TERMINAL, say, warn
 from twin.errors import RecordError, TwinError, ViewError, nearest
 from twin.paths import model_path
-from twin.run.exports import export as export_signals
-from twin.run.files import MOVING, check_no_scenario, run_folder
+from twin.run.files import check_no_scenario, run_folder
+from twin.run.signals import MOVING
+from twin.run.signals import export as export_signals
 from twin.writing import write_whole
 
 if TYPE_CHECKING:
@@ -180,6 +181,7 @@ def report(
 @click.option("--fps", type=int, help="Its frames a second [20].")
 @click.option("--size", type=int, help="Its width in pixels [600].")
 @click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
+@click.option("--reference", "wished", is_flag=True, help="Of a rig: its reference is an output.")
 @SETTING
 @click.option(
     "--render",
@@ -193,13 +195,13 @@ def export(
     columns: str | None,
     beside: tuple[Path, ...],
     fmi: str | None,
+    wished: bool,
     overrides: tuple[str, ...],
     **cut: Any,
 ) -> int:
     """Export the signals of a run to a .csv, .mat, .parquet or .mcap file, or the run as it moved.
 
-    A picture that moves is a .webp, .gif, .apng or, by the extra video, .mp4; a FILE without ending
-    is a folder of its frames:
+    A picture that moves is a .webp, .gif or, by the extra video, .mp4:
     ballplate export runs/circle circle.webp --beside runs/cure --seconds 8
 
     In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
@@ -207,13 +209,16 @@ def export(
     """
     if file.suffix == ".fmu":
         if every or columns is not None or beside or any(a is not None for a in cut.values()):
-            raise RecordError(f"{file}: of an .fmu there are the options --fmi and --set only")
+            raise RecordError(
+                f"{file}: of an .fmu there are the options --fmi, --reference and --set only"
+            )
         from ballplate.exporting import fmu
 
-        say(f"written to {fmu(run, file, overrides, fmi=int(fmi or 2), reporter=TERMINAL)}")
+        made = fmu(run, file, overrides, fmi=int(fmi or 2), wished=wished, reporter=TERMINAL)
+        say(f"written to {made}")
         return 0
-    if fmi or overrides:
-        raise RecordError(f"{file}: --fmi and --set are of a scenario's rig: .fmu")
+    if fmi or wished or overrides:
+        raise RecordError(f"{file}: --fmi, --reference and --set are of a scenario's rig: .fmu")
     from ballplate.comparing import labelled
     from ballplate.results import Result
     from twin.run.finished import open_run
@@ -227,7 +232,7 @@ def export(
     if not moving and (given or beside):
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
-            "pictures: .webp, .gif, .apng, .mp4"
+            "pictures: .webp, .gif, .mp4"
         )
     check_no_scenario(run)
     (opened,) = open_run(run)

@@ -14,14 +14,14 @@ import click
 
 from ballplate.running import EMULATED, rig_of
 from twin.cli import options
-from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show, warn
+from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show
 from twin.devices.akd import TRACE
 from twin.doctor.check import CheckStatus, next_step
-from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen import Protocol
 from twin.errors import LogError
 from twin.jobs import cores
 from twin.page import Table, digits
-from twin.run.exports import export
+from twin.run.signals import export
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
@@ -70,8 +70,8 @@ def doctor(
 
         click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
         return 0
+    from twin.doctor.computer import examine_installation
     from twin.doctor.examine import examine
-    from twin.doctor.install import examine_installation
     from twin.scenario import load
 
     if install:
@@ -109,7 +109,7 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
 
 
 def _ask(word: str) -> str:
-    from twin.doctor.touch import EDGES
+    from twin.doctor.drives import EDGES
 
     if word == "edge":
         question = "which edges of the plate dipped, the short or the long ones?"
@@ -155,8 +155,7 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
     and put for the ball, touch X Y (mm) for a finger, unplug and plug for the screen, lag for how
     far it is behind the clock; Ctrl-C ends it.
     """
-    from twin.emulator.process import come_forward
-    from twin.emulator.serve import VirtualRig
+    from twin.emulator.serve import VirtualRig, come_forward
     from twin.scenario import load
 
     with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
@@ -184,7 +183,7 @@ def _listen(rig: VirtualRig) -> None:
 @options.JSON
 def safety(processes: int | None) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
-    from twin.safety.cases import CASES
+    from twin.safety.faults import CASES
     from twin.safety.trial import run_all
 
     with progress("fault matrix", len(CASES)) as advance:
@@ -234,8 +233,7 @@ def trace(
     import numpy as np
     import pandas as pd
 
-    from twin.devices.akd.decoding import Conversation, Event
-    from twin.devices.akd.dictionary import Names
+    from twin.devices.akd.decoding import Conversation, Event, Names
     from twin.devices.akd.traces import read_trace
     from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
     from twin.scenario.rig import read_rig
@@ -323,12 +321,6 @@ PORT = 8090
     show_default=True,
     help="Port of the page; 0 for a free one.",
 )
-@click.option(
-    "--address",
-    default="127.0.0.1",
-    show_default=True,
-    help="Serve there, behind a token; otherwise on this machine alone.",
-)
 @click.option("--no-browser", is_flag=True, help="Open no window; print the address only.")
 @click.option("--seconds", type=click.FloatRange(min=0), help="End by itself after this time, s.")
 def play(
@@ -336,7 +328,6 @@ def play(
     overrides: tuple[str, ...],
     out: Path | None,
     port: int,
-    address: str,
     seconds: float | None,
     *,
     no_browser: bool,
@@ -354,9 +345,7 @@ def play(
     library()
     chosen = load(scenario, overrides)
     folder = check_writable(out or folder_of(scenario))
-    server = Server(chosen, folder, address=address, port=port, seconds=seconds)
-    if server.token:
-        warn(f"the page can be reached from other machines, by whoever has this address: {address}")
+    server = Server(chosen, folder, port=port, seconds=seconds)
 
     def begun() -> None:
         say(f"open {server.url} in a browser; Ctrl-C ends it")

@@ -162,7 +162,7 @@ def compare(
     from ballplate.comparing import compare as compare_sources
 
     def folder_of(names: Sequence[str]) -> Path:
-        from twin.scenario.variants import parsed, varied
+        from twin.scenario.load import parsed, varied
 
         stems = (Path(name).stem if name.endswith(".toml") else Path(name).name for name in names)
         return run_folder(f"compare-{'-'.join(stems)}", (*varied(parsed(vary)), *overrides))
@@ -219,7 +219,7 @@ def sweep(
     kept, in sweep.csv.
     """
     from ballplate.studies import sweep as run_sweep
-    from twin.scenario.variants import parsed, swept, varied
+    from twin.scenario.load import parsed, swept, varied
 
     (key, points), curves = swept(values), parsed(vary)
     named = (values.replace(":", ".."), *varied(curves), *overrides)

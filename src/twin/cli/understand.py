@@ -153,8 +153,8 @@ def identify(
     files = [log_file(log) for log in logs]
     share = _share(held)
     from ballplate.loading import identify as identify_log
+    from twin.identify.judged import IDENTIFIED
     from twin.identify.report import HEADS, rows
-    from twin.identify.verdict import IDENTIFIED
 
     folder = check_writable(out or ROOT / f"identify-{run_name(files[0])}")
     done = identify_log(

@@ -18,8 +18,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.catalog import error_words, failed_line
-from twin.devices.akd.conditions import FaultReports
-from twin.devices.nets import bounded, check_ranges, net, relaxed_nets
+from twin.devices.common import FaultReports, Ranged, bounded, net
 from twin.errors import RigError, ScenarioError
 from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
 
@@ -91,7 +90,7 @@ class Hardware:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OwnConfig:
+class OwnConfig(Ranged):
     """What the twin is to know of own hardware, and the thresholds that watch over it.
 
     Attributes:
@@ -103,20 +102,12 @@ class OwnConfig:
         astray_deg: By how much the measured plate may differ from what it was told, deg.
     """
 
+    keys = "own."
     options: Mapping[str, Any] = field(default_factory=dict)
     plate_lag: float = bounded(0.0, 0, 2)
     silent: float = net(0.25, 0.01, 5)
     unseen: float = net(0.1, 0, 2)
     astray_deg: float = net(3.0, 0.1, 20)
-
-    def __post_init__(self) -> None:
-        """Refuse what would be no threshold."""
-        check_ranges(self, "own.")
-
-    @property
-    def relaxed(self) -> tuple[str, ...]:
-        """Every threshold that is wider than by default, in words."""
-        return tuple(relaxed_nets(self, "own."))
 
 
 ASTRAY_FOR = 0.3
@@ -169,14 +160,6 @@ def _pair(values: Array) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-class Direct:
-    """No cams: what turns the plate is told its angles."""
-
-    def motor(self, plate: Array) -> Array:
-        """The plate angles themselves, rad."""
-        return plate
-
-
 class OwnServos:
     """Own hardware as two servo axes; a `PoweredServos`.
 
@@ -187,7 +170,7 @@ class OwnServos:
         period: Control period in s.
     """
 
-    round_trip = None
+    round_trip: float | None = None
 
     def __init__(
         self, hardware: Hardware, config: OwnConfig, limits: Limits, period: float

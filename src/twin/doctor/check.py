@@ -7,7 +7,7 @@ from enum import StrEnum
 from functools import wraps
 from typing import NamedTuple, ParamSpec
 
-from twin.devices.scheduling import Scheduling
+from twin.devices.realtime import Scheduling
 from twin.errors import TwinError
 
 

@@ -1,21 +1,74 @@
-"""The drives: bus, identities, state, heartbeat; with leave to move, direction and scale."""
+"""The drives: bus, state, heartbeat; with leave to move: limits, direction, scale, axes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise
 from math import degrees, radians
+from threading import Thread
 
 import numpy as np
 
 from controllers.arrays import Array
-from twin.devices.akd.cia402 import DriveState, StatusBit
-from twin.devices.akd.conditions import DriveError
+from twin.devices.akd.conditions import INTERNAL_LIMIT, RUNAWAY, DriveError
 from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.frames import fault_words
+from twin.devices.akd.protocol import DriveState, StatusBit, fault_words
 from twin.devices.akd.servos import AkdServos
-from twin.doctor.check import CheckResult, failed, noted, passed, reported, warned
-from twin.doctor.steps import enable, exchange, hold_level, stopped_by, turn, until
-from twin.hal.interface import Transmission
+from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, reported, warned
+from twin.hal.interface import Severity, Transmission
+
+
+def turn(servos: AkdServos, start: Array, end: Array, seconds: float = 1.0) -> bool:
+    """Turn the shafts from one angle to another, smoothly; whether the drives kept going."""
+    begin = servos.now()
+    while servos.enabled and (gone := servos.now() - begin) < seconds + 0.3:
+        # half a cosine: from rest to rest
+        share = (1 - np.cos(np.pi * min(1.0, gone / seconds))) / 2
+        servos.command(20 * (start + share * (end - start) - servos.motor()))
+        exchange(servos, servos.config.period)
+    servos.command(np.zeros((1, 2)))
+    exchange(servos, 0.05)
+    return servos.enabled
+
+
+def enable(servos: AkdServos) -> None:
+    """Ask for torque, and exchange until both drives have it, at most for a second."""
+    servos.enable()
+    until(servos, lambda: servos.enabled, 1.0)
+
+
+def hold_level(servos: AkdServos, cams: Transmission) -> Array:
+    """Ask for torque, and take the plate as level; level plate angles in rad, shape (1, 2)."""
+    enable(servos)
+    level = np.zeros((1, 2))
+    servos.home(level, cams.motor(level))
+    return level
+
+
+def stopped_by(servos: AkdServos) -> str:
+    """The first fault that is more than a warning; empty if there is none."""
+    return next((str(f) for f in servos.faults() if f.condition.severity != "warning"), "")
+
+
+def until(servos: AkdServos, done: Callable[[], bool], limit: float) -> None:
+    """Exchange until something is done, at most for a time in s."""
+    end = servos.now() + limit
+    while not done() and servos.now() < end:
+        exchange(servos, servos.config.period)
+
+
+def exchange(servos: AkdServos, seconds: float) -> None:
+    """Exchange with the drives for a time, one period after the other."""
+    period = servos.config.period
+    for _ in range(max(1, round(seconds / period))):
+        begin = servos.now()
+        servos.receive()
+        servos.send()
+        servos.settle(period / 2)
+        servos.sleep(max(0.0, begin + period - servos.now()))
+
 
 TILT = radians(1.0)
 """How far an axis is tilted to see its encoder's direction and scale."""
@@ -103,7 +156,7 @@ def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
             yield failed(f"{axis.config.name} encoder", seen, "see the fault")
             return
         turn(servos, cams.motor(tilted), cams.motor(level))
-        yield _judged(axis.config.name, float(moved[index]))
+        yield _encoder(axis.config.name, float(moved[index]))
     servos.quick_stop()
     exchange(servos, 0.1)
 
@@ -116,7 +169,7 @@ def _crossed(servos: AkdServos, index: int, moved: Array) -> CheckResult:
     return failed(f"{name} encoder", seen, advice)
 
 
-def _judged(name: str, seen: float) -> CheckResult:
+def _encoder(name: str, seen: float) -> CheckResult:
     text = f"plate turned {degrees(seen):+.3f} deg for {degrees(TILT):+.3f} deg commanded"
     what = f"{name} encoder"
     if seen < 0:
@@ -128,3 +181,147 @@ def _judged(name: str, seen: float) -> CheckResult:
         )
         return failed(what, text, advice)
     return passed(what, text)
+
+
+RATE, RAMP = 1.2, 50.0
+"""Limits set for this, at the cam shafts in rad/s and rad/s^2."""
+ASKED = 2.0
+"""Rate asked for, rad/s: above the limit by less than what counts as not following."""
+SECONDS = 0.1
+"""Time in s; with the limit holding, the plate tilts by little more than a degree."""
+SHARE = 0.25
+"""Share by which the rate held may differ from the limit."""
+FACTOR = 3.0
+"""Factor by which the ramp may: the drive's own speed loop has a part in it."""
+GAP = 0.01
+"""Time in s between two answers above which nothing can be said of a ramp."""
+
+
+@reported("limits in the drives", "see the fault")
+def limits(servos: AkdServos) -> Iterator[CheckResult]:
+    """Ask each drive for more than its limit; what it does tells what its counts mean.
+
+    The drives are left started with the limits of their configuration, without torque.
+    """
+    usual = servos.config
+    # A lower limit would narrow what counts as a plausible step of the encoder, too.
+    watch = replace(usual.watch, jump=10.0, slack=(0.1, 0.1))
+    servos.config = replace(usual, rate_limit=RATE, ramp=RAMP, watch=watch)
+    try:
+        servos.start()
+        enable(servos)
+        for index, axis in enumerate(servos.axes):
+            times, rates = _asked(servos, index, ASKED)
+            _asked(servos, index, -ASKED)
+            faults = servos.faults()
+            stops = (each for each in faults if each.condition.severity is Severity.STOP)
+            stop = next(stops, None)
+            if stop is None or stop.condition is RUNAWAY:
+                shown = any(each.condition is INTERNAL_LIMIT for each in faults)
+                result = _limit(axis.config.name, times, rates)
+                bit = f"internal limit (bit 11) {'shown' if shown else 'not shown'}"
+                result = result._replace(seen=f"{result.seen}; {bit}")
+            else:
+                result = failed(f"{axis.config.name} limits", str(stop), "see the fault")
+            yield result
+            if result.status is CheckStatus.FAIL:
+                return
+        servos.quick_stop()
+        exchange(servos, 0.1)
+    finally:
+        servos.config = usual
+        servos.stop()
+    servos.start()
+
+
+def _asked(servos: AkdServos, index: int, rate: float) -> tuple[Array, Array]:
+    """Times in s and rates in rad/s while one axis is asked for a rate; then it stands again."""
+    axis = servos.axes[index]
+    samples: list[tuple[float, float]] = []
+    for seconds, target in ((SECONDS, rate), (0.1, 0.0)):
+        axis.target = target
+        for _ in range(round(seconds / servos.config.period)):
+            exchange(servos, servos.config.period)
+            if target and (not samples or axis.plate.sampled > samples[-1][0]):
+                samples.append((axis.plate.sampled, axis.rate))
+    times, rates = np.array(samples).T
+    return times, rates
+
+
+def _limit(name: str, times: Array, rates: Array) -> CheckResult:
+    what = f"{name} limits"
+    if len(times) < 2 or np.diff(times).max() > GAP:
+        apart = 1e3 * (np.diff(times).max() if len(times) > 1 else SECONDS)
+        seen = f"answers up to {apart:.0f} ms apart: too irregular to judge"
+        return warned(what, seen, "close other programs, then repeat")
+    held = float(np.median(rates[len(rates) // 2 :]))
+    begin, end = (float(times[np.argmax(rates >= share * held)]) for share in (0.1, 0.9))
+    ramp = 0.8 * held / max(end - begin, 1e-3)
+    text = f"held {held:.2f} rad/s of {ASKED:g} asked for, limit {RATE:g}; ramp {ramp:.0f} rad/s^2"
+    if abs(held / RATE - 1) > SHARE:
+        advice = f"do not run: set {name}.limit_unit to what a count of VL.LIMITP (3622h) means"
+        return failed(what, text, advice)
+    if not RAMP / FACTOR < ramp < RAMP * FACTOR:
+        advice = f"set {name}.acceleration_unit to what a count of 6083h means"
+        return failed(what, f"{text}, set {RAMP:g}", advice)
+    return passed(what, text)
+
+
+ROCK = radians(3.0)
+"""How far the plate is rocked about phi, either way."""
+TIMES = 2
+EDGES = ("short", "long")
+"""Edges that dip when the plate is tilted about phi, and about theta: x lies along the length."""
+
+
+@reported("which drive is phi", "reset the faults (--reset)")
+def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckResult]:
+    """Rock the plate about phi alone and ask which edges dipped.
+
+    A drive and its plate encoder change places together when two nodes are exchanged, and the cams
+    are alike: no measurement without a ball tells phi from theta, but anybody who looks does.
+
+    Args:
+        servos: The drives, started, without torque.
+        cams: Plate angles to motor angles.
+        ask: Asked for ``watch`` before and ``edge`` after; the answer is one of ``EDGES``.
+    """
+    _answer(servos, ask, "watch")
+    level = hold_level(servos, cams)
+    there: Array = np.array([[ROCK, 0.0]])
+    for start, end in pairwise([level, *(there, -there) * TIMES, level]):
+        if not turn(servos, cams.motor(start), cams.motor(end)):
+            why = stopped_by(servos) or "the drives went off"
+            yield failed("which drive is phi", why, "see the fault")
+            return
+    servos.quick_stop()
+    exchange(servos, 0.1)
+    yield _which(_answer(servos, ask, "edge"))
+
+
+def _answer(servos: AkdServos, ask: Ask, word: str) -> str:
+    """What the person says, empty if there is nobody to ask; takes as long as they do.
+
+    The drives are kept company meanwhile, or they would fault.
+    """
+    said: list[str] = []
+
+    def asking() -> None:
+        with suppress(Exception):  # of whatever kind: there is no answer
+            said.append(ask(word))
+
+    asked = Thread(target=asking, daemon=True)
+    asked.start()
+    while asked.is_alive():
+        exchange(servos, servos.config.period)
+    return said[0].strip().lower() if said else ""
+
+
+def _which(edge: str) -> CheckResult:
+    what = "which drive is phi"
+    if edge == EDGES[0]:
+        return passed(what, "the short edges dipped when phi was moved")
+    if edge == EDGES[1]:
+        seen = "the long edges dipped when phi was moved: the drives are exchanged"
+        return failed(what, seen, "exchange phi.node and theta.node in the rig file")
+    return warned(what, "not answered with short or long", "watch the plate and answer")

@@ -1,8 +1,9 @@
-"""The whole examination, in the order of a bring-up."""
+"""The whole examination, in the order of a bring-up: computer, screen, drives, or own hardware."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -10,17 +11,19 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd.servos import AkdServos
-from twin.devices.lumio.screen import LumioScreen
+from twin.devices.lumio.config import Calibration, LumioConfig, Mounting, read_calibration
+from twin.devices.lumio.screen import LumioScreen, TouchState
+from twin.devices.lumio.transports import HIDRAW_CLASS, Interface, panels
 from twin.devices.own import OwnServos, Reading
+from twin.devices.realtime import real_time
 from twin.devices.rig import HardwareRig
-from twin.devices.scheduling import real_time
 from twin.doctor import drives
-from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, passed, reported, warned
+from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, reported, warned
 from twin.doctor.computer import computer
-from twin.doctor.limits import limits
-from twin.doctor.steps import exchange
-from twin.doctor.touch import calibrated, plugged_in, swapped, touch
-from twin.errors import RigError
+from twin.doctor.drives import exchange
+from twin.errors import RigError, TwinError
+from twin.hal.supervisor import LOST_AFTER
+from twin.jobs import wait_until
 from twin.run.connect import cams_of, connect
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
@@ -71,9 +74,133 @@ def _drives(
         return
     cams = cams_of(rig)
     torque, motion = drives.torque(servos), drives.motion(servos, cams)
-    for check in (torque, limits(servos), motion, swapped(servos, cams, ask)):
+    for check in (torque, drives.limits(servos), motion, drives.swapped(servos, cams, ask)):
         if not (yield from _judged(check)):
             return
+
+
+ALIKE = 0.05
+"""Share by which the size in a panel's descriptor and the measured one may differ: its frame."""
+CALIBRATE = "run `ballplate calibrate touch`, name its file as touch.calibration_file"
+
+
+def plugged_in(config: LumioConfig, root: Path = HIDRAW_CLASS) -> Iterator[CheckResult]:
+    """A line for each interface of the Lumio panels on USB, also if another port is read.
+
+    Args:
+        config: The screen's settings.
+        root: Where the kernel describes raw HID devices.
+    """
+    port = str(Path(config.port).resolve())
+    for each in panels(root):
+        what = f"touch panel {each.port}"
+        seen = f"{each.identity.text}: {each.what}{_size(each)}"
+        chosen = config.protocol
+        if each.port != port or config.transport != "hidraw":
+            yield passed(what, seen)
+        elif chosen in {"auto", each.identity.protocol} or not each.identity.protocol:
+            yield passed(what, f"{seen}; this one is read, by its own descriptor")
+        else:
+            advice = f"it is read by its descriptor, not as {chosen}: set touch.protocol to auto"
+            yield warned(what, seen, advice)
+
+
+def _size(interface: Interface) -> str:
+    layout = interface.layout
+    if layout is None:
+        return ""
+    number = len(layout.contacts)
+    contacts = f", {number} contact{'s' if number > 1 else ''} per report"
+    return f", {_area(layout.extent)}{contacts}" if layout.extent else contacts
+
+
+def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
+    """Whether the screen's calibration was measured, and fits what the panel says of its size.
+
+    Args:
+        rig: The rig file.
+        extent: Sides of the sensing area along the screen's x and y, m, if the panel tells.
+    """
+    what = "touch calibration"
+    known, file = rig.screen().calibration, rig.touch and rig.touch.calibration_file
+    if known is None:
+        nominal = Mounting.of(Calibration.nominal()).size
+        size = f"{_area(extent)} that the panel says" if extent else _area(nominal)
+        return warned(what, f"never measured; square, centred, {size}: assumed", CALIBRATE)
+    mounting = Mounting.of(known)
+    width, height = mounting.size
+    sides = (height, width) if mounting.swapped else (width, height)
+    seen = _source(file)
+    if extent and any(abs(a / b - 1) > ALIKE for a, b in zip(sides, extent, strict=True)):
+        differ = f"{seen}: the sensing area is {_area(sides)}, but the panel says {_area(extent)}"
+        return warned(what, differ, f"is it of another panel? {CALIBRATE}")
+    return passed(what, f"{seen}: the sensing area is {_area(sides)}")
+
+
+def _source(file: str | None) -> str:
+    if file is None:
+        return "in the rig file"
+    made = read_calibration(Path(file))[1]
+    number, rms, date = (made.get(name, "unknown") for name in ("points", "rms_mm", "date"))
+    return f"{Path(file).name}, made {date}, {number} points, {rms} mm RMS"
+
+
+def _area(sides: tuple[float, float]) -> str:
+    return f"{100 * sides[0]:.1f} x {100 * sides[1]:.1f} cm"
+
+
+SLOWEST = 40.0
+"""Reports per second below which the screen is slower than it should be (57.6)."""
+
+
+def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResult]:
+    """Listen to the screen with the ball on it, and while it is lifted."""
+    config = screen.config
+    what = f"touch port {config.port}"
+    try:
+        screen.start()
+    except TwinError as error:
+        yield failed(
+            what, str(error), "plug it in; `ballplate doctor --udev` prints rules for access"
+        )
+        return
+    yield passed(what, f"{config.transport}, opened")
+    ask("put")
+    if not wait_until(
+        lambda: screen.state is TouchState.TOUCHING and screen.stream.rate > 0, patience
+    ):
+        heard = screen.stream.heard
+        advice = screen.hint or "put the ball on the plate"
+        yield failed("touch", f"no ball within {patience:g} s, {heard} bytes heard", advice)
+        return
+    time.sleep(0.5)
+    if screen.stream.looks_like:
+        yield failed("touch protocol", f"set to {config.protocol}", screen.hint)
+        return
+    yield passed("touch protocol", screen.protocol)
+    rate = screen.stream.rate
+    seen = f"{rate:.1f} reports per second"
+    slow = "check the baud rate; other programs may read the port"
+    yield noted("report rate", seen, slow if rate < SLOWEST else "")
+    x, y = screen.read().position[0].tolist()
+    yield passed("touch position", f"x {1e3 * x:+.1f}, y {1e3 * y:+.1f} mm: is the ball there?")
+    stats = screen.stream.stats
+    if stats.skipped or stats.checksum or stats.outside:
+        seen = f"{stats.skipped} bytes skipped, {stats.checksum} checksums, {stats.outside} outside"
+        yield warned("touch bytes", seen, "check the cable and the baud rate")
+    yield from _lift(screen, ask, patience)
+
+
+def _lift(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResult]:
+    ask("lift")
+    if not wait_until(lambda: screen.state is TouchState.LOST, patience):
+        yield warned("lift-off", f"not seen within {patience:g} s", "lift the ball when asked to")
+        return
+    seen = f"noticed; the ball counts as lost after {1e3 * LOST_AFTER:.0f} ms"
+    yield passed("lift-off", seen)
+    ask("put")
+    if not wait_until(lambda: screen.state is TouchState.TOUCHING, patience):
+        yield failed("touch again", f"not within {patience:g} s", "put the ball back")
 
 
 WATCHED, TILT = 2.0, math.radians(1.0)

@@ -14,8 +14,14 @@ import struct
 from enum import IntEnum
 from functools import partial
 
-from twin.emulator.can_faults import Frame
-from twin.emulator.drive_objects import Heartbeats, ObjectStore, Pdos, emergency_code, sdo_answer
+from twin.emulator.drive_objects import (
+    Frame,
+    Heartbeats,
+    ObjectStore,
+    Pdos,
+    emergency_code,
+    sdo_answer,
+)
 from twin.sim.sensors import COUNTS
 
 RPM = math.pi / 30

@@ -11,7 +11,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from twin.data_file import packaged
-from twin.emulator.can_faults import Frame
 
 NO_OBJECT = 0x06020000
 NO_SUB = 0x06090011
@@ -31,6 +30,20 @@ PDO_ENTRIES = 8
 _INVALID = 1 << 31
 _PARAMETERS = {base + number for base in (0x1400, 0x1800) for number in range(4)}
 _FIRST_TRANSMIT = 0x1800
+
+
+class Frame(NamedTuple):
+    """A classic CAN frame with an 11-bit identifier and up to eight bytes.
+
+    Attributes:
+        cob_id: Identifier.
+        data: Its bytes.
+        remote: Whether it is a remote request.
+    """
+
+    cob_id: int
+    data: bytes = b""
+    remote: bool = False
 
 
 class AbortError(Exception):

@@ -21,13 +21,11 @@ from twin.devices.akd.traces import Hear, TracedBus
 from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.lumio.transports import ScreenError, Transport
-from twin.devices.realtime import RealTimeClock
+from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
-from twin.devices.scheduling import Scheduling
 from twin.emulator.can_bus import DirectBus, EmulatedBus
 from twin.emulator.drive import EmulatedDrive, Power
-from twin.emulator.screen import ScreenLine
-from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen import Protocol, ScreenLine
 from twin.emulator.serve import EmulatedPlant
 from twin.hal.interface import Touch
 from twin.hal.supervisor import State

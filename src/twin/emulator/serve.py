@@ -1,69 +1,43 @@
-"""The virtual rig in real time: a plant behind emulated devices, whose ports a host opens."""
+"""The virtual rig in real time: a plant behind emulated devices, whose ports a host opens.
+
+It serves in a process of its own, which comes before every ordinary one.
+"""
 
 from __future__ import annotations
 
 import gc
+import multiprocessing
+import os
+import signal
+import sys
+import threading
 import tomllib
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, MutableSequence, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from importlib.resources import files
+from multiprocessing.connection import Connection
 from string import Template
 
 import numpy as np
 
-from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_slcan import BusServer, PseudoTerminal, SlcanPort
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.screen import Ball, ScreenLine
-from twin.emulator.screen_bytes import Protocol
-from twin.hal.interface import Touch, Transmission
-from twin.hal.rig import Rig
-from twin.run.assemble import build_devices, start_plant
-from twin.run.plants import (
-    RigChanges,
-    build_plant,
-    change_devices,
-    change_transmission,
-    changing_devices,
-    without_error,
+from twin.emulator.can_bus import (
+    BusServer,
+    EmulatedBus,
+    PseudoTerminal,
+    SlcanPort,
+    check_pseudo_terminals,
 )
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.screen import Ball, Protocol, ScreenLine
+from twin.errors import RigError
+from twin.hal.interface import Touch, Transmission
+from twin.jobs import let_go, program_left_out, undisturbed
+from twin.run.assemble import build_devices, build_plant, start_plant
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedDevices
 from twin.sim.sensors import EncoderModel, TouchModel
-
-
-def follow_changes(
-    rig: Rig, scenario: Scenario, transmission: Transmission, begin: Callable[[], None]
-) -> None:
-    """Let the virtual rig's changes begin with the run, and the host's own knowledge change.
-
-    Args:
-        rig: The host's, not switched on.
-        scenario: Of the virtual rig.
-        transmission: What the host knows of the cams.
-        begin: Tells the virtual rig that the run's time is zero now; must not wait.
-    """
-    if not scenario.change:
-        return
-    known = without_error(transmission)
-
-    def act(old: Sequence[Scenario], new: Sequence[Scenario]) -> None:
-        change_transmission(rig, known, old, new)
-
-    changes = RigChanges([scenario], act)
-    begun = False
-
-    def passing(time: float) -> None:
-        nonlocal begun
-        if not begun:
-            begun = True
-            begin()
-        changes(time)
-
-    rig.changes = passing
-
 
 TICK = 0.001
 """Longest step in s of the plant between two looks at the drives."""
@@ -86,8 +60,6 @@ class EmulatedPlant:
         plant, self.transmission = build_plant([scenario])
         self._tick = plant.step * max(1, int(TICK / plant.step + 1e-9))
         touch, encoders = scenario.sensors.touch, scenario.sensors.encoders
-        self.dead_time = touch.dead_time
-        """Time in s from a touch to its arrival, now."""
         self.devices: SimulatedDevices = build_devices(
             [scenario],
             plant,
@@ -95,8 +67,6 @@ class EmulatedPlant:
             touch=TouchModel(dead_time=0.0, grid=0, variance=touch.variance),
             encoders=EncoderModel(counts=0, variance=encoders.variance),
         )
-        self._changes = changing_devices(self.devices, [scenario], self._change)
-        self._begun: float | None = None
         self.present = True
         """Whether there is a ball that the screen can sense."""
         self.shoved = np.zeros(2)
@@ -118,16 +88,8 @@ class EmulatedPlant:
 
     def screen_line(self, ball: Ball, protocol: Protocol) -> ScreenLine:
         """What a screen on it sends, that speaks a protocol and senses where ``ball`` says."""
-        seed = self._scenario.seed
-        return ScreenLine(ball, protocol=protocol, dead_time=lambda: self.dead_time, seed=seed)
-
-    def begin(self) -> None:
-        """The run's time is zero now: what its scenario changes is counted from here."""
-        self._begun = self.devices.time
-
-    def _change(self, old: Sequence[Scenario], new: Sequence[Scenario]) -> None:
-        self.dead_time = new[0].sensors.touch.dead_time
-        change_devices(self.devices, old, new, touch={"dead_time": 0.0})
+        seen, seed = self._scenario.sensors.touch, self._scenario.seed
+        return ScreenLine(ball, protocol=protocol, dead_time=seen.dead_time, seed=seed)
 
     def advance(self, seconds: float) -> None:
         """Let time pass in whole ticks; the rest is kept for the next call."""
@@ -136,8 +98,6 @@ class EmulatedPlant:
             self._owed -= self._tick
             if not any(drive.enabled for drive in self._drives):
                 self.devices.rest()
-            if self._begun is not None:
-                self._changes(self.devices.time - self._begun)
             self.devices.command(np.array([[drive.rate for drive in self._drives]]) + self.shoved)
             self.devices.wait()
             self._sense()
@@ -173,8 +133,6 @@ class EmulatedPlant:
 
 STARVED = 0.001
 """Lag in s of every hundredth round from which the emulator is too slow for periods of 2 ms."""
-BEGIN = "begin"
-"""Word that says that the run's time is zero now; it has no answer."""
 
 
 class VirtualRig:
@@ -253,7 +211,6 @@ class VirtualRig:
             "put": ("ball put back", partial(self._put, True)),
             "unplug": ("touch screen unplugged", self.screen.unplug),
             "plug": ("touch screen plugged in", self.screen.plug),
-            BEGIN: ("the run begins", self.plant.begin),
         }
         text, act = known.get(word) or self._touch(word)
         with self.server.lock:
@@ -300,3 +257,169 @@ class VirtualRig:
         """
         for part in self.line.step(now):
             self.screen.write(part)
+
+
+PRIORITY = 70
+"""Of SCHED_FIFO: before every ordinary process, after the host's loop (80)."""
+ENDED = "emulated rig: its process has ended; was it killed?"
+START = 60.0
+"""Longest time in s that the process may take to start."""
+
+
+class PauseWatch:
+    """What two processes in real time know of one another, to tell when their computer paused.
+
+    One that does not come round may have computed for long. Where the other did not come round
+    either, the computer had no time for both.
+
+    Args:
+        cells: Six numbers that both share.
+        side: 0 or 1.
+    """
+
+    LONG = 0.004
+    """Time in s without coming round that may be a pause."""
+
+    def __init__(self, cells: MutableSequence[float], side: int) -> None:
+        self._cells, self._own, self._other = cells, 3 * side, 3 - 3 * side
+
+    def paused(self, begin: float, end: float) -> float:
+        """How long, s, neither loop came round; 0 where one's own did within ``LONG``.
+
+        Args:
+            begin: When one's own loop came round last, s.
+            end: Now, s.
+        """
+        cells, own = self._cells, self._own
+        cells[own] = end
+        if end - begin <= self.LONG:
+            return 0.0
+        cells[own + 1], cells[own + 2] = begin, end
+        seen, since, until = (cells[self._other + each] for each in range(3))
+        if end - seen <= self.LONG:  # the other goes on already, and has said what it missed
+            return max(0.0, min(end, until) - max(begin, since))
+        return end - max(begin, seen) if seen else 0.0
+
+
+@contextmanager
+def _apart(process: int) -> Iterator[None]:
+    """Meanwhile, keep a process and this one on different processors, where that is possible."""
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+    if len(allowed) < 2:
+        yield
+        return
+    own = max(allowed)
+    os.sched_setaffinity(process, {own})
+    os.sched_setaffinity(0, allowed - {own})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+def come_forward() -> None:
+    """Raise this process's priority where that is permitted: real devices need no processor.
+
+    Its later threads have it, too. Otherwise a busy machine would let the emulated drives answer
+    late, which looks like an overloaded host.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+            return
+    with suppress(OSError, AttributeError):
+        os.nice(-10)
+
+
+def _work(pipe: Connection, scenario: Scenario, cells: MutableSequence[float]) -> None:
+    """The body of the process: serve until the pipe is closed, obeying what comes through it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the host
+    come_forward()
+    with VirtualRig(scenario) as rig:
+        try:
+            pipe.send(rig.tables())
+        except OSError:
+            return  # the host has ended meanwhile
+        listener = threading.Thread(target=_listen, args=(pipe, rig), daemon=True)
+        listener.start()
+        rig.server.paused = PauseWatch(cells, 1).paused
+        rig.server.run()
+
+
+def _listen(pipe: Connection, rig: VirtualRig) -> None:
+    """Obey what comes through the pipe until its other end is closed."""
+    while True:
+        try:
+            pipe.send(rig.obey(pipe.recv()))
+        except (EOFError, OSError):
+            rig.server.stop()
+            return
+
+
+class Emulator:
+    """A virtual rig in another process.
+
+    Args:
+        pipe: The way to it.
+        tables: The rig file that a host needs.
+        pauses: Tells when the computer paused.
+    """
+
+    def __init__(self, pipe: Connection, tables: Tables, pauses: PauseWatch) -> None:
+        self._pipe, self.tables, self.pauses = pipe, tables, pauses
+
+    def tell(self, word: str) -> str:
+        """Do something to the rig, as ``VirtualRig.obey`` says; what was done.
+
+        Raises:
+            RigError: Its process has ended.
+        """
+        try:
+            self._pipe.send(word)
+            return str(self._pipe.recv())
+        except (EOFError, OSError) as error:
+            raise RigError(ENDED) from error
+
+    def lag(self) -> str:
+        """How far it lagged behind real time, or that it has ended, in words."""
+        try:
+            return self.tell("lag")
+        except RigError as error:
+            return str(error)
+
+
+@contextmanager
+def emulated(scenario: Scenario) -> Iterator[Emulator]:
+    """A virtual rig in a separate process, for as long as the context lasts.
+
+    Raises:
+        RigError: It does not start, or this system has no pseudo-terminals.
+    """
+    check_pseudo_terminals()
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    cells = context.RawArray("d", 6)
+    process = context.Process(target=_work, args=(theirs, scenario, cells), daemon=True)
+    with undisturbed(), program_left_out():
+        process.start()
+    theirs.close()
+    try:
+        with _apart(process.pid or 0):
+            yield Emulator(ours, _rig_file(ours), PauseWatch(cells, 0))
+    finally:
+        ours.close()
+        process.join(2.0)
+        let_go(process)
+
+
+def _rig_file(pipe: Connection) -> Tables:
+    """What the process sends when it serves.
+
+    Raises:
+        RigError: It has ended, or takes too long.
+    """
+    with suppress(EOFError):
+        if pipe.poll(START):
+            tables: Tables = pipe.recv()
+            return tables
+    raise RigError("emulated rig: its process did not start; run ballplate emulate to see why")

@@ -18,11 +18,17 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from controllers.arrays import Array
 from twin.errors import ScenarioError, TwinError
-from twin.fmu.description import build_description, c_source, model_description, written
-from twin.fmu.variables import Variable, variables
-from twin.run.assemble import assemble, own_errors
-from twin.run.plants import build_friction
+from twin.fmu.description import (
+    Variable,
+    build_description,
+    c_source,
+    model_description,
+    variables,
+    written,
+)
+from twin.run.assemble import assemble, build_friction, build_reference, own_errors
 from twin.scenario.schema import Scenario
 from twin.writing import write_whole
 
@@ -36,7 +42,9 @@ LASTS = 5.0
 """Longest time in s of the reference."""
 
 
-def export(path: Path, scenario: Scenario, quiet: Scenario, *, fmi: int = 2) -> str:
+def export(
+    path: Path, scenario: Scenario, quiet: Scenario, *, fmi: int = 2, wished: bool = False
+) -> str:
     """Write the rig of a scenario as an FMU for co-simulation.
 
     Args:
@@ -44,6 +52,7 @@ def export(path: Path, scenario: Scenario, quiet: Scenario, *, fmi: int = 2) -> 
         scenario: On the exact equations; of its controller only the reference is made.
         quiet: The same without any noise, as an FMU is whose parameter ``noise`` is false.
         fmi: Version of the standard, 2 or 3.
+        wished: Whether the reference is an output, too.
 
     Returns:
         Why there is no binary in it, in words; empty if there is one.
@@ -56,7 +65,7 @@ def export(path: Path, scenario: Scenario, quiet: Scenario, *, fmi: int = 2) -> 
         raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
     if scenario.change:
         raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
-    held = variables(scenario, frame_phase(scenario))
+    held = variables(scenario, frame_phase(scenario), path=wished)
     source, token = sources(scenario, held, fmi)
     compiled = [name for name in source if name.endswith(".c")]
     name = "ballplate_" + re.sub(r"\W", "_", path.stem, flags=re.ASCII)
@@ -84,9 +93,17 @@ def sources(scenario: Scenario, held: Sequence[Variable], fmi: int) -> tuple[dic
     said = {name: (folder / name).read_text(encoding="utf-8") for name in (*OWN, f"fmi{fmi}.c")}
     friction = build_friction([scenario])
     surface = None if friction is None or friction.map is None else friction.map.grids[0]
-    bare = said | c_source(scenario, held, 16 * "0", surface)
+    path = path_of(scenario) if any(each.name == "reference_x" for each in held) else None
+    bare = said | c_source(scenario, held, 16 * "0", surface, path)
     token = hashlib.sha256(json.dumps(bare).encode()).hexdigest()[:32]
-    return said | c_source(scenario, held, token, surface), token
+    return said | c_source(scenario, held, token, surface, path), token
+
+
+def path_of(scenario: Scenario) -> Array:
+    """The reference at every control period, shape (K, 6): x, y, their rates and accelerations."""
+    ticks = 1 + round(scenario.duration / scenario.rig.period)
+    along = build_reference(scenario)(scenario.rig.period * np.arange(ticks))
+    return np.concatenate([np.broadcast_to(each, (ticks, 2)) for each in along[:3]], axis=-1)
 
 
 def reference(scenario: Scenario) -> dict[str, str]:

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.identify.any_log import BALLS, AnyLog, AxisLog
-from twin.identify.bootstrap import Estimate
-from twin.identify.judged import Identified, Predicted, beginnings, crossed, predicted, score
+from twin.identify.judged import (
+    BOUNDED,
+    CORRELATED,
+    IDENTIFIED,
+    NOT,
+    Identification,
+    ParameterVerdict,
+    corner_frequency,
+    score,
+)
+from twin.identify.logs import BALLS, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
-from twin.identify.plain import SMOOTH, AxisFit, fit_axis
-from twin.identify.verdict import BOUNDED, CORRELATED, IDENTIFIED, NOT, ParameterVerdict
+from twin.identify.plain_model import SMOOTH, AxisFit, axis_predicted, beginnings, crossed, fit_axis
+from twin.identify.search import (
+    Estimate,
+)
 
 LONGEST = 2.5
 """Length of the windows in s, as a rule."""
@@ -25,13 +36,14 @@ OPTIONAL = ("camber", "viscous")
 """Fitted where it pays, unless asked for."""
 PAYS = 0.9
 """Share of the error across the halves of the log that is left with a parameter that pays."""
-NO_BOUNDS = np.array([-np.inf, np.inf])
+SIGNS = (("x", 1.0), ("y", -1.0))
+"""The axes, and how a level along them is a tilt of the base."""
 PAUSE = 10.0
 """Time in s between two logs that are fitted as one."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnyIdentification(Identified):
+class PlainIdentification(Identification):
     """What logs of any rig show.
 
     Attributes:
@@ -44,6 +56,54 @@ class AnyIdentification(Identified):
     unit: Mapping[str, str]
     factor: float
 
+    @property
+    def extent(self) -> str:
+        """How much of the logs was used, in words."""
+        return f"{self.source}: {self.seconds:.1f} s were fitted."
+
+    @property
+    def remarks(self) -> list[str]:
+        """How much of what a ball does each axis does, in sentences."""
+        found = []
+        for axis, fit in self.fits.items():
+            per = fit.value("gain") / fit.problem.tilt.scale
+            share = per / (self.factor * BallPlate().gravity)
+            if self.unit[axis] == "rad":
+                found.append(
+                    f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball "
+                    f"does that takes {self.factor:.3g} of gravity: only this product of the "
+                    "plate's tilt per command and the ball's share of gravity is told."
+                )
+        return found
+
+    def settings(self, words: Collection[str]) -> dict[str, str]:
+        """Scenario keys to values in TOML with remarks, of those with one of some verdicts.
+
+        Friction, dead time and lag are the mean of the axes; a scenario has one of each.
+        """
+        known: dict[str, dict[str, float]] = {}
+        for each in self.verdicts:
+            if each.word in words and each.value is not None:
+                name, _, axis = each.name.rpartition("_")
+                known.setdefault(name, {})[axis] = each.value
+        mean = {name: float(np.mean(list(values.values()))) for name, values in known.items()}
+        ball = BallPlate()
+        push = self.factor * ball.gravity
+        inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
+        lines = {"plant.ball.inertia": f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"}
+        if "friction" in mean:
+            rolling = 1000 * mean["friction"] * ball.radius / push
+            lines["plant.friction.rolling_mm"] = f"{rolling:.6g}  # for a ball of 20 mm radius"
+        if mean.get("dead_time", 0.0) > 0:
+            dead_time = f"{mean['dead_time']:.6g}"
+            lines["sensors.touch.dead_time"] = f"{dead_time}  # all of it, commands' too"
+        if "lag" in mean:
+            lines["plant.servo.bandwidth_hz"] = f"{corner_frequency(mean['lag']):.6g}"
+        if level := known.get("level"):
+            tilts = [math.degrees(sign * level.get(axis, 0.0) / push) for axis, sign in SIGNS]
+            lines["plant.level_deg"] = f"[{tilts[0]:.6g}, {tilts[1]:.6g}]"
+        return lines
+
 
 def identify_any(
     logs: list[AnyLog],
@@ -52,7 +112,7 @@ def identify_any(
     factor: float = BALLS["hollow"],
     longest: float = LONGEST,
     progress: Callable[[float], None] = lambda _: None,
-) -> AnyIdentification:
+) -> PlainIdentification:
     """Fit the plain model to logs and try it on others, or on their last share.
 
     Args:
@@ -70,14 +130,14 @@ def identify_any(
     notes = [note for log in logs for note in log.notes]
     fits: dict[str, AxisFit] = {}
     found: list[ParameterVerdict] = []
-    reasons, predictions = [], {}
-    axes = list(logs[0].axes)
+    reasons = []
+    first = logs[0]
     parts = [_parts(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
-    others = [p[1] for p in parts] if isinstance(held, float) else [log.axes for log in held]
-    for k, axis in enumerate(axes):
-        unit = logs[0].unit[axis]
+    known = [part[0] for part in parts]
+    others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
+    for k, (axis, unit) in enumerate(first.unit.items()):
         try:
-            log = _joined([part[0][axis] for part in parts])
+            log = _joined([part[axis] for part in known])
             _check_excited(log)
             fit, about = _chosen(log, names, longest)
             notes += [f"{axis}: {each}" for each in about]
@@ -92,25 +152,27 @@ def identify_any(
         found += _verdicts(fit, axis, unit, longest)
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
-        if there := [other[axis] for other in others if axis in other]:
-            predictions[axis] = _joined(there)
-        progress((k + 1) / len(axes))
+        progress((k + 1) / len(first.unit))
     if not fits:
-        raise LogError(f"{logs[0].source}: no axis can be identified: {'; '.join(reasons)}")
+        raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
-    tried = _predictions(predictions, fits)
+    there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
+    unseen = {axis: _joined(own) for axis, own in there.items() if own}
+    # all axes from the same times on: the ball is seen along both or neither
+    at = beginnings(next(iter(unseen.values()))) if unseen else np.zeros(0)
+    tried = {axis: axis_predicted(log, fits[axis], at) for axis, log in unseen.items() if len(at)}
     scores = [score({axis: each}) for axis, each in tried.items()]
     if len(tried) > 1:
         scores.append(score(tried))
-    return AnyIdentification(
-        source=logs[0].source,
-        seconds=sum(float(np.ptp(part[0][axes[0]].sampled)) for part in parts),
+    return PlainIdentification(
+        source=first.source,
+        seconds=sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known),
         verdicts=tuple(found),
         scores=tuple(scores),
         predictions=tried,
         notes=tuple(notes),
         fits=fits,
-        unit=logs[0].unit,
+        unit=first.unit,
         factor=factor,
     )
 
@@ -174,12 +236,6 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     return fit, notes
 
 
-def _predictions(logs: Mapping[str, AxisLog], fits: Mapping[str, AxisFit]) -> dict[str, Predicted]:
-    """Predictions of all axes from the same times on: the ball is seen in both or in neither."""
-    at = beginnings(next(iter(logs.values()))) if logs else np.zeros(0)
-    return {axis: predicted(log, fits[axis], at) for axis, log in logs.items() if len(at)}
-
-
 def _about(name: str, unit: str) -> IdentifiedParameter:
     about = PLAIN[name]
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
@@ -205,15 +261,11 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[Parame
     for k, name in enumerate(names):
         scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
         others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
-        reasons = (
-            ["shorter windows give another value, which the interval holds: a model error"]
-            if unlike[k]
-            else []
-        )
+        told = "shorter windows give another value, which the interval holds: a model error"
+        reasons = [told] if unlike[k] else []
         values = (own.value[k], low[k], high[k])
-        found.append(
-            _verdict(_about(name, unit), f"{name}_{axis}", values, ends[k], reasons, others, scale)
-        )
+        about = _about(name, unit)
+        found.append(_verdict(about, f"{name}_{axis}", values, ends[k], reasons, others, scale))
     if "lag" in names:  # the two together are told where neither is
         pair = [names.index("dead_time"), names.index("lag")]
         both = Estimate(
@@ -224,7 +276,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[Parame
         )
         about = replace(PLAIN["dead_time"], key="dead time + lag")
         values = (both.value, both.value - both.half_width, both.value + both.half_width)
-        found.insert(3, _verdict(about, f"delay_{axis}", values, NO_BOUNDS, [], []))
+        found.insert(3, _verdict(about, f"delay_{axis}", values, (-np.inf, np.inf), [], []))
     return found
 
 
@@ -232,7 +284,7 @@ def _verdict(
     about: IdentifiedParameter,
     name: str,
     values: tuple[Array, Array, Array],
-    ends: Array,
+    ends: Array | tuple[float, float],
     reasons: list[str],
     alike: list[str],
     scale: float = 1.0,
@@ -252,26 +304,30 @@ def _verdict(
     if not math.isfinite(high - low):
         why = f"the log does not show it; {about.experiment}"
         return ParameterVerdict(about=about, name=name, why=why)
-    low, high = min(low, value - about.floor), max(high, value + about.floor)
-    low, high = max(low, least), min(high, most)
-    half = (high - low) / 2
-    found = ParameterVerdict(
-        about=about, name=name, value=scale * value, low=scale * low, high=scale * high
-    )
+    low = max(min(low, value - about.floor), least)
+    high = min(max(high, value + about.floor), most)
     slack = 1e-3 * (most - least)
     at_bound = value < least + slack or value > most - slack
+    narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value)) and not at_bound
+    nothing = name.startswith("gain") and low <= 0 <= high
     if value < least + slack and least == 0:
         reasons.append(f"not told from none; {about.experiment}")
     elif at_bound:
         reasons.append(f"at its bound of {value:.3g}; {about.experiment}")
-    if name.startswith("gain") and low <= 0 <= high:
+    if nothing:
         reasons.append(f"not told from none: another column, exchanged axes, or {about.experiment}")
-        return replace(found, word=NOT, why="; ".join(reasons))
-    if half <= max(about.tolerance, about.relative * abs(value)) and not at_bound:
-        return replace(found, word=IDENTIFIED, why="; ".join(reasons))
-    if alike:
+    elif alike and not narrow:
         reasons.append(f"told together with {' and '.join(alike)} only")
-    elif not at_bound:
+    elif not at_bound and not narrow:
         reasons.append(f"its interval is wide; {about.experiment}")
     bounded = at_bound or low <= least or high >= most
-    return replace(found, word=BOUNDED if bounded else NOT, why="; ".join(reasons))
+    word = IDENTIFIED if narrow else BOUNDED if bounded else NOT
+    return ParameterVerdict(
+        about=about,
+        name=name,
+        value=scale * value,
+        low=scale * low,
+        high=scale * high,
+        word=NOT if nothing else word,
+        why="; ".join(reasons),
+    )

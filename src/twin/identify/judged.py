@@ -1,8 +1,8 @@
-"""What a fit predicts of what was held out, where the ball moves, beside baselines."""
+"""What a fit is worth: verdicts, and its predictions of what was held out beside baselines."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -10,29 +10,91 @@ import numpy as np
 
 from controllers.analysis import number
 from controllers.arrays import Array, Mask
-from twin.errors import LogError
-from twin.identify.any_log import AxisLog
-from twin.identify.plain import AxisFit, AxisWindows, Tilt
-from twin.identify.prepare import PreparedLog, Segment
-from twin.identify.problem import Problem
-from twin.identify.search import BestFit, fit_starts
-from twin.identify.verdict import ParameterVerdict
-from twin.identify.windows import LOOKBACK, Spans, cut
+from twin.identify.parameters import IdentifiedParameter
+from twin.identify.search import fit_starts
+from twin.page import digits
+
+IDENTIFIED, BOUNDED, NOT = "identified", "bounded", "not identifiable"
+REJECTED = "model rejected"
+"""What is fitted to a log that the model does not explain: a value, but nothing known of it."""
+CORRELATED = 0.95
+"""Correlation above which two parameters cannot be told apart."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterVerdict:
+    """One parameter.
+
+    Attributes:
+        about: Which.
+        name: Its name on the command line; of the level each axis has one.
+        value: Fitted value in the unit of its key; None if the log says nothing.
+        low: Lower end of the 95 % interval, in the same unit; None if unknown.
+        high: Upper end.
+        word: ``identified``, ``bounded`` (only a bound is known), ``model rejected`` (the value
+            is the best fit, and has no interval) or ``not identifiable``.
+        why: What is wrong and what experiment would show it; empty if identified.
+    """
+
+    about: IdentifiedParameter
+    name: str
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    word: str = NOT
+    why: str = ""
+
+    @property
+    def label(self) -> str:
+        """What tables and sentences call it: its key, and its axis."""
+        axis = self.name.rpartition("_")[2]
+        return self.about.key + (f" ({axis})" if axis in {"phi", "theta", "x", "y"} else "")
+
+    @property
+    def short_label(self) -> str:
+        """The same without the first tables of the key."""
+        return self.label.removeprefix("plant.").removeprefix("sensors.")
+
+    @property
+    def interval(self) -> str:
+        """Its interval in words."""
+        if self.low is None and self.high is None:
+            return "-"
+        if self.high is None:
+            return f"above {digits(self.low)}"
+        return f"{digits(self.low)} to {digits(self.high)}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {
+            "name": self.name,
+            "key": self.about.key,
+            "unit": self.about.unit,
+            "value": self.value,
+            "low": self.low,
+            "high": self.high,
+            "verdict": self.word,
+            "why": self.why,
+        }
+
+
+def corner_frequency(lag: float) -> float:
+    """Corner frequency in Hz of a first-order lag of a time constant in s."""
+    return float(1 / (2 * np.pi * lag))
+
 
 HORIZONS = (0.5, 1.0, 2.0)
 """Seconds ahead."""
 LEAD = 0.4
 """Seconds of samples from which a prediction begins."""
-PAST = 2.4
-"""Seconds of samples of which a level that is followed is known."""
 EVERY = 0.5
 """Seconds between the beginnings of two predictions."""
 MOVES = 0.005
 """Way in m from which on a ball moves."""
 NEAR = 0.06
 """A sample so near to a horizon in s is taken for it."""
-FOLLOWED = 0.1
-"""How far off in m/s^2 a level that is followed may be from that of the fit: standard deviation."""
+STEPS = 8
+"""Steps by which the starts of predictions are fitted."""
 PREDICTORS = ("model", "level followed", "without friction", "stays", "goes on")
 
 
@@ -66,43 +128,32 @@ class Predicted:
         return np.where(np.take_along_axis(off, at, axis=1)[:, 0] <= NEAR, error, np.nan)
 
 
-def predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) -> Predicted:
-    """Predict from times in s on, shape (W,), by what was measured before.
+def predicted(
+    problem: Any, lead: float, by: Mapping[str, Array], axes: Sequence[str]
+) -> dict[str, Predicted]:
+    """Axis to predictions from some time after the beginning of windows on, by what was before it.
 
     Args:
-        log: The axis, held out.
-        fit: The model.
-        at: When predictions begin.
-        follow: Whether a level that is followed is tried as well.
+        problem: What was fitted, with windows of what was held out.
+        lead: That time in s.
+        by: Who predicts, to parameters, shape (1, P) or (1, W, P).
+        axes: Of the windows.
     """
-    names, theta, tilt = fit.problem.names, fit.found.theta, Tilt(log, fit.problem.tilt.scale)
-    windows = AxisWindows.of(log, at - LEAD, at + HORIZONS[-1] + NEAR)
-    ahead, there = windows.time - LEAD, windows.weight > 0
+    windows = problem.windows
+    ahead, there = windows.time - lead, windows.weight > 0
+    known = there & (ahead < 0)[..., None]
+    begun = replace(problem, windows=replace(windows, weight=windows.weight * known))
+    places = {}
+    for who, theta in by.items():
+        starts = fit_starts(begun, theta, begun.initial_starts(), STEPS)
+        places[who] = begun.reported(theta, starts)[0][0]
     ball = np.where(there, windows.ball, np.nan)
-    known = there & (ahead < 0)
-    lead = replace(windows, weight=windows.weight / fit.noise * known)
-    longest = LEAD + HORIZONS[-1] + 2 * NEAR
-    problem = replace(fit.problem, windows=lead, tilt=tilt, longest=longest)
-
-    def simulated(**changes: Array | float) -> Array:
-        values = np.repeat(theta[:, None], len(at), axis=1)
-        for name, change in changes.items():
-            if name in names:
-                values[..., names.index(name)] *= change if name == "friction" else 1.0
-                values[..., names.index(name)] += change if name == "level" else 0.0
-        starts = fit_starts(problem, values, problem.initial_starts(), 8)
-        return np.asarray(problem.reported(values, starts)[0][0])
-
-    by = {"model": simulated(), **_baselines(ahead, ball, known)}
-    if follow:
-        windows = AxisWindows.of(log, at - PAST, at)
-        windows = replace(windows, weight=windows.weight / fit.sigma)
-        past = replace(fit.problem, windows=windows, tilt=tilt, longest=PAST + NEAR, drift=FOLLOWED)
-        starts = fit_starts(past, theta, past.initial_starts(), 8)
-        by["without friction"] = simulated(friction=0.0)
-        by["level followed"] = simulated(level=starts[2])
-    found = Predicted(at, ahead, ball, by)
-    return _switched(found) if follow else found
+    found = {}
+    for k, axis in enumerate(axes):
+        every = {who: place[..., k] for who, place in places.items()}
+        every |= _baselines(ahead, ball[..., k], known[..., k])
+        found[axis] = Predicted(windows.begin + lead, ahead, ball[..., k], every)
+    return found
 
 
 def _baselines(ahead: Array, ball: Array, known: Mask) -> dict[str, Array]:
@@ -116,101 +167,8 @@ def _baselines(ahead: Array, ball: Array, known: Mask) -> dict[str, Array]:
     }
 
 
-def replayed(log: PreparedLog, fit: BestFit, lag: float) -> dict[str, Predicted]:
-    """Replay a part of a log by a fitted twin from many starts: both axes, or none if too short.
-
-    Args:
-        log: The part held out.
-        fit: The parameters.
-        lag: Time constant of the drives in s.
-    """
-    windows = cut(log, lag, LEAD + HORIZONS[-1] + NEAR, _overlapping_spans)
-    if windows is None:
-        return {}
-    lead = LOOKBACK + LEAD
-    there = windows.weight[..., 0] > 0
-    before = (there & (windows.time < lead)).sum(axis=1)
-    windows = windows.take((before >= 3) & (there.sum(axis=1) > before))
-    if not len(windows):
-        return {}
-    ahead, there = windows.time - lead, windows.weight[..., 0] > 0
-    known = there & (ahead < 0)
-    names = fit.problem.names
-    begun = replace(windows, weight=windows.weight * known[..., None])
-    problem = Problem(fit.problem.model, begun, names, fit.problem.grip)
-    frictionless = fit.theta.copy()
-    for name, value in (("rolling", 0.0), ("breakaway", 1.0), ("viscous", 0.0)):
-        if name in names:
-            frictionless[names.index(name)] = value
-    places = {}
-    for who, theta in (("model", fit.theta[None]), ("without friction", frictionless[None])):
-        starts = fit_starts(problem, theta, problem.initial_starts(), 6)
-        places[who] = problem.reported(theta, starts)[0][0]
-    ball = np.where(there[..., None], windows.ball, np.nan)
-    return {
-        axis: Predicted(
-            windows.begin + lead,
-            ahead,
-            ball[..., k],
-            {who: place[..., k] for who, place in places.items()}
-            | _baselines(ahead, ball[..., k], known),
-        )
-        for k, axis in enumerate("xy")
-    }
-
-
-def _overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> Spans:
-    begins = np.arange(begin, end - longest, EVERY)
-    return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
-
-
-def _switched(found: Predicted) -> Predicted:
-    """The level followed only while that has predicted better, in what had been seen by then."""
-    gained = [np.log(np.maximum(np.abs(found.errors(name, 1.0)), 1e-4)) for name in PREDICTORS[:2]]
-    gain = np.where(found.way > MOVES, gained[0] - gained[1], np.nan)
-    seen = found.begin[:, None] >= found.begin + 1.0 + NEAR
-    so_far = np.nansum(np.where(seen, gain, 0.0), axis=1)
-    followed = np.where(so_far[:, None] > 0, found.by["level followed"], found.by["model"])
-    return replace(found, by={**found.by, "level followed": followed})
-
-
-def beginnings(log: AxisLog) -> Array:
-    """When predictions begin: every half second with enough samples before and after, s."""
-    time = log.sampled
-    if len(time) < 10:
-        return np.zeros(0)
-    tries = np.arange(time[0] + PAST, time[-1] - HORIZONS[0], EVERY)
-    step = float(np.median(np.diff(time)))
-    before, past, after = (
-        np.searchsorted(time, tries + last) - np.searchsorted(time, tries + first)
-        for first, last in ((-LEAD, 0.0), (-PAST, 0.0), (0.0, HORIZONS[0] + NEAR))
-    )
-    return tries[(before >= max(3, 0.5 * LEAD / step)) & (past >= 0.5 * PAST / step) & (after > 0)]
-
-
-def crossed(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:
-    """Error in m of fits of each half of a log by these parameters, in the other half.
-
-    The geometric mean of the medians over all horizons where the ball moves; infinite if unknown.
-    """
-    time = fit.log.sampled
-    middle = float(np.median(time))
-    halves = fit.log.between(-np.inf, middle), fit.log.between(middle, np.inf)
-    medians = []
-    for fitted, tried in (halves, halves[::-1]):
-        at = beginnings(tried)
-        if len(at) < 3:
-            return np.inf
-        try:
-            found = predicted(tried, fit.again(fitted, names, longest), at, follow=False)
-        except LogError:  # a half has too few windows
-            return np.inf
-        moves = found.way > MOVES
-        medians += [_quantile(found.errors("model", ahead)[moves], 0.5) for ahead in HORIZONS]
-    return float(np.exp(np.mean(np.log(medians)))) if np.isfinite(medians).all() else np.inf
-
-
-def _quantile(errors: Array, share: float) -> float:
+def quantile(errors: Array, share: float) -> float:
+    """What a share of errors stay within; NaN if none is known."""
     sizes = np.abs(errors[np.isfinite(errors)])
     return float(np.quantile(sizes, share)) if len(sizes) else float("nan")
 
@@ -241,25 +199,23 @@ class Score:
 
 def score(found: Mapping[str, Predicted]) -> Score:
     """The errors of axes whose predictions begin at the same times."""
-    way = np.hypot.reduce([each.way for each in found.values()])
-    moves = way > MOVES
-    out: list[dict[str, list[float]]] = [{}, {}]
-    by = next(iter(found.values())).by
-    for name in filter(by.__contains__, PREDICTORS):
-        for share, into in zip((0.5, 0.9), out, strict=True):
-            into[name] = [
-                _quantile(
-                    np.sqrt(sum(each.errors(name, ahead) ** 2 for each in found.values()))[moves],
-                    share,
-                )
-                for ahead in HORIZONS
-            ]
-    return Score("".join(found), int(moves.sum()), *out)
+    every = list(found.values())
+    moves = np.hypot.reduce([each.way for each in every]) > MOVES
+    off = {
+        who: [np.sqrt(sum(e.errors(who, ahead) ** 2 for e in every))[moves] for ahead in HORIZONS]
+        for who in PREDICTORS
+        if who in every[0].by
+    }
+    median, ninety = (
+        {who: [quantile(each, share) for each in errors] for who, errors in off.items()}
+        for share in (0.5, 0.9)
+    )
+    return Score("".join(found), int(moves.sum()), median, ninety)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Identified:
-    """What any identification has.
+class Identification:
+    """What a log shows of its rig, by either model.
 
     Attributes:
         source: What the log is called.
@@ -276,6 +232,20 @@ class Identified:
     scores: tuple[Score, ...]
     predictions: Mapping[str, Predicted]
     notes: tuple[str, ...]
+
+    @property
+    def extent(self) -> str:
+        """How much of the log was used, in words."""
+        raise NotImplementedError
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is to be said of the fit beside its verdicts and scores, in sentences."""
+        raise NotImplementedError
+
+    def settings(self, words: Collection[str]) -> dict[str, str]:
+        """Scenario keys to values in TOML with remarks, of those with one of some verdicts."""
+        raise NotImplementedError
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""

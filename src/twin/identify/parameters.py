@@ -51,11 +51,6 @@ class IdentifiedParameter:
         """From the SI number to that of the key."""
         return _FACTORS.get(self.unit, 1.0)
 
-    @property
-    def name(self) -> str:
-        """Short words for tables: the key without its first tables."""
-        return self.key.removeprefix("plant.").removeprefix("sensors.")
-
 
 _TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 BALL = {name: IdentifiedParameter(**about) for name, about in _TABLES["ball"].items()}

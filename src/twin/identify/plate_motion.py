@@ -1,28 +1,36 @@
-"""The plate's motion in a log, and how far its drives lag behind their commands.
-
-The motion is the servos' response to the command, corrected by the encoders.
-"""
+"""What the plate does in a log: how its drives lag, what play they have, if the ball goes by it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.signal import butter, filtfilt, lfilter
+from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, detrend, filtfilt, lfilter
 
 from controllers.arrays import Array
-from twin.identify.bootstrap import Estimate, estimate
+from twin.errors import LogError
+from twin.hal.cams import CamTable
+from twin.identify.logs import resolution
 from twin.identify.parameters import SERVO
-from twin.identify.prepare import PreparedLog, Segment, resolution
-from twin.sim.drives import Play
+from twin.identify.prepare import (
+    COLUMNS_OF_AXIS,
+    ROLL,
+    PreparedLog,
+    Segment,
+    speed,
+)
+from twin.identify.search import Estimate, estimate
+from twin.sim.rig import Hysteresis, Play
 
 CORNERS = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
 """Corner frequencies in Hz; the data choose how much of the encoders to believe."""
 CHUNK = 1.0
 """Length in s of the pieces from which a parabola is taken, for disturbances drift the plate."""
-
-
 PLAYS = np.radians((0.0, 0.03, 0.1, 0.3))
 """Play in rad from which a fit of the drives begins."""
 STEPS = 8
@@ -51,21 +59,6 @@ class Drives(NamedTuple):
     play_half_width: float
 
 
-@dataclass(frozen=True)
-class PlateMotion:
-    """Angles and rates of the plate at equal times.
-
-    Attributes:
-        time: Seconds, shape (K,).
-        angle: phi and theta in rad, shape (K, 2).
-        rate: Their rates in rad/s, shape (K, 2).
-    """
-
-    time: Array
-    angle: Array
-    rate: Array
-
-
 def servo_response(
     command: Array, period: float, lag: float, shift: float = 0.0
 ) -> tuple[Array, Array]:
@@ -91,8 +84,8 @@ def servo_response(
     return _delayed(angle, int(whole), part), _delayed(rate, int(whole), part)
 
 
-def plate_motion(segment: Segment, lag: float, shift: float) -> PlateMotion:
-    """Estimate what the plate did from encoders and, where it was recorded, the command.
+def plate_motion(segment: Segment, lag: float, shift: float) -> tuple[Array, Array]:
+    """Plate angles in rad and rates, (K, 2), from encoders and, if it was recorded, the command.
 
     What the encoders say beyond the servos' response is smoothed by a zero-phase second-order
     Butterworth filter: the optimal (Rauch-Tung-Striebel) smoother where disturbances are white
@@ -111,7 +104,7 @@ def plate_motion(segment: Segment, lag: float, shift: float) -> PlateMotion:
     smooth = np.stack(
         [_smooth(rest[:, axis], period, resolution(measured[:, axis])) for axis in (0, 1)], axis=-1
     )
-    return PlateMotion(segment.time, angle + smooth, rate + np.gradient(smooth, period, axis=0))
+    return angle + smooth, rate + np.gradient(smooth, period, axis=0)
 
 
 def fit_drives(log: PreparedLog) -> Drives | None:
@@ -158,11 +151,8 @@ def _fitted(log: PreparedLog, segments: list[Segment], theta: Array, order: int)
 
     def pieces(values: list[Array]) -> Array:
         """Pieces of ``CHUNK`` without their parabola, shape (..., W, rows, 2)."""
-        cut = [
-            v[..., : v.shape[-2] // rows * rows, :].reshape(*v.shape[:-2], -1, rows, 2)
-            for v in values
-        ]
-        each = np.diff(np.concatenate(cut, axis=-3), n=order, axis=-2)
+        cut = np.concatenate([_pieces(each, rows) for each in values], axis=-3)
+        each = np.diff(cut, n=order, axis=-2)
         return np.asarray(each - base @ (base.T @ each))
 
     measured = pieces([segment.plate for segment in segments])
@@ -234,3 +224,230 @@ def _delayed(values: Array, whole: int, part: float) -> Array:
     """Values a number of samples later, between two of them by a straight line."""
     held = np.concatenate((np.repeat(values[:1], whole + 1, axis=0), values))[: len(values) + 1]
     return (1 - part) * held[1:] + part * held[:-1]
+
+
+def check_motion(log: PreparedLog) -> None:
+    """Make sure that the ball rolls, and accelerates as the plate's angles say.
+
+    Raises:
+        LogError: If it hardly moves, or moves otherwise.
+    """
+    rolled = sum(
+        log.period * float((speed(s.time, s.even_ball) > ROLL).sum()) for s in log.segments
+    )
+    if rolled < 5.0:
+        raise LogError(
+            f"{log.source}: too quiet: the ball rolls for {rolled:.1f} s of {log.length:.1f} s, "
+            "at least 5 s are needed; run the scenario excite"
+        )
+    for (ball, plate), gain in zip(COLUMNS_OF_AXIS, _gains(log), strict=True):
+        if gain is None or 0.25 < gain < 4:
+            continue
+        if -4 < gain < -0.25:
+            raise LogError(
+                f"{log.source}: {ball} accelerates against {plate}: one of them has the wrong sign"
+            )
+        raise LogError(
+            f"{log.source}: {ball} accelerates {gain:.2g} times as much as {plate} explains: "
+            "wrong unit, or axes exchanged"
+        )
+    _check_command(log)
+
+
+def _check_command(log: PreparedLog) -> None:
+    """Make sure that the plate moves about as far as was commanded, by pieces without a drift."""
+    over, under = np.zeros(2), np.zeros(2)
+    for segment in log.segments:
+        if segment.command is None:
+            return
+        response = servo_response(segment.command, log.period, log.own_lag)[0]
+        both = _pieces(np.stack((response, segment.plate)), round(2.0 / log.period))
+        commanded, moved = detrend(both, axis=-2)
+        over += (commanded * moved).sum(axis=(0, 1))
+        under += (commanded**2).sum(axis=(0, 1))
+    for name, far, whole in zip(("phi", "theta"), over, under, strict=True):
+        # a plate that hardly moves says nothing
+        if whole * log.period / log.length >= 1e-8 and not 0.4 < far / whole < 2.5:
+            raise LogError(
+                f"{log.source}: measured_{name} moves {far / whole:.2g} times as far as the "
+                f"commanded applied_{name} columns say: wrong unit or sign, or exchanged axes"
+            )
+
+
+def _pieces(values: Array, rows: int) -> Array:
+    """Signals of shape (..., K, 2) in whole pieces, shape (..., W, rows, 2)."""
+    whole = values[..., : values.shape[-2] // rows * rows, :]
+    return whole.reshape(*values.shape[:-2], -1, rows, 2)
+
+
+def _gains(log: PreparedLog) -> Iterator[float | None]:
+    """Acceleration of the ball over what the plate's angles explain, while it rolls, by axis.
+
+    The integral form of the level model: x = x0 + v0 t + gain (k1 phi'' - b phi) - friction.
+    """
+    model, period, rows = log.model, log.period, round(1.0 / log.period)
+
+    def twice_integrated(values: Array) -> Array:
+        for _ in range(2):
+            values = cumulative_trapezoid(values, dx=period, axis=-2, initial=0)
+        return values
+
+    products = np.zeros((2, 3, 3))
+    for segment in log.segments:
+        ball = segment.even_ball
+        velocity = uniform_filter1d(np.gradient(ball, period, axis=0), 25, axis=0, mode="constant")
+        way = velocity / np.maximum(np.hypot(*velocity.T), 1e-4)[:, None]
+        rolls = speed(segment.time, ball)[: len(ball) // rows * rows].reshape(-1, rows) >= ROLL
+        if not rolls.all(axis=1).any():
+            continue
+        every = _pieces(np.stack((segment.plate * (1, -1), way, ball)), rows)
+        angle, way, ball = every[:, rolls.all(axis=1)]
+        tilt = model.k1 * twice_integrated(np.sin(angle)) - model.c2 * angle
+        columns = detrend(np.stack((tilt, twice_integrated(way), ball)), axis=-2)
+        products += np.einsum("iwra,jwra->aij", columns, columns)
+    for normal, right in zip(products[:, :2, :2], products[:, :2, 2], strict=True):
+        vague = normal[0, 0] * period < 1e-6 or np.linalg.cond(normal) > 1e8
+        yield None if vague else float(np.linalg.solve(normal, right)[0])
+
+
+SHAPES: dict[str, type[Play] | type[Hysteresis]] = {"flat": Play, "round": Hysteresis}
+"""Corners of the loop, and the part of the twin that makes them."""
+KEYS = {"flat": "plant.servo.backlash_deg", "round": "plant.servo.hysteresis_deg"}
+"""The scenario keys that take the width."""
+POINTS = 400
+"""Instants of a cycle that are compared."""
+CLEAR = 1.5
+"""How many times as much one shape must leave as the other to be ruled out."""
+NO_LOOP = 0.01
+"""Width in deg up to which there is none: servos and wheels of a rig without any lose half of it at
+1 deg/s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LostMotion:
+    """The loop of plate angle over motor angle of one axis. All in deg of the plate.
+
+    Attributes:
+        axis: ``phi`` or ``theta``.
+        width: Of the loop along the motor's angle: twice what is lost to each side.
+        spread: By how much the cycles differ, largest width less smallest.
+        shape: Its corners: ``flat``, ``round``, ``either`` if they cannot be told, or ``none``.
+        left: What the best loop of each shape leaves, root mean square.
+        gain: Plate angle per motor angle beside the loop, 1 where the cam table is right.
+    """
+
+    axis: str
+    width: float
+    spread: float
+    shape: str
+    left: dict[str, float]
+    gain: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {**asdict(self), "key": KEYS.get(self.shape), "verdict": self.words}
+
+    @property
+    def words(self) -> str:
+        """The verdict in words."""
+        if self.shape == "none":
+            return f"no lost motion: the loop is {self.width:.3f} deg wide"
+        corners = {
+            "flat": "flat corners: play, or dry friction in the plate's joint; motor torque, which "
+            "jumps at a reversal by friction alone, tells them apart",
+            "round": "round corners: hysteresis of elastic parts",
+            "either": "the corners cannot be told",
+        }[self.shape]
+        known = f"{self.width:.3f} deg ({self.spread:.3f} between cycles)"
+        return f"lost motion of {known}, {self.width / 2:.3f} to each side; {corners}"
+
+
+def triangle(amplitude: float, rate: float, cycles: int, period: float) -> Array:
+    """Angles of a triangle that begins at 0: a quarter of a cycle, then whole ones, shape (K,).
+
+    Args:
+        amplitude: Its largest angle, rad.
+        rate: How fast, rad/s.
+        cycles: Whole cycles.
+        period: From one angle to the next, s.
+    """
+    length = 4 * amplitude / rate
+    phase = np.arange(round((cycles + 0.25) * length / period) + 1) * period / length
+    angles: Array = amplitude * (4 * np.abs((phase - 0.25) % 1.0 - 0.5) - 1)
+    return angles
+
+
+def as_plate(cams: CamTable, motor: Array, axis: int) -> Array:
+    """Plate angles that motor angles of one axis mean while the other stands level, rad, (K,)."""
+    line = np.zeros((len(cams.grid), 2))
+    line[:, axis] = cams.grid
+    return np.interp(motor, cams.motor(line)[:, axis], cams.grid)
+
+
+def lost_motion(axis: str, motor: Array, plate: Array, cycles: int) -> LostMotion:
+    """The loop of a few cycles of a triangle.
+
+    Args:
+        axis: Which.
+        motor: Motor angle as plate angle, by the cam table, in rad, evenly in time over a quarter
+            of a cycle and then whole ones, shape (K,).
+        plate: Angle of the plate's encoder in rad, shape (K,).
+        cycles: Whole cycles, 2 or more: the first closes the loop and is not judged.
+
+    Raises:
+        LogError: If the motor or the plate did not move.
+    """
+    every = max(1, round(len(motor) / (cycles + 0.25) / POINTS))
+    s, p = np.degrees(motor[::every]), np.degrees(plate[::every])
+    travel = float(np.ptp(s))
+    if min(travel, float(np.ptp(p))) < NO_LOOP:
+        raise LogError(f"{axis}: motor moved {travel:.4f} deg, plate {np.ptp(p):.4f} deg: too few")
+    ends = np.linspace(len(s) * 0.25 / (cycles + 0.25), len(s), cycles + 1).round().astype(int)
+    closed = ends[1]
+    found = {
+        shape: _best_loop(shape, s[closed:], p[closed:], s[:closed], travel) for shape in SHAPES
+    }
+    left = {shape: each[1] for shape, each in found.items()}
+    ahead = min(left, key=lambda shape: left[shape])
+    width, _, gain = found[ahead]
+    own = [
+        _best_loop(ahead, s[start:end], p[start:end], s[:start], travel)[0]
+        for start, end in pairwise(ends[1:])
+    ]
+    shape = ahead if max(left.values()) > CLEAR * left[ahead] else "either"
+    return LostMotion(
+        axis=axis,
+        width=width,
+        spread=float(np.ptp(own)),
+        shape=shape if width > NO_LOOP else "none",
+        left=left,
+        gain=gain,
+    )
+
+
+def _best_loop(
+    shape: str, s: Array, p: Array, before: Array, travel: float
+) -> tuple[float, float, float]:
+    """Width in deg, what it leaves in deg rms, and gain, by three ever finer grids."""
+    middle, reach = travel / 4, travel / 4
+    for _ in range(3):
+        widths = np.clip(np.linspace(middle - reach, middle + reach, 41), 0, None)
+        left, gains = _left_by(shape, widths, s, p, before)
+        at = int(left.argmin())
+        middle, reach = float(widths[at]), reach / 15
+    return middle, float(left[at]), float(gains[at])
+
+
+def _left_by(shape: str, widths: Array, s: Array, p: Array, before: Array) -> tuple[Array, Array]:
+    """What loops of some widths leave, in deg rms, and their gains, shapes (widths,).
+
+    Offset and gain are fitted. What was before brings the loop to where it is.
+    """
+    part = SHAPES[shape](widths[:, None])
+    turns = np.diff(np.concatenate((before, s)), prepend=before[0])
+    moved = np.cumsum([part.follow(np.full((1, 2), turn))[:, 0] for turn in turns], axis=0)
+    followed = np.where(part.acts[:, 0], moved, np.cumsum(turns)[:, None])[len(before) :]
+    followed = followed - followed.mean(axis=0)
+    judged = (p - p.mean())[:, None]
+    gains = (followed * judged).sum(axis=0) / np.maximum((followed**2).sum(axis=0), 1e-12)
+    return np.sqrt(((judged - gains * followed) ** 2).mean(axis=0)), gains

@@ -11,9 +11,46 @@ from scipy.signal import savgol_filter
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.identify.log import Log
-from twin.identify.replay import PACE
+from twin.hal.interface import SCREEN
+from twin.identify.logs import Log, resolution, runs
 
+STEEPEST = 0.26
+"""Largest plate angle in rad that any such rig reaches; the thesis's stops at 10 deg."""
+COLUMNS_OF_AXIS = (("measured_x", "measured_phi"), ("measured_y", "measured_theta"))
+
+
+def check_ranges(log: Log) -> None:
+    """Make sure that no number is beyond what the rig can do.
+
+    Raises:
+        LogError: Naming the column, and the unit its numbers look like.
+    """
+    touched = log.touched & np.isfinite(log.ball).all(axis=-1)
+    if not touched.any():
+        raise LogError(f"{log.source}: the screen never detected the ball")
+    for axis, (ball, plate) in enumerate(COLUMNS_OF_AXIS):
+        edge = SCREEN[axis] / 2
+        far = float(np.percentile(np.abs(log.ball[touched, axis]), 99))
+        if far > 1.05 * edge:
+            guess = "another unit"
+            if 4 * edge < far <= 100 * edge:
+                guess = "centimetres"
+            elif 100 * edge < far <= 1100 * edge:
+                guess = "millimetres"
+            raise LogError(
+                f"{log.source}: {ball}: reaches {far:.3g} where the screen ends at {edge:g} m; "
+                f"{guess}? Give m, or the unit in the header"
+            )
+        steep = float(np.nanpercentile(np.abs(log.plate[:, axis]), 99))
+        if steep > STEEPEST:
+            raise LogError(
+                f"{log.source}: {plate}: reaches {steep:.3g} rad, which no such plate does; "
+                f"degrees? Give rad, or the unit in the header"
+            )
+
+
+PACE = 0.02
+"""Seconds between the speeds before a replay that it is told of."""
 REST, ROLL = 0.004, 0.008
 """Measured speeds in m/s below which the ball rests and above which it rolls."""
 SPEED_SPAN = 0.3
@@ -107,13 +144,6 @@ def _noise(ball: Array) -> Array:
     spread = np.median(np.abs(bend), axis=0) / (0.6745 * np.sqrt(6))
     grid = np.array([resolution(ball[:, axis]) for axis in (0, 1)])
     return np.asarray(np.maximum(np.maximum(spread, grid / np.sqrt(12)), 1e-6))
-
-
-def resolution(measured: Array) -> float:
-    """Smallest step between two different readings, 0 if there is none."""
-    steps = np.diff(np.unique(measured))
-    steps = steps[steps > 1e-9]
-    return float(steps.min()) if len(steps) else 0.0
 
 
 SLOWEST = 0.05
@@ -268,12 +298,6 @@ def prepare(log: Log) -> PreparedLog:
 def interpolated(at: Array, time: Array, values: Array) -> Array:
     """Values (K, 2) at times (K,) in s by straight lines at others, shape (..., 2)."""
     return np.stack([np.interp(at, time, values[:, axis]) for axis in (0, 1)], axis=-1)
-
-
-def runs(mask: Mask) -> list[tuple[int, int]]:
-    """First index and one past the last of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _complete_rows(log: Log, notes: list[str]) -> Log:

@@ -1,25 +1,292 @@
-"""Finds the best fit without a first guess: rolling first, then the breakaway, then all at once.
+"""Least squares over many windows: common parameters, starts of each window's own, intervals.
 
 Levenberg-Marquardt for many candidates at once: scipy's least_squares takes one start at a time and
-knows nothing of the structure, a handful of common parameters and four numbers of each window's
+knows nothing of the structure, a handful of common parameters and a few numbers of each window's
 own, which are eliminated here. Replaying all candidates and all finite differences in one batch
-makes a fit some twenty times as fast.
+makes a fit some twenty times as fast. Intervals are by the wild score bootstrap.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy import stats
 
 from controllers.arrays import Array, Mask
-from controllers.ballplate import BallPlate
-from twin.identify.bootstrap import Estimate, estimate
-from twin.identify.parameters import BALL
-from twin.identify.problem import Fitting, Linearisation, Problem
-from twin.identify.windows import Windows
+from twin.identify.parameters import IdentifiedParameter
+
+DRAWS = 4000
+"""Bootstrap draws."""
+LEVEL = 0.95
+"""Coverage of the intervals."""
+
+
+# Webb's six weights: mean 0, variance 1, and smooth with few windows.
+_WEIGHTS = np.sqrt(np.array([1.5, 1.0, 0.5])) * np.array([[1.0], [-1.0]])
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Fitted values and their uncertainty.
+
+    Attributes:
+        value: Fitted values, shape (P,).
+        draws: Bootstrap draws of them, shape (DRAWS, P).
+        identifiable: Whether the data say anything about each, shape (P,).
+        degrees_of_freedom: Of the scatter of each, shape (P,).
+        noise: Standard deviation of each by the noise of the samples alone, shape (P,).
+    """
+
+    value: Array
+    draws: Array
+    identifiable: Mask
+    degrees_of_freedom: Array
+    noise: Array | float = 0.0
+
+    @property
+    def half_width(self) -> Array:
+        """Half-width of the 95 % interval, shape (P,); infinite where the data say nothing.
+
+        Few windows know little of their own scatter: Student's t over the normal distribution. If
+        they happen to agree better than the noise of their samples allows, the noise decides.
+        """
+        end = (1 + LEVEL) / 2
+        few = stats.t.ppf(end, np.maximum(self.degrees_of_freedom, 1)) / stats.norm.ppf(end)
+        half = few * np.quantile(np.abs(self.draws - self.value), LEVEL, axis=0)
+        half = np.maximum(half, stats.norm.ppf(end) * self.noise)
+        return np.where(self.identifiable, half, np.inf)
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation of the draws, shape (P, P)."""
+        moved = self.draws - self.value
+        scale = np.sqrt((moved**2).mean(axis=0))
+        result: Array = moved.T @ moved / len(moved) / np.maximum(np.outer(scale, scale), 1e-300)
+        return result
+
+
+def estimate(
+    value: Array, information: Array, score: Array, noise: Array | None = None, seed: int = 0
+) -> Estimate:
+    """Bootstrap a least-squares fit over W windows that are independent of each other.
+
+    Wild score bootstrap (Kline and Santos): in each draw every window's score, its share of the
+    slope of the cost, gets a random weight, and the fit follows to first order. Scores are those of
+    the fit without the window (leave one out), which keeps the intervals from being too narrow
+    where a few windows decide. The degrees of freedom are those of Satterthwaite: the windows, as
+    many as there were if all told as much of a parameter, at most windows less parameters.
+
+    Args:
+        value: The fit, shape (P,).
+        information: J'J of each window, shape (W, P, P).
+        score: J'r of each window, r being fit minus data, shape (W, P).
+        noise: Covariance of the sum of the scores by noise alone, shape (P, P), if it is known.
+        seed: Seed of the weights.
+    """
+    total = information.sum(axis=0)
+    scale = np.sqrt(np.maximum(np.diagonal(total), 1e-300))
+    # Scaled so that no unit matters; tiny eigenvalues mark directions the data do not determine.
+    scaled = total / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(scaled)
+    weak = values < 1e-6
+    identifiable = (np.diagonal(total) > 0) & ~(np.abs(vectors[:, weak]) > 0.1).any(axis=1)
+    inverse = (vectors[:, ~weak] / values[~weak]) @ vectors[:, ~weak].T / np.outer(scale, scale)
+    shares = np.stack(
+        [
+            _leave_one_out(total, inverse, part, s)
+            for part, s in zip(information, score, strict=True)
+        ]
+    )
+    rng = np.random.default_rng(seed)
+    weights = rng.choice(_WEIGHTS.ravel(), (DRAWS, len(score)))
+    told = np.einsum("ij,wjk,ki->wi", inverse, information, inverse)
+    alike = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
+    known = 0.0 if noise is None else np.sqrt(np.diagonal(inverse @ noise @ inverse))
+    freedom = np.minimum(alike, len(score) - len(value))
+    return Estimate(value, value + weights @ shares, identifiable, freedom, known)
+
+
+def _leave_one_out(total: Array, inverse: Array, part: Array, score: Array) -> Array:
+    """How far one window moved the fit: the step from the fit without it."""
+    left = np.eye(len(total)) - inverse @ part
+    if np.linalg.cond(left) > 1e8:
+        return np.asarray(inverse @ score)
+    return np.asarray(np.linalg.solve(left, inverse @ score))
+
+
+START_DIFFERENCES = np.array([1e-4, 1e-4, 1e-3, 1e-3])
+"""Steps of finite differences of the ball's start: m and m/s."""
+TOLERATED = 3.0
+"""Mean square misfit, in noise variances, above which a window loses weight (Geman and McClure):
+a window that no replay explains costs no more than a few that are explained badly, however far off
+it is. Where a loss goes on growing, such windows pull the fit to where it explains none well."""
+
+
+# A weak prior of the ball's start (m, m/s), for windows whose samples do not determine it.
+START_PRIOR = np.diag(np.array([0.02, 0.02, 0.3, 0.3]) ** -2.0)
+
+
+class Linearisation(NamedTuple):
+    """Residuals of C candidates in W windows, in standard deviations, and their slopes.
+
+    Attributes:
+        r: Replay minus samples, shape (C, W, M).
+        by_start: Slope by the start x, y, x', y' of each window, shape (C, W, M, 4).
+        by_parameter: Slope by the parameters, shape (C, W, M, P); P is 0 where not requested.
+        prior: Weak knowledge of a start, its inverse covariance.
+    """
+
+    r: Array
+    by_start: Array
+    by_parameter: Array
+    prior: Array = START_PRIOR
+
+    def where(self, better: Mask, old: Linearisation) -> Linearisation:
+        """This where it is better, shape (C,) or (C, W), elsewhere the old one."""
+        parts = []
+        for new, before in zip(self[:3], old[:3], strict=True):
+            mask = better.reshape(better.shape + (1,) * (new.ndim - better.ndim))
+            parts.append(np.where(mask, new, before))
+        return Linearisation(parts[0], parts[1], parts[2], self.prior)
+
+    def take(self, which: Mask) -> Linearisation:
+        """That of some of the windows."""
+        r, by_start, by_parameter = (part[:, which] for part in self[:3])
+        return Linearisation(r, by_start, by_parameter, self.prior)
+
+    def start_step(self, damping: Array) -> Array:
+        """The damped Gauss-Newton step of the starts alone, shape (4, C, W).
+
+        Args:
+            damping: Multiples of the prior, shape (C, W).
+        """
+        Zt = np.swapaxes(self.by_start, -1, -2)  # noqa: N806
+        normal = Zt @ self.by_start + damping[..., None, None] * self.prior
+        return np.moveaxis(np.linalg.solve(normal, Zt @ self.r[..., None])[..., 0], -1, 0)
+
+    def eliminate_starts(self, damping: Array | None = None) -> tuple[Array, Array]:
+        """Residuals and parameter slopes with the starts fitted along, (C, W, M, 1 + P).
+
+        Variable projection: for a linearised problem the best starts are a linear function of the
+        parameters. Also returns its slopes, shape (C, W, S, 1 + P).
+
+        Args:
+            damping: Marquardt's for the starts, shape (C,): shares of the diagonal; None for none.
+        """
+        Z = self.by_start  # noqa: N806
+        both = np.concatenate((self.r[..., None], self.by_parameter), axis=-1)
+        Zt = np.swapaxes(Z, -1, -2)  # noqa: N806
+        normal = Zt @ Z
+        if damping is not None:
+            diagonal = np.eye(Z.shape[-1]) * np.diagonal(normal, axis1=-2, axis2=-1)[..., None]
+            normal = normal + damping[:, None, None, None] * diagonal
+        follow = np.linalg.solve(normal + self.prior, Zt @ both)
+        return both - Z @ follow, follow
+
+
+class Fitting:
+    """What any fit of windows minimises.
+
+    Attributes:
+        windows: The samples.
+        names: Names of the parameters that are fitted, P of them.
+        about: What is known of each parameter.
+        start_steps: Steps of finite differences of a start.
+        prior: Weak knowledge of a start, its inverse covariance.
+    """
+
+    windows: Any
+    names: tuple[str, ...]
+    about: ClassVar[Mapping[str, IdentifiedParameter]]
+    start_steps: ClassVar[Array]
+    prior: ClassVar[Array]
+
+    def first_guesses(self, **tried: Sequence[float]) -> Array:
+        """Parameters to begin with, shape (C, P): C values of some, of the others the usual one."""
+        usual = {name: self.about[name].start for name in self.names}
+        columns = [np.atleast_1d(value) for value in (usual | tried).values()]
+        return np.stack(np.broadcast_arrays(*columns), axis=-1).astype(float)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest values of the parameters, shapes (P,)."""
+        about = [self.about[name] for name in self.names]
+        return np.array([each.least for each in about]), np.array([each.most for each in about])
+
+    def initial_starts(self) -> Array:
+        """First guesses of the starts, S numbers of each window, shape (S, 1, W)."""
+        raise NotImplementedError
+
+    def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+        """What the samples would be, in m, and how fast they change, (C, W, ...) like the samples.
+
+        The rate is used only where dead time has no finite difference.
+        """
+        raise NotImplementedError
+
+    def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
+        """Residuals and slopes of C candidates, by finite differences.
+
+        The candidates and all their finite differences are replayed in one batch.
+
+        Args:
+            theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
+            starts: The beginning of each window, shape (S, C, W).
+            slopes: Whether the slopes by the parameters are computed.
+        """
+        count, free, weight = len(theta), len(starts), self.windows.weight
+        batch = [(theta, starts)]
+        for k in range(free):
+            moved = starts.copy()
+            moved[k] += self.start_steps[k]
+            batch.append((theta, moved))
+        least, most = self.bounds
+        widths = {}
+        for k, name in enumerate(self.names if slopes else ()):
+            step = self.about[name].difference
+            if step == 0:
+                continue
+            up, down = theta.copy(), theta.copy()
+            up[..., k] = np.minimum(up[..., k] + step, most[k])
+            down[..., k] = np.maximum(down[..., k] - step, least[k])
+            widths[k] = (up - down)[..., k].reshape(count, -1, 1)
+            batch += [(up, starts), (down, starts)]
+        places, rates = self.reported(
+            np.concatenate([each[0] for each in batch]),
+            np.concatenate([each[1] for each in batch], axis=1),
+        )
+        shape = (len(batch), count, len(weight), weight[0].size)
+        scaled = (places * weight).reshape(shape)
+        by_start = np.stack(
+            [(scaled[1 + k] - scaled[0]) / self.start_steps[k] for k in range(free)], axis=-1
+        )
+        by_parameter = np.zeros((*shape[1:], len(self.names) if slopes else 0))
+        for j, (k, width) in enumerate(widths.items()):
+            up, down = scaled[1 + free + 2 * j : 3 + free + 2 * j]
+            by_parameter[..., k] = (up - down) / width
+        if slopes and "delay" in self.names:
+            by_delay = (-rates[:count] * weight).reshape(shape[1:])
+            by_parameter[..., self.names.index("delay")] = by_delay
+        target = (self.windows.ball * weight).reshape(shape[2:])
+        return Linearisation(scaled[0] - target, by_start, by_parameter, self.prior)
+
+    def misfit(self, r: Array) -> Array:
+        """Mean square residual of each window in noise variances, shape (C, W)."""
+        return np.asarray((r**2).sum(axis=-1) / self.windows.size)
+
+    def cost(self, r: Array) -> Array:
+        """What a fit minimises: robust against windows that cannot be explained, shape (C,)."""
+        misfit = self.misfit(r)
+        each = self.windows.size * misfit / (1 + misfit / TOLERATED)
+        return np.asarray(each.sum(axis=-1))
+
+    def weights(self, r: Array) -> Array:
+        """How much each window counts, 1 for a perfect one, shape (C, W)."""
+        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED) ** 2)
+
 
 TOLERANCE = 1e-5
 """Relative decrease of the cost below which a step counts as none."""
@@ -74,6 +341,17 @@ class Minimum(NamedTuple):
     linearisation: Linearisation
     termination: Termination
 
+    def ahead(self, count: int) -> Minimum:
+        """The best of its candidates."""
+        best = np.argsort(self.cost)[:count]
+        r, by_start, by_parameter = (part[best] for part in self.linearisation[:3])
+        return self._replace(
+            theta=self.theta[best],
+            starts=self.starts[:, best],
+            cost=self.cost[best],
+            linearisation=Linearisation(r, by_start, by_parameter, self.linearisation.prior),
+        )
+
 
 def fit_starts(problem: Fitting, theta: Array, starts: Array, step_limit: int) -> Array:
     """The best starts for fixed parameters, by damped Gauss-Newton steps, shape (4, C, W).
@@ -111,6 +389,12 @@ def fit_starts(problem: Fitting, theta: Array, starts: Array, step_limit: int) -
         rest: Any = problem
         problem = replace(rest, windows=rest.windows.take(going))
     return found
+
+
+def begun(problem: Fitting, theta: Array, step_limit: int) -> Array:
+    """The best starts for fixed parameters from no first guess, as ``fit_starts`` finds them."""
+    first = problem.initial_starts()
+    return fit_starts(problem, theta, np.repeat(first, len(theta), axis=1), step_limit)
 
 
 def minimise(
@@ -176,143 +460,32 @@ def minimise(
     return Minimum(theta, starts, cost, current, termination)
 
 
-BREAKAWAY_RATIOS = 1 + np.linspace(0, 2.2, 32) ** 1.3
-"""Breakaway ratios that are tried."""
-FITTED_GUESSES = 3
-"""This many of them, the best, are first guesses of a full fit."""
-UNEXPLAINED = 2.0
-"""Mean square misfit over the usual one above which a window is left out at the end: where the
-ball nearly comes to rest, a touch of noise decides whether it does, and no replay can know."""
-CREEPS = float(stats.chi2.ppf(0.99, 2))
-"""Noise variances by which a free speed at the start may seem to improve a window begun at rest."""
-
-
 @dataclass(frozen=True)
-class BestFit:
+class Fit:
     """The best fit found.
 
     Attributes:
         problem: What was fitted.
-        theta: The parameters, shape (P,).
-        starts: The ball's start in each window, shape (4, 1, W).
-        linearisation: Residuals and slopes there, of one candidate.
-        cost: Its cost.
-        left_out: How many windows no candidate explains.
-        termination: How the last minimisation ended.
+        found: The minimum, of one candidate.
     """
 
-    problem: Problem
-    theta: Array
-    starts: Array
-    linearisation: Linearisation
-    cost: float
-    left_out: int
-    termination: Termination
+    problem: Any
+    found: Minimum
+
+    def value(self, name: str) -> float:
+        """A parameter; 0 if it is not fitted."""
+        names = self.problem.names
+        return float(self.found.theta[0, names.index(name)]) if name in names else 0.0
 
     def estimate(self) -> Estimate:
         """The parameters and their uncertainty, every window an independent observation."""
-        return estimated(self.problem, self.theta, self.linearisation)
-
-
-def estimated(problem: Fitting, theta: Array, found: Linearisation) -> Estimate:
-    """Parameters, shape (P,), and their uncertainty, every window an independent observation.
-
-    Args:
-        problem: What was fitted.
-        theta: The fit.
-        found: Residuals and slopes there, of one candidate.
-    """
-    free, _ = found.eliminate_starts()
-    r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
-    weight = problem.weights(found.r)[0]
-    return estimate(
-        theta,
-        np.einsum("wmi,wmj,w->wij", J, J, weight),
-        np.einsum("wmi,wm,w->wi", J, r, weight),
-        np.einsum("wmi,wmj,w->ij", J, J, weight**2),
-    )
-
-
-def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> BestFit:
-    """Fit the parameters, from many starts; ``grip`` as in ``replay``.
-
-    A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
-    the truth: windows in which the ball rolls throughout give rolling friction, delay and level
-    from any start; with those, the windows that begin at rest are tried with one breakaway ratio
-    after another; from the best of these all windows and all parameters are fitted. Windows that
-    are then not explained at all are left out, and the rest is fitted again; so is all if in some
-    windows the ball did not rest at first, but crept.
-    """
-    problem = Problem(model, windows, names, grip)
-    guesses = _scan_breakaway(problem, _fit_rolling(problem))
-    starts = np.repeat(problem.initial_starts(), len(guesses), axis=1)
-    starts = fit_starts(problem, guesses, starts, 3)
-    found = minimise(problem, guesses, starts, 12)
-    while True:
-        best = np.argsort(found.cost)[:1]
-        misfit = problem.misfit(found.linearisation.r[best])[0]
-        kept = misfit < UNEXPLAINED * max(1.0, float(np.median(misfit)))
-        if kept.all() or kept.sum() < max(3, len(windows) / 2):
-            break
-        problem = replace(problem, windows=problem.windows.take(kept))
-        found = minimise(problem, found.theta, found.starts[:, :, kept], 12)
-    creeping = _creeping(problem, found.theta[best], found.starts[:, best])
-    if creeping.any():
-        crept = np.isin(windows.begin, problem.windows.begin[creeping])
-        resting = windows.resting & ~crept
-        return search(model, replace(windows, resting=resting), names, grip)
-    return BestFit(
-        problem=problem,
-        theta=found.theta[best[0]],
-        starts=found.starts[:, best],
-        linearisation=Linearisation(*(part[best] for part in found.linearisation[:3])),
-        cost=float(found.cost[best[0]]),
-        left_out=len(windows) - len(problem.windows),
-        termination=found.termination,
-    )
-
-
-def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
-    """Windows begun at rest that a ball which creeps at first explains better, shape (W,)."""
-    windows = problem.windows
-    free = replace(problem, windows=replace(windows, resting=np.zeros_like(windows.resting)))
-    going = fit_starts(free, theta, free.initial_starts(), 8)
-    rest, roll = (
-        problem.misfit(problem.linearise(theta, each, slopes=False).r)[0] * windows.size
-        for each in (starts, going)
-    )
-    return np.asarray(windows.resting & (rest - roll > CREEPS))
-
-
-def _fit_rolling(whole: Problem) -> Array:
-    """Candidates for all parameters from the windows that begin in full roll, shape (C, P)."""
-    windows, names = whole.windows, whole.names
-    smooth = tuple(name for name in names if name not in ("breakaway", "stribeck", "dwell"))
-    first = np.array([[BALL[name].start for name in names]])
-    rolling = ~windows.resting
-    if rolling.sum() < 3:
-        found = np.repeat(first, 4, axis=0)
-        found[:, names.index("rolling")] = (5e-5, 1e-4, 2e-4, 4e-4)
-        return found
-    problem = replace(whole, windows=windows.take(rolling), names=smooth)
-    theta = np.array([[BALL[name].start for name in smooth]]).repeat(4, axis=0)
-    theta[:, smooth.index("rolling")] = (1e-4, 1e-4, 4e-4, 4e-4)
-    theta[:, smooth.index("delay")] = (0.02, 0.07, 0.02, 0.07)
-    starts = fit_starts(problem, theta, np.repeat(problem.initial_starts(), 4, axis=1), 2)
-    minimum = minimise(problem, theta, starts, 8)
-    for k, name in enumerate(smooth):
-        first[:, names.index(name)] = minimum.theta[np.argmin(minimum.cost), k]
-    return first
-
-
-def _scan_breakaway(problem: Problem, guesses: Array) -> Array:
-    """The guesses with the breakaway ratios that suit the windows begun at rest, shape (C, P)."""
-    windows, names = problem.windows, problem.names
-    if not windows.resting.any():
-        return guesses
-    at_rest = replace(problem, windows=windows.take(windows.resting))
-    tried = np.repeat(guesses, len(BREAKAWAY_RATIOS), axis=0)
-    tried[:, names.index("breakaway")] = np.tile(BREAKAWAY_RATIOS, len(guesses))
-    starts = np.repeat(at_rest.initial_starts(), len(tried), axis=1)
-    fitted = at_rest.linearise(tried, fit_starts(at_rest, tried, starts, 1), slopes=False)
-    return np.asarray(tried[np.argsort(at_rest.cost(fitted.r))[:FITTED_GUESSES]])
+        line = self.found.linearisation
+        free, _ = line.eliminate_starts()
+        r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
+        weight = self.problem.weights(line.r)[0]
+        return estimate(
+            self.found.theta[0],
+            np.einsum("wmi,wmj,w->wij", J, J, weight),
+            np.einsum("wmi,wm,w->wi", J, r, weight),
+            np.einsum("wmi,wmj,w->ij", J, J, weight**2),
+        )

@@ -1,17 +1,21 @@
-"""Windows of a log that are replayed side by side: where they begin and end, and their samples."""
+"""Windows of a log that are fitted side by side: where they are, their samples, their replay."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from itertools import pairwise
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.identify.plate_motion import PlateMotion, plate_motion
+from twin.identify.logs import GAP, AxisLog
+from twin.identify.plate_motion import plate_motion
 from twin.identify.prepare import (
+    PACE,
     ROLL,
     SPEED_SPAN,
     PreparedLog,
@@ -21,14 +25,170 @@ from twin.identify.prepare import (
     rests,
     speed,
 )
-from twin.identify.replay import STEP, AccelerationField
+from twin.sim.plant.friction import Friction
+
+STEP = 0.004
+"""Step of the replay in s."""
+
+
+class AccelerationField(NamedTuple):
+    """Acceleration of the ball in W windows at N steps, affine in its position p and velocity v.
+
+    v' = push + own p + cross s(p) + turn s(v) + tilt level, where s() swaps the axes.
+
+    Attributes:
+        push: m/s^2, shape (N, 2, 1, W).
+        own: 1/s^2, same shape.
+        cross: 1/s^2, same shape.
+        turn: 1/s, same shape.
+        tilt: What a tilt of the base adds along its own axis, m/s^2 per rad, same shape.
+        normal: Normal force per mass, m/s^2, shape (N, 1, W).
+    """
+
+    push: Array
+    own: Array
+    cross: Array
+    turn: Array
+    tilt: Array
+    normal: Array
+
+    @classmethod
+    def of(cls, model: BallPlate, angle: Array, rate: Array) -> AccelerationField:
+        """The field over plate angles and rates (phi, theta), shape (W, N, 2), in rad and rad/s.
+
+        The exact model is affine in the ball's state, so five evaluations determine it.
+        """
+        x = np.zeros((*angle.shape[:-1], 8))
+        x[..., 2::4], x[..., 3::4] = angle, rate
+        u = np.gradient(rate, STEP, axis=-2)
+
+        def acceleration(index: int | None = None, shift: float = 0.0) -> Array:
+            there = x.copy()
+            there[..., 2::4] += shift
+            if index is not None:
+                there[..., index] += 1.0
+            return np.asarray(model.derivative(there, u)[..., 1::4])
+
+        push = acceleration()
+        by = {index: acceleration(index) - push for index in (0, 1, 4, 5)}
+        pairs = {"own": (by[0], by[4]), "cross": (by[4], by[0]), "turn": (by[5], by[1])}
+        parts: dict[str, Array] = {
+            name: np.stack((first[..., 0], second[..., 1]), axis=-1)
+            for name, (first, second) in pairs.items()
+        }
+        shift = 1e-4
+        parts["tilt"] = (acceleration(shift=shift) - acceleration(shift=-shift)) / (2 * shift)
+        parts["push"] = push
+        normal = model.gravity * np.cos(angle[..., 0]) * np.cos(angle[..., 1])
+        return cls(
+            **{name: _steps_first(values) for name, values in parts.items()},
+            normal=np.ascontiguousarray(normal.T)[:, None],
+        )
+
+
+def replay(
+    field: AccelerationField,
+    model: BallPlate,
+    friction: Friction,
+    level: Array,
+    start: Array,
+    grip: float = 0.0,
+    gain: Array | float = 1.0,
+    paces: Array | None = None,
+) -> tuple[Array, Array]:
+    """Positions and velocities of the ball, both shape (N, 2, C, W), in m and m/s.
+
+    Heun's rule for the smooth forces; then rolling resistance takes as much as it can of what would
+    bring the ball to rest within the time ``grip``: a ball it can hold rests exactly.
+
+    Args:
+        field: The windows.
+        model: Ball parameters.
+        friction: Rolling resistance of C candidates: numbers, or arrays of shape (C, 1).
+        level: Tilt of the base (phi, theta) in rad, shape (2, C, 1).
+        start: Position and velocity at the first step, shape (4, C, W): x, y, x', y'.
+        grip: Time in s within which resistance would stop the ball if it were strong enough; 0
+            for at once, as Coulomb's law has it.
+        gain: Factor on what the plate's tilt and acceleration do to the ball: a number, or one per
+            candidate, shape (C, 1).
+        paces: Speeds of the ball before the first step, ``PACE`` apart, m/s, shape (W, K), on which
+            depends how long it rested; None for one that has long gone at its first speed.
+    """
+    h, steps = STEP, len(field.push)
+    p, v = start[:2], start[2:]
+    places, speeds = np.empty((2, steps, *p.shape))
+    places[0], speeds[0] = p, v
+    speed = np.hypot(v[0], v[1])
+    age = _age_at_start(friction, speed, paces) if friction.ageing else None
+    per_arm = (model.c1 / model.radius) * field.normal
+    grip = max(grip, h)
+    # arrays that are written again in every step: making them anew would cost as much as the sums
+    a, later, pull, spare = np.empty((4, *p.shape))
+
+    def forced(n: int) -> tuple[Array, Array]:
+        return gain * field.push[n], gain * (field.tilt[n] * level)
+
+    def free(n: int, p: Array, v: Array, by: tuple[Array, Array], out: Array) -> Array:
+        np.multiply(field.own[n], p, out=out)
+        out += by[0]
+        out += np.multiply(field.cross[n], p[::-1], out=spare)
+        out += np.multiply(field.turn[n], v[::-1], out=spare)
+        out += by[1]
+        return out
+
+    def slowed(v: Array, most: Array) -> Array:
+        taken = np.minimum(1.0, most / strength)
+        np.subtract(a, np.multiply(pull, taken, out=spare), out=spare)
+        return np.asarray(v + np.multiply(h, spare, out=spare))
+
+    constant = friction.constant
+    here = forced(0)
+    for n in range(steps - 1):
+        free(n, p, v, here, a)
+        here = forced(n + 1)
+        a += free(n + 1, p + h * v, v + h * a, here, later)
+        a /= 2
+        np.divide(v, grip, out=pull)
+        pull += a
+        strength = np.maximum(np.hypot(pull[0], pull[1]), 1e-300)
+        place = p if friction.map is None else np.moveaxis(p, 0, -1)
+        most = per_arm[n] * friction.arm(speed, place, age)
+        after = slowed(v, most)
+        left = np.hypot(after[0], after[1])
+        if not constant:
+            most = np.where(
+                left > 0, per_arm[n] * friction.arm((speed + left) / 2, place, age), most
+            )
+            after = slowed(v, most)
+            left = np.hypot(after[0], after[1])
+        if age is not None:
+            age = friction.aged(age, (speed + left) / 2, h)
+        p = p + (h / 2) * (v + after)
+        v, speed = after, left
+        places[n + 1], speeds[n + 1] = p, v
+    return places, speeds
+
+
+def _age_at_start(friction: Friction, speed: Array, paces: Array | None) -> Array:
+    """Age of contacts of speeds in m/s, shape (C, W), that have gone at ``paces`` before."""
+    if paces is None:
+        return friction.settled(speed)
+    any_lane = np.zeros_like(speed)
+    age = friction.settled(any_lane + paces[:, 0])
+    for pace in paces.T:
+        age = friction.aged(age, any_lane + pace, PACE)
+    return age
+
+
+def _steps_first(values: Array) -> Array:
+    """From (W, N, 2) to (N, 2, 1, W)."""
+    return np.ascontiguousarray(np.moveaxis(values, (1, 2), (0, 1))[:, :, None])
+
 
 LOOKBACK = 0.15
 """Each replay begins this long before its samples, in s: no fit finds a longer delay."""
 BIN = 0.016
 """Ball samples within this time in s are averaged."""
-BY_WINDOW = ("begin", "resting", "paces", "time", "ball", "weight")
-"""What of ``Windows`` has one entry per window first."""
 
 
 class Spans(NamedTuple):
@@ -40,97 +200,107 @@ class Spans(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Windows:
-    """W parts of a log, each with up to B averaged ball samples.
+class SampleWindows:
+    """W windows with up to B averaged samples each of the ball along A axes.
 
     Attributes:
-        begin: When the replay of each begins, s, shape (W,).
-        resting: Whether the ball then rests, shape (W,).
-        paces: Speeds of the ball over the last seconds before, ``PACE`` apart, m/s, shape (W, K).
-        field: What accelerates the ball.
+        begin: When each begins, s, shape (W,).
         time: When the samples were taken, s from ``begin``, shape (W, B).
-        ball: x and y in m, shape (W, B, 2).
-        weight: One over the standard deviation of each, 0 where there is none, shape (W, B, 2).
+        ball: Positions in m, shape (W, B, A).
+        weight: One over the standard deviation of each, 0 where there is none, shape (W, B, A).
     """
 
     begin: Array
-    resting: Mask
-    paces: Array
-    field: AccelerationField
     time: Array
     ball: Array
     weight: Array
+    by_window: ClassVar[tuple[str, ...]] = ("begin", "time", "ball", "weight")
 
     def __len__(self) -> int:
         """Number of windows."""
         return len(self.begin)
 
+    @property
+    def size(self) -> Array:
+        """Number of values in each window, at least 1, shape (W,)."""
+        return np.asarray(np.maximum((self.weight > 0).sum(axis=(1, 2)), 1))
+
+    def take(self, which: Mask) -> Self:
+        """Some of the windows."""
+        return replace(self, **{name: getattr(self, name)[which] for name in self.by_window})
+
+
+def averaged(
+    row: NDArray[np.intp], place: NDArray[np.intp], windows: int, bins: int, *values: Array
+) -> Iterator[Array]:
+    """Means of values, shape (K,) each, over the bins of windows, and how many: all (W, bins)."""
+    slot = row * bins + place
+    count = np.bincount(slot, minlength=windows * bins).astype(float)
+    for each in values:
+        yield (np.bincount(slot, each, count.size) / np.maximum(count, 1)).reshape(-1, bins)
+    yield count.reshape(-1, bins)
+
+
+@dataclass(frozen=True)
+class Windows(SampleWindows):
+    """W parts of a log, along x and y.
+
+    Attributes:
+        resting: Whether the ball rests at the beginning, shape (W,).
+        paces: Speeds of the ball over the last seconds before, ``PACE`` apart, m/s, shape (W, K).
+        field: What accelerates the ball.
+    """
+
+    resting: Mask
+    paces: Array
+    field: AccelerationField
+    by_window = (*SampleWindows.by_window, "resting", "paces")
+
     @classmethod
     def of(
-        cls,
-        model: BallPlate,
-        motion: PlateMotion,
-        segment: Segment,
-        spans: Spans,
-        sigma: Array,
-        longest: float,
+        cls, log: PreparedLog, segment: Segment, spans: Spans, lag: float, longest: float
     ) -> Windows:
         """The windows of a segment, replays beginning ``LOOKBACK`` before the spans.
 
         Args:
-            model: Ball parameters.
-            motion: What the plate did.
+            log: Of which it is a part.
             segment: The ball samples.
             spans: Where the windows are.
-            sigma: Standard deviation of a sample along x and y in m, shape (2,).
+            lag: Time constant of the drives in s.
             longest: Room for windows of up to this time in s.
         """
         begin = spans.begin - LOOKBACK
         grid = begin[:, None] + STEP * np.arange(round((LOOKBACK + longest) / STEP) + 1)
-        angle, rate = (
-            interpolated(grid, motion.time, values) for values in (motion.angle, motion.rate)
-        )
+        motion = plate_motion(segment, lag, log.own_lag)
+        angle, rate = (interpolated(grid, segment.time, values) for values in motion)
         bins = round(longest / BIN)
         place = np.floor((segment.sampled - spans.begin[:, None]) / BIN + 1e-6).astype(int)
         row, sample = np.nonzero((place >= 0) & (place < np.round(spans.length / BIN)[:, None]))
-        slot = row * bins + place[row, sample]
-        count = np.bincount(slot, minlength=len(begin) * bins).astype(float)
-        time, x, y = (
-            (np.bincount(slot, values, count.size) / np.maximum(count, 1)).reshape(-1, bins)
-            for values in (segment.sampled[sample] - begin[row], *segment.ball[sample].T)
-        )
+        values = (segment.sampled[sample] - begin[row], *segment.ball[sample].T)
+        time, x, y, count = averaged(row, place[row, sample], len(begin), bins, *values)
         return cls(
             begin,
-            spans.resting,
-            paces(segment, begin),
-            AccelerationField.of(model, angle, rate),
             time,
             np.stack((x, y), axis=-1),
-            np.sqrt(count).reshape(-1, bins, 1) / sigma,
+            np.sqrt(count)[..., None] / log.sigma,
+            spans.resting,
+            paces(segment, begin),
+            AccelerationField.of(log.model, angle, rate),
         )
 
-    def take(self, which: Mask) -> Windows:
+    def take(self, which: Mask) -> Self:
         """Some of the windows."""
         field = AccelerationField(*(values[..., which] for values in self.field))
-        return Windows(field=field, **{name: getattr(self, name)[which] for name in BY_WINDOW})
+        return replace(super().take(which), field=field)
 
     @classmethod
     def join(cls, parts: Sequence[Windows]) -> Windows:
         """All windows of several segments."""
         every = zip(*(part.field for part in parts), strict=True)
         field = AccelerationField(*(np.concatenate(values, axis=-1) for values in every))
-        rest = {name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_WINDOW}
+        names = cls.by_window
+        rest = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         return cls(field=field, **rest)
-
-    def resisted(self, share: Array) -> Windows:
-        """The windows if friction is more or less at times: by a share at each step, (W, N)."""
-        normal = self.field.normal * np.maximum(share, 0.0).T[: len(self.field.normal), None]
-        return replace(self, field=self.field._replace(normal=normal))
-
-    @property
-    def size(self) -> Array:
-        """Number of values in each window, at least 1, shape (W,)."""
-        return np.asarray(np.maximum((self.weight > 0).sum(axis=(1, 2)), 1))
 
     def at_samples(self, places: Array, speeds: Array, delay: Array) -> tuple[Array, Array]:
         """What the screen would have reported, with its rate, both shape (C, W, B, 2).
@@ -179,8 +349,7 @@ def cut(
         begin, end = segment.time[0] + LOOKBACK, min(segment.time[-1], segment.sampled[-1])
         spans = choose(segment, begin, end, longest)
         if len(spans.begin):
-            motion = plate_motion(segment, lag, log.own_lag)
-            parts.append(Windows.of(log.model, motion, segment, spans, log.sigma, longest))
+            parts.append(Windows.of(log, segment, spans, lag, longest))
     return Windows.join(parts) if parts else None
 
 
@@ -217,3 +386,39 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
         at = last
     columns = np.array(found, dtype=float).reshape(-1, 3)
     return Spans(columns[:, 0], columns[:, 1], columns[:, 2] > 0)
+
+
+SHORT = 0.4
+"""Least share of the longest window that a window has."""
+
+
+def axis_windows(log: AxisLog, begin: Array, end: Array) -> SampleWindows:
+    """The windows of an axis between two times in s each, (W,); weights are of one sample in m."""
+    bins = int(np.ceil(float(np.max(end - begin, initial=BIN)) / BIN - 1e-6))
+    first, stop = np.searchsorted(log.sampled, np.stack((begin - 1e-9, end)))
+    row = np.repeat(np.arange(len(begin)), stop - first)
+    each = zip(first, stop, strict=True)
+    sample = np.concatenate([np.zeros(0, int), *(np.arange(*ends) for ends in each)])
+    since = log.sampled[sample] - begin[row]
+    place = np.minimum(np.floor(since / BIN + 1e-6).astype(int), bins - 1)
+    time, ball, count = averaged(row, place, len(begin), bins, since, log.ball[sample])
+    return SampleWindows(begin, time, ball[..., None], np.sqrt(count)[..., None])
+
+
+def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:
+    """Beginnings and ends of windows one after another, s: none goes over a gap of the samples."""
+    time, found = log.sampled, list[tuple[float, float]]()
+    step = float(np.median(np.diff(time))) if len(time) > 1 else GAP
+    borders = np.concatenate(([0], np.flatnonzero(np.diff(time) > GAP) + 1, [len(time)]))
+    for first, stop in pairwise(borders):
+        here = time[first:stop]
+        length = float(here[-1] - here[0]) if len(here) else 0.0
+        if length < SHORT * longest:
+            continue
+        edges = np.linspace(here[0], here[-1] + step / 2, int(np.ceil(length / longest)) + 1)
+        for begin, end in pairwise(edges):
+            inside = here[(here >= begin) & (here < end)]
+            if len(inside) >= max(6, 0.3 * (end - begin) / step):
+                found.append((float(inside[0]), float(end)))
+    pairs = np.array(found).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]

@@ -15,6 +15,7 @@ import json
 import math
 import os
 import pickle
+import pwd
 import resource
 import struct
 import sys
@@ -42,6 +43,9 @@ CLOSED = ("mujoco", "twin.sim", "twin.lab", "twin.hal", "twin.devices", "twin.em
 STARTING = ("os.fork", "os.exec", "os.posix_spawn", "os.system", "subprocess.", "pty.spawn")
 READ_FILE, READ_FOLDER, EXECUTE = 1 << 2, 1 << 3, 1 << 0
 """Rights of Landlock (linux/landlock.h)."""
+READ_ALL, PASS_ALL = 1 << 2, 1 << 1
+"""Capabilities (linux/capability.h): CAP_DAC_READ_SEARCH, and CAP_DAC_OVERRIDE, where root has no
+other, as in a container."""
 PICKLED, NUMBERS = b"*", b"="
 """What begins a pickle, and the bytes of an array; what is asked in every period begins with its
 first letter."""
@@ -85,12 +89,14 @@ def limit(seconds: int) -> None:
     """Leave this process little more than its own thoughts, for good.
 
     Limits of the system, where it has them: processor time, memory, length of files; on Linux,
-    which files may be read (Landlock), no network and no signals to others. A hook of the
-    interpreter, which gives its reasons: no processes, and no import of what simulates.
+    another user than root, which files may be read (Landlock), no network and no signals to
+    others. A hook of the interpreter, which gives its reasons: no processes, and no import of what
+    simulates.
     """
     bounds = {"CPU": seconds, "FSIZE": MOST_PRINTED, "AS": MEMORY, "NPROC": 0, "CORE": 0}
     for name, bound in bounds.items():
         resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (bound, bound))
+    be_nobody()
     shut_in()
 
     def refuse(event: str, given: tuple[Any, ...]) -> None:
@@ -100,6 +106,38 @@ def limit(seconds: int) -> None:
             raise ImportError(f"{given[0]} is the grader's: an answer may not import it")
 
     sys.addaudithook(refuse)
+
+
+def be_nobody() -> None:
+    """Where root grades, on Linux: go on as a user who owns nothing but this process's own folder.
+
+    Of root's capabilities none is left, or that to read, where what it needs lies in a folder that
+    is closed to others; Landlock narrows it.
+    """
+    if sys.platform != "linux" or os.geteuid():
+        return
+    folders = {folder for each in readable() for folder in Path(each).resolve().parents}
+    closed = any(not folder.stat().st_mode & 1 for folder in folders)
+    libc = ctypes.CDLL(None)
+    with suppress(KeyError, OSError):  # no such user, or root may not change: as before
+        nobody = pwd.getpwnam("nobody")
+        os.chown(".", nobody.pw_uid, nobody.pw_gid)
+        libc.prctl(8, 1, 0, 0, 0)  # keeps what is permitted until it is chosen from
+        os.setgroups([])
+        os.setgid(nobody.pw_gid)
+        os.setuid(nobody.pw_uid)
+        for left in (READ_ALL, PASS_ALL, 0) if closed else (0,):
+            chosen = struct.pack("6I", left, left, *4 * [0])
+            if libc.capset(struct.pack("Ii", 0x20080522, 0), chosen) == 0:
+                break
+
+
+def readable() -> list[str]:
+    """What this process needs to read: Python, its packages, and ours."""
+    home, packages = Path(twin.__file__).parent, Path(np.__file__).parents[1]
+    ours = (home, home.parent / "ballplate", Path(inspect.getfile(Law)).parent, packages)
+    theirs = (sys.prefix, sys.base_prefix, "/usr", "/lib", "/lib64", "/dev/urandom")
+    return [*map(str, ours), *theirs]
 
 
 def shut_in() -> bool:
@@ -117,10 +155,7 @@ def shut_in() -> bool:
     # a system that knows fewer rights takes zeros for those to come
     rules = struct.pack("<QQQ", every, 3 if version >= 4 else 0, 3 if version >= 6 else 0)
     ruleset = libc.syscall(444, rules, ctypes.c_size_t(len(rules)), 0)
-    home, packages = Path(twin.__file__).parent, Path(np.__file__).parents[1]
-    ours = (home, home.parent / "ballplate", Path(inspect.getfile(Law)).parent, packages)
-    theirs = (sys.prefix, sys.base_prefix, "/usr", "/lib", "/lib64", "/dev/urandom")
-    seen = dict.fromkeys(map(str, (*ours, *theirs)), READ_FILE | READ_FOLDER | EXECUTE)
+    seen = dict.fromkeys(readable(), READ_FILE | READ_FOLDER | EXECUTE)
     for path, rights in {**seen, ".": every}.items():
         with suppress(OSError):
             place = os.open(path, os.O_PATH)

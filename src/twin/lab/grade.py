@@ -19,11 +19,22 @@ import numpy as np
 from twin.data_file import DataError, parse_json
 from twin.errors import ScenarioError, TwinError, nearest
 from twin.jobs import results
-from twin.lab.forms import written
 from twin.lab.judge import Judge, digest_of, judged
-from twin.lab.pages import of_student
-from twin.lab.schema import CheckTable, Lab, trusted
-from twin.lab.variants import LOG, RIG, Deal, deal, filled, had_again, record, starter, toml
+from twin.lab.pages import of_student, written
+from twin.lab.schema import (
+    LOG,
+    RIG,
+    CheckTable,
+    Deal,
+    Lab,
+    deal,
+    filled,
+    had_again,
+    record,
+    starter,
+    toml,
+    trusted,
+)
 from twin.page import Verdict, html
 from twin.report.numbers import flat
 from twin.study.work import code, digest

@@ -15,8 +15,7 @@ import numpy as np
 
 from twin.errors import LawError, ScenarioError, TwinError, nearest, shortened
 from twin.lab.process import NAME, AnswerProcess, answering
-from twin.lab.schema import AnswerTable, CheckTable, Lab, trusted
-from twin.lab.variants import Deal, seen
+from twin.lab.schema import AnswerTable, CheckTable, Deal, Lab, seen, trusted
 from twin.report.numbers import in_json
 from twin.run.finished import Run, run
 from twin.run.indicators import UNITS

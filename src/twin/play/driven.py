@@ -15,14 +15,12 @@ from controllers.interfaces import Law, Measurement, Reference
 from controllers.references import Setpoints
 from twin.errors import ScenarioError
 from twin.hal.rig import Entry
-from twin.run.assemble import assemble, build_controller, build_reference
+from twin.run.assemble import RigChanges, assemble, build_controller, build_reference
 from twin.run.finished import Run, save
 from twin.run.loop import Outcome
-from twin.run.plants import RigChanges
 from twin.run.record import Recorder
 from twin.run.state import MOST, Snapshot
-from twin.scenario.changing import at_time
-from twin.scenario.load import check, clean, put
+from twin.scenario.load import at_time, check, clean, put
 from twin.scenario.schema import JUMPS, RAMPS, SLACK, Change, Scenario, choices
 from twin.whatif.futures import CONTROL
 from twin.whatif.moment import take_over

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
-from functools import partial
 from time import monotonic
 from typing import Any, NamedTuple
 
@@ -64,14 +62,9 @@ class Plate(Drawn, component="plate.js"):
     def __init__(self, area: tuple[float, float], goal: Moved, push: Moved) -> None:
         sizes = {"size": SCREEN, "area": area}
         millimetres = {name: [1000 * each for each in sides] for name, sides in sizes.items()}
-        super().__init__(**millimetres, drives=False)
+        super().__init__(**millimetres)
         self.on("goal", lambda event: _called(goal, event.args))
         self.on("push", lambda event: _called(push, event.args))
-
-    def let_drive(self, drives: bool) -> None:
-        """Whether who looks may drag."""
-        self.props["drives"] = drives
-        self.update()
 
 
 class Sides(Drawn, component="tilt.js"):
@@ -124,24 +117,6 @@ PLANT, (PREDICTOR,) = (
 )
 
 
-class Gain(NamedTuple):
-    """A number of a law or an observer that a slider multiplies.
-
-    Attributes:
-        key: Of the scenario.
-        entry: Which of its numbers; None if it has one.
-        label: In words.
-        value: As it is now.
-        help: What it is, in words; of several numbers of a key the first has it.
-    """
-
-    key: str
-    entry: int | None
-    label: str
-    value: float
-    help: str = ""
-
-
 def value_in(tables: Mapping[str, Any], key: str, entry: int | None = None) -> Any:
     """The value of a dotted key, or one of its numbers; None if there is none."""
     value: Any = tables
@@ -165,49 +140,47 @@ def shown_by(tables: Mapping[str, Any], slider: Slider) -> float:
     return slider.scale * float(value_in(tables, slider.key, slider.entry))
 
 
-def multiplied(found: Sequence[Gain], gain: Gain, factor: float) -> dict[str, Any]:
-    """The setting in which one of the numbers found is multiplied."""
-    values = [
-        each.value * (factor if each == gain else 1.0) for each in found if each.key == gain.key
-    ]
-    return {gain.key: values[0] if gain.entry is None else values}
-
-
 def sliders(tables: Mapping[str, Any]) -> list[Slider]:
     """The sliders of a scenario's plant, sensors and predictor."""
     predictor = [] if tables.get("predictor") is None else [PREDICTOR]
     return [*PLANT, *predictor]
 
 
-def gains(tables: Mapping[str, Any], table: str) -> list[Gain]:
-    """The numbers of the present law or observer other than 0, as written or by default.
+def complete(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """A scenario's tables in which law and observer have what they have by default, too."""
+    own = {}
+    for table in ("controller", "observer"):
+        known = fields(choices(table)[tables[table]["kind"]])
+        own[table] = {item.name: item.default for item in known if item.init} | tables[table]
+    return {**tables, **own}
+
+
+def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
+    """Sliders of the numbers of the present law or observer, from a quarter of each to four times.
 
     Args:
-        tables: A scenario's.
+        tables: Those of a scenario, complete.
         table: ``controller`` or ``observer``.
     """
     present = tables[table]
-    cls = choices(table)[present["kind"]]
     given = {item.name for base in (Law, Observer, DelayedObserver) for item in fields(base)}
-    found: list[Gain] = []
     meanings = {each.key: each.meaning for each in every_kind()[f"{table}.{present['kind']}"]}
-    for item in fields(cls):
-        if item.name in given or not item.init:
-            continue
-        value = present.get(item.name, item.default)
+    found: list[Slider] = []
+    for item in fields(choices(table)[present["kind"]]):
+        value = present.get(item.name)
         several = isinstance(value, list | tuple)
         numbers = list(value) if several else [value]
         replaced = item.name == "poles" and present.get("gains") is not None
-        if replaced or not all(map(_multipliable, numbers)):
+        if item.name in given or replaced or not all(map(_multipliable, numbers)):
             continue
         key = f"{table}.{item.name}"
-        meaning = meanings.get(key, "")
-        labels = [item.name]
-        if several:
-            labels = [f"{item.name}: {part}" for part in _parts(meaning, len(numbers))]
-        for entry, (label, number) in enumerate(zip(labels, numbers, strict=True)):
-            more = "" if entry else meaning
-            found.append(Gain(key, entry if several else None, label, float(number), more))
+        for entry, number in enumerate(numbers):
+            low, high = sorted((number / WIDEST, number * WIDEST))
+            label = f"{item.name} {entry + 1}" if several else item.name
+            meaning = "" if entry else meanings.get(key, "")
+            found.append(
+                Slider(key, entry if several else None, label, "", 1, low, high, 0, meaning)
+            )
     return found
 
 
@@ -216,24 +189,15 @@ def _multipliable(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and value != 0
 
 
-def _parts(meaning: str, count: int) -> list[str]:
-    """What each of a key's numbers is, if its meaning lists as many things; else their numbers."""
-    for listed in re.findall(r"\(([^()]+,[^()]+)\)|(?:of|on) ([^;:.]+)", meaning):
-        whole = re.sub(r" in [^,]*$", "", "".join(listed))
-        for text in (whole, whole.partition(",")[0]):  # a comma may be followed by units
-            parts = re.split(r",? and |, ", text)
-            if len(parts) == count:
-                return [part.removeprefix("the ") for part in parts]
-    return [str(number) for number in range(1, count + 1)]
-
-
 Do = Callable[[Event], None]
-WIDEST = 2.0
-"""A gain's slider goes from 1/4 to 4 times its value: so many powers of two either way."""
+WIDEST = 4.0
+"""A gain's slider goes from its value over this to so many times its value."""
 SETTLED = 0.5
 """Seconds after which a slider is no longer being moved."""
 THROTTLE = 0.05
 """Seconds from one value of a moving slider to the next that is sent."""
+MOVING, MOVED = "update:model-value", "change"
+"""Events of a slider."""
 
 
 class Page:
@@ -242,18 +206,16 @@ class Page:
     Args:
         status: How things are.
         area: Operating area |x|, |y| in m.
-        do: Lets something happen, if this browser drives.
-        save: Saves what was driven, if this browser drives.
+        do: Lets something happen.
+        save: Saves what was driven.
     """
 
     def __init__(
         self, status: Status, area: tuple[float, float], do: Do, save: Callable[[], None]
     ) -> None:
         self._status, self._do, self._save = status, do, save
-        self._inputs: list[Any] = []
+        self._tables = complete(status.tables)
         self._sliders: list[tuple[Slider, Any, Any]] = []
-        self._drives = False
-        self._others = -1
         self._touched = 0.0
         ui.query("body").style("background:#eef1f4")
         ui.query(".nicegui-content").style("padding:.6rem;gap:.5rem")
@@ -264,8 +226,7 @@ class Page:
             ui.space()
             figures = "font-variant-numeric:tabular-nums"
             self._error = ui.label().style(figures).props("data-testid=error")
-            self._clock = ui.label().style(figures).mark("clock")
-            self._role = ui.label().style("color:#5b6770").mark("role")
+            self._clock = ui.label().style(figures)
         # what does not fit beside each other, on a phone, stands below each other
         with ui.row().style("width:100%;gap:1rem;align-items:stretch"):
             with ui.column().style("flex:99 1 20rem;min-width:0;gap:.5rem"):
@@ -280,7 +241,7 @@ class Page:
                     self.strips = Strips(strips=STRIPS).style("width:100%;height:100%")
             with ui.card().style("flex:1 1 20rem;gap:.35rem;padding:.8rem"):
                 self._choices()
-        self._say(status)
+        self._say()
 
     def _legend(self) -> None:
         sign = "display:inline-block;width:.9rem;height:.9rem;border-radius:50%;margin-right:.3rem"
@@ -291,101 +252,83 @@ class Page:
 
     def _buttons(self) -> None:
         with ui.row().classes("items-center").style("width:100%;gap:.5rem"):
-            self._pause = self._button("Pause", "pause", self._turn_pause, "pause")
+            turn = lambda: self._do(Pause(not self._status.paused))  # noqa: E731
+            self._pause = self._button("Pause", "pause", turn, "pause")
             self._button("Back 1 s", "replay", lambda: self._do(Back(1.0)), "back")
             self._button("Back 5 s", "replay_5", lambda: self._do(Back(5.0)), "back-5")
-            start = partial(self._do, Back(math.inf))
-            self._button("To the start", "first_page", start, "start")
+            self._button("To the start", "first_page", lambda: self._do(Back(math.inf)), "start")
             self._button("Save run", "save", self._save, "save")
-            self._message = ui.label().style("font-size:.9rem").mark("message")
+            self._message = ui.label().style("font-size:.9rem")
 
     def _button(self, text: str, icon: str, act: Callable[[], None], mark: str) -> Any:
-        button = ui.button(text, icon=icon, on_click=lambda _: act()).props(
-            f"dense no-caps outline data-testid={mark}"
-        )
-        self._inputs.append(button)
-        return button.style("padding:.1rem .6rem")
+        button = ui.button(text, icon=icon, on_click=lambda _: act()).style("padding:.1rem .6rem")
+        return button.props(f"dense no-caps outline data-testid={mark}")
 
     def _choices(self) -> None:
-        present = value_in(self._status.tables, "controller.kind")
+        present = value_in(self._tables, "controller.kind")
         known = choices("controller").items()
         laws = [name for name, law in known if drivable(law) or name == present]
         ui.label("Rig").style("font-weight:600")
-        for slider in sliders(self._status.tables):
-            self._slider(slider)
+        for slider in sliders(self._tables):
+            with ui.column().style("width:100%;gap:0").tooltip(slider.help):
+                self._sliders.append((slider, *self._slider(slider, MOVING)))
         ui.separator()
         self._law = self._select("Law", laws, "controller.kind")
-        self._law_gains = ui.column().style("width:100%;gap:0")
-        observers = list(choices("observer"))
-        self._observer = self._select("Observer", observers, "observer.kind")
+        law_gains = ui.column().style("width:100%;gap:0")
+        self._observer = self._select("Observer", list(choices("observer")), "observer.kind")
         with ui.expansion("Observer's numbers").style("width:100%").props("dense"):
-            self._observer_gains = ui.column().style("width:100%;gap:0")
+            self._gains = {"controller": law_gains, "observer": ui.column().style("gap:0")}
         self._shown_gains: dict[str, Any] = {}
 
-    def _select(self, label: str, options: Sequence[str], key: str) -> Any:
-        select = ui.select(list(options), label=label, value=value_in(self._status.tables, key))
-        select.props(f"dense outlined options-dense data-testid={key}").style("width:100%")
-        select.on_value_change(lambda event: self._choose(key, event.value))
-        self._inputs.append(select)
-        return select
+    def _select(self, label: str, options: list[str], key: str) -> Any:
+        def choose(event: Any) -> None:
+            if event.value != value_in(self._tables, key):
+                self._do(Settings({key: event.value}))
 
-    def _choose(self, key: str, value: str) -> None:
-        if value != value_in(self._status.tables, key):
-            self._do(Settings({key: value}))
+        select = ui.select(
+            options, label=label, value=value_in(self._tables, key), on_change=choose
+        )
+        return select.props(f"dense outlined options-dense data-testid={key}").style("width:100%")
 
-    def _bar(
-        self, label: str, name: str, ends: tuple[float, float, float], caption: str = ""
-    ) -> tuple[Any, Any]:
-        """A slider from an end to another in steps, under its label and beside it its value."""
-        if caption:
-            ui.label(caption).style("font-size:.72rem;line-height:1.25;color:#5b6770")
+    def _slider(self, slider: Slider, when: str) -> tuple[Any, Any]:
+        """A slider and its number; its setting is sent at an event, moving or moved."""
         with ui.row().classes("justify-between").style("width:100%;font-size:.85rem"):
-            ui.label(label)
+            ui.label(slider.label)
             text = ui.label()
-        low, high, step = ends
-        bar = ui.slider(min=low, max=high, step=step, value=min(max(0.0, low), high))
-        return bar.props(f'dense data-testid="{name}"'), text
+        bar = ui.slider(min=slider.low, max=slider.high, step=slider.step)
+        entry = "" if slider.entry is None else f".{slider.entry}"
+        bar.props(f'dense data-testid="{slider.key}{entry}"')
 
-    def _slider(self, slider: Slider) -> None:
-        name = f"{slider.key}" + ("" if slider.entry is None else f".{slider.entry}")
-        with ui.column().style("width:100%;gap:0").tooltip(slider.help):
-            bar, text = self._bar(slider.label, name, (slider.low, slider.high, slider.step))
-
-        def act(event: Any) -> None:
+        def show(event: Any) -> None:
             self._touched = monotonic()
             text.text = _number(float(event.args), slider.unit)
-            self._do(Settings(moved(self._status.tables, slider, float(event.args))))
 
-        bar.on("update:model-value", act, throttle=THROTTLE)
-        self._inputs.append(bar)
-        self._sliders.append((slider, bar, text))
+        def act(event: Any) -> None:
+            self._do(Settings(moved(self._tables, slider, float(event.args))))
 
-    def _show_gains(self, table: str, column: Any) -> None:
+        bar.on(MOVING, show, throttle=THROTTLE)
+        bar.on(when, act, throttle=THROTTLE)
+        self._set(slider, bar, text)
+        return bar, text
+
+    def _set(self, slider: Slider, bar: Any, text: Any) -> None:
+        """Let a slider show what is."""
+        bar.value = shown_by(self._tables, slider)
+        text.text = _number(bar.value, slider.unit)
+
+    def _show_gains(self, table: str) -> None:
         """Sliders of what the present law or observer has for numbers."""
-        present = self._status.tables[table]
+        present = self._tables[table]
         if self._shown_gains.get(table) == present:
             return
         self._shown_gains[table] = present
-        found = gains(self._status.tables, table)
-        column.clear()
-        with column:
-            for gain in found:
-                ends = (-WIDEST, WIDEST, 0.1)
-                bar, text = self._bar(gain.label, gain.label, ends, gain.help)
-                text.text = f"{gain.value:.4g}"
-
-                def told(event: Any, text: Any = text, value: float = gain.value) -> None:
-                    text.text = f"{value * 2 ** float(event.args):.4g}"
-
-                def act(event: Any, found: Any = found, gain: Any = gain) -> None:
-                    self._do(Settings(multiplied(found, gain, 2 ** float(event.args))))
-
-                bar.on("update:model-value", told, throttle=THROTTLE)
-                bar.on("change", act)
-                bar.set_enabled(self._drives)
-
-    def _turn_pause(self) -> None:
-        self._do(Pause(not self._status.paused))
+        self._gains[table].clear()
+        with self._gains[table]:
+            for gain in gains(self._tables, table):
+                if gain.help:
+                    about = ui.label(gain.help)
+                    about.style("font-size:.72rem;line-height:1.25;color:#5b6770")
+                self._slider(gain, MOVED)
 
     def show(self, rows: list[list[float]], errors: Errors) -> None:
         """Show pictures, oldest first, and the errors so far."""
@@ -397,44 +340,31 @@ class Page:
         self._error.text = f"error {1000 * now['error']:.0f} mm, RMS so far {rig} (clean {clean})"
         self._clock.text = f"{now['time']:.1f} s, {now['factor']:.2f} × real time"
 
-    def say(self, status: Status, *, drives: bool, others: int) -> None:
-        """Say how things are, and whether this browser drives."""
-        if drives != self._drives or others != self._others:
-            self._drives, self._others = drives, others
-            self.plate.let_drive(drives)
-            for each in self._inputs:
-                each.set_enabled(drives)
-            self._shown_gains.clear()
-            more = f", {others} more look" if others > 1 else f"{', 1 more looks' * others}"
-            self._role.text = f"you drive{more}" if drives else "you look: another browser drives"
-        if status is not self._status:
-            self._say(status)
-        elif self._touched and monotonic() - self._touched > SETTLED:
+    def say(self, status: Status) -> None:
+        """Say how things are."""
+        settled = self._touched and monotonic() - self._touched > SETTLED
+        if settled:
             self._touched = 0.0
-            self._set_sliders()
+        if settled or status is not self._status:
+            self._status, self._tables = status, complete(status.tables)
+            self._say()
 
-    def _say(self, status: Status) -> None:
-        self._status = status
+    def _say(self) -> None:
+        status = self._status
         self._ended.text = f"The run has ended: {status.ended}" if status.ended else ""
         self._pause.set_text("Go on" if status.paused else "Pause")
         self._pause.props(f"icon={'play_arrow' if status.paused else 'pause'}")
         self._message.text = status.message
         self._message.style(f"color:{'#b00020' if status.wrong else '#37424a'}")
-        if not self._touched:
-            self._set_sliders()
-        self._law.value = value_in(status.tables, "controller.kind")
-        self._observer.value = value_in(status.tables, "observer.kind")
-        self._show_gains("controller", self._law_gains)
-        self._show_gains("observer", self._observer_gains)
-
-    def _set_sliders(self) -> None:
-        """Let the sliders show what is, unless one is just being moved."""
-        for slider, bar, text in self._sliders:
-            value = shown_by(self._status.tables, slider)
-            text.text = _number(value, slider.unit)
-            bar.value = value
+        if not self._touched:  # else one is just being moved
+            for each in self._sliders:
+                self._set(*each)
+        self._law.value = value_in(self._tables, "controller.kind")
+        self._observer.value = value_in(self._tables, "observer.kind")
+        for table in self._gains:
+            self._show_gains(table)
 
 
 def _number(value: float, unit: str) -> str:
     """A value of a slider with its unit."""
-    return f"{value:.3g} {unit}"
+    return f"{value:.4g} {unit}"

@@ -1,143 +1,246 @@
-"""The server of the page: on this machine, unless another address is asked for; one drives."""
+"""The page's server, and the simulation in a process of its own that neither stalls."""
 
 from __future__ import annotations
 
 import asyncio
-import errno
-import hmac
-import ipaddress
-import secrets
+import math
+import multiprocessing
 import socket
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Sequence
+from multiprocessing.connection import Connection
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from twin.errors import ViewError
-from twin.play.process import Simulation
-from twin.play.session import Errors, Event, Pause, Save
+from controllers import catalog
+from controllers.arrays import Array
+from twin.errors import TwinError, ViewError
+from twin.jobs import SecondProcess, let_go, settle, undisturbed
+from twin.play.driven import Part, save_driven
+from twin.play.session import COLUMNS, End, Errors, Event, Pause, Save, Session, Status, Told
 from twin.run.files import free, slug
 from twin.scenario.schema import Scenario
+from twin.view.live_process import SharedRingBuffer
+
+ROWS = 1024
+"""Pictures that wait to be fetched: 20 s of them."""
+START = 60.0
+"""Seconds that the process may take to start."""
+LAST = 30.0
+"""Seconds that it may take to end, with what is still to be saved."""
+
+
+class Failure(str):
+    """Why the simulation could not begin, or go on, in a line."""
+
+    __slots__ = ()
+
+
+class Simulation:
+    """A driven rig in another process, where time stands still until it is let go on.
+
+    Args:
+        scenario: What to begin with.
+
+    Raises:
+        TwinError: If it cannot be driven by hand.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._ring = SharedRingBuffer(ROWS, len(COLUMNS))
+        self._ring.name(COLUMNS)
+        context = multiprocessing.get_context("spawn")
+        self._pipe, its = context.Pipe()
+        self._process = context.Process(target=_work, args=(self._ring.address, scenario, its))
+        self.failure: Failure | None = None
+        """Why it ended by itself."""
+        with undisturbed():
+            self._process.start()
+        its.close()
+        begun = monotonic()
+        said: list[Status] = []
+        try:
+            while not said and self.failure is None:
+                said = self.news(wait=0.1)
+                if monotonic() - begun > START:
+                    raise TwinError(f"the simulation does not start within {START:g} s")
+            if self.failure is not None:
+                raise TwinError(self.failure)
+        except BaseException:
+            self.close()
+            raise
+        self.first: Status = said[-1]
+        """How things are to begin with."""
+
+    def send(self, event: Event) -> None:
+        """Let something happen."""
+        try:
+            self._pipe.send(event)
+        except OSError:
+            self._fail("the simulation's process was ended")
+
+    def pictures(self) -> Array:
+        """The pictures since the last call, shape (K, len(COLUMNS))."""
+        return self._ring.take()
+
+    def news(self, wait: float = 0.0) -> list[Status]:
+        """What is to be said since the last call, oldest first."""
+        found: list[Status] = []
+        try:
+            while self._pipe.poll(wait):
+                said = self._pipe.recv()
+                wait = 0.0
+                if isinstance(said, Failure):
+                    self._fail(said)
+                else:
+                    found.append(said)
+        except (EOFError, OSError):
+            self._fail("the simulation's process was ended")
+        return found
+
+    def _fail(self, why: str) -> None:
+        self.failure = self.failure or Failure(why)
+
+    def close(self, folder: Path | None = None) -> Status | None:
+        """End it, once what is being saved is written.
+
+        Args:
+            folder: Where what was driven since it was last saved is kept; None to drop it.
+
+        Returns:
+            What it said last, if anything; how that saving went.
+        """
+        last: list[Status] = []
+        if self._process.is_alive() and self.failure is None:
+            self.send(End(folder))
+            until = monotonic() + LAST
+            while self.failure is None and monotonic() < until:
+                last = self.news(wait=0.1) or last
+            self._process.join(LAST)
+        let_go(self._process)
+        self._pipe.close()
+        self._ring.close()
+        return last[-1] if last else None
+
+
+class _Writer:
+    """Has run folders written by another process, and tells when that is done."""
+
+    def __init__(self, beside: SecondProcess) -> None:
+        self._beside = beside
+        self.told: SimpleQueue[Told] = SimpleQueue()
+        self._under_way: list[Thread] = []
+
+    def __call__(self, part: Part, folder: Path) -> None:
+        """Begin to write a part into a run folder."""
+        self._under_way.append(Thread(target=self._wait, args=(part, folder)))
+        self._under_way[-1].start()
+
+    def _wait(self, part: Part, folder: Path) -> None:
+        try:
+            self._beside.begin(save_driven, part, folder)()
+            self.told.put(Told(f"saved as {folder}/"))
+        except TwinError as error:
+            self.told.put(Told(str(error), wrong=True))
+
+    def finish(self) -> None:
+        """Wait until all is written."""
+        for thread in self._under_way:
+            thread.join()
+
+
+def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -> None:
+    """The body of the process."""
+    settle()
+    said: SimpleQueue[Status | Failure | None] = SimpleQueue()
+    speaker = Thread(target=_speak, args=(said, pipe), daemon=True)
+    speaker.start()
+    ring = SharedRingBuffer(*address)
+
+    def show(numbers: tuple[float, ...]) -> None:
+        ring.slot()[: len(COLUMNS)] = numbers
+        ring.put()
+
+    try:
+        with SecondProcess(wanted=True) as beside:
+            write = _Writer(beside)
+
+            def inbox(wait: float) -> Sequence[Event]:
+                found: list[Event] = []
+                try:
+                    while pipe.poll(wait):
+                        wait = 0.0
+                        found.append(pipe.recv())
+                except (EOFError, OSError):
+                    found.append(End())
+                while not write.told.empty():
+                    found.append(write.told.get())
+                return found
+
+            Session(scenario, inbox=inbox, show=show, tell=said.put, write=write, paused=True).run()
+            write.finish()
+            while not write.told.empty():
+                message, wrong = write.told.get()
+                said.put(Status({}, message=message, wrong=wrong))
+    except TwinError as error:
+        said.put(Failure(error))
+    except Exception as error:  # noqa: BLE001 - a law of one's own may raise anything
+        said.put(Failure(catalog.blamed(error) or f"the simulation failed: {error!r}"))
+    said.put(None)
+    speaker.join(1.0)
+    ring.close()
+
+
+def _speak(said: SimpleQueue[Status | Failure | None], pipe: Connection) -> None:
+    """Send what is said, however long the other side lets it wait."""
+    while (each := said.get()) is not None:
+        try:
+            pipe.send(each)
+        except OSError:
+            return
+
 
 if TYPE_CHECKING:
-    from starlette.requests import HTTPConnection
+    pass
 
 
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Any]]
-Send = Callable[[Any], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
-
-COOKIE = "ballplate_token"
-REFUSED = "refused: the address needs ?token=..., as ballplate play has printed it\n"
+App = Callable[[Any, Any, Any], Awaitable[None]]
+HERE = ("127.0.0.1", "::1", "localhost")
+"""What a browser of this machine calls it."""
 
 
-def is_loopback(host: str) -> bool:
-    """Whether a host, by name or address, is this machine and nothing else."""
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return host == "localhost"
+def guarded(app: App) -> App:
+    """An ASGI application that answers this machine's browsers only, and no page of another origin.
 
-
-class Guard:
-    """An ASGI application that lets another one answer only those who may ask.
-
-    A page of another origin may not, whatever browser it runs in: neither open a connection nor,
-    by a name that leads to this machine, read what is served.
-
-    Args:
-        app: Who answers.
-        token: What the address must carry as ``?token=``, or a cookie that is set then; empty for
-            a server that is reached from this machine only.
+    Such a page may neither open a connection nor, by a name that leads to this machine, read what
+    is served, whatever browser it runs in.
     """
+    from starlette.requests import HTTPConnection  # noqa: PLC0415 - of the extra
+    from starlette.responses import PlainTextResponse  # noqa: PLC0415
 
-    def __init__(self, app: App, token: str = "") -> None:
-        self._app, self._token = app, token
+    async def answer(scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] in {"http", "websocket"}:
+            headers = HTTPConnection(scope).headers
+            host, origin = headers.get("host", ""), headers.get("origin")
+            foreign = origin is not None and urlsplit(origin).netloc != host
+            if foreign or urlsplit(f"//{host}").hostname not in HERE:
+                if scope["type"] == "websocket":
+                    await send({"type": "websocket.close", "code": 1008})
+                else:
+                    refused = PlainTextResponse("refused: for this machine only\n", 403)
+                    await refused(scope, receive, send)
+                return
+        await app(scope, receive, send)
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, refuse, or do what is no answer to anybody."""
-        from starlette.requests import HTTPConnection  # noqa: PLC0415 - of the extra
-        from starlette.responses import PlainTextResponse  # noqa: PLC0415
-
-        if scope["type"] not in {"http", "websocket"}:
-            await self._app(scope, receive, send)
-            return
-        asked = HTTPConnection(scope)
-        token = asked.query_params.get("token", "")
-        if self._may(asked, token):
-            marked = self._token and token and scope["type"] == "http"
-            await self._app(scope, receive, self._marking(send) if marked else send)
-        elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})
-        else:
-            await PlainTextResponse(REFUSED, 403)(scope, receive, send)
-
-    def _may(self, asked: HTTPConnection, token: str) -> bool:
-        host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc != host:
-            return False
-        if not self._token:
-            return is_loopback(urlsplit(f"//{host}").hostname or "")
-        given = (asked.cookies.get(COOKIE, ""), token)
-        return any(hmac.compare_digest(each.encode(), self._token.encode()) for each in given)
-
-    def _marking(self, send: Send) -> Send:
-        """Sends a cookie along to who has come with the token in the address."""
-        cookie = f"{COOKIE}={self._token}; Path=/; HttpOnly; SameSite=Strict"
-
-        async def sent(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                headers = [*message.get("headers", ()), (b"set-cookie", cookie.encode())]
-                message = {**message, "headers": headers}
-            await send(message)
-
-        return sent
+    return answer
 
 
-class Audience:
-    """Who looks, in the order in which they came.
-
-    Args:
-        clock: Seconds.
-        patience: Seconds without anybody, once somebody was there, until all are taken to have
-            gone for good: a page that is loaded again is away for a moment.
-    """
-
-    def __init__(self, clock: Callable[[], float], patience: float = 5.0) -> None:
-        self._clock, self._patience = clock, patience
-        self._there: list[str] = []
-        self._left: float | None = None
-
-    @property
-    def driver(self) -> str | None:
-        """Who drives."""
-        return self._there[0] if self._there else None
-
-    def __len__(self) -> int:
-        return len(self._there)
-
-    def come(self, who: str) -> None:
-        """Somebody looks from now on."""
-        if who not in self._there:
-            self._there.append(who)
-        self._left = None
-
-    def go(self, who: str) -> None:
-        """Somebody looks no more."""
-        if who in self._there:
-            self._there.remove(who)
-        if not self._there and self._left is None:
-            self._left = self._clock()
-
-    @property
-    def gone(self) -> bool:
-        """Whether everybody has gone for good."""
-        return self._left is not None and self._clock() - self._left > self._patience
-
-
-LOOPBACK = "127.0.0.1"
+PATIENCE = 5.0
+"""Seconds without a browser, once one was there, after which it is over: a page that is loaded
+again is away for a moment."""
 PICTURES = 1 / 32
 """Seconds from one picture that is sent to the next."""
 RECONNECT = 15.0
@@ -164,13 +267,11 @@ class Server:
     Args:
         scenario: What to begin with.
         folder: Of the runs that are saved; the next ones have a number behind it.
-        address: Where to listen; with another one than that of this machine a token is needed.
-        port: Port; 0 for a free one.
+        port: Port of this machine; 0 for a free one.
         seconds: After which it ends by itself; None for never.
 
     Attributes:
-        url: Address of the page, with the token if there is one.
-        token: What the address must carry; empty if it need not.
+        url: Address of the page.
         failure: Why the simulation ended by itself; None if it did not.
         kept: What became at the end of what was driven and not saved; empty if there is none.
         lost: Whether that could not be written.
@@ -184,21 +285,16 @@ class Server:
         scenario: Scenario,
         folder: Path,
         *,
-        address: str = LOOPBACK,
         port: int = 0,
         seconds: float | None = None,
     ) -> None:
         library()
         self._scenario, self._folder, self._seconds = scenario, folder, seconds
-        self.token = "" if is_loopback(address) else secrets.token_urlsafe(18)
-        self._socket = _bound(address, port)
-        host = f"[{address}]" if ":" in address else address
-        query = f"?token={self.token}" if self.token else ""
-        self.url = f"http://{host}:{self._socket.getsockname()[1]}/{query}"
+        self._socket = _bound(port)
+        self.url = f"http://{HERE[0]}:{self._socket.getsockname()[1]}/"
         self.failure: str | None = None
         self.kept, self.lost = "", False
         self._pages: dict[str, Any] = {}
-        self._audience = Audience(monotonic)
         self._errors = Errors()
         try:
             self._simulation = Simulation(scenario)
@@ -207,7 +303,6 @@ class Server:
             raise
         self._status = self._simulation.first
         self._taken: set[Path] = set()
-        self._begun = False
 
     def run(self, begun: Callable[[], None] = lambda: None) -> None:
         """Serve; returns when it is over. Ctrl-C ends it in order.
@@ -242,7 +337,7 @@ class Server:
             show_welcome_message=False,
         )
         config = uvicorn.Config(
-            Guard(app, self.token), log_level="error", ws="wsproto", timeout_graceful_shutdown=1
+            guarded(app), log_level="error", ws="wsproto", timeout_graceful_shutdown=1
         )
         server = uvicorn.Server(config)
 
@@ -257,26 +352,18 @@ class Server:
         """Build the page of a browser."""
         from twin.play.page import Page  # noqa: PLC0415
 
-        who = client.id
-
-        def do(event: Event) -> None:
-            if self._audience.driver == who:
-                self._simulation.send(event)
-
-        page = Page(
-            self._status, self._scenario.rig.limits.area, do, lambda: do(Save(self._next_folder()))
+        self._pages[client.id] = Page(
+            self._status,
+            self._scenario.rig.limits.area,
+            self._simulation.send,
+            lambda: self._simulation.send(Save(self._next_folder())),
         )
-        self._pages[who] = page
-        client.on_connect(lambda: self._come(who))
-        client.on_disconnect(lambda: self._audience.go(who))
-        client.on_delete(lambda: self._pages.pop(who, None))
+        client.on_delete(lambda: self._pages.pop(client.id, None))
 
-    def _come(self, who: str) -> None:
-        """A browser shows its page; time goes on when the first one does."""
-        self._audience.come(who)
-        if not self._begun:
-            self._begun = True
-            self._simulation.send(Pause(False))
+    @property
+    def _looked_at(self) -> bool:
+        """Whether a browser shows the page."""
+        return any(each.plate.client.has_socket_connection for each in self._pages.values())
 
     def _next_folder(self) -> Path:
         """A folder that no run is in or being written to."""
@@ -292,13 +379,18 @@ class Server:
         while not server.started:
             await asyncio.sleep(0.01)
         begun()
-        begin = monotonic()
+        begin, seen = monotonic(), math.inf
         while True:
             await asyncio.sleep(PICTURES)
+            now = monotonic()
+            if self._looked_at:
+                if seen == math.inf:  # time goes on when the first one does
+                    self._simulation.send(Pause(False))
+                seen = now
             self._hand_on()
-            out_of_time = self._seconds is not None and monotonic() - begin > self._seconds
             self.failure = self._simulation.failure
-            if self._audience.gone or out_of_time or self.failure is not None:
+            out_of_time = self._seconds is not None and now - begin > self._seconds
+            if now - seen > PATIENCE or out_of_time or self.failure is not None:
                 server.should_exit = True
                 return
 
@@ -307,30 +399,26 @@ class Server:
         self._errors.add(rows)
         for status in self._simulation.news():
             self._status = status
-        driver, others = self._audience.driver, len(self._audience) - 1
-        for who, page in list(self._pages.items()):
+        for page in list(self._pages.values()):
             with page.plate.client:
-                page.say(self._status, drives=who == driver, others=others)
+                page.say(self._status)
                 if rows:
                     page.show(rows, self._errors)
 
 
-def _bound(address: str, port: int) -> socket.socket:
+def _bound(port: int) -> socket.socket:
     """A socket that listens.
 
     Raises:
         ViewError: If it cannot.
     """
-    family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    bound = socket.socket(family, socket.SOCK_STREAM)
+    bound = socket.socket()
     try:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        bound.bind((address, port))
+        bound.bind((HERE[0], port))
     except OSError as error:
         bound.close()
-        if error.errno == errno.EADDRINUSE:
-            raise ViewError(f"--port {port}: {error.strerror}; choose another") from error
-        raise ViewError(f"--address {address} --port {port}: {error.strerror or error}") from error
+        raise ViewError(f"--port {port}: {error.strerror or error}; choose another") from error
     return bound
 
 

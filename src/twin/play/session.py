@@ -27,7 +27,7 @@ from twin.play.driven import (
 from twin.run.assemble import build_controller
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
-from twin.scenario.changing import at_time
+from twin.scenario.load import at_time
 from twin.scenario.schema import Scenario
 
 

@@ -22,20 +22,25 @@ from controllers.controller import PerRigReference
 from controllers.interfaces import Measurement
 from twin.errors import ScenarioError, TwinError
 from twin.hal.supervisor import State
-from twin.run.assemble import agree, assemble, build_rig, law_of, own_errors, shared
-from twin.run.loop import RAN_AWAY, Ending, drive
-from twin.run.metrics import Motion, measure, unjudged
-from twin.run.plants import (
+from twin.run.assemble import (
     OF_PLANTS,
     PLANTS,
+    agree,
+    assemble,
     build_friction,
     build_plant,
+    build_rig,
     change_devices,
     change_transmission,
     differ,
+    law_of,
     mistaken,
+    own_errors,
+    shared,
     without_error,
 )
+from twin.run.loop import RAN_AWAY, Ending, drive
+from twin.run.metrics import Motion, measure, unjudged
 from twin.run.record import Recorder
 from twin.scenario import Scenario
 from twin.settings import value_of

@@ -20,12 +20,11 @@ from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.servos import AkdServos
 from twin.devices.akd.traces import Hear, TracedBus
 from twin.devices.lumio.screen import LumioScreen
-from twin.devices.own import Direct, OwnConfig, OwnScreen, OwnServos, load_backend
-from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never
+from twin.devices.own import OwnConfig, OwnScreen, OwnServos, load_backend
+from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time
 from twin.devices.rig import HardwareRig
-from twin.devices.scheduling import real_time
 from twin.errors import LogError
-from twin.hal.cams import CamTable
+from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Limits, Transmission
 from twin.run.assemble import assemble, build_limits, own_errors
 from twin.run.logs import AXES, UNITS, read_csv
@@ -74,7 +73,7 @@ def connect(
             clock=RealTimeClock(
                 period, allowed=allowed, spin=0.0, now=hardware.time, sleep=hardware.wait
             ),
-            transmission=Direct(),
+            transmission=FixedRatio(),
             **common,
         )
 

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from twin.data_file import DataError, parse_json
-from twin.errors import LogError, RecordError, nearest
+from twin.errors import LogError, RecordError
 from twin.shipped import shipped
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import pyarrow as pa
-
-    from controllers.arrays import Array
+    pass
 
 
 ROOT = Path("runs")
@@ -255,82 +252,3 @@ def check_no_scenario(path: Path) -> None:
 
 OURS = {".csv", ".parquet", ".arrows"}
 """Endings that no scenario has."""
-
-
-Units = Mapping[str, str]
-
-
-def arrow_fields(units: Units) -> list[pa.Field]:
-    """Columns of numbers as Arrow names them, each with its unit."""
-    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
-
-    return [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()]
-
-
-MOVING = (".webp", ".gif", ".apng", ".mp4", "")
-"""Endings of moving pictures of runs, see ``twin.run.film``; none is a folder of their frames."""
-
-
-class Signals(Mapping[str, "Array"]):
-    """Columns of one rig's record, shape (K,) each, by their names.
-
-    Attributes:
-        rows: Name to values.
-        units: Name to unit, as ``m`` or ``rad/s``.
-    """
-
-    rows: Mapping[str, Array]
-    units: Mapping[str, str]
-
-    def __getitem__(self, name: str) -> Array:
-        """The values of a column, shape (K,).
-
-        Raises:
-            RecordError: If there is none of that name.
-        """
-        try:
-            return self.rows[name]
-        except KeyError:
-            raise RecordError(f"no column '{name}'{nearest(name, self.rows)}") from None
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.rows
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.rows)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    @property
-    def time(self) -> Array:
-        """Seconds since the start, shape (K,)."""
-        return self["time"]
-
-    def to_pandas(self) -> pd.DataFrame:
-        """The columns as a table over time in s; ``attrs["units"]`` has their units."""
-        import pandas as pd  # noqa: PLC0415  heavy: loaded when needed
-
-        frame = pd.DataFrame(dict(self)).set_index("time")
-        frame.attrs["units"] = dict(self.units)
-        return frame
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """What there is to tell of them besides, by name, for files that can hold it."""
-        return {}
-
-    def export(self, file: str | Path) -> Path:
-        """Write the columns for other programs, with their units; returns the file.
-
-        Args:
-            file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` for ROS 2,
-                Foxglove and Rerun, by the extra ``mcap``.
-
-        Raises:
-            RecordError: If the ending is none of these, or the file cannot be written.
-        """
-        from twin.run.exports import export  # noqa: PLC0415  stands on this module
-
-        export(Path(file), self.rows, self.units, self.about)
-        return Path(file)

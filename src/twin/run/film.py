@@ -1,8 +1,7 @@
 """A run as a moving picture: the ball on the plate, the plate's tilt, and the error over time.
 
-Drawn in software, with the fonts that matplotlib brings: no screen and no OpenGL are needed, and
-the same run gives the same bytes each time. Only ``render="mujoco"`` shows the mechanism in 3D, by
-MuJoCo's own renderer, which needs EGL or OSMesa.
+Drawn by matplotlib without a screen; the same run gives the same bytes each time. Only
+``render="mujoco"`` shows the mechanism in 3D, by MuJoCo's own renderer, which needs EGL or OSMesa.
 """
 
 from __future__ import annotations
@@ -12,48 +11,52 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
-from itertools import count, pairwise
+from itertools import pairwise
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
-from PIL import Image, ImageColor
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+from matplotlib.ticker import MaxNLocator
+from PIL import Image
 
 from controllers.arrays import Array
 from twin.errors import RecordError
 from twin.hal.interface import SCREEN
-from twin.run import ink
 from twin.run.finished import Run
 from twin.run.indicators import LEFT
-from twin.run.picture import COLOURS
-from twin.writing import write_folder, write_whole
+from twin.run.picture import COLOURS, LOOK
+from twin.writing import write_whole
 
 WIDE = 600
 """Width in which all lengths below are given; pictures of other sizes are in proportion."""
-EDGE, GAP = 16, 10
-CLOCK = (WIDE - EDGE, EDGE + 16)
-"""Where the time ends; the title stands at its height."""
-TITLE, ENTRY, LINE = 30, 40, 16
-"""Heights of the title, of a row of the legend, and of a line of small text."""
-PLATE, SIDE, STRIP = 498, 60, 72
-"""Width of the plate and of the views of its tilt, height of the error strip."""
-BALL = 0.02
-"""Radius of the ball in m, as drawn."""
+PLACES = {
+    "plate": (16, 194, 498, 281),
+    "front": (16, 124, 498, 60),
+    "right": (524, 194, 60, 281),
+    "error": (40, 26, 544, 72),
+}
+"""Left, bottom, width and height of each panel."""
+LEGEND, ROW, TITLE = 478, 40, 48
+"""Where the legend begins, height of each of its rows, and of the title above it."""
+CARD, DARK, GREY, PATH, FAINT = "#f0f3f6", "#1f2933", "#5b6772", "#bac3cb", "#d5dbe1"
+BALL, ROUND = 0.02, np.array([(math.cos(0.2 * k), math.sin(0.2 * k)) for k in range(33)]).T
+"""Radius of the ball in m, as drawn; and a circle of radius 1."""
 RINGS = (1.0, 0.74, 0.5, 0.87, 0.62)
 """Radii of the further runs' rings as shares of that: of balls in one place all are seen."""
-TRAIL, TONES = 36, 9
+TRAIL, TONES = 36, 6
 """Frames that a trail is long, tones in which it fades."""
 FACTORS = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 60)
 """How many times as steep as it is the tilt may be drawn."""
 MOST_FRAMES, MOST_FPS = 2000, 50
 SIZES = (300, 1200)
 RENDERERS = ("plate", "mujoco")
-
-HALF = 0.475 * np.array(SCREEN)[:, None] * (-1, 1)
-"""The plate's ends as its views draw it, along x and y in m."""
-LEVELS = (0.0, 0.5, 1.0)
-CROSS = np.array((((-1.0, 0.0), (1.0, 0.0)), ((0.0, -1.0), (0.0, 1.0))))
-SALTIRE = np.array((((-1.0, -1.0), (1.0, 1.0)), ((-1.0, 1.0), (1.0, -1.0))))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,60 +115,43 @@ class Cut:
         return np.linspace(since, min(until, end), number)
 
 
-class Actor:
-    """One of the runs, at the instants of the frames.
+class Act:
+    """What a run does in the frames.
 
     Args:
-        index: Which of the runs, from 0.
-        label: What it is called.
         run: The run.
-        times: The instants in s, shape (N,).
+        times: The instants of the frames in s, shape (N,).
 
     Attributes:
-        colour: Its colour in all pictures.
-        ball: Ball in m, shape (N, 2); NaN where it has ended or nothing is known.
+        way: Ball in m, after what the first frame's trail needs, shape (2, TRAIL + N); NaN where
+            the run has ended or nothing is known.
+        ball: The same of the frames, shape (N, 2).
         goal: Its reference in m, shape (N, 2).
         tilt: Plate angles phi, theta in rad, shape (N, 2).
         error: Distance from the reference in mm, shape (N,).
-        way: The same after what the first frame's trail needs, shape (TRAIL + N, 2).
-        gone: Where the ball was last seen if it left the plate, in m, and when, in s.
+        gone: Where the ball was last seen, from when on it has left the plate, in m, shape (N, 2).
     """
 
-    def __init__(self, index: int, label: str, run: Run, times: Array) -> None:
-        self.label, self.run = label, run
-        self.colour = ink.mix(ink.BLACK, ImageColor.getrgb(COLOURS[index])[:3], 1)
+    def __init__(self, run: Run, times: Array) -> None:
         motion = run.motion
         step = (times[-1] - times[0]) / max(1, len(times) - 1)
-        before = times[0] - step * np.arange(TRAIL, 0, -1)
-        # the last instant of a run is one of the frames, whatever their rounding
-        last = motion.time[-1] + 1e-9
+        when = np.concatenate((times[0] - step * np.arange(TRAIL, 0, -1), times))
+        over = when > motion.time[-1] + 1e-9  # its last instant is a frame, whatever the rounding
 
-        def at(values: Array, when: Array) -> Array:
-            right = [
-                np.where(when > last, np.nan, np.interp(when, motion.time, each, left=np.nan))
-                for each in values.T
-            ]
-            return np.stack(right, axis=1)
+        def at(values: Array) -> Array:
+            each = [np.interp(when, motion.time, axis, left=np.nan) for axis in values.T]
+            return np.where(over, np.nan, each)
 
-        self.way = at(motion.ball, np.concatenate((before, times)))
-        self.ball = self.way[TRAIL:]
-        self.goal, self.tilt = at(motion.reference, times), at(motion.plate, times)
+        self.way = at(motion.ball)
+        self.ball, self.goal, self.tilt = (
+            each[:, TRAIL:].T for each in (self.way, at(motion.reference), at(motion.plate))
+        )
         self.error = 1000 * np.hypot(*(self.goal - self.ball).T)
-        left = run.outcome in LEFT
+        self.gone = np.full_like(self.ball, np.nan)
         seen = motion.ball[np.isfinite(motion.ball).all(axis=1)]
-        self.gone = (seen[-1], float(motion.time[-1])) if left and len(seen) else None
-
-    @property
-    def score(self) -> tuple[str, str]:
-        """Its error as a number, and which error it is."""
-        metrics = self.run.metrics
-        if self.run.outcome in LEFT:
-            return self.run.outcome, ""
-        if (percent := metrics.get("tracking_error_percent")) is not None:
-            return f"{percent:.3g} %", "error"
-        if (distance := metrics.get("rms_distance")) is not None:
-            return f"{1000 * distance:.3g} mm", "RMS"
-        return self.run.outcome, ""
+        if run.outcome in LEFT and len(seen):
+            edge = np.array(SCREEN) / 2 - 0.013
+            self.gone[over[TRAIL:]] = np.clip(seen[-1], -edge, edge)
 
 
 class Stage:
@@ -188,9 +174,9 @@ class Stage:
 
         from twin.hal.cams import CamTable  # noqa: PLC0415
         from twin.settings import changed  # noqa: PLC0415
+        from twin.sim.plant.interface import Parts  # noqa: PLC0415
         from twin.sim.plant.mechanism import Addresses  # noqa: PLC0415
         from twin.sim.plant.model import load_model  # noqa: PLC0415
-        from twin.sim.plant.parts import Parts  # noqa: PLC0415
 
         self._gl, self._cams = mujoco, CamTable.packaged()
         self._model = load_model(parts=changed(Parts, run.scenario))
@@ -212,7 +198,7 @@ class Stage:
             tilt: Plate angles phi, theta in rad, shape (2,).
             path: The reference in plate axes, m, shape (N, 2).
         """
-        from twin.sim.plant.kinematics import from_plate  # noqa: PLC0415
+        from twin.sim.plant.interface import from_plate  # noqa: PLC0415
 
         gl, data, at = self._gl, self._data, self._at
 
@@ -279,288 +265,240 @@ class Film:
     def __init__(self, runs: Mapping[str, Run], cut: Cut) -> None:
         if len(runs) > len(COLOURS):
             raise RecordError(f"{len(runs)} runs: at most {len(COLOURS)} can be told apart")
-        motions = [run.motion for run in runs.values()]
-        begin = min(float(motion.time[0]) for motion in motions)
-        self.times = cut.times(begin, max(float(motion.time[-1]) for motion in motions))
-        self.count = len(self.times)
-        self.fps, self._scale = cut.fps, cut.size / WIDE
-        self._actors = [Actor(i, *each, self.times) for i, each in enumerate(runs.items())]
-        self._title = self._actors[0].run.scenario.title
-        fast = (self.times[-1] - self.times[0]) * cut.fps / self.count
-        self._fast = f"{fast:.2g}× speed" if abs(fast - 1) > 0.02 and self.count > 1 else ""
+        spans = [run.motion.time[[0, -1]].tolist() for run in runs.values()]
+        self.times = cut.times(min(first for first, _ in spans), max(last for _, last in spans))
+        self.count, self.fps = len(self.times), cut.fps
+        self._acts = [Act(run, self.times) for run in runs.values()]
         self._columns = len(runs) if len(runs) < 5 else 3
-        top = EDGE + TITLE + math.ceil(len(runs) / self._columns) * ENTRY + GAP / 2
-        self._entry = (WIDE - 2 * EDGE) / self._columns
-        self._entries: list[ink.Point] = [
-            (EDGE + i % self._columns * self._entry, EDGE + TITLE + i // self._columns * ENTRY)
-            for i in range(len(runs))
-        ]
-        self._per_m = PLATE / SCREEN[0]
-        low = top + SCREEN[1] * self._per_m
-        self._plate = (EDGE, top, EDGE + PLATE, low)
-        self._below = (EDGE, low + GAP, EDGE + PLATE, low + GAP + SIDE)
-        self._right = (WIDE - EDGE - SIDE, top, WIDE - EDGE, low)
-        strip = low + 2 * GAP + SIDE + LINE
-        self._strip = (EDGE + 24, strip, WIDE - EDGE, strip + STRIP)
-        self.size = (cut.size, round((strip + STRIP + LINE + GAP) * self._scale))
-        errors = np.concatenate([each.error for each in self._actors])
-        self._top = _above(float(errors[np.isfinite(errors)].max(initial=0.1)))
-        left, top, right, bottom = self._strip
-        across = np.linspace(left, right, self.count)
-        self._curves = [
-            np.stack((across, bottom - (bottom - top) * each.error / self._top), axis=1)
-            for each in self._actors
-        ]
-        tilts = np.abs(self._actors[0].tilt)
-        steepest = float(tilts[np.isfinite(tilts)].max(initial=1e-3))
-        room = (SIDE / 2 - 8) / (PLATE / 2)
-        self._steep = max([f for f in FACTORS if math.sin(min(1.5, f * steepest)) <= room] or [1])
+        high = LEGEND + ROW * math.ceil(len(runs) / self._columns) + TITLE
+        self._whole = np.array((WIDE, high))
+        self._moving: list[tuple[Line2D, Callable[[int], Array]]] = []
+        with mpl.rc_context(LOOK):
+            dpi = (cut.size + 1e-3) / WIDE * 100
+            self._figure = Figure((WIDE / 100, high / 100), dpi, facecolor=CARD)
+            self._canvas: Any = FigureCanvasAgg(self._figure)
+            self._panels = {
+                name: self._figure.add_axes((*each[:2] / self._whole, *each[2:] / self._whole))
+                for name, each in PLACES.items()
+            }
+            self._lay_out()
+            self._letter(runs, [self._add(*each) for each in enumerate(self._acts)])
+        self.size: tuple[int, int] = self._canvas.get_width_height()
+        self._moving.sort(key=lambda each: each[0].zorder)
         self._stage = None
         if cut.render == "mujoco":
-            left, top, right, bottom = self._pixels(self._plate)
-            self._stage = Stage(self._actors[0].run, (right - left, bottom - top))
+            left, low, right, top = (round(edge) for edge in self._panels["plate"].bbox.extents)
+            self._stage = Stage(next(iter(runs.values())), (right - left, top - low))
+            self._corner = left, self.size[1] - top
 
-    def _pixels(self, edges: ink.Box) -> tuple[int, int, int, int]:
-        """The pixels of a part of the picture, outwards to whole ones."""
-        left, top = (math.floor(edge * self._scale) for edge in edges[:2])
-        right, bottom = (math.ceil(edge * self._scale) for edge in edges[2:])
-        return left, top, right, bottom
+    def _lay_out(self) -> None:
+        """Say what each panel shows, and draw what no run changes."""
+        (x, y), panels = np.array(SCREEN) / 2, self._panels
+        thick = x * PLACES["front"][3] / PLACES["front"][2]
+        edges = {"plate": (x, y), "front": (x, thick), "right": (thick, y)}
+        for name, (width, height) in edges.items():
+            panels[name].set(xlim=(-width, width), ylim=(-height, height), xticks=[], yticks=[])
+            panels[name].spines[:].set(color=GREY if name == "plate" else FAINT, linewidth=0.7)
+        panels["plate"].plot(0, 0, "+", color=FAINT, ms=18)
+        panels["front"].axhline(0, color=FAINT, linewidth=1)
+        panels["right"].axvline(0, color=FAINT, linewidth=1)
+        error, span = panels["error"], self.times[-1] - self.times[0]
+        error.set(xlim=(self.times[0], self.times[0] + max(span, 1e-3)), axisbelow=True)
+        error.spines[:].set_visible(False)
+        error.xaxis.set_major_locator(MaxNLocator(8))
+        error.yaxis.set_major_locator(MaxNLocator(3))
+        error.tick_params(labelsize=7, labelcolor=GREY, length=0, pad=2)
+        most = [float(each.error[np.isfinite(each.error)].max(initial=0.1)) for each in self._acts]
+        error.set(ylim=(0, 1.05 * max(most)))
+        tilts = np.abs(self._acts[0].tilt)
+        steepest = float(tilts[np.isfinite(tilts)].max(initial=1e-3))
+        fitting = [f for f in FACTORS if math.sin(min(1.5, f * steepest)) <= 0.73 * thick / x]
+        self._steep = max(fitting or [1])
+
+    def _add(self, index: int, act: Act) -> Line2D:
+        """Add a run to what stays and to what moves; returns its entry of the legend."""
+        colour, width = COLOURS[index], (1.0, 0.62, 0.4)[min(2, index)]
+        path = _pale(colour, 0.5) if index else PATH
+        self._panels["plate"].plot(*act.goal.T, color=path, linewidth=1.1, zorder=2 - index / 10)
+        self._panels["error"].plot(self.times, act.error, color=_pale(colour, 0.72), linewidth=1)
+        part = TRAIL // TONES
+        for tone in range(TONES):
+            old = 1 - (tone + 1) / TONES
+            at = partial(_part, act.way, tone * part, (tone + 1) * part + 1)
+            thick, pale = 3.4 * width * (1 - 0.6 * old), _pale(colour, 0.15 + 0.85 * old)
+            self._moves("plate", at, color=pale, linewidth=thick, zorder=4 - old)
+        entry = Line2D([], [], color=colour, marker="o", linestyle="", ms=10)
+        if index:  # a ring, not a marker: those jump from pixel to pixel
+            radius, thick = RINGS[index - 1] * BALL, 2.0 if len(self._acts) < 5 else 1.3
+            entry.set(mfc="none", mew=1.8, ms=12 * RINGS[index - 1])
+        else:  # a disc
+            radius, thick = BALL / 2, BALL / SCREEN[0] * PLACES["plate"][2] * 0.72
+            rod = np.stack((act.goal, act.ball), axis=2)
+            self._moves("plate", rod.__getitem__, color=colour, linewidth=1, zorder=4.5)
+        look = {"color": colour, "linewidth": thick, "zorder": 5 + index / 10}
+        self._moves("plate", lambda k: act.ball[k, :, None] + radius * ROUND, **look)
+        gone = {"marker": "X", "ms": 11, "mew": 0}
+        self._moves("plate", act.gone[..., None].__getitem__, color=colour, zorder=5, **gone)
+        for long, thick, ink in ((9.5, 3.2, "white"), (8.6, 1.4, DARK)):
+            look = {"marker": "+", "ms": long, "mew": thick, "color": ink}
+            self._moves("plate", act.goal[..., None].__getitem__, zorder=6, **look)
+        for side, name in enumerate(("front", "right")):
+            half, tilt = 0.475 * SCREEN[side], self._steep * act.tilt[:, side, None]
+            plate = _profile(side, np.array((-half, half)), 0.0, tilt)
+            self._moves(name, plate.__getitem__, color=colour, linewidth=2.9 * width)
+            if not index:
+                above = _profile(side, act.ball[:, side, None], 0.0125, tilt)
+                self._moves(name, above.__getitem__, color=colour, marker="o", ms=8)
+        curve = np.stack((self.times, act.error))
+        self._moves("error", lambda k: curve[:, : k + 1], color=colour, linewidth=1.4)
+        dot = {"marker": "o", "ms": 5 * width, "color": colour, "clip_on": False}
+        self._moves("error", lambda k: curve[:, k : k + 1], **dot)
+        return entry
+
+    def _moves(self, panel: str, at: Callable[[int], Array], **look: Any) -> None:
+        """Let a line go through the points, shape (2, P), that a function has of each frame."""
+        (line,) = self._panels[panel].plot([], [], animated=True, solid_capstyle="round", **look)
+        self._moving.append((line, at))
+
+    def _letter(self, runs: Mapping[str, Run], entries: list[Line2D]) -> None:
+        """Write what stays, and make room for the time."""
+        self._figure.legend(
+            entries,
+            [_described(label, run) for label, run in runs.items()],
+            labelcolor=[str(entry.get_color()) for entry in entries],
+            loc="lower left",
+            bbox_to_anchor=(8, LEGEND) / self._whole,
+            ncols=self._columns,
+            frameon=False,
+        )
+        first, high = next(iter(runs.values())), self._whole[1] - 30
+        title = shorten(first.scenario.title, 48, placeholder=" …")
+        self._write(16, high, title, 12, DARK, fontweight="bold")
+        self._clock = self._write(WIDE - 16, high, "", 12, DARK, ha="right", animated=True)
+        self._clock.set(fontweight="bold")
+        fast = (self.times[-1] - self.times[0]) * self.fps / self.count
+        if abs(fast - 1) > 0.02 and self.count > 1:
+            self._write(WIDE - 90, high, f"{fast:.2g}× speed", 8, GREY, ha="right")
+        self._write(554, 146, f"tilt\n× {self._steep}", 8, GREY, ha="center")
+        self._write(16, 104, "distance from the reference (+) [mm] over time [s]", 8, GREY)
+
+    def _write(self, x: float, y: float, text: str, size: int, colour: str, **more: Any) -> Text:
+        x, y = (x, y) / self._whole
+        return self._figure.text(x, y, text, fontsize=size, color=colour, **more)
 
     def frames(self) -> Iterator[Image.Image]:
-        """The frames in their order, with one palette of less than 256 colours."""
-        scale, (wide, high) = self._scale * ink.FINE, self.size
-        base = Image.new("RGB", (wide * ink.FINE, high * ink.FINE), ink.CARD)
-        still = ink.Pen(base, scale)
-        self._set(still)
-        blank, colours = base.reduce(ink.FINE), ink.palette([each.colour for each in self._actors])
-        self._letter(ink.Pen(blank, self._scale))
-        for k in range(self.count):
-            for each, curve in zip(self._actors, self._curves, strict=True):
-                still.line(curve[max(0, k - 1) : k + 1], each.colour, 2)
-            frame = blank.copy()
-            for edges, play in self._windows:
-                left, top, right, bottom = self._pixels(edges)
-                if self._stage is not None and edges is self._plate:
-                    main = self._actors[0]
-                    shown = self._stage.drawn(main.ball[k], main.tilt[k], main.goal)
-                    frame.paste(shown, (left, top))
-                    continue
-                image = base.crop(
-                    (ink.FINE * left, ink.FINE * top, ink.FINE * right, ink.FINE * bottom)
-                )
-                play(ink.Pen(image, scale, (ink.FINE * left, ink.FINE * top)), k)
-                frame.paste(image.reduce(ink.FINE), (left, top))
-            clock = f"{self.times[k]:.1f} s"
-            ink.Pen(frame, self._scale).write(CLOCK, clock, 16, ink.DARK, "rs")
-            if self._stage is not None and k == 0:
-                colours = frame.quantize(256 - ink.ALPHAS, Image.Quantize.FASTOCTREE)
-            yield frame.quantize(palette=colours, dither=Image.Dither.NONE)
-
-    @property
-    def _windows(self) -> list[tuple[ink.Box, Callable[[ink.Pen, int], None]]]:
-        """What moves, moves within these; the rest is drawn once."""
-        left, top, right, bottom = self._strip
-        return [
-            (self._plate, self._play_plate),
-            (self._below, partial(self._play_side, 0)),
-            (self._right, partial(self._play_side, 1)),
-            ((left - 3, top - 4, right + 4, bottom + 4), self._play_strip),
-        ]
-
-    def at(self, ball: Array) -> Array:
-        """Where positions in m, shape (..., 2), are on the picture, in lengths of ``WIDE``."""
-        placed: Array = np.reshape(self._plate, (2, 2)).mean(axis=0) + self._per_m * ball * (1, -1)
-        return placed
-
-    def _profile(self, side: int, along: Array, above: float, tilt: float) -> Array:
-        """Points of a view of the plate from one side, shape (K, 2).
-
-        Args:
-            side: 0 from the front, below the plate; 1 from the right, beside it.
-            along: Where on the plate, along x or y in m, shape (K,).
-            above: How far above it, as drawn.
-            tilt: Plate angle phi or theta in rad; the first lowers the right end, the second
-                raises the far one. Outwards is downwards in both views.
-        """
-        angle = self._steep * tilt
-        cos, sin = math.cos(angle), math.sin(angle)
-        u = self._per_m * along
-        left, top, right, bottom = self._below if side == 0 else self._right
-        x, y = (left + right) / 2, (top + bottom) / 2
-        if side == 0:
-            return np.stack((x + u * cos + above * sin, y + 4 + u * sin - above * cos), axis=1)
-        return np.stack((x + 4 - u * sin - above * cos, y - u * cos + above * sin), axis=1)
-
-    def _set(self, pen: ink.Pen) -> None:
-        """Draw what does not move."""
-        pen.box(self._plate, ink.GROUND, ink.RIM, 7)
-        for ends in CROSS * 0.018:
-            pen.line(self.at(ends), ink.FAINT, 1.2)
-        for actor in reversed(self._actors):  # one reference of all is that of the first
-            main = actor is self._actors[0]
-            pen.line(
-                self.at(actor.goal),
-                ink.PATH if main else ink.mix(actor.colour, ink.GROUND, 0.5),
-                1.6,
-            )
-        for side, edges in enumerate((self._below, self._right)):
-            pen.box(edges, ink.GROUND, ink.FAINT, 5)
-            pen.line(self._profile(side, HALF[side], 0.0, 0.0), ink.FAINT, 1.2)
-        left, top, right, bottom = self._strip
-        pen.box(self._strip, ink.GROUND, ink.GROUND, 0)
-        for level in LEVELS:
-            y = bottom - level * (bottom - top)
-            pen.line(np.array(((left, y), (right, y))), ink.FAINT, 1)
-        for actor, at, curve in zip(self._actors, self._entries, self._curves, strict=True):
-            pen.line(curve, ink.mix(actor.colour, ink.GROUND, 0.72), 1.4)
-            self._mark(pen, actor, np.array((at[0] + 11, at[1] + 16)), 9)
-
-    def _mark(self, pen: ink.Pen, actor: Actor, at: Array, radius: float) -> None:
-        """Draw a run's ball: the first one solid, of the others a ring each."""
-        if actor is self._actors[0]:
-            pen.disc(at, radius, ink.mix(actor.colour, ink.BLACK, 0.3))
-            pen.disc(at, radius - 1.3, actor.colour)
-            pen.disc(at - 0.33 * radius, 0.24 * radius, ink.mix(actor.colour, ink.GROUND, 0.6))
-            return
-        size, few = radius * RINGS[self._actors.index(actor) - 1], len(self._actors) < 5
-        if few:
-            pen.disc(at, size + 0.8, ink.GROUND, 4.4)
-        pen.disc(at, size, actor.colour, 2.8 if few else 2.0)
-
-    def _width(self, actor: Actor, widest: float) -> float:
-        """How wide a run's lines are: narrower from run to run, so that one on others is seen."""
-        return widest * (1.0, 0.62, 0.4)[min(2, self._actors.index(actor))]
-
-    def _play_plate(self, pen: ink.Pen, k: int) -> None:
-        """Draw balls, trails and reference of frame ``k``."""
-        main = self._actors[0]
-        for actor in self._actors:
-            trail = self.at(actor.way[k : k + TRAIL + 1])
-            length = TRAIL // TONES
-            for tone in range(TONES):
-                old = 1 - (tone + 1) / TONES
-                colour = ink.mix(actor.colour, ink.GROUND, 0.15 + 0.85 * old)
-                width = self._width(actor, 4.8) * (1 - 0.6 * old)
-                pen.line(trail[tone * length : (tone + 1) * length + 1], colour, width)
-        pen.line(self.at(np.stack((main.goal[k], main.ball[k]))), main.colour, 1.4)
-        for actor in self._actors:
-            if np.isfinite(actor.ball[k]).all():
-                self._mark(pen, actor, self.at(actor.ball[k]), BALL * self._per_m)
-            elif actor.gone is not None and self.times[k] > actor.gone[1]:
-                left, top, right, bottom = self._plate
-                inside = np.clip(
-                    self.at(actor.gone[0]), (left + 9, top + 9), (right - 9, bottom - 9)
-                )
-                for ends in SALTIRE * 7 + inside:
-                    pen.line(ends, actor.colour, 4)
-        for actor in self._actors:
-            for width, colour in ((4.4, ink.GROUND), (2.0, ink.DARK)):
-                for ends in CROSS * 6 + self.at(actor.goal[k]):
-                    pen.line(ends, colour, width)
-
-    def _play_side(self, side: int, pen: ink.Pen, k: int) -> None:
-        """Draw the plate of frame ``k`` from one side; of the first run the ball as well."""
-        for actor in self._actors:
-            ends = self._profile(side, HALF[side], 0.0, float(actor.tilt[k, side]))
-            pen.line(ends, actor.colour, self._width(actor, 4.0))
-        main = self._actors[0]
-        place, tilt = main.ball[k, side : side + 1], float(main.tilt[k, side])
-        (at,) = self._profile(side, place, 8.0, tilt)
-        if np.isfinite(at).all():
-            pen.disc(at, 6, ink.mix(main.colour, ink.BLACK, 0.3))
-            pen.disc(at, 4.8, main.colour)
-
-    def _play_strip(self, pen: ink.Pen, k: int) -> None:
-        """Draw where the errors are in frame ``k``."""
-        for actor, curve in zip(self._actors, self._curves, strict=True):
-            if np.isfinite(curve[k]).all():
-                pen.disc(curve[k], self._width(actor, 3.6), actor.colour)
-
-    def _letter(self, pen: ink.Pen) -> None:
-        """Write what stays."""
-        write, right = pen.write, WIDE - EDGE
-        write((right - 78, CLOCK[1]), self._fast, 11, ink.GREY, "rs")
-        room = WIDE - 2 * EDGE - (165 if self._fast else 85)
-        write((EDGE, CLOCK[1]), self._title, 16, ink.DARK, room=room)
-        for actor, (x, y) in zip(self._actors, self._entries, strict=True):
-            number, which = actor.score
-            dark = ink.mix(actor.colour, ink.BLACK, 0.12)
-            wide = write((x + 27, y + 16), number, 18, dark)
-            write((x + 32 + wide, y + 16), which, 11, ink.GREY)
-            law = actor.run.scenario.controller.kind
-            called = f"{actor.label}, {law}" if law != actor.label else law
-            write((x + 27, y + 31), called, 11, ink.GREY, room=self._entry - 30)
-        middle, y = (self._right[0] + self._right[2]) / 2, self._below[1]
-        write((middle, y + 26), "tilt", 11, ink.GREY, "ms")
-        write((middle, y + 41), f"× {self._steep}", 11, ink.GREY, "ms")
-        left, top, _, bottom = self._strip
-        write((EDGE, top - 6), "distance from the reference (+) [mm]", 11, ink.GREY)
-        for level in LEVELS:
-            y = bottom - level * (bottom - top) + 3.5
-            write((left - 4, y), f"{level * self._top:g}", 10, ink.GREY, "rs")
-        begin, end = self.times[0], self.times[-1]
-        step = _above(max(end - begin, 1e-3) / 8)
-        for tick in count(math.ceil(begin / step - 1e-9)):
-            if tick * step > end - 0.1 * (end - begin):
-                break
-            x = left + (right - left) * (tick * step - begin) / max(end - begin, 1e-9)
-            write((x, bottom + 13), f"{tick * step:g}", 10, ink.GREY, "ms")
-        write((right, bottom + 13), "time [s]", 10, ink.GREY, "rs")
+        """The frames in their order, with one palette of at most 256 colours."""
+        with mpl.rc_context(LOOK):
+            self._canvas.draw()
+        still, pen = self._canvas.copy_from_bbox(self._figure.bbox), self._canvas.get_renderer()
+        palette = _palette(COLOURS[: len(self._acts)])
+        for k, time in enumerate(self.times):
+            self._canvas.restore_region(still)
+            for line, at in self._moving:
+                line.set_data(*at(k))
+                line.draw(pen)
+            self._clock.set_text(f"{time:.1f} s")
+            self._clock.draw(pen)
+            frame = Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB")
+            if self._stage is not None:
+                main = self._acts[0]
+                frame.paste(self._stage.drawn(main.ball[k], main.tilt[k], main.goal), self._corner)
+                if k == 0:
+                    palette = frame.quantize(256, Image.Quantize.FASTOCTREE)
+            yield frame.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
-CORNER = 12
-"""Radius of the picture's corners."""
-# key frames only where they are needed: each is as large as many others
-SMALL = {"lossless": True, "quality": 20, "method": 2, "kmin": 9999, "kmax": 10000}
-KINDS: dict[str, dict[str, Any]] = {
-    ".webp": {"format": "WEBP", **SMALL},
-    ".gif": {"format": "GIF"},
-    ".apng": {"format": "PNG"},
+def _part(points: Array, begin: int, end: int, k: int) -> Array:
+    """The points of a frame's part of a trail, shape (2, end - begin)."""
+    return points[:, k + begin : k + end]
+
+
+def _profile(side: int, along: Array, above: float, tilt: Array) -> Array:
+    """Points of a view of the plate from one side in m, shape (N, 2, P).
+
+    Args:
+        side: 0 from the front, below the plate; 1 from the right, beside it.
+        along: Where on the plate, along x or y in m, shape (P,) or (N, P).
+        above: How far above it in m, as drawn.
+        tilt: Plate angle phi or theta in rad, shape (N, 1); the first lowers the right end, the
+            second raises the far one. Outwards is downwards in both views.
+    """
+    up = -above if side else above
+    cos, sin = np.cos(tilt), np.sin(tilt)
+    points = along * cos + up * sin, up * cos - along * sin
+    return np.stack(points[::-1] if side else points, axis=1)
+
+
+def _pale(colour: str, share: float) -> Any:
+    """A colour with a share of white."""
+    return tuple(share + (1 - share) * part for part in to_rgb(colour))
+
+
+def _palette(own: tuple[str, ...]) -> Image.Image:
+    """The colours of the runs and of what is written, in tones: one palette keeps a picture small.
+
+    Its tones towards both grounds are those of edges.
+    """
+    inks = np.array([to_rgb(ink) for ink in (*own, DARK, GREY, PATH, FAINT)])
+    grounds = np.array([to_rgb(ground) for ground in ("white", CARD)])
+    share = np.linspace(0, 1, 254 // (2 * len(inks)), endpoint=False)[:, None, None, None]
+    tones = np.reshape(share * grounds[:, None] + (1 - share) * inks, (-1, 3))
+    # what is nearly one of the grounds would be taken for it, all over the picture
+    apart = (np.linalg.norm(tones[:, None] - grounds, axis=-1) > 0.04).all(axis=1)
+    found = Image.new("P", (1, 1))
+    found.putpalette(np.rint(255 * np.vstack((tones[apart], grounds))).astype(int).ravel().tolist())
+    return found
+
+
+def _described(label: str, run: Run) -> str:
+    """A run's entry in the legend: its error, what it is called, and its law."""
+    percent, law = run.metrics.get("tracking_error_percent"), run.scenario.controller.kind
+    distance = run.metrics.get("rms_distance")
+    score = run.outcome
+    if score not in LEFT and percent is not None:
+        score = f"{percent:.3g} % error"
+    elif score not in LEFT and distance is not None:
+        score = f"{1000 * distance:.3g} mm RMS"
+    return f"{score}\n{label if label == law else f'{label}, {law}'}"
+
+
+WRITTEN: dict[str, dict[str, Any]] = {
+    # key frames only where they are needed: each is as large as many others
+    ".webp": {"lossless": True, "quality": 20, "method": 2, "kmin": 9999, "kmax": 10000},
+    ".gif": {},
 }
-"""How Pillow writes each kind of moving picture."""
+"""How Pillow writes each kind of moving picture; ``.mp4`` is another's."""
 
 
 def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _: None) -> None:
     """Write a moving picture; the same runs give the same bytes.
 
     Args:
-        path: ``.webp``, ``.gif``, ``.apng``, ``.mp4`` (by the extra ``video``), or a new folder for
-            a .png of each frame.
+        path: ``.webp``, ``.gif`` or ``.mp4`` (by the extra ``video``).
         film: Its frames.
         progress: Is told how many of them are drawn.
 
     Raises:
-        RecordError: If nothing can be written there, or the folder exists.
+        RecordError: If nothing can be written there.
     """
-    # pixels of a .gif are seen through or not: round corners would have steps
-    drawn = film.frames()
-    if path.suffix not in {".gif", ".mp4"}:
-        drawn = ink.rounded(drawn, ink.FINE * CORNER * film.size[0] / WIDE)
 
     def frames() -> Iterator[Image.Image]:
-        for number, frame in enumerate(drawn, 1):
+        for number, frame in enumerate(film.frames(), 1):
             progress(number)
             yield frame
 
-    def folder(target: Path) -> None:
-        for number, frame in enumerate(frames(), 1):
-            frame.save(target / f"frame-{number:04}.png")
-
-    def file(target: Path) -> None:
+    def write(target: Path) -> None:
+        if path.suffix == ".mp4":
+            return _video(target, film, frames())
         first, *others = frames()
         # in whole ms, of a .gif in 10 ms, that add up without drifting
         unit = 10 if path.suffix == ".gif" else 1
         ends = [round(1000 * k / (unit * film.fps)) * unit for k in range(film.count + 1)]
         lasting = [end - begin for begin, end in pairwise(ends)]
-        animated: dict[str, Any] = {"save_all": True, "append_images": others, "loop": 0}
-        first.save(target, duration=lasting, **animated, **KINDS[path.suffix])
+        how = {"append_images": others, "duration": lasting, "loop": 0, **WRITTEN[path.suffix]}
+        return first.save(target, path.suffix[1:].upper(), save_all=True, **how)
 
-    if path.suffix == ".mp4":
-        write_whole(path, partial(_video, film=film, frames=frames()))
-    elif path.suffix:
-        write_whole(path, file)
-    else:
-        write_folder(path, folder)
+    write_whole(path, write)
 
 
 def _video(target: Path, film: Film, frames: Iterator[Image.Image]) -> None:
@@ -572,14 +510,9 @@ def _video(target: Path, film: Film, frames: Iterator[Image.Image]) -> None:
     wide, high = (side - side % 2 for side in film.size)
     with av.open(str(target), "w", format="mp4") as file:
         stream = file.add_stream("libx264", rate=film.fps)
+        stream.thread_count = 1  # several may give other bytes on a busy machine
         stream.width, stream.height, stream.pix_fmt = wide, high, "yuv420p"
         for frame in frames:
             image = frame.convert("RGB").crop((0, 0, wide, high))
             file.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(image))))
         file.mux(stream.encode(None))
-
-
-def _above(value: float) -> float:
-    """The next round number that is not smaller."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return next(f * power for f in (1, 2, 3, 4, 5, 6, 8, 10) if f * power >= value * (1 - 1e-9))

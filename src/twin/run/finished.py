@@ -35,7 +35,6 @@ from twin.run.assemble import (
 )
 from twin.run.files import (
     STREAM,
-    Signals,
     is_last,
     is_record,
     last,
@@ -49,9 +48,9 @@ from twin.run.indicators import UNITS
 from twin.run.loop import INTERRUPTED, KILLED, Ending, Outcome, drive
 from twin.run.metrics import Motion, held, measure
 from twin.run.record import CHANNELS, Recorder, classes_of, read_beside, read_run, write_run
+from twin.run.signals import Signals
 from twin.run.state import SNAPSHOTS, Keeper, Snapshot, packed
-from twin.scenario.changing import always_friction
-from twin.scenario.load import check, recorded
+from twin.scenario.load import always_friction, check, recorded
 from twin.scenario.schema import Scenario, choices
 from twin.writing import write_json, write_whole
 

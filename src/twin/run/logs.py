@@ -27,8 +27,8 @@ from twin.run.record import CHANNELS, stored
 from twin.scenario.schema import Scenario
 
 SCALES = {
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
-    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "inch": 0.0254},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.radians(1)},
     "1": {"1": 1.0, "": 1.0},
     "m/s": {"m/s": 1.0, "mm/s": 1e-3},
@@ -59,7 +59,7 @@ def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -
                 f"{path.name}: columns are separated by ';', as where a comma is the decimal "
                 "point; write ',' between columns and '.' in numbers"
             )
-        header = [_split_unit(cell) for cell in first]
+        header = [split_unit(cell) for cell in first]
         names = [name for name, _ in header]
         if twice := [name for name in units if names.count(name) > 1]:
             raise LogError(f"{path.name}: {twice[0]}: two columns have this name")
@@ -150,9 +150,9 @@ def scale(name: str, unit: str | None, known: str, source: str) -> float:
     return allowed[unit]
 
 
-def _split_unit(header: str) -> tuple[str, str | None]:
-    """Name and unit of a header such as ``measured_x [mm]``; None without a unit."""
-    match = re.fullmatch(r"\s*(.*?)\s*\[\s*(.*?)\s*\]\s*", header)
+def split_unit(header: str) -> tuple[str, str | None]:
+    """Name and unit of a header such as ``measured_x [mm]`` or ``X (mm)``; None without a unit."""
+    match = re.fullmatch(r"\s*(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*", header)
     return (match[1], match[2]) if match else (header.strip(), None)
 
 

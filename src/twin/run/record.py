@@ -28,7 +28,8 @@ from controllers.catalog import origin
 from controllers.interfaces import Quantity
 from twin.data_file import DataError, parse_json, read_toml
 from twin.errors import RecordError
-from twin.run.files import STREAM, arrow_fields
+from twin.run.files import STREAM
+from twin.run.signals import arrow_fields
 from twin.scenario.schema import KINDS, Scenario, choices, with_settings
 from twin.writing import write_whole
 

@@ -31,7 +31,7 @@ from controllers.interfaces import Measurement
 from twin.errors import RecordError, TwinError
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import RIG_CONDITIONS, Note
-from twin.run.plants import RigChanges
+from twin.run.assemble import RigChanges
 from twin.run.record import read_beside
 from twin.sim.rig import SimulatedRig
 

@@ -1,7 +1,13 @@
-"""A row of the fault matrix: what is done, what must come of it, and how a rig came to rest."""
+"""A row of the fault matrix: what is done, what must come of it, and the limits it must keep.
+
+Nothing in a limit is measured but how the plate tilts and moves and where the ball rolls when the
+fault begins: the time a stop takes follows from who has to stop the rig, the tilt and the way of
+the ball follow from that time.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 from enum import StrEnum
@@ -9,14 +15,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array
+from controllers.ballplate import BallPlate
 from twin.devices.akd import conditions as akd
 from twin.devices.akd.config import AkdConfig
+from twin.devices.akd.servos import SHUTDOWN
 from twin.devices.lumio.config import PlausibilityLimits
-from twin.emulator.drive import MASTER_SILENT, NO_VOLTAGE, STO_FAULT, UNDERVOLTAGE, Power
-from twin.emulator.lockstep import LockstepRig, MotionTrace, PowerChange
-from twin.emulator.screen_bytes import Protocol
-from twin.hal.interface import Condition, Severity
+from twin.emulator.drive import (
+    COASTING,
+    STOP_RAMP,
+    Power,
+)
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.screen import Protocol
+from twin.hal.interface import SCREEN, Condition, Limits, Severity
+from twin.hal.supervisor import Supervisor
 
 STILL = 0.02
 """Plate rate in rad/s that counts as standstill: what levelling commands for one count of the
@@ -37,125 +50,6 @@ class Stopper(StrEnum):
     LOST_TORQUE = "loss of torque"
     """Nobody: the fault took the torque away, and the motor runs out."""
     NOBODY = "nobody"
-
-
-@dataclass(frozen=True)
-class Reaction:
-    """What became of a rig between a fault and the end of the observation; times from the fault.
-
-    Attributes:
-        stopped_by: Who stopped phi and theta.
-        state: The states that were reached: with torque where the plate was levelled or goes on,
-            else the first without.
-        standstill: From when on, in s, the plate stands (and is level if it must be); None if it
-            does not.
-        torque_off: When the last drive lost its torque, s; None if one never did.
-        torque: Whether a drive has torque at the end.
-        tilt: Largest plate angle, rad.
-        ball: Largest distance of the ball from the plate's centre along x and y until the plate
-            must stand, m.
-        ball_later: The same over the whole observation.
-    """
-
-    stopped_by: tuple[Stopper, Stopper]
-    state: tuple[Power, Power]
-    standstill: float | None
-    torque_off: float | None
-    torque: bool
-    tilt: float
-    ball: tuple[float, float]
-    ball_later: tuple[float, float]
-
-
-def reaction(
-    trace: MotionTrace, begin: float, end: float, *, within: float, ended: bool, level: bool
-) -> Reaction:
-    """The reaction to a fault.
-
-    Args:
-        trace: What was seen.
-        begin: Bus time of the fault, s.
-        end: Bus time to which it is judged, s.
-        within: Time in s from the fault to which the ball is followed in ``Reaction.ball``.
-        ended: Whether a run was ended; else the states at the end are those reached, and nobody
-            has levelled.
-        level: Whether a plate must be level to count as standing.
-    """
-    motion = trace.between(begin, end)
-    settled = _lasting(motion.time, motion.tilt < LEVEL) if ended else None
-    still = _lasting(motion.time, motion.speed < STILL)
-    changes = [each for each in trace.changes if begin <= each.time <= end]
-    axes = [_axis([each for each in changes if each.axis == axis], settled) for axis in (0, 1)]
-    phi, theta = axes
-    reached = [each.state if ended else None for each in axes]
-    rest = _latest(still, settled) if level else still
-    off = _latest(phi.off, theta.off)
-    early = np.asarray(motion.time <= begin + within)
-    return Reaction(
-        stopped_by=(phi.stopper, theta.stopper),
-        state=(reached[0] or trace.state(0, end), reached[1] or trace.state(1, end)),
-        standstill=None if rest is None else rest - begin,
-        torque_off=None if off is None else off - begin,
-        torque=trace.live,
-        tilt=float(motion.tilt.max(initial=0.0)),
-        ball=_farthest(motion.ball[early]),
-        ball_later=_farthest(motion.ball),
-    )
-
-
-class _Axis(NamedTuple):
-    """Who stopped an axis, the state it reached if not only at the end, when its torque went."""
-
-    stopper: Stopper
-    state: Power | None
-    off: float | None
-
-
-def _axis(changes: list[PowerChange], settled: float | None) -> _Axis:
-    """What happened to an axis.
-
-    Args:
-        changes: Those of its drive since the fault.
-        settled: From when on the plate was level, bus time in s; None if it was not.
-    """
-    left = next((each for each in changes if each.before is Power.OPERATION_ENABLED), None)
-    off = next((each for each in changes if each.lost), None)
-    time = off.time if off else None
-    if settled is not None and (left is None or settled <= left.time):
-        return _Axis(Stopper.LEVELLING, Power.OPERATION_ENABLED, time)
-    return _Axis(_who(left), off.after if off else None, time)
-
-
-def _who(left: PowerChange | None) -> Stopper:
-    """Who took a drive out of operation."""
-    if left is None:
-        return Stopper.NOBODY
-    if left.fault == MASTER_SILENT:
-        return Stopper.HEARTBEAT
-    if left.fault == STO_FAULT:
-        return Stopper.STO
-    lost = left.fault in {UNDERVOLTAGE, NO_VOLTAGE} or (left.lost and not left.fault)
-    if left.injected or left.fault:
-        return Stopper.LOST_TORQUE if lost else Stopper.DRIVE
-    return Stopper.QUICK_STOP if left.after is Power.QUICK_STOP else Stopper.LOST_TORQUE
-
-
-def _lasting(time: Array, holds: Mask) -> float | None:
-    """From when on something holds to the end; None if it does not."""
-    failing = np.flatnonzero(~holds)
-    if not failing.size:
-        return float(time[0]) if time.size else None
-    after = int(failing[-1]) + 1
-    return float(time[after]) if after < time.size else None
-
-
-def _latest(one: float | None, other: float | None) -> float | None:
-    return None if one is None or other is None else max(one, other)
-
-
-def _farthest(ball: Array) -> tuple[float, float]:
-    x, y = np.abs(ball).max(axis=0, initial=0.0).tolist()
-    return x, y
 
 
 Act = Callable[[LockstepRig], None]
@@ -266,3 +160,177 @@ class FaultCase:
         if self.refused:
             return Power.SWITCH_ON_DISABLED, Power.SWITCH_ON_DISABLED
         return tuple(REACHED[stopper] for stopper in self.stoppers)
+
+
+RIG, BALL = Limits(), BallPlate()
+ANGLE, RATE, ACCELERATION = float(RIG.angle), float(RIG.rate), float(RIG.acceleration)
+BEYOND = ANGLE + Supervisor.ANGLE_SLACK
+"""Largest plate angle in rad that the clamp and its slack for encoder and spring allow."""
+RAMP = AkdConfig().rate_limit / STOP_RAMP
+"""Time in s in which a drive brakes from its velocity limit with its quick stop ramp."""
+LEAVING = 2 * SHUTDOWN + 0.05
+"""Longest time in s from the end of a run to the host's last heartbeat: it waits for standstill,
+then for no torque, then sends what is left."""
+
+RAMPED = f"{1e3 * RAMP:g} ms of ramp from the velocity limit"
+
+
+class Limit(NamedTuple):
+    """A limit and where it comes from, in one line."""
+
+    value: float
+    why: str
+
+
+@dataclass(frozen=True)
+class AtFault:
+    """The rig when a fault begins.
+
+    Attributes:
+        tilt: Larger plate angle, rad.
+        rate: Larger plate rate, rad/s.
+        ball: Distances from the centre along x and y, m, shape (2,).
+        velocity: Speeds of the ball along x and y, m/s, shape (2,).
+    """
+
+    tilt: float
+    rate: float
+    ball: Array
+    velocity: Array
+
+
+def standstill_limit(case: FaultCase, detected: float, at: AtFault) -> Limit | None:
+    """Longest time in s from the fault to standstill; None where nothing has to stop.
+
+    Args:
+        case: The row.
+        detected: Longest time to its detection, s.
+        at: The rig at the fault.
+    """
+    times = [STOPS[each](case, detected, at) for each in case.stoppers if each in STOPS]
+    return max(times) if times else None
+
+
+def _quick_stopped(case: FaultCase, detected: float, _: AtFault) -> Limit:
+    time = detected + 2 * case.host.period + RAMP
+    return Limit(time, f"detection, two periods to the drives, {RAMPED}")
+
+
+def _watched(case: FaultCase, detected: float, at: AtFault) -> Limit:
+    if case.zeroed:
+        return _quick_stopped(case, detected, at)
+    return _unwatched(case, detected)
+
+
+def _unwatched(case: FaultCase, detected: float) -> Limit:
+    """Until a drive has no torque that watches the host."""
+    watch = case.host.silence + case.host.period + RAMP
+    if not case.withheld:
+        return Limit(watch, f"the silence that the drives allow, one period, {RAMPED}")
+    if case.host.watch.stop > LEAVING:
+        why = f"detection, leaving the bus, silence, three periods, {RAMPED}"
+        return Limit(detected + LEAVING + 2 * case.host.period + watch, why)
+    why = f"detection, patience with the quick stop, silence, three periods, {RAMPED}"
+    return Limit(detected + case.host.watch.stop + 2 * case.host.period + watch, why)
+
+
+def _stopped_itself(case: FaultCase, _: float, __: AtFault) -> Limit:
+    return Limit(case.host.period + RAMP, f"one period, {RAMPED}")
+
+
+def _run_out(case: FaultCase, _: float, at: AtFault) -> Limit:
+    rate = at.rate + 2 * ACCELERATION * case.host.period
+    time = 2 * case.host.period + COASTING * math.log(max(rate / STILL, 1.0))
+    why = f"two periods, then down to 1/e every {COASTING:g} s without torque"
+    return Limit(time, why)
+
+
+def _levelled(case: FaultCase, detected: float, at: AtFault) -> Limit:
+    """Brake, turn back at the rate limit, then at the root of acceleration times angle."""
+    angle, rate = tilt_limit(case, detected, 0.0, at).value, _fastest(case, detected, at)
+    last = 10 * case.host.period  # time constant of the last piece, see `Clamp.towards_level`
+    back = min(RATE, math.sqrt(ACCELERATION * angle))
+    time = (rate + back) / ACCELERATION
+    time += max(0.0, angle - back**2 / ACCELERATION) / RATE + 2 * back / ACCELERATION
+    time += last * math.log(ACCELERATION * last / STILL) + Supervisor.DRIFT_TIME
+    why = "detection, braking, the way back from the largest tilt, the time of a measured drift"
+    return Limit(detected + case.slow * time, why)
+
+
+STOPS: dict[Stopper, Callable[[FaultCase, float, AtFault], Limit]] = {
+    Stopper.LEVELLING: _levelled,
+    Stopper.QUICK_STOP: _quick_stopped,
+    Stopper.HEARTBEAT: _watched,
+    Stopper.STO: _run_out,
+    Stopper.LOST_TORQUE: _run_out,
+    Stopper.DRIVE: _stopped_itself,
+}
+"""Longest time to standstill by who has to stop an axis, from case, detection in s and fault."""
+
+
+def torque_off_limit(case: FaultCase, detected: float, stop: Limit | None) -> Limit | None:
+    """Longest time in s to no torque; None where the plate is held, or nothing has to stop."""
+    if stop is None or Stopper.LEVELLING in case.stoppers:
+        return None
+    if case.zeroed:
+        stop = _unwatched(case, detected)
+    return Limit(stop.value + 2 * case.host.period, "two periods from standstill")
+
+
+def tilt_limit(case: FaultCase, detected: float, stop: float | None, at: AtFault) -> Limit:
+    """Largest plate angle in rad after the fault.
+
+    Args:
+        case: The row.
+        detected: Longest time to its detection, s.
+        stop: Longest time to standstill, s; None where nothing has to stop.
+        at: The rig at the fault.
+    """
+    if case.refused:
+        return Limit(LEVEL, "nothing may move")
+    if stop is None:
+        return Limit(BEYOND, "the rig runs on: what the clamp allows")
+    rate = _fastest(case, detected, at)
+    if case.shoved:
+        largest = at.tilt + case.speed * case.shoved + RATE * detected
+        return Limit(largest, "tilt at the fault, the whole push, fastest rate until detection")
+    if Stopper.LEVELLING in case.stoppers:
+        way = rate * detected + rate**2 / (2 * ACCELERATION)
+        why = "tilt at the fault, fastest rate until detection and braking; never past the clamp"
+        return Limit(min(at.tilt + case.slow * way, BEYOND), why)
+    largest = at.tilt + rate * stop
+    if case.speed:
+        return Limit(largest, "tilt at the fault, the fault's own rate until standstill")
+    why = "tilt at the fault, fastest rate until standstill; never past the clamp"
+    return Limit(min(largest, BEYOND), why)
+
+
+def _fastest(case: FaultCase, detected: float, at: AtFault) -> float:
+    """Fastest plate rate in rad/s that a controller reaches until the fault is detected."""
+    return max(min(at.rate + ACCELERATION * detected, RATE), case.speed)
+
+
+def ball_limit(
+    case: FaultCase, detected: float, stop: float | None, at: AtFault
+) -> tuple[tuple[float, float], str]:
+    """Farthest the ball may be from the centre along x and y until the plate stands, m, and why.
+
+    Args:
+        case: The row.
+        detected: Longest time to its detection, s.
+        stop: Longest time to standstill, s; None where nothing has to stop.
+        at: The rig at the fault.
+    """
+    if stop is None:
+        x, y = np.asarray(RIG.area, float).tolist()
+        return (x, y), "the operating area"
+    slope = BALL.k1 * math.sin(tilt_limit(case, detected, stop, at).value)
+    # A change of the plate's rate carries the ball along by c2 times it, (5.1).
+    carried = 2 * BALL.c2 * _fastest(case, detected, at)
+    way = at.ball + (at.velocity + carried) * stop + slope * stop**2 / 2
+    if case.goes:
+        x, y = way.tolist()
+        return (x, y), "place and speed at the fault, slope of the largest tilt until standstill"
+    x, y = np.minimum(way, np.array(SCREEN) / 2).tolist()
+    why = "place and speed at the fault, slope of the largest tilt until standstill; on the plate"
+    return (x, y), why

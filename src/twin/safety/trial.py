@@ -29,10 +29,18 @@ from twin.jobs import results
 from twin.run.assemble import build_controller
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
-from twin.safety import limits
-from twin.safety.case import FaultCase, Reaction, Stopper, reaction
-from twin.safety.cases import CASES
-from twin.safety.row import FaultRow
+from twin.safety.case import (
+    AtFault,
+    FaultCase,
+    Limit,
+    Stopper,
+    ball_limit,
+    standstill_limit,
+    tilt_limit,
+    torque_off_limit,
+)
+from twin.safety.faults import CASES
+from twin.safety.row import FaultRow, Reaction, reaction
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario
 
@@ -90,7 +98,7 @@ class Trial:
             config=case.host,
             touch=screen,
             protocol=case.protocol,
-            relaxed=(*case.host.relaxed, *screen.relaxed),
+            relaxed=(*case.host.relaxed, *screen.gate.relaxed),
         )
         self.trace = MotionTrace(self.rig)
         self.drives = list(self.rig.lockstep.drives)
@@ -113,10 +121,10 @@ class Trial:
         allowed = self._allowed()
         at = self._at_fault()
         seen, stop = self._seen(run, allowed, at)
-        tilt = limits.tilt(case, allowed, stop.value if stop else None, at)
-        ball, ball_why = limits.ball(case, allowed, stop.value if stop else None, at)
+        tilt = tilt_limit(case, allowed, stop.value if stop else None, at)
+        ball, ball_why = ball_limit(case, allowed, stop.value if stop else None, at)
         line = str(run.refusal) if run.refusal else run.outcome.reason
-        off = limits.torque_off(case, allowed, stop)
+        off = torque_off_limit(case, allowed, stop)
         why = {"tilt_limit": tilt.why, "ball_limit": ball_why}
         observed = {
             "stopped_by": tuple(map(str, seen.stopped_by)),
@@ -175,9 +183,9 @@ class Trial:
         self.case.act(self.rig)
         self.trace.note_injection()
 
-    def _at_fault(self) -> limits.AtFault:
+    def _at_fault(self) -> AtFault:
         x, x_rate, plate, plate_rate = np.abs(self._state).reshape(2, 4).T
-        return limits.AtFault(float(plate.max()), float(plate_rate.max()), x, x_rate)
+        return AtFault(float(plate.max()), float(plate_rate.max()), x, x_rate)
 
     def _allowed(self) -> float:
         """Longest time to the detection, s."""
@@ -188,11 +196,9 @@ class Trial:
         late = DEAD_TIME + FRAME + self.rig.period if case.of_screen else 0.0
         return case.expected.within + late + case.wait if case.expected else 0.0
 
-    def _seen(
-        self, run: TrialRun, allowed: float, at: limits.AtFault
-    ) -> tuple[Reaction, limits.Limit | None]:
+    def _seen(self, run: TrialRun, allowed: float, at: AtFault) -> tuple[Reaction, Limit | None]:
         """The reaction, and the longest time to standstill."""
-        stop = limits.standstill(self.case, allowed, at) if not self.case.refused else None
+        stop = standstill_limit(self.case, allowed, at) if not self.case.refused else None
         finished = run.outcome.ending is Ending.FINISHED and not run.refusal
         if not finished:
             self.rig.sleep(LEFT)

@@ -1,26 +1,128 @@
-"""The clean model of a scenario: what the designer of its controller saw.
+"""From a name and overrides to a checked scenario, or one clear line about what is wrong.
 
-From a name and overrides to a checked scenario, or one clear line about what is wrong.
+Besides what is made of one: its clean model, what it is at a time where it changes while it runs,
+and variants of it with the shortest names that tell them apart.
 """
 
 from __future__ import annotations
 
 import copy
+import itertools
 import json
+import math
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import reduce
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from pydantic import ValidationError
 
 from controllers.catalog import broken
 from twin.data_file import DEEPEST, DataError, parse_toml
 from twin.errors import ScenarioError, nearest, shortened
-from twin.scenario import changing
-from twin.scenario.schema import KINDS, TABLES, Scenario, choices, settings_model, without_ball
+from twin.scenario.schema import (
+    JUMPS,
+    KINDS,
+    RAMPS,
+    SLACK,
+    TABLES,
+    Change,
+    Scenario,
+    choices,
+    settings_model,
+    without_ball,
+)
+from twin.settings import value_of
 from twin.shipped import chosen, find, shipped_in
 from twin.validation import Model, keys_of, one_line, read_tables
+
+NONE_AT_ZERO = ("plant.servo.bandwidth_hz", "plant.servo.resonance_hz")
+"""What is absent at 0 and the stronger the closer to it, so that no ramp leads there."""
+
+
+def at_time(scenario: Scenario, time: float) -> Scenario:
+    """The scenario with the values that its plant, drives and sensors have at a time in s."""
+    values: dict[str, Any] = {}
+    for change in sorted(scenario.change, key=lambda each: each.at):
+        passed = time - change.at
+        if passed < -SLACK:
+            break
+        share = passed / change.over if passed < change.over - SLACK else 1.0
+        for key, goal in change.set.items():
+            old = values[key] if key in values else value_of(scenario, key)
+            values[key] = _between(old, _tuples(goal), share)
+    return reduce(lambda model, item: _with(model, *item), values.items(), scenario)
+
+
+def always_friction(scenario: Scenario) -> bool:
+    """Whether the ball of a simulated rig rolls with friction all the time."""
+    key = "plant.friction.rolling_mm"
+    values = [each.set[key] for each in scenario.change if key in each.set]
+    return all(value > 0 for value in (value_of(scenario, key), *values))
+
+
+def times(scenarios: Sequence[Scenario]) -> list[float]:
+    """When something changes in any of some scenarios, s, in order."""
+    every = (time for each in scenarios for change in each.change for time in change.times())
+    return sorted({round(time, 9) for time in every})
+
+
+def problem_of_changes(scenario: Scenario) -> str:
+    """What is wrong with a scenario's changes taken together, in one line; empty if nothing is.
+
+    Each of them is known to be possible by itself.
+    """
+    for number, change in enumerate(scenario.change):
+        found = _ramp_problem(scenario, change)
+        if found:
+            return f"change.{number}.set: {found}"
+        if change.at >= scenario.duration:
+            return (
+                f"change.{number}.at: {change.at:g} s is not before the end at duration = "
+                f"{scenario.duration:g} s"
+            )
+    for key in RAMPS + JUMPS:
+        its = sorted((c for c in scenario.change if key in c.set), key=lambda each: each.at)
+        for one, other in pairwise(its):
+            if other.at < one.end or other.at == one.at:
+                return (
+                    f"change: {key}: changes again at {other.at:g} s, before what began at "
+                    f"{one.at:g} s is over"
+                )
+    return ""
+
+
+def _ramp_problem(scenario: Scenario, change: Change) -> str:
+    """Why no ramp leads from the old values to the new ones; empty if one does."""
+    before = at_time(scenario, change.at - 2 * SLACK)
+    for key in NONE_AT_ZERO if change.over else ():
+        if key in change.set and not (change.set[key] and value_of(before, key)):
+            return f"{key}: 0 stands for none, so no ramp leads there; leave out over"
+    return ""
+
+
+def _between(old: Any, new: Any, share: float) -> Any:
+    """What lies between two numbers or tuples of them, at a share of the way."""
+    if share == 1.0:
+        return new
+    if isinstance(old, tuple):
+        return tuple(_between(*pair, share) for pair in zip(old, new, strict=True))
+    return old + share * (new - old)
+
+
+def _tuples(value: Any) -> Any:
+    """Lists as the tuples that a scenario has."""
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
+
+
+def _with(model: Any, key: str, value: Any) -> Any:
+    """A table with another value under a dotted key."""
+    name, _, rest = key.partition(".")
+    inner = _with(getattr(model, name), rest, value) if rest else value
+    return model.model_copy(update={name: inner})
 
 
 def clean(scenario: Scenario) -> Scenario:
@@ -235,11 +337,11 @@ def _check_changes(scenario: Scenario, source: str) -> None:
             raise ScenarioError(f"{source}: change.{number}.set: {wrong}")
         tables = put(tables, each.set.items())
         validated(Scenario, tables, source, f"change.{number}.set: ")
-    if wrong := changing.problem(scenario):
+    if wrong := problem_of_changes(scenario):
         raise ScenarioError(f"{source}: {wrong}")
     for number, each in enumerate(scenario.change):
         for share in (0.001, 0.999) if each.over else ():
-            between = changing.at_time(scenario, each.at + share * each.over)
+            between = at_time(scenario, each.at + share * each.over)
             on_the_way = between.model_dump(mode="json", exclude={"change"})
             validated(Scenario, on_the_way, source, f"change.{number}: on the way: ")
 
@@ -272,3 +374,157 @@ def every_key() -> list[str]:
         for cls in choices(table).values():
             found += [f"{table}.{name}" for name in settings_model(cls).model_fields]
     return list(dict.fromkeys(found))
+
+
+MOST = 1000
+"""Values that a range may have."""
+
+
+class Combination(NamedTuple):
+    """One combination of values.
+
+    Attributes:
+        settings: Dotted key to value.
+        label: ``KEY=VALUE`` of each, with spaces between.
+        heading: The shortest text that tells it from the others.
+        name: The same with the last part of each key, for where no key stands over it.
+    """
+
+    settings: tuple[tuple[str, Any], ...] = ()
+    label: str = ""
+    heading: str = ""
+    name: str = ""
+
+
+def parsed(vary: Sequence[str]) -> dict[str, list[Any]]:
+    """Key to values of each ``KEY=[A, B, ...]`` or ``KEY=A,B,...``.
+
+    A value may be a table, as ``controller=[{kind="afl"}, {kind="lqr", rho=100}]``.
+
+    Raises:
+        ScenarioError: If a text is neither.
+    """
+    return dict(map(_parsed, vary))
+
+
+def swept(text: str) -> tuple[str, list[Any]]:
+    """Key and values of ``KEY=FIRST:LAST:NUMBER``, evenly spaced, or ``KEY=[A, B, ...]``.
+
+    Raises:
+        ScenarioError: If the text is neither.
+    """
+    key, equals, values = (part.strip() for part in text.partition("="))
+    form = f"sweep '{text[:200]}': write KEY=FIRST:LAST:NUMBER, as in duration=5:10:6, or KEY=[A,B]"
+    if not key or not equals or not values:
+        raise ScenarioError(form)
+    if values.startswith("["):
+        try:
+            listed = parse_toml(f"values = {values}")["values"]
+        except (tomllib.TOMLDecodeError, DataError):
+            raise ScenarioError(form) from None
+        if not listed:
+            raise ScenarioError(form)
+        return key, listed
+    parts = values.split(":")
+    try:
+        first, last, number = float(parts[0]), float(parts[1]), int(parts[2])
+    except (ValueError, IndexError):
+        raise ScenarioError(form) from None
+    if len(parts) != 3 or not math.isfinite(first + last) or not 2 <= number <= MOST:
+        raise ScenarioError(f"{form}; NUMBER: 2 to {MOST}")
+    spaced = [float(f"{value:.12g}") for value in np.linspace(first, last, number)]
+    whole = "." not in parts[0] + parts[1] and all(value.is_integer() for value in spaced)
+    return key, [int(value) for value in spaced] if whole else spaced
+
+
+def variants(vary: Mapping[str, Sequence[Any]]) -> list[Combination]:
+    """All combinations of the values of some keys; one without any if there is no key."""
+    return [
+        Combination(
+            tuple(pair for item in each for pair in item.settings),
+            " ".join(item.label for item in each),
+            ", ".join(item.heading for item in each),
+            " ".join(item.name for item in each),
+        )
+        for each in itertools.product(*(_values(key, items) for key, items in vary.items()))
+    ]
+
+
+def varied(vary: Mapping[str, Sequence[Any]]) -> list[str]:
+    """Each key with the headings of its values, to name a comparison by."""
+    return [f"{key}={','.join(headings(items))}" for key, items in vary.items()]
+
+
+def comparison(what: str, keys: Iterable[str], changed: Sequence[str]) -> str:
+    """The title of a comparison: what ran, over which keys, and what all runs share.
+
+    Args:
+        what: Title of the scenario, or names of several.
+        keys: What is varied.
+        changed: ``KEY=VALUE`` each; one of the title itself says nothing more.
+    """
+    varied_keys = ", ".join(keys)
+    over = f" over {varied_keys}" if varied_keys else ""
+    said = [text for text in changed if text.partition("=")[0].strip() != "title"]
+    return f"{what}{over} ({', '.join(said)})" if said else f"{what}{over}"
+
+
+def headings(values: Sequence[Any]) -> list[str]:
+    """What to call values of one key: of a table its kind, with its settings if others have it."""
+    kinds = [value.get("kind") if isinstance(value, Mapping) else None for value in values]
+    return [_heading(value, alone=kinds.count(kinds[i]) == 1) for i, value in enumerate(values)]
+
+
+def written(value: Any) -> str:
+    """A value as TOML has it in a line; a text without its quotes."""
+    return value.strip() if isinstance(value, str) else inline(value)
+
+
+def _parsed(text: str) -> tuple[str, list[Any]]:
+    key, equals, values = text.partition("=")
+    key = key.strip()
+    if not equals or not key or not values:
+        raise ScenarioError(f"--vary '{text[:200]}': write KEY=[A,B,...], as in duration=[5,10]")
+    try:
+        listed: Any = parse_toml(f"values = {values}")["values"]
+    except tomllib.TOMLDecodeError:
+        if values.count("[") != values.count("]"):
+            raise ScenarioError(f"--vary '{text[:200]}': brackets must match") from None
+        listed = [setting(f"{key}={item}")[1] for item in values.strip("[]").split(",")]
+    except DataError as error:
+        raise ScenarioError(f"--vary '{key[:200]}': {error}") from None
+    setting(f"{key}=0")  # the key is one
+    return key, listed if isinstance(listed, list) else [listed]
+
+
+def _values(key: str, items: Sequence[Any]) -> list[Combination]:
+    leaf = key.rpartition(".")[2]
+    return [
+        Combination(
+            ((key, item),),
+            f"{key}={written(item)}",
+            heading,
+            heading if leaf == "kind" or isinstance(item, Mapping) else f"{leaf}={heading}",
+        )
+        for item, heading in zip(items, headings(items), strict=True)
+    ]
+
+
+def _heading(value: Any, *, alone: bool) -> str:
+    if not isinstance(value, Mapping):
+        return written(value)
+    settings = [f"{key}={written(item)}" for key, item in value.items() if key != "kind"]
+    kind = str(value.get("kind", ""))
+    if kind and alone:
+        return kind
+    return " ".join(filter(None, (kind, ", ".join(settings)))) or "{}"
+
+
+def inline(value: Any) -> str:
+    """A value as TOML has it in a line."""
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{key}={inline(item)}" for key, item in value.items())
+        return f"{{{inner}}}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(inline, value))}]"
+    return json.dumps(value, ensure_ascii=False, default=str)

@@ -10,9 +10,8 @@ from typing import Annotated, Any, Self, TypeVar
 from pydantic import BaseModel, Field, model_validator
 
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
-from twin.devices.lumio.calibration import CalibrationError, read_calibration
-from twin.devices.lumio.config import LumioConfig
-from twin.devices.nets import wider
+from twin.devices.common import wider
+from twin.devices.lumio.config import CalibrationError, LumioConfig, read_calibration
 from twin.devices.own import OwnConfig
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
@@ -147,7 +146,7 @@ class RigFile(Section):
             TwinError: If the drives' settings do not go together.
         """
         if self.backend is None:
-            found = [*self.servos(period).relaxed, *self.uncalibrated_screen().relaxed]
+            found = [*self.servos(period).relaxed, *self.uncalibrated_screen().gate.relaxed]
         else:
             found = list(built(OwnConfig, self.own).relaxed)
         if self.late_periods > LATE_PERIODS:

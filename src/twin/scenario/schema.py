@@ -27,10 +27,9 @@ from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.hal.interface import Limits
 from twin.settings import Setting, settings_of, value_of
-from twin.sim.drives import DriveModel, TransmissionError
 from twin.sim.plant.friction import Friction, SurfaceModel
-from twin.sim.plant.interface import BallStart
-from twin.sim.plant.parts import Parts
+from twin.sim.plant.interface import BallStart, Parts
+from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
@@ -183,7 +182,7 @@ def dataclass_of(hint: Any) -> type | None:
 SETTINGS = (Friction, SurfaceModel, DriveModel, Parts, BallStart)
 """Dataclasses whose settings are keys of ``plant``."""
 PLANTS = ["mujoco", "lagrange"]
-"""What ``kind`` may name; ``twin.run.plants.register`` adds to it."""
+"""What ``kind`` may name; ``twin.run.assemble.register`` adds to it."""
 
 
 def _known(kind: str) -> str:

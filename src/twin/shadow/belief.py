@@ -14,8 +14,8 @@ from controllers.ballplate import BallPlate
 from twin.data_file import read_toml
 from twin.errors import LogError
 from twin.hal.interface import SCREEN
-from twin.identify.log import Log, of_columns
-from twin.identify.problem import Problem
+from twin.identify.logs import Log, of_columns
+from twin.identify.twin_model import Problem
 from twin.identify.windows import Windows
 from twin.run.assemble import assemble
 from twin.run.loop import drive
@@ -23,8 +23,8 @@ from twin.run.record import Recorder
 from twin.scenario.load import read, recorded, resolved, setting
 from twin.scenario.schema import Scenario
 from twin.settings import filled
-from twin.sim.drives import DriveModel, TransmissionError
 from twin.sim.plant.friction import Friction
+from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
 BALL = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")

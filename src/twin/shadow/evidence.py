@@ -22,17 +22,15 @@ from scipy.linalg import solve_discrete_are
 from scipy.signal import lfilter, ss2tf
 
 from controllers.arrays import Array, Mask
-from twin.identify.log import Log
+from twin.identify.logs import Log
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
-from twin.identify.problem import START_PRIOR, Linearisation
-from twin.identify.replay import STEP
-from twin.identify.search import fit_starts
-from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans
+from twin.identify.search import START_PRIOR, Linearisation, fit_starts
+from twin.identify.windows import BIN, LOOKBACK, STEP, Spans, Windows, cut, moving_spans
 from twin.settings import changed
 from twin.shadow.belief import BALL, DRIVES, PARAMETERS, Belief
-from twin.sim.plant.linear import STATES, linear_mechanism
-from twin.sim.plant.parts import Parts
+from twin.sim.calibration import STATES, linear_mechanism
+from twin.sim.plant.interface import Parts
 
 
 @dataclass(frozen=True)

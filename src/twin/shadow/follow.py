@@ -19,15 +19,15 @@ import numpy as np
 from controllers.arrays import Array, Mask
 from twin.data_file import parse_toml
 from twin.errors import LogError
-from twin.identify.identify import identify
-from twin.identify.log import COLUMNS, Log, of_columns
-from twin.identify.log_checks import check_ranges
+from twin.identify.judged import IDENTIFIED, REJECTED
+from twin.identify.logs import COLUMNS, Log, of_columns
 from twin.identify.parameters import SHARE
-from twin.identify.prepare import PreparedLog, prepare
+from twin.identify.prepare import PreparedLog, check_ranges, prepare
 from twin.identify.report import parameters
-from twin.identify.verdict import IDENTIFIED, REJECTED
+from twin.identify.twin_model import identify
 from twin.identify.windows import Windows
 from twin.report.numbers import flat
+from twin.run.logs import NEEDED
 from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import LOOKBACKS, Alarm, SequentialTests, baseline, onset, weigh
@@ -416,7 +416,7 @@ class LiveFollower(Follower):
         self._rows: dict[str, Array] = {}
         self._rate: Array = np.zeros(2)
         self._judged = 0.0
-        nothing = {name: np.zeros(0) for name, column in COLUMNS.items() if column.required}
+        nothing = dict.fromkeys(NEEDED, np.zeros(0))
         super().__init__(Belief.of(scenario, of_columns(nothing, self._metadata, source)))
 
     def take(self, rows: Mapping[str, Array]) -> bool:

@@ -16,10 +16,9 @@ import numpy as np
 from controllers.arrays import Array, Mask
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import ROLL, PreparedLog, Segment, speed
-from twin.identify.problem import START_DIFFERENCES, START_PRIOR, Problem
-from twin.identify.replay import STEP
-from twin.identify.search import fit_starts
-from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut
+from twin.identify.search import START_DIFFERENCES, START_PRIOR, fit_starts
+from twin.identify.twin_model import Problem
+from twin.identify.windows import BIN, LOOKBACK, STEP, Spans, Windows, cut
 from twin.shadow.belief import BALL, PARAMETERS, Belief
 from twin.shadow.evidence import STRETCH, clear, edges_of, portions, unknown_motion
 

@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from twin.identify.log import read
-from twin.identify.replay import STEP
+from twin.identify.logs import read
+from twin.identify.windows import STEP
 from twin.page import Block, Picture, Table, Text, Verdict, html
 from twin.run.files import run_name
 from twin.run.picture import COLOURS, drawn

@@ -1,16 +1,26 @@
-"""A rig whose devices are simulated: any plant, seen through the sensors' imperfections."""
+"""A rig whose devices are simulated: any plant behind imperfect drives and sensors.
+
+Of the drives here: what lies between a commanded motor rate and the plate's (bandwidth, vibration,
+and a drive train of play, hysteresis and a soft part), and transmissions that are wrong.
+"""
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, every, put
+from controllers.arrays import Array, Mask, Number, column, every, put
+from controllers.controller import Groups
 from twin.hal.interface import Limits, Touch, Transmission
 from twin.hal.rig import Rig
 from twin.hal.supervisor import Supervisor
-from twin.sim.drives import DriveModel, SimulatedDrives
+from twin.settings import Unit, ramp, setting
 from twin.sim.plant.interface import Plant
 from twin.sim.sensors import (
     EncoderModel,
@@ -21,6 +31,378 @@ from twin.sim.sensors import (
     SimulatedScreen,
     TouchModel,
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransmissionError:
+    """How wrong what a rig knows of its cams is.
+
+    Fields may be arrays with one entry per rig.
+
+    Attributes:
+        slope: How much too far each axis is taken, dimensionless, for (phi, theta), shape (2,) or
+            (N, 2).
+        coupling: Share of one axis's angle that turns the other, too, dimensionless.
+    """
+
+    slope: tuple[float, float] | Array = ramp(
+        "rig.cam_error_percent", (0.0, 0.0), Unit.PERCENT, ge=-20, le=20
+    )
+    coupling: Number = ramp("rig.cam_coupling_percent", 0.0, Unit.PERCENT, ge=-20, le=20)
+
+    @property
+    def any(self) -> bool:
+        """Whether there is an error at all."""
+        return bool(np.any(self.slope) or np.any(self.coupling))
+
+
+@dataclass(frozen=True)
+class WrongTransmission:
+    """A transmission that takes the plate not quite where it should be.
+
+    Attributes:
+        known: The transmission as it should be.
+        error: What is wrong with it.
+    """
+
+    known: Transmission
+    error: TransmissionError
+
+    def motor(self, plate: Array) -> Array:
+        """Motor angles in rad for the requested plate angles in rad, both (N, 2)."""
+        moved = (1 + np.asarray(self.error.slope)) * plate
+        if np.any(self.error.coupling):
+            moved = moved + column(self.error.coupling) * plate[..., ::-1]
+        return self.known.motor(moved)
+
+
+class PerRigTransmission:
+    """A transmission per rig.
+
+    Args:
+        members: One per rig; those that are one and the same object are looked up together.
+    """
+
+    def __init__(self, members: Sequence[Transmission]) -> None:
+        self._groups = Groups(members).each
+
+    def motor(self, plate: Array) -> Array:
+        """Motor angles in rad for plate angles in rad, both (N, 2)."""
+        found = np.empty_like(plate)
+        for rigs, member in self._groups:
+            found[rigs] = member.motor(plate[rigs])
+        return found
+
+
+class Vibration:
+    """Rates of both axes of N plates that swing by themselves, a quarter turn apart.
+
+    A steady one is a sine. A random one is a sum of sine and cosine whose sizes wander: white noise
+    through a first-order lag each (Ornstein-Uhlenbeck), so narrow-band noise of the same rms.
+
+    Args:
+        period: Control period in s.
+        seeds: One seed sequence per rig.
+    """
+
+    def __init__(self, period: float, seeds: Sequence[np.random.SeedSequence]) -> None:
+        self._period = period
+        self._tick = 0
+        self._begun = np.zeros((len(seeds), 1), int)
+        self._noise = Noise(np.full(4, 0.5), [s.spawn(1)[0] for s in seeds])
+        self._sizes: Array = np.zeros((len(seeds), 4))
+        none = np.zeros((len(seeds), 1))
+        self.be(none, none, none)
+
+    def be(self, amplitude: Array, frequency: Array, wander: Array) -> None:
+        """Swing so from now on.
+
+        Args:
+            amplitude: Of the steady rates in rad/s, shape (N, 1); the rms of both kinds is this by
+                the root of two.
+            frequency: In Hz, shape (N, 1).
+            wander: Time in s in which a random one forgets its phase, shape (N, 1); 0 for a steady
+                one.
+        """
+        self.acts = bool(amplitude.any())
+        self._amplitude = amplitude
+        self._turn = 2 * np.pi * frequency * self._period
+        self._random = wander > 0
+        self._kept = np.exp(-self._period / np.where(self._random, wander, 1.0))
+
+    def adopt(self, rigs: Rigs, other: Vibration) -> None:
+        """Let some rigs begin to swing now, with the noise of others that have not begun."""
+        self._begun[rigs] = self._tick
+        self._noise.adopt(rigs, other._noise)
+
+    def rate(self) -> Array:
+        """Rates of the next period in rad/s, shape (N, 2)."""
+        self._tick += 1
+        age = self._tick - self._begun
+        phase = self._turn * age
+        sine, cosine = np.sin(phase), np.cos(phase)
+        steady = np.concatenate((sine, cosine), axis=1)
+        if self._random.any():
+            drawn = self._noise.draw()
+            # begun as it goes on: there is no instant at which it is known to be still
+            fresh = np.where(age == 1, 1.0, np.sqrt(1 - self._kept**2))
+            self._sizes = np.where(age == 1, 0.0, self._kept * self._sizes) + fresh * drawn
+            wandering = self._sizes[:, :2] * sine + self._sizes[:, 2:] * cosine
+            steady = np.where(self._random, wandering, steady)
+        moved: Array = self._amplitude * steady
+        return moved
+
+
+class TrainPart(ABC):
+    """A part of the drive train of N rigs.
+
+    Attributes:
+        states: Names of the arrays, shape (N, 2), that have a past; 0 at the beginning.
+        acts: Which rigs have the part, shape (N, 1).
+    """
+
+    states: ClassVar[tuple[str, ...]]
+    acts: NDArray[np.bool_]
+
+    def go_on(self, before: Any, rate: Array) -> None:
+        """Begin in the state of another one of its kind.
+
+        Args:
+            before: That one.
+            rate: Rates of the input in rad/s now, shape (N, 2).
+        """
+        del rate
+        for name in self.states:
+            setattr(self, name, getattr(before, name))
+
+    def begin(self, rigs: Rigs) -> None:
+        """Let some rigs begin as they were when they were made."""
+        for name in self.states:
+            setattr(self, name, put(getattr(self, name), rigs, 0.0))
+
+    @abstractmethod
+    def follow(self, turn: Array) -> Array:
+        """Turn of the output in rad for one of the input, both (N, 2)."""
+
+
+class Play(TrainPart):
+    """A gap: the output stands until the input has crossed it.
+
+    Args:
+        width: Of the gap in rad, shape (N, 1); 0 for none.
+    """
+
+    states = ("_input", "_output")
+
+    def __init__(self, width: Array) -> None:
+        self._half = width / 2
+        self.acts = width > 0
+        self._input: Array = np.zeros((len(width), 2))
+        self._output: Array = np.zeros((len(width), 2))
+
+    def follow(self, turn: Array) -> Array:
+        """Turn of the output in rad for one of the input."""
+        self._input = self._input + turn
+        moved = np.minimum(
+            np.maximum(self._output, self._input - self._half), self._input + self._half
+        )
+        followed = moved - self._output
+        self._output = moved
+        return followed
+
+
+class Hysteresis(TrainPart):
+    """An elastic part that works against dry friction after Dahl: lost motion without a gap.
+
+    With h the angle that is lost and s the input's, dh/ds = (1 - h sgn(s') / h_max) / 2: right
+    after a reversal the output stands, then follows more and more; h_max is half the width of the
+    loop of output over input, and the width is the way on which it changes over.
+
+    Args:
+        width: Of the loop in rad, shape (N, 1); 0 for none.
+    """
+
+    states = ("_lost",)
+
+    def __init__(self, width: Array) -> None:
+        self.acts = width > 0
+        self._width = width
+        self._way = np.where(width > 0, width, 1.0)
+        self._lost: Array = np.zeros((len(width), 2))
+
+    def follow(self, turn: Array) -> Array:
+        """Turn of the output in rad for one of the input."""
+        end = np.copysign(self._width / 2, turn)
+        lost = end + (self._lost - end) * np.exp(-np.abs(turn) / self._way)
+        followed: Array = turn - (lost - self._lost)
+        self._lost = lost
+        return followed
+
+
+class Resonance(TrainPart):
+    """A soft drive train: the plate swings about where the motor is, excited by the motor's motion.
+
+    With d the plate's angle less the motor's, d'' + 2 zeta w d' + w^2 d = -(acceleration of the
+    motor), solved exactly for motor rates that are constant over a period.
+
+    Args:
+        frequency: Of the undamped swing in Hz, shape (N, 1); 0 for a stiff train.
+        damping: Ratio zeta below 1, shape (N, 1).
+        period: Control period in s.
+    """
+
+    states = ("_d", "_d_rate", "_motor_rate")
+
+    def __init__(self, frequency: Array, damping: Array, period: float) -> None:
+        self.acts = frequency > 0
+        w = 2 * math.pi * frequency
+        decay, swing = damping * w, w * np.sqrt(1 - damping**2)
+        fade = np.exp(-decay * period)
+        cos = fade * np.cos(swing * period)
+        # sin(swing t) / swing, which at 0 is t
+        sine = fade * period * np.sinc(swing * period / math.pi)
+        self._period = period
+        self._angle = cos + decay * sine, sine
+        self._rate = -(w**2) * sine, cos - decay * sine
+        self._d: Array = np.zeros((len(frequency), 2))
+        self._d_rate: Array = np.zeros((len(frequency), 2))
+        self._motor_rate: Array = np.zeros((len(frequency), 2))
+
+    def go_on(self, before: Resonance, rate: Array) -> None:
+        """Begin in the state of another one, at input rates in rad/s, shape (N, 2)."""
+        super().go_on(before, rate)
+        self._motor_rate = np.where(before.acts, before._motor_rate, rate)
+
+    def follow(self, turn: Array) -> Array:
+        """Turn of the plate in rad for one of the motor."""
+        motor_rate = turn / self._period
+        d, d_rate = self._d, self._d_rate - (motor_rate - self._motor_rate)
+        self._motor_rate = motor_rate
+        (a, b), (c, e) = self._angle, self._rate
+        self._d, self._d_rate = a * d + b * d_rate, c * d + e * d_rate
+        return turn + (self._d - d)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveModel:
+    """A drive's imperfections beyond those of the plant's own servos; zero switches each off.
+
+    Fields may be arrays with one entry per rig.
+
+    Attributes:
+        bandwidth: Corner frequency in Hz of a first-order lag of the speed loop.
+        backlash: Angle in rad that the drive turns without moving the plate, as plate angle.
+        hysteresis: Angle in rad, as plate angle, by which the plate is left behind after a
+            reversal, the more gradually the softer what holds it: elastic parts against friction.
+        resonance: Frequency in Hz at which the plate swings on a soft drive train when it is moved.
+        resonance_damping: Its damping ratio.
+        vibration: Amplitude in rad/s^2 of a vibration of both plate axes, a quarter turn apart.
+        vibration_frequency: Its frequency in Hz.
+        vibration_wander: Time in s in which it forgets its phase and size, random about its
+            frequency and of the same rms; 0 for a steady one.
+        disturbance: Variances of white plate accelerations that are added to the commanded ones,
+            for phi and theta, (rad/s^2)^2. None by default: what Table B.1 calls so, 1.0816e-4 and
+            2.8090e-5, are control efforts recorded at rest (Fig. B.3), in size a controller's own
+            answer to the screen's noise, which the twin makes by itself.
+    """
+
+    bandwidth: Number = ramp("plant.servo.bandwidth_hz", 0.0, ge=0, le=1000)
+    backlash: Number = ramp("plant.servo.backlash_deg", 0.0, Unit.DEG, ge=0, le=5)
+    hysteresis: Number = ramp("plant.servo.hysteresis_deg", 0.0, Unit.DEG, ge=0, le=5)
+    resonance: Number = ramp("plant.servo.resonance_hz", 0.0, ge=0, le=100)
+    resonance_damping: Number = ramp("plant.servo.resonance_damping", 0.05, ge=0, lt=1)
+    vibration: Number = ramp("plant.servo.vibration", 0.0, ge=0, le=100)
+    vibration_frequency: Number = setting("plant.servo.vibration_hz", 13.0, gt=0, le=250)
+    vibration_wander: Number = setting("plant.servo.vibration_wander", 0.0, ge=0, le=1000)
+    disturbance: tuple[float, float] | Array = ramp("disturbance.variance", (0.0, 0.0), ge=0)
+
+
+class SimulatedDrives:
+    """Two drives of N rigs: commanded motor rates in, rates of the cam shafts out.
+
+    Args:
+        model: The imperfections; its disturbance is the rig's to add.
+        period: Control period in s.
+        ratio: Motor angle per plate angle, dimensionless.
+        seeds: One seed sequence per rig.
+    """
+
+    def __init__(
+        self,
+        model: DriveModel,
+        period: float,
+        ratio: float,
+        seeds: Sequence[np.random.SeedSequence],
+    ) -> None:
+        self._period, self._ratio, self._rigs = period, ratio, len(seeds)
+        self._rate: Array = np.zeros((self._rigs, 2))
+        self.ahead: Array = np.zeros((self._rigs, 2))
+        """By how much the motors have turned further than the shafts, rad, shape (N, 2)."""
+        self._every: tuple[TrainPart, ...] = ()
+        self._vibration = Vibration(period, seeds)
+        self._equip(model)
+
+    def change(self, model: DriveModel, rate: Array) -> None:
+        """Have the imperfections of another model from now on.
+
+        Args:
+            model: The imperfections.
+            rate: Motor rates in rad/s that were commanded for the period that has passed, (N, 2).
+        """
+        if self.ideal:
+            self._rate = rate
+        before = self._every
+        self._equip(model)
+        for old, new in zip(before, self._every, strict=True):
+            new.go_on(old, rate)
+
+    def adopt(self, rigs: Rigs, other: SimulatedDrives) -> None:
+        """Let some rigs begin at rest, with the noise of others that have not moved."""
+        self._rate, self.ahead = put(self._rate, rigs, 0.0), put(self.ahead, rigs, 0.0)
+        for part in self._every:
+            part.begin(rigs)
+        self._vibration.adopt(rigs, other._vibration)
+
+    def _equip(self, model: DriveModel) -> None:
+        period, ratio = self._period, self._ratio
+
+        def each(value: Number) -> Array:
+            return np.broadcast_to(np.asarray(value, float), (self._rigs,))[:, None]
+
+        shares = (2 * math.pi * each(model.bandwidth) * period)[:, 0].tolist()
+        # Of the step from old rate to new, what is left at the end of a period and in its mean.
+        left = [math.exp(-share) if share else 0.0 for share in shares]
+        mean = [-math.expm1(-share) / share if share else 0.0 for share in shares]
+        self._left, self._mean = np.array(left)[:, None], np.array(mean)[:, None]
+        omega = 2 * math.pi * each(model.vibration_frequency)
+        self._vibration.be(
+            ratio * each(model.vibration) / omega,
+            each(model.vibration_frequency),
+            each(model.vibration_wander),
+        )
+        self._every = (
+            Play(each(model.backlash) * ratio),
+            Hysteresis(each(model.hysteresis) * ratio),
+            Resonance(each(model.resonance), each(model.resonance_damping), period),
+        )
+        self._parts = [part for part in self._every if part.acts.any()]
+        self.ideal = not (any(shares) or self._parts or self._vibration.acts)
+        """Whether the shafts follow every command at once."""
+
+    def follow(self, rate: Array) -> Array:
+        """Mean rates over the next period for the commanded ones, both rad/s, shape (N, 2)."""
+        lacking = self._rate - rate
+        mean: Array = rate + self._mean * lacking
+        self._rate = rate + self._left * lacking
+        turned = mean
+        for part in self._parts:
+            # a rig without the part keeps its rate to the last bit
+            followed = part.follow(mean * self._period) / self._period
+            mean = np.where(part.acts, followed, mean)
+        self.ahead = self.ahead + self._period * (turned - mean)
+        if self._vibration.acts:
+            mean = mean + self._vibration.rate()
+        return mean
 
 
 class SimulatedDevices:

@@ -364,7 +364,7 @@ def sources() -> list[Path]:
     return sorted(found)
 
 
-RUN = ("assemble", "batch", "indicators", "loop", "metrics", "plants", "record")
+RUN = ("assemble", "batch", "indicators", "loop", "metrics", "record")
 """What of the room ``run`` a run of a study executes."""
-SCENARIO = ("changing", "schema")
+SCENARIO = ("schema",)
 """The same of the room ``scenario``."""

@@ -27,10 +27,9 @@ from twin.errors import TwinError
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import Transmission
 from twin.jobs import cores, results
-from twin.run.assemble import assemble
+from twin.run.assemble import PlantKind, assemble, register
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.metrics import Motion, measure
-from twin.run.plants import PlantKind, register
 from twin.run.record import Recorder
 from twin.scenario.load import check, laid_over, put
 from twin.scenario.schema import Scenario

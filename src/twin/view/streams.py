@@ -21,13 +21,12 @@ from twin.data_file import read_toml
 from twin.errors import RecordError
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
-from twin.run.assemble import build_reference
+from twin.run.assemble import build_friction, build_reference
 from twin.run.finished import Run, columns, states_of
-from twin.run.plants import build_friction
 from twin.scenario.schema import Scenario
 from twin.settings import changed
+from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import load_model
-from twin.sim.plant.parts import Parts
 from twin.view.scene import Colour, Scene, fixed, in_view, rolled
 
 # Okabe and Ito's colours: told apart with any colour vision.

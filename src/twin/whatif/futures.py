@@ -11,7 +11,7 @@ import numpy as np
 
 from controllers.interfaces import Measurement
 from twin.errors import RecordError, ScenarioError
-from twin.identify.log import read
+from twin.identify.logs import read
 from twin.jobs import SecondProcess
 from twin.page import Block, Picture, Text, Verdict, digits, html
 from twin.report.numbers import IndicatorRow, all_rows, indicators

@@ -17,9 +17,8 @@ from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
 from twin.errors import RecordError
-from twin.identify.log import Log
-from twin.identify.log_checks import check_ranges
-from twin.identify.prepare import interpolated
+from twin.identify.logs import Log
+from twin.identify.prepare import check_ranges, interpolated
 from twin.run.assemble import assemble, build_controller, build_reference
 from twin.run.finished import Run
 from twin.run.loop import drive

@@ -3,9 +3,9 @@ import pytest
 from stepped import SteppedDrives
 
 from twin.devices.akd import conditions as c
+from twin.devices.akd.bringup import Network, absent
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.network import Network, absent
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepRig
 from twin.errors import RigError

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from twin.devices.akd import cia402, frames
 from twin.devices.akd import conditions as c
+from twin.devices.akd import protocol
 from twin.devices.akd.axis import Axis, EncoderCounter, PdoTracker, difference
-from twin.devices.akd.cia402 import AxisRequest, DriveState
-from twin.devices.akd.conditions import FaultReports
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig, Scale, unconfirmed
+from twin.devices.akd.protocol import AxisRequest, DriveState
 from twin.devices.akd.servos import SdoPolling
+from twin.devices.common import FaultReports
 from twin.errors import ScenarioError
 
 AXIS = AxisConfig(name="phi", node=1)
@@ -90,15 +90,15 @@ def test_late_answers_that_come_at_once_are_a_period_apart_and_one_too_many_is_n
 
 @given(st.binary(max_size=12))
 def test_decoders_take_any_bytes(data):
-    assert (frames.decode_tpdo(frames.TPDO1, data) is None) == (len(data) != 7)
-    assert (frames.decode_tpdo(frames.TPDO2, data) is None) == (len(data) != 8)
-    assert frames.decode_emergency(data).short == (len(data) < 8)
-    assert (frames.decode_nmt_state(data) is None) == (len(data) != 1)
+    assert (protocol.decode_tpdo(protocol.TPDO1, data) is None) == (len(data) != 7)
+    assert (protocol.decode_tpdo(protocol.TPDO2, data) is None) == (len(data) != 8)
+    assert protocol.decode_emergency(data).short == (len(data) < 8)
+    assert (protocol.decode_nmt_state(data) is None) == (len(data) != 1)
 
 
 @given(st.binary(max_size=12))
 def test_the_words_of_an_emergency_are_one_printable_line_that_begins_with_its_code(data):
-    words = frames.decode_emergency(data).words
+    words = protocol.decode_emergency(data).words
     code = f"{int.from_bytes(data[:2], 'little'):04X}h" if len(data) >= 2 else "no code"
     assert words.startswith(code)
     assert words.isprintable()
@@ -176,16 +176,16 @@ def test_one_request_is_on_the_wire_at_a_time():
 
 
 def test_frames_are_laid_out_as_mapped_and_as_the_manual_prints_them():
-    assert frames.encode_rpdo1(0x0F, -9549) == bytes.fromhex("0f00 b3daffff")
-    assert frames.decode_tpdo(frames.TPDO1, bytes.fromhex("3702 03 00001000")) == (
+    assert protocol.encode_rpdo1(0x0F, -9549) == bytes.fromhex("0f00 b3daffff")
+    assert protocol.decode_tpdo(protocol.TPDO1, bytes.fromhex("3702 03 00001000")) == (
         0x0237,
         3,
         1 << 20,
     )
-    assert frames.decode_tpdo(frames.TPDO2, bytes.fromhex("4d250000 ffffffff")) == (9549, -1)
-    hot = frames.decode_emergency(bytes.fromhex("1043080100000000"))
+    assert protocol.decode_tpdo(protocol.TPDO2, bytes.fromhex("4d250000 ffffffff")) == (9549, -1)
+    hot = protocol.decode_emergency(bytes.fromhex("1043080100000000"))
     assert (hot.code, hot.short, "heat sink hot" in hot.words) == (0x4310, False, True)
-    silent = frames.decode_emergency(b"\x30\x81\x01F129\0")
+    silent = protocol.decode_emergency(b"\x30\x81\x01F129\0")
     assert silent.words == "8130h heartbeat or life guard F129"
 
 
@@ -211,7 +211,7 @@ def test_every_status_word_means_the_state_that_cia_402_prints():
     ]
     for status in range(1 << 16):
         printed = [state for fixed, value, state in rows if status & fixed == value]
-        assert [cia402.state(status)] == (printed or [DriveState.UNKNOWN])
+        assert [protocol.state(status)] == (printed or [DriveState.UNKNOWN])
 
 
 @pytest.mark.parametrize(
@@ -229,13 +229,13 @@ def test_every_status_word_means_the_state_that_cia_402_prints():
     ],
 )
 def test_the_control_word_takes_one_transition_towards_the_request(now, request_, word):
-    assert cia402.control_word(now, request_) == word
+    assert protocol.control_word(now, request_) == word
 
 
 @pytest.mark.parametrize("request_", AxisRequest)
 @pytest.mark.parametrize("now", DriveState)
 def test_no_request_ever_resets_a_fault(now, request_):
-    assert not cia402.control_word(now, request_) & 0x80
+    assert not protocol.control_word(now, request_) & 0x80
 
 
 @pytest.mark.parametrize(

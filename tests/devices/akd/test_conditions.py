@@ -14,7 +14,7 @@ from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.emulator.drive import EmulatedDrive, Power
-from twin.safety.causes import OF_DRIVES
+from twin.safety.faults import OF_DRIVES
 
 ROOMS = ("twin.devices.akd", "twin.devices.lumio")
 ROWS = [

@@ -11,10 +11,10 @@ from canopen.sdo.exceptions import SdoAbortedError
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.akd import cia402, dictionary
+from twin.devices.akd import protocol
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.dictionary import Names, table
+from twin.devices.akd.decoding import Conversation, Names
+from twin.devices.akd.protocol import table
 from twin.errors import LogError
 
 EDS = Path(__file__).with_name("servo.eds")
@@ -92,14 +92,14 @@ def test_a_refusal_is_told_by_the_code_that_canopen_got(talk):
 
 @pytest.mark.parametrize("code", SdoAbortedError.CODES)
 def test_every_abort_code_that_canopen_knows_has_words(code):
-    assert "of the vendor's own" not in dictionary.abort_words(code)
+    assert "of the vendor's own" not in protocol.abort_words(code)
 
 
 @given(st.integers(0, 0xFFFF))
 def test_a_status_word_is_told_as_the_state_that_canopen_sees(status):
     masks = State402.SW_MASK.items()
     truth = next((name for name, (mask, bits) in masks if status & mask == bits), "UNKNOWN")
-    words = cia402.status_words(status)
+    words = protocol.status_words(status)
     assert words.partition(",")[0] == truth.lower()
     assert ("warning" in words) == bool(status & 0x80)
     assert ("no main voltage" in words) == (not status & 0x10)
@@ -119,7 +119,7 @@ def test_a_status_word_is_told_as_the_state_that_canopen_sees(status):
     ],
 )
 def test_a_control_word_is_told_as_the_command_it_is(control, words):
-    assert cia402.control_words(control) == words
+    assert protocol.control_words(control) == words
 
 
 def test_the_names_of_modes_are_those_that_canopen_has():

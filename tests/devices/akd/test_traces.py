@@ -9,7 +9,6 @@ from can.io.canutils import CanutilsLogReader
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.akd.bus import QueuedBus
 from twin.devices.akd.traces import (
     WRITTEN,
     TracedBus,
@@ -207,7 +206,6 @@ def test_a_bus_that_is_traced_queues_frames_only_if_it_does_so_itself():
         TracedBus(can.Bus(interface="virtual"), print) as plain,
         TracedBus(Queuing("queue"), print) as queuing,
     ):
-        assert not isinstance(plain, QueuedBus)
-        assert isinstance(queuing, QueuedBus)
+        assert not hasattr(plain, "send_queued")
         queuing.send_queued()
         assert (queuing.sent, queuing.unreadable_lines) == (1, 3)

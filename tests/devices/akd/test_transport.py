@@ -7,8 +7,9 @@ import pytest
 from can.interfaces.slcan import slcanBus
 
 from twin.devices.akd.bus import CanTransport, PromptSlcanBus, open_bus
-from twin.devices.akd.conditions import GARBLED, DriveError, FaultReports
+from twin.devices.akd.conditions import GARBLED, DriveError
 from twin.devices.akd.config import BusConfig
+from twin.devices.common import FaultReports
 
 
 def transport_on(bus):

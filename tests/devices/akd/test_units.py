@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from stepped import SteppedDrives
 
 from twin.devices.akd import conditions as c
+from twin.devices.akd.bringup import DriveQuantity
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
-from twin.devices.akd.dictionary import kept
-from twin.devices.akd.units import DriveQuantity
+from twin.devices.akd.protocol import kept
 from twin.emulator.drive import EmulatedDrive
 
 SPEED, RAMP = 6000, 30_000

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from twin.devices.lumio.calibration import (
+from twin.devices.lumio.config import (
     DOUBT,
     Calibration,
     CalibrationError,

@@ -6,7 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.lumio.hid import LARGEST, MOST, DescriptorError, HidDecoder, TouchLayout, parse
+from twin.devices.lumio.protocols import (
+    LARGEST,
+    MOST,
+    DescriptorError,
+    HidDecoder,
+    TouchLayout,
+    parse,
+)
 
 TIP, IN_RANGE, SURE, NAME, COUNT = 0xD0042, 0xD0032, 0xD0047, 0xD0051, 0xD0054
 X, Y = 0x10030, 0x10031

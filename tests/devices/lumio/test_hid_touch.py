@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from twin.devices.lumio import transports
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.hid import HidDecoder, TouchLayout, decoder_of, parse
+from twin.devices.lumio.protocols import HidDecoder, TouchLayout, decoder_of, parse
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.lumio.transports import ScreenError
-from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
+from twin.emulator.screen import ENCODERS, Protocol, Spot
 
 PANELS = [Protocol.HID_0006, Protocol.HID_0007]
 SHARE = st.floats(0, 1)

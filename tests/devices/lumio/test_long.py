@@ -4,10 +4,9 @@ import random
 
 import pytest
 
-from twin.devices.lumio.calibration import Calibration
-from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.stream import TouchStream
-from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
+from twin.devices.lumio.config import Calibration, LumioConfig
+from twin.devices.lumio.screen import TouchStream
+from twin.emulator.screen import ENCODERS, Protocol, Spot
 
 pytestmark = pytest.mark.long
 FRAMES = 25_000

@@ -10,11 +10,9 @@ import pytest
 from served_screen import EmulatedScreen
 
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.screen import LumioScreen
-from twin.devices.lumio.stream import TouchState
+from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.devices.lumio.transports import ScreenError
-from twin.emulator.screen import ScreenLine
-from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen import Protocol, ScreenLine
 
 pytestmark = pytest.mark.real_time
 

@@ -1,9 +1,9 @@
 """Kollmorgen AKD servo drives on CANopen (CiA 402, profile velocity), two axes.
 
-Bytes are in `frames`, states in `cia402`: pure. `bringup` configures the drives over SDO,
+Bytes and states are in `protocol`: pure. `bringup` configures the drives over SDO,
 `axis` judges every cycle and says what is sent next, `servos` is what a rig is given;
 `conditions` is the table of what can go wrong. `traces` keeps what is said on a bus, `decoding`
-says what it means. Servos on another wire implement `twin.devices.interface.PoweredServos` in one
+says what it means. Servos on another wire implement `twin.devices.rig.PoweredServos` in one
 file of their own.
 """
 

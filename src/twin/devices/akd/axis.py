@@ -12,11 +12,11 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-from twin.devices.akd import cia402, frames
 from twin.devices.akd import conditions as c
-from twin.devices.akd.cia402 import AxisRequest, DriveState, StatusBit
-from twin.devices.akd.conditions import FaultReports
+from twin.devices.akd import protocol
 from twin.devices.akd.config import AkdConfig, AxisConfig, Scale
+from twin.devices.akd.protocol import AxisRequest, DriveState, StatusBit
+from twin.devices.common import FaultReports
 from twin.hal.interface import Condition
 
 _TORQUE = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.UNKNOWN}
@@ -226,22 +226,22 @@ class Axis:
             sync: When that was sent, s.
             at: Time now, s.
         """
-        if service in frames.TPDOS:
+        if service in protocol.TPDOS:
             self._pdo(service, data, cycle, sync, at)
-        elif service == frames.HEARTBEAT:
-            self._heartbeat(frames.decode_nmt_state(data), at)
-        elif service == frames.EMERGENCY:
-            self._emergency(frames.decode_emergency(data), at)
+        elif service == protocol.HEARTBEAT:
+            self._heartbeat(protocol.decode_nmt_state(data), at)
+        elif service == protocol.EMERGENCY:
+            self._emergency(protocol.decode_emergency(data), at)
 
     def _pdo(self, service: int, data: bytes, cycle: int, sync: float, at: float) -> None:
-        values = frames.decode_tpdo(service, data)
+        values = protocol.decode_tpdo(service, data)
         if values is None:
             self._short = True
-            name = "TPDO1" if service == frames.TPDO1 else "TPDO2"
+            name = "TPDO1" if service == protocol.TPDO1 else "TPDO2"
             self._report(c.PDO_SHORT, f"{name} with {len(data)} bytes", at)
-        elif service == frames.TPDO1:
+        elif service == protocol.TPDO1:
             self.status, self.mode, position = values
-            self.state = cia402.state(self.status)
+            self.state = protocol.state(self.status)
             self._take(self.motor, position, cycle, sync)
         else:
             velocity, position = values
@@ -265,14 +265,14 @@ class Axis:
 
     def next_rpdo1(self) -> bytes:
         """RPDO1 of this cycle: at most one transition further towards the request."""
-        control = cia402.control_word(self.state, self.request)
+        control = protocol.control_word(self.state, self.request)
         if self._reset_cycles and self.state is DriveState.FAULT:
             # The first cycle has no reset bit yet, so that there is an edge.
             first = self._reset_cycles == _RESET_CYCLES
-            control = cia402.DISABLE_VOLTAGE if first else cia402.RESET
+            control = protocol.DISABLE_VOLTAGE if first else protocol.RESET
         self._reset_cycles = max(0, self._reset_cycles - 1)
         self.sent = self.target if self.enabled else 0.0
-        return frames.encode_rpdo1(control, self.config.velocity.counts32(self.sent))
+        return protocol.encode_rpdo1(control, self.config.velocity.counts32(self.sent))
 
     def reset(self, at: float) -> None:
         """Request one rising edge of the reset bit, if the drive is, or soon shows, in fault.
@@ -303,13 +303,13 @@ class Axis:
         if state == 0:
             self.booted = True
             self._report(c.DRIVE_REBOOTED, "boot-up message in mid-run", at)
-        elif state != frames.OPERATIONAL:
-            self._report(c.NMT_LEFT, f"is {frames.nmt_words(state)}", at)
+        elif state != protocol.OPERATIONAL:
+            self._report(c.NMT_LEFT, f"is {protocol.nmt_words(state)}", at)
         elif self.booted:
             self._report(c.DUPLICATE_ID, "one node boots while another with its id runs", at)
         self.heartbeat = at
 
-    def _emergency(self, message: frames.Emergency, at: float) -> None:
+    def _emergency(self, message: protocol.Emergency, at: float) -> None:
         self.emergency = message.words
         if message.short:
             self._report(c.EMERGENCY_SHORT, message.words, at)
@@ -344,7 +344,7 @@ class Axis:
         limits = self._limits
         words = f"status word {status:04X}h"
         if self.state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
-            found = frames.fault_words(self.found_faults)
+            found = protocol.fault_words(self.found_faults)
             known = f"found in fault: {found}" if found else self.emergency
             detail = ", ".join(filter(None, (words, known)))
             if self._resetting is None:
@@ -354,8 +354,8 @@ class Axis:
                 self._report(c.RESET_REFUSED, detail, at)
         elif self._resetting is not None and at - self._resetting > limits.reset:
             self._resetting = None
-        if self.mode != cia402.PROFILE_VELOCITY:
-            self._report(c.MODE_CHANGED, f"mode {self.mode}, not {cia402.PROFILE_VELOCITY}", at)
+        if self.mode != protocol.PROFILE_VELOCITY:
+            self._report(c.MODE_CHANGED, f"mode {self.mode}, not {protocol.PROFILE_VELOCITY}", at)
         if not status & StatusBit.REMOTE:
             self._report(c.REMOTE_LOST, f"{words}: another tool controls the drive", at)
         if status & StatusBit.WARNING:

@@ -1,4 +1,11 @@
-"""Bring-up of the drives over SDO: identity, safe settings, PDO mapping, heartbeats, current limit.
+"""Bring-up of the drives over SDO: identity, units, safe settings, PDO mapping, heartbeats, nets.
+
+Requests wait for their answer, and the bus is read only meanwhile. What a count means in a drive is
+read from it and checked, never assumed in silence. Velocities and accelerations among its own
+parameters (3xxxh), and what CiA 402 derives from them, count in the unit chosen by UNIT.VROTARY and
+UNIT.ACCROTARY: rpm and rpm/s, or they are refused. How many counts one of them has is not
+documented: 1000 fits what the vendor says of 60FFh, 1 what its EDS gives as defaults. The values
+found in the drive tell the two apart, as a motor has neither 2.3 nor 2.3 million rpm.
 
 Currents count in 0.001 A and the torque constant in 0.001 N m/A, which the defaults of the vendor's
 EDS suggest (MOTOR.ICONT 9900, MOTOR.IPEAK 29 700). Their product, the motor's continuous torque, is
@@ -10,20 +17,321 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import can
 
-from twin.devices.akd import cia402, frames
 from twin.devices.akd import conditions as c
+from twin.devices.akd import protocol
 from twin.devices.akd.axis import difference
-from twin.devices.akd.cia402 import DriveState
+from twin.devices.akd.bus import BUS_ERRORS
 from twin.devices.akd.conditions import DriveError
-from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.dictionary import PDO_INVALID, table
-from twin.devices.akd.network import Network, Remote, absent
-from twin.devices.akd.units import read_units
+from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
+from twin.devices.akd.protocol import PDO_INVALID, DriveState, Object, table
+
+AT_EVERY_SYNC = 1
+"""Transmission type of a PDO that is exchanged at every SYNC."""
+FIRST_TRANSMIT = 0x1800
+"""Index of the parameters of the first PDO that a drive sends."""
+
+_SERVICES = (protocol.HEARTBEAT, protocol.SDO_RESPONSE, protocol.TPDO1, protocol.TPDO2)
+
+
+class Network:
+    """A CANopen network that reads the bus only while it waits for something.
+
+    A receiving thread would compete with the control loop, and an adapter that goes would end it
+    with a traceback.
+
+    Args:
+        bus: The open bus.
+        answer: Longest wait for an SDO answer in s.
+        now: Monotonic time in s.
+    """
+
+    def __init__(self, bus: can.BusABC, answer: float, now: Callable[[], float]) -> None:
+        self.bus = bus
+        self.answer = answer
+        """Longest wait for an SDO answer in s."""
+        self.now = now
+        """Monotonic time in s."""
+        self.states: dict[int, int] = {}
+        """NMT states from heartbeats, by node."""
+        self.answers: dict[int, int] = {}
+        """Number of SDO answers, by node."""
+        self._answer: dict[int, protocol.SdoAnswer | None] = {}
+        self.identifiers: set[int] = set()
+        """Of all frames that others have sent."""
+        self.bus_errors = 0
+
+    def send(self, identifier: int, data: bytes) -> None:
+        """Send a frame."""
+        self.bus.send(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
+
+    def request(self, node: int, index: int, sub: int, data: bytes) -> protocol.SdoAnswer | None:
+        """Send an SDO request, and wait for its answer; None if there is none in time."""
+
+        def answered() -> protocol.SdoAnswer | None:
+            answer = self._answer.get(node)
+            return answer if answer and answer.key == (index, sub) else None
+
+        self._answer.pop(node, None)
+        self.send(protocol.SDO_REQUEST + node, data)
+        self.pump(self.answer, lambda: answered() is not None)
+        return answered()
+
+    def pump(self, seconds: float, done: Callable[[], bool] = lambda: False) -> bool:
+        """Read the bus until something is done, at most for s; return whether it was done.
+
+        What arrived in time counts even if the computer was busy elsewhere until after it; a bus
+        that does not become quiet is read for twice the time.
+        """
+        deadline = self.now() + seconds
+        while not done():
+            left = deadline - self.now()
+            message = self.bus.recv(min(max(left, 0.0), 0.02))
+            if message is not None:
+                self._take(message)
+            if left <= 0 and (message is None or left < -seconds):
+                return False
+        return True
+
+    def _take(self, message: can.Message) -> None:
+        if message.is_error_frame:
+            self.bus_errors += 1
+        elif message.is_rx and not message.is_remote_frame and not message.is_extended_id:
+            self.identifiers.add(message.arbitration_id)
+            node = message.arbitration_id & protocol.NODE_MASK
+            service = message.arbitration_id - node
+            if service == protocol.SDO_RESPONSE and len(message.data) == 8:
+                self.answers[node] = self.answers.get(node, 0) + 1
+                self._answer[node] = protocol.decode_sdo(bytes(message.data))
+            state = protocol.decode_nmt_state(bytes(message.data))
+            if service == protocol.HEARTBEAT and state is not None:
+                self.states[node] = state
+
+
+class Remote:
+    """One drive during bring-up: reads and writes that end in a value or one clear line.
+
+    Args:
+        network: The bus.
+        axis: Whose drive it is.
+    """
+
+    def __init__(self, network: Network, axis: AxisConfig) -> None:
+        self.axis = axis
+        self.network = network
+
+    def read(self, index: int, sub: int = 0) -> int:
+        """The value of an object.
+
+        Raises:
+            DriveError: If the drive does not answer, or refuses.
+        """
+        what, known = f"reading {index:04X}h:{sub}", self._known(index, sub)
+        data = self._asked(what, index, sub, protocol.encode_sdo_read(index, sub))
+        if len(data) != known.bits // 8:
+            detail = f"{what}: {len(data)} bytes, an AKD has {known.bits // 8}"
+            raise self.wrong(detail)
+        return known.decode(data)
+
+    def read_if_there(self, index: int, sub: int = 0) -> int | None:
+        """The value of an object; None if the drive refuses it.
+
+        Raises:
+            DriveError: If the drive does not answer.
+        """
+        try:
+            return self.read(index, sub)
+        except DriveError as error:
+            if error.fault.condition is not c.SDO_ABORT:
+                raise
+            return None
+
+    def write(self, index: int, sub: int, value: int) -> None:
+        """Write an object and read it back; ``objects.toml`` says how exactly it must be kept.
+
+        Raises:
+            DriveError: If the drive does not answer, refuses, or keeps another value.
+        """
+        what, known = f"writing {value} to {index:04X}h:{sub}", self._known(index, sub)
+        try:
+            data = known.encode(value)
+        except OverflowError as error:
+            raise self.wrong(f"{what}: out of range") from error
+        self._asked(what, index, sub, protocol.encode_sdo_write(index, sub, data))
+        read = self.read(index, sub)
+        if not protocol.kept(index, value, read):
+            raise self.wrong(f"{index:04X}h:{sub} ({known.name}) keeps {read}, not {value}")
+
+    def map_pdo(self, parameters: int, cob_id: int, entries: Sequence[tuple[int, int]]) -> None:
+        """Map a PDO that is switched off, in the order of CiA 301, and switch it on.
+
+        Args:
+            parameters: Index of its parameters; its mapping lies 200h above.
+            cob_id: Its identifier.
+            entries: Index and subindex of what it carries.
+
+        Raises:
+            DriveError: If the drive does not answer, refuses, or keeps something else.
+        """
+        mapping = parameters + 0x200
+        self.write(parameters, 2, AT_EVERY_SYNC)
+        if parameters >= FIRST_TRANSMIT:
+            self.write(parameters, 3, 0)  # no inhibit time
+            self.write(parameters, 5, 0)  # no event timer
+        self.write(mapping, 0, 0)
+        for place, (index, sub) in enumerate(entries, 1):
+            self.write(mapping, place, index << 16 | sub << 8 | self._known(index, sub).bits)
+        self.write(mapping, 0, len(entries))
+        self.write(parameters, 1, cob_id)
+
+    def _known(self, index: int, sub: int) -> Object:
+        known = protocol.objects().get((index, sub))
+        if known is None:
+            raise self.wrong(f"{index:04X}h:{sub}: not in the object dictionary")
+        return known
+
+    def _asked(self, what: str, index: int, sub: int, data: bytes) -> bytes:
+        """What a request is answered with."""
+        where = self.axis.where
+        try:
+            answer = self.network.request(self.axis.node, index, sub, data)
+        except BUS_ERRORS as error:
+            raise DriveError(c.ADAPTER_GONE, where, f"{what}: adapter gone ({error})") from error
+        if answer is None:
+            if self.axis.node in self.network.answers:
+                raise DriveError(c.SDO_TIMEOUT, where, f"{what}: no answer")
+            raise DriveError(c.NODE_ABSENT, where, absent(self.network, self.axis))
+        if answer.aborted:
+            words = protocol.abort_words(answer.value)
+            raise DriveError(c.SDO_ABORT, where, f"{what} refused: {words}")
+        return answer.data
+
+    def wrong(self, detail: str) -> DriveError:
+        """That the drive is set otherwise than it must be, to be raised."""
+        return DriveError(c.WRONG_SETTING, self.axis.where, detail)
+
+
+def absent(network: Network, axis: AxisConfig) -> str:
+    """Why a drive may be silent, in one line."""
+    mask = protocol.NODE_MASK
+    nodes = {each & mask for each in network.identifiers if each & ~mask in _SERVICES}
+    others = sorted(nodes - {0, axis.node})
+    heard = f"heard nodes {', '.join(map(str, others))}" if others else "heard nobody"
+    return f"does not answer ({heard}); check power, cable, bit rate and node switches"
+
+
+PER_UNIT = 1000
+"""Counts of one unit unless the rig file says otherwise; as for 60FFh (web help: float 1000:1)."""
+
+_CUSTOM_VELOCITY = 1 << 4
+"""Bit of FBUS.PARAM05 that replaces 0.001 rpm by the factor in 204Ch."""
+_DIGITS = 2
+_COARSEST = 0.1
+"""Share by which a value may pass the one wanted because it is rounded up."""
+
+
+class DriveQuantity(NamedTuple):
+    """A velocity or an acceleration as a drive's parameters have it.
+
+    Attributes:
+        unit: ``rpm`` or ``rpm/s``.
+        scale: One count in rad/s or rad/s^2 at the motor.
+        key: Key of the rig file that overrides it.
+    """
+
+    unit: str
+    scale: float
+    key: str
+
+    def counts(self, value: float) -> int:
+        """The fewest counts that are at least a value, round in the drive's unit.
+
+        Rounded up: these are nets, and the host's own limits come first.
+
+        Raises:
+            ValueError: If the drive's counts are too coarse for it.
+        """
+        amount = value / RPM
+        step = 10.0 ** (math.floor(math.log10(amount)) + 1 - _DIGITS)
+        wanted = math.ceil(amount / step - 1e-9) * step * RPM
+        counts = math.ceil(wanted / self.scale - 1e-9)
+        if counts * self.scale > (1 + _COARSEST) * value:
+            raise ValueError(f"{self.words(1)} a count is too coarse for {value:.3g} in SI units")
+        return counts
+
+    def words(self, counts: int) -> str:
+        """Counts as a person reads them."""
+        return f"{counts * self.scale / RPM:.6g} {self.unit}"
+
+
+SPEEDS = (9 * RPM, 20_000 * RPM)
+"""Speed limits that a motor may have, rad/s; the host sets none below 1 rad/s."""
+RAMPS = (100 * RPM, 5e6 * RPM)
+"""Ramps that a drive may have, rad/s^2."""
+
+
+def read_units(remote: Remote) -> tuple[DriveQuantity, DriveQuantity]:
+    """Units of velocity and acceleration; checks whatever else scales what is exchanged, too.
+
+    Raises:
+        DriveError: If anything scales otherwise than the host counts; it names the line to change.
+    """
+    axis = remote.axis
+    counts = remote.read(0x608F, 1) / max(1, remote.read(0x608F, 2))
+    if counts != axis.motor_counts:
+        raise remote.wrong(
+            f"{counts:g} counts per motor revolution (608Fh), configured are {axis.motor_counts}; "
+            f"set {axis.name}.motor_counts = {counts:g}",
+        )
+    if remote.read(0x36E9) & _CUSTOM_VELOCITY:
+        factor = f"{remote.read(0x204C, 1)}/{remote.read(0x204C, 2)}"
+        detail = (
+            f"velocity is scaled by 204Ch = {factor} (36E9h bit 4 is set); clear it in the drive"
+        )
+        raise remote.wrong(detail)
+    for index, name in ((0x6091, "gear ratio"), (0x6092, "feed constant")):
+        ratio = remote.read(index, 1), remote.read(index, 2)
+        if ratio[0] != ratio[1]:
+            text = f"{name} {index:04X}h is {ratio[0]}:{ratio[1]}; set it to 1:1 in the drive, "
+            raise remote.wrong(f"{text}and name a real gear as {axis.name}.gear")
+    speed = _quantity(remote, 0x365F, "UNIT.VROTARY", "rpm", "limit_unit")
+    ramp = _quantity(remote, 0x3659, "UNIT.ACCROTARY", "rpm/s", "acceleration_unit")
+    _check_plausible(remote, speed, "velocity", SPEEDS)
+    _check_plausible(remote, ramp, "acceleration", RAMPS)
+    return speed, ramp
+
+
+def _quantity(remote: Remote, index: int, name: str, unit: str, key: str) -> DriveQuantity:
+    if chosen := remote.read(index):
+        text = f"{name} ({index:04X}h) is {chosen}; set it to 0 ({unit}) in the drive"
+        raise remote.wrong(text)
+    given: float | None = getattr(remote.axis, key)
+    return DriveQuantity(unit, given if given is not None else RPM / PER_UNIT, key)
+
+
+def _check_plausible(
+    remote: Remote, quantity: DriveQuantity, kind: str, range_: tuple[float, float]
+) -> None:
+    """Compare what the drive has been set to with what a motor can have."""
+    low, high = range_
+    axis, unit = remote.axis, quantity.unit
+    for index, name in table()["scaled"][kind]:
+        found = abs(remote.read(index))
+        if not found or low <= found * quantity.scale <= high:
+            continue
+        allowed = f"{low / RPM:.3g} to {high / RPM:.3g} {unit} are plausible"
+        text = f"{name} ({index:04X}h) holds {found}, which would be {quantity.words(found)}"
+        fits = [size for size in (RPM, RPM / PER_UNIT) if low <= found * size <= high]
+        advice = f"set {name} in the drive"
+        if fits:
+            in_unit = f"{found * fits[0] / RPM:g} {unit}"
+            advice = f"if it is {in_unit}, set {axis.name}.{quantity.key} = {fits[0]:.9g}"
+        raise remote.wrong(f"{text} ({allowed}); {advice}")
+
 
 BY_HAND = (
     "DRV.TYPE is CANopen",
@@ -54,24 +362,19 @@ def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition,
         DriveError: If the drive does not answer.
     """
     found = []
-    rate = remote.read_if_there(0x36E5)
+    rate, wanted = remote.read_if_there(0x36E5), config.bus.bitrate // 1000
     if rate is not None:
-        found.append(_bit_rate(rate, config.bus.bitrate // 1000))
-    for index, name, well, badly, advice in table()["flags"]:
+        seen, advice = f"{rate} kbit/s", ""
+        if rate != wanted:
+            automatic = "automatic: found from the first frames at power-up"
+            seen = f"{seen} from the next power-up on" if rate else automatic
+            advice = f"set it to {wanted} in the drive and power-cycle it"
+        found.append(Precondition("FBUS.PARAM01 (bit rate)", seen, advice))
+    for index, name, well, badly, remedy in table()["flags"]:
         value = remote.read_if_there(index)
         if value is not None:
-            seen = (well, "") if value else (badly, advice)
-            found.append(Precondition(name, *seen))
+            found.append(Precondition(name, *((well, "") if value else (badly, remedy))))
     return tuple(found)
-
-
-def _bit_rate(value: int, configured: int) -> Precondition:
-    name = "FBUS.PARAM01 (bit rate)"
-    if value == configured:
-        return Precondition(name, f"{value} kbit/s", "")
-    automatic = "automatic: found from the first frames at power-up"
-    seen = f"{value} kbit/s from the next power-up on" if value else automatic
-    return Precondition(name, seen, f"set it to {configured} in the drive and power-cycle it")
 
 
 _RPDOS = 4
@@ -83,18 +386,18 @@ def master_frames(config: AkdConfig) -> dict[int, str]:
     Args:
         config: Nodes of the drives and of the host.
     """
-    beat = frames.HEARTBEAT + config.host
+    beat = protocol.HEARTBEAT + config.host
     known = {
-        frames.NMT: "NMT commands (000h)",
-        frames.SYNC: "SYNC (080h)",
+        protocol.NMT: "NMT commands (000h)",
+        protocol.SYNC: "SYNC (080h)",
         beat: f"a heartbeat of node {config.host} ({beat:03X}h), "
         "so the drives would not notice that this host falls silent",
     }
     for axis in config.axes:
         for number in range(_RPDOS):
-            command = frames.RPDO1 + 0x100 * number + axis.node
+            command = protocol.RPDO1 + 0x100 * number + axis.node
             known[command] = f"RPDO{number + 1} to {axis.where} ({command:03X}h)"
-        request = frames.SDO_REQUEST + axis.node
+        request = protocol.SDO_REQUEST + axis.node
         known[request] = f"SDO requests to {axis.where} ({request:03X}h)"
     return known
 
@@ -121,13 +424,13 @@ def take_torque_away(remote: Remote) -> None:
     remote.write(0x60FF, 0, 0)
     network = remote.network
     deadline = network.now() + _PATIENCE
-    while (state := cia402.state(remote.read(0x6041))) in _TORQUE and network.now() < deadline:
+    while (state := protocol.state(remote.read(0x6041))) in _TORQUE and network.now() < deadline:
         resting = _moved(remote) < _STILL
         over = state is DriveState.QUICK_STOP and resting
-        remote.write(0x6040, 0, cia402.DISABLE_VOLTAGE if over else cia402.QUICK_STOP)
-    remote.write(0x6040, 0, cia402.DISABLE_VOLTAGE)
+        remote.write(0x6040, 0, protocol.DISABLE_VOLTAGE if over else protocol.QUICK_STOP)
+    remote.write(0x6040, 0, protocol.DISABLE_VOLTAGE)
     status = remote.read(0x6041)
-    if cia402.state(status) in _TORQUE:
+    if protocol.state(status) in _TORQUE:
         detail = f"keeps its torque (status word {status:04X}h); open the STO circuit, then look"
         raise remote.wrong(detail)
     deadline = network.now() + _PATIENCE
@@ -150,20 +453,8 @@ _STEP = 0.1
 """Step in A to which the limit is rounded up."""
 
 
-class CurrentLimit(NamedTuple):
-    """A current that the drive's controller does not pass.
-
-    Attributes:
-        counts: In the drive's counts.
-        words: What it means.
-    """
-
-    counts: int
-    words: str
-
-
-def current_limit(remote: Remote, config: AkdConfig) -> CurrentLimit:
-    """The current that gives the torque limit, in the counts of IL.LIMITP (356Eh).
+def current_limit(remote: Remote, config: AkdConfig) -> tuple[int, str]:
+    """The current that gives the torque limit, in counts of IL.LIMITP (356Eh) and in words.
 
     Raises:
         DriveError: If the drive's motor is not the one configured, or its currents count unlike.
@@ -190,7 +481,7 @@ def current_limit(remote: Remote, config: AkdConfig) -> CurrentLimit:
     amperes = config.torque_limit / axis.gear / (constant / _PER_UNIT)
     amperes = _STEP * math.ceil(amperes / _STEP - 1e-9)
     words = f"torque {amperes * axis.gear * constant / _PER_UNIT:.3g} N m ({amperes:.3g} A)"
-    return CurrentLimit(round(amperes * _PER_UNIT), words)
+    return round(amperes * _PER_UNIT), words
 
 
 VENDOR = 0x6A
@@ -239,7 +530,7 @@ def bring_up(
     network.pump(_BEFORE)
     _alone(network, config)
     for axis in config.axes:
-        _command(network, frames.PRE_OPERATIONAL, axis)
+        _command(network, protocol.PRE_OPERATIONAL, axis)
     network.pump(_SETTLE)
     remotes = [Remote(network, axis) for axis in config.axes]
     _without_torque(network, remotes)
@@ -264,7 +555,7 @@ def _alone(network: Network, config: AkdConfig) -> None:
 
 
 def _command(network: Network, command: int, axis: AxisConfig) -> None:
-    network.send(frames.NMT, bytes((command, axis.node)))
+    network.send(protocol.NMT, bytes((command, axis.node)))
 
 
 def _without_torque(network: Network, remotes: list[Remote]) -> None:
@@ -289,7 +580,7 @@ def _identify(network: Network, remote: Remote) -> None:
     """Make sure that exactly one AKD answers to the node's id."""
     axis = remote.axis
     before = network.answers.get(axis.node, 0)
-    network.request(axis.node, 0x1000, 0, frames.encode_sdo_read(0x1000, 0))
+    network.request(axis.node, 0x1000, 0, protocol.encode_sdo_read(0x1000, 0))
     network.pump(_LISTEN)
     answers = network.answers.get(axis.node, 0) - before
     if not answers:
@@ -329,69 +620,70 @@ class SettingsFound(NamedTuple):
 def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
     """Set everything but the PDOs, computed from the drive's own units."""
     axis = remote.axis
-    units = read_units(remote)
+    speed, accel = read_units(remote)
     modes = remote.read(0x6502)
     if modes and not modes & _PROFILE_VELOCITY_BIT:
         detail = f"has no profile velocity mode (6502h = {modes:X}h)"
         raise remote.wrong(detail)
     try:
-        limit = units.velocity.counts(config.rate_limit * axis.gear)
-        ramp = units.acceleration.counts(config.ramp * axis.gear)
+        limit = speed.counts(config.rate_limit * axis.gear)
+        ramp = accel.counts(config.ramp * axis.gear)
     except ValueError as error:
         raise remote.wrong(f"{error}; set 365Fh and 3659h to 0") from error
-    current = current_limit(remote, config)
+    current, torque = current_limit(remote, config)
     for index, sub, value in (
-        (0x1005, 0, frames.SYNC),
-        (0x6060, 0, cia402.PROFILE_VELOCITY),
+        (0x1005, 0, protocol.SYNC),
+        (0x6060, 0, protocol.PROFILE_VELOCITY),
         (0x605A, 0, QUICK_STOP_THEN_OFF),
         (0x6083, 0, ramp),
         (0x6084, 0, ramp),
         (0x207F, 0, limit),
         (0x3622, 0, limit),
         (0x3623, 0, -limit),
-        (0x356E, 0, current.counts),
-        (0x356F, 0, -current.counts),
+        (0x356E, 0, current),
+        (0x356F, 0, -current),
         (0x60C2, 1, round(config.period * 1e3)),
         (0x60C2, 2, -3),
         (0x1017, 0, round(config.heartbeat * 1e3)),
     ):
         remote.write(index, sub, value)
     return SettingsFound(
-        units=units.words,
-        limits=f"speed {units.velocity.words(remote.read(0x3622))}, "
-        f"ramps {units.acceleration.words(remote.read(0x6083))}, {current.words}",
+        units=f"target velocity in 0.001 rpm; limits in {speed.unit} (365Fh), {speed.words(1)} "
+        f"a count; ramps in {accel.unit} (3659h), {accel.words(1)} a count",
+        limits=f"speed {speed.words(remote.read(0x3622))}, "
+        f"ramps {accel.words(remote.read(0x6083))}, {torque}",
         faults=_faults(remote),
         preconditions=read_preconditions(remote, config),
     )
 
 
 def _faults(remote: Remote) -> tuple[int, ...]:
-    if cia402.state(remote.read(0x6041)) is not cia402.DriveState.FAULT:
+    if protocol.state(remote.read(0x6041)) is not protocol.DriveState.FAULT:
         return ()
     numbers = (remote.read(0x2001, place) for place in (1, 2))
     return tuple(number for number in numbers if number)
 
 
-_IDENTIFIERS = {0x1400: frames.RPDO1, 0x1800: frames.TPDO1, 0x1801: frames.TPDO2}
+_IDENTIFIERS = {0x1400: protocol.RPDO1, 0x1800: protocol.TPDO1, 0x1801: protocol.TPDO2}
 
 
 def _map_pdos(remote: Remote) -> None:
     """Map what is exchanged at every SYNC, and switch every other PDO off."""
     node, axis = remote.axis.node, remote.axis
     for number in range(4):
-        for base, cob_id in ((0x1400, frames.RPDO1), (0x1800, frames.TPDO1)):
+        for base, cob_id in ((0x1400, protocol.RPDO1), (0x1800, protocol.TPDO1)):
             remote.write(base + number, 1, cob_id + 0x100 * number + node | PDO_INVALID)
-    for index, entries in frames.pdo_maps(axis.plate_object).items():
+    for index, entries in protocol.pdo_maps(axis.plate_object).items():
         remote.map_pdo(index, _IDENTIFIERS[index] + node, entries)
 
 
 def _operational(network: Network, axis: AxisConfig, config: AkdConfig) -> None:
     network.states.pop(axis.node, None)
-    _command(network, frames.START, axis)
+    _command(network, protocol.START, axis)
     running = network.pump(
-        3 * config.silence, lambda: network.states.get(axis.node) == frames.OPERATIONAL
+        3 * config.silence, lambda: network.states.get(axis.node) == protocol.OPERATIONAL
     )
     if not running:
         state = network.states.get(axis.node)
-        name = "no heartbeat" if state is None else frames.nmt_words(state)
+        name = "no heartbeat" if state is None else protocol.nmt_words(state)
         raise DriveError(c.NMT_LEFT, axis.where, f"does not become operational ({name})")

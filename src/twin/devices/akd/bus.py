@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import can
 from can import BusABC, Message
@@ -26,12 +26,14 @@ from can.interfaces.slcan import slcanBus
 from serial.tools.list_ports import comports
 
 from twin.devices.akd import conditions as c
-from twin.devices.akd import frames
-from twin.devices.akd.conditions import DriveError, FaultReports
+from twin.devices.akd import protocol
+from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import BusConfig
-from twin.devices.akd.network import BUS_ERRORS
-from twin.devices.ports import claim, in_words
+from twin.devices.common import FaultReports, claim, in_words, one_line
 from twin.errors import nearest
+
+BUS_ERRORS = (can.CanError, OSError)
+"""What python-can and the drivers below it raise when an adapter goes."""
 
 ERROR_PASSIVE_FRAME = (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)))
 BUS_ERROR_FRAME = (0x080, bytes(8))
@@ -40,25 +42,6 @@ BUS_OFF_FRAME = (0x040, bytes(8))
 
 _FLAG_PASSIVE, _FLAG_BUS_ERROR = 0x20, 0x80
 _LAST_IDENTIFIER = 0x7FF
-
-
-@runtime_checkable
-class QueuedBus(Protocol):
-    """A bus that queues frames until ``send_queued``, and reads lines of text.
-
-    Not named ``flush``: python-can's buses of that name discard what has been received.
-    """
-
-    @property
-    def unreadable_lines(self) -> int:
-        """Lines received so far that are no frame and no answer."""
-
-    def send_queued(self) -> None:
-        """Send all queued frames.
-
-        Raises:
-            can.CanError: If the adapter cannot take them.
-        """
 
 
 class PromptSlcanBus(slcanBus):
@@ -226,7 +209,8 @@ class CanTransport:
     """Frames out and in, and the faults of the bus that the adapter shows.
 
     Args:
-        bus: The open bus, any of python-can; a `QueuedBus` sends at ``send_queued`` only.
+        bus: The open bus, any of python-can. One that has ``send_queued`` sends at that only: not
+            named ``flush``, as python-can's buses of that name discard what has been received.
         where: How it is called in messages.
         reports: Where faults are reported.
         now: Monotonic time in s.
@@ -238,7 +222,7 @@ class CanTransport:
         self.up = True
         """Whether the adapter still works."""
         self._bus = bus
-        self._queued = bus if isinstance(bus, QueuedBus) else None
+        self._send_queued = getattr(bus, "send_queued", None)
         self._where = where
         self._reports = reports
         self._now = now
@@ -264,9 +248,9 @@ class CanTransport:
 
     def send_queued(self) -> None:
         """Send what the bus has queued; other buses have sent every frame already."""
-        if self.up and self._queued is not None:
+        if self.up and self._send_queued is not None:
             try:
-                self._queued.send_queued()
+                self._send_queued()
             except BUS_ERRORS as error:
                 self._gone(error)
 
@@ -287,7 +271,7 @@ class CanTransport:
             elif message.is_rx and not (message.is_remote_frame or message.is_extended_id):
                 yield message.arbitration_id, bytes(message.data)
             wait = 0.0
-        unreadable = self._queued.unreadable_lines if self._queued is not None else 0
+        unreadable = getattr(self._bus, "unreadable_lines", 0)
         if unreadable > self._unreadable:
             lines = f"{unreadable - self._unreadable} lines cannot be read"
             self._reports.report(c.GARBLED, self._where, lines, self._now())
@@ -295,7 +279,7 @@ class CanTransport:
 
     def send_heartbeat(self, host: int) -> None:
         """Send the heartbeat of the host's node."""
-        self.send(frames.HEARTBEAT + host, bytes((frames.OPERATIONAL,)))
+        self.send(protocol.HEARTBEAT + host, bytes((protocol.OPERATIONAL,)))
 
     def close(self) -> None:
         """Close the bus, whatever state it is in."""
@@ -358,8 +342,8 @@ def _reason(config: BusConfig, error: Exception) -> str:
     if known is not None:
         return known
     if isinstance(error, (can.CanInterfaceNotImplementedError, ImportError, NameError)):
-        return f"the driver of {config.interface} is not installed ({_line(error)})"
-    return _line(error)
+        return f"the driver of {config.interface} is not installed ({one_line(error)})"
+    return one_line(error)
 
 
 def _errno(error: BaseException | None) -> int | None:
@@ -378,10 +362,6 @@ def _channels(config: BusConfig) -> list[str]:
         return [port.device for port in comports()]
     devices = Path("/sys/class/net").glob("*/type")
     return [each.parent.name for each in devices if each.read_text().strip() == _CAN_DEVICE]
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _bad(config: BusConfig, detail: str) -> DriveError:

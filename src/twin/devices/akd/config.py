@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from twin.devices.nets import bounded, check_ranges, net, relaxed_nets
+from twin.devices.common import Ranged, bounded, net
 from twin.errors import ScenarioError
 
 
 @dataclass(frozen=True, kw_only=True)
-class MonitorConfig:
+class MonitorConfig(Ranged):
     """Thresholds of the monitoring; s, rad, rad/s, or cycles where said; each a `net`.
 
     Attributes:
@@ -36,6 +36,7 @@ class MonitorConfig:
         repeat: Shortest time between two reports of one warning, s.
     """
 
+    keys = "drives.watch."
     stale: int = net(10, 2, 250)
     unsteady: int = net(12, 1, 51)
     burst: int = net(10, 2, 100)
@@ -53,10 +54,6 @@ class MonitorConfig:
     enquiry: float = net(0.5, 0.05, 5)
     answer: float = net(0.1, 0.02, 10)
     repeat: float = bounded(1.0, 0.1, 60)
-
-    def __post_init__(self) -> None:
-        """Refuse what would be no threshold."""
-        check_ranges(self, "drives.watch.")
 
 
 TURN = 2 * math.pi
@@ -120,7 +117,7 @@ class BusConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AxisConfig:
+class AxisConfig(Ranged):
     """One servo axis and the plate encoder wired to its drive.
 
     Attributes:
@@ -143,6 +140,7 @@ class AxisConfig:
         product: Product code (1018h:2), or None for any AKD.
     """
 
+    keys = "{0.name}."
     name: str
     node: int
     motor_counts: int = bounded(1 << 20, 16, 1 << 32)
@@ -162,7 +160,7 @@ class AxisConfig:
             raise ScenarioError(f"axis {self.name}: node {self.node} must be 1 to 126")
         if self.motor_sign not in {-1, 1} or self.plate_sign not in {-1, 1}:
             raise ScenarioError(f"axis {self.name}: a sign must be 1 or -1")
-        check_ranges(self, f"{self.name}.")
+        super().__post_init__()
 
     @property
     def where(self) -> str:
@@ -186,7 +184,7 @@ class AxisConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AkdConfig:
+class AkdConfig(Ranged):
     """Two AKD drives on one CAN bus.
 
     Attributes:
@@ -209,6 +207,7 @@ class AkdConfig:
         watch: Thresholds.
     """
 
+    keys = "drives."
     bus: BusConfig = field(default_factory=BusConfig)
     axes: tuple[AxisConfig, AxisConfig] = (
         AxisConfig(name="phi", node=1),
@@ -234,7 +233,7 @@ class AkdConfig:
             raise ScenarioError(f"nodes {phi.node}, {theta.node}, {self.host} must differ")
         if round(self.period * 1e3) < 1 or abs(self.period * 1e3 % 1) > 1e-9:
             raise ScenarioError(f"period {self.period} s must be a whole number of ms")
-        check_ranges(self, "drives.")
+        super().__post_init__()
         if not 0.001 <= self.heartbeat < self.silence:
             raise ScenarioError("drives.heartbeat must be at least 1 ms and below drives.silence")
         if not 0 < self.answer <= 60:
@@ -262,8 +261,7 @@ class AkdConfig:
     @property
     def relaxed(self) -> tuple[str, ...]:
         """Every safety net that is wider than by default, in words."""
-        watch = relaxed_nets(self.watch, "drives.watch.")
-        return (*relaxed_nets(self, "drives."), *watch)
+        return (*super().relaxed, *self.watch.relaxed)
 
 
 def unconfirmed() -> list[str]:

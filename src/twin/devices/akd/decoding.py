@@ -10,15 +10,26 @@ from array import array
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import can
 import numpy as np
 
-from twin.devices.akd import cia402, dictionary, frames
-from twin.devices.akd.cia402 import DriveState
+from twin.devices.akd import protocol
 from twin.devices.akd.config import RPM, TURN, AkdConfig
-from twin.devices.akd.dictionary import PDO_INVALID, PDOS, Key, Names, table
+from twin.devices.akd.protocol import (
+    PDO_INVALID,
+    PDOS,
+    DriveState,
+    Key,
+    Object,
+    mappings,
+    objects,
+    table,
+)
+from twin.devices.common import one_line
+from twin.errors import LogError
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 _TOLD = {CONTROL, STATUS, 0x6060, 0x6061, 0x603F, 0x1001, 0x60FD, 0x2001}
@@ -42,7 +53,7 @@ _SIZED, _EXPEDITED = 1, 2
 """Bits of the specifier that begins a transfer: its size is told; all data are in this frame."""
 _BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
 _UNANSWERED = "unanswered", "no answer"
-_WORDS = {STATUS: cia402.status_words, CONTROL: cia402.control_words}
+_WORDS = {STATUS: protocol.status_words, CONTROL: protocol.control_words}
 HOST = "host"
 """Who sends what only a master sends."""
 
@@ -75,6 +86,43 @@ class Pdo(NamedTuple):
     node: int
     name: str
     entries: tuple[tuple[Key, int], ...]
+
+
+class Names(dict[Key, Object]):
+    """What objects are called: by an EDS file, else as the standards and an AKD have them.
+
+    One that nobody knows is called by its index.
+
+    Args:
+        eds: The file, EDS or DCF.
+
+    Raises:
+        LogError: If it cannot be read.
+    """
+
+    def __init__(self, eds: Path | None = None) -> None:
+        standard = [Object(*each) for each in table()["standard"]]
+        super().__init__({(each.index, each.sub): each for each in standard} | objects())
+        self.defaults: dict[Key, int] = {}
+        """Default values that the file gives for mappings of PDOs."""
+        if eds is None:
+            return
+        from canopen.objectdictionary import ODVariable, datatypes, import_od  # noqa: PLC0415
+
+        try:
+            found = import_od(str(eds), node_id=None).values()
+        except Exception as error:
+            raise LogError(f"--eds {eds}: not a readable EDS file: {one_line(error)}") from error
+        for one in found:
+            for each in [one] if isinstance(one, ODVariable) else one.values():
+                key = each.index, each.subindex
+                sign = "I" if each.data_type in datatypes.SIGNED_TYPES else "U"
+                self[key] = Object(*key, each.qualname.replace(".", ": "), f"{sign}{len(each)}")
+                if PDOS[0] <= key[0] < PDOS[1] and key[0] & 0x200 and isinstance(each.default, int):
+                    self.defaults[key] = each.default
+
+    def __missing__(self, key: Key) -> Object:
+        return Object(*key, "", "U0")
 
 
 @dataclass
@@ -156,12 +204,13 @@ class Conversation:
         self._pdos: dict[int, Pdo] = {}
         self._last: dict[object, object] = {}
         # what the trace does not show: the standard, the maker's file, the rig's
-        known = dictionary.mapping_objects() | self._names.defaults
+        known = (
+            mappings({int(at, 16): each for at, each in table()["defaults"].items()})
+            | self._names.defaults
+        )
         self._values = defaultdict[int, dict[Key, int]](known.copy)
         for axis in self._axes.values():
-            maps = frames.pdo_maps(axis.plate_object).items()
-            own = {at: [dictionary.entry(*key) for key in each] for at, each in maps}
-            self._values[axis.node] |= dictionary.as_objects(own)
+            self._values[axis.node] |= mappings(protocol.pdo_maps(axis.plate_object))
         for message in heard:
             self._take(message, message.timestamp - self.begin)
         for node, left in sorted(self._sdo.items()):
@@ -211,7 +260,7 @@ class Conversation:
             carried, bits = _mapped(value)
             said = f"{self._object(carried)}, {bits} bits"
         elif index == 0x2001 and sub and value:
-            said = frames.fault_words([value])
+            said = protocol.fault_words([value])
         elif unit:
             said = f"{value * factor:.6g} {unit}"
         return said
@@ -256,17 +305,17 @@ class Conversation:
             self._say(at, "adapter", "bus", f"error frame {identifier:03X}h {data.hex(' ')}")
         elif message.is_extended_id:
             self.strangers[identifier] += 1
-        elif identifier == frames.NMT and len(data) == 2:
+        elif identifier == protocol.NMT and len(data) == 2:
             whom = self.called(data[1]) if data[1] else "all nodes"
             command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")
             self._say(at, HOST, "NMT", f"{command}: {whom}")
-        elif identifier == frames.SYNC:
+        elif identifier == protocol.SYNC:
             self._times["SYNC"].append(at)
         elif not message.is_remote_frame:
             self._service(at, identifier, data)
 
     def _service(self, at: float, identifier: int, data: bytes) -> None:
-        number = identifier & frames.NODE_MASK
+        number = identifier & protocol.NODE_MASK
         service = identifier - number
         kind = _KINDS.get(service)
         pdo = self._pdo(identifier)
@@ -274,23 +323,23 @@ class Conversation:
             self._exchange(at, pdo, data)
         elif kind is None or not number:
             self.strangers[identifier] += 1
-        elif service == frames.SDO_REQUEST:
+        elif service == protocol.SDO_REQUEST:
             self._transfer(at, number, data, asks=True)
         else:
             node = self._node(number)
             node.frames[kind] += 1
-            if service == frames.EMERGENCY:
-                message = frames.decode_emergency(data)
+            if service == protocol.EMERGENCY:
+                message = protocol.decode_emergency(data)
                 self._say(at, node.name, kind, message.words)
                 if message.code:
                     node.faults.append({"time": at, "text": message.words})
-            elif service == frames.SDO_RESPONSE:
+            elif service == protocol.SDO_RESPONSE:
                 self._transfer(at, number, data, asks=False)
-            elif (state := frames.decode_nmt_state(data)) is not None:
+            elif (state := protocol.decode_nmt_state(data)) is not None:
                 self._heartbeat(at, node, state)
 
     def _heartbeat(self, at: float, node: Node, state: int) -> None:
-        words = frames.nmt_words(state)
+        words = protocol.nmt_words(state)
         if state:
             self._times[f"heartbeat of {node.name}"].append(at)
         if not state or node.states[-1:] != [words]:
@@ -299,7 +348,7 @@ class Conversation:
 
     def _power(self, at: float, number: int, status: int) -> None:
         """Note the state that a status word shows."""
-        node, state = self._node(number), cia402.state(status)
+        node, state = self._node(number), protocol.state(status)
         if node.drive[-1:] != [state.value]:
             node.drive.append(state.value)
             if state is DriveState.FAULT:
@@ -307,8 +356,8 @@ class Conversation:
 
     def _pdo(self, identifier: int) -> Pdo | None:
         """The PDO of an identifier; None if it is another service's."""
-        number = identifier & frames.NODE_MASK
-        first, last = frames.TPDO1, frames.SDO_RESPONSE
+        number = identifier & protocol.NODE_MASK
+        first, last = protocol.TPDO1, protocol.SDO_RESPONSE
         if identifier not in self._pdos and number and first <= identifier < last:
             place, receives = divmod(identifier - number - first, 0x100)
             parameters = (0x1400 if receives else 0x1800) + place
@@ -374,7 +423,7 @@ class Conversation:
         if transfer is None:
             return
         if command == _ABORT:
-            why = dictionary.abort_words(int.from_bytes(data[4:], "little"))
+            why = protocol.abort_words(int.from_bytes(data[4:], "little"))
             self._ended(number, self._sdo.pop(number), "refused", f"refused, {why}")
             return
         if command == _SEGMENT:
@@ -421,7 +470,7 @@ class Conversation:
 
     def _assign(self, number: int, parameters: int) -> None:
         """Take note of the identifier and mapping of a PDO, as far as they are known now."""
-        base = frames.RPDO1 if parameters < 0x1800 else frames.TPDO1
+        base = protocol.RPDO1 if parameters < 0x1800 else protocol.TPDO1
         place = parameters & 0x1FF
         usual = base + 0x100 * place + number if place < 4 else PDO_INVALID
         cob_id = self._values[number].get((parameters, 1), usual)

@@ -11,15 +11,15 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd import conditions as c
-from twin.devices.akd import frames
+from twin.devices.akd import protocol
 from twin.devices.akd.axis import Axis
 from twin.devices.akd.bringup import SettingsFound, bring_up, master_frames, monitoring
-from twin.devices.akd.bus import CanTransport, open_bus
-from twin.devices.akd.cia402 import AxisRequest, DriveState
-from twin.devices.akd.conditions import DriveError, FaultReports
+from twin.devices.akd.bus import BUS_ERRORS, CanTransport, open_bus
+from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig
-from twin.devices.akd.dictionary import abort_words
-from twin.devices.akd.network import BUS_ERRORS
+from twin.devices.akd.protocol import AxisRequest, DriveState, abort_words
+from twin.devices.common import FaultReports
+from twin.devices.rig import PoweredServos
 from twin.hal.interface import Fault
 
 _MONITORING = (0x1016, 1)
@@ -70,11 +70,11 @@ class SdoPolling:
             return None
         self._pending, self._sent = self._queue.popleft(), at
         node, *key = self._pending
-        return frames.SDO_REQUEST + node, frames.encode_sdo_read(*key)
+        return protocol.SDO_REQUEST + node, protocol.encode_sdo_read(*key)
 
     def receive(self, node: int, data: bytes, at: float) -> None:
         """Take in what a drive answers, any bytes; what answers no pending request is left out."""
-        answer = frames.decode_sdo(data)
+        answer = protocol.decode_sdo(data)
         if answer is None or not answer.data or self._pending != (node, *answer.key):
             return
         self._pending, where = None, self._where[node]
@@ -91,7 +91,7 @@ class SdoPolling:
         if number == _STO_FAULT:
             self._reports.report(c.STO_OPEN, where, "F602", at)
         elif number:
-            self._reports.report(c.FAULT_NUMBER, where, frames.fault_words([number]), at)
+            self._reports.report(c.FAULT_NUMBER, where, protocol.fault_words([number]), at)
 
 
 def _reading(index: int, sub: int) -> str:
@@ -104,8 +104,8 @@ SHUTDOWN = 0.4
 """Longest time in s for each step of the shutdown."""
 
 
-class AkdServos:
-    """Two AKD drives; a `PoweredServos`.
+class AkdServos(PoweredServos):
+    """Two AKD drives.
 
     Between ``start`` and ``stop``, ``receive`` and ``send`` are called once per period, or the
     drives stop themselves: they monitor the host's heartbeat.
@@ -132,8 +132,6 @@ class AkdServos:
         """What phi's and theta's drive were found to be at the last start."""
         self.heartbeat = True
         """Whether the host sends its heartbeat; off only to test that the drives then stop."""
-        self.round_trip: float | None = None
-        """Seconds from the last SYNC to the last of its answers; None while one is missing."""
         self.now, self.sleep = now, sleep
         self._where = f"CAN {config.bus}"
         self._motor_zero, self._plate_zero = np.zeros((1, 2)), np.zeros((1, 2))
@@ -209,9 +207,9 @@ class AkdServos:
         for axis in axes:
             node = axis.config.node
             if axis.powerless and axis.motor.pdo.missed < self.config.watch.stale:
-                monitoring_off = frames.encode_sdo_write(0x1016, 1, bytes(4))
-                transport.send(frames.SDO_REQUEST + node, monitoring_off)
-            transport.send(frames.NMT, bytes((frames.PRE_OPERATIONAL, node)))
+                monitoring_off = protocol.encode_sdo_write(0x1016, 1, bytes(4))
+                transport.send(protocol.SDO_REQUEST + node, monitoring_off)
+            transport.send(protocol.NMT, bytes((protocol.PRE_OPERATIONAL, node)))
         self.sleep(self.config.heartbeat)
         transport.close()
         self._transport = None
@@ -243,11 +241,11 @@ class AkdServos:
             self.quick_stop()
         for axis in self.axes:
             axis.finish_quick_stop()
-            transport.send(frames.RPDO1 + axis.config.node, axis.next_rpdo1())
+            transport.send(protocol.RPDO1 + axis.config.node, axis.next_rpdo1())
         self._cycle += 1
         self.round_trip = None
         self._synced = self.now()
-        transport.send(frames.SYNC, b"")
+        transport.send(protocol.SYNC, b"")
         self._send_heartbeat(transport, at)
         request = self._polling.next_frame(at)
         if request is not None:
@@ -317,10 +315,6 @@ class AkdServos:
         """Faults detected since the last call, oldest first; never waits."""
         return self._reports.take()
 
-    def warnings(self) -> tuple[Fault, ...]:
-        """None: the drives watch over themselves."""
-        return ()
-
     @property
     def _up(self) -> bool:
         return self._transport is not None and self._transport.up
@@ -342,7 +336,7 @@ class AkdServos:
     def _drain(self, wait: float) -> None:
         for identifier, data in self._transport.receive(wait) if self._transport else ():
             at = self.now()
-            node = identifier & frames.NODE_MASK
+            node = identifier & protocol.NODE_MASK
             service = identifier - node
             sender = next((axis for axis in self.axes if axis.config.node == node), None)
             if identifier in self._master_frames:
@@ -352,7 +346,7 @@ class AkdServos:
             if sender is None:
                 continue
             sender.receive(service, data, self._cycle, self._synced, at)
-            if service == frames.SDO_RESPONSE:
+            if service == protocol.SDO_RESPONSE:
                 self._polling.receive(node, data, at)
             elif self.round_trip is None and all(
                 counter.pdo.cycle == self._cycle

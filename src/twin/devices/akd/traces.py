@@ -20,6 +20,7 @@ from typing import Any
 import can
 
 from twin.devices.akd import TRACE
+from twin.devices.common import one_line
 from twin.errors import LogError
 
 Hear = Callable[[can.Message], None]
@@ -258,8 +259,7 @@ def _library(file: Path, remarks: list[str]) -> Iterator[can.Message]:
                 number += 1
                 yield message
     except Exception as error:  # noqa: BLE001  readers raise whatever a broken file makes them
-        why = " ".join(str(error).split()) or type(error).__name__
-        remarks.append(f"{file.name}: cannot be read on after frame {number}: {why}")
+        remarks.append(f"{file.name}: cannot be read on after frame {number}: {one_line(error)}")
 
 
 def _candump(file: Path, remarks: list[str]) -> Iterator[can.Message]:

@@ -1,18 +1,287 @@
-"""Settings of a touch screen, as a rig file gives them."""
+"""Settings of a touch screen, as a rig file gives them, and its mounting on the plate."""
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import atan2, degrees, hypot, pi
+from pathlib import Path
+from typing import Any, Self
 
-from twin.devices.lumio.calibration import Calibration
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from controllers.arrays import Array
+from twin.data_file import parse_json
+from twin.devices.common import Ranged, net
 from twin.devices.lumio.protocols import STREAMS
 from twin.devices.lumio.transports import PRODUCTS, TRANSPORTS, ScreenError
-from twin.devices.nets import check_ranges, net, relaxed_nets
+from twin.errors import TwinError
+from twin.hal.interface import SCREEN
+
+_REMEDY = "run `ballplate calibrate touch`"
+
+
+class CalibrationError(TwinError, ValueError):
+    """A calibration cannot be made from what was given."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Plate position = matrix . screen position + origin.
+
+    Attributes:
+        matrix: m in plate axes per screen unit; a screen unit is the whole range of an axis.
+        origin: Where on the plate the screen's (0, 0) is, m in plate axes.
+    """
+
+    matrix: tuple[tuple[float, float], tuple[float, float]]
+    origin: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be inverted."""
+        (a, b), (c, d) = self.matrix
+        if not np.isfinite([a, b, c, d, *self.origin]).all() or abs(a * d - b * c) < 1e-6:
+            raise CalibrationError(
+                f"calibration: matrix {self.matrix} must be finite and cover an area"
+            )
+
+    @classmethod
+    def nominal(cls, size: tuple[float, float] = (SCREEN[0], SCREEN[1])) -> Self:
+        """A screen mounted square and centred on the plate, its second axis counting downwards.
+
+        Args:
+            size: Sides of the sensing area along the plate's x and y, m.
+        """
+        x, y = size
+        return cls(((x, 0.0), (0.0, -y)), (-x / 2, y / 2))
+
+    def plate(self, x: float, y: float) -> tuple[float, float]:
+        """Position in m in plate axes of one in screen units."""
+        (a, b), (c, d) = self.matrix
+        return a * x + b * y + self.origin[0], c * x + d * y + self.origin[1]
+
+    def screen(self, x: float, y: float) -> tuple[float, float]:
+        """Position in screen units of one in m in plate axes."""
+        (a, b), (c, d) = self.matrix
+        x, y = x - self.origin[0], y - self.origin[1]
+        area = a * d - b * c
+        return (d * x - b * y) / area, (a * y - c * x) / area
+
+    def save(self, path: Path, provenance: Mapping[str, Any]) -> None:
+        """Write it and how it was made as JSON.
+
+        Args:
+            path: The file.
+            provenance: How it was made.
+        """
+        data = {"provenance": dict(provenance), "matrix_m": self.matrix, "origin_m": self.origin}
+        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+
+
+def read_calibration(path: Path) -> tuple[Calibration, dict[str, Any]]:
+    """A calibration that `save` wrote, and how it was made.
+
+    Raises:
+        CalibrationError: If the file is missing, or is not such a calibration.
+    """
+    try:
+        data = parse_json(path.read_text(encoding="utf-8"))
+        (a, b), (c, d) = data["matrix_m"]
+        x, y = data["origin_m"]
+        numbers = [a, b, c, d, x, y]
+        if not all(type(each) in {int, float} for each in numbers):
+            raise TypeError("matrix_m and origin_m must be numbers")
+        a, b, c, d, x, y = map(float, numbers)
+        return Calibration(((a, b), (c, d)), (x, y)), dict(data["provenance"])
+    except OSError as error:
+        raise CalibrationError(f"{path}: {error.strerror}; {_REMEDY}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise CalibrationError(f"{path}: not a calibration ({error}); {_REMEDY}") from error
+
+
+UNKNOWNS = 6
+"""Numbers of an affine map of the plane."""
+DOUBT = 0.01
+"""Chance at which points that were all touched rightly are told to have a wrong one among them."""
+
+
+@dataclass(frozen=True)
+class CalibrationFit:
+    """A calibration, and what it leaves.
+
+    Attributes:
+        calibration: Screen units to plate axes.
+        left: Where the calibration puts the points less where they are, m, shape (K, 2).
+    """
+
+    calibration: Calibration
+    left: Array
+
+    @property
+    def distances(self) -> Array:
+        """How far from each point the calibration puts it, m, shape (K,)."""
+        return np.asarray(np.hypot(self.left[:, 0], self.left[:, 1]))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of these distances, m."""
+        return float(np.sqrt(np.mean(self.distances**2)))
+
+
+def fit(screen: ArrayLike, plate: ArrayLike) -> CalibrationFit:
+    """The calibration that suits known points best, by least squares.
+
+    Args:
+        screen: What the screen said, screen units, shape (K, 2), K at least 3.
+        plate: Where the points are, m in plate axes, shape (K, 2).
+
+    Raises:
+        CalibrationError: Fewer than three points, or all on one line.
+    """
+    seen, true = np.asarray(screen, float), np.asarray(plate, float)
+    if seen.ndim != 2 or seen.shape != true.shape or seen.shape[1] != 2 or len(seen) < 3:
+        raise CalibrationError(
+            f"calibration: needs 3 or more pairs of points, got {seen.shape} and {true.shape}"
+        )
+    check_spread(true)
+    system = _system(seen)
+    solution, _, rank, _ = np.linalg.lstsq(system, true, rcond=1e-6)
+    if rank < 3:
+        raise CalibrationError("calibration: the points must not lie on one line")
+    (a, c), (b, d), origin = solution.tolist()
+    calibration = Calibration(((a, b), (c, d)), (origin[0], origin[1]))
+    return CalibrationFit(calibration, system @ solution - true)
+
+
+def check_spread(points: ArrayLike) -> None:
+    """Make sure that points do not lie on one line.
+
+    Args:
+        points: Shape (K, 2).
+
+    Raises:
+        CalibrationError: If they do.
+    """
+    if np.linalg.matrix_rank(_system(np.asarray(points, float)), rtol=1e-6) < 3:
+        raise CalibrationError("calibration: the points must not lie on one line")
+
+
+def outlier(screen: Array, plate: Array) -> tuple[int, float] | None:
+    """The point that does not fit the others, if there is one, and how far it is off, in m.
+
+    Each point is compared with the calibration of the others: the square of its distance from
+    where they put it, over their own scatter, follows an F distribution if it is one of them. Both
+    follow from the fit to all points and the diagonal of its projection. With fewer than five
+    points the others leave no scatter to compare with.
+
+    Args:
+        screen: What the screen said, screen units, shape (K, 2).
+        plate: Where the points are, m, shape (K, 2).
+    """
+    count = len(plate)
+    freedom = 2 * (count - 1) - UNKNOWNS
+    if freedom < 1:
+        return None
+    system = _system(screen)
+    projection = system @ np.linalg.pinv(system)
+    alone = 1 - np.diag(projection)
+    alone[alone < 1e-6] = np.inf  # nothing but this point keeps the others from a line: not judged
+    squares = ((plate - projection @ plate) ** 2).sum(axis=1)
+    scatter = (squares.sum() - squares / alone) / freedom
+    ratios = squares / alone / 2 / np.maximum(scatter, 1e-30)
+    worst = int(np.argmax(ratios))
+    chance = count * float(scipy.special.fdtrc(2, freedom, ratios[worst]))
+    return (worst, float(np.sqrt(squares[worst]) / alone[worst])) if chance < DOUBT else None
+
+
+def _system(points: Array) -> Array:
+    return np.column_stack([points, np.ones(len(points))])
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """What a calibration says of the screen.
+
+    Attributes:
+        size: Sides of the sensing area along the plate's x and y, m.
+        swapped: Whether the screen's first axis runs along the plate's y.
+        mirrored_x: Whether the screen's position along the plate's x counts backwards.
+        mirrored_y: The same along y.
+        turn: Angle from the mounting that these three describe, rad about the plate's normal.
+        skew: By how much the screen's axes differ from a right angle, rad.
+        centre: Where on the plate the middle of the screen is, m.
+    """
+
+    size: tuple[float, float]
+    swapped: bool
+    mirrored_x: bool
+    mirrored_y: bool
+    turn: float
+    skew: float
+    centre: tuple[float, float]
+
+    @classmethod
+    def of(cls, calibration: Calibration) -> Self:
+        """The mounting that is nearest to square, and the turn from it."""
+        (a, b), (c, d) = calibration.matrix
+        swapped = abs(c) + abs(b) > abs(a) + abs(d)
+        # sides along the plate's x and y, whichever of the screen's axes they are
+        x, y = ((b, d), (a, c)) if swapped else ((a, c), (b, d))
+        mirrored_x, mirrored_y = x[0] < 0, y[1] < 0
+        along_x = _turned(atan2(x[1], x[0]) - (pi if mirrored_x else 0.0))
+        along_y = _turned(atan2(y[1], y[0]) - (-pi / 2 if mirrored_y else pi / 2))
+        return cls(
+            (hypot(*x), hypot(*y)),
+            swapped,
+            mirrored_x,
+            mirrored_y,
+            (along_x + along_y) / 2,
+            along_y - along_x,
+            calibration.plate(0.5, 0.5),
+        )
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """It in words, a line for each of scale, axes, turn and place."""
+        width, height = (1e3 * side for side in self.size)
+        first, second = (
+            f"the plate's {'-' if mirrored else '+'}{name}"
+            for name, mirrored in (("x", self.mirrored_x), ("y", self.mirrored_y))
+        )
+        if self.swapped:
+            first, second = second, first
+        return (
+            f"scale: sensing area {width:.1f} x {height:.1f} mm along the plate's x and y",
+            f"axes: the screen's x runs along {first}, its y along {second}",
+            f"turn: {degrees(self.turn):+.2f} deg, skew {degrees(self.skew):+.2f} deg",
+            f"offset: its middle is at x {1e3 * self.centre[0]:+.2f}, "
+            f"y {1e3 * self.centre[1]:+.2f} mm",
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """It for files and ``--json``."""
+        return {
+            "size_m": [round(side, 6) for side in self.size],
+            "swapped": self.swapped,
+            "mirrored_x": self.mirrored_x,
+            "mirrored_y": self.mirrored_y,
+            "turn_deg": round(degrees(self.turn), 5) + 0.0,
+            "skew_deg": round(degrees(self.skew), 5) + 0.0,
+            "centre_m": [round(each, 6) for each in self.centre],
+        }
+
+
+def _turned(angle: float) -> float:
+    """An angle in -pi..pi."""
+    return (angle + pi) % (2 * pi) - pi
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlausibilityLimits:
+class PlausibilityLimits(Ranged):
     """Which positions can be those of one ball, and when it is stale, lost or frozen.
 
     Each is a `net`: relaxed, it is told in every run; beyond its range it is refused.
@@ -32,6 +301,7 @@ class PlausibilityLimits:
         rest: Seconds of rest on a plate tilted further than that, which show the same.
     """
 
+    keys = "touch.gate."
     speed: float = net(1.5, 0.5, 5)
     slack: float = net(0.006, 0.001, 0.05)
     confirm: int = net(3, 1, 20, sense=-1)
@@ -41,10 +311,6 @@ class PlausibilityLimits:
     still: int = net(4, 2, 120)
     tilt: float = net(math.radians(2), 0.01, 0.17)
     rest: float = net(0.3, 0.05, 10)
-
-    def __post_init__(self) -> None:
-        """Refuse what would be no threshold."""
-        check_ranges(self, "touch.gate.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,11 +350,6 @@ class LumioConfig:
                 raise ScreenError(f"touch.{key}: must be one of {', '.join(allowed)}, got {value}")
         if self.baud <= 0:
             raise ScreenError(f"touch.baud: must be positive, got {self.baud}")
-
-    @property
-    def relaxed(self) -> tuple[str, ...]:
-        """Every safety net that is wider than by default, in words."""
-        return tuple(relaxed_nets(self.gate, "touch.gate."))
 
     @property
     def capacity(self) -> float:

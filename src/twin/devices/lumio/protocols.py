@@ -1,10 +1,22 @@
-"""The protocols a Lumio screen may speak on a serial line, and which of them bytes are of."""
+"""Touch reports out of bytes: the protocols of a serial line, and the reports of a USB panel.
+
+A panel is read by what its own report descriptor says, after Device Class Definition for HID 1.11,
+section 6.2.2, and as the Linux kernel reads it where devices and definition differ. Written here
+because the libraries that read descriptors leave out units, from which the size of a panel follows,
+or have a licence that does not go with this one.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from functools import cache
+from typing import ClassVar, NamedTuple, Self
+
+from twin.data_file import packaged
+from twin.errors import TwinError
 
 
 class Contact(NamedTuple):
@@ -46,21 +58,6 @@ class DecoderStats:
     skipped: int = 0
     checksum: int = 0
     outside: int = 0
-
-
-class Packet(NamedTuple):
-    """What a decoder makes of the beginning of its buffer.
-
-    Attributes:
-        length: Bytes it takes; 0 for a packet that is not complete yet.
-        report: Its contacts, if it has any.
-    """
-
-    length: int
-    report: Report | None = None
-
-
-INCOMPLETE = Packet(0)
 
 
 class Decoder(ABC):
@@ -107,18 +104,18 @@ class StreamDecoder(Decoder):
         reports = []
         at = 0
         while at < len(self._buffer):
-            packet = self._packet(self._buffer, at)
-            if packet is None:
+            packet = self._buffer[at : at + self.size]
+            if not self._fits(packet):
                 self._leave_out()
                 at += 1
-            elif packet.length == 0:
+                continue
+            if len(packet) < self.size:
                 break
-            else:
-                at += packet.length
-                self._joined = True
-                if packet.report is not None:
-                    self.stats.reports += 1
-                    reports.append(packet.report)
+            at += self.size
+            self._joined = True
+            if (report := self._report(packet)) is not None:
+                self.stats.reports += 1
+                reports.append(report)
         del self._buffer[:at]
         return reports
 
@@ -136,13 +133,15 @@ class StreamDecoder(Decoder):
             self.stats.cut += 1
 
     @abstractmethod
-    def _packet(self, buffer: bytearray, at: int) -> Packet | None:
-        """The packet that begins at an index; INCOMPLETE, or None where none can begin."""
+    def _fits(self, packet: bytearray) -> bool:
+        """Whether bytes, up to ``size``, may be a packet or its beginning."""
+
+    @abstractmethod
+    def _report(self, packet: bytearray) -> Report | None:
+        """The contacts of a whole packet, if it has any."""
 
 
 _TABLET_TOP = 16383
-_REPLY_START, _REPLY_END = 0x01, 0x0D
-_LONGEST_REPLY = 34
 
 
 class MicroTouchDecoder(StreamDecoder):
@@ -150,37 +149,18 @@ class MicroTouchDecoder(StreamDecoder):
 
     Five bytes, the first marked by its highest bit. The origin is at the bottom left; y is turned
     here, so that it counts downwards as in the other protocols. There being no checksum, a damaged
-    stream can yield false positions.
+    stream can yield false positions. Replies to commands cannot come: none is sent.
     """
 
     name = "microtouch"
     size = 5
 
-    def _packet(self, buffer: bytearray, at: int) -> Packet | None:
-        first = buffer[at]
-        if first == _REPLY_START:
-            return self._reply(buffer, at)
-        if not first & 0x80:
-            return None
-        body = buffer[at + 1 : at + self.size]
-        if any(byte & 0x80 for byte in body):
-            return None
-        if len(body) < self.size - 1:
-            return INCOMPLETE
-        x = body[0] | body[1] << 7
-        y = body[2] | body[3] << 7
-        contact = Contact(x / _TABLET_TOP, 1 - y / _TABLET_TOP, bool(first & 0x40))
-        return Packet(self.size, (contact,))
+    def _fits(self, packet: bytearray) -> bool:
+        return packet[0] >= 0x80 and all(byte < 0x80 for byte in packet[1:])
 
-    def _reply(self, buffer: bytearray, at: int) -> Packet | None:
-        """An answer to a command: SOH, printable characters, CR."""
-        for index in range(at + 1, min(len(buffer), at + _LONGEST_REPLY)):
-            byte = buffer[index]
-            if byte == _REPLY_END:
-                return Packet(index + 1 - at)
-            if not 0x20 <= byte < 0x7F:
-                return None
-        return INCOMPLETE if len(buffer) - at < _LONGEST_REPLY else None
+    def _report(self, packet: bytearray) -> Report:
+        x, y = packet[1] | packet[2] << 7, packet[3] | packet[4] << 7
+        return (Contact(x / _TABLET_TOP, 1 - y / _TABLET_TOP, bool(packet[0] & 0x40)),)
 
 
 _SMARTSET_TOP = 4095
@@ -198,20 +178,16 @@ class EloDecoder(StreamDecoder):
     name = "elo"
     size = 10
 
-    def _packet(self, buffer: bytearray, at: int) -> Packet | None:
-        packet = buffer[at : at + self.size]
-        if packet[0] != _LEAD or not ord("A") <= (packet[1:2] or b"T")[0] <= ord("Z"):
-            return None
-        if len(packet) < self.size:
-            return INCOMPLETE
-        if (0xAA + sum(packet[:-1])) & 0xFF != packet[-1]:
-            self.stats.checksum += packet[1] == _TOUCH
-            return None
-        if packet[1] == _TOUCH:
-            return Packet(self.size, self._touch(packet))
-        return Packet(self.size)
+    def _fits(self, packet: bytearray) -> bool:
+        if packet[0] != _LEAD or not b"A" <= (packet[1:2] or b"T") <= b"Z":
+            return False
+        right = len(packet) < self.size or (0xAA + sum(packet[:-1])) & 0xFF == packet[-1]
+        self.stats.checksum += not right and packet[1] == _TOUCH
+        return right
 
-    def _touch(self, packet: bytearray) -> Report | None:
+    def _report(self, packet: bytearray) -> Report | None:
+        if packet[1] != _TOUCH:
+            return None
         status, x, y = packet[2], packet[3] | packet[4] << 8, packet[5] | packet[6] << 8
         if x > _SMARTSET_TOP or y > _SMARTSET_TOP:
             self.stats.outside += 1
@@ -243,13 +219,11 @@ class Detector:
     WINDOW = 1024
 
     def __init__(self) -> None:
-        self._listened = 0
-        self._start()
+        self.restart()
 
-    @property
-    def listened(self) -> int:
-        """Bytes heard in vain."""
-        return self._listened + self._decoders[0].stats.bytes
+    def restart(self) -> None:
+        """Listen afresh."""
+        self._decoders = [decoder() for decoder in STREAMS.values()]
 
     def feed(self, data: bytes) -> tuple[StreamDecoder, list[Report]] | None:
         """The decoder of the protocol and what it makes of these bytes, once it is known."""
@@ -264,9 +238,414 @@ class Detector:
             _, decoder, reports = max(found, key=lambda entry: entry[0])
             return decoder, reports
         if self._decoders[0].stats.bytes > self.WINDOW:
-            self._listened += self._decoders[0].stats.bytes
-            self._start()
+            self.restart()
         return None
 
-    def _start(self) -> None:
-        self._decoders = [decoder() for decoder in STREAMS.values()]
+
+LONGEST = 4096
+"""Bytes of a descriptor, as the kernel allows."""
+LARGEST = 8 * 16384
+"""Bits of a report, as the kernel allows."""
+WIDEST = 64
+"""Bits of a field."""
+MOST = 12288
+"""Fields of a device, and usages of one item, as the kernel allows."""
+DEEPEST = 64
+"""Levels of collections, and of settings put by."""
+
+_LONG_ITEM = 0xFE
+_INPUT, _COLLECTION, _END = 0x8, 0xA, 0xC
+_CONSTANT, _VARIABLE = 1 << 0, 1 << 1
+_PUSH, _POP = 0xA, 0xB
+
+
+class DescriptorError(TwinError, ValueError):
+    """Bytes that are no report descriptor."""
+
+
+_GLOBALS: tuple[str, ...] = "page", "logical_low", "logical_high", "physical_low", "physical_high"
+_GLOBALS += "exponent", "unit", "size", "report", "count"
+"""Settings that hold until they are changed, by the tag of the item that does so."""
+
+
+class _Parser:
+    """What the items have said so far."""
+
+    def __init__(self) -> None:
+        self.settings = dict.fromkeys(_GLOBALS, 0)
+        self.put_by: list[dict[str, int]] = []
+        self.usages: list[int] = []
+        self.first = 0
+        self.within: list[tuple[int, int]] = []
+        self.fields: list[ReportField] = []
+        self.bits: dict[int, int] = {}
+        self.applications: list[int] = []
+
+    def main(self, tag: int, data: int, _: int, at: int) -> None:
+        if tag == _INPUT:
+            self._input(data, **self.settings)
+        elif tag == _COLLECTION:
+            usage = self._complete(self.usages[0]) if self.usages else 0
+            if not self.within:
+                self.applications.append(usage)
+            self.within.append((usage, at))
+            _check(len(self.within) <= DEEPEST, f"more than {DEEPEST} levels of collections")
+        elif tag == _END:
+            _check(self.within, f"byte {at}: ends a collection that has not begun")
+            self.within.pop()
+        self.usages, self.first = [], 0
+
+    def _input(self, flags: int, size: int, report: int, count: int, **now: int) -> None:
+        begin = self.bits.get(report, 0)
+        possible = 0 < size <= WIDEST or flags & _CONSTANT
+        _check(possible, f"a field of {size} bits; 1 to {WIDEST} are possible")
+        self.bits[report] = begin + size * count
+        _check(self.bits[report] <= LARGEST, f"a report of more than {LARGEST} bits")
+        if flags & _CONSTANT or not flags & _VARIABLE or not self.usages:
+            return
+        _check(len(self.fields) + count <= MOST, f"more than {MOST} fields")
+        logical, physical = (
+            (now[f"{kind}_low"], now[f"{kind}_high"]) for kind in ("logical", "physical")
+        )
+        stands_for = logical if physical == (0, 0) else physical
+        metres, within = _metres(now["unit"], now["exponent"]), tuple(self.within)
+        # with fewer usages than fields, the last one holds for the rest
+        for index in range(count):
+            usage = self._complete(self.usages[min(index, len(self.usages) - 1)])
+            at = begin + index * size
+            field = ReportField(report, at, size, usage, logical, stands_for, metres, within)
+            self.fields.append(field)
+
+    def _complete(self, usage: int) -> int:
+        """A usage with its page; one of four bytes brings it along."""
+        return usage if usage >> 16 else self.settings["page"] << 16 | usage
+
+    def globals(self, tag: int, data: int, size: int, _: int) -> None:
+        if tag == _PUSH:
+            self.put_by.append(dict(self.settings))
+            _check(len(self.put_by) <= DEEPEST, f"more than {DEEPEST} settings put by")
+        elif tag == _POP:
+            _check(self.put_by, "settings fetched that were not put by")
+            self.settings = self.put_by.pop()
+        elif tag < len(_GLOBALS):
+            self._change(_GLOBALS[tag], data, _signed(data, 8 * size))
+
+    def _change(self, name: str, data: int, signed: int) -> None:
+        if name == "page":
+            data &= 0xFFFF
+        elif name == "exponent":
+            # meant as a byte with a sign, mostly written as half of one
+            data = _signed(data, 4) if 0 <= signed < 16 else signed
+        # 25 FF after a smallest value of 0 means 255 and not -1
+        elif name.endswith("_low") or self.settings.get(name.replace("high", "low"), 0) < 0:
+            data = signed
+        _check(name != "report" or 0 < data <= 0xFF, f"report number {data}; 1 to 255 are possible")
+        self.settings[name] = data
+
+    def local(self, tag: int, data: int, _: int, at: int) -> None:
+        if tag == 0x0:
+            self.usages.append(data)
+        elif tag == 0x1:
+            self.first = data
+        elif tag == 0x2:
+            few = data - self.first < MOST and len(self.usages) < MOST
+            _check(few, f"more than {MOST} usages of one field")
+            self.usages += range(self.first, data + 1)
+
+
+def _check(holds: object, words: str) -> None:
+    if not holds:
+        raise DescriptorError(words)
+
+
+def parse(data: bytes) -> ReportDescriptor:
+    """What a report descriptor says of the input reports.
+
+    Args:
+        data: The descriptor.
+
+    Raises:
+        DescriptorError: It is cut short, or says what no device can mean.
+    """
+    _check(len(data) <= LONGEST, f"{len(data)} bytes; at most {LONGEST} are possible")
+    parser = _Parser()
+    kinds = parser.main, parser.globals, parser.local
+    for at, kind, tag, value, size in _items(data):
+        if kind < len(kinds):
+            kinds[kind](tag, value, size, at)
+    _check(not parser.within, "it ends within a collection")
+    return ReportDescriptor(tuple(parser.fields), parser.bits, tuple(parser.applications))
+
+
+def _items(data: bytes) -> Iterator[tuple[int, int, int, int, int]]:
+    """Position, type, tag, value and size of the short items; long ones mean nothing yet."""
+    at = 0
+    while at < len(data):
+        head = data[at]
+        if head == _LONG_ITEM:
+            at += 3 + (data[at + 1] if at + 1 < len(data) else 0)
+            continue
+        size = (0, 1, 2, 4)[head & 3]
+        body = data[at + 1 : at + 1 + size]
+        _check(len(body) == size, f"byte {at}: cut short")
+        yield at, head >> 2 & 3, head >> 4, int.from_bytes(body, "little"), size
+        at += 1 + size
+
+
+def _signed(value: int, bits: int) -> int:
+    """A number of so many bits in two's complement."""
+    return value - (1 << bits) if bits and value >> bits - 1 & 1 else value
+
+
+_CENTIMETRE, _INCH = 0x11, 0x13
+
+
+def _metres(unit: int, exponent: int) -> float:
+    """A unit of length in m, 0 for any other; 10 to its exponent of them (6.2.2.7)."""
+    base = {_CENTIMETRE: 0.01, _INCH: 0.0254}.get(unit, 0.0)
+    return base * 10.0**exponent if -32 < exponent < 32 else 0.0
+
+
+class ReportField(NamedTuple):
+    """A number in an input report.
+
+    Attributes:
+        report: Number of the report that holds it; 0 in a device that numbers none.
+        offset: Its first bit, counted from the beginning of the report after its number.
+        bits: Its length.
+        usage: What it means: page << 16 | identifier; 0 for padding.
+        logical: Smallest and largest value.
+        physical: What these two stand for, in the unit.
+        metres: The unit, if it is one of length, in m; else 0.
+        within: Usages of the collections around it, outermost first, and their positions in the
+            descriptor: ``(usage, position)``.
+    """
+
+    report: int
+    offset: int
+    bits: int
+    usage: int
+    logical: tuple[int, int]
+    physical: tuple[int, int]
+    metres: float
+    within: tuple[tuple[int, int], ...]
+
+    def value(self, report: int) -> int:
+        """Its value in a report, given as one little-endian number without the report's number."""
+        raw = report >> self.offset & (1 << self.bits) - 1
+        negative = self.logical[0] < 0 and raw >> self.bits - 1
+        return raw - (1 << self.bits) if negative else raw
+
+    @property
+    def length(self) -> float:
+        """What its whole range stands for, m; 0 if that is no length."""
+        return self.metres * (self.physical[1] - self.physical[0])
+
+
+@dataclass(frozen=True)
+class ReportDescriptor:
+    """Everything in a report descriptor that concerns input.
+
+    Attributes:
+        fields: Of all input reports, padding left out.
+        bits: Length of each input report by its number, without the number itself; 0 in a device
+            that numbers none, whose reports do not begin with it.
+        applications: Usages of the outermost collections: what the device is.
+    """
+
+    fields: tuple[ReportField, ...]
+    bits: dict[int, int]
+    applications: tuple[int, ...]
+
+    @property
+    def what(self) -> str:
+        """What an interface that has it is, in words."""
+        return ", ".join(map(application, self.applications)) or "without any use"
+
+
+TOUCH_SCREEN = 0x000D_0004
+_FINGER = 0x000D_0022
+_TIP, _IDENTIFIER, _COUNT = 0x000D_0042, 0x000D_0051, 0x000D_0054
+_X, _Y = 0x0001_0030, 0x0001_0031
+
+
+def application(usage: int) -> str:
+    """What an interface can be, in words, by the usage of its outermost collection."""
+    key = f"{usage >> 16:04x}:{usage & 0xFFFF:04x}"
+    return str(_panels()["applications"].get(key, f"usage {key}"))
+
+
+class ContactFields(NamedTuple):
+    """Where in a report the numbers of one contact are."""
+
+    tip: ReportField
+    x: ReportField
+    y: ReportField
+    identifier: ReportField | None
+
+
+@dataclass(frozen=True)
+class TouchLayout:
+    """Where everything is in the report of a touch screen.
+
+    Attributes:
+        report: Its number; 0 if the device numbers none.
+        size: Its bytes, the number included.
+        contacts: The places for contacts.
+        count: How many of them hold one; None where a report does not say.
+    """
+
+    report: int
+    size: int
+    contacts: tuple[ContactFields, ...]
+    count: ReportField | None
+
+    @classmethod
+    def of(cls, descriptor: ReportDescriptor) -> Self | None:
+        """The layout that a descriptor gives, or None if it is no touch screen's."""
+        fingers: dict[tuple[int, int], dict[int, ReportField]] = defaultdict(dict)
+        counts: dict[int, ReportField] = {}
+        for each in descriptor.fields:
+            if not each.within or each.within[0][0] != TOUCH_SCREEN:
+                continue
+            if each.usage == _COUNT:
+                counts.setdefault(each.report, each)
+            fingers[each.report, _place(each)].setdefault(each.usage, each)
+        found = [
+            (report, ContactFields(known[_TIP], known[_X], known[_Y], known.get(_IDENTIFIER)))
+            for (report, _), known in fingers.items()
+            if {_TIP, _X, _Y} <= known.keys() and _spans(known[_X]) and _spans(known[_Y])
+        ]
+        if not found:
+            return None
+        report = found[0][0]
+        return cls(
+            report,
+            -(-descriptor.bits[report] // 8) + (report > 0),
+            tuple(contact for number, contact in found if number == report),
+            counts.get(report),
+        )
+
+    @property
+    def extent(self) -> tuple[float, float] | None:
+        """Sides of the sensing area along the screen's x and y, m, if the panel tells."""
+        first = self.contacts[0]
+        x, y = first.x.length, first.y.length
+        return (x, y) if x > 0 and y > 0 else None
+
+
+def _place(field: ReportField) -> int:
+    """What tells the numbers of one contact from those of another: the collection around them.
+
+    That is the one called a finger. Product 202E:0006 calls only the first of its four so, and
+    devices with a single contact may have none.
+    """
+    named = [position for usage, position in field.within if usage == _FINGER]
+    return named[-1] if named else field.within[:2][-1][1]
+
+
+def _spans(field: ReportField) -> bool:
+    return field.logical[1] > field.logical[0]
+
+
+class HidDecoder(Decoder):
+    """Decoder of the reports of one panel, one or more whole ones at a time.
+
+    A contact touches if its tip switch says so. Whether it is in range and whether the panel is
+    confident that it is a finger is not asked: the ball is none. Padding may be anything, and so
+    may places beyond the number of contacts. Identifiers are taken as they are: panels declare a
+    range for them that they do not keep.
+
+    Args:
+        layout: Of its report.
+    """
+
+    name = "hid"
+
+    def __init__(self, layout: TouchLayout) -> None:
+        super().__init__()
+        self.layout, self.extent = layout, layout.extent
+        self._left = 0
+        self._down: set[int] = set()
+
+    def feed(self, data: bytes) -> list[Report]:
+        """The reports in these bytes, oldest first."""
+        self.stats.bytes += len(data)
+        layout, reports = self.layout, []
+        for at in range(0, len(data), layout.size):
+            report = data[at : at + layout.size]
+            if layout.report and report[0] != layout.report:
+                break  # of another part of the same interface, of whatever length
+            if len(report) < layout.size:
+                self.stats.skipped += len(report)
+                break
+            number = int.from_bytes(report[1:] if layout.report else report, "little")
+            contacts = self._contacts(number)
+            if contacts:
+                self.stats.reports += 1
+                reports.append(contacts)
+        return reports
+
+    def reset(self) -> None:
+        """Forget what a first report said of a second."""
+        self._left = 0
+
+    def _contacts(self, report: int) -> Report | None:
+        used = self._used(report)
+        contacts = []
+        for place in used:
+            x, y = _share(place.x, report), _share(place.y, report)
+            if not (0 <= x <= 1 and 0 <= y <= 1):
+                self.stats.outside += 1
+                return None
+            contacts.append(Contact(x, y, bool(place.tip.value(report)), _name(place, report)))
+        for contact in contacts:
+            (self._down.add if contact.down else self._down.discard)(contact.id)
+        return tuple(contacts)
+
+    def _used(self, report: int) -> tuple[ContactFields, ...]:
+        """The places that hold a contact.
+
+        Where there are more contacts than places, the rest follow in reports whose count is 0.
+        """
+        places = self.layout.contacts
+        if self.layout.count is not None:
+            number = self.layout.count.value(report) or self._left
+            self._left = max(0, number - len(places))
+            return places[:number]
+        if len(places) == 1:
+            return places
+        return tuple(
+            place
+            for place in places
+            if place.tip.value(report) or _name(place, report) in self._down
+        )
+
+
+def _share(field: ReportField, report: int) -> float:
+    """A coordinate as a share of its range."""
+    low, high = field.logical
+    return (field.value(report) - low) / (high - low)
+
+
+def _name(place: ContactFields, report: int) -> int:
+    return place.identifier.value(report) if place.identifier is not None else 1
+
+
+@cache
+def _panels() -> dict[str, dict[str, str]]:
+    return packaged("twin.devices.lumio", "panels.toml")
+
+
+@cache
+def _known_layouts() -> dict[str, TouchLayout]:
+    """Layouts of the products in ``panels.toml``."""
+    known = _panels()["descriptors"].items()
+    found = {name: TouchLayout.of(parse(bytes.fromhex(data))) for name, data in known}
+    return {name: layout for name, layout in found.items() if layout is not None}
+
+
+def decoder_of(protocol: str) -> Decoder:
+    """A decoder of a protocol, by the name a rig file gives it."""
+    stream = STREAMS.get(protocol)
+    return stream() if stream is not None else HidDecoder(_known_layouts()[protocol])

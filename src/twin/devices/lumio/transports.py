@@ -13,15 +13,15 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from twin.devices.lumio.hid import (
+from twin.devices.common import claim, in_words
+from twin.devices.lumio.protocols import (
+    Decoder,
     DescriptorError,
     HidDecoder,
     ReportDescriptor,
     TouchLayout,
     parse,
 )
-from twin.devices.lumio.protocols import Decoder
-from twin.devices.ports import claim, in_words
 from twin.errors import TwinError
 
 VENDOR = 0x202E

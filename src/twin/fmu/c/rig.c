@@ -534,6 +534,9 @@ static void measure(Rig *rig) {
     v[TRUE_THETA] = rig->angle[1];
     v[TRUE_THETA_RATE] = rig->rate[1];
     v[TRUE_ON_PLATE] = !rig->fallen;
+#if PATH_ROWS
+    memcpy(v + REFERENCE_X, PATH[rig->tick < PATH_ROWS ? rig->tick : PATH_ROWS - 1], sizeof *PATH);
+#endif
 }
 
 void rig_reset(Rig *rig, double start) {

@@ -22,6 +22,7 @@ typedef struct {
 } Kind;
 
 extern const Kind KINDS[VARIABLES];
+extern const double PATH[PATH_ROWS ? PATH_ROWS : 1][6];
 extern const double SURFACE[SURFACE_X ? SURFACE_X : 1][SURFACE_X ? SURFACE_Y : 1][3];
 
 enum Fault {

@@ -18,7 +18,7 @@ from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
 from twin.sim.plant.friction import Friction, resisted
-from twin.sim.plant.kinematics import tilted_gravity
+from twin.sim.plant.interface import tilted_gravity
 
 
 class Rolling(NamedTuple):

@@ -1,18 +1,15 @@
-"""What every simulated plant offers to the rig that drives it.
-
-Some rigs of a plant as a plant, for those that begin while the others go on.
-"""
+"""What every simulated plant is: its interface, where the ball begins, parts, and kinematics."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, put
-from twin.settings import setting
+from twin.settings import Unit, check, jump, ramp, setting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,3 +155,209 @@ class SomeRigs:
     def telemetry(self) -> Array:
         """Their further true quantities, shape (k, channels)."""
         return self._plant.telemetry().take(self._which, axis=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parts:
+    """Numbers of one mechanism, SI units; None leaves what the model file says.
+
+    A mechanism whose balance they change is levelled again, as a rig is after work on it: the
+    motor shafts are set to the height at which motor angle 0 is plate angle 0.
+
+    Attributes:
+        mass: Mass of the ball, kg.
+        radius: Its radius, m.
+        inertia: Its moment of inertia about its centre of mass, kg m^2.
+        offset: Centre of mass of the ball off its middle, (x, y, z) in the ball's own axes, which
+            are those of the plate at the start, m.
+        oval: By how much one diameter, upright at the start, is shorter than the others, m.
+        sliding: Coefficient of sliding friction of ball on screen, dimensionless.
+        spinning: Arm of the resistance to spin about the vertical, m.
+        stiffness: Stiffness of wheel on cam, N/m.
+        damping_ratio: Damping of the plate on its wheels relative to critical, dimensionless.
+        preload: Tension of the spring at level, N.
+        torque: Largest torque of a motor, N m.
+        speed: Largest speed of a motor, rad/s.
+        joint_friction: Dry friction of each of the plate's two joints, N m: as wheels and servos
+            give way, lost motion between motor and plate.
+        plate_centre: Centre of mass of the plate off the cardan joint along x and y, m.
+        level: Tilt (phi, theta) of the base that everything stands on, rad; encoders cannot see it.
+
+    Raises:
+        ModelError: If a number is out of range.
+    """
+
+    mass: float | None = jump("plant.ball.mass", 0.024, otherwise=None, gt=0)
+    radius: float | None = setting("plant.ball.radius", 0.02, otherwise=None, ge=0.005, le=0.05)
+    inertia: float | None = jump("plant.ball.inertia", 6.4e-6, otherwise=None, gt=0)
+    offset: tuple[float, float, float] | None = setting(
+        "plant.ball.offset_mm",
+        (0.0, 0.0, 0.0),
+        Unit.MM,
+        otherwise=None,
+        exact="have a ball with its centre of mass in the middle",
+    )
+    oval: float | None = setting(
+        "plant.ball.oval_mm", 0.0, Unit.MM, otherwise=None, ge=0, exact="have a round ball"
+    )
+    sliding: float | None = jump(
+        "plant.friction.sliding", 0.5, otherwise=None, gt=0, exact="have a ball that never slides"
+    )
+    spinning: float | None = jump(
+        "plant.friction.spinning_mm",
+        0.01,
+        Unit.MM,
+        otherwise=None,
+        ge=0.01,
+        le=10,
+        exact="have a ball that never spins",
+    )
+    stiffness: float | None = setting(
+        "plant.wheels.stiffness", None, ge=5e3, le=2e6, exact="have no wheels"
+    )
+    damping_ratio: float | None = setting(
+        "plant.wheels.damping_ratio", None, ge=0, le=2, exact="have no wheels"
+    )
+    preload: float | None = setting(
+        "plant.spring.preload", None, ge=1, le=500, exact="have no spring"
+    )
+    torque: float | None = jump("plant.servo.torque_limit", None, gt=0, exact="have ideal motors")
+    speed: float | None = jump("plant.servo.speed_limit", None, gt=0, exact="have ideal motors")
+    joint_friction: float | None = setting(
+        "plant.plate.joint_friction",
+        0.0,
+        otherwise=None,
+        ge=0,
+        le=20,
+        exact="have a plate that goes where it is told",
+    )
+    plate_centre: tuple[float, float] | None = setting(
+        "plant.plate.offset_mm",
+        None,
+        Unit.MM,
+        type=tuple[float, float],
+        exact="have a plate that goes where it is told",
+    )
+    level: tuple[float, float] | None = ramp(
+        "plant.level_deg", (0.0, 0.0), Unit.DEG, otherwise=None, ge=-5, le=5
+    )
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check(self)
+
+    @property
+    def compiled(self) -> Parts:
+        """Those of ball and plate, with which a mechanism has to be compiled."""
+        return Parts(
+            mass=self.mass,
+            radius=self.radius,
+            inertia=self.inertia,
+            offset=self.offset,
+            oval=self.oval,
+            plate_centre=self.plate_centre,
+        )
+
+    @property
+    def balanced(self) -> bool:
+        """Whether the mechanism's balance on a level base is that of the file."""
+        other = replace(
+            self,
+            inertia=None,
+            offset=None,
+            sliding=None,
+            spinning=None,
+            damping_ratio=None,
+            joint_friction=None,
+            torque=None,
+            speed=None,
+            level=None,
+        )
+        return other == Parts()
+
+
+def tilted_gravity(level: ArrayLike, gravity: float) -> Array:
+    """Gravity in the axes of a rig that stands tilted, m/s^2, shape (..., 3).
+
+    Args:
+        level: Tilt of the base about y and x, (phi, theta) in rad, shape (..., 2), with the signs
+            of the plate's own angles: positive phi lowers the +x side, positive theta lifts +y.
+        gravity: Its amount in m/s^2.
+    """
+    angles = np.moveaxis(np.asarray(level, float), -1, 0)
+    return np.stack(gravity_in_rig(np.sin(angles), np.cos(angles), gravity), axis=-1)
+
+
+def gravity_in_rig(sines: Any, cosines: Any, gravity: Any) -> tuple[Any, Any, Any]:
+    """The same from sines and cosines of the tilt (phi, theta); also of symbols."""
+    (s_phi, s_theta), (c_phi, c_theta) = sines, cosines
+    return gravity * s_phi * c_theta, -gravity * s_theta, -gravity * c_phi * c_theta
+
+
+def from_plate(vector: Array, phi: Array, theta: Array) -> Array:
+    """A vector of plate axes in rig axes, R v with R = Rx(theta) Ry(phi), shape (..., 3)."""
+    a, b, c = vector[..., 0], vector[..., 1], vector[..., 2]
+    x = np.cos(phi) * a + np.sin(phi) * c
+    z = np.cos(phi) * c - np.sin(phi) * a
+    y = np.cos(theta) * b - np.sin(theta) * z
+    return np.stack((x, y, np.sin(theta) * b + np.cos(theta) * z), axis=-1)
+
+
+def ball_in_plate(plate: Array, plate_rate: Array, ball: Array, ball_rate: Array) -> Array:
+    """Position and velocity of the ball in plate axes, (x, y, z, x', y', z').
+
+    Plate axes are those of R = Rx(theta) Ry(phi) (4.5), so the position is R' r, and its rate
+    R' (v - w x r) with the plate's angular velocity w = (theta', phi' cos theta, phi' sin theta)
+    in world axes.
+
+    Args:
+        plate: Plate angles (phi, theta) in rad, shape (2, N).
+        plate_rate: Their rates in rad/s, shape (2, N).
+        ball: Ball centre in world axes from the cardan joint, m, shape (3, N).
+        ball_rate: Its velocity in world axes, m/s, shape (3, N).
+
+    Returns:
+        Shape (6, N), in m and m/s.
+    """
+    sin_phi, sin_theta = np.sin(plate)
+    cos_phi, cos_theta = np.cos(plate)
+    phi_rate, theta_rate = plate_rate
+    across, along = phi_rate * cos_theta, phi_rate * sin_theta
+    x, y, z = ball
+    # Velocity relative to the turning plate, still in world axes.
+    vx = ball_rate[0] - across * z + along * y
+    vy = ball_rate[1] - along * x + theta_rate * z
+    vz = ball_rate[2] - theta_rate * y + across * x
+    out = np.empty((6, plate.shape[1]))
+    for first, (along_x, along_y, along_z) in ((0, ball), (3, (vx, vy, vz))):
+        down = cos_theta * along_z - sin_theta * along_y
+        out[first] = cos_phi * along_x - sin_phi * down
+        out[first + 1] = cos_theta * along_y + sin_theta * along_z
+        out[first + 2] = sin_phi * along_x + cos_phi * down
+    return out
+
+
+def rolling_ball(
+    plate: Array, plate_rate: Array, ball: Array, height: Array, radius: Array
+) -> tuple[Array, Array, Array]:
+    """Position, velocity and angular velocity in world axes of balls that roll on the plate.
+
+    Args:
+        plate: Plate angles (phi, theta) in rad, shape (2, N).
+        plate_rate: Their rates in rad/s, shape (2, N).
+        ball: (x, x', y, y') in plate axes, m and m/s, shape (4, N).
+        height: Of their centres over the cardan joint, m, shape (N,).
+        radius: Of the balls, m, shape (N,).
+
+    Returns:
+        Three arrays (N, 3), in m, m/s and rad/s.
+    """
+    (phi, theta), (phi_rate, theta_rate) = plate, plate_rate
+    x, vx, y, vy = ball
+    zero = np.zeros_like(height)
+    centre = from_plate(np.stack((x, y, height), axis=-1), phi, theta)
+    # the plate's own angular velocity
+    turn = np.stack((theta_rate, phi_rate * np.cos(theta), phi_rate * np.sin(theta)), axis=-1)
+    along = from_plate(np.stack((vx, vy, zero), axis=-1), phi, theta)
+    roll = from_plate(np.stack((-vy / radius, vx / radius, zero), axis=-1), phi, theta)
+    return centre, along + np.cross(turn, centre), turn + roll

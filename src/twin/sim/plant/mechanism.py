@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from controllers.arrays import Array, Mask, Number, constant, put
 from twin.errors import ModelError
 from twin.sim.plant.friction import Friction
-from twin.sim.plant.kinematics import ball_in_plate, from_plate, rolling_ball
+from twin.sim.plant.interface import Parts, ball_in_plate, from_plate, rolling_ball
 from twin.sim.plant.model import NAMES, RigModels, cam_ratio
-from twin.sim.plant.parts import Parts
 
 Indices = NDArray[np.integer]
 

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from controllers.arrays import Array
 from twin.errors import ModelError
 from twin.paths import model_path
-from twin.sim.plant.kinematics import tilted_gravity
-from twin.sim.plant.parts import Parts
+from twin.sim.plant.interface import Parts, tilted_gravity
 
 AXES = ("phi", "theta")
 

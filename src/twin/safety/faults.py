@@ -1,6 +1,7 @@
-"""What is done to a rig that takes a function: rows of the fault matrix name them.
+"""The fault matrix's rows: what is done to a rig that tracks a circle, and what must come of it.
 
-A row without a name of its own is called what its function's docstring says.
+They are written in ``cases.toml``. What is done is a cause of ``causes.toml`` or a function here; a
+row without a name of its own is called what its function's docstring says.
 """
 
 from __future__ import annotations
@@ -8,19 +9,82 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable
+from itertools import chain
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from controllers.arrays import Array
+from twin.data_file import packaged
+from twin.devices import realtime
 from twin.devices.akd import conditions as akd
-from twin.emulator.can_faults import Frame, Towards
-from twin.emulator.lockstep import LockstepRig
-from twin.emulator.screen import ScreenFault
+from twin.devices.akd.config import AkdConfig, MonitorConfig
+from twin.devices.lumio import conditions as lumio
+from twin.devices.lumio.config import PlausibilityLimits
+from twin.devices.rig import HardwareRig
+from twin.emulator.can_bus import Towards
+from twin.emulator.drive import Power
+from twin.emulator.drive_objects import Frame
+from twin.emulator.lockstep import PATIENCE, LockstepRig
+from twin.emulator.screen import Protocol, ScreenFault
+from twin.hal import supervisor
 from twin.hal.cams import FixedRatio
-from twin.hal.interface import Limits
-from twin.safety.case import Act
-from twin.safety.causes import OF_DRIVES, OF_RIG
-from twin.safety.limits import BEYOND
+from twin.hal.interface import Condition, Limits
+from twin.safety.case import BEYOND, BRING_UP, Act, FaultCase, Stopper
+
+NAMES = {each.name: each for kind in (Power, Protocol, Towards) for each in kind}
+"""What a text in a step names."""
+
+
+class Cause(NamedTuple):
+    """Something that can go wrong; called with what it goes wrong with, it does.
+
+    Attributes:
+        name: What rows call it.
+        words: What it is, in words.
+        steps: How it comes about: each a way, and what is given there.
+    """
+
+    name: str
+    words: str
+    steps: tuple[tuple[Any, ...], ...]
+
+    def __call__(self, target: Any) -> None:
+        """Make it go wrong with two drives and their bus, or with a rig."""
+        for way, *given in self.steps:
+            *through, last = way.split(".")
+            place = target
+            for part in through:
+                place = place[int(part)] if part.isdigit() else getattr(place, part)
+            if callable(there := getattr(place, last)):
+                more = given.pop() if given and isinstance(given[-1], dict) else {}
+                there(*given, **more)
+            else:
+                setattr(place, last, *given)
+
+
+def _meant(value: Any) -> Any:
+    """What a value in a step stands for."""
+    if isinstance(value, list):
+        return tuple(map(_meant, value))
+    if isinstance(value, dict):
+        return {key: _meant(each) for key, each in value.items()}
+    return NAMES.get(value, value.encode()) if isinstance(value, str) else value
+
+
+def _causes(table: dict[str, Any]) -> dict[str, Cause]:
+    return {
+        name: Cause(name, words, tuple((way, *map(_meant, given)) for way, *given in steps))
+        for name, (words, *steps) in table.items()
+    }
+
+
+_TABLES = packaged("twin.safety", "causes.toml")
+OF_DRIVES = _causes(_TABLES["drives"])
+"""What can go wrong with two drives and their bus, `LockstepDrives`."""
+OF_RIG = _causes(_TABLES["rig"])
+"""What can go wrong with a rig, `LockstepRig`."""
+
 
 _RPDO1, _CONTROL, _TARGET = 0x200, 0, 2
 _ENABLE = struct.pack("<H", 0x0F)
@@ -207,3 +271,67 @@ def _once(rig: LockstepRig, there: Callable[[LockstepRig], bool], act: Act) -> N
             act(rig)
 
     rig.lockstep.bus.moved = move
+
+
+SOURCES = {"drives": akd, "screen": lumio, "supervisor": supervisor, "loop": realtime}
+"""Where conditions stand."""
+WAITS = {
+    "bring_up": BRING_UP,
+    "power_on": HardwareRig.POWER_ON,
+    "patience": PATIENCE,
+    "period": AkdConfig().period,  # what is done after a period's commands shows in the next one's
+    "stale": PlausibilityLimits().stale,
+}
+"""What may pass before the device concerned is asked, s."""
+
+
+def _condition(name: str) -> Condition:
+    source, _, which = name.partition(".")
+    found: Condition = getattr(SOURCES[source], which)
+    return found
+
+
+def _done(given: list[Any]) -> Callable[[LockstepRig], Any]:
+    """What a cause of the drives, of the rig, or a function does with a rig."""
+    name, *arguments = given
+    if cause := OF_DRIVES.get(name):
+        return lambda rig: cause(rig.lockstep)
+    function = OF_RIG.get(name) or globals()[name]
+    return lambda rig: function(rig, *arguments)
+
+
+def _words(name: str) -> str:
+    """What a cause or a function does, in words."""
+    cause = OF_DRIVES.get(name) or OF_RIG.get(name)
+    return cause.words if cause else (globals()[name].__doc__ or "").rstrip(".")
+
+
+def _host(table: dict[str, Any]) -> AkdConfig:
+    return AkdConfig(**table | {"watch": MonitorConfig(**table.get("watch", {}))})
+
+
+READ: dict[str, Callable[[Any], Any]] = {
+    "act": _done,
+    "begins": _done,
+    "expected": _condition,
+    "first": _condition,
+    "stopped_by": lambda names: tuple(Stopper[name] for name in names),
+    "states": lambda names: tuple(Power[name] for name in names),
+    "protocol": lambda name: Protocol[name],
+    "wait": lambda names: sum(WAITS[name] for name in names),
+    "host": _host,
+    "gate": lambda table: PlausibilityLimits(**table),
+}
+"""What a key's value stands for, where that is not the value itself."""
+
+
+def _case(row: dict[str, Any]) -> FaultCase:
+    given = {key: READ[key](value) if key in READ else value for key, value in row.items()}
+    return FaultCase(**{"name": _words(row["act"][0]), "expected": None} | given)
+
+
+_ROWS = packaged("twin.safety", "cases.toml")
+GROUPS = {name: tuple(map(_case, rows)) for name, rows in _ROWS.items()}
+"""The rows by what they are about."""
+CASES = tuple(chain(*GROUPS.values()))
+"""Every row of the matrix."""

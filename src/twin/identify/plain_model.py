@@ -9,79 +9,44 @@ rests. Axes are independent of one another. Dead time is all between command and
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.signal import lfilter
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array
 from twin.errors import LogError
-from twin.identify.any_log import GAP, AxisLog
-from twin.identify.bootstrap import Estimate
+from twin.identify.judged import (
+    EVERY,
+    HORIZONS,
+    LEAD,
+    MOVES,
+    NEAR,
+    PREDICTORS,
+    Predicted,
+    predicted,
+    quantile,
+)
+from twin.identify.logs import GAP, AxisLog
 from twin.identify.parameters import PLAIN
-from twin.identify.problem import TOLERATED, Fitting, Linearisation
-from twin.identify.search import Minimum, estimated, fit_starts, minimise
-from twin.identify.windows import BIN
+from twin.identify.search import (
+    TOLERATED,
+    Fit,
+    Fitting,
+    Linearisation,
+    begun,
+    fit_starts,
+    minimise,
+)
+from twin.identify.windows import BIN, SHORT, SampleWindows, axis_windows, spans
 
 STEP = 0.008
 """Step of the simulation in s."""
 FINE = 0.002
 """Step of the lag in s."""
-SHORT = 0.4
-"""Least share of the longest window that a window has."""
 PRIOR = np.diag(np.array([0.02, 0.3]) ** -2.0)
 """Weak knowledge of a start: m and m/s."""
 START_STEPS = np.array([1e-4, 1e-3, 1e-3])
 """Steps of finite differences of a start: m, m/s, and m/s^2 of a level of its own."""
-
-
-@dataclass(frozen=True)
-class AxisWindows:
-    """W windows of an axis, with up to B averaged samples each.
-
-    Attributes:
-        begin: When each begins, s, shape (W,).
-        time: When its samples were taken, s from there, shape (W, B).
-        ball: m, shape (W, B).
-        weight: One over the standard deviation of each, 0 where there is none, shape (W, B).
-    """
-
-    begin: Array
-    time: Array
-    ball: Array
-    weight: Array
-
-    def __len__(self) -> int:
-        """Number of windows."""
-        return len(self.begin)
-
-    @property
-    def size(self) -> Array:
-        """Number of samples in each, at least 1, shape (W,)."""
-        return np.asarray(np.maximum((self.weight > 0).sum(axis=1), 1))
-
-    def take(self, which: Mask) -> AxisWindows:
-        """Some of the windows."""
-        return AxisWindows(
-            self.begin[which], self.time[which], self.ball[which], self.weight[which]
-        )
-
-    @classmethod
-    def of(cls, log: AxisLog, begin: Array, end: Array) -> AxisWindows:
-        """The windows between two times in s each, shape (W,); weights are those of one sample."""
-        bins = int(np.ceil(float(np.max(end - begin, initial=BIN)) / BIN - 1e-6))
-        first, stop = np.searchsorted(log.sampled, np.stack((begin - 1e-9, end)))
-        row = np.repeat(np.arange(len(begin)), stop - first)
-        each = zip(first, stop, strict=True)
-        sample = np.concatenate([np.zeros(0, int), *(np.arange(*ends) for ends in each)])
-        place = np.floor((log.sampled[sample] - begin[row]) / BIN + 1e-6).astype(int)
-        slot = row * bins + np.minimum(place, bins - 1)
-        count = np.bincount(slot, minlength=len(begin) * bins).astype(float)
-        time, ball = (
-            (np.bincount(slot, values, count.size) / np.maximum(count, 1)).reshape(-1, bins)
-            for values in (log.sampled[sample] - begin[row], log.ball[sample])
-        )
-        return cls(begin, time, ball, np.sqrt(count).reshape(-1, bins))
 
 
 class Tilt:
@@ -129,7 +94,7 @@ class PlainProblem(Fitting):
             third number of its start; 0 for none.
     """
 
-    windows: AxisWindows
+    windows: SampleWindows
     names: tuple[str, ...]
     tilt: Tilt
     longest: float
@@ -159,9 +124,9 @@ class PlainProblem(Fitting):
     def initial_starts(self) -> Array:
         """A straight line through the first samples of each window, shape (2 or 3, 1, W)."""
         out = np.zeros((3 if self.drift else 2, 1, len(self.windows)))
-        for w, (time, ball, weight) in enumerate(
-            zip(self.windows.time, self.windows.ball, self.windows.weight, strict=True)
-        ):
+        windows = self.windows
+        each = zip(windows.time, windows.ball[..., 0], windows.weight[..., 0], strict=True)
+        for w, (time, ball, weight) in enumerate(each):
             first = np.flatnonzero(weight > 0)
             first = first[time[first] < max(0.3, time[first[2]] if len(first) > 2 else 0.0) + 1e-6]
             line = np.stack((np.ones_like(first), time[first]), axis=-1)
@@ -206,14 +171,14 @@ class PlainProblem(Fitting):
         return out
 
     def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
-        """A simulation at the samples in m, and its rate in m/s, shape (C, W, B)."""
+        """A simulation at the samples in m, and its rate in m/s, shape (C, W, B, 1)."""
         places = self.simulated(theta, starts)
         at = self.windows.time / STEP
         low = np.minimum(at.astype(int), len(places) - 2)
         rows = np.arange(len(self.windows))[:, None]
         first, second = (np.moveaxis(places[low + k, :, rows], -1, 0) for k in (0, 1))
         found = np.asarray(first + (at - low) * (second - first))
-        return found, (second - first) / STEP
+        return found[..., None], ((second - first) / STEP)[..., None]
 
     def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
         """Residuals and slopes of C candidates, and how far a window's own level is off."""
@@ -227,25 +192,6 @@ class PlainProblem(Fitting):
         by_start[..., -1, 2] = 1 / self.drift
         prior = np.diag([*np.diag(PRIOR), 1e-6])
         return Linearisation(r, by_start, np.pad(found.by_parameter, room), prior)
-
-
-def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:
-    """Beginnings and ends of windows one after another, s: none goes over a gap of the samples."""
-    time, found = log.sampled, list[tuple[float, float]]()
-    step = float(np.median(np.diff(time))) if len(time) > 1 else GAP
-    borders = np.concatenate(([0], np.flatnonzero(np.diff(time) > GAP) + 1, [len(time)]))
-    for first, stop in pairwise(borders):
-        here = time[first:stop]
-        length = float(here[-1] - here[0]) if len(here) else 0.0
-        if length < SHORT * longest:
-            continue
-        edges = np.linspace(here[0], here[-1] + step / 2, int(np.ceil(length / longest)) + 1)
-        for begin, end in pairwise(edges):
-            inside = here[(here >= begin) & (here < end)]
-            if len(inside) >= max(6, 0.3 * (end - begin) / step):
-                found.append((float(inside[0]), float(end)))
-    pairs = np.array(found).reshape(-1, 2)
-    return pairs[:, 0], pairs[:, 1]
 
 
 FRICTIONS = (0.0, 0.02, 0.08, 0.25)
@@ -268,41 +214,28 @@ SMOOTH = ("gain", "dead_time", "lag", "level")
 
 
 @dataclass(frozen=True)
-class AxisFit:
-    """The fit of an axis.
+class AxisFit(Fit):
+    """The fit of an axis, weighed by the usual residual.
 
     Attributes:
         log: What was fitted, without the parts where something else moved the ball.
-        problem: What was fitted, weighed by the usual residual.
-        found: The minimum, of one candidate.
         sigma: The usual residual in m.
         noise: What windows of ``BRIEF`` leave, m.
         pushed: Seconds left out.
     """
 
     log: AxisLog
-    problem: PlainProblem
-    found: Minimum
     sigma: float
     noise: float = 0.0
     pushed: float = 0.0
 
-    def value(self, name: str) -> float:
-        """A parameter; 0 if it is not fitted."""
-        names = self.problem.names
-        return float(self.found.theta[0, names.index(name)]) if name in names else 0.0
-
-    def estimate(self) -> Estimate:
-        """The parameters and their uncertainty, every window an independent observation."""
-        return estimated(self.problem, self.found.theta[0], self.found.linearisation)
-
     def again(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
         """The fit of other parameters, windows or parts of a log, begun from this one."""
         guess = np.array([[self.value(name) for name in names]])
-        found = _fitted(
-            log, self.problem.tilt, names, longest, guess, self.sigma, self.problem.delays
+        problem = replace(self.problem, names=names)
+        return replace(
+            _fitted(log, problem, longest, guess, self.sigma), noise=self.noise, pushed=self.pushed
         )
-        return replace(found, noise=self.noise, pushed=self.pushed)
 
 
 def fit_axis(
@@ -322,69 +255,61 @@ def fit_axis(
     Raises:
         LogError: If there are too few windows.
     """
-    tilt = Tilt(log)
+    nothing = axis_windows(log, np.zeros(0), np.zeros(0))
     smooth = tuple(name for name in names if name in SMOOTH)
-    guess = np.array([[PLAIN[name].start for name in smooth]]).repeat(len(DELAYS), axis=0)
-    guess[:, smooth.index("dead_time")] = DELAYS
-    brief = _fitted(log, tilt, smooth, BRIEF, guess, 2e-3, delays)
+    problem = PlainProblem(nothing, smooth, Tilt(log), longest, delays)
+    brief = _fitted(log, problem, BRIEF, problem.first_guesses(dead_time=DELAYS), 2e-3)
     rms = np.sqrt(brief.problem.misfit(brief.found.linearisation.r)[0])
     pushed = brief.problem.windows.begin[rms > PUSHED * np.median(rms)]
     into = log.sampled - pushed[:, None]
     kept = ~((into >= 0) & (into <= BRIEF)).any(axis=0)
     log = replace(log, sampled=log.sampled[kept], ball=log.ball[kept])
     guess = np.array([[brief.value(name) for name in names]]).repeat(2 * len(FRICTIONS), axis=0)
-    guess[: len(FRICTIONS), 0] = np.copysign(BY_TILT * tilt.scale, guess[0, 0])
+    guess[: len(FRICTIONS), 0] = np.copysign(BY_TILT * problem.tilt.scale, guess[0, 0])
     if "friction" in names:
         guess[:, names.index("friction")] = np.tile(FRICTIONS, 2)
-    fit = _fitted(log, tilt, names, longest, guess, brief.sigma * longest / BRIEF, delays)
+    problem = replace(problem, names=names)
+    fit = _fitted(log, problem, longest, guess, brief.sigma * longest / BRIEF)
     return replace(fit, noise=brief.sigma, pushed=BRIEF * len(pushed))
 
 
 def _fitted(
-    log: AxisLog,
-    tilt: Tilt,
-    names: tuple[str, ...],
-    longest: float,
-    guess: Array,
-    sigma: float,
-    delays: tuple[float, float],
+    log: AxisLog, problem: PlainProblem, longest: float, guess: Array, sigma: float
 ) -> AxisFit:
-    """The best fit from C guesses, shape (C, P), for a first guess of the residual in m."""
-    windows = AxisWindows.of(log, *spans(log, longest))
+    """The best fit from C guesses, shape (C, P), for a first guess of the residual in m.
+
+    Args:
+        log: What is fitted.
+        problem: Of which names, input and bounds are taken.
+        longest: Length of the windows in s.
+        guess: First guesses.
+        sigma: The residual.
+    """
+    windows = axis_windows(log, *spans(log, longest))
     if len(windows) < 3:
         raise LogError(
             f"{len(windows)} stretches of {SHORT * longest:.2g} s with the ball seen every {GAP:g} "
             "s, at least 3 are needed: record for longer, or see the ball more often"
         )
-    base, there = windows.weight, windows.weight > 0
-    problem = PlainProblem(
-        replace(windows, weight=base / sigma), names, tilt, longest + BIN, delays
-    )
-    starts = np.repeat(problem.initial_starts(), len(guess), axis=1)
-    found = minimise(problem, guess, fit_starts(problem, guess, starts, 4), 8, 6)
-    best = np.argsort(found.cost)[:3]
-    found = minimise(problem, found.theta[best], found.starts[:, best], 20, 6)
+    base = windows.weight
+    windows = replace(windows, weight=base / sigma)
+    problem = replace(problem, windows=windows, longest=longest + BIN)
+    found = minimise(problem, guess, begun(problem, guess, 4), 8, 6).ahead(3)
+    found = minimise(problem, found.theta, found.starts, 20, 6)
     for last in (False, False, True):
-        best = np.argsort(found.cost)[:1]
-        theta, starts = found.theta[best], found.starts[:, best]
-        off = problem.reported(theta, starts)[0][0] - windows.ball
-        off = np.where(there, np.abs(off) * base, np.nan)
-        each = 1.4826 * np.nanmedian(off, axis=1)
+        best = found.ahead(1)
+        theta, starts = best.theta, best.starts
+        off = np.abs(problem.reported(theta, starts)[0][0] - windows.ball) * base
+        each = 1.4826 * np.nanmedian(np.where(base > 0, off, np.nan), axis=1)
         sigma = max(float(np.median(each)), 1e-5)
-        good = there & (off < OUTLIER * np.maximum(each, sigma)[:, None])
+        good = off < OUTLIER * np.maximum(each, sigma)[:, None]
         weight = np.where(good, base, 0.0) / sigma
         problem = replace(problem, windows=replace(windows, weight=weight))
-        if last and "lag" in names:
-            theta = _along(theta, names, delays)
+        if last and "lag" in problem.names:
+            theta = _along(theta, problem.names, problem.delays)
             starts = fit_starts(problem, theta, np.repeat(starts, len(theta), axis=1), 4)
         found = minimise(problem, theta, starts, 30 if last else 6, 4, 2 if last else 0)
-    best = np.argsort(found.cost)[:1]
-    r, by_start, by_parameter = (part[best] for part in found.linearisation[:3])
-    line = Linearisation(r, by_start, by_parameter, PRIOR)
-    found = Minimum(
-        found.theta[best], found.starts[:, best], found.cost[best], line, found.termination
-    )
-    return AxisFit(log, problem, found, sigma)
+    return AxisFit(problem, found.ahead(1), log, sigma)
 
 
 def _along(theta: Array, names: tuple[str, ...], delays: tuple[float, float]) -> Array:
@@ -398,3 +323,86 @@ def _along(theta: Array, names: tuple[str, ...], delays: tuple[float, float]) ->
     guesses[1:, lag] = np.clip(LAGS, 0.0, max(both - delays[0], 0.0))
     guesses[1:, at] = both - guesses[1:, lag]
     return guesses
+
+
+PAST = 2.4
+"""Seconds of samples of which a level that is followed is known."""
+FOLLOWED = 0.1
+"""How far off in m/s^2 a level that is followed may be from that of the fit: standard deviation."""
+
+
+def axis_predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True) -> Predicted:
+    """Predict from times in s on, shape (W,), by what was measured before.
+
+    Args:
+        log: The axis, held out.
+        fit: The model.
+        at: When predictions begin.
+        follow: Whether a level that is followed is tried as well, and the model without friction.
+    """
+    theta, tilt = fit.found.theta, Tilt(log, fit.problem.tilt.scale)
+    by = {"model": theta}
+    if follow:
+        windows = axis_windows(log, at - PAST, at)
+        windows = replace(windows, weight=windows.weight / fit.sigma)
+        past = replace(fit.problem, windows=windows, tilt=tilt, longest=PAST + NEAR, drift=FOLLOWED)
+        own = begun(past, theta, 8)[2]
+        for who, name, values in (
+            ("without friction", "friction", 0.0),
+            ("level followed", "level", fit.value("level") + own),
+        ):
+            by[who] = np.repeat(theta[:, None], len(at), axis=1)
+            if name in fit.problem.names:
+                by[who][..., fit.problem.names.index(name)] = values
+    windows = axis_windows(log, at - LEAD, at + HORIZONS[-1] + NEAR)
+    windows = replace(windows, weight=windows.weight / fit.noise)
+    longest = LEAD + HORIZONS[-1] + 2 * NEAR
+    problem = replace(fit.problem, windows=windows, tilt=tilt, longest=longest)
+    found = predicted(problem, LEAD, by, "x")["x"]
+    return _switched(found) if follow else found
+
+
+def _switched(found: Predicted) -> Predicted:
+    """The level followed only while that has predicted better, in what had been seen by then."""
+    gained = [np.log(np.maximum(np.abs(found.errors(name, 1.0)), 1e-4)) for name in PREDICTORS[:2]]
+    gain = np.where(found.way > MOVES, gained[0] - gained[1], np.nan)
+    seen = found.begin[:, None] >= found.begin + 1.0 + NEAR
+    so_far = np.nansum(np.where(seen, gain, 0.0), axis=1)
+    followed = np.where(so_far[:, None] > 0, found.by["level followed"], found.by["model"])
+    return replace(found, by={**found.by, "level followed": followed})
+
+
+def beginnings(log: AxisLog) -> Array:
+    """When predictions begin: every half second with enough samples before and after, s."""
+    time = log.sampled
+    if len(time) < 10:
+        return np.zeros(0)
+    tries = np.arange(time[0] + PAST, time[-1] - HORIZONS[0], EVERY)
+    step = float(np.median(np.diff(time)))
+    before, past, after = (
+        np.searchsorted(time, tries + last) - np.searchsorted(time, tries + first)
+        for first, last in ((-LEAD, 0.0), (-PAST, 0.0), (0.0, HORIZONS[0] + NEAR))
+    )
+    return tries[(before >= max(3, 0.5 * LEAD / step)) & (past >= 0.5 * PAST / step) & (after > 0)]
+
+
+def crossed(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:
+    """Error in m of fits of each half of a log by these parameters, in the other half.
+
+    The geometric mean of the medians over all horizons where the ball moves; infinite if unknown.
+    """
+    time = fit.log.sampled
+    middle = float(np.median(time))
+    halves = fit.log.between(-np.inf, middle), fit.log.between(middle, np.inf)
+    medians = []
+    for fitted, tried in (halves, halves[::-1]):
+        at = beginnings(tried)
+        if len(at) < 3:
+            return np.inf
+        try:
+            found = axis_predicted(tried, fit.again(fitted, names, longest), at, follow=False)
+        except LogError:  # a half has too few windows
+            return np.inf
+        moves = found.way > MOVES
+        medians += [quantile(found.errors("model", ahead)[moves], 0.5) for ahead in HORIZONS]
+    return float(np.exp(np.mean(np.log(medians)))) if np.isfinite(medians).all() else np.inf

@@ -1,7 +1,7 @@
-"""Reads logs of any rig: columns of any name, unit, sign and separator, cleaned of what is false.
+"""Reads logs: runs and files with columns of known names, and files of any rig with any columns.
 
-A column is told as ``role=name:unit``: ``measured_x=X:mm``, ``time=3:ms`` for the third,
-``command_theta=-servo2:0.24deg`` with its sign turned and a factor.
+A column of any rig is told as ``role=name:unit``: ``measured_x=X:mm``, ``time=3:ms`` for the
+third, ``command_theta=-servo2:0.24deg`` with its sign turned and a factor.
 """
 
 from __future__ import annotations
@@ -9,16 +9,153 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from controllers.arrays import Array, Mask
+from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.identify.prepare import resolution, runs
-from twin.run.logs import SCALES
+from twin.run.files import is_record, log_file
+from twin.run.logs import NEEDED, SCALES, UNITS, read_columns, split_unit
+
+MORE_COLUMNS = ("age", "touched", "applied_phi_acc", "applied_theta_acc", "lateness")
+RATES = ("applied_phi_rate", "applied_theta_rate")
+COLUMNS = {name: UNITS[name] for name in (*NEEDED, *MORE_COLUMNS)} | dict.fromkeys(RATES, "rad/s")
+"""What is read of a run or a log, and its SI unit; it may have more columns."""
+
+MECHANISM_LAG = 0.0025
+"""Lag in s of the mechanism's own servos: fitted to runs of it without a bandwidth limit."""
+MECHANISM_GRIP = 0.0248
+"""Time constant in s of its rolling contact, (d t) / 2 with solreffriction t = 0.05 s, d = 0.99."""
+GRIPS = {"mujoco": (MECHANISM_GRIP,), "lagrange": (0.0,)}
+"""What is known of the twin's own plants; of a rig it is not."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Log:
+    """A recorded run as it was measured, in SI units, one entry per row.
+
+    Attributes:
+        source: Its name in messages.
+        time: Seconds, shape (K,).
+        ball: Measured x and y in m, shape (K, 2).
+        plate: Measured phi and theta in rad, shape (K, 2).
+        age: Seconds since the ball's position arrived, shape (K,).
+        touched: Whether the screen detected the ball, shape (K,).
+        command: Commanded plate rates in rad/s from each row on, shape (K, 2); None if unknown.
+        model: The ball, which is weighed and measured, not identified.
+        own_lag: Lag in s of the twin's own drives without a bandwidth limit.
+        grips: Times in s within which friction may stop a ball, see ``replay``; more than one
+            where it is not known.
+        late: How long after its time each row was taken, s, shape (K,); None if unknown.
+        scenario: What a run of this program was started with; empty for any other log.
+    """
+
+    source: str
+    time: Array
+    ball: Array
+    plate: Array
+    age: Array
+    touched: Mask
+    command: Array | None
+    model: BallPlate
+    own_lag: float
+    grips: tuple[float, ...]
+    late: Array | None = None
+    scenario: Mapping[str, Any] = field(default_factory=dict)
+
+    def with_ball(self, factor: float) -> Log:
+        """That of another ball, by the share of gravity that accelerates it.
+
+        Raises:
+            LogError: If it is a run, which knows its ball.
+        """
+        if self.scenario:
+            raise LogError(f"{self.source}: --ball: a run knows its ball")
+        inertia = self.model.mass * self.model.radius**2 * (1 / factor - 1)
+        return replace(self, model=replace(self.model, inertia=inertia))
+
+    def rows(self, chosen: Mask | NDArray[np.intp] | slice) -> Log:
+        """Some of its rows."""
+        names = ("time", "ball", "plate", "age", "touched", "command", "late")
+        every = {name: getattr(self, name) for name in names}
+        return replace(self, **{k: v[chosen] for k, v in every.items() if v is not None})
+
+
+def read(path: Path) -> Log:
+    """Read a log: a run folder, a Parquet file or a CSV file.
+
+    Raises:
+        LogError: If the file cannot be read, lacks a column, or holds another unit or no numbers.
+    """
+    path = log_file(path)
+    run = path.resolve().parent.name
+    source = f"{run}/{path.name}" if is_record(path) else path.name
+    return of_columns(*read_columns(path, COLUMNS, NEEDED), source)
+
+
+def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: str) -> Log:
+    """A log of columns in SI units.
+
+    Args:
+        columns: Of ``COLUMNS``, shape (K,) each; those that are required are there.
+        metadata: Of the run, with its scenario; empty for another log.
+        source: What the log is called.
+
+    Raises:
+        LogError: If the metadata are not those of a run.
+    """
+
+    def pair(first: str, second: str) -> Array | None:
+        if first not in columns or second not in columns:
+            return None
+        return np.stack((columns[first], columns[second]), axis=-1)
+
+    time = columns["time"]
+    ball, plate = pair("measured_x", "measured_y"), pair("measured_phi", "measured_theta")
+    assert ball is not None
+    assert plate is not None
+    command = pair(*RATES)
+    acceleration = pair("applied_phi_acc", "applied_theta_acc")
+    if command is None and acceleration is not None and len(time) > 1:
+        period = float(np.nanmedian(np.diff(time)))
+        command = period * np.cumsum(np.nan_to_num(acceleration), axis=0)
+    touched = columns.get("touched", np.ones_like(time))
+    try:
+        rig = _rig(metadata)
+    except (AttributeError, TypeError, ValueError):
+        raise LogError(f"{source}: its metadata is not that of a run") from None
+    return Log(
+        source=source,
+        time=time,
+        ball=ball,
+        plate=plate,
+        age=np.nan_to_num(columns.get("age", np.zeros_like(time))),
+        touched=np.nan_to_num(touched) > 0.5,
+        command=command,
+        late=columns.get("lateness"),
+        scenario=metadata.get("scenario") or {},
+        **rig,
+    )
+
+
+def _rig(metadata: dict[str, Any]) -> dict[str, Any]:
+    """What a run's metadata say of its ball and, if it was simulated, of its plant."""
+    scenario = metadata.get("scenario", {})
+    plant = scenario.get("plant", {})
+    period = float(scenario.get("rig", {}).get("period", 0.0))
+    ball = {key: plant.get("ball", {}).get(key) for key in ("mass", "radius", "inertia")}
+    return {
+        "model": BallPlate(**{key: float(v) for key, v in ball.items() if v is not None}),
+        "own_lag": period / 2 if plant.get("kind") == "lagrange" else MECHANISM_LAG,
+        "grips": GRIPS.get(plant.get("kind"), (MECHANISM_GRIP, 0.0)),
+    }
+
 
 ROLES = {
     "time": "s",
@@ -36,19 +173,22 @@ ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"
 """Other words for it: the command that moves the ball along x is that of phi."""
 AXES = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
 """The ball's column and the plate's angle that moves it, of each axis."""
-MORE = {
-    "s": {"ns": 1e-9, "min": 60.0},
-    "m": {"um": 1e-6, "in": 0.0254, "inch": 0.0254},
-    "rad": {"counts": 1.0, "count": 1.0, "1": 1.0, "": 1.0},
-    "1": {},
-}
-"""Units beside those of ``SCALES``; a pixel is as long as the user says."""
+COUNTS = dict.fromkeys(("counts", "count", "1", ""), 1.0)
+"""Units of a command beside angles; a pixel is as long as the user says."""
 BALLS = {"hollow": 3 / 5, "solid": 5 / 7}
 """Share of gravity that accelerates a ball which rolls."""
 SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
+
+
 COMMENTS = ("#", "%", "//")
+
+
 BLANK = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
+
+
 WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
+
+
 GAP = 0.5
 """Time in s without a row over which nothing is known of the command."""
 JUMP = 0.004
@@ -155,8 +295,7 @@ def wanted_columns(text: str, pixel: str | None = None) -> dict[str, ColumnWante
         name, _, unit = name.removeprefix("-").rpartition(":")
         name, unit = (name, unit) if name else (unit, "")
         if unit and unit_factor(unit, ROLES[role]) is None:
-            pixels = {"px": 1.0} if ROLES[role] == "m" else {}
-            known = ", ".join(filter(None, SCALES[ROLES[role]] | MORE[ROLES[role]] | pixels))
+            known = ", ".join(filter(None, _scales(ROLES[role])))
             raise LogError(
                 f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
             )
@@ -177,13 +316,16 @@ def unit_factor(unit: str, si: str, pixel: float = math.nan) -> float | None:
     match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([A-Za-z1]*)\s*", unit)
     if match is None:
         return None
-    scales = SCALES[si] | MORE[si] | ({"px": pixel} if si == "m" else {})
-    if match[2] not in scales and not (match[1] and not match[2]):
-        return None
+    scale = _scales(si, pixel).get(match[2], 1.0 if match[1] and not match[2] else None)
     try:
-        return float(match[1] or 1.0) * scales.get(match[2], 1.0)
+        return None if scale is None else float(match[1] or 1.0) * scale
     except ValueError:
         return None
+
+
+def _scales(si: str, pixel: float = math.nan) -> dict[str, float]:
+    """The units of a quantity and their factors."""
+    return SCALES[si] | {"m": {"px": pixel}, "rad": COUNTS}.get(si, {})
 
 
 def read_any(
@@ -250,8 +392,8 @@ def _separated(lines: list[str], separator: str | None) -> Callable[[str], list[
 def _header(rows: list[list[str]], wanted: Mapping[str, ColumnWanted]) -> tuple[list[str], int]:
     """The names of the columns, empty without any, and the row at which numbers begin."""
     for at, row in enumerate(rows[:50]):
-        names = {_plain(cell) for cell in row} | {_plain(_bare(cell)[0]) for cell in row}
-        if any(_plain(each.name) in names for each in wanted.values()) and not _number(row[0]):
+        known = {name for names in _names(row) for name in names}
+        if any(each.name.casefold() in known for each in wanted.values()) and not _number(row[0]):
             return row, at + 1
     for at, row in enumerate(rows[:50]):
         if sum(_number(cell) for cell in row) > len(row) / 2:
@@ -259,28 +401,23 @@ def _header(rows: list[list[str]], wanted: Mapping[str, ColumnWanted]) -> tuple[
     return [], 0
 
 
+def _names(header: list[str]) -> tuple[list[str], list[str]]:
+    """The names of columns as they stand and without their units, in small letters."""
+    return [c.casefold() for c in header], [split_unit(c)[0].casefold() for c in header]
+
+
 def _found(source: str, header: list[str], role: str, column: ColumnWanted) -> tuple[int, str]:
     """Place of a column, and the unit that the header gives it."""
-    for names in ([_plain(cell) for cell in header], [_plain(_bare(cell)[0]) for cell in header]):
-        if names.count(_plain(column.name)) > 1:
+    for names in _names(header):
+        if names.count(column.name.casefold()) > 1:
             raise LogError(f"{source}: {role}: two columns are called {column.name}; give a number")
-        if _plain(column.name) in names:
-            index = names.index(_plain(column.name))
-            return index, _bare(header[index])[1]
+        if column.name.casefold() in names:
+            index = names.index(column.name.casefold())
+            return index, split_unit(header[index])[1] or ""
     if column.name.isdigit() and int(column.name) >= 1:
         return int(column.name) - 1, ""
     has = ", ".join(header[:20]) or "no header: give numbers of columns, 1 for the first"
     raise LogError(f"{source}: {role}: no column {column.name} (it has {has})")
-
-
-def _plain(name: str) -> str:
-    return name.strip().casefold()
-
-
-def _bare(header: str) -> tuple[str, str]:
-    """Name and unit of ``X [mm]`` or ``X (mm)``."""
-    match = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*", header)
-    return (match[1], match[2]) if match else (header, "")
 
 
 def _number(cell: str) -> bool:
@@ -381,3 +518,16 @@ def _false(ball: Array, seen: Mask) -> Mask:
     off = np.abs(here - median_filter(here, size=(9, 1), mode="nearest")).max(axis=1)
     false[at[off > np.maximum(jump, 3 * np.percentile(off, 90))]] = True
     return false
+
+
+def resolution(measured: Array) -> float:
+    """Smallest step between two different readings, 0 if there is none."""
+    steps = np.diff(np.unique(measured))
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """First index and one past the last of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,24 +1,34 @@
-"""Signals as a file of other programs: CSV, MATLAB, Parquet, and MCAP with messages of ROS 2."""
+"""Signals of a rig: columns with units, and their files for other programs.
+
+Those are CSV, MATLAB, Parquet, and MCAP with messages of ROS 2.
+"""
 
 from __future__ import annotations
 
 import csv
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.data_file import read_toml
-from twin.errors import RecordError
-from twin.run.files import MOVING, Units, arrow_fields
+from twin.errors import RecordError, nearest
 from twin.writing import write_whole
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+
     from controllers.arrays import Array
 
+Units = Mapping[str, str]
 Columns = Mapping[str, "Array"]
 About = Mapping[str, Any]
+
+
+MOVING = (".webp", ".gif", ".mp4")
+"""Endings of moving pictures of runs, see ``twin.run.film``."""
 
 
 def export(path: Path, columns: Columns, units: Units, about: About | None = None) -> None:
@@ -39,7 +49,7 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
     """
     write = WRITERS.get(path.suffix)
     if write is None:
-        known, moves = ", ".join(WRITERS), ", ".join(filter(None, MOVING))
+        known, moves = ", ".join(WRITERS), ", ".join(MOVING)
         raise RecordError(
             f"{path}: the ending says what is written; known: {known}, moving pictures: {moves}"
         )
@@ -127,3 +137,73 @@ WRITERS: dict[str, Callable[[Path, Columns, Units, About], None]] = {
     ".mcap": _mcap,
 }
 """Ending of a file to what writes it."""
+
+
+def arrow_fields(units: Units) -> list[pa.Field]:
+    """Columns of numbers as Arrow names them, each with its unit."""
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+
+    return [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()]
+
+
+class Signals(Mapping[str, "Array"]):
+    """Columns of one rig's record, shape (K,) each, by their names.
+
+    Attributes:
+        rows: Name to values.
+        units: Name to unit, as ``m`` or ``rad/s``.
+    """
+
+    rows: Mapping[str, Array]
+    units: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> Array:
+        """The values of a column, shape (K,).
+
+        Raises:
+            RecordError: If there is none of that name.
+        """
+        try:
+            return self.rows[name]
+        except KeyError:
+            raise RecordError(f"no column '{name}'{nearest(name, self.rows)}") from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.rows
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def time(self) -> Array:
+        """Seconds since the start, shape (K,)."""
+        return self["time"]
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The columns as a table over time in s; ``attrs["units"]`` has their units."""
+        import pandas as pd  # noqa: PLC0415  heavy: loaded when needed
+
+        frame = pd.DataFrame(dict(self)).set_index("time")
+        frame.attrs["units"] = dict(self.units)
+        return frame
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What there is to tell of them besides, by name, for files that can hold it."""
+        return {}
+
+    def export(self, file: str | Path) -> Path:
+        """Write the columns for other programs, with their units; returns the file.
+
+        Args:
+            file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` for ROS 2,
+                Foxglove and Rerun, by the extra ``mcap``.
+
+        Raises:
+            RecordError: If the ending is none of these, or the file cannot be written.
+        """
+        export(Path(file), self.rows, self.units, self.about)
+        return Path(file)

@@ -1,0 +1,222 @@
+"""A law that is an FMU, as Simulink and other tools export one: in a process of its own.
+
+Run by its path this file is that process: it is told numbers on standard input and answers on what
+was its standard output.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from tempfile import TemporaryDirectory
+from threading import Thread
+from typing import Any, ClassVar
+from weakref import finalize
+
+import numpy as np
+
+from controllers.arrays import Array
+from controllers.catalog import AnswerError
+from controllers.interfaces import Feedback, Law, Reference
+from controllers.ranges import Positive
+
+STATE = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
+INPUTS = (
+    *(f"estimated_{each}" for each in STATE),
+    *(f"equivalent_{each}" for each in STATE),
+    *(f"reference_{axis}{order}" for order in ("", "_rate", "_acc") for axis in "xy"),
+    *("applied_phi_rate", "applied_theta_rate"),
+)
+"""What an FMU may ask for, by the name of its inputs; SI units."""
+RATES, ACCELERATIONS = ("rate_phi", "rate_theta"), ("requested_phi_acc", "requested_theta_acc")
+"""The outputs that it may have: plate rates in rad/s, or plate accelerations in rad/s^2."""
+START = 30.0
+"""Seconds in which the process must be there."""
+NUMBERS, WORDS = b"=", b"!"
+"""What begins an answer, and what begins the line that says why there is none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FmuLaw(Law):
+    """A controller as an FMU for co-simulation, FMI 2.0 or 3.0, driven by FMPy (extra ``fmi``).
+
+    It is stepped once in a control period, and what it then says is the command of that period.
+
+    Raises:
+        ValueError: If there is no such file.
+    """
+
+    name: ClassVar[str] = "fmu"
+
+    file: str
+    """The FMU, a path; inputs are found by their names, outputs are rates or accelerations."""
+    time_limit: Positive = 1.0
+    """Longest time in s that it may take for an answer."""
+
+    def __post_init__(self) -> None:
+        """Check the settings."""
+        super().__post_init__()
+        if not Path(self.file).is_file():
+            raise ValueError(f"file must name an FMU, there is no '{self.file}'")
+
+    def start(self, x: Array, reference: Reference, period: float) -> FmuProcess:
+        """Begin the process, with an instance for each rig."""
+        return FmuProcess(self, math.prod(x.shape[:-1]), period)
+
+    def command(self, now: Feedback) -> Array:
+        """Plate accelerations in rad/s^2, shape (..., 2)."""
+        path = (np.broadcast_to(r, now.rate.shape) for r in now.reference(now.time)[:3])
+        given = np.concatenate((now.x, now.equivalent, *path, now.rate), axis=-1)
+        answer: Array = now.plan.ask(now.time, given).reshape(now.rate.shape)
+        return answer
+
+
+class FmuProcess:
+    """The process that has an FMU, ended when nobody needs it any more.
+
+    Args:
+        law: Says which, and how long it may take.
+        rigs: How many instances it makes.
+        period: Of the law, s.
+
+    Raises:
+        AnswerError: If the FMU cannot be used: why, in one line.
+    """
+
+    def __init__(self, law: FmuLaw, rigs: int, period: float) -> None:
+        self._law = law
+        folder = TemporaryDirectory(prefix="ballplate-fmu-", ignore_cleanup_errors=True)
+        file = str(Path(law.file).resolve())
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", __file__, file, folder.name, str(rigs), repr(period)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        self._answers: SimpleQueue[bytes] = SimpleQueue()
+        heard = self._process.stdout, 16 * rigs, self._answers
+        Thread(target=_read, args=heard, daemon=True).start()
+        finalize(self, _end, self._process, folder)
+        self._hear(START)
+
+    def ask(self, time: float, given: Array) -> Array:
+        """The answer to what ``INPUTS`` has, shape (..., len(INPUTS)), at a time in s.
+
+        Raises:
+            AnswerError: If there is none within the time, or it is no number.
+        """
+        assert self._process.stdin is not None
+        with suppress(OSError):  # it has ended: what it said last is still to be read
+            self._process.stdin.write(np.float64(time).tobytes() + given.tobytes())
+            self._process.stdin.flush()
+        answer = np.frombuffer(self._hear(self._law.time_limit))
+        if not np.isfinite(answer).all():
+            raise self._failed(f"gave {answer} at {time:g} s, which are no numbers")
+        return answer
+
+    def saved_state(self) -> None:
+        """None: what an FMU has within stays there."""
+
+    def restore_state(self, state: None) -> None:
+        """Refuse: an FMU begins at its beginning.
+
+        Raises:
+            ValueError: Always.
+        """
+        raise ValueError(f"{self._law.file} cannot be put back into a state")
+
+    def _hear(self, seconds: float) -> bytes:
+        try:
+            said = self._answers.get(timeout=seconds)
+        except Empty:
+            self._process.kill()
+            raise self._failed(f"gave no answer within {seconds:g} s") from None
+        if said[:1] != NUMBERS:
+            raise self._failed(said[1:].decode(errors="replace").strip() or "its process ended")
+        return said[1:]
+
+    def _failed(self, why: str) -> AnswerError:
+        return AnswerError(f"controller.file {self._law.file}: {why}")
+
+
+def _read(pipe: Any, size: int, answers: SimpleQueue[bytes]) -> None:
+    """Read what a process says until it ends."""
+    with pipe:
+        while (first := pipe.read(1)) == NUMBERS:
+            answers.put(first + pipe.read(size))
+        answers.put(first + pipe.read())
+
+
+def _end(process: subprocess.Popen[bytes], folder: TemporaryDirectory[str]) -> None:
+    process.kill()
+    process.wait()
+    assert process.stdin is not None
+    with suppress(OSError):
+        process.stdin.close()
+    folder.cleanup()
+
+
+def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
+    """Have instances of an FMU, and answer with plate accelerations until nobody asks any more."""
+    try:
+        from fmpy import extract, instantiate_fmu, read_model_description  # noqa: PLC0415
+    except ImportError:
+        raise ValueError("needs FMPy: pip install 'ballplate[fmi]'") from None
+    about = read_model_description(file)
+    known = {each.name: each for each in about.modelVariables}
+    if about.coSimulation is None:
+        raise ValueError("is not for co-simulation; export it as such")
+    wanted = [each for each, variable in known.items() if variable.causality == "input"]
+    if unknown := [each for each in wanted if each not in INPUTS]:
+        raise ValueError(f"has the input {unknown[0]}; inputs may be {', '.join(INPUTS)}")
+    given = [pair for pair in (RATES, ACCELERATIONS) if known.keys() >= {*pair}]
+    if not given:
+        raise ValueError(f"must have the outputs {' and '.join(RATES)}, or {ACCELERATIONS}")
+    takes = [known[each].valueReference for each in wanted]
+    gives = [known[each].valueReference for each in given[0]]
+    extract(file, folder)
+    units = [instantiate_fmu(folder, about, "CoSimulation") for _ in range(rigs)]
+    modern = about.fmiVersion.startswith("3")
+    os.write(out, NUMBERS + np.zeros((rigs, 2)).tobytes())
+    step = 0
+    while text := sys.stdin.buffer.read(8 + 8 * rigs * len(INPUTS)):
+        now, *rest = np.frombuffer(text)
+        rows = np.reshape(rest, (rigs, -1))
+        if step == 0:
+            begun = now
+        answers = []
+        for unit, values in zip(
+            units, rows[:, [INPUTS.index(each) for each in wanted]].tolist(), strict=True
+        ):
+            put, get = (
+                (unit.setFloat64, unit.getFloat64) if modern else (unit.setReal, unit.getReal)
+            )
+            if step == 0:
+                if not modern:
+                    unit.setupExperiment(startTime=begun)
+                unit.enterInitializationMode(**({"startTime": begun} if modern else {}))
+                put(takes, values)
+                unit.exitInitializationMode()
+            put(takes, values)
+            unit.doStep(begun + step * period, period)
+            answers.append(get(gives))
+        u = np.array(answers, dtype=float)
+        if given[0] is RATES:
+            u = (u - rows[:, -2:]) / period
+        os.write(out, NUMBERS + u.tobytes())
+        step += 1
+
+
+if __name__ == "__main__":
+    _out = os.dup(1)
+    os.dup2(2, 1)  # what the FMU prints is no answer
+    try:
+        _serve(sys.argv[1], sys.argv[2], int(sys.argv[3]), float(sys.argv[4]), _out)
+    except Exception as error:  # noqa: BLE001  an FMU may fail in any way
+        os.write(_out, WORDS + " ".join(str(error).split()).encode())
+    os._exit(0)

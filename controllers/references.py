@@ -1,0 +1,664 @@
+"""Paths of the ball with four exact derivatives: figures, curves through points, goals as given.
+
+Piecewise polynomials join them smoothly (Appendix D); harmonic motion starts from rest in the
+middle; goals that a person gives one after the other are led through a filter.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import comb, factorial, perm
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import scipy
+
+from controllers.arrays import Array
+from controllers.interfaces import Reference
+from controllers.ranges import NotNegative, Pair, Positive
+
+__all__ = ["Circle", "Hold", "Lissajous", "Path", "Setpoints", "Sine", "Step", "Transition"]
+
+
+DEGREE = 9
+"""Degree of the joins: five conditions at either end."""
+
+
+def join(start: Array, end: Array, duration: float) -> Array:
+    """Polynomial of degree nine that takes one motion over into another, (D.2)-(D.4).
+
+    Args:
+        start: Value and four derivatives at t = 0, shape (5, n).
+        end: Value and four derivatives at t = duration, shape (5, n).
+        duration: Time in s, positive.
+
+    Returns:
+        Coefficients of t^9 ... t^0, shape (10, n).
+    """
+    # Counted from the start: the rounding of a constant would be in all coefficients.
+    before, after = np.array((start, end)) - at_rest(start[0])
+    powers = _powers(_control_points(before, after, duration), duration)
+    powers[-1] += start[0]
+    return powers
+
+
+def _control_points(start: Array, end: Array, duration: float) -> Array:
+    """Coefficients in the Bernstein basis of the polynomial of ``join``, shape (10, n).
+
+    Its q-th derivative at an end is 9!/(9 - q)! T^-q times the q-th difference of the control
+    points there, which gives one after another.
+    """
+    n, T = DEGREE + 1, np.float64(duration)
+    c = np.empty((n, start.shape[1]))
+    for q in range(5):
+        c[q] = start[q] / perm(DEGREE, q) * T**q
+        for j in range(q):
+            c[q] -= (-1) ** (j + q) * comb(q, j) * c[j]
+    for q in range(5):
+        c[-q - 1] = end[q] / perm(DEGREE, q) * (-1) ** q * T**q
+        for j in range(q):
+            c[-q - 1] -= (-1) ** (j + 1) * comb(q, j + 1) * c[-q + j]
+    return c
+
+
+def _powers(control: Array, duration: float) -> Array:
+    """Coefficients of t^9 ... t^0 from those in the Bernstein basis, both of shape (10, n)."""
+    T, c = np.array([duration]), np.zeros_like(control)
+    for a, point in enumerate(control):
+        factor = (-1) ** a * comb(DEGREE, a) * point
+        for s in range(a, DEGREE + 1):
+            c[DEGREE - s] += factor * (comb(DEGREE - a, s - a) * (-1) ** s) / T**s
+    return c
+
+
+def linear(start: Array) -> Array:
+    """Coefficients as of ``join`` of a motion that keeps its velocity.
+
+    Args:
+        start: Value and at least one derivative at t = 0, shape (2 or more, n).
+    """
+    out = np.zeros((DEGREE + 1, start.shape[1]))
+    out[-1], out[-2] = start[:2]
+    return out
+
+
+def at_rest(place: Sequence[float] | Array) -> Array:
+    """Value and four derivatives of a ball that stays where it is, shape (5, n)."""
+    out = np.zeros((5, len(place)))
+    out[0] = place
+    return out
+
+
+class WithDerivatives:
+    """A piecewise polynomial evaluated together with its first four derivatives.
+
+    The first piece holds for all time before, the last ever after.
+
+    Args:
+        coefficients: Of each piece from the highest power to the constant, (powers, pieces, n).
+        breaks: Where each piece counts its time from, and where the last ends, (pieces + 1,).
+    """
+
+    def __init__(self, coefficients: Array, breaks: Array) -> None:
+        rising = coefficients[::-1]
+        count, pieces, n = rising.shape
+        self._breaks, self._list = breaks, breaks.tolist()
+        self._last = pieces - 1
+        self._rising = np.zeros((pieces, count, 5, n))
+        """Coefficients of t^0, t^1 ... of value and derivatives."""
+        for k in range(5):
+            for power in range(k, count):
+                self._rising[:, power - k, k] = perm(power, k) * rising[power]
+
+    def __call__(self, t: float | Array) -> Array:
+        """Value and four derivatives at t, shape (5, *shape(t), n)."""
+        time = np.asarray(t, float)
+        piece: Any
+        if time.ndim:
+            found = self._breaks.searchsorted(time, "right") - 1
+            piece = np.minimum(np.maximum(found, 0), self._last)
+        else:  # the same in plain numbers, several times faster
+            piece = min(max(bisect_right(self._list, t) - 1, 0), self._last)
+        powers = np.ones((*time.shape, self._rising.shape[1]))
+        powers[..., 1:] = (time - self._breaks[piece])[..., None]
+        terms = self._rising[piece] * np.multiply.accumulate(powers, axis=-1)[..., None, None]
+        values: Array = np.add.reduce(terms, axis=-3)
+        return np.moveaxis(values, -2, 0) if time.ndim else values
+
+
+def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> WithDerivatives:
+    """Polynomials one after another; the first holds for all time before, the last ever after.
+
+    Args:
+        origins: Where each piece counts its time from; it is left for the next at the next one's.
+        pieces: Coefficients of each piece, highest power first, each of shape (10, n).
+    """
+    # Two that coincide may be in the wrong order by rounding.
+    breaks = np.maximum.accumulate((*origins, origins[-1]))
+    return WithDerivatives(np.stack(pieces, axis=1), breaks)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transition(Reference):
+    """On a straight line from rest at one point to rest at another, in a given time.
+
+    The polynomial of degree nine keeps the position smooth to the fourth derivative.
+
+    Raises:
+        ValueError: If a setting is not finite or the duration not positive.
+    """
+
+    name: ClassVar[str] = "transition"
+
+    start: tuple[float, float] = (0.0, 0.0)
+    """Position (x, y) up to ``time`` in m, plate axes."""
+    end: tuple[float, float] = (0.15, 0.1)
+    """Position (x, y) from ``time + duration`` on in m, plate axes."""
+    time: float = 0.0
+    """Time at which the ball sets off in s."""
+    duration: Positive = 3.0
+    """Time it takes in s."""
+
+    _motion: WithDerivatives = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the settings and join the two points."""
+        super().__post_init__()
+        before, after = at_rest(self.start), at_rest(self.end)
+        pieces = (linear(before), join(before, after, self.duration), linear(after))
+        motion = in_turn((self.time, self.time, self.time + self.duration), pieces)
+        object.__setattr__(self, "_motion", motion)
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        return self._motion(t)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path(Reference):
+    """A smooth curve through points, from rest to rest or round and round.
+
+    The curve is the quintic spline over the length of the polygon through the points; the ball runs
+    along it after a schedule that gathers speed, keeps it and, on an open path, sheds it again.
+    Both, and so the path in time, are smooth to the fourth derivative.
+
+    Raises:
+        ValueError: If there are too few points, two in a row coincide, or a time does not fit.
+    """
+
+    name: ClassVar[str] = "path"
+
+    points: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.15, 0.05), (0.1, -0.1), (-0.1, 0.0))
+    """The points (x, y) in order in m, plate axes; two or more, three or more of a closed path."""
+    duration: Positive = 8.0
+    """Time in s from the first point to the last or, on a closed path, for a lap at full speed."""
+    closed: bool = False
+    """Whether the path returns to its first point and goes on for ever."""
+    time: float = 0.0
+    """Time at which the ball sets off in s; it waits at the first point until then."""
+    ramp: Positive | None = None
+    """Time in s to gather full speed, and to shed it; at most half the duration on an open path.
+    Default: a quarter of the duration."""
+
+    _curve: WithDerivatives = field(init=False, repr=False, compare=False)
+    _schedule: WithDerivatives = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the settings, lay the curve and make the schedule."""
+        super().__post_init__()
+        object.__setattr__(self, "_curve", _curve(np.array(self.points, float), self.closed))
+        duration, time = self.duration, self.time
+        ramp = duration / 4 if self.ramp is None else self.ramp
+        if not self.closed and ramp > duration / 2:
+            raise ValueError(f"ramp must be at most half the duration, {duration / 2}, got {ramp}")
+        schedule = _schedule(time, duration, ramp, self.closed)
+        object.__setattr__(self, "_schedule", schedule)
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        s, s1, s2, s3, s4 = self._schedule(t)
+        p, p1, p2, p3, p4 = self._curve((s % 1.0 if self.closed else s)[..., 0])
+        out = np.empty((5, *p.shape))
+        out[0] = p
+        # The chain rule, four times over.
+        out[1] = p1 * s1
+        out[2] = p2 * s1**2 + p1 * s2
+        out[3] = p3 * s1**3 + 3 * p2 * s1 * s2 + p1 * s3
+        out[4] = p4 * s1**4 + 6 * p3 * s1**2 * s2 + p2 * (3 * s2**2 + 4 * s1 * s3) + p1 * s4
+        return out
+
+
+def _curve(points: Array, closed: bool) -> WithDerivatives:
+    """Quintic spline through the points over the share of the polygon's length, 0 to 1."""
+    least = 3 if closed else 2
+    if len(points) < least:
+        kind = "a closed" if closed else "an open"
+        raise ValueError(f"points must be {least} or more for {kind} path, got {len(points)}")
+    if closed:
+        points = np.vstack((points, points[:1]))
+    sides = np.hypot(*np.diff(points, axis=0).T)
+    if not sides.all():
+        i = int(np.argmin(sides))
+        raise ValueError(f"points must differ from one to the next, got {points[i].tolist()} twice")
+    share = np.append(0.0, np.cumsum(sides)) / sides.sum()
+    share[-1] = 1.0
+    # An open curve ends straight: second and fourth derivative zero, so two points give a line.
+    straight = [(2, np.zeros(2)), (4, np.zeros(2))]
+    ends = "periodic" if closed else (straight, straight)
+    interpolate = scipy.interpolate.make_interp_spline
+    spline = interpolate(share, points, k=5, bc_type=ends)  # type: ignore[arg-type]
+    # PPoly.from_spline would do for one axis alone.
+    powers = [spline(share[:-1], nu=k) / factorial(k) for k in reversed(range(6))]
+    return WithDerivatives(np.array(powers), share)
+
+
+def _schedule(time: float, duration: float, ramp: float, closed: bool) -> WithDerivatives:
+    """Share of the curve left behind over time, one column."""
+    pace = 1 / duration if closed else 1 / (duration - ramp)
+    # A ramp covers half of what full pace would.
+    covered = pace * ramp / 2
+    first, last, full = at_rest((0.0,)), at_rest((1.0,)), at_rest((covered,))
+    full[1] = pace
+    pieces = [linear(first), join(first, full, ramp), linear(full)]
+    origins = [time, time, time + ramp]
+    if not closed:
+        full[0] = 1 - covered
+        pieces += [join(full, last, ramp), linear(last)]
+        origins += [time + duration - ramp, time + duration]
+    return in_turn(origins, pieces)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold(Reference):
+    """The ball shall stay at one point.
+
+    Raises:
+        ValueError: If a setting is not finite.
+    """
+
+    name: ClassVar[str] = "hold"
+
+    x: float = 0.0
+    """Position along x in m, plate axes."""
+    y: float = 0.0
+    """Position along y in m, plate axes."""
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        out = np.zeros((5, *np.shape(t), 2))
+        out[0] = self.x, self.y
+        return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(Reference):
+    """The desired position jumps from one point to another, as in Tables 8.1 and 8.2.
+
+    The derivatives are zero everywhere, the jump itself included.
+
+    Raises:
+        ValueError: If a setting is not finite.
+    """
+
+    name: ClassVar[str] = "step"
+
+    start: tuple[float, float] = (0.0, 0.0)
+    """Position (x, y) before the step in m, plate axes."""
+    end: tuple[float, float] = (0.15, 0.15)
+    """Position (x, y) from the step on in m, plate axes."""
+    time: float = 0.0
+    """Time of the step in s."""
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        out = np.zeros((5, *np.shape(t), 2))
+        after = np.asarray(t)[..., None] >= self.time
+        out[0] = np.where(after, self.end, self.start)
+        return out
+
+
+Wave = Literal["sin", "cos"]
+
+
+def both(value: Pair) -> tuple[float, float]:
+    """A number for each axis."""
+    return (value, value) if isinstance(value, int | float) else value
+
+
+class Oscillation:
+    """Harmonic motion S sin(omega t) + C cos(omega t) of both axes.
+
+    Args:
+        sine: S for x and y in m.
+        cosine: C for x and y in m.
+        omega: Angular frequency for x and y in rad/s.
+
+    Raises:
+        ValueError: If a frequency is zero.
+    """
+
+    def __init__(
+        self, sine: Sequence[float], cosine: Sequence[float], omega: Sequence[float]
+    ) -> None:
+        if 0 in omega:
+            raise ValueError("omega must not be zero")
+        S, C, self._omega = np.array(sine), np.array(cosine), np.array(omega, float)
+        speed = self._omega ** np.arange(5)[:, None]
+        # Each derivative turns sin into cos and cos into -sin.
+        self._sine = speed * (S, -C, -S, C, S)
+        self._cosine = speed * (C, S, -C, -S, C)
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        t = np.asarray(t, dtype=float)
+        angle = self._omega * t[..., None]
+        shape = (5, *(1,) * t.ndim, 2)
+        sine, cosine = self._sine.reshape(shape), self._cosine.reshape(shape)
+        out: Array = sine * np.sin(angle) + cosine * np.cos(angle)
+        return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sine(Reference):
+    """A sine or a cosine on each axis, from t = 0 at full swing.
+
+    The same sine on both axes gives the references of Tables 8.3 to 8.11, (6.53); the waves
+    ("sin", "cos") give those of Tables 8.14 to 8.21.
+
+    Raises:
+        ValueError: If a setting is not finite, a frequency is zero or a wave has no such name.
+    """
+
+    name: ClassVar[str] = "sine"
+
+    amplitude: Pair = 0.15
+    """Amplitude in m, one for both axes or (x, y)."""
+    omega: Pair = 0.5
+    """Angular frequency in rad/s, one for both axes or (x, y)."""
+    wave: tuple[Wave, Wave] = ("sin", "sin")
+    """Whether x and y start in the middle ("sin") or at the end of the swing ("cos")."""
+
+    _motion: Oscillation = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the settings."""
+        super().__post_init__()
+        waves = list(zip(both(self.amplitude), self.wave, strict=True))
+        sine = [a if w == "sin" else 0.0 for a, w in waves]
+        cosine = [a if w == "cos" else 0.0 for a, w in waves]
+        object.__setattr__(self, "wave", tuple(self.wave))
+        object.__setattr__(self, "_motion", Oscillation(sine, cosine, both(self.omega)))
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        return self._motion(t)
+
+
+REVOLUTIONS = 0.75
+"""Default length of the soft start in periods of the faster axis.
+
+At three quarters the start passes the amplitude by at most 0.6 % and the acceleration of a circle
+by at most 6 %; at a half it asks for 1.8 times that acceleration, beyond one it swings ever wider.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _SoftStarted(Reference):
+    """Harmonic motion entered by a polynomial of degree nine from rest at the centre (D.1).
+
+    Position and four derivatives are zero up to t = 0 and agree with the motion at t = start.
+    """
+
+    start: NotNegative | None = None
+    """Length of the polynomial start in s; 0 begins in full motion. Default: three quarters of a
+    period of the faster axis."""
+
+    _start: float = field(init=False, repr=False, compare=False)
+    _motion: Oscillation = field(init=False, repr=False, compare=False)
+    _opening: WithDerivatives = field(init=False, repr=False, compare=False)
+
+    @abstractmethod
+    def _settings(self) -> tuple[Oscillation, float]:
+        """The motion and its fastest angular frequency in rad/s."""
+
+    def __post_init__(self) -> None:
+        """Join rest and motion."""
+        super().__post_init__()
+        motion, fastest = self._settings()
+        start = REVOLUTIONS * 2 * math.pi / fastest if self.start is None else self.start
+        rest = at_rest((0.0, 0.0))
+        still = linear(rest)
+        pieces = (still, join(rest, motion(start), start) if start > 0 else still)
+        object.__setattr__(self, "_start", start)
+        object.__setattr__(self, "_motion", motion)
+        object.__setattr__(self, "_opening", in_turn((0.0, 0.0), pieces))
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        if isinstance(t, np.ndarray) and t.ndim:
+            opening = self._opening(np.minimum(t, self._start))
+            return np.where((t < self._start)[..., None], opening, self._motion(t))
+        return self._opening(t) if t < self._start else self._motion(t)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circle(_SoftStarted):
+    """x = A sin(omega t), y = A cos(omega t) after a soft start (D.1).
+
+    Raises:
+        ValueError: If a setting is not finite, or the amplitude not positive, omega zero or the
+            start negative.
+    """
+
+    name: ClassVar[str] = "circle"
+
+    amplitude: Positive = 0.15
+    """Radius A in m."""
+    omega: float = 0.5
+    """Angular frequency in rad/s; negative goes round the other way."""
+
+    def _settings(self) -> tuple[Oscillation, float]:
+        A, omega = self.amplitude, self.omega
+        return Oscillation((A, 0.0), (0.0, A), (omega, omega)), abs(omega)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lissajous(_SoftStarted):
+    """x = A_x sin(omega_x t + phase), y = A_y sin(omega_y t) after a soft start as in (D.1).
+
+    Raises:
+        ValueError: If a setting is not finite, a frequency is zero or the start negative.
+    """
+
+    name: ClassVar[str] = "lissajous"
+
+    amplitude: Pair = (0.2, 0.12)
+    """Amplitude in m, one for both axes or (x, y)."""
+    omega: tuple[float, float] = (0.4, 0.6)
+    """Angular frequencies (x, y) in rad/s."""
+    phase: float = math.pi / 2
+    """Phase of x in rad."""
+
+    def _settings(self) -> tuple[Oscillation, float]:
+        (A_x, A_y), omega, phase = both(self.amplitude), self.omega, self.phase
+        sine, cosine = (A_x * math.cos(phase), A_y), (A_x * math.sin(phase), 0.0)
+        return Oscillation(sine, cosine, omega), max(abs(omega[0]), abs(omega[1]))
+
+
+ORDER = 5
+"""Of the filter: position and four derivatives are continuous."""
+BLOCK = 10_000
+"""Times that are worked out at once, so that many of them need no more memory."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setpoints(Reference):
+    """The desired position follows goals, each from its time on, through a filter.
+
+    The filter has a pole of multiplicity five at -1/time_constant: the path is smooth to the fourth
+    derivative and never leaves the convex hull of the goals. It starts at rest on the first goal.
+    With ``before``, that is the path until the first goal is given; it then fades out with the step
+    response of the same filter, so that the whole path stays as smooth.
+
+    Raises:
+        ValueError: If there is no goal, the times do not rise, or a number is not finite.
+    """
+
+    name: ClassVar[str] = "setpoints"
+
+    points: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),)
+    """The goals (time, x, y): seconds of the run, metres in plate axes."""
+    time_constant: Positive = 0.2
+    """Of the filter in s: half of the way after 4.7, nine tenths after 8 of them."""
+    before: dict[str, Any] | None = None
+    """Reference until the time of the first goal, its kind and settings; none: the first goal."""
+
+    _filter: _Filter = field(init=False, repr=False, compare=False)
+    _faded: Reference | None = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the settings and lead the filter along the goals."""
+        super().__post_init__()
+        if not self.points:
+            raise ValueError("points must have at least one goal (time, x, y)")
+        for (before, *_), (time, *_) in pairwise(self.points):
+            if not time > before:
+                raise ValueError(f"points must rise in time, got {before:g} and {time:g} s")
+        points = tuple((float(time), float(x), float(y)) for time, x, y in self.points)
+        laid = _Filter(1 / self.time_constant, points[0][0], points[0][1:])
+        for time, *goal in points[1:]:
+            laid = laid.then(time, goal)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "_filter", laid)
+        object.__setattr__(self, "_faded", _made(self.before))
+
+    def then(self, time: float, x: float, y: float) -> Setpoints:
+        """The same with one more goal, from a time in s after the last one on; x and y in m."""
+        longer = copy(self)
+        object.__setattr__(longer, "points", (*self.points, (time, x, y)))
+        object.__setattr__(longer, "_filter", self._filter.then(time, (x, y)))
+        return longer
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        t = np.asarray(t, dtype=float)
+        goals = self._filter(t)
+        if self._faded is None:
+            return goals
+        out = self._faded(t)
+        first = self.points[0][0]
+        late = t >= first
+        if not late.any():
+            return out
+        share = self._filter.fading(np.maximum(t - first, 0.0))[..., None]
+        difference = out - goals
+        mixed = goals + np.stack(
+            [
+                sum(comb(n, k) * share[k] * difference[n - k] for k in range(n + 1))
+                for n in range(ORDER)
+            ]
+        )
+        return np.where(late[..., None], mixed, out)
+
+
+def _made(settings: Mapping[str, Any] | None) -> Reference | None:
+    """The reference of a table with its kind and settings; None of None."""
+    if settings is None:
+        return None
+    from controllers.catalog import catalog  # noqa: PLC0415  it imports every module, this one too
+
+    known = dict(catalog(Reference))  # type: ignore[type-abstract]
+    kind = settings.get("kind")
+    if kind not in known or kind == Setpoints.name:
+        raise ValueError(f"before: no reference '{kind}' (known: {', '.join(known)})")
+    try:
+        made: Reference = known[kind](**{k: v for k, v in settings.items() if k != "kind"})
+    except TypeError as error:
+        raise ValueError(f"before: {error}") from error
+    return made
+
+
+class _Filter:
+    """The filter's output between goals, in closed form: goal + exp(-a s) (b0 + ... + b4 s^4).
+
+    Args:
+        a: Amount of its poles, 1/s.
+        time: Of the first goal, s.
+        goal: The first goal, on which it is at rest, m.
+    """
+
+    def __init__(self, a: float, time: float, goal: Sequence[float]) -> None:
+        self._a = a
+        # coefficients of the derivative: (d/ds - a) of the polynomial
+        self._derived = np.diag(np.arange(1.0, ORDER), 1) - a * np.eye(ORDER)
+        self._count = 1
+        self._times = [time]
+        self._goals = [np.array(goal, float)]
+        self._parts = [np.zeros((ORDER, ORDER, 2))]
+        """Of each goal and each derivative the coefficients b, both axes."""
+
+    def then(self, time: float, goal: Sequence[float]) -> _Filter:
+        """The filter with one more goal; what is behind is shared."""
+        longer = copy(self)
+        if len(self._times) > self._count:  # another one has gone on from here already
+            for name in ("_times", "_goals", "_parts"):
+                setattr(longer, name, getattr(self, name)[: self._count])
+        state = self(np.array(time))
+        state[0] -= goal
+        # b_n n! is the n-th derivative of the output times exp(a s), at s = 0
+        first = np.array(
+            [
+                sum(comb(n, k) * self._a ** (n - k) * state[k] for k in range(n + 1)) / factorial(n)
+                for n in range(ORDER)
+            ]
+        )
+        parts = [first]
+        for _ in range(ORDER - 1):
+            parts.append(self._derived @ parts[-1])
+        longer._times.append(time)
+        longer._goals.append(np.array(goal, float))
+        longer._parts.append(np.array(parts))
+        longer._count = self._count + 1
+        return longer
+
+    def __call__(self, t: Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        if t.ndim == 1 and len(t) > BLOCK:
+            blocks = np.array_split(t, len(t) // BLOCK + 1)
+            return np.concatenate([self(block) for block in blocks], axis=1)
+        known, last = self._times[: self._count], self._count - 1
+        if t.size and t.min() >= known[last]:  # as nearly always while it is driven
+            index = np.zeros(t.shape, int)
+            part = slice(last, self._count)
+        else:
+            index = np.maximum(np.searchsorted(known, t, side="right") - 1, 0)
+            part = slice(0, self._count)
+        times, goals, parts = (
+            np.array(each[part])[index] for each in (known, self._goals, self._parts)
+        )
+        s = np.maximum(t - times, 0.0)
+        out = np.moveaxis((parts * self._powers(s)[..., None, :, None]).sum(axis=-2), -2, 0)
+        out = np.ascontiguousarray(out)
+        out[0] += goals
+        return out
+
+    def _powers(self, s: Array) -> Array:
+        """exp(-a s) (1, s, ..., s^4), shape (*shape(s), 5)."""
+        powers: Array = np.exp(-self._a * s)[..., None] * s[..., None] ** np.arange(ORDER)
+        return powers
+
+    def fading(self, s: Array) -> Array:
+        """What is left of a step after a time s, and its four derivatives, shape (5, *shape(s))."""
+        b = np.array([self._a**k / factorial(k) for k in range(ORDER)])
+        powers = self._powers(s)
+        out = []
+        for _ in range(ORDER):
+            out.append((powers * b).sum(axis=-1))
+            b = self._derived @ b
+        return np.array(out)

@@ -1,0 +1,355 @@
+"""CANopen and CiA 402 as the host reads them: objects, frames, states of the power stage.
+
+The objects of a drive that the host knows, and all words, are in ``objects.toml``. Decoders take
+any bytes and never raise: what they cannot read is None.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum, IntFlag
+from functools import cache
+from typing import Any, NamedTuple
+
+from twin.data_file import packaged
+
+PDO_INVALID = 1 << 31
+"""Bit of a PDO's COB-ID that switches it off."""
+PDO_ENTRIES = 8
+PDOS = (0x1400, 0x1C00)
+"""First and last of their parameters, and 200h above these mappings."""
+Key = tuple[int, int]
+"""Index and subindex."""
+
+
+@dataclass(frozen=True)
+class Object:
+    """One object of a drive; type is U or I and the bits."""
+
+    index: int
+    sub: int
+    name: str
+    type: str
+
+    @property
+    def bits(self) -> int:
+        """Its length."""
+        return int(self.type[1:])
+
+    def encode(self, value: int) -> bytes:
+        """The bytes of a value.
+
+        Raises:
+            OverflowError: If it is out of range.
+        """
+        return value.to_bytes(self.bits // 8, "little", signed=self.type[0] == "I")
+
+    def decode(self, data: bytes) -> int:
+        """The value of its bytes."""
+        return int.from_bytes(data, "little", signed=self.type[0] == "I")
+
+
+@cache
+def objects() -> dict[tuple[int, int], Object]:
+    """The objects of a drive that the host knows, by index and subindex."""
+    found = [Object(*each) for each in table()["objects"]]
+    for kind, first in (("RPDO", 0x1400), ("TPDO", 0x1800)):
+        for number in range(4):
+            name, index = f"{kind}{number + 1}", first + number
+            found += [Object(index, s, f"{name} {what}", t) for s, what, t in table()["parameters"]]
+            found += [
+                Object(index + 0x200, sub, f"{name} mapping {sub}", "U32" if sub else "U8")
+                for sub in range(PDO_ENTRIES + 1)
+            ]
+    return {(each.index, each.sub): each for each in found}
+
+
+@cache
+def table() -> dict[str, Any]:
+    """The tables of ``objects.toml`` by their names."""
+    return packaged("twin.devices.akd", "objects.toml")
+
+
+def kept(index: int, written: int, read: int) -> bool:
+    """Whether what is read of an object is what was written, as far as the drive can keep it."""
+    key = f"0x{index:04X}"
+    share = table()["tolerances"].get(key, 0.0)
+    ignored = table()["ignored_bits"].get(key, 0)
+    same = (written ^ read) & ~ignored == 0
+    return bool(same or abs(read - written) <= share * abs(written))
+
+
+def abort_words(code: int) -> str:
+    """Why a drive refuses, in words, with the abort code."""
+    known = table()["aborts"].get(f"0x{code:08X}", "a reason of the vendor's own")
+    return f"code {code:08X}h, {known}"
+
+
+def mappings(maps: Mapping[int, Sequence[Key]]) -> dict[Key, int]:
+    """What the objects of mappings hold, by the index of their PDO's parameters.
+
+    Raises:
+        KeyError: If the host does not know an object.
+    """
+    held = {}
+    for parameters, keys in maps.items():
+        held[parameters + 0x200, 0] = len(keys)
+        for place, (index, sub) in enumerate(keys, 1):
+            bits = objects()[index, sub].bits
+            held[parameters + 0x200, place] = index << 16 | sub << 8 | bits
+    return held
+
+
+class DriveState(Enum):
+    """States of a drive's power stage; the values are what CiA 402 calls them."""
+
+    NOT_READY = "not ready to switch on"
+    SWITCH_ON_DISABLED = "switch on disabled"
+    READY = "ready to switch on"
+    SWITCHED_ON = "switched on"
+    OPERATION_ENABLED = "operation enabled"
+    QUICK_STOP = "quick stop active"
+    FAULT_REACTION = "fault reaction active"
+    FAULT = "fault"
+    UNKNOWN = "unknown"
+
+
+class StatusBit(IntFlag):
+    """Bits of the status word that are evaluated besides the state."""
+
+    VOLTAGE = 1 << 4
+    WARNING = 1 << 7
+    REMOTE = 1 << 9
+    INTERNAL_LIMIT = 1 << 11
+
+
+class AxisRequest(Enum):
+    """What an axis is requested to reach."""
+
+    DISABLE = "disable"
+    ENABLE = "enable"
+    QUICK_STOP = "quick stop"
+
+
+DISABLE_VOLTAGE = 0x00
+QUICK_STOP = 0x02
+SHUTDOWN = 0x06
+SWITCH_ON = 0x07
+ENABLE = 0x0F
+RESET = 0x80
+
+_WIDE = {
+    0x00: DriveState.NOT_READY,
+    0x40: DriveState.SWITCH_ON_DISABLED,
+    0x08: DriveState.FAULT,
+    0x0F: DriveState.FAULT_REACTION,
+}
+_NARROW = {
+    0x21: DriveState.READY,
+    0x23: DriveState.SWITCHED_ON,
+    0x27: DriveState.OPERATION_ENABLED,
+    0x07: DriveState.QUICK_STOP,
+}
+
+_UP = {
+    DriveState.SWITCH_ON_DISABLED: SHUTDOWN,
+    DriveState.READY: SWITCH_ON,
+    DriveState.SWITCHED_ON: ENABLE,
+    DriveState.OPERATION_ENABLED: ENABLE,
+}
+_DOWN = {DriveState.OPERATION_ENABLED: SWITCH_ON, DriveState.SWITCHED_ON: SHUTDOWN}
+_QUICK = {DriveState.OPERATION_ENABLED: QUICK_STOP, DriveState.QUICK_STOP: QUICK_STOP}
+_TRANSITIONS = {
+    AxisRequest.ENABLE: _UP,
+    AxisRequest.DISABLE: _DOWN,
+    AxisRequest.QUICK_STOP: _QUICK,
+}
+
+
+def state(status: int) -> DriveState:
+    """The state that a status word means, any integer; masks 4Fh and 6Fh of CiA 402."""
+    return _WIDE.get(status & 0x4F) or _NARROW.get(status & 0x6F) or DriveState.UNKNOWN
+
+
+_SAID = (
+    (StatusBit.VOLTAGE, False, "no main voltage"),
+    (StatusBit.WARNING, True, "warning"),
+    (StatusBit.REMOTE, False, "not under remote control"),
+    (StatusBit.INTERNAL_LIMIT, True, "internal limit active"),
+)
+"""What a bit says beside the state, where it is set or where it is not."""
+_HALT = 1 << 8
+PROFILE_VELOCITY = 3
+
+
+def status_words(status: int) -> str:
+    """A status word in words: the state, and what else it warns of."""
+    more = [words for bit, given, words in _SAID if bool(status & bit) is given]
+    return ", ".join((state(status).value, *more))
+
+
+def control_words(control: int) -> str:
+    """What a control word asks for, in words."""
+    if control & RESET:
+        return "fault reset"
+    if not control & QUICK_STOP:
+        return "disable voltage"
+    if not control & 0x04:
+        return "quick stop"
+    if not control & 0x01:
+        return "shutdown"
+    if not control & 0x08:
+        return "switch on"
+    return "enable operation, halt" if control & _HALT else "enable operation"
+
+
+def control_word(current: DriveState, request: AxisRequest) -> int:
+    """The control word that takes a drive one transition from a state towards a request.
+
+    It never resets a fault: in both fault states, and wherever no transition leads on, it disables
+    the voltage, which is also what comes before the rising edge of a reset.
+    """
+    return _TRANSITIONS[request].get(current, DISABLE_VOLTAGE)
+
+
+NMT = 0x000
+SYNC = 0x080
+EMERGENCY = 0x080
+TPDO1 = 0x180
+TPDO2 = 0x280
+RPDO1 = 0x200
+SDO_RESPONSE = 0x580
+SDO_REQUEST = 0x600
+HEARTBEAT = 0x700
+
+NODE_MASK = 0x7F
+"""Mask of the node in an identifier; the rest is the service."""
+
+START, PRE_OPERATIONAL = 1, 128
+"""NMT commands."""
+
+OPERATIONAL = 5
+"""NMT state in a heartbeat; 0 is a boot-up."""
+
+
+def pdo_maps(plate: tuple[int, int]) -> dict[int, tuple[tuple[int, int], ...]]:
+    """What the PDOs of a drive carry, by the index of their parameters.
+
+    Args:
+        plate: The plate encoder's object.
+    """
+    return {
+        0x1400: ((0x6040, 0), (0x60FF, 0)),
+        0x1800: ((0x6041, 0), (0x6061, 0), (0x6064, 0)),
+        0x1801: ((0x606C, 0), plate),
+    }
+
+
+_SDO = struct.Struct("<BHB4s")
+"""An expedited SDO: command specifier, index, subindex, value."""
+
+_RPDO1 = struct.Struct("<Hi")
+TPDOS = {TPDO1: struct.Struct("<Hbi"), TPDO2: struct.Struct("<ii")}
+"""Status word, mode display and motor position; motor velocity and plate encoder."""
+_CODE = struct.Struct("<H")
+_SDO_READ, _SDO_WRITE, _SDO_ANSWER, _SDO_WRITTEN, _SDO_ABORT = 0x40, 0x23, 0x43, 0x60, 0x80
+_UNUSED = 0x0C
+"""Bits of the command specifier that count the bytes which are not part of the value."""
+
+
+def nmt_words(state: int) -> str:
+    """The NMT state in a heartbeat in words."""
+    return str(table()["nmt_states"].get(f"{state}", f"in state {state}"))
+
+
+def fault_words(numbers: Iterable[int]) -> str:
+    """Fault numbers as the drive's display shows them, with their names."""
+    names = table()["faults"]
+    return ", ".join(f"F{number} {names.get(f'{number}', '')}".strip() for number in numbers)
+
+
+class Emergency(NamedTuple):
+    """An emergency message; fewer than eight bytes are marked and read as far as they go."""
+
+    code: int | None
+    extra: bytes
+    short: bool
+
+    @property
+    def words(self) -> str:
+        """Code, name and fault number as text."""
+        if self.code is None:
+            return "no code"
+        known = table()["emergencies"]
+        kinds = (self.code, self.code & 0xFF00, self.code & 0xF000)
+        name = next((known[f"0x{each:04X}"] for each in kinds if f"0x{each:04X}" in known), "")
+        rest = self.extra.rstrip(b"\0")
+        number = rest.decode("ascii") if rest.isascii() else ""
+        parts = [f"{self.code:04X}h", name, number if number.isprintable() else rest.hex(" ")]
+        return " ".join(part for part in parts if part)
+
+
+class SdoAnswer(NamedTuple):
+    """The answer to an SDO request.
+
+    Attributes:
+        key: Index and subindex of the object.
+        data: What was read, least byte first; of a write nothing, of an abort its code.
+        aborted: Whether the request was refused.
+    """
+
+    key: tuple[int, int]
+    data: bytes
+    aborted: bool
+
+    @property
+    def value(self) -> int:
+        """The data as a number without sign."""
+        return int.from_bytes(self.data, "little")
+
+
+def encode_rpdo1(control: int, velocity: int) -> bytes:
+    """RPDO1: control word and target velocity in the drive's units."""
+    return _RPDO1.pack(control, velocity)
+
+
+def encode_sdo_read(index: int, sub: int) -> bytes:
+    """The request to read an object."""
+    return _SDO.pack(_SDO_READ, index, sub, b"")
+
+
+def encode_sdo_write(index: int, sub: int, data: bytes) -> bytes:
+    """The request to write an object of one to four bytes."""
+    return _SDO.pack(_SDO_WRITE | (4 - len(data)) << 2, index, sub, data)
+
+
+def decode_sdo(data: bytes) -> SdoAnswer | None:
+    """The answer to a request; None if it is no abort, and nothing that fits into one frame."""
+    if len(data) != _SDO.size:
+        return None
+    command, index, sub, value = _SDO.unpack(data)
+    if command in {_SDO_WRITTEN, _SDO_ABORT}:
+        value = b"" if command == _SDO_WRITTEN else value
+        return SdoAnswer((index, sub), value, aborted=command == _SDO_ABORT)
+    if command & ~_UNUSED != _SDO_ANSWER:
+        return None
+    return SdoAnswer((index, sub), value[: 4 - (command >> 2 & 3)], aborted=False)
+
+
+def decode_tpdo(service: int, data: bytes) -> tuple[int, ...] | None:
+    """The values of a PDO of `TPDOS`; None unless it is exactly as long as mapped."""
+    layout = TPDOS[service]
+    return layout.unpack(data) if len(data) == layout.size else None
+
+
+def decode_emergency(data: bytes) -> Emergency:
+    """An emergency message of any length."""
+    code = _CODE.unpack_from(data)[0] if len(data) >= 2 else None
+    return Emergency(code, bytes(data[3:8]), len(data) < 8)
+
+
+def decode_nmt_state(data: bytes) -> int | None:
+    """The NMT state in a heartbeat or boot-up; None unless it is one byte."""
+    return data[0] & 0x7F if len(data) == 1 else None

@@ -1,0 +1,551 @@
+"""The twin itself fitted to a log, without a first guess: rolling, then breakaway, then all.
+
+From a log with plate angles to parameters, verdicts, and what they are worth on the rest of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from controllers.arrays import Array, Mask
+from controllers.ballplate import BallPlate
+from twin.errors import LogError
+from twin.identify.judged import (
+    BOUNDED,
+    CORRELATED,
+    EVERY,
+    HORIZONS,
+    IDENTIFIED,
+    LEAD,
+    NEAR,
+    NOT,
+    REJECTED,
+    Identification,
+    ParameterVerdict,
+    Predicted,
+    corner_frequency,
+    predicted,
+    score,
+)
+from twin.identify.logs import Log
+from twin.identify.parameters import (
+    BALL,
+    HIDDEN,
+    SERVO,
+    SHARE,
+    fitted,
+    friction,
+)
+from twin.identify.plate_motion import Drives, check_motion, fit_drives
+from twin.identify.prepare import PreparedLog, Segment, check_ranges, prepare
+from twin.identify.search import (
+    START_DIFFERENCES,
+    START_PRIOR,
+    Estimate,
+    Fit,
+    Fitting,
+    Linearisation,
+    begun,
+    minimise,
+)
+from twin.identify.windows import LOOKBACK, Spans, Windows, cut, moving_spans, replay
+
+
+@dataclass(frozen=True)
+class Problem(Fitting):
+    """What is fitted to what.
+
+    Attributes:
+        model: Ball parameters.
+        windows: The samples.
+        names: Names of the parameters that are fitted, P of them.
+        grip: Time in s within which friction stops a ball, see ``replay``.
+    """
+
+    model: BallPlate
+    windows: Windows
+    names: tuple[str, ...]
+    grip: float = 0.0
+    about = BALL
+    start_steps = START_DIFFERENCES
+    prior = START_PRIOR
+
+    def values(self, theta: Array) -> dict[str, Array]:
+        """All ball parameters by name, those not fitted at values without effect, shape (C, 1).
+
+        Args:
+            theta: Parameters, shape (C, P), or (C, W, P) for (C, W) of each.
+        """
+        defaults = {name: BALL[name].least if name != "stribeck" else 0.005 for name in BALL}
+        defaults |= {"level_phi": 0.0, "level_theta": 0.0, "gain": 1.0}
+        values = {name: np.full((len(theta), 1), value) for name, value in defaults.items()}
+        each = theta if theta.ndim > 2 else theta[:, None]
+        values |= {name: each[..., k] for k, name in enumerate(self.names)}
+        return values
+
+    def initial_starts(self) -> Array:
+        """A straight line through the first samples of each window, shape (4, 1, W)."""
+        windows = self.windows
+        out = np.zeros((4, 1, len(windows)))
+        for w, resting in enumerate(windows.resting):
+            first = (windows.time[w] < LOOKBACK + 0.25) & (windows.weight[w, :, 0] > 0)
+            t = windows.time[w, first] - 0.04
+            line = np.stack((np.ones_like(t), t), axis=-1)[:, : 1 if resting else 2]
+            found = np.linalg.lstsq(line, windows.ball[w, first], rcond=None)[0]
+            out[: 2 * len(found), 0, w] = found.ravel()
+        return out
+
+    def replayed(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+        """Positions and velocities of the ball in m and m/s, both shape (N, 2, C, W).
+
+        Args:
+            theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
+            starts: x, y, x', y' at the beginning of each window, shape (4, C, W).
+        """
+        values = self.values(theta)
+        level = np.stack((values["level_phi"], values["level_theta"]))
+        return replay(
+            self.windows.field,
+            self.model,
+            friction(values),
+            level,
+            starts,
+            self.grip,
+            values["gain"],
+            self.windows.paces,
+        )
+
+    def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+        """What the screen would have reported in m, and its rate in m/s, (C, W, B, 2)."""
+        places, speeds = self.replayed(theta, starts)
+        return self.windows.at_samples(places, speeds, self.values(theta)["delay"])
+
+    def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
+        """Residuals and slopes of C candidates; a resting ball has no speed to be fitted."""
+        found = super().linearise(theta, starts, slopes=slopes)
+        found.by_start[:, self.windows.resting, :, 2:] = 0.0
+        return found
+
+
+BREAKAWAY_RATIOS = 1 + np.linspace(0, 2.2, 32) ** 1.3
+"""Breakaway ratios that are tried."""
+FITTED_GUESSES = 3
+"""This many of them, the best, are first guesses of a full fit."""
+UNEXPLAINED = 2.0
+"""Mean square misfit over the usual one above which a window is left out at the end: where the
+ball nearly comes to rest, a touch of noise decides whether it does, and no replay can know."""
+CREEPS = float(stats.chi2.ppf(0.99, 2))
+"""Noise variances by which a free speed at the start may seem to improve a window begun at rest."""
+
+
+@dataclass(frozen=True)
+class TwinFit(Fit):
+    """The best fit found; ``left_out`` counts the windows that no candidate explains."""
+
+    left_out: int
+
+
+def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> TwinFit:
+    """Fit the parameters, from many starts; ``grip`` as in ``replay``.
+
+    A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
+    the truth: windows in which the ball rolls throughout give rolling friction, delay and level
+    from any start; with those, the windows that begin at rest are tried with one breakaway ratio
+    after another; from the best of these all windows and all parameters are fitted. Windows that
+    are then not explained at all are left out, and the rest is fitted again; so is all if in some
+    windows the ball did not rest at first, but crept.
+    """
+    problem = Problem(model, windows, names, grip)
+    guesses = _scan_breakaway(problem, _fit_rolling(problem))
+    found = minimise(problem, guesses, begun(problem, guesses, 3), 12)
+    while True:
+        best = found.ahead(1)
+        misfit = problem.misfit(best.linearisation.r)[0]
+        kept = misfit < UNEXPLAINED * max(1.0, float(np.median(misfit)))
+        if kept.all() or kept.sum() < max(3, len(windows) / 2):
+            break
+        problem = replace(problem, windows=problem.windows.take(kept))
+        found = minimise(problem, found.theta, found.starts[:, :, kept], 12)
+    creeping = _creeping(problem, best.theta, best.starts)
+    if creeping.any():
+        crept = np.isin(windows.begin, problem.windows.begin[creeping])
+        resting = windows.resting & ~crept
+        return search(model, replace(windows, resting=resting), names, grip)
+    return TwinFit(problem, best, len(windows) - len(problem.windows))
+
+
+def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
+    """Windows begun at rest that a ball which creeps at first explains better, shape (W,)."""
+    windows = problem.windows
+    free = replace(problem, windows=replace(windows, resting=np.zeros_like(windows.resting)))
+    going = begun(free, theta, 8)
+    rest, roll = (
+        problem.misfit(problem.linearise(theta, each, slopes=False).r)[0] * windows.size
+        for each in (starts, going)
+    )
+    return np.asarray(windows.resting & (rest - roll > CREEPS))
+
+
+def _fit_rolling(whole: Problem) -> Array:
+    """Candidates for all parameters from the windows that begin in full roll, shape (C, P)."""
+    windows, names = whole.windows, whole.names
+    if (~windows.resting).sum() < 3:
+        return whole.first_guesses(rolling=(5e-5, 1e-4, 2e-4, 4e-4))
+    smooth = tuple(name for name in names if name not in ("breakaway", "stribeck", "dwell"))
+    problem = replace(whole, windows=windows.take(~windows.resting), names=smooth)
+    theta = problem.first_guesses(rolling=(1e-4, 1e-4, 4e-4, 4e-4), delay=(0.02, 0.07, 0.02, 0.07))
+    best = minimise(problem, theta, begun(problem, theta, 2), 8).ahead(1)
+    return whole.first_guesses(**dict(zip(smooth, best.theta.T, strict=True)))
+
+
+def _scan_breakaway(problem: Problem, guesses: Array) -> Array:
+    """The guesses with the breakaway ratios that suit the windows begun at rest, shape (C, P)."""
+    windows, names = problem.windows, problem.names
+    if not windows.resting.any():
+        return guesses
+    at_rest = replace(problem, windows=windows.take(windows.resting))
+    tried = np.repeat(guesses, len(BREAKAWAY_RATIOS), axis=0)
+    tried[:, names.index("breakaway")] = np.tile(BREAKAWAY_RATIOS, len(guesses))
+    fitted = at_rest.linearise(tried, begun(at_rest, tried, 1), slopes=False)
+    return np.asarray(tried[np.argsort(at_rest.cost(fitted.r))[:FITTED_GUESSES]])
+
+
+NOTHING = math.radians(0.005)
+"""Lost motion in rad up to which there is none: what wheels and joints of a good rig make."""
+FASTEST = 1000.0
+"""Largest corner frequency in Hz that a scenario takes; drives beyond are as good as ideal."""
+LAGS = 20
+"""This many lags of the residuals' autocorrelation are judged."""
+CHANCE = 0.99
+"""Level of the test that the residuals are white (Box and Pierce)."""
+SLIGHT = 0.05
+"""Correlation of the residuals that is seen in a long log but does not reject a model: what moves
+together is then a twentieth of the noise variance, less than 0.1 mm. A replay leaves up to 0.03 of
+the twin itself; what hides in the intervals' own scatter between windows is of this size."""
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Autocorrelation of the averaged residuals within windows.
+
+    Attributes:
+        correlation: At lags 1 to ``LAGS`` samples, shape (LAGS,).
+        band: What 95 % of white residuals stay within.
+        misfit: Mean square residual in noise variances; 1 for a perfect twin.
+    """
+
+    correlation: Array
+    band: float
+    misfit: float
+
+    @property
+    def outside(self) -> int:
+        """How many of the lags are outside the band; of white residuals one in twenty."""
+        return int((np.abs(self.correlation) > self.band).sum())
+
+    @property
+    def white(self) -> bool:
+        """Whether the model explains the log: if not, no interval holds.
+
+        It does unless the mean square correlation is beyond chance by more than ``SLIGHT``: any
+        replay is told from the motion by a log that is long enough.
+        """
+        chance = stats.chi2.ppf(CHANCE, LAGS) / LAGS * (self.band / 1.96) ** 2
+        beyond = float((self.correlation**2).mean()) > chance + SLIGHT**2
+        return not beyond and self.misfit < 1.3
+
+    @property
+    def words(self) -> str:
+        """The verdict in words."""
+        if self.white:
+            return "the residuals look like the screen's noise"
+        return (
+            f"the residuals are not white: {self.outside} of {LAGS} lags outside the band, "
+            f"{self.misfit:.2f} times the screen's noise; the log holds motion that the twin "
+            "does not explain"
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {"misfit": self.misfit, "lags_outside": self.outside, "words": self.words}
+
+
+def verdicts(
+    names: tuple[str, ...], fit: TwinFit, drives: Drives | None, *, white: bool
+) -> tuple[ParameterVerdict, ...]:
+    """One verdict per parameter asked for, in that order; the level has two.
+
+    Args:
+        names: What was asked for.
+        fit: The fit of the ball's motion.
+        drives: How they follow; None if no command was recorded.
+        white: Whether the fit explains the log.
+    """
+    found, ball = [], fit.estimate()
+    for name in names:
+        if name in HIDDEN:
+            why = f"neither ball nor plate positions show it; {HIDDEN[name].experiment}"
+            found.append(ParameterVerdict(about=HIDDEN[name], name=name, why=why))
+        elif name == "servo":
+            found.append(_servo(drives))
+            if drives is not None and drives.play - drives.play_half_width > NOTHING:
+                found.append(_lost_motion(drives))
+        else:
+            axes = ("level_phi", "level_theta") if name == "level" else (name,)
+            found += [_ball(each, fit, ball, white=white) for each in axes]
+    return tuple(found)
+
+
+def whiteness(fit: TwinFit) -> Whiteness:
+    """How white the residuals of a fit are.
+
+    What the starts fitted along take out of white noise is known, and is not held against it.
+    """
+    windows, every = fit.problem.windows, fit.found.linearisation
+    products, counts = np.zeros(LAGS + 1), np.zeros(LAGS + 1)
+    for r, Z, weight in zip(every.r[0], every.by_start[0], windows.weight, strict=True):  # noqa: N806
+        there = np.repeat((weight > 0).all(axis=-1), 2)
+        r, Z = r[there], Z[there]  # noqa: N806, PLW2901
+        taken = Z @ np.linalg.solve(Z.T @ Z + START_PRIOR, Z.T)
+        for lag in range(min(LAGS + 1, len(r) // 2)):
+            alike = r[2 * lag :] @ r[: len(r) - 2 * lag]
+            products[lag] += alike + (np.trace(taken, 2 * lag) if lag else 0.0)
+            counts[lag] += len(r) - 2 * lag
+    variance = products[0] / max(counts[0], 1)
+    correlation = products[1:] / np.maximum(counts[1:], 1) / max(variance, 1e-300)
+    return Whiteness(
+        correlation,
+        1.96 / float(np.sqrt(max(counts[0], 1))),
+        float(fit.problem.misfit(every.r).mean()),
+    )
+
+
+def _ball(name: str, fit: TwinFit, ball: Estimate, *, white: bool) -> ParameterVerdict:
+    about, k = BALL[name], fit.problem.names.index(name)
+    value, half = float(ball.value[k]), max(float(ball.half_width[k]), about.floor)
+    never = name in {"breakaway", "stribeck", "dwell"} and not fit.problem.windows.resting.any()
+    if never or not math.isfinite(half):
+        why = "the ball never rests" if never else "the log does not show it"
+        return ParameterVerdict(about=about, name=name, why=f"{why}; {about.experiment}")
+    found = ParameterVerdict(about=about, name=name, value=about.factor * value)
+    if not white:
+        why = "best fit only: the log holds motion that the twin does not explain"
+        return replace(found, word=REJECTED, why=why)
+    low, high = max(value - half, about.least), min(value + half, about.most)
+    if name == "delay" and value > about.most - half:
+        why = f"at its bound of {about.most:g} s: give the log with --columns, which takes 1 s"
+        low = about.factor * (value - half)
+        return replace(found, low=low, word=BOUNDED, why=why)
+    found = replace(found, low=about.factor * low, high=about.factor * high)
+    if half <= max(about.tolerance, about.relative * abs(value)):
+        return replace(found, word=IDENTIFIED)
+    alike = np.abs(ball.correlation[k]) > CORRELATED
+    others = [other for other, same in zip(fit.problem.names, alike, strict=True) if same]
+    others.remove(name)
+    why = f"cannot be told from {', '.join(others)}" if others else "its interval is too wide"
+    at_edge = value <= about.least + half or value >= about.most - half
+    word = BOUNDED if at_edge and high - low < about.most - about.least else NOT
+    return replace(found, word=word, why=f"{why}; {about.experiment}")
+
+
+def _lost_motion(drives: Drives) -> ParameterVerdict:
+    value, half = math.degrees(drives.play), math.degrees(drives.play_half_width)
+    return ParameterVerdict(
+        about=HIDDEN["lost_motion"],
+        name="lost_motion",
+        value=value,
+        low=value - half,
+        high=value + half,
+        word=IDENTIFIED,
+        why="play, hysteresis or friction: ballplate calibrate lost-motion tells which",
+    )
+
+
+def _servo(drives: Drives | None) -> ParameterVerdict:
+    found = ParameterVerdict(about=SERVO, name="servo")
+    if drives is None:
+        return replace(found, why=f"no commanded rates in the log; {SERVO.experiment}")
+    lag, half = drives.lag, max(drives.half_width, SERVO.floor)
+    if not math.isfinite(half):
+        return replace(found, why=f"the plate hardly moves; {SERVO.experiment}")
+    low = corner_frequency(lag + half)
+    if lag <= half or corner_frequency(lag) > FASTEST:
+        why = f"faster than the log shows: above {low:.3g} Hz; {SERVO.experiment}"
+        return replace(found, low=low, word=BOUNDED, why=why)
+    value, high = corner_frequency(lag), corner_frequency(lag - half)
+    good = half <= max(SERVO.tolerance, SERVO.relative * lag)
+    why = "" if good else f"its interval is too wide; {SERVO.experiment}"
+    if not drives.agree:
+        why = "angles and rates of the plate do not give the same: the interval holds both"
+    word = IDENTIFIED if good else NOT
+    return replace(found, value=value, low=low, high=high, word=word, why=why)
+
+
+def replayed(log: PreparedLog, fit: TwinFit, lag: float) -> dict[str, Predicted]:
+    """Replay a part of a log by a fitted twin from many starts: both axes, or none if too short.
+
+    Args:
+        log: The part held out.
+        fit: The parameters.
+        lag: Time constant of the drives in s.
+    """
+    windows = cut(log, lag, LEAD + HORIZONS[-1] + NEAR, _overlapping_spans)
+    if windows is None:
+        return {}
+    lead = LOOKBACK + LEAD
+    there = windows.weight[..., 0] > 0
+    before = (there & (windows.time < lead)).sum(axis=1)
+    windows = windows.take((before >= 3) & (there.sum(axis=1) > before))
+    if not len(windows):
+        return {}
+    problem, theta = replace(fit.problem, windows=windows), fit.found.theta
+    frictionless = theta.copy()
+    for name, value in (("rolling", 0.0), ("breakaway", 1.0), ("viscous", 0.0)):
+        if name in problem.names:
+            frictionless[:, problem.names.index(name)] = value
+    return predicted(problem, lead, {"model": theta, "without friction": frictionless}, "xy")
+
+
+def _overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> Spans:
+    begins = np.arange(begin, end - longest, EVERY)
+    return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
+
+
+LONGEST = 2.5
+"""Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinIdentification(Identification):
+    """What a log shows of a rig like the twin's.
+
+    Attributes:
+        log: The part of it that was used.
+        fit: The best fit.
+        whiteness: What the fit leaves over.
+    """
+
+    log: PreparedLog
+    fit: TwinFit
+    whiteness: Whiteness
+
+    @property
+    def extent(self) -> str:
+        """How much of the log was used, in words."""
+        count, ended = len(self.fit.problem.windows), self.fit.found.termination
+        return (
+            f"{self.source}: {self.log.length:.1f} usable seconds, of which {self.seconds:.1f} "
+            f"were fitted, in {count} windows; {ended}."
+        )
+
+    @property
+    def remarks(self) -> list[str]:
+        """Whether the model explains the log, in a sentence."""
+        words = self.whiteness.words
+        return [f"{words[0].upper()}{words[1:]}."]
+
+    def settings(self, words: Collection[str]) -> dict[str, str]:
+        """Scenario keys to values in TOML with remarks, of those with one of some verdicts."""
+        known = {
+            each.name: each
+            for each in self.verdicts
+            if each.word in words and each.value is not None
+        }
+        pair = [known.pop(name, None) for name in ("level_phi", "level_theta")]
+        values = {
+            each.about.key: f"{each.value:.6g}  # {each.interval}, 95 %" for each in known.values()
+        }
+        if any(pair):
+            level = ", ".join("0.0" if each is None else f"{each.value:.6g}" for each in pair)
+            ends = "; ".join("unknown" if each is None else each.interval for each in pair)
+            values["plant.level_deg"] = f"[{level}]  # {ends}, 95 %"
+        return values
+
+    def as_dict(self) -> dict[str, Any]:
+        """The numbers, for ``--json``."""
+        found = super().as_dict()
+        older = {"twin": "model", "frictionless": "without friction", "still": "stays"}
+        errors = [each["median"] for each in found["held_out"]]
+        replay = [{old: each[now] for old, now in older.items()} for each in errors]
+        return {
+            **found,
+            "replay_error": {"ahead": found["ahead"], **replay[0]} if replay else None,
+            "usable_seconds": self.log.length,
+            "residuals": self.whiteness.as_dict(),
+            "fit": asdict(self.fit.found.termination),
+        }
+
+
+def identify(
+    log: Log,
+    names: tuple[str, ...],
+    share: float = SHARE,
+    progress: Callable[[float], None] = lambda _: None,
+) -> TwinIdentification:
+    """Fit the parameters of these names to the first share of a log and try them on the rest.
+
+    Args:
+        log: The log.
+        names: What is asked for, from ``parameters.CHOICES``.
+        share: Share of the usable time that is fitted; 1 holds nothing out.
+        progress: Called with the share of the work done.
+
+    Raises:
+        LogError: If the log is broken, or nothing can be learned from it.
+    """
+    check_ranges(log)
+    usable = prepare(log)
+    check_motion(usable)
+    known, unknown = usable.split(share) if share < 1 else (usable, None)
+    drives = fit_drives(known)
+    lag = 0.0 if drives is None else drives.lag
+    progress(0.1)
+    windows = cut(known, lag, LONGEST, moving_spans)
+    if windows is None or len(windows) < 3:
+        raise LogError(
+            f"{usable.source}: too short: {known.length:.0f} s give "
+            f"{0 if windows is None else len(windows)} windows to fit, at least 3 are needed"
+        )
+    fits = []
+    for grip in usable.grips:
+        fits.append(search(usable.model, windows, fitted(names), grip))
+        progress(0.1 + 0.8 * len(fits) / len(usable.grips))
+    fit = min(fits, key=lambda each: each.found.cost[0])
+    notes, white = list(usable.notes), whiteness(fit)
+    if not white.white and "viscous" not in names:
+        richer = search(usable.model, windows, fitted((*names, "viscous")), fit.problem.grip)
+        if whiteness(richer).white:
+            fit, white, names = richer, whiteness(richer), (*names, "viscous")
+            notes.append("viscous friction fitted along: without it the log is not explained")
+    if len(fits) > 1:
+        kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
+        notes.append(f"friction at rest taken to be {kind}, which fits better")
+    if fit.left_out:
+        notes.append(
+            f"{fit.left_out} of {len(windows)} windows left out: no replay explains the ball there"
+        )
+    if not log.scenario and not log.age.any():
+        notes.append("no column age: the wait for a frame is counted in the dead time")
+    if usable.segments[0].command is None:
+        notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
+    tried = replayed(unknown, fit, lag) if unknown is not None and unknown.segments else {}
+    if not tried and share < 1:
+        notes.append("too little left to hold out")
+    progress(1.0)
+    return TwinIdentification(
+        source=usable.source,
+        log=usable,
+        seconds=known.length,
+        fit=fit,
+        verdicts=verdicts(names, fit, drives, white=white.white),
+        scores=(score(tried),) if tried else (),
+        predictions=tried,
+        whiteness=white,
+        notes=tuple(notes),
+    )
