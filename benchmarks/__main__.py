@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks import measurements, physics_step
 from benchmarks.figures import Figure, groups
-from twin.markdown import filled, table
+from twin.page import filled, markdown
 from twin.writing import write_whole
 
 TEMPLATE = Path(__file__).parent.parent / "docs" / "performance.template.md"
@@ -40,7 +40,7 @@ def page() -> str:
         TEMPLATE,
         figures=measurements.figures_table(known),
         measurements=measurements.measurements_table(known),
-        deviations=table(("", "at 0.25 ms", "1 ms off by", "2 ms off by"), deviations),
+        deviations=markdown(("", "at 0.25 ms", "1 ms off by", "2 ms off by"), deviations),
     )
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from benchmarks.figures import GOALS, Figure
 from twin.data_file import read_toml
-from twin.markdown import table
+from twin.page import markdown
 from twin.writing import write_whole
 
 FILE = Path(__file__).parent.parent / "docs" / "data" / "performance.toml"
@@ -91,7 +91,7 @@ def figures_table(measurements: Sequence[Measurement]) -> str:
         bound, reached = (goal.words, goal.reached(low, high)) if goal else ("-", "")
         rows.append((what, said, str(len(own)), bound, reached, own[-1].notes.get(what, "")))
     heads = ("figure", "found", "measurements", "goal", "reached", "the last one")
-    return table(heads, rows, words=(0, -2, -1))
+    return markdown(heads, rows, words=(0, -2, -1))
 
 
 def measurements_table(measurements: Sequence[Measurement]) -> str:
@@ -100,4 +100,4 @@ def measurements_table(measurements: Sequence[Measurement]) -> str:
         (one.date, one.machine, one.software, "?" if one.load != one.load else f"{one.load:.1f}")
         for one in measurements
     )
-    return table(("measured", "on", "with", "load when it began"), rows, words=(0, 1, 2))
+    return markdown(("measured", "on", "with", "load when it began"), rows, words=(0, 1, 2))

@@ -23,7 +23,7 @@ import numpy as np
 
 import ballplate as bp
 from controllers.arrays import Array
-from twin.markdown import table
+from twin.page import markdown
 from twin.run.connect import ComputingTime
 from twin.scenario.load import load
 
@@ -138,7 +138,7 @@ def on_the_wire(number: int, beside: int, before: Sequence[str] = ()) -> str:
         with busy(beside):
             rows.append(row(scenario, simulated, [wired(scenario, before) for _ in range(number)]))
         click.echo("  ".join(rows[-1]), err=True)
-    return table(HEADINGS, rows)
+    return markdown(HEADINGS, rows)
 
 
 def emulating() -> str:
@@ -176,7 +176,7 @@ def tracing(number: int, seconds: float = 10.0) -> str:
         for way, found in late.items()
     ]
     heads = ("trace", "late, p50 [ms]", "p99 [ms]", "p99.9 [ms]", "missed", "writing, p99 [ms]")
-    return table(heads, rows)
+    return markdown(heads, rows)
 
 
 def computing() -> str:
@@ -187,7 +187,7 @@ def computing() -> str:
         [name, *(share(scenario, changes, each) for each in PERIODS)]
         for scenario, name, changes in laws
     ]
-    return table(("law or scenario", *(f"{1e3 * each:g} ms" for each in PERIODS)), rows)
+    return markdown(("law or scenario", *(f"{1e3 * each:g} ms" for each in PERIODS)), rows)
 
 
 def slower() -> str:
@@ -197,7 +197,7 @@ def slower() -> str:
         for period in PERIODS[1:3]:
             found = bp.run(scenario, [*ALONE, f"rig.period={period}"]).metrics[ERROR]
             rows.append([scenario, f"{1e3 * period:g}", f"{found:.3f}"])
-    return table(("scenario", "period [ms]", "error [%]"), rows)
+    return markdown(("scenario", "period [ms]", "error [%]"), rows)
 
 
 @click.command()

@@ -20,7 +20,7 @@ from pages import filled, write
 from PIL import Image
 
 from controllers.ballplate import BallPlate
-from twin import markdown
+from twin.page import markdown
 from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis import chapter8
 from twin.thesis.chapter8 import COLUMNS, Excerpt, Results, SimulatedTable, ThesisCell
@@ -193,7 +193,7 @@ def write_doc(
         parts = []
         for table in (each for each in tables if each.id in names):
             rows, notes = chapter8.lines(_of(table, cells))
-            made = markdown.table(chapter8.HEADINGS, rows, words=(0, 1, -1))
+            made = markdown(chapter8.HEADINGS, rows, words=(0, 1, -1))
             parts.append((table, made, notes, draw_all(path.parent / "figures", table, found)))
         if parts:
             page = f"{path.stem}-{names[0].replace('.', '-')}.md"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin import markdown
+from twin.page import filled as filled_template
 from twin.writing import write_json, write_whole
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ HERE = Path(__file__).parent
 
 def filled(name: str, **parts: Any) -> str:
     """The page of a template in this folder."""
-    return markdown.filled(HERE / f"{name}.template.md", **parts)
+    return filled_template(HERE / f"{name}.template.md", **parts)
 
 
 def parts(name: str, text: str) -> dict[str, str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from pages import HERE, filled
 
 from ballplate import study
-from twin.markdown import table
+from twin.page import markdown
 from twin.study import report
 from twin.writing import write_whole
 
@@ -24,7 +24,7 @@ def write(name: str, folder: Path) -> None:
         "study", title=asked.title, about=report.what_ran(done.work),
         sentences=report.sentences(asked, found), stem=stem,
         pictures={each: report.WORDS["figures"][each] for each in pictures},
-        heading=compared.title, compared=table(compared.heads, compared.rows),
+        heading=compared.title, compared=markdown(compared.heads, compared.rows),
     )  # fmt: skip
     write_whole(folder / f"{stem}.md", text)
 

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from scipy.stats import t as student
 
 from controllers.interfaces import Measurement
-from twin.markdown import table
+from twin.page import markdown
 from twin.run.assemble import build_controllers
 from twin.run.metrics import tracking_error
 
@@ -121,7 +121,7 @@ more.
 The verdict: the shipped circle, its physics step and its judging, on noise never seen; then rigs of
 the family `uncertain`, which learning never saw either.
 
-{table(heads, rows)}
+{markdown(heads, rows)}
 Budget: {SEEDS} learning seeds, {GENERATIONS} generations of {POLICIES} episodes of {DURATION:g} s
 each.
 """

@@ -1,11 +1,11 @@
-"""A result as a page: blocks of text, tables and pictures as HTML or on a terminal."""
+"""A result as a page: blocks of text, tables and pictures as HTML, on a terminal, in Markdown."""
 
 from __future__ import annotations
 
 import io
 import math
 from base64 import b64encode
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -16,13 +16,6 @@ if TYPE_CHECKING:
     import rich.table
     from jinja2 import Template
     from matplotlib.figure import Figure
-
-WIDE = 125
-"""Characters of all columns of a table side by side; the others stand in a further table below."""
-HEAD = 14
-"""Characters of a heading that are not broken over lines."""
-LINE = 30
-"""The same of a cell of words."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +59,6 @@ class Table:
         heads: One per column.
         rows: One cell per column each.
         words: The columns of words, which stand to the left; from the end if negative.
-        again: Columns that each part of a table too wide for a page has.
         note: Below it.
         folded: What a page shows in its place until it is asked for; empty for no.
     """
@@ -76,33 +68,13 @@ class Table:
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
     words: Collection[int] = (0,)
-    again: Collection[int] = (0,)
     note: str = ""
     folded: str = ""
 
     @property
-    def parts(self) -> Iterator[tuple[list[tuple[str, bool]], list[list[tuple[str, bool]]]]]:
-        """Headings and rows of each part that fits a page; text and whether it is words."""
-        count = len(self.heads)
-        left = {column % count for column in self.words}
-        kept = {column % count for column in self.again}
-        widths = []
-        for at, head in enumerate(self.heads):
-            widest = max((len(row[at]) for row in self.rows), default=0)
-            most = LINE if at in left else widest  # words are broken over lines
-            widths.append(3 + max(min(len(head), HEAD), min(widest, most)))
-        free = WIDE - sum(widths[at] for at in kept)
-        groups: list[list[int]] = [[]]
-        for at in (each for each in range(count) if each not in kept):
-            if groups[-1] and sum(widths[each] for each in (*groups[-1], at)) > free:
-                groups.append([])
-            groups[-1].append(at)
-        for group in groups:
-            columns = sorted((*kept, *group))
-            yield (
-                [(self.heads[at], at in left) for at in columns],
-                [[(row[at], at in left) for at in columns] for row in self.rows],
-            )
+    def left(self) -> set[int]:
+        """The columns of words, from the begin."""
+        return {column % len(self.heads) for column in self.words}
 
 
 @dataclass(frozen=True)
@@ -194,14 +166,39 @@ def terminal(table: Table) -> rich.table.Table:
     from rich.markup import escape  # noqa: PLC0415  only where there is a terminal
     from rich.table import Table as Drawn  # noqa: PLC0415
 
-    count = len(table.heads)
-    left = {column % count for column in table.words}
     drawn = Drawn(header_style="bold")
     for at, head in enumerate(table.heads):
-        drawn.add_column(escape(head), justify="left" if at in left else "right", overflow="fold")
+        side: Literal["left", "right"] = "left" if at in table.left else "right"
+        drawn.add_column(escape(head), justify=side, overflow="fold")
     for row in table.rows:
         drawn.add_row(*map(escape, row))
     return drawn
+
+
+def markdown(
+    headings: Sequence[str], rows: Iterable[Sequence[str]], words: Collection[int] = (0,)
+) -> str:
+    """A table of a generated document in Markdown, and the empty line after it.
+
+    Args:
+        headings: One per column.
+        rows: One cell per column each.
+        words: The columns of words, which stand to the left; from the end if negative.
+    """
+    count = len(headings)
+    left = {column % count for column in words}
+    rule = ["---" if column in left else "--:" for column in range(count)]
+    lines = [" | ".join(cells) for cells in (headings, *rows)]
+    first, *others = (f"| {line} |" for line in lines)
+    return "\n".join([first, f"|{'|'.join(rule)}|", *others]) + "\n"
+
+
+def filled(template: Path, **parts: Any) -> str:
+    """The document of a template in Jinja's language; every part that it names must be given."""
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415  heavy: a table needs none
+
+    how = Environment(trim_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined)
+    return how.from_string(template.read_text(encoding="utf-8")).render(parts)
 
 
 def write(path: Path, title: str, blocks: Sequence[Block]) -> None:

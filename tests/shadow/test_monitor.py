@@ -21,6 +21,7 @@ from twin.shadow.alarms import (
     DEAD_TIME,
     MOST,
     THRESHOLD,
+    SequentialTests,
     added_up,
     bounded,
     delayed,
@@ -32,7 +33,6 @@ from twin.shadow.alarms import (
 from twin.shadow.alarms import LATE_THRESHOLD as OWN
 from twin.shadow.belief import PARAMETERS, Belief
 from twin.shadow.evidence import Evidence, plate_evidence
-from twin.shadow.follow import Shadow
 from twin.sim.rig import Play
 
 LATE = PARAMETERS.index("delay")
@@ -153,10 +153,10 @@ def test_either_test_raises_an_alarm_and_both_together_one():
         (quiet, loud * OWN, 2 * OWN),
         (loud * THRESHOLD, loud * OWN, 2 * THRESHOLD),
     ):
-        found = Shadow(ratio=every, delayed=late)
+        found = SequentialTests(None, ratio=every, delayed=late)
         assert found.crossings == [3]
         assert found.crossed(3) == ratio
-    assert not Shadow(ratio=quiet, delayed=quiet).crossings
+    assert not SequentialTests(None, ratio=quiet, delayed=quiet).crossings
 
 
 ROLLING = PARAMETERS.index("rolling")

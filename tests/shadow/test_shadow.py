@@ -206,7 +206,7 @@ def test_a_healthy_rig_with_play_under_the_cure_raises_no_alarm():
     (log,) = logs([(chosen, chosen)])
     said = shadow(log, believed(log))
     assert said.verdict == "healthy"
-    assert said.ratio.max() < THRESHOLD / 3
+    assert said.tests.ratio.max() < THRESHOLD / 3
 
 
 @pytest.mark.long

@@ -180,6 +180,7 @@ def test_titles_say_in_words_which_line_is_which():
     position["reference"] = Signal(np.zeros(2), BLACK)
     assert explained([position], ["run"]) == "ball blue, estimate gold, reference white"
     assert explained([PHI], ["run"]) == "phi blue"
+    assert [[*tinted(position, run)] for run in (0, 1)] == [["ball", "reference"], ["ball"]]
     two = {"phi": PHI["phi"], "theta": PHI["phi"]}
     assert explained([two, two], ["afl", "lqr"]) == "afl blue, lqr orange, theta lighter"
     alone = tinted({"friction": PHI["phi"], "disturbance_x": PHI["phi"]}, 1)
@@ -187,7 +188,7 @@ def test_titles_say_in_words_which_line_is_which():
 
 
 def test_no_legend_covers_a_plot_and_everything_drawn_brings_its_own_ground():
-    plan = blueprint(["/run"], {"angle_deg": "phi blue", "position_x_mm": "ball blue"}, "time")
+    plan = blueprint(["/run"], {"angle_deg": "phi blue", "position_x_mm": "ball blue"})
     plots = [each for each in views(plan) if type(each).__name__ == "TimeSeriesView"]
     assert plots
     for plot in plots:

@@ -302,11 +302,6 @@ class Windows(SampleWindows):
         rest = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         return cls(field=field, **rest)
 
-    def resisted(self, share: Array) -> Windows:
-        """The windows if friction is more or less at times: by a share at each step, (W, N)."""
-        normal = self.field.normal * np.maximum(share, 0.0).T[: len(self.field.normal), None]
-        return replace(self, field=self.field._replace(normal=normal))
-
     def at_samples(self, places: Array, speeds: Array, delay: Array) -> tuple[Array, Array]:
         """What the screen would have reported, with its rate, both shape (C, W, B, 2).
 

@@ -23,8 +23,7 @@ from markupsafe import Markup, escape
 from twin.errors import ScenarioError, shortened
 from twin.lab.judge import Judge
 from twin.lab.schema import NAMED, PRIVATE, Lab, starter
-from twin.markdown import filled
-from twin.page import Block, Picture, Table, Text, Verdict, digits, html
+from twin.page import Block, Picture, Table, Text, Verdict, digits, filled, html
 from twin.report.html import overview
 from twin.run.picture import drawn
 from twin.shipped import folder as shipped

@@ -135,7 +135,7 @@ def indicators(
     """Rows as a table with a column per run."""
     cells = [(row.label, *row.values, row.unit) for row in found]
     heads = ("", *names, "unit")
-    return Table(title, heads, cells, words=(0, -1), again=(0, -1), note=note)
+    return Table(title, heads, cells, words=(0, -1), note=note)
 
 
 def as_csv(runs: Sequence[Run]) -> str:

@@ -186,10 +186,17 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
         _ending(run),
         *_by_hand(run),
         f"{_size(run, found)}.",
-        *_rested(found),
-        *(fact.sentence for fact in _limits(run, found)),
-        *_estimated(found),
     ]
+    if found.held:
+        share = f"{found.held:.1%} of the whole run's time"
+        told.append(f"Friction held the ball at rest {share} (shaded).")
+    told += [fact.sentence for fact in _limits(run, found)]
+    if (off := found.estimation) is not None and off >= LEAST:
+        size = "large" if off > 0.5 * found.rms else "small"
+        told.append(
+            f"The observer's position of the ball was off by {1000 * off:.2g} mm (RMS), a {size} "
+            "part of it."
+        )
     remarks = () if "controller" in run.absent else build_law(run.scenario).remarks
     return [*told, *_known(run), *remarks]
 
@@ -335,24 +342,6 @@ def _by_hand(run: Run) -> list[str]:
 def _mm(distance: float) -> str:
     """A distance in m, in words; nothing that no rig could tell from none."""
     return f"{1000 * distance:.3g} mm" if distance >= LEAST else f"below {1000 * LEAST:g} mm"
-
-
-def _rested(found: Diagnosis) -> list[str]:
-    """How long friction held the ball."""
-    if not found.held:
-        return []
-    return [f"Friction held the ball at rest {found.held:.1%} of the whole run's time (shaded)."]
-
-
-def _estimated(found: Diagnosis) -> list[str]:
-    """How far off the observer was."""
-    if found.estimation is None or found.estimation < LEAST:
-        return []
-    size = "large" if found.estimation > 0.5 * found.rms else "small"
-    return [
-        f"The observer's position of the ball was off by {1000 * found.estimation:.2g} mm "
-        f"(RMS), a {size} part of it."
-    ]
 
 
 def _known(run: Run) -> list[str]:

@@ -20,7 +20,7 @@ much is therefore expanded again where it puts the parameters, until both agree 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -294,6 +294,65 @@ def standing(evidence: Evidence, ratio: Array, time: Array) -> Array:
     return np.asarray(np.concatenate((np.zeros(1), ratio))[windows])
 
 
+THRESHOLD = 12.0
+"""Log-likelihood ratio of any cause at which an alarm is raised; the dead time has its own."""
+
+
+@dataclass
+class SequentialTests:
+    """Both tests of windows as they come.
+
+    Attributes:
+        belief: The twin.
+        soft: Windows of all kinds, as the test of all causes takes them.
+        ratio: Its statistic after each.
+        delayed: That of the test for the dead time alone.
+        factors: On what the belief expects parameters to change by, see ``scatter``.
+    """
+
+    belief: Belief
+    soft: Evidence = NONE
+    ratio: Array = field(default_factory=lambda: np.zeros(0))
+    delayed: Array = field(default_factory=lambda: np.zeros(0))
+    factors: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    _every: Evidence = NONE
+    _unbounded: Evidence = NONE
+    _limited: Evidence = NONE
+    _late: Array = field(default_factory=lambda: np.zeros(0))
+
+    def add(self, new: Evidence) -> None:
+        """Take in new windows, not softened, after the old ones."""
+        belief, count, known = self.belief, len(self._every), len(self._limited)
+        self._every = Evidence.beside([self._every, new])
+        self.factors = scatter(self._every, belief)
+        soft = new.softened(belief.changing, self.factors[count:])
+        self._unbounded = Evidence.beside([self._unbounded, soft])
+        self.soft = Evidence.beside([self.soft, bounded(self._unbounded, belief, after=count)])
+        ratio = statistic(self.soft, belief, after=count)
+        self.ratio = np.concatenate((self.ratio, ratio[count:]))
+        self._limited = Evidence.beside([self._limited, limited(self._every, belief, count)])
+        late = delayed(self._limited, belief, after=known)
+        self._late = np.concatenate((self._late, late[known:]))
+        at_end = standing(self._limited, self._late, self.soft.end[count:])
+        self.delayed = np.concatenate((self.delayed, at_end))
+
+    @property
+    def crossings(self) -> list[int]:
+        """Windows at which a test comes to exceed its threshold, both having been far below it."""
+        share = np.maximum(self.ratio / THRESHOLD, self.delayed / LATE_THRESHOLD)
+        found, armed = [], True
+        for window, value in enumerate(share):
+            if armed and value > 1:
+                found.append(window)
+            armed = value < 1 / 3 if not armed or value > 1 else armed
+        return found
+
+    def crossed(self, crossing: int) -> float:
+        """The log-likelihood ratio of the test that a window raises an alarm by."""
+        of_all = float(self.ratio[crossing])
+        return of_all if of_all > THRESHOLD else float(self.delayed[crossing])
+
+
 LEAST = 0.05
 """Probability below which a cause counts as ruled out."""
 
@@ -339,20 +398,15 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
     if name == "lost motion":
         gap = sum(share * width for share, width in zip(at.values(), GAPS, strict=True))
         return f"{np.degrees(gap):+.2f} deg"
-    parts = [
-        _in_words(p, v / belief.values["rolling"] if p == "rolling" else v) for p, v in at.items()
-    ]
+    parts = []
+    for parameter, value in at.items():
+        about = TABLES["parameters"][parameter]
+        unit = belief.values["rolling"] if parameter == "rolling" else 1.0
+        size = np.exp(value) if parameter == "noise" else about["factor"] * (value / unit)
+        parts.append(about["words"].format(size))
     if name == "another ball":
         return f"tilt gain {parts[0]}, rolling friction {parts[1]}"
     return ", ".join(parts)
-
-
-def _in_words(parameter: str, value: float) -> str:
-    """A change of a parameter in words, that of the rolling friction as a share."""
-    about = TABLES["parameters"][parameter]
-    size = np.exp(value) if parameter == "noise" else about["factor"] * value
-    text: str = about["words"].format(size)
-    return text
 
 
 def one_sided(belief: Belief) -> list[str]:
@@ -469,10 +523,6 @@ def weigh(
     return sorted(causes, key=lambda each: -each.probability)
 
 
-THRESHOLD = 12.0
-"""Log-likelihood ratio of any cause at which an alarm is raised; the dead time has its own."""
-
-
 @dataclass(frozen=True)
 class Alarm:
     """Reality has left the model.
@@ -503,17 +553,3 @@ class Alarm:
     def words(self) -> str:
         """One sentence."""
         return f"{self.time:.1f} s, since about {self.since:.1f} s: {in_words(self.causes)}"
-
-
-def crossings(share: Array) -> list[int]:
-    """Windows at which a statistic comes to exceed its threshold, having been far below it.
-
-    Args:
-        share: The statistic over its threshold, shape (W,).
-    """
-    found, armed = [], True
-    for window, value in enumerate(share):
-        if armed and value > 1:
-            found.append(window)
-        armed = value < 1 / 3 if not armed or value > 1 else armed
-    return found

@@ -37,6 +37,14 @@ PARAMETERS = (*BALL, *DRIVES, "noise")
 
 EXTRA = ("viscous", "stribeck", "dwell")
 """Further parameters of the friction, believed but not watched."""
+FRICTION = {
+    "rolling": "rolling",
+    "breakaway": "breakaway_ratio",
+    "viscous": "viscous",
+    "stribeck": "stribeck_speed",
+    "dwell": "dwell_time",
+}
+"""Parameters that are settings of the friction, by their names there."""
 TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 """What is known of parameters and causes beforehand; the file says what is what."""
 CONSTANT, CHANGING, STOPPING, DRIFT = (
@@ -112,21 +120,14 @@ class Belief:
         friction = filled(Friction, [scenario])
         touch, encoders = filled(TouchModel, [scenario]), filled(EncoderModel, [scenario])
         drives = filled(DriveModel, [scenario])
-        number = {
-            name: float(np.ravel(v)[0]) for name, v in vars(friction).items() if name != "map"
-        }
         surface = scenario.plant.surface
         level = np.radians(scenario.plant.level_deg)
         values = {
-            "rolling": number["rolling"],
-            "breakaway": number["breakaway_ratio"],
+            **{name: float(np.ravel(getattr(friction, key))[0]) for name, key in FRICTION.items()},
             "delay": float(np.ravel(touch.dead_time)[0]),
             "level_phi": float(level[0]),
             "level_theta": float(level[1]),
             "gain": 1.0,
-            "viscous": number["viscous"],
-            "stribeck": number["stribeck_speed"],
-            "dwell": number["dwell_time"],
         }
         grid = float(np.ravel(touch.grid)[0])
         pitch = np.divide(SCREEN, grid) if grid else np.zeros(2)

@@ -30,22 +30,7 @@ from twin.report.numbers import flat
 from twin.run.logs import NEEDED
 from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import (
-    LATE_THRESHOLD,
-    LOOKBACKS,
-    THRESHOLD,
-    Alarm,
-    baseline,
-    bounded,
-    crossings,
-    delayed,
-    limited,
-    onset,
-    scatter,
-    standing,
-    statistic,
-    weigh,
-)
+from twin.shadow.alarms import LOOKBACKS, Alarm, SequentialTests, baseline, onset, weigh
 from twin.shadow.belief import Belief, check_commands
 from twin.shadow.evidence import (
     NONE,
@@ -129,10 +114,8 @@ class Shadow:
     """What the twin says of a run, or has said of it so far.
 
     Attributes:
+        tests: The sequential tests.
         replays: None if the log is long enough for none.
-        soft: Windows of all kinds, as the sequential test takes them.
-        ratio: The statistic of the sequential test after each.
-        delayed: That of the test for the dead time alone.
         alarms: In the order of time; the causes of the last of a run in progress may not be
             settled yet.
         told: Seconds in which the ball moved.
@@ -144,10 +127,8 @@ class Shadow:
         proposal: A better twin of it, if one was looked for.
     """
 
+    tests: SequentialTests
     replays: Replays | None = None
-    soft: Evidence = NONE
-    ratio: Array = field(default_factory=lambda: np.zeros(0))
-    delayed: Array = field(default_factory=lambda: np.zeros(0))
     alarms: list[Alarm] = field(default_factory=list)
     told: float = 0.0
     source: str = ""
@@ -156,21 +137,6 @@ class Shadow:
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
     record: int = 0
     proposal: Proposal | None = None
-
-    @property
-    def time(self) -> Array:
-        """When the statistics were worked out, s, shape (W,)."""
-        return self.soft.end
-
-    @property
-    def crossings(self) -> list[int]:
-        """Windows at which a test comes to exceed its threshold, both having been far below it."""
-        return crossings(np.maximum(self.ratio / THRESHOLD, self.delayed / LATE_THRESHOLD))
-
-    def crossed(self, crossing: int) -> float:
-        """The log-likelihood ratio of the test that a window raises an alarm by."""
-        of_all = float(self.ratio[crossing])
-        return of_all if of_all > THRESHOLD else float(self.delayed[crossing])
 
     @property
     def verdict(self) -> str:
@@ -228,7 +194,7 @@ def shadow(log: Log, belief: Belief) -> Shadow:
     follower = Follower(belief)
     follower.judge(log, whole=True)
     said = follower.said
-    if not len(said.soft) and not len(said.gaps):
+    if not len(said.tests.soft) and not len(said.gaps):
         raise LogError(f"{log.source}: too short: {said.length:.1f} s; 3 s in a row are needed")
     said.record = fingerprint(*log.ball.T)
     return said
@@ -303,12 +269,10 @@ class Follower:
     """
 
     def __init__(self, belief: Belief) -> None:
-        self.said = Shadow()
+        self.said = Shadow(SequentialTests(belief))
         self._belief = belief
         self._windows: Windows | None = None
-        self._ball = self._other = self._every = self._soft = self._limited = NONE
-        self._factors: Array = np.zeros((0, 0))
-        self._late: Array = np.zeros(0)
+        self._ball = self._other = NONE
         self._unsettled: dict[int, int] = {}
         begin = -np.inf
         self._since = {"replays": begin, "ball": begin, "plate": begin, "screen": begin}
@@ -367,22 +331,9 @@ class Follower:
         # the new windows after the old, also if one ends before an old one: none is told twice
         new = Evidence.join([self._moving(log, until), *done])
         self._other = Evidence.beside([self._other, Evidence.join(done)])
-        count = len(said.time)
+        count = len(said.tests.ratio)
         if len(new):
-            self._every = Evidence.beside([self._every, new])
-            self._factors = scatter(self._every, belief)
-            late = self._every.take(np.arange(len(self._every)) >= count)
-            soft = late.softened(belief.changing, self._factors[count:])
-            self._soft = Evidence.beside([self._soft, soft])
-            said.soft = Evidence.beside([said.soft, bounded(self._soft, belief, after=count)])
-            ratio = statistic(said.soft, belief, after=count)
-            said.ratio = np.concatenate((said.ratio, ratio[count:]))
-            known = len(self._limited)
-            self._limited = Evidence.beside([self._limited, limited(self._every, belief, count)])
-            again = delayed(self._limited, belief, after=known)
-            self._late = np.concatenate((self._late, again[known:]))
-            at_end = standing(self._limited, self._late, said.soft.end[count:])
-            said.delayed = np.concatenate((said.delayed, at_end))
+            said.tests.add(new)
         return count
 
     def _moving(self, log: PreparedLog, until: float) -> Evidence:
@@ -410,11 +361,11 @@ class Follower:
         said = self.said
         if not len(self._other):
             return []
-        for window in said.crossings:
+        for window in said.tests.crossings:
             if window >= first:
-                end = float(said.time[window])
+                end = float(said.tests.soft.end[window])
                 self._unsettled[window] = len(said.alarms)
-                said.alarms.append(Alarm(end, end, said.crossed(window), ()))
+                said.alarms.append(Alarm(end, end, said.tests.crossed(window), ()))
         told = []
         for window, place in list(self._unsettled.items()):
             if whole or now - MARGIN >= said.alarms[place].time + SETTLING:
@@ -425,7 +376,8 @@ class Follower:
 
     def _alarm(self, crossing: int) -> Alarm:
         """The alarm after a window: since when, and why."""
-        soft, belief = self.said.soft, self._belief
+        tests, belief = self.said.tests, self._belief
+        soft = tests.soft
         end = float(soft.end[crossing]) + SETTLING
         last = int(np.searchsorted(soft.end, end, side="right")) - 1
         since = onset(soft, belief, crossing, last)
@@ -443,9 +395,9 @@ class Follower:
             self._windows.take(chosen) if self._windows is not None and chosen.any() else None,
             self._other.take(between(self._other)),
             baseline(soft, belief, since),
-            replace(belief, changing=belief.changing * self._factors[since]),
+            replace(belief, changing=belief.changing * tests.factors[since]),
         )
-        return Alarm(float(soft.end[crossing]), begin, self.said.crossed(crossing), tuple(causes))
+        return Alarm(float(soft.end[crossing]), begin, tests.crossed(crossing), tuple(causes))
 
 
 class LiveFollower(Follower):

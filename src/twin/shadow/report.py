@@ -96,15 +96,9 @@ def _score(panel: Axes, found: Shadow) -> None:
     told, silent = run.counted, ~run.counted
     end = run.time + AHEAD
     panel.semilogy(end[told], np.maximum(run.score[told], 0.02), ".", color=COLOURS[0])
-    panel.plot(
-        end[silent],
-        np.full(silent.sum(), 0.02),
-        "x",
-        color="0.6",
-        ms=4,
-        label="cannot tell: the ball rests, or was not seen",
-    )
     if silent.any():
+        label = "cannot tell: the ball rests, or was not seen"
+        panel.plot(end[silent], np.full(silent.sum(), 0.02), "x", color="0.6", ms=4, label=label)
         panel.legend(fontsize=8, loc="upper left")
 
 
@@ -124,9 +118,10 @@ def _error(panel: Axes, found: Shadow) -> None:
 
 
 def _test(panel: Axes, found: Shadow) -> None:
-    every, late = np.maximum(found.ratio, 0.1), np.maximum(found.delayed, 0.1)
-    panel.semilogy(found.time, every, color=COLOURS[0], lw=1.2, label="all causes")
-    panel.semilogy(found.time, late, color=COLOURS[1], lw=1, label="dead time alone")
+    time, tests = found.tests.soft.end, found.tests
+    every, late = np.maximum(tests.ratio, 0.1), np.maximum(tests.delayed, 0.1)
+    panel.semilogy(time, every, color=COLOURS[0], lw=1.2, label="all causes")
+    panel.semilogy(time, late, color=COLOURS[1], lw=1, label="dead time alone")
     for threshold in (THRESHOLD, LATE_THRESHOLD):
         panel.axhline(threshold, color=ALARM, lw=1, ls="--")
     panel.legend(fontsize=7, loc="upper left")
@@ -220,13 +215,14 @@ def write_scores(found: Shadow, path: Path) -> None:
     run = found.replays
     assert run is not None
     drawn = told(run)
-    before = np.searchsorted(found.time, drawn.rows["time"], side="right") - 1
+    tests = found.tests
+    before = np.searchsorted(tests.soft.end, drawn.rows["time"], side="right") - 1
     values = {
         **drawn.rows,
         **{f"error_{axis}": run.error[:, k] for k, axis in enumerate("xy")},
         **{f"spread_{axis}": np.sqrt(run.spread[:, k, k]) for k, axis in enumerate("xy")},
-        "log_likelihood_ratio": np.where(before >= 0, found.ratio[before], 0.0),
-        "dead_time_ratio": np.where(before >= 0, found.delayed[before], 0.0),
+        "log_likelihood_ratio": np.where(before >= 0, tests.ratio[before], 0.0),
+        "dead_time_ratio": np.where(before >= 0, tests.delayed[before], 0.0),
     }
     about = {"horizon": AHEAD, "threshold": THRESHOLD, "log": found.source}
     content = json.dumps({**about, "step": drawn.step, "record": found.record})

@@ -41,21 +41,13 @@ GROUND, SKY = (16, 18, 22), (30, 33, 38)
 recording and no blueprint can choose it, and lines that are seen on this are not on white."""
 
 
-def blueprint(
-    roots: Sequence[str],
-    groups: Words,
-    timeline: str,
-    *,
-    live: bool = False,
-) -> rrb.Blueprint:
+def blueprint(roots: Sequence[str], groups: Words) -> rrb.Blueprint:
     """The arrangement for one run, or for several side by side.
 
     Args:
         roots: Root entities of the runs.
         groups: Entities of the plots there are, below each root, and which line has which colour.
             A legend would cover the lines, so that stands in the titles.
-        timeline: Name of the time line.
-        live: Whether a run in progress is watched: then dropped rows are plotted, too.
     """
     worlds = [_world(root, len(roots) > 1) for root in roots]
     state = rrb.StateTimelineView(
@@ -71,15 +63,12 @@ def blueprint(
         row_shares=[3, 2],
     )
     tabs = {name: _plots(roots, groups, titles) for name, titles in PLOTS.items()}
-    if live:
-        missed = rrb.TimeSeriesView(origin="/view", name="rows the view missed [1]")
-        tabs["estimates and time"].append(missed)
     right = rrb.Tabs(*(rrb.Vertical(*plots, name=name) for name, plots in tabs.items() if plots))
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=timeline),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
     )
 
 
@@ -89,7 +78,7 @@ def _plots(
     return [
         rrb.TimeSeriesView(
             origin="/" if len(roots) > 1 else f"{roots[0]}/{entity}",
-            contents=_lines(roots, entity),
+            contents=[f"+ {root}/{entity}/**" for root in roots],
             name=f"{title}: {groups[entity]}",
             background=rrb.archetypes.PlotBackground(color=GROUND),
             plot_legend=rrb.PlotLegend(visible=False),
@@ -99,21 +88,6 @@ def _plots(
         for entity, title in titles.items()
         if entity in groups
     ]
-
-
-def _lines(roots: Sequence[str], group: str) -> list[str]:
-    """What a plot contains; of several runs only what tells them apart."""
-    wanted = [f"+ {root}/{group}/**" for root in roots]
-    if len(roots) == 1:
-        return wanted
-    for root in roots:
-        wanted += [f"- {root}/{group}/{name}" for name in ("estimate", "measured")]
-        if group == "error_mm":
-            wanted += [f"- {root}/{group}/{name}" for name in "xy"]
-    for root in roots[1:]:
-        shared = ("reference", "dead_time")
-        wanted += [f"- {root}/{group}/{name}" for name in shared]
-    return wanted
 
 
 def _world(root: str, several: bool) -> rrb.Spatial3DView:
@@ -220,7 +194,7 @@ def forward(url: str, runs: Sequence[Run]) -> None:
 
 
 def _plan(
-    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], *, live: bool, twin: bool
+    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], *, twin: bool
 ) -> rrb.Blueprint:
     """How runs are arranged, by rows of each."""
     names = [each.name for each in streams]
@@ -229,7 +203,7 @@ def _plan(
     shown = {group: [plot.get(group, {}) for plot in plots] for group in entities}
     groups = {group: explained(lines, names) for group, lines in shown.items()}
     groups |= TWIN_WORDS if twin else {}
-    return blueprint([each.root for each in streams], groups, TIMELINE, live=live)
+    return blueprint([each.root for each in streams], groups)
 
 
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
@@ -239,7 +213,7 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
         for i, run in enumerate(runs)
     ]
     twins = [saved_twin(run) for run in runs]
-    plan = _plan(streams, [run.rows for run in runs], live=False, twin=any(twins))
+    plan = _plan(streams, [run.rows for run in runs], twin=any(twins))
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run in zip(streams, runs, strict=True):
         fix(stream, (*each.fixed(), *each.styles(run.rows)))
@@ -255,7 +229,6 @@ EVERY = 0.08
 """Seconds between two looks for new rows."""
 MOST = 2000
 """Rows sent at a time, so that a view that is behind a fast run still moves."""
-DROPPED = "/view/dropped_rows"
 
 
 def address(text: str) -> str:
@@ -302,27 +275,16 @@ def work(
     os.environ.update(environment())
     with closing(SharedRingBuffer(*buffer)) as ring:
         stream, run = new_stream(name, recording), RunStream(name, scenario)
-        begun, shown = False, -1
+        begun = False
         for block in ring.blocks(EVERY, MOST):
             if not block or not len(block["time"]):
                 continue
             if not begun:
-                _begin(stream, run, block, url, twin=twin)
+                plan = _plan([run], [block], twin=twin)
+                stream.connect_grpc(url, default_blueprint=plan)
+                if twin:  # whose process may have come first, and the viewer made its own plan
+                    stream.send_blueprint(plan, make_active=True, make_default=True)
+                fix(stream, (*run.fixed(), *run.styles(block)))
                 begun = True
             send(stream, run.batches(block))
-            if ring.dropped != shown:
-                shown = ring.dropped
-                missed = rr.Scalars.columns(scalars=[shown])
-                send(stream, [Batch(DROPPED, block["time"][-1:], missed)])
             stream.flush()
-
-
-def _begin(
-    stream: rr.RecordingStream, run: RunStream, block: dict[str, Array], url: str, *, twin: bool
-) -> None:
-    """Connect, and send what does not change."""
-    plan = _plan([run], [block], live=True, twin=twin)
-    stream.connect_grpc(url, default_blueprint=plan)
-    if twin:  # whose process may have come first, and the viewer made a plan of its own
-        stream.send_blueprint(plan, make_active=True, make_default=True)
-    fix(stream, (*run.fixed(), *run.styles(block)))

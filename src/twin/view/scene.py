@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -104,11 +105,6 @@ def _map(surface: SurfaceMap) -> rr.AsComponents:
     return rr.Image((low + share[..., None] * (high - low)).astype(np.uint8), draw_order=0.5)
 
 
-_BOX, _CYLINDER, _CAPSULE = (
-    mujoco.mjtGeom.mjGEOM_BOX,
-    mujoco.mjtGeom.mjGEOM_CYLINDER,
-    mujoco.mjtGeom.mjGEOM_CAPSULE,
-)
 VISIBLE_GROUPS = 3
 """Geoms of groups below this are drawn, as MuJoCo's own viewer does."""
 TURNED = ("cardan", "plate", "motor_phi", "motor_theta")
@@ -155,20 +151,8 @@ class Scene:
         model = self._model
         for i in range(model.ngeom):
             if model.geom_group[i] < VISIBLE_GROUPS and model.geom(i).name not in ("ball", "floor"):
-                shape = self._shape(i)
-                if shape is not None:
-                    yield f"{self._paths[int(model.geom_bodyid[i])]}/{model.geom(i).name}", shape
-        corner = [-0.32, -0.17, self.surface + 0.002]
-        yield (
-            f"{self.plate}/axes",
-            rr.Arrows3D(
-                origins=[corner, corner],
-                vectors=[[0.08, 0, 0], [0, 0.08, 0]],
-                colors=[[230, 80, 80], [80, 200, 90]],
-                labels=["x", "y"],
-                radii=0.003,
-            ),
-        )
+                entity = f"{self._paths[int(model.geom_bodyid[i])]}/{model.geom(i).name}"
+                yield entity, self._shape(i)
         yield (
             f"{self.plate}/trail",
             rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0022]),
@@ -183,26 +167,27 @@ class Scene:
             yield f"{self.ball}/{name}", rr.Ellipsoids3D(half_sizes=[sizes], **look)
         yield self.spring, rr.LineStrips3D.from_fields(colors=[[26, 115, 64]], radii=[0.006])
 
-    def _shape(self, i: int) -> rr.AsComponents | None:
+    def _shape(self, i: int) -> rr.AsComponents:
+        """A box, a cylinder or a capsule: what else there is is not drawn."""
         model = self._model
         material = int(model.geom_matid[i])
         rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[i]
         w, x, y, z = model.geom_quat[i]
-        place = {"quaternions": [[x, y, z, w]], "colors": [np.round(255 * rgba).astype(np.uint8)]}
+        place: dict[str, Any] = {
+            "quaternions": [[x, y, z, w]],
+            "colors": [np.round(255 * rgba).astype(np.uint8)],
+        }
         size, centre, kind = model.geom_size[i], [model.geom_pos[i]], model.geom_type[i]
-        solid = rr.components.FillMode.Solid
-        if kind == _BOX:
-            return rr.Boxes3D(half_sizes=[size], centers=centre, fill_mode=solid, **place)
-        if kind == _CYLINDER:
-            round_ = {"lengths": [2 * size[1]], "radii": [size[0]]}
-            return rr.Cylinders3D(centers=centre, fill_mode=solid, **round_, **place)
-        if kind == _CAPSULE:
-            # a capsule of Rerun begins at its lower cap's centre, one of MuJoCo in its middle
-            turn = Rotation.from_quat(model.geom_quat[i], scalar_first=True)
-            start = model.geom_pos[i] - size[1] * turn.as_matrix()[:, 2]
-            long = {"lengths": [2 * size[1]], "radii": [size[0]]}
-            return rr.Capsules3D(translations=[start], fill_mode=solid, **long, **place)
-        return None
+        place |= {"fill_mode": rr.components.FillMode.Solid}
+        if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            return rr.Boxes3D(half_sizes=[size], centers=centre, **place)
+        place |= {"lengths": [2 * size[1]], "radii": [size[0]]}
+        if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return rr.Cylinders3D(centers=centre, **place)
+        # a capsule of Rerun begins at its lower cap's centre, one of MuJoCo in its middle
+        turn = Rotation.from_quat(model.geom_quat[i], scalar_first=True)
+        start = model.geom_pos[i] - size[1] * turn.as_matrix()[:, 2]
+        return rr.Capsules3D(translations=[start], **place)
 
     def poses(self, state: Array, motor: Array, roll: Array) -> dict[str, Pose]:
         """How the entities lie at K instants.

@@ -61,17 +61,20 @@ RUNS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY)
 
 
 def tinted(plot: Mapping[str, Signal], run: int) -> dict[str, Signal]:
-    """The lines of a plot in shades of one run's colour; what is no run's own keeps its colour."""
-    found = {}
-    shade = 0
+    """Of the lines of a plot those that tell runs apart, in shades of one run's colour.
+
+    What is the same in all has the first run alone, in its own colour.
+    """
+    left_out = {"estimate", "measured", *("xy" if "distance" in plot else ())}
+    found: dict[str, Signal] = {}
+    shared = ("reference", "dead_time")
     for name, signal in plot.items():
-        if name == "reference":
+        if name not in (*left_out, *shared):
+            share = (0.0, 0.35, 0.6)[len(found.keys() - {*shared}) % 3]
+            red, green, blue = (round(c + share * (255 - c)) for c in RUNS[run % len(RUNS)])
+            found[name] = replace(signal, colour=(red, green, blue))
+        elif name in shared and run == 0:
             found[name] = signal
-            continue
-        share = (0.0, 0.35, 0.6)[shade % 3]
-        red, green, blue = (round(c + share * (255 - c)) for c in RUNS[run % len(RUNS)])
-        found[name] = replace(signal, colour=(red, green, blue))
-        shade += 1
     return found
 
 
@@ -156,7 +159,7 @@ def explained(plots: Sequence[Mapping[str, Signal]], names: Sequence[str]) -> st
         own = [i for i, plot in enumerate(plots) if plot]
         words = [f"{names[i]} {WORDS[RUNS[i % len(RUNS)]]}" for i in own]
         second = [f"{name} lighter" for name in ("theta", "y") if name in plots[own[0]]]
-        return ", ".join(words if "distance" in plots[own[0]] else words + second)
+        return ", ".join(words + second)
     lines = plots[0].items()
     return ", ".join(f"{name.replace('_', ' ')} {WORDS[line.colour]}" for name, line in lines)
 
