@@ -18,19 +18,21 @@ from controllers.arrays import Array
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.conditions import TWO_CONTACTS
 from twin.devices.lumio.config import (
+    HIDRAW_CLASS,
     Calibration,
     CalibrationError,
     CalibrationFit,
+    Interface,
     LumioConfig,
     Mounting,
     PlausibilityLimits,
     check_spread,
     fit,
     outlier,
+    panels,
     read_calibration,
 )
 from twin.devices.lumio.screen import LumioScreen, Sample, TouchState
-from twin.devices.lumio.transports import HIDRAW_CLASS, Interface, panels
 from twin.doctor.check import Ask, CheckResult, failed, noted, passed, reported, warned
 from twin.doctor.steps import exchange, hold_level, stopped_by, turn
 from twin.errors import RigError, TwinError

@@ -20,7 +20,14 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.lumio import conditions as c
 from twin.devices.lumio.conditions import UNPLUGGED
-from twin.devices.lumio.config import Calibration, LumioConfig, PlausibilityLimits
+from twin.devices.lumio.config import (
+    TRANSPORTS,
+    Calibration,
+    LumioConfig,
+    PlausibilityLimits,
+    ScreenError,
+    Transport,
+)
 from twin.devices.lumio.protocols import (
     Contact,
     Decoder,
@@ -29,7 +36,6 @@ from twin.devices.lumio.protocols import (
     Report,
     decoder_of,
 )
-from twin.devices.lumio.transports import TRANSPORTS, ScreenError, Transport
 from twin.devices.realtime import ahead
 from twin.hal.interface import Condition, Fault, Touch
 
