@@ -34,9 +34,7 @@ from twin.errors import RigError
 from twin.hal.interface import Touch, Transmission
 from twin.jobs import let_go, program_left_out, undisturbed
 from twin.run.assemble import build_devices, start_plant
-from twin.run.plants import (
-    build_plant,
-)
+from twin.run.plants import build_plant
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedDevices
