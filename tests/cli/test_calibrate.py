@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from twin.cli.calibrate import touch
 from twin.cli.rig import request
-from twin.devices.lumio.transports import UDEV_RULES
+from twin.devices.lumio.config import UDEV_RULES
 from twin.hal.cams import CamTable
 from twin.paths import model_path
 from twin.scenario.rig import read_rig

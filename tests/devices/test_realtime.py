@@ -223,7 +223,7 @@ def test_what_is_refused_is_said_with_what_to_do(monkeypatch):
     monkeypatch.setattr(realtime.os, "sched_setscheduler", refuse)
     monkeypatch.setattr(realtime, "_lock", lambda _: False)
     with real_time() as obtained:
-        assert obtained.as_dict()["fifo"] is False
+        assert obtained.fifo is False
     assert "limits.conf" in obtained.words[0]
     assert "not locked" in obtained.words[1]
 

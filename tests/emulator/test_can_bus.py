@@ -10,8 +10,9 @@ from serving import serving
 
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
-from twin.emulator.can_bus import BusFaults, BusServer, EmulatedBus, Frame, Towards, message
+from twin.emulator.can_bus import BusFaults, BusServer, EmulatedBus, Towards, message
 from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.drive_objects import Frame
 from twin.emulator.serve import PauseWatch
 
 

@@ -78,7 +78,6 @@ def test_a_rig_whose_process_has_ended_says_so_in_a_line():
     ours, theirs = multiprocessing.Pipe()
     theirs.close()
     rig = Emulator(ours, {}, PauseWatch([0.0] * 6, 0))
-    rig.begin()
     assert rig.lag() == "emulated rig: its process has ended; was it killed?"
     with pytest.raises(RigError, match="has ended"):
         rig.tell("lift")

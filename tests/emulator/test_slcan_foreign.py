@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from serving import serving
 
 from twin.devices.akd.bus import PromptSlcanBus
-from twin.emulator.can_bus import BusServer, EmulatedBus, Frame, PseudoTerminal, SlcanPort
+from twin.emulator.can_bus import BusServer, EmulatedBus, PseudoTerminal, SlcanPort
+from twin.emulator.drive_objects import Frame
 
 FRAMES = st.builds(
     lambda cob_id, data, remote: Frame(cob_id, b"" if remote else data, remote),

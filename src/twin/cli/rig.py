@@ -66,7 +66,7 @@ def doctor(
 ) -> int:
     """Check everything that a rig needs before it is brought up, and say what to do."""
     if udev:
-        from twin.devices.lumio.transports import UDEV_RULES
+        from twin.devices.lumio.config import UDEV_RULES
 
         click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
         return 0

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
 from functools import wraps
-from typing import NamedTuple, ParamSpec
+from typing import TYPE_CHECKING, NamedTuple, ParamSpec
 
-from twin.devices.realtime import Scheduling
 from twin.errors import TwinError
+
+if TYPE_CHECKING:
+    from twin.devices.realtime import Scheduling
 
 
 def next_step(found: Sequence[CheckResult], rig: str, *, move: bool) -> str:

@@ -11,9 +11,16 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd.servos import AkdServos
-from twin.devices.lumio.config import Calibration, LumioConfig, Mounting, read_calibration
+from twin.devices.lumio.config import (
+    HIDRAW_CLASS,
+    Calibration,
+    Interface,
+    LumioConfig,
+    Mounting,
+    panels,
+    read_calibration,
+)
 from twin.devices.lumio.screen import LumioScreen, TouchState
-from twin.devices.lumio.transports import HIDRAW_CLASS, Interface, panels
 from twin.devices.own import OwnServos, Reading
 from twin.devices.realtime import real_time
 from twin.devices.rig import HardwareRig

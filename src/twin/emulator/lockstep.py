@@ -18,9 +18,8 @@ from controllers.arrays import Array
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.servos import AkdServos
 from twin.devices.akd.traces import Hear, TracedBus
-from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio.config import LumioConfig, ScreenError, Transport
 from twin.devices.lumio.screen import LumioScreen
-from twin.devices.lumio.transports import ScreenError, Transport
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import DirectBus, EmulatedBus

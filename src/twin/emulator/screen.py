@@ -9,9 +9,10 @@ import random
 from collections import deque
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from twin.devices.lumio.config import Calibration
+if TYPE_CHECKING:
+    from twin.devices.lumio.config import Calibration
 
 
 class Protocol(StrEnum):
@@ -272,6 +273,9 @@ class ScreenLine:
         calibration: Calibration | None = None,
         seed: int = 0,
     ) -> None:
+        # the command line names protocols without numpy
+        from twin.devices.lumio.config import Calibration  # noqa: PLC0415
+
         self.damage = Damage(protocol, seed)
         self._ball = ball
         self.protocol = protocol

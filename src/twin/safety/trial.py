@@ -17,8 +17,7 @@ from twin.data_file import packaged
 from twin.devices.akd.conditions import STOP_IGNORED, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.conditions import UNPLUGGED
-from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.transports import ScreenError
+from twin.devices.lumio.config import LumioConfig, ScreenError
 from twin.devices.rig import StartRefusedError
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepRig, MotionTrace

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.lumio import transports
-from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio import config as settings
+from twin.devices.lumio.config import LumioConfig, ScreenError
 from twin.devices.lumio.protocols import HidDecoder, TouchLayout, decoder_of, parse
 from twin.devices.lumio.screen import LumioScreen
-from twin.devices.lumio.transports import ScreenError
 from twin.emulator.screen import ENCODERS, Protocol, Spot
 
 PANELS = [Protocol.HID_0006, Protocol.HID_0007]
@@ -134,7 +133,7 @@ def hidraw(descriptors, monkeypatch, tmp_path):
         folder = tmp_path / "class" / "hidraw0" / "device"
         folder.mkdir(parents=True)
         (folder / "report_descriptor").write_bytes(descriptors.get(name, b"\x26\xff"))
-        monkeypatch.setattr(transports, "HIDRAW_CLASS", tmp_path / "class")
+        monkeypatch.setattr(settings, "HIDRAW_CLASS", tmp_path / "class")
         port = tmp_path / "hidraw0"
         os.mkfifo(port)
         ends.append(os.open(port, os.O_RDWR | os.O_NONBLOCK))
@@ -176,10 +175,10 @@ def test_without_a_calibration_the_size_is_the_one_that_the_panel_says(hidraw):
 
 def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(hidraw, monkeypatch):
     port, _ = hidraw("mouse")
-    other = transports.touch_screens()
+    other = settings.touch_screens()
     assert other == []
     right = type("Interface", (), {"port": "/dev/hidraw3"})
-    monkeypatch.setattr(transports, "touch_screens", lambda: [right])
+    monkeypatch.setattr(settings, "touch_screens", lambda: [right])
     with pytest.raises(ScreenError, match=r"no touch screen but mouse; .* is /dev/hidraw3$"):
         LumioScreen(LumioConfig(port=str(port), transport="hidraw")).start()
 

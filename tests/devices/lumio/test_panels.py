@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from twin.devices.lumio.transports import UDEV_RULES, UsbIdentity, identify, panels, touch_screens
+from twin.devices.lumio.config import UDEV_RULES, UsbIdentity, identify, panels, touch_screens
 
 NAME = "LUMIO Inc LUMIO CrystalTouch ver 02.03.24.00."
 PANEL = f"DRIVER=hid-multitouch\nHID_ID=0003:0000202E:00000006\nHID_NAME={NAME}\nHID_PHYS=x\n"

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from served_screen import EmulatedScreen
 
-from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio.config import LumioConfig, ScreenError
 from twin.devices.lumio.screen import LumioScreen, TouchState
-from twin.devices.lumio.transports import ScreenError
 from twin.emulator.screen import Protocol, ScreenLine
 
 pytestmark = pytest.mark.real_time

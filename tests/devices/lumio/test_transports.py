@@ -2,7 +2,7 @@ import sys
 
 import pytest
 
-from twin.devices.lumio.transports import TRANSPORTS, ScreenError
+from twin.devices.lumio.config import TRANSPORTS, ScreenError
 
 
 @pytest.mark.parametrize("kind", sorted(TRANSPORTS))

@@ -18,16 +18,7 @@ import numpy as np
 
 from twin.devices.akd import protocol
 from twin.devices.akd.config import RPM, TURN, AkdConfig
-from twin.devices.akd.protocol import (
-    PDO_INVALID,
-    PDOS,
-    DriveState,
-    Key,
-    Object,
-    mappings,
-    objects,
-    table,
-)
+from twin.devices.akd.protocol import Key, Object, mappings, table
 from twin.devices.common import one_line
 from twin.errors import LogError
 
@@ -102,7 +93,7 @@ class Names(dict[Key, Object]):
 
     def __init__(self, eds: Path | None = None) -> None:
         standard = [Object(*each) for each in table()["standard"]]
-        super().__init__({(each.index, each.sub): each for each in standard} | objects())
+        super().__init__({(each.index, each.sub): each for each in standard} | protocol.objects())
         self.defaults: dict[Key, int] = {}
         """Default values that the file gives for mappings of PDOs."""
         if eds is None:
@@ -118,7 +109,7 @@ class Names(dict[Key, Object]):
                 key = each.index, each.subindex
                 sign = "I" if each.data_type in datatypes.SIGNED_TYPES else "U"
                 self[key] = Object(*key, each.qualname.replace(".", ": "), f"{sign}{len(each)}")
-                if PDOS[0] <= key[0] < PDOS[1] and key[0] & 0x200 and isinstance(each.default, int):
+                if key[0] in protocol.PDOS and key[0] & 0x200 and isinstance(each.default, int):
                     self.defaults[key] = each.default
 
     def __missing__(self, key: Key) -> Object:
@@ -246,7 +237,7 @@ class Conversation:
         """A value of an object in words."""
         index, sub = key
         factor, unit = self.scale(node, key)
-        of_pdo, maps = PDOS[0] <= index < PDOS[1], bool(index & 0x200)
+        of_pdo, maps = index in protocol.PDOS, bool(index & 0x200)
         said = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & 0xFFFFFFFF:X}h)"
         if index in _WORDS:
             said = f"{_WORDS[index](value)} ({value:04X}h)"
@@ -255,7 +246,7 @@ class Conversation:
         elif index == 0x1016 and sub and value:
             said = f"node {value >> 16 & 0x7F} within {value & 0xFFFF} ms"
         elif of_pdo and not maps and sub == 1:
-            said = f"{value & 0x7FF:03X}h{' off' if value & PDO_INVALID else ''}"
+            said = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
         elif of_pdo and maps and sub and value:
             carried, bits = _mapped(value)
             said = f"{self._object(carried)}, {bits} bits"
@@ -351,7 +342,7 @@ class Conversation:
         node, state = self._node(number), protocol.state(status)
         if node.drive[-1:] != [state.value]:
             node.drive.append(state.value)
-            if state is DriveState.FAULT:
+            if state is protocol.DriveState.FAULT:
                 node.faults.append({"time": at, "text": self.words(number, (STATUS, 0), status)})
 
     def _pdo(self, identifier: int) -> Pdo | None:
@@ -449,7 +440,7 @@ class Conversation:
         else:
             value = self._values[number][key] = known.decode(data)
             said = self.words(number, key, value)
-            if PDOS[0] <= key[0] < PDOS[1]:
+            if key[0] in protocol.PDOS:
                 self._assign(number, key[0] & ~0x200)
             elif key[0] == STATUS:
                 self._power(at, number, value)
@@ -472,9 +463,9 @@ class Conversation:
         """Take note of the identifier and mapping of a PDO, as far as they are known now."""
         base = protocol.RPDO1 if parameters < 0x1800 else protocol.TPDO1
         place = parameters & 0x1FF
-        usual = base + 0x100 * place + number if place < 4 else PDO_INVALID
+        usual = base + 0x100 * place + number if place < 4 else protocol.PDO_INVALID
         cob_id = self._values[number].get((parameters, 1), usual)
-        if not cob_id & PDO_INVALID:
+        if not cob_id & protocol.PDO_INVALID:
             self._pdos[cob_id & 0x7FF] = self._assigned(number, parameters)
 
     def _find_gaps(self) -> None:

@@ -18,8 +18,8 @@ from twin.data_file import packaged
 PDO_INVALID = 1 << 31
 """Bit of a PDO's COB-ID that switches it off."""
 PDO_ENTRIES = 8
-PDOS = (0x1400, 0x1C00)
-"""First and last of their parameters, and 200h above these mappings."""
+PDOS = range(0x1400, 0x1C00)
+"""Their parameters, and 200h above these their mappings."""
 Key = tuple[int, int]
 """Index and subindex."""
 

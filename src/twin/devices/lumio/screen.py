@@ -20,7 +20,14 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.lumio import conditions as c
 from twin.devices.lumio.conditions import UNPLUGGED
-from twin.devices.lumio.config import Calibration, LumioConfig, PlausibilityLimits
+from twin.devices.lumio.config import (
+    TRANSPORTS,
+    Calibration,
+    LumioConfig,
+    PlausibilityLimits,
+    ScreenError,
+    Transport,
+)
 from twin.devices.lumio.protocols import (
     Contact,
     Decoder,
@@ -29,7 +36,6 @@ from twin.devices.lumio.protocols import (
     Report,
     decoder_of,
 )
-from twin.devices.lumio.transports import TRANSPORTS, ScreenError, Transport
 from twin.devices.realtime import ahead
 from twin.hal.interface import Condition, Fault, Touch
 
@@ -51,6 +57,10 @@ ReportFault = Callable[[Condition, str], None]
 """Takes a condition detected and what was seen, in words and numbers."""
 
 
+Place = tuple[float, float]
+"""A position, m in plate axes."""
+
+
 class Sample(NamedTuple):
     """The newest accepted position.
 
@@ -62,7 +72,7 @@ class Sample(NamedTuple):
     """
 
     time: float
-    position: tuple[float, float]
+    position: Place
     lifted: bool
     since: float
 
@@ -94,8 +104,8 @@ class Tracker:
         self._id = 0
         self._live: dict[int, float] = {}
         self._crowd = 0
-        self._waiting: list[tuple[float, tuple[float, float]]] = []
-        self._path: list[tuple[float, tuple[float, float]]] = []
+        self._waiting: list[tuple[float, Place]] = []
+        self._path: list[tuple[float, Place]] = []
         self._same = 0
         self._swapped = False
         self._state = TouchState.LOST
@@ -156,17 +166,14 @@ class Tracker:
                 self._live[contact.id] = time
             else:
                 self._live.pop(contact.id, None)
-                self._lift(contact.id)
+                if self.sample is not None and contact.id == self._id:
+                    self.sample = self.sample._replace(lifted=True)
         self._live = {
             name: seen for name, seen in self._live.items() if time - seen <= self._limits.stale
         }
         self._count(len(self._live), bool(down))
         if down:
             self._follow(time, down)
-
-    def _lift(self, name: int) -> None:
-        if self.sample is not None and name == self._id:
-            self.sample = self.sample._replace(lifted=True)
 
     def _count(self, contacts: int, touching: bool) -> None:
         """Report several contacts once they stay."""
@@ -189,7 +196,9 @@ class Tracker:
         point = self.calibration.plate(contact.x, contact.y)
         if last is not None and self._continues(time, point, last):
             self._accept(time, contact.id, point, last)
-        elif self._wait(time, point, last) and not self._leaves(time, contact, last):
+        elif self._wait(time, point, last) and (
+            last is None or self._relocated(time, contact, point, last)
+        ):
             self._accept(time, contact.id, point, None)
 
     def _nearest(self, last: Sample | None, down: list[Contact]) -> Contact | None:
@@ -201,15 +210,14 @@ class Tracker:
             return None
         return min(down, key=lambda one: math.dist(self.calibration.plate(one.x, one.y), here))
 
-    def _continues(self, time: float, point: tuple[float, float], last: Sample) -> bool:
+    def _continues(self, time: float, point: Place, last: Sample) -> bool:
         """Whether a position goes on from the last one, not from the refused ones since."""
-        if self._waiting:
-            away = math.dist(point, last.position)
-            if math.dist(point, self._waiting[-1][1]) < away:
-                return False
+        away = math.dist(point, last.position)
+        if self._waiting and math.dist(point, self._waiting[-1][1]) < away:
+            return False
         return self._reaches(time - last.time, last.position, point)
 
-    def _wait(self, time: float, point: tuple[float, float], last: Sample | None) -> bool:
+    def _wait(self, time: float, point: Place, last: Sample | None) -> bool:
         """Keep a position that cannot be the ball yet; return whether it is confirmed by others."""
         if self._waiting:
             before, there = self._waiting[-1]
@@ -221,25 +229,20 @@ class Tracker:
         self._waiting.append((time, point))
         return len(self._waiting) >= self._limits.confirm
 
-    def _leaves(self, time: float, contact: Contact, last: Sample | None) -> bool:
-        """Report a confirmed jump; return whether its positions are to be refused."""
-        if last is None:
-            return False
-        point = self.calibration.plate(contact.x, contact.y)
+    def _relocated(self, time: float, contact: Contact, point: Place, last: Sample) -> bool:
+        """Report a confirmed jump; return whether the ball is there, not x and y exchanged."""
         turned = self.calibration.plate(contact.y, contact.x)
         words = f"from {_place(last.position)} to {_place(point)}"
         way, turned_way = math.dist(point, last.position), math.dist(turned, last.position)
         if turned_way > way / 2 or not self._reaches(time - last.time, last.position, turned):
             self._report_fault(c.RELOCATED, words)
-            return False
+            return True
         if not self._swapped:
             self._report_fault(c.SWAPPED_AXES, words)
         self._swapped = True
-        return True
+        return False
 
-    def _accept(
-        self, time: float, name: int, point: tuple[float, float], last: Sample | None
-    ) -> None:
+    def _accept(self, time: float, name: int, point: Place, last: Sample | None) -> None:
         since = time
         if last is None:
             self._path.clear()
@@ -255,7 +258,7 @@ class Tracker:
         self.sample = Sample(time, point, False, since)
         self._judge(time, point)
 
-    def _judge(self, time: float, point: tuple[float, float]) -> None:
+    def _judge(self, time: float, point: Place) -> None:
         """Report a ball that stops dead; its path ends where it was last seen to move."""
         if self._path and self._path[-1][1] == point:
             self._same += 1
@@ -270,12 +273,12 @@ class Tracker:
         self._path = [entry for entry in self._path if time - entry[0] <= self.WINDOW]
         self._path.append((time, point))
 
-    def _reaches(self, time: float, here: tuple[float, float], there: tuple[float, float]) -> bool:
+    def _reaches(self, time: float, here: Place, there: Place) -> bool:
         """Whether a ball can get from one place to another within a time in s."""
         return math.dist(here, there) <= self._limits.slack + self._limits.speed * time
 
 
-def _place(point: tuple[float, float]) -> str:
+def _place(point: Place) -> str:
     return f"({point[0]:.3f}, {point[1]:.3f}) m"
 
 
