@@ -10,6 +10,8 @@ import multiprocessing
 import secrets
 import socket
 from collections.abc import Awaitable, Callable, MutableMapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
@@ -129,32 +131,6 @@ class Simulation:
         return last[-1] if last else None
 
 
-class _Writer:
-    """Has run folders written by another process, and tells when that is done."""
-
-    def __init__(self, beside: SecondProcess) -> None:
-        self._beside = beside
-        self.told: SimpleQueue[Told] = SimpleQueue()
-        self._under_way: list[Thread] = []
-
-    def __call__(self, part: Part, folder: Path) -> None:
-        """Begin to write a part into a run folder."""
-        self._under_way.append(Thread(target=self._wait, args=(part, folder)))
-        self._under_way[-1].start()
-
-    def _wait(self, part: Part, folder: Path) -> None:
-        try:
-            self._beside.begin(save_driven, part, folder)()
-            self.told.put(Told(f"saved as {folder}/"))
-        except TwinError as error:
-            self.told.put(Told(str(error), wrong=True))
-
-    def finish(self) -> None:
-        """Wait until all is written."""
-        for thread in self._under_way:
-            thread.join()
-
-
 def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -> None:
     """The body of the process."""
     settle()
@@ -167,9 +143,20 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
         ring.slot()[: len(COLUMNS)] = numbers
         ring.put()
 
+    told: SimpleQueue[Told] = SimpleQueue()
+
+    def news() -> Sequence[Told]:
+        return [told.get() for _ in range(told.qsize())]
+
     try:
-        with SecondProcess(wanted=True) as beside:
-            write = _Writer(beside)
+        with SecondProcess(wanted=True) as beside, ThreadPoolExecutor() as writers:
+
+            def saved(part: Part, folder: Path) -> None:
+                try:
+                    beside.begin(save_driven, part, folder)()
+                    told.put(Told(f"saved as {folder}/"))
+                except TwinError as error:
+                    told.put(Told(str(error), wrong=True))
 
             def inbox(wait: float) -> Sequence[Event]:
                 found: list[Event] = []
@@ -179,14 +166,12 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
                         found.append(pipe.recv())
                 except (EOFError, OSError):
                     found.append(End())
-                while not write.told.empty():
-                    found.append(write.told.get())
-                return found
+                return [*found, *news()]
 
+            write = partial(writers.submit, saved)
             Session(scenario, inbox=inbox, show=show, tell=said.put, write=write, paused=True).run()
-            write.finish()
-            while not write.told.empty():
-                message, wrong = write.told.get()
+            writers.shutdown()
+            for message, wrong in news():
                 said.put(Status({}, message=message, wrong=wrong))
     except TwinError as error:
         said.put(Failure(error))
