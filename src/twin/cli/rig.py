@@ -332,14 +332,7 @@ PORT = 8090
 @click.option("--no-browser", is_flag=True, help="Open no window; print the address only.")
 @click.option("--seconds", type=click.FloatRange(min=0), help="End by itself after this time, s.")
 def play(
-    scenario: str,
-    overrides: tuple[str, ...],
-    out: Path | None,
-    port: int,
-    address: str,
-    seconds: float | None,
-    *,
-    no_browser: bool,
+    scenario: str, overrides: tuple[str, ...], out: Path | None, *, no_browser: bool, **how: Any
 ) -> int:
     """Drive the rig yourself, in real time, in a browser window.
 
@@ -354,9 +347,10 @@ def play(
     library()
     chosen = load(scenario, overrides)
     folder = check_writable(out or folder_of(scenario))
-    server = Server(chosen, folder, address=address, port=port, seconds=seconds)
+    server = Server(chosen, folder, **how)
     if server.token:
-        warn(f"the page can be reached from other machines, by whoever has this address: {address}")
+        where = how["address"]
+        warn(f"the page can be reached from other machines, by whoever has this address: {where}")
 
     def begun() -> None:
         say(f"open {server.url} in a browser; Ctrl-C ends it")

@@ -11,7 +11,6 @@ import secrets
 import socket
 from collections.abc import Awaitable, Callable, MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
@@ -168,8 +167,14 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
                     found.append(End())
                 return [*found, *news()]
 
-            write = partial(writers.submit, saved)
-            Session(scenario, inbox=inbox, show=show, tell=said.put, write=write, paused=True).run()
+            Session(
+                scenario,
+                inbox=inbox,
+                show=show,
+                tell=said.put,
+                write=lambda part, folder: writers.submit(saved, part, folder),
+                paused=True,
+            ).run()
             writers.shutdown()
             for message, wrong in news():
                 said.put(Status({}, message=message, wrong=wrong))
