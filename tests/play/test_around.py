@@ -11,7 +11,7 @@ from twin.cli.rig import play
 from twin.errors import ViewError
 from twin.play import serve
 from twin.play.page import PLANT, complete, gains, moved, shown_by
-from twin.play.serve import Audience, Guard, is_loopback
+from twin.play.serve import Audience, guarded, is_loopback
 from twin.play.session import AHEAD, BEHIND, COLUMNS, Errors, Pace
 from twin.scenario.load import load
 
@@ -35,7 +35,7 @@ def asked(token="", *, headers=HERE, query="", kind="http"):
         "query_string": query.encode(),
         "headers": [(name.encode(), text.encode()) for name, text in headers.items()],
     }
-    asyncio.run(Guard(app, token)(scope, None, send))
+    asyncio.run(guarded(app, token)(scope, None, send))
     return sent, bool(answered)
 
 

@@ -9,14 +9,14 @@ import ipaddress
 import multiprocessing
 import secrets
 import socket
-from collections.abc import Awaitable, Callable, MutableMapping, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 from controllers import catalog
@@ -196,14 +196,7 @@ def _speak(said: SimpleQueue[Status | Failure | None], pipe: Connection) -> None
             return
 
 
-if TYPE_CHECKING:
-    from starlette.requests import HTTPConnection
-
-
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Any]]
-Send = Callable[[Any], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
+App = Callable[[Any, Any, Any], Awaitable[None]]
 
 COOKIE = "ballplate_token"
 REFUSED = "refused: the address needs ?token=..., as ballplate play has printed it\n"
@@ -217,7 +210,7 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-class Guard:
+def guarded(app: App, token: str = "") -> App:
     """An ASGI application that lets another one answer only those who may ask.
 
     A page of another origin may not, whatever browser it runs in: neither open a connection nor,
@@ -228,48 +221,41 @@ class Guard:
         token: What the address must carry as ``?token=``, or a cookie that is set then; empty for
             a server that is reached from this machine only.
     """
+    from starlette.requests import HTTPConnection  # noqa: PLC0415 - of the extra
+    from starlette.responses import PlainTextResponse  # noqa: PLC0415
 
-    def __init__(self, app: App, token: str = "") -> None:
-        self._app, self._token = app, token
+    def may(asked: HTTPConnection, given: str) -> bool:
+        host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return False
+        if not token:
+            return is_loopback(urlsplit(f"//{host}").hostname or "")
+        both = (asked.cookies.get(COOKIE, ""), given)
+        return any(hmac.compare_digest(each.encode(), token.encode()) for each in both)
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, refuse, or do what is no answer to anybody."""
-        from starlette.requests import HTTPConnection  # noqa: PLC0415 - of the extra
-        from starlette.responses import PlainTextResponse  # noqa: PLC0415
-
+    async def answer(scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] not in {"http", "websocket"}:
-            await self._app(scope, receive, send)
+            await app(scope, receive, send)
             return
         asked = HTTPConnection(scope)
-        token = asked.query_params.get("token", "")
-        if self._may(asked, token):
-            marked = self._token and token and scope["type"] == "http"
-            await self._app(scope, receive, self._marking(send) if marked else send)
+        given = asked.query_params.get("token", "")
+
+        async def marked(message: Any) -> None:
+            """Send a cookie along to who has come with the token in the address."""
+            if token and given and message["type"] == "http.response.start":
+                cookie = f"{COOKIE}={token}; Path=/; HttpOnly; SameSite=Strict"
+                headers = [*message.get("headers", ()), (b"set-cookie", cookie.encode())]
+                message = {**message, "headers": headers}
+            await send(message)
+
+        if may(asked, given):
+            await app(scope, receive, marked)
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
         else:
             await PlainTextResponse(REFUSED, 403)(scope, receive, send)
 
-    def _may(self, asked: HTTPConnection, token: str) -> bool:
-        host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc != host:
-            return False
-        if not self._token:
-            return is_loopback(urlsplit(f"//{host}").hostname or "")
-        given = (asked.cookies.get(COOKIE, ""), token)
-        return any(hmac.compare_digest(each.encode(), self._token.encode()) for each in given)
-
-    def _marking(self, send: Send) -> Send:
-        """Sends a cookie along to who has come with the token in the address."""
-        cookie = f"{COOKIE}={self._token}; Path=/; HttpOnly; SameSite=Strict"
-
-        async def sent(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                headers = [*message.get("headers", ()), (b"set-cookie", cookie.encode())]
-                message = {**message, "headers": headers}
-            await send(message)
-
-        return sent
+    return answer
 
 
 class Audience:
@@ -313,7 +299,6 @@ class Audience:
         return self._left is not None and self._clock() - self._left > self._patience
 
 
-LOOPBACK = "127.0.0.1"
 PICTURES = 1 / 32
 """Seconds from one picture that is sent to the next."""
 RECONNECT = 15.0
@@ -356,13 +341,7 @@ class Server:
     """
 
     def __init__(
-        self,
-        scenario: Scenario,
-        folder: Path,
-        *,
-        address: str = LOOPBACK,
-        port: int = 0,
-        seconds: float | None = None,
+        self, scenario: Scenario, folder: Path, *, address: str, port: int, seconds: float | None
     ) -> None:
         library()
         self._scenario, self._folder, self._seconds = scenario, folder, seconds
@@ -418,7 +397,7 @@ class Server:
             show_welcome_message=False,
         )
         config = uvicorn.Config(
-            Guard(app, self.token), log_level="error", ws="wsproto", timeout_graceful_shutdown=1
+            guarded(app, self.token), log_level="error", ws="wsproto", timeout_graceful_shutdown=1
         )
         server = uvicorn.Server(config)
 
