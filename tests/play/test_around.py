@@ -1,4 +1,4 @@
-"""What stands around a driven rig: who may ask, the clock, the sliders, the command."""
+"""What stands around a driven rig: who may ask, who drives, the clock, the sliders, the command."""
 
 import asyncio
 import sys
@@ -11,53 +11,102 @@ from twin.cli.rig import play
 from twin.errors import ViewError
 from twin.play import serve
 from twin.play.page import PLANT, complete, gains, moved, shown_by
-from twin.play.serve import guarded
+from twin.play.serve import Audience, guarded, is_loopback
 from twin.play.session import AHEAD, BEHIND, COLUMNS, Errors, Pace
 from twin.scenario.load import load
 
 HERE = {"host": "127.0.0.1:8090"}
+THERE = {"host": "10.0.0.5:8090"}
 
 
-def asked(headers, kind="http"):
+def asked(token="", *, headers=HERE, query="", kind="http"):
     """What somebody gets who asks: the messages that are sent, and whether the page answered."""
     sent, answered = [], []
 
     async def app(scope, receive, send):
         answered.append(scope["type"])
+        await send({"type": "http.response.start", "status": 200, "headers": []})
 
     async def send(message):
         sent.append(message)
 
-    named = [(name.encode(), text.encode()) for name, text in headers.items()]
-    asyncio.run(guarded(app)({"type": kind, "query_string": b"", "headers": named}, None, send))
+    scope = {
+        "type": kind,
+        "query_string": query.encode(),
+        "headers": [(name.encode(), text.encode()) for name, text in headers.items()],
+    }
+    asyncio.run(guarded(app, token)(scope, None, send))
     return sent, bool(answered)
 
 
-@pytest.mark.parametrize("kind", ["http", "websocket"])
-@pytest.mark.parametrize("host", ["127.0.0.1:8090", "localhost:8090", "[::1]:8090"])
-def test_this_machine_is_answered(host, kind):
-    assert asked({"host": host}, kind) == ([], True)
-    assert asked({"host": host, "origin": f"http://{host}"}, kind) == ([], True)
+def test_this_machine_is_answered_and_told_of_no_token():
+    sent, answered = asked()
+    assert answered
+    assert sent[0]["headers"] == []
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 @pytest.mark.parametrize(
-    "headers",
+    ("token", "headers", "query"),
     [
-        {},
-        {"host": "evil.example:8090"},  # a name that leads here
-        {"host": "0.0.0.0:8090"},
-        {**HERE, "origin": "http://evil.example"},
-        {**HERE, "origin": "null"},
+        ("", {"host": "evil.example:8090"}, ""),  # a name that leads here
+        ("", {**HERE, "origin": "http://evil.example"}, ""),
+        ("secret", THERE, ""),
+        ("secret", THERE, "token=wrong"),
+        ("secret", THERE, "token="),
+        ("secret", {**THERE, "cookie": "ballplate_token=wrong"}, ""),
+        ("secret", {**THERE, "origin": "http://evil.example"}, "token=secret"),
     ],
 )
-def test_others_are_refused(headers, kind):
-    sent, answered = asked(headers, kind)
+def test_others_are_refused(token, headers, query, kind):
+    sent, answered = asked(token, headers=headers, query=query, kind=kind)
     assert not answered
     if kind == "http":
         assert sent[0]["status"] == 403
     else:
         assert sent == [{"type": "websocket.close", "code": 1008}]
+
+
+def test_who_has_the_token_is_answered_and_gets_a_cookie_that_will_do():
+    sent, answered = asked("secret", headers=THERE, query="token=secret")
+    assert answered
+    ((name, cookie),) = sent[0]["headers"]
+    assert name == b"set-cookie"
+    assert b"HttpOnly" in cookie
+    again = {**THERE, "cookie": cookie.decode().partition(";")[0]}
+    _, answered = asked("secret", headers=again, kind="websocket")
+    assert answered
+
+
+@pytest.mark.parametrize(
+    ("host", "here"),
+    [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False), ("x.y", False)],
+)
+def test_what_is_this_machine_alone(host, here):
+    assert is_loopback(host) == here
+
+
+def test_the_first_drives_and_the_next_takes_over_when_it_has_gone():
+    now = 0.0
+    audience = Audience(lambda: now, patience=5.0)
+    assert not audience.gone
+    audience.come("one")
+    audience.come("two")
+    assert audience.driver == "one"
+    audience.go("one")
+    assert audience.driver == "two"
+    audience.come("one")
+    assert audience.driver == "two"
+    audience.go("two")
+    audience.go("one")
+    now = 4.0
+    assert not audience.gone
+    audience.come("three")  # a page that was loaded again
+    now = 20.0
+    assert not audience.gone
+    audience.go("three")
+    now = 26.0
+    assert audience.gone
 
 
 def test_a_clock_holds_the_simulation_to_real_time_and_says_when_it_cannot():
@@ -136,7 +185,7 @@ def test_a_missing_extra_is_one_line(monkeypatch):
 
 @pytest.mark.long
 def test_a_port_that_is_taken_is_one_line_and_starts_nothing(tmp_path):
-    taken = serve._bound(0)
+    taken = serve._bound("127.0.0.1", 0)
     port = taken.getsockname()[1]
     taken.listen()
     try:

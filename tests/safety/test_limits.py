@@ -105,7 +105,7 @@ def test_a_plate_driven_as_fast_as_can_be_until_it_stands_keeps_its_limits(stopp
         velocity += 1e-4 * BallPlate().k1 * np.sin(angle)
         ball += 1e-4 * velocity
     assert angle <= tilt_limit(case, detected, stop, AT).value
-    assert (ball <= ball_limit(case, detected, stop, AT)[0]).all()
+    assert (ball <= ball_limit(case, detected, stop, AT).value).all()
 
 
 def test_a_rig_that_is_refused_must_not_move_at_all():
@@ -122,5 +122,5 @@ def test_no_limit_is_beyond_the_clamp_unless_the_fault_itself_drives_the_plate()
 
 
 def test_a_ball_must_still_be_on_the_screen_when_the_plate_stands():
-    x, y = ball_limit(row(Stopper.LEVELLING), 1.0, 1.5, AT)[0]
+    x, y = ball_limit(row(Stopper.LEVELLING), 1.0, 1.5, AT).value
     assert (x, y) == (0.35, 0.1975)

@@ -69,7 +69,7 @@ def test_a_plate_that_is_level_while_its_drives_have_torque_was_levelled():
     stops = both(1.5, ENABLED, QUICK) + both(1.5, QUICK, OFF, lost=True)
     found = judged(Seen(plate, np.zeros_like(TIME), stops), level=True)
     assert found.stopped_by == (Stopper.LEVELLING, Stopper.LEVELLING)
-    assert found.state == (ENABLED, ENABLED)
+    assert found.state == ("operation enabled", "operation enabled")
     assert found.standstill == pytest.approx(0.3, abs=0.001)
     assert found.torque_off == pytest.approx(0.5, abs=0.001)
 
@@ -79,7 +79,7 @@ def test_a_plate_level_only_after_its_torque_went_was_not_levelled():
     stops = both(1.2, ENABLED, QUICK) + both(1.2, QUICK, OFF, lost=True)
     found = judged(Seen(plate, np.zeros_like(TIME), stops))
     assert found.stopped_by == (Stopper.QUICK_STOP, Stopper.QUICK_STOP)
-    assert found.state == (OFF, OFF)
+    assert found.state == ("switch on disabled", "switch on disabled")
 
 
 @pytest.mark.parametrize(

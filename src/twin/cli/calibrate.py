@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from twin.scenario.rig import RigFile
 
 
+def _radians(_: click.Context, __: click.Parameter, degrees: float) -> float:
+    return math.radians(degrees)
+
+
 @contextmanager
 def _turned(
     rig: str, scenario: Scenario, what: str, total: float
@@ -48,19 +52,20 @@ def _turned(
     "--amplitude",
     type=click.FloatRange(0.2, 8),
     default=1.0,
+    callback=_radians,
     help="Of the triangle, deg of the plate [1].",
 )
-@click.option("--rate", type=click.FloatRange(0.1, 5), default=1.0, help="Of the plate, deg/s [1].")
+@click.option(
+    "--rate",
+    type=click.FloatRange(0.1, 5),
+    default=1.0,
+    callback=_radians,
+    help="Of the plate, deg/s [1].",
+)
 @click.option("--cycles", type=click.IntRange(2, 20), default=3, help="Of each axis [3].")
 @options.SETTING
 @options.JSON
-def lost_motion(
-    rig: str,
-    amplitude: float,
-    rate: float,
-    cycles: int,
-    overrides: tuple[str, ...],
-) -> None:
+def lost_motion(rig: str, overrides: tuple[str, ...], **triangle: Any) -> None:
     """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
 
     Settings are those of the virtual rig.
@@ -70,20 +75,9 @@ def lost_motion(
     from twin.run.connect import cams_of
     from twin.scenario import load
 
-    with _turned(rig, load("circle", overrides), "turning the plate", 1.0) as (
-        file,
-        servos,
-        advance,
-    ):
-        found = measure_lost_motion(
-            servos,
-            cams_of(file),
-            amplitude=math.radians(amplitude),
-            rate=math.radians(rate),
-            cycles=cycles,
-            progress=advance,
-        )
-        advance(1.0)
+    with _turned(rig, load("circle", overrides), "turning the plate", 1.0) as (file, servos, tell):
+        found = measure_lost_motion(servos, cams_of(file), progress=tell, **triangle)
+        tell(1.0)
     told = []
     for each in found:
         told.append(f"{each.axis}: {each.words}")
@@ -187,19 +181,20 @@ calibrate.add_command(lost_motion)
     "--reach",
     type=click.FloatRange(0.5, 8),
     default=6.0,
+    callback=_radians,
     help="With --rig: largest angle, deg [6].",
 )
 @click.option(
     "--lines", type=click.IntRange(4, 33), default=9, help="With --rig: points per axis [9]."
 )
 @options.JSON
-def cams(out: Path | None, rig: str | None, reach: float, lines: int, *, check: bool) -> None:
+def cams(out: Path | None, rig: str | None, *, check: bool, **grid: Any) -> None:
     """Measure the cam table by a sweep of the mechanism, and print the error that remains."""
     from twin.hal.cams import CamTable
     from twin.sim.calibration import static_error, sweep_cams, tap_test
 
     if rig is not None:
-        _on_rig(rig, out or Path("cams-of-rig.json"), reach, lines)
+        _on_rig(rig, out or Path("cams-of-rig.json"), **grid)
         return
     path = out or model_path("cams.json")
     if out is not None and not check:
@@ -290,14 +285,8 @@ def _on_rig(rig: str, path: Path, reach: float, lines: int) -> None:
     from twin.hal.cams import CamTable
     from twin.scenario import load
 
-    with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, advance):
-        found = measure_cams(
-            servos,
-            CamTable.packaged(),
-            reach=math.radians(reach),
-            lines=lines,
-            progress=advance,
-        )
+    with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, tell):
+        found = measure_cams(servos, CamTable.packaged(), reach=reach, lines=lines, progress=tell)
     write_whole(path, found.table.save)
     numbers = {"before_deg": found.before_deg, "rms_deg": found.rms_deg}
     told = (

@@ -14,7 +14,7 @@ import click
 
 from ballplate.running import EMULATED, rig_of
 from twin.cli import options
-from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show
+from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show, warn
 from twin.devices.akd import TRACE
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen import Protocol
@@ -321,16 +321,16 @@ PORT = 8090
     show_default=True,
     help="Port of the page; 0 for a free one.",
 )
+@click.option(
+    "--address",
+    default="127.0.0.1",
+    show_default=True,
+    help="Serve there, behind a token; otherwise on this machine alone.",
+)
 @click.option("--no-browser", is_flag=True, help="Open no window; print the address only.")
 @click.option("--seconds", type=click.FloatRange(min=0), help="End by itself after this time, s.")
 def play(
-    scenario: str,
-    overrides: tuple[str, ...],
-    out: Path | None,
-    port: int,
-    seconds: float | None,
-    *,
-    no_browser: bool,
+    scenario: str, overrides: tuple[str, ...], out: Path | None, *, no_browser: bool, **how: Any
 ) -> int:
     """Drive the rig yourself, in real time, in a browser window.
 
@@ -345,7 +345,10 @@ def play(
     library()
     chosen = load(scenario, overrides)
     folder = check_writable(out or folder_of(scenario))
-    server = Server(chosen, folder, port=port, seconds=seconds)
+    server = Server(chosen, folder, **how)
+    if server.token:
+        where = how["address"]
+        warn(f"the page can be reached from other machines, by whoever has this address: {where}")
 
     def begun() -> None:
         say(f"open {server.url} in a browser; Ctrl-C ends it")

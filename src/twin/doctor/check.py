@@ -62,12 +62,7 @@ class CheckResult(NamedTuple):
 
     def as_dict(self) -> dict[str, str]:
         """The result for ``--json``; the status is called verdict there."""
-        return {
-            "what": self.what,
-            "verdict": str(self.status),
-            "seen": self.seen,
-            "advice": self.advice,
-        }
+        return dict(zip(("what", "verdict", "seen", "advice"), map(str, self), strict=True))
 
 
 Ask = Callable[[str], str]

@@ -69,15 +69,15 @@ def export(
     source, token = sources(scenario, held, fmi)
     compiled = [name for name in source if name.endswith(".c")]
     name = "ballplate_" + re.sub(r"\W", "_", path.stem, flags=re.ASCII)
-    content = {f"sources/{file}": text for file, text in source.items()}
+    content: dict[str, str | bytes] = {f"sources/{file}": source[file] for file in source}
     content["modelDescription.xml"] = model_description(
         scenario, held, fmi=fmi, identifier=name, token=token, sources=compiled
     )
     if fmi == 3:
         content["sources/buildDescription.xml"] = build_description(name, compiled)
     content |= {f"{REFERENCE}/{file}": text for file, text in reference(quiet).items()}
-    place, library, lacking = _binary(source, name, fmi)
-    write_whole(path, lambda temporary: _pack(temporary, content, place, library))
+    binary, lacking = _binary(source, name, fmi)
+    write_whole(path, lambda temporary: _pack(temporary, content | binary))
     return lacking
 
 
@@ -143,14 +143,14 @@ def _line(values: list[float]) -> str:
     return ",".join(repr(float(value)) for value in values)
 
 
-def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[str, bytes, str]:
-    """Where a binary for this machine goes and its bytes; else why there is none."""
+def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[dict[str, bytes], str]:
+    """A binary for this machine by its place; else why there is none."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     machine = platform.machine()
     if not sys.platform.startswith("linux") or (fmi == 2 and machine != "x86_64"):
-        return "", b"", f"binaries are made on Linux, not on {sys.platform} {machine}"
+        return {}, f"binaries are made on Linux, not on {sys.platform} {machine}"
     if compiler is None:
-        return "", b"", "there is no C compiler (cc, gcc or clang)"
+        return {}, "there is no C compiler (cc, gcc or clang)"
     place = f"binaries/{'linux64' if fmi == 2 else f'{machine}-linux'}/{identifier}.so"
     with tempfile.TemporaryDirectory(prefix="ballplate-") as folder:
         for name, text in source.items():
@@ -160,16 +160,13 @@ def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[str, 
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode:
             line = (done.stderr.strip().splitlines() or ["it said nothing"])[0]
-            return "", b"", f"{compiler} failed: {line}"
-        return place, Path(folder, "rig.so").read_bytes(), ""
+            return {}, f"{compiler} failed: {line}"
+        return {place: Path(folder, "rig.so").read_bytes()}, ""
 
 
-def _pack(path: Path, content: Mapping[str, str], place: str, library: bytes) -> None:
+def _pack(path: Path, content: Mapping[str, str | bytes]) -> None:
     """Write the archive; equal contents give equal bytes."""
-    everything = {name: text.encode() for name, text in content.items()}
-    if place:
-        everything[place] = library
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, text in sorted(everything.items()):
+        for name, text in sorted(content.items()):
             about = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
             archive.writestr(about, text, zipfile.ZIP_DEFLATED)

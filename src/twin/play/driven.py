@@ -402,7 +402,7 @@ class Part(NamedTuple):
     factor: float
 
 
-Write = Callable[[Part, Path], None]
+Write = Callable[[Part, Path], object]
 
 
 def rows_of(record: Recorder) -> dict[str, Array]:

@@ -62,9 +62,14 @@ class Plate(Drawn, component="plate.js"):
     def __init__(self, area: tuple[float, float], goal: Moved, push: Moved) -> None:
         sizes = {"size": SCREEN, "area": area}
         millimetres = {name: [1000 * each for each in sides] for name, sides in sizes.items()}
-        super().__init__(**millimetres)
+        super().__init__(**millimetres, drives=False)
         self.on("goal", lambda event: _called(goal, event.args))
         self.on("push", lambda event: _called(push, event.args))
+
+    def let_drive(self, drives: bool) -> None:
+        """Whether who looks may drag."""
+        self.props["drives"] = drives
+        self.update()
 
 
 class Sides(Drawn, component="tilt.js"):
@@ -206,8 +211,8 @@ class Page:
     Args:
         status: How things are.
         area: Operating area |x|, |y| in m.
-        do: Lets something happen.
-        save: Saves what was driven.
+        do: Lets something happen, if this browser drives.
+        save: Saves what was driven, if this browser drives.
     """
 
     def __init__(
@@ -216,6 +221,8 @@ class Page:
         self._status, self._do, self._save = status, do, save
         self._tables = complete(status.tables)
         self._sliders: list[tuple[Slider, Any, Any]] = []
+        self._inputs: list[Any] = []
+        self._drives, self._others = False, -1
         self._touched = 0.0
         ui.query("body").style("background:#eef1f4")
         ui.query(".nicegui-content").style("padding:.6rem;gap:.5rem")
@@ -227,6 +234,7 @@ class Page:
             figures = "font-variant-numeric:tabular-nums"
             self._error = ui.label().style(figures).props("data-testid=error")
             self._clock = ui.label().style(figures)
+            self._role = ui.label().style("color:#5b6770")
         # what does not fit beside each other, on a phone, stands below each other
         with ui.row().style("width:100%;gap:1rem;align-items:stretch"):
             with ui.column().style("flex:99 1 20rem;min-width:0;gap:.5rem"):
@@ -262,6 +270,7 @@ class Page:
 
     def _button(self, text: str, icon: str, act: Callable[[], None], mark: str) -> Any:
         button = ui.button(text, icon=icon, on_click=lambda _: act()).style("padding:.1rem .6rem")
+        self._inputs.append(button)
         return button.props(f"dense no-caps outline data-testid={mark}")
 
     def _choices(self) -> None:
@@ -272,6 +281,7 @@ class Page:
         for slider in sliders(self._tables):
             with ui.column().style("width:100%;gap:0").tooltip(slider.help):
                 self._sliders.append((slider, *self._slider(slider, MOVING)))
+                self._inputs.append(self._sliders[-1][1])
         ui.separator()
         self._law = self._select("Law", laws, "controller.kind")
         law_gains = ui.column().style("width:100%;gap:0")
@@ -288,6 +298,7 @@ class Page:
         select = ui.select(
             options, label=label, value=value_in(self._tables, key), on_change=choose
         )
+        self._inputs.append(select)
         return select.props(f"dense outlined options-dense data-testid={key}").style("width:100%")
 
     def _slider(self, slider: Slider, when: str) -> tuple[Any, Any]:
@@ -328,7 +339,8 @@ class Page:
                 if gain.help:
                     about = ui.label(gain.help)
                     about.style("font-size:.72rem;line-height:1.25;color:#5b6770")
-                self._slider(gain, MOVED)
+                bar, _ = self._slider(gain, MOVED)
+                bar.set_enabled(self._drives)
 
     def show(self, rows: list[list[float]], errors: Errors) -> None:
         """Show pictures, oldest first, and the errors so far."""
@@ -340,12 +352,21 @@ class Page:
         self._error.text = f"error {1000 * now['error']:.0f} mm, RMS so far {rig} (clean {clean})"
         self._clock.text = f"{now['time']:.1f} s, {now['factor']:.2f} × real time"
 
-    def say(self, status: Status) -> None:
-        """Say how things are."""
+    def say(self, status: Status, *, drives: bool, others: int) -> None:
+        """Say how things are, and whether this browser drives."""
+        changed = (drives, others) != (self._drives, self._others)
+        if changed:
+            self._drives, self._others = drives, others
+            self.plate.let_drive(drives)
+            for each in self._inputs:
+                each.set_enabled(drives)
+            self._shown_gains.clear()
+            more = f", {others} more look" if others > 1 else f"{', 1 more looks' * others}"
+            self._role.text = f"you drive{more}" if drives else "you look: another browser drives"
         settled = self._touched and monotonic() - self._touched > SETTLED
         if settled:
             self._touched = 0.0
-        if settled or status is not self._status:
+        if changed or settled or status is not self._status:
             self._status, self._tables = status, complete(status.tables)
             self._say()
 

@@ -38,7 +38,7 @@ export default {
       <line ref="push" stroke="#c2185b" stroke-width="4" marker-end="url(#tip)" visibility="hidden"/>
       <text ref="pushed" font-size="13" fill="#c2185b" visibility="hidden"></text>
     </svg>`,
-  props: { size: Array, area: Array, columns: Array },
+  props: { size: Array, area: Array, columns: Array, drives: Boolean },
   data() {
     return { w: this.size[0], h: this.size[1], box: this.viewBox() };
   },
@@ -103,7 +103,7 @@ export default {
       return [at.x, -at.y];
     },
     down(event) {
-      if (!this.now) return;
+      if (!this.drives || !this.now) return;
       this.$refs.svg.setPointerCapture(event.pointerId);
       const [x, y] = this.place(event), a = this.at;
       const far = (i, j) => Math.hypot(x - 1000 * this.now[a[i]], y - 1000 * this.now[a[j]]);

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import math
+import errno
+import hmac
+import ipaddress
 import multiprocessing
+import secrets
 import socket
 from collections.abc import Awaitable, Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 from controllers import catalog
@@ -126,32 +130,6 @@ class Simulation:
         return last[-1] if last else None
 
 
-class _Writer:
-    """Has run folders written by another process, and tells when that is done."""
-
-    def __init__(self, beside: SecondProcess) -> None:
-        self._beside = beside
-        self.told: SimpleQueue[Told] = SimpleQueue()
-        self._under_way: list[Thread] = []
-
-    def __call__(self, part: Part, folder: Path) -> None:
-        """Begin to write a part into a run folder."""
-        self._under_way.append(Thread(target=self._wait, args=(part, folder)))
-        self._under_way[-1].start()
-
-    def _wait(self, part: Part, folder: Path) -> None:
-        try:
-            self._beside.begin(save_driven, part, folder)()
-            self.told.put(Told(f"saved as {folder}/"))
-        except TwinError as error:
-            self.told.put(Told(str(error), wrong=True))
-
-    def finish(self) -> None:
-        """Wait until all is written."""
-        for thread in self._under_way:
-            thread.join()
-
-
 def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -> None:
     """The body of the process."""
     settle()
@@ -164,9 +142,20 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
         ring.slot()[: len(COLUMNS)] = numbers
         ring.put()
 
+    told: SimpleQueue[Told] = SimpleQueue()
+
+    def news() -> Sequence[Told]:
+        return [told.get() for _ in range(told.qsize())]
+
     try:
-        with SecondProcess(wanted=True) as beside:
-            write = _Writer(beside)
+        with SecondProcess(wanted=True) as beside, ThreadPoolExecutor() as writers:
+
+            def saved(part: Part, folder: Path) -> None:
+                try:
+                    beside.begin(save_driven, part, folder)()
+                    told.put(Told(f"saved as {folder}/"))
+                except TwinError as error:
+                    told.put(Told(str(error), wrong=True))
 
             def inbox(wait: float) -> Sequence[Event]:
                 found: list[Event] = []
@@ -176,14 +165,18 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
                         found.append(pipe.recv())
                 except (EOFError, OSError):
                     found.append(End())
-                while not write.told.empty():
-                    found.append(write.told.get())
-                return found
+                return [*found, *news()]
 
-            Session(scenario, inbox=inbox, show=show, tell=said.put, write=write, paused=True).run()
-            write.finish()
-            while not write.told.empty():
-                message, wrong = write.told.get()
+            Session(
+                scenario,
+                inbox=inbox,
+                show=show,
+                tell=said.put,
+                write=lambda part, folder: writers.submit(saved, part, folder),
+                paused=True,
+            ).run()
+            writers.shutdown()
+            for message, wrong in news():
                 said.put(Status({}, message=message, wrong=wrong))
     except TwinError as error:
         said.put(Failure(error))
@@ -203,44 +196,109 @@ def _speak(said: SimpleQueue[Status | Failure | None], pipe: Connection) -> None
             return
 
 
-if TYPE_CHECKING:
-    pass
-
-
 App = Callable[[Any, Any, Any], Awaitable[None]]
-HERE = ("127.0.0.1", "::1", "localhost")
-"""What a browser of this machine calls it."""
+
+COOKIE = "ballplate_token"
+REFUSED = "refused: the address needs ?token=..., as ballplate play has printed it\n"
 
 
-def guarded(app: App) -> App:
-    """An ASGI application that answers this machine's browsers only, and no page of another origin.
+def is_loopback(host: str) -> bool:
+    """Whether a host, by name or address, is this machine and nothing else."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"
 
-    Such a page may neither open a connection nor, by a name that leads to this machine, read what
-    is served, whatever browser it runs in.
+
+def guarded(app: App, token: str = "") -> App:
+    """An ASGI application that lets another one answer only those who may ask.
+
+    A page of another origin may not, whatever browser it runs in: neither open a connection nor,
+    by a name that leads to this machine, read what is served.
+
+    Args:
+        app: Who answers.
+        token: What the address must carry as ``?token=``, or a cookie that is set then; empty for
+            a server that is reached from this machine only.
     """
     from starlette.requests import HTTPConnection  # noqa: PLC0415 - of the extra
     from starlette.responses import PlainTextResponse  # noqa: PLC0415
 
+    def may(asked: HTTPConnection, given: str) -> bool:
+        host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return False
+        if not token:
+            return is_loopback(urlsplit(f"//{host}").hostname or "")
+        both = (asked.cookies.get(COOKIE, ""), given)
+        return any(hmac.compare_digest(each.encode(), token.encode()) for each in both)
+
     async def answer(scope: Any, receive: Any, send: Any) -> None:
-        if scope["type"] in {"http", "websocket"}:
-            headers = HTTPConnection(scope).headers
-            host, origin = headers.get("host", ""), headers.get("origin")
-            foreign = origin is not None and urlsplit(origin).netloc != host
-            if foreign or urlsplit(f"//{host}").hostname not in HERE:
-                if scope["type"] == "websocket":
-                    await send({"type": "websocket.close", "code": 1008})
-                else:
-                    refused = PlainTextResponse("refused: for this machine only\n", 403)
-                    await refused(scope, receive, send)
-                return
-        await app(scope, receive, send)
+        if scope["type"] not in {"http", "websocket"}:
+            await app(scope, receive, send)
+            return
+        asked = HTTPConnection(scope)
+        given = asked.query_params.get("token", "")
+
+        async def marked(message: Any) -> None:
+            """Send a cookie along to who has come with the token in the address."""
+            if token and given and message["type"] == "http.response.start":
+                cookie = f"{COOKIE}={token}; Path=/; HttpOnly; SameSite=Strict"
+                headers = [*message.get("headers", ()), (b"set-cookie", cookie.encode())]
+                message = {**message, "headers": headers}
+            await send(message)
+
+        if may(asked, given):
+            await app(scope, receive, marked)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await PlainTextResponse(REFUSED, 403)(scope, receive, send)
 
     return answer
 
 
-PATIENCE = 5.0
-"""Seconds without a browser, once one was there, after which it is over: a page that is loaded
-again is away for a moment."""
+class Audience:
+    """Who looks, in the order in which they came.
+
+    Args:
+        clock: Seconds.
+        patience: Seconds without anybody, once somebody was there, until all are taken to have
+            gone for good: a page that is loaded again is away for a moment.
+    """
+
+    def __init__(self, clock: Callable[[], float], patience: float = 5.0) -> None:
+        self._clock, self._patience = clock, patience
+        self._there: list[str] = []
+        self._left: float | None = None
+
+    @property
+    def driver(self) -> str | None:
+        """Who drives."""
+        return self._there[0] if self._there else None
+
+    def __len__(self) -> int:
+        return len(self._there)
+
+    def come(self, who: str) -> None:
+        """Somebody looks from now on."""
+        if who not in self._there:
+            self._there.append(who)
+        self._left = None
+
+    def go(self, who: str) -> None:
+        """Somebody looks no more."""
+        if who in self._there:
+            self._there.remove(who)
+        if not self._there and self._left is None:
+            self._left = self._clock()
+
+    @property
+    def gone(self) -> bool:
+        """Whether everybody has gone for good."""
+        return self._left is not None and self._clock() - self._left > self._patience
+
+
 PICTURES = 1 / 32
 """Seconds from one picture that is sent to the next."""
 RECONNECT = 15.0
@@ -267,11 +325,13 @@ class Server:
     Args:
         scenario: What to begin with.
         folder: Of the runs that are saved; the next ones have a number behind it.
-        port: Port of this machine; 0 for a free one.
+        address: Where to listen; with another one than that of this machine a token is needed.
+        port: Port; 0 for a free one.
         seconds: After which it ends by itself; None for never.
 
     Attributes:
-        url: Address of the page.
+        url: Address of the page, with the token if there is one.
+        token: What the address must carry; empty if it need not.
         failure: Why the simulation ended by itself; None if it did not.
         kept: What became at the end of what was driven and not saved; empty if there is none.
         lost: Whether that could not be written.
@@ -281,20 +341,19 @@ class Server:
     """
 
     def __init__(
-        self,
-        scenario: Scenario,
-        folder: Path,
-        *,
-        port: int = 0,
-        seconds: float | None = None,
+        self, scenario: Scenario, folder: Path, *, address: str, port: int, seconds: float | None
     ) -> None:
         library()
         self._scenario, self._folder, self._seconds = scenario, folder, seconds
-        self._socket = _bound(port)
-        self.url = f"http://{HERE[0]}:{self._socket.getsockname()[1]}/"
+        self.token = "" if is_loopback(address) else secrets.token_urlsafe(18)
+        self._socket = _bound(address, port)
+        host = f"[{address}]" if ":" in address else address
+        query = f"?token={self.token}" if self.token else ""
+        self.url = f"http://{host}:{self._socket.getsockname()[1]}/{query}"
         self.failure: str | None = None
         self.kept, self.lost = "", False
         self._pages: dict[str, Any] = {}
+        self._audience = Audience(monotonic)
         self._errors = Errors()
         try:
             self._simulation = Simulation(scenario)
@@ -303,6 +362,7 @@ class Server:
             raise
         self._status = self._simulation.first
         self._taken: set[Path] = set()
+        self._begun = False
 
     def run(self, begun: Callable[[], None] = lambda: None) -> None:
         """Serve; returns when it is over. Ctrl-C ends it in order.
@@ -337,7 +397,7 @@ class Server:
             show_welcome_message=False,
         )
         config = uvicorn.Config(
-            guarded(app), log_level="error", ws="wsproto", timeout_graceful_shutdown=1
+            guarded(app, self.token), log_level="error", ws="wsproto", timeout_graceful_shutdown=1
         )
         server = uvicorn.Server(config)
 
@@ -352,18 +412,26 @@ class Server:
         """Build the page of a browser."""
         from twin.play.page import Page  # noqa: PLC0415
 
-        self._pages[client.id] = Page(
-            self._status,
-            self._scenario.rig.limits.area,
-            self._simulation.send,
-            lambda: self._simulation.send(Save(self._next_folder())),
-        )
-        client.on_delete(lambda: self._pages.pop(client.id, None))
+        who = client.id
 
-    @property
-    def _looked_at(self) -> bool:
-        """Whether a browser shows the page."""
-        return any(each.plate.client.has_socket_connection for each in self._pages.values())
+        def do(event: Event) -> None:
+            if self._audience.driver == who:
+                self._simulation.send(event)
+
+        page = Page(
+            self._status, self._scenario.rig.limits.area, do, lambda: do(Save(self._next_folder()))
+        )
+        self._pages[who] = page
+        client.on_connect(lambda: self._come(who))
+        client.on_disconnect(lambda: self._audience.go(who))
+        client.on_delete(lambda: self._pages.pop(who, None))
+
+    def _come(self, who: str) -> None:
+        """A browser shows its page; time goes on when the first one does."""
+        self._audience.come(who)
+        if not self._begun:
+            self._begun = True
+            self._simulation.send(Pause(False))
 
     def _next_folder(self) -> Path:
         """A folder that no run is in or being written to."""
@@ -379,18 +447,13 @@ class Server:
         while not server.started:
             await asyncio.sleep(0.01)
         begun()
-        begin, seen = monotonic(), math.inf
+        begin = monotonic()
         while True:
             await asyncio.sleep(PICTURES)
-            now = monotonic()
-            if self._looked_at:
-                if seen == math.inf:  # time goes on when the first one does
-                    self._simulation.send(Pause(False))
-                seen = now
             self._hand_on()
+            out_of_time = self._seconds is not None and monotonic() - begin > self._seconds
             self.failure = self._simulation.failure
-            out_of_time = self._seconds is not None and now - begin > self._seconds
-            if now - seen > PATIENCE or out_of_time or self.failure is not None:
+            if self._audience.gone or out_of_time or self.failure is not None:
                 server.should_exit = True
                 return
 
@@ -399,26 +462,30 @@ class Server:
         self._errors.add(rows)
         for status in self._simulation.news():
             self._status = status
-        for page in list(self._pages.values()):
+        driver, others = self._audience.driver, len(self._audience) - 1
+        for who, page in list(self._pages.items()):
             with page.plate.client:
-                page.say(self._status)
+                page.say(self._status, drives=who == driver, others=others)
                 if rows:
                     page.show(rows, self._errors)
 
 
-def _bound(port: int) -> socket.socket:
+def _bound(address: str, port: int) -> socket.socket:
     """A socket that listens.
 
     Raises:
         ViewError: If it cannot.
     """
-    bound = socket.socket()
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    bound = socket.socket(family, socket.SOCK_STREAM)
     try:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        bound.bind((HERE[0], port))
+        bound.bind((address, port))
     except OSError as error:
         bound.close()
-        raise ViewError(f"--port {port}: {error.strerror or error}; choose another") from error
+        if error.errno == errno.EADDRINUSE:
+            raise ViewError(f"--port {port}: {error.strerror}; choose another") from error
+        raise ViewError(f"--address {address} --port {port}: {error.strerror or error}") from error
     return bound
 
 

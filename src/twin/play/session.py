@@ -188,32 +188,6 @@ Show = Callable[[tuple[float, ...]], None]
 Tell = Callable[[Status], None]
 
 
-class Said:
-    """What was said last, told only when it changes.
-
-    Args:
-        tell: Is told.
-    """
-
-    def __init__(self, tell: Tell) -> None:
-        self._tell = tell
-        self._status = Status({})
-        self._told: Status | None = None
-
-    def note(self, message: str, *, wrong: bool = False) -> None:
-        """Have a message to be told next."""
-        self._status = self._status._replace(message=message, wrong=wrong)
-        if wrong:
-            self._told = None  # told again, as the page may show what was refused
-
-    def say(self, tables: Mapping[str, Any], *, paused: bool, ended: str) -> None:
-        """Tell how things are, with the last message, if anything has changed."""
-        self._status = now = self._status._replace(tables=tables, paused=paused, ended=ended)
-        if now != self._told:
-            self._told = now
-            self._tell(now)
-
-
 ROOM = 300.0
 """Simulated seconds for which a record has room at first; it is doubled when they are over."""
 PICTURES = 0.02
@@ -267,7 +241,7 @@ class Session:
         self._events: deque[Event] = deque()
         self._over = self._again = False
         self._paused = paused
-        self._said = Said(tell)
+        self._tell, self._status, self._told = tell, Status({}), Status({})
         self._every = max(1, round(PICTURES / scenario.rig.period))
         self._both = DrivenRig(self.driven)
         rig = self._both.rig
@@ -321,7 +295,7 @@ class Session:
             try:
                 do(self._events.popleft())
             except TwinError as error:
-                self._said.note(str(error), wrong=True)
+                self._note(str(error), wrong=True)
         self._say(time)
         if self._again:
             self._again = False
@@ -337,7 +311,7 @@ class Session:
                 self.driven = self.driven.push(time, x_rate, y_rate)
                 self._both.push(x_rate, y_rate)
                 self._keep(measurement, acted=True)
-                self._said.note(f"pushed by {1000 * math.hypot(x_rate, y_rate):.0f} mm/s")
+                self._note(f"pushed by {1000 * math.hypot(x_rate, y_rate):.0f} mm/s")
             case Settings(values):
                 self._change(time, values, measurement)
             case _:
@@ -348,13 +322,13 @@ class Session:
         match event:
             case Pause(paused):
                 self._paused = paused
-                self._said.note("")
+                self._note("")
             case Back(seconds):
                 self._go_back(time - seconds)
             case Save(folder):
                 self._save(folder)
             case Told(message, wrong):
-                self._said.note(message, wrong=wrong)
+                self._note(message, wrong=wrong)
             case End(folder):
                 if folder is not None and self._unsaved:
                     self._save(folder)
@@ -381,7 +355,7 @@ class Session:
             self._both.ghost.control(driven.scenario)
         self.driven = driven
         self._both.change(driven.scenario, time)
-        self._said.note("")
+        self._note("")
         if controller is not None:
             self._keep(measurement)
             self._both.control(controller, driven.scenario)
@@ -393,7 +367,7 @@ class Session:
         self.driven, self.record.length, self.outcome = state.driven, state.row, None
         self._both = DrivenRig(self.driven)
         self._pace.begin(state.time)
-        self._said.note(f"back at {state.time:g} s")
+        self._note(f"back at {state.time:g} s")
         self._again = True
 
     def _make_room(self, measurement: Measurement) -> None:
@@ -433,17 +407,26 @@ class Session:
             folder,
         )
         self._saved = self.record.length, self.driven
-        self._said.note(f"saving to {folder}/")
+        self._note(f"saving to {folder}/")
 
     def _picture(self, time: float) -> tuple[float, ...]:
         """The numbers of a picture."""
         last = self.record["applied"][-self._every :] if self.record.length else None
         return self._both.picture(time, self.driven, last, self._pace.factor)
 
+    def _note(self, message: str, *, wrong: bool = False) -> None:
+        """Have a message to be told next."""
+        self._status = self._status._replace(message=message, wrong=wrong)
+        if wrong:
+            self._told = Status({})  # told again, as the page may show what was refused
+
     def _say(self, time: float) -> None:
-        """Tell how things are, if they have changed."""
+        """Tell how things are, with the last message, if anything has changed."""
         now = at_time(self.driven.scenario, time)
         tables = now.model_dump(mode="json", exclude={"change", "reference"})
         ended = self.outcome
         why = "" if ended is None else f"{ended.ending}: {ended.reason}".rstrip(": ")
-        self._said.say(tables, paused=self._paused, ended=why)
+        status = self._status._replace(tables=tables, paused=self._paused, ended=why)
+        if status != self._told:
+            self._told = self._status = status
+            self._tell(status)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -176,9 +176,9 @@ RAMPED = f"{1e3 * RAMP:g} ms of ramp from the velocity limit"
 
 
 class Limit(NamedTuple):
-    """A limit and where it comes from, in one line."""
+    """A limit, of the ball along x and y, and where it comes from, in one line."""
 
-    value: float
+    value: Any
     why: str
 
 
@@ -310,10 +310,8 @@ def _fastest(case: FaultCase, detected: float, at: AtFault) -> float:
     return max(min(at.rate + ACCELERATION * detected, RATE), case.speed)
 
 
-def ball_limit(
-    case: FaultCase, detected: float, stop: float | None, at: AtFault
-) -> tuple[tuple[float, float], str]:
-    """Farthest the ball may be from the centre along x and y until the plate stands, m, and why.
+def ball_limit(case: FaultCase, detected: float, stop: float | None, at: AtFault) -> Limit:
+    """Farthest the ball may be from the centre along x and y until the plate stands, m.
 
     Args:
         case: The row.
@@ -322,15 +320,12 @@ def ball_limit(
         at: The rig at the fault.
     """
     if stop is None:
-        x, y = np.asarray(RIG.area, float).tolist()
-        return (x, y), "the operating area"
+        return Limit(tuple(np.asarray(RIG.area, float).tolist()), "the operating area")
     slope = BALL.k1 * math.sin(tilt_limit(case, detected, stop, at).value)
     # A change of the plate's rate carries the ball along by c2 times it, (5.1).
     carried = 2 * BALL.c2 * _fastest(case, detected, at)
     way = at.ball + (at.velocity + carried) * stop + slope * stop**2 / 2
+    why = "place and speed at the fault, slope of the largest tilt until standstill"
     if case.goes:
-        x, y = way.tolist()
-        return (x, y), "place and speed at the fault, slope of the largest tilt until standstill"
-    x, y = np.minimum(way, np.array(SCREEN) / 2).tolist()
-    why = "place and speed at the fault, slope of the largest tilt until standstill; on the plate"
-    return (x, y), why
+        return Limit(tuple(way.tolist()), why)
+    return Limit(tuple(np.minimum(way, np.array(SCREEN) / 2).tolist()), f"{why}; on the plate")

@@ -131,12 +131,6 @@ def uneven(rig: LockstepRig) -> None:
     rig.uneven = 0.75 * rig.period
 
 
-def uneven_missing(rig: LockstepRig) -> None:
-    """Every other command comes late, and half of the PDOs of drive phi are missing."""
-    uneven(rig)
-    OF_DRIVES["pdo_unsteady"](rig.lockstep)
-
-
 def another_sync(rig: LockstepRig) -> None:
     """Another master sends SYNC."""
     rig.lockstep.bus.beside.append((Frame(0x080), 0.002))
@@ -173,35 +167,16 @@ def no_zero_rate(rig: LockstepRig) -> None:
         )
 
 
-def level_alone(rig: LockstepRig) -> None:
-    """The screen is unplugged, and no quick stop reaches the drives."""
-    no_quick_stop(rig)
-    OF_RIG["no_screen"](rig)
-
-
-def quick_stop_alone(rig: LockstepRig) -> None:
-    """The motor encoder jumps, and no zero rate reaches the drives."""
-    no_zero_rate(rig)
-    OF_DRIVES["motor_jump"](rig.lockstep)
-
-
-def zero_rate_alone(rig: LockstepRig) -> None:
-    """The motor encoder jumps, and no quick stop reaches the drives."""
-    no_quick_stop(rig)
-    OF_DRIVES["motor_jump"](rig.lockstep)
-
-
-def watch_alone(rig: LockstepRig) -> None:
-    """The motor encoder jumps, and neither zero rate nor quick stop reaches the drives."""
-    no_quick_stop(rig)
-    no_zero_rate(rig)
-    OF_DRIVES["motor_jump"](rig.lockstep)
+def together(rig: LockstepRig, *names: str) -> None:
+    """Several causes or functions, one after the other."""
+    for name in names:
+        _done([name])(rig)
 
 
 def zero_rate_in_turn(rig: LockstepRig) -> None:
     """The plate turns; then the motor encoder jumps, and no quick stop reaches the drives."""
     ask(rig, 2 * _QUICK, 2 * _QUICK)
-    _once(rig, turns, zero_rate_alone)
+    _once(rig, turns, lambda rig: together(rig, "no_quick_stop", "motor_jump"))
 
 
 def push(rig: LockstepRig, x_rate: float, y_rate: float) -> None:

@@ -15,7 +15,7 @@ from twin.emulator.lockstep import MotionTrace, PowerChange
 from twin.safety.case import LEVEL, STILL, Stopper
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Reaction:
     """What became of a rig between a fault and the end of the observation; times from the fault.
 
@@ -34,7 +34,7 @@ class Reaction:
     """
 
     stopped_by: tuple[Stopper, Stopper]
-    state: tuple[Power, Power]
+    state: tuple[str, str]
     standstill: float | None
     torque_off: float | None
     torque: bool
@@ -63,13 +63,13 @@ def reaction(
     changes = [each for each in trace.changes if begin <= each.time <= end]
     axes = [_axis([each for each in changes if each.axis == axis], settled) for axis in (0, 1)]
     phi, theta = axes
-    reached = [each.state if ended else None for each in axes]
+    states = [(each.state if ended else None) or trace.state(n, end) for n, each in enumerate(axes)]
     rest = _latest(still, settled) if level else still
     off = _latest(phi.off, theta.off)
     early = np.asarray(motion.time <= begin + within)
     return Reaction(
         stopped_by=(phi.stopper, theta.stopper),
-        state=(reached[0] or trace.state(0, end), reached[1] or trace.state(1, end)),
+        state=(in_words(states[0]), in_words(states[1])),
         standstill=None if rest is None else rest - begin,
         torque_off=None if off is None else off - begin,
         torque=trace.live,
@@ -77,6 +77,11 @@ def reaction(
         ball=_farthest(motion.ball[early]),
         ball_later=_farthest(motion.ball),
     )
+
+
+def in_words(state: Power) -> str:
+    """A state as CiA 402 calls it."""
+    return state.name.lower().replace("_", " ")
 
 
 class _Axis(NamedTuple):
@@ -186,7 +191,7 @@ Names = tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class FaultRow:
+class FaultRow(Reaction):
     """What came of one case; the keys of ``--json``.
 
     Times are in s from the injection, or from switching on; angles in rad, ways in m. Pairs are
@@ -243,20 +248,12 @@ class FaultRow:
     recovered: bool
     reason: str
     reason_expected: str
-    stopped_by: Names
     stopped_by_expected: Names
-    state: Names
     state_expected: Names
-    standstill: float | None
     standstill_limit: float | None
-    torque_off: float | None
     torque_off_limit: float | None
-    tilt: float
     tilt_limit: float
-    ball: Pair
     ball_limit: Pair
-    ball_later: Pair
-    torque: bool
     held: bool
     says: bool
     why: dict[str, str]

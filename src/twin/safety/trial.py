@@ -19,7 +19,7 @@ from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.conditions import UNPLUGGED
 from twin.devices.lumio.config import LumioConfig, ScreenError
 from twin.devices.rig import StartRefusedError
-from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig, MotionTrace
 from twin.emulator.screen import DEAD_TIME, FRAME
 from twin.errors import TwinError
@@ -40,7 +40,7 @@ from twin.safety.case import (
     torque_off_limit,
 )
 from twin.safety.faults import CASES
-from twin.safety.row import FaultRow, Reaction, reaction
+from twin.safety.row import FaultRow, Reaction, in_words, reaction
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario
 
@@ -121,17 +121,17 @@ class Trial:
         allowed = self._allowed()
         at = self._at_fault()
         seen, stop = self._seen(run, allowed, at)
-        tilt = tilt_limit(case, allowed, stop.value if stop else None, at)
-        ball, ball_why = ball_limit(case, allowed, stop.value if stop else None, at)
-        line = str(run.refusal) if run.refusal else run.outcome.reason
-        off = torque_off_limit(case, allowed, stop)
-        why = {"tilt_limit": tilt.why, "ball_limit": ball_why}
-        observed = {
-            "stopped_by": tuple(map(str, seen.stopped_by)),
-            "state": tuple(map(_words, seen.state)),
-            "standstill": seen.standstill if stop else None,
+        until = stop.value if stop else None
+        limits = {
+            "tilt_limit": tilt_limit(case, allowed, until, at),
+            "ball_limit": ball_limit(case, allowed, until, at),
+            "standstill_limit": stop,
+            "torque_off_limit": torque_off_limit(case, allowed, stop),
         }
-        more = {"standstill_limit": stop, "torque_off_limit": off}
+        line = str(run.refusal) if run.refusal else run.outcome.reason
+        numbers: dict[str, Any] = {
+            key: each.value if each else None for key, each in limits.items()
+        }
         return FaultRow(
             name=case.name,
             condition=expected.name if expected else "",
@@ -145,15 +145,12 @@ class Trial:
             recovered=not recover or self._recovers(),
             reason=self._reason(run),
             reason_expected=case.reason,
-            stopped_by_expected=tuple(map(str, case.stoppers)),
-            state_expected=tuple(map(_words, case.reached)),
-            standstill_limit=stop.value if stop else None,
-            torque_off_limit=off.value if off else None,
-            tilt_limit=tilt.value,
-            ball_limit=ball,
+            stopped_by_expected=case.stoppers,
+            state_expected=tuple(map(in_words, case.reached)),
             held=self._held,
-            why=why | {key: limit.why for key, limit in more.items() if limit},
-            **vars(seen) | observed,
+            why={key: limit.why for key, limit in limits.items() if limit},
+            **numbers,
+            **vars(seen) | {"standstill": seen.standstill if stop else None},
         )
 
     def _run(self, duration: float, *, act: bool) -> TrialRun:
@@ -287,11 +284,6 @@ def holds_limits(drive: EmulatedDrive, host: AkdConfig) -> bool:
     return (
         max(torques) <= host.torque_limit * _ROUNDING and max(speeds) <= host.rate_limit * _ROUNDING
     )
-
-
-def _words(state: Power) -> str:
-    """A state as CiA 402 calls it."""
-    return state.name.lower().replace("_", " ")
 
 
 def run_case(index: int) -> FaultRow:
