@@ -11,11 +11,9 @@ from scipy.signal import savgol_filter
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.hal.interface import SCREEN
 from twin.identify.logs import Log, resolution, runs
+from twin.run.logs import check_reach
 
-STEEPEST = 0.26
-"""Largest plate angle in rad that any such rig reaches; the thesis's stops at 10 deg."""
 COLUMNS_OF_AXIS = (("measured_x", "measured_phi"), ("measured_y", "measured_theta"))
 
 
@@ -29,24 +27,8 @@ def check_ranges(log: Log) -> None:
     if not touched.any():
         raise LogError(f"{log.source}: the screen never detected the ball")
     for axis, (ball, plate) in enumerate(COLUMNS_OF_AXIS):
-        edge = SCREEN[axis] / 2
-        far = float(np.percentile(np.abs(log.ball[touched, axis]), 99))
-        if far > 1.05 * edge:
-            guess = "another unit"
-            if 4 * edge < far <= 100 * edge:
-                guess = "centimetres"
-            elif 100 * edge < far <= 1100 * edge:
-                guess = "millimetres"
-            raise LogError(
-                f"{log.source}: {ball}: reaches {far:.3g} where the screen ends at {edge:g} m; "
-                f"{guess}? Give m, or the unit in the header"
-            )
-        steep = float(np.nanpercentile(np.abs(log.plate[:, axis]), 99))
-        if steep > STEEPEST:
-            raise LogError(
-                f"{log.source}: {plate}: reaches {steep:.3g} rad, which no such plate does; "
-                f"degrees? Give rad, or the unit in the header"
-            )
+        check_reach(log.source, ball, log.ball[touched, axis])
+        check_reach(log.source, plate, log.plate[:, axis])
 
 
 PACE = 0.02
