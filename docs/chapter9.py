@@ -25,7 +25,7 @@ from twin.fit.runs import cells as numbers_of
 from twin.fit.runs import read
 from twin.jobs import cores
 from twin.thesis import chapter9
-from twin.thesis.chapter8 import COLUMNS, stored
+from twin.thesis.chapter8 import COLUMNS
 from twin.thesis.chapter9 import Row
 from twin.writing import write_json, write_whole
 
@@ -195,7 +195,7 @@ def _logs(cells: Sequence[Row], columns: Sequence[str], key: str) -> Array:
 def scatter() -> dict[str, float]:
     """By how much each of ``held_out_goals`` differs between the searches, largest less least."""
     known: dict[str, list[float]] = {}
-    for search in stored("chapter_9")["searches"]:
+    for search in chapter9.stored("chapter_9")["searches"]:
         for sentence, value in search["goals"].items():
             known.setdefault(sentence, []).append(value)
     return {sentence: max(values) - min(values) for sentence, values in known.items()}
@@ -210,7 +210,7 @@ def page(cells: list[Row], confirmed: list[Row]) -> str:
         "experiments",
         figure=FIGURE,
         goals=goals(cells),
-        known=stored("chapter_9"),
+        known=chapter9.stored("chapter_9"),
         parameters=about.parameters,
         values=dict(zip(about.parameters, ends, strict=True)),
         number=len(numbers_of(about)),
@@ -276,7 +276,7 @@ def keep(found: Path) -> None:
             for group, numbers in new["without"].items()
         },
     }
-    searches = [*(stored("chapter_9")["searches"] if KEPT.exists() else []), search]
+    searches = [*(chapter9.stored("chapter_9")["searches"] if KEPT.exists() else []), search]
     ends = [[chapter9.ended(each, e.own_group)[1] for e in about.experiments] for each in searches]
     wanted = [(sample, k) for end in ends for k, sample in enumerate(end)]
     values = chapter9.carried(about, wanted, cores(), lambda _: None)
@@ -295,7 +295,7 @@ def keep(found: Path) -> None:
         search["goals"] = {goal.sentence: round(goal.value, 4) for goal in held_out_goals(cells)}
     content = {key: new[key] for key in ("parameters", "correlation")} | {"searches": searches}
     write_json(KEPT, content)
-    stored.cache_clear()
+    chapter9.stored.cache_clear()
 
 
 @click.command()
