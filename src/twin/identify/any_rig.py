@@ -11,16 +11,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.identify.judged import (
-    BOUNDED,
-    CORRELATED,
-    IDENTIFIED,
-    NOT,
-    Identification,
-    ParameterVerdict,
-    corner_frequency,
-    score,
-)
+from twin.identify import judged
 from twin.identify.logs import BALLS, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain_model import SMOOTH, AxisFit, axis_predicted, beginnings, crossed, fit_axis
@@ -43,7 +34,7 @@ PAUSE = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlainIdentification(Identification):
+class PlainIdentification(judged.Identification):
     """What logs of any rig show.
 
     Attributes:
@@ -98,7 +89,7 @@ class PlainIdentification(Identification):
             dead_time = f"{mean['dead_time']:.6g}"
             lines["sensors.touch.dead_time"] = f"{dead_time}  # all of it, commands' too"
         if "lag" in mean:
-            lines["plant.servo.bandwidth_hz"] = f"{corner_frequency(mean['lag']):.6g}"
+            lines["plant.servo.bandwidth_hz"] = f"{judged.corner_frequency(mean['lag']):.6g}"
         if level := known.get("level"):
             tilts = [math.degrees(sign * level.get(axis, 0.0) / push) for axis, sign in SIGNS]
             lines["plant.level_deg"] = f"[{tilts[0]:.6g}, {tilts[1]:.6g}]"
@@ -129,7 +120,7 @@ def identify_any(
     """
     notes = [note for log in logs for note in log.notes]
     fits: dict[str, AxisFit] = {}
-    found: list[ParameterVerdict] = []
+    found: list[judged.ParameterVerdict] = []
     reasons = []
     first = logs[0]
     parts = [_parts(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
@@ -144,7 +135,9 @@ def identify_any(
         except LogError as error:
             reasons.append(f"{axis}: {error}")
             found += [
-                ParameterVerdict(about=_about(name, unit), name=f"{name}_{axis}", why=str(error))
+                judged.ParameterVerdict(
+                    about=_about(name, unit), name=f"{name}_{axis}", why=str(error)
+                )
                 for name in (*SMOOTH, "friction")
             ]
             continue
@@ -161,9 +154,9 @@ def identify_any(
     # all axes from the same times on: the ball is seen along both or neither
     at = beginnings(next(iter(unseen.values()))) if unseen else np.zeros(0)
     tried = {axis: axis_predicted(log, fits[axis], at) for axis, log in unseen.items() if len(at)}
-    scores = [score({axis: each}) for axis, each in tried.items()]
+    scores = [judged.score({axis: each}) for axis, each in tried.items()]
     if len(tried) > 1:
-        scores.append(score(tried))
+        scores.append(judged.score(tried))
     return PlainIdentification(
         source=first.source,
         seconds=sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known),
@@ -241,7 +234,7 @@ def _about(name: str, unit: str) -> IdentifiedParameter:
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
 
-def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[ParameterVerdict]:
+def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged.ParameterVerdict]:
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
     own = fit.estimate()
@@ -255,7 +248,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[Parame
         high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
     except LogError:
         pass
-    alike = np.abs(own.correlation) > CORRELATED
+    alike = np.abs(own.correlation) > judged.CORRELATED
     ends = np.transpose(fit.problem.bounds)
     found = []
     for k, name in enumerate(names):
@@ -288,7 +281,7 @@ def _verdict(
     reasons: list[str],
     alike: list[str],
     scale: float = 1.0,
-) -> ParameterVerdict:
+) -> judged.ParameterVerdict:
     """The verdict of one parameter.
 
     Args:
@@ -303,7 +296,7 @@ def _verdict(
     (value, low, high), (least, most) = map(float, values), map(float, ends)
     if not math.isfinite(high - low):
         why = f"the log does not show it; {about.experiment}"
-        return ParameterVerdict(about=about, name=name, why=why)
+        return judged.ParameterVerdict(about=about, name=name, why=why)
     low = max(min(low, value - about.floor), least)
     high = min(max(high, value + about.floor), most)
     slack = 1e-3 * (most - least)
@@ -321,13 +314,13 @@ def _verdict(
     elif not at_bound and not narrow:
         reasons.append(f"its interval is wide; {about.experiment}")
     bounded = at_bound or low <= least or high >= most
-    word = IDENTIFIED if narrow else BOUNDED if bounded else NOT
-    return ParameterVerdict(
+    word = judged.IDENTIFIED if narrow else judged.BOUNDED if bounded else judged.NOT
+    return judged.ParameterVerdict(
         about=about,
         name=name,
         value=scale * value,
         low=scale * low,
         high=scale * high,
-        word=NOT if nothing else word,
+        word=judged.NOT if nothing else word,
         why="; ".join(reasons),
     )
