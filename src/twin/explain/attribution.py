@@ -359,19 +359,16 @@ def _errors(panel: Axes, explanation: Explanation) -> None:
             panel.plot(size, at, mark, color=colour, ms=6, label="" if y else label)
             if case.rms is None:
                 panel.text(whole, at, f" {case.outcome}", color=colour, fontsize=7, va="center")
-    panel.axvline(whole, color=LEFT, lw=1, ls="--")
-    panel.axvline(none, color=ALONE, lw=1, ls="--")
-    top = -0.75
-    panel.annotate("all effects", (whole, top), color=LEFT, ha="right", fontsize=8)
-    panel.annotate(" none", (none, top), color=ALONE, ha="left", fontsize=8)
+    panel.axvline(whole, color=LEFT, lw=1, ls="--", label="all effects")
+    panel.axvline(none, color=ALONE, lw=1, ls="--", label="none of them")
     labels = [part.effect.label for part in explanation.contributions]
     panel.set_yticks(range(len(labels)), labels)
-    panel.set_ylim(len(labels) - 0.4, -1.1)
+    panel.set_ylim(len(labels) - 0.4, -0.6)
     panel.set_xlim(left=0)
     percent = explanation.in_percent
     panel.set_xlabel("tracking error $e_{tt}$ [%]" if percent else "RMS distance [mm]")
     panel.set_title("Error without each effect, and with it alone")
-    panel.figure.legend(*panel.get_legend_handles_labels(), loc="outside lower left", ncols=2)
+    panel.figure.legend(*panel.get_legend_handles_labels(), loc="outside lower left", ncols=4)
 
 
 def _shares(panel: Axes, explanation: Explanation) -> None:
@@ -384,17 +381,8 @@ def _shares(panel: Axes, explanation: Explanation) -> None:
         text = "a run was cut short" if share is None else f"{value:z.1f} %"
         panel.text(max(value, 0) + 0.02 * reach, y, text, va="center", fontsize=8)
     panel.set_yticks(places, [""] * len(values))
-    panel.set_ylim(len(values) - 0.4, -1.1)
-    panel.set_xlim(min(0.0, *values) * 1.25, 1.25 * reach)
-    panel.set_xticks([at for at in panel.get_xticks() if abs(at) <= max(100.0, reach)])
+    panel.set_ylim(len(values) - 0.4, -0.6)
     panel.set_xlim(min(0.0, *values) * 1.25, 1.25 * reach)
     panel.axvline(0, color="0.3", lw=0.8)
     panel.set_xlabel("share of the error [%]")
-    panel.set_title(_remainder(explanation), fontsize=9.5)
-
-
-def _remainder(explanation: Explanation) -> str:
-    if explanation.rest is None or explanation.base is None:
-        return "Share"
-    left, rest = 100 * explanation.base, 100 * explanation.rest
-    return f"Share (left with none {left:z.1f} %, not additive {rest:z.1f} %)"
+    panel.set_title("Share of each")

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from cmaes import CMA
-from matplotlib.figure import Figure
 
 from controllers.analysis import number
 from controllers.arrays import Array
@@ -30,8 +29,7 @@ from twin.fit.runs import (
     rounded,
     shares,
 )
-from twin.page import Block, Picture, Table, Verdict, digits
-from twin.run.picture import drawn
+from twin.page import Block, Table, Verdict, digits
 from twin.writing import write_json
 
 SIGMA = 0.25
@@ -485,7 +483,6 @@ HEADS = (
     "verdict",
 )
 CELLS = ("experiment", "indicator", "unit", "measured", "computed", "held out", "residual")
-COLOURS = {"all": "#1f6fb4", "held out": "#e08214"}
 
 
 def sentences(found: FitResult) -> list[str]:
@@ -534,37 +531,16 @@ def write(found: FitResult, folder: Path) -> None:
         for name, line in zip(names, found.correlation.tolist(), strict=True)
     ]
     good = any(each.verdict == "seen" for each in found.estimates)
-    title = "Residuals: fitted to all, and fitted without the group that a number belongs to"
     note = (
         "As data: fit.json beside this page. A residual is computed less measured in standard "
-        "uncertainties; of an indicator that a run does not have it is 10."
+        "uncertainties; of an indicator that a run does not have it is 10. Held out: fitted "
+        "without the group that a number belongs to."
     )
     blocks: list[Block] = [
         Verdict(sentences(found), good),
         Table("Parameters", HEADS, [row(each) for each in found.estimates], words=(0, 4, 5)),
         Table("Correlation", ("", *names), related),
-        Picture(title, _figure(found)),
         Table("Every measured number", CELLS, cells, words=(0, 1, 2), note=note),
     ]
     page.write(folder / "report.html", found.table.title, blocks)
     write_json(folder / "fit.json", numbers)
-
-
-def _figure(found: FitResult) -> Figure:
-    """Residuals of every indicator, fitted and held out."""
-    with drawn(10, 3.6) as figure:
-        ax = figure.subplots()
-        names = list(dict.fromkeys(cell.indicator for cell in found.cells))
-        for offset, (label, values) in zip(
-            (-0.12, 0.12), (("all", found.computed), ("held out", found.held_out)), strict=True
-        ):
-            if not np.isfinite(values).any():
-                continue
-            r = [c.residual(v) for c, v in zip(found.cells, values.tolist(), strict=True)]
-            at = [names.index(cell.indicator) + offset for cell in found.cells]
-            ax.plot(at, r, "o", ms=4, alpha=0.6, color=COLOURS[label], label=label)
-        ax.axhspan(-2, 2, color="#eeeeee", zorder=0)
-        ax.set_xticks(range(len(names)), names)
-        ax.set_ylabel("residual [standard uncertainties]")
-        ax.legend(frameon=False)
-    return figure

@@ -39,33 +39,11 @@ class PlainIdentification(judged.Identification):
 
     Attributes:
         fits: Axis to its fit.
-        unit: Axis to the unit of its command: rad or count.
         factor: Share of gravity that accelerates the ball.
     """
 
     fits: Mapping[str, AxisFit]
-    unit: Mapping[str, str]
     factor: float
-
-    @property
-    def extent(self) -> str:
-        """How much of the logs was used, in words."""
-        return f"{self.source}: {self.seconds:.1f} s were fitted."
-
-    @property
-    def remarks(self) -> list[str]:
-        """How much of what a ball does each axis does, in sentences."""
-        found = []
-        for axis, fit in self.fits.items():
-            per = fit.value("gain") / fit.problem.tilt.scale
-            share = per / (self.factor * BallPlate().gravity)
-            if self.unit[axis] == "rad":
-                found.append(
-                    f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball "
-                    f"does that takes {self.factor:.3g} of gravity: only this product of the "
-                    "plate's tilt per command and the ball's share of gravity is told."
-                )
-        return found
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts.
@@ -157,16 +135,30 @@ def identify_any(
     scores = [judged.score({axis: each}) for axis, each in tried.items()]
     if len(tried) > 1:
         scores.append(judged.score(tried))
+    seconds = sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known)
+    told = (_share(axis, fit, factor) for axis, fit in fits.items() if first.unit[axis] == "rad")
     return PlainIdentification(
         source=first.source,
-        seconds=sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known),
+        seconds=seconds,
+        extent=f"{first.source}: {seconds:.1f} s were fitted.",
+        remarks=tuple(told),
         verdicts=tuple(found),
         scores=tuple(scores),
         predictions=tried,
         notes=tuple(notes),
         fits=fits,
-        unit=first.unit,
         factor=factor,
+    )
+
+
+def _share(axis: str, fit: AxisFit, factor: float) -> str:
+    """How much of what a ball does an axis does, in a sentence."""
+    per = fit.value("gain") / fit.problem.tilt.scale
+    share = per / (factor * BallPlate().gravity)
+    return (
+        f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball does that "
+        f"takes {factor:.3g} of gravity: only this product of the plate's tilt per command and the "
+        "ball's share of gravity is told."
     )
 
 

@@ -413,21 +413,6 @@ class TwinIdentification(judged.Identification):
     fit: TwinFit
     whiteness: Whiteness
 
-    @property
-    def extent(self) -> str:
-        """How much of the log was used, in words."""
-        count, ended = len(self.fit.problem.windows), self.fit.found.termination
-        return (
-            f"{self.source}: {self.log.length:.1f} usable seconds, of which {self.seconds:.1f} "
-            f"were fitted, in {count} windows; {ended}."
-        )
-
-    @property
-    def remarks(self) -> list[str]:
-        """Whether the model explains the log, in a sentence."""
-        words = self.whiteness.words
-        return [f"{words[0].upper()}{words[1:]}."]
-
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts."""
         known = {
@@ -516,8 +501,12 @@ def identify(
     if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
+    count, words = len(fit.problem.windows), white.words
     return TwinIdentification(
         source=usable.source,
+        extent=f"{usable.source}: {usable.length:.1f} usable seconds, of which {known.length:.1f} "
+        f"were fitted, in {count} windows; {fit.found.termination}.",
+        remarks=(f"{words[0].upper()}{words[1:]}.",),
         log=usable,
         seconds=known.length,
         fit=fit,
