@@ -15,9 +15,7 @@ from twin.identify import judged
 from twin.identify.logs import BALLS, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain_model import SMOOTH, AxisFit, axis_predicted, beginnings, crossed, fit_axis
-from twin.identify.search import (
-    Estimate,
-)
+from twin.identify.search import Estimate
 
 LONGEST = 2.5
 """Length of the windows in s, as a rule."""

@@ -18,17 +18,11 @@ from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify import judged, search
 from twin.identify.logs import Log
-from twin.identify.parameters import (
-    BALL,
-    HIDDEN,
-    SERVO,
-    SHARE,
-    fitted,
-    friction,
-)
+from twin.identify.parameters import BALL, HIDDEN, SERVO, SHARE, fitted
 from twin.identify.plate_motion import Drives, check_motion, fit_drives
 from twin.identify.prepare import PreparedLog, Segment, check_ranges, prepare
 from twin.identify.windows import LOOKBACK, Spans, Windows, cut, moving_spans, replay
+from twin.sim.plant.friction import Friction
 
 
 @dataclass(frozen=True)
@@ -84,10 +78,17 @@ class Problem(search.Fitting):
         """
         values = self.values(theta)
         level = np.stack((values["level_phi"], values["level_theta"]))
+        friction = Friction(
+            rolling=values["rolling"],
+            breakaway_ratio=values["breakaway"],
+            stribeck_speed=values["stribeck"],
+            dwell_time=values["dwell"],
+            viscous=values["viscous"],
+        )
         return replay(
             self.windows.field,
             self.model,
-            friction(values),
+            friction,
             level,
             starts,
             self.grip,
