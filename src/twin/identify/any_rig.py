@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,11 +36,9 @@ class PlainIdentification(judged.Identification):
     """What logs of any rig show.
 
     Attributes:
-        fits: Axis to its fit.
         factor: Share of gravity that accelerates the ball.
     """
 
-    fits: Mapping[str, AxisFit]
     factor: float
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
@@ -144,7 +142,6 @@ def identify_any(
         scores=tuple(scores),
         predictions=tried,
         notes=tuple(notes),
-        fits=fits,
         factor=factor,
     )
 
@@ -285,8 +282,7 @@ def _verdict(
     """
     (value, low, high), (least, most) = map(float, values), map(float, ends)
     if not math.isfinite(high - low):
-        why = f"the log does not show it; {about.experiment}"
-        return judged.ParameterVerdict(about=about, name=name, why=why)
+        return judged.ParameterVerdict.unknown(about, name, "the log does not show it")
     low = max(min(low, value - about.floor), least)
     high = min(max(high, value + about.floor), most)
     slack = 1e-3 * (most - least)

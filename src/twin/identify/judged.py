@@ -64,6 +64,11 @@ class ParameterVerdict:
             return f"above {digits(self.low)}"
         return f"{digits(self.low)} to {digits(self.high)}"
 
+    @classmethod
+    def unknown(cls, about: IdentifiedParameter, name: str, why: str) -> ParameterVerdict:
+        """Of what the log does not show; the experiment that would is said as well."""
+        return cls(about=about, name=name, why=f"{why}; {about.experiment}")
+
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
         return {

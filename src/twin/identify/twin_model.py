@@ -267,8 +267,8 @@ def verdicts(
     found, ball = [], fit.estimate()
     for name in names:
         if name in HIDDEN:
-            why = f"neither ball nor plate positions show it; {HIDDEN[name].experiment}"
-            found.append(judged.ParameterVerdict(about=HIDDEN[name], name=name, why=why))
+            why = "neither ball nor plate positions show it"
+            found.append(judged.ParameterVerdict.unknown(HIDDEN[name], name, why))
         elif name == "servo":
             found.append(_servo(drives))
             if drives is not None and drives.play - drives.play_half_width > NOTHING:
@@ -311,7 +311,7 @@ def _ball(
     never = name in {"breakaway", "stribeck", "dwell"} and not fit.problem.windows.resting.any()
     if never or not math.isfinite(half):
         why = "the ball never rests" if never else "the log does not show it"
-        return judged.ParameterVerdict(about=about, name=name, why=f"{why}; {about.experiment}")
+        return judged.ParameterVerdict.unknown(about, name, why)
     found = judged.ParameterVerdict(about=about, name=name, value=about.factor * value)
     if not white:
         why = "best fit only: the log holds motion that the twin does not explain"
