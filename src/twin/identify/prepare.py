@@ -249,7 +249,9 @@ def prepare(log: Log) -> PreparedLog:
     if gap.any():
         missing = float(steps[gap].sum())
         notes.append(f"{int(gap.sum())} gaps of {missing:.2f} s in all left out")
-    lifted = _long_runs(~log.touched, time, LIFTED)
+    lifted = np.zeros_like(log.touched)
+    for first, stop in runs(~log.touched):
+        lifted[first:stop] = time[stop - 1] - time[first] >= LIFTED
     if lifted.any():
         notes.append(f"ball off the screen for {period * lifted.sum():.2f} s: left out")
     fresh, sigma = ball_samples(log, period, notes)
@@ -309,15 +311,6 @@ def _period(time: Array, source: str) -> float:
     if period < 5e-5:
         raise LogError(f"{source}: time: a row every {period:.2g} s cannot be; seconds are wanted")
     return period
-
-
-def _long_runs(mask: Mask, time: Array, least: float) -> Mask:
-    """The runs of True that last at least a time in s."""
-    out = np.zeros_like(mask)
-    for first, stop in runs(mask):
-        if time[stop - 1] - time[first] >= least:
-            out[first:stop] = True
-    return out
 
 
 def _segment(log: Log, fresh: Mask, rows: slice, period: float) -> Segment:

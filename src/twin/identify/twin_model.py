@@ -121,14 +121,7 @@ CREEPS = float(stats.chi2.ppf(0.99, 2))
 """Noise variances by which a free speed at the start may seem to improve a window begun at rest."""
 
 
-@dataclass(frozen=True)
-class TwinFit(search.Fit):
-    """The best fit found; ``left_out`` counts the windows that no candidate explains."""
-
-    left_out: int
-
-
-def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> TwinFit:
+def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> search.Fit:
     """Fit the parameters, from many starts; ``grip`` as in ``replay``.
 
     A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
@@ -154,7 +147,7 @@ def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: f
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
         resting = windows.resting & ~crept
         return fit_twin(model, replace(windows, resting=resting), names, grip)
-    return TwinFit(problem, best, len(windows) - len(problem.windows))
+    return search.Fit(problem, best)
 
 
 def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
@@ -254,7 +247,7 @@ class Whiteness:
 
 
 def verdicts(
-    names: tuple[str, ...], fit: TwinFit, drives: Drives | None, *, white: bool
+    names: tuple[str, ...], fit: search.Fit, drives: Drives | None, *, white: bool
 ) -> tuple[judged.ParameterVerdict, ...]:
     """One verdict per parameter asked for, in that order; the level has two.
 
@@ -279,7 +272,7 @@ def verdicts(
     return tuple(found)
 
 
-def whiteness(fit: TwinFit) -> Whiteness:
+def whiteness(fit: search.Fit) -> Whiteness:
     """How white the residuals of a fit are.
 
     What the starts fitted along take out of white noise is known, and is not held against it.
@@ -304,7 +297,7 @@ def whiteness(fit: TwinFit) -> Whiteness:
 
 
 def _ball(
-    name: str, fit: TwinFit, ball: search.Estimate, *, white: bool
+    name: str, fit: search.Fit, ball: search.Estimate, *, white: bool
 ) -> judged.ParameterVerdict:
     about, k = BALL[name], fit.problem.names.index(name)
     value, half = float(ball.value[k]), max(float(ball.half_width[k]), about.floor)
@@ -366,7 +359,7 @@ def _servo(drives: Drives | None) -> judged.ParameterVerdict:
     return replace(found, value=value, low=low, high=high, word=word, why=why)
 
 
-def replayed(log: PreparedLog, fit: TwinFit, lag: float) -> dict[str, judged.Predicted]:
+def replayed(log: PreparedLog, fit: search.Fit, lag: float) -> dict[str, judged.Predicted]:
     """Replay a part of a log by a fitted twin from many starts: both axes, or none if too short.
 
     Args:
@@ -411,7 +404,7 @@ class TwinIdentification(judged.Identification):
     """
 
     log: PreparedLog
-    fit: TwinFit
+    fit: search.Fit
     whiteness: Whiteness
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
@@ -490,9 +483,10 @@ def identify(
     if len(fits) > 1:
         kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
         notes.append(f"friction at rest taken to be {kind}, which fits better")
-    if fit.left_out:
+    count = len(fit.problem.windows)
+    if left_out := len(windows) - count:
         notes.append(
-            f"{fit.left_out} of {len(windows)} windows left out: no replay explains the ball there"
+            f"{left_out} of {len(windows)} windows left out: no replay explains the ball there"
         )
     if not log.scenario and not log.age.any():
         notes.append("no column age: the wait for a frame is counted in the dead time")
@@ -502,7 +496,7 @@ def identify(
     if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
-    count, words = len(fit.problem.windows), white.words
+    words = white.words
     return TwinIdentification(
         source=usable.source,
         extent=f"{usable.source}: {usable.length:.1f} usable seconds, of which {known.length:.1f} "
