@@ -23,8 +23,7 @@ from controllers.ballplate import BallPlate
 from twin.page import markdown
 from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis import chapter8
-from twin.thesis.chapter8 import COLUMNS, Excerpt, Results, SimulatedTable, ThesisCell
-from twin.thesis.neglected import terms
+from twin.thesis.chapter8 import COLUMNS, Excerpt, Results, SimulatedTable, ThesisCell, terms
 from twin.writing import write_whole
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}

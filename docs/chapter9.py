@@ -195,7 +195,7 @@ def _logs(cells: Sequence[Row], columns: Sequence[str], key: str) -> Array:
 def scatter() -> dict[str, float]:
     """By how much each of ``held_out_goals`` differs between the searches, largest less least."""
     known: dict[str, list[float]] = {}
-    for search in chapter9.stored()["searches"]:
+    for search in chapter9.stored("chapter_9")["searches"]:
         for sentence, value in search["goals"].items():
             known.setdefault(sentence, []).append(value)
     return {sentence: max(values) - min(values) for sentence, values in known.items()}
@@ -210,7 +210,7 @@ def page(cells: list[Row], confirmed: list[Row]) -> str:
         "experiments",
         figure=FIGURE,
         goals=goals(cells),
-        known=chapter9.stored(),
+        known=chapter9.stored("chapter_9"),
         parameters=about.parameters,
         values=dict(zip(about.parameters, ends, strict=True)),
         number=len(numbers_of(about)),
@@ -276,7 +276,7 @@ def keep(found: Path) -> None:
             for group, numbers in new["without"].items()
         },
     }
-    searches = [*(chapter9.stored()["searches"] if KEPT.exists() else []), search]
+    searches = [*(chapter9.stored("chapter_9")["searches"] if KEPT.exists() else []), search]
     ends = [[chapter9.ended(each, e.own_group)[1] for e in about.experiments] for each in searches]
     wanted = [(sample, k) for end in ends for k, sample in enumerate(end)]
     values = chapter9.carried(about, wanted, cores(), lambda _: None)

@@ -110,7 +110,7 @@ def test_a_limit_acts_where_it_is_reached(effect, limit):
     limited = changed(free, [limit])
     assert [e.name for e in present(limited)] == [effect]
     one, other = (tried(s.model_dump_json()) for s in (limited, free))
-    assert np.abs(one.distance[-1] - other.distance[-1]) > 1e-6
+    assert np.abs(np.hypot(*one.error[-1]) - np.hypot(*other.error[-1])) > 1e-6
 
 
 def test_of_a_single_effect_alone_and_all_are_the_same_run(clean):
@@ -132,7 +132,7 @@ def case(error, **changes):
     error = np.asarray(error, float)
     rms = float(np.sqrt((error**2).sum(axis=1).mean()))
     values = {"outcome": "finished", "percent": None, "rms": rms} | changes
-    return EffectCase(error=error, distance=np.hypot(*error.T), **values)
+    return EffectCase(error=error, **values)
 
 
 def test_errors_at_right_angles_divide_by_their_squares(clean):

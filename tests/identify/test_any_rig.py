@@ -15,13 +15,7 @@ from twin.errors import LogError
 from twin.identify.any_rig import _chosen, _verdicts, identify_any
 from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, score
 from twin.identify.logs import AxisLog, ball_factor, read_any, unit_factor, wanted_columns
-from twin.identify.plain_model import (
-    PlainProblem,
-    Tilt,
-    axis_predicted,
-    beginnings,
-    fit_axis,
-)
+from twin.identify.plain_model import PlainProblem, Tilt, axis_predicted, beginnings, fit_axis
 from twin.identify.windows import axis_windows, spans
 from twin.scenario import load
 

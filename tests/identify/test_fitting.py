@@ -36,8 +36,9 @@ def shown(*verdicts):
     """An identification of which these verdicts are all that is known."""
     rest = dict.fromkeys(("log", "fit", "whiteness"))
     return TwinIdentification(
-        source="log", seconds=0.0, verdicts=verdicts, scores=(), predictions={}, notes=(), **rest
-    )
+        source="log", seconds=0.0, verdicts=verdicts, scores=(), predictions={}, notes=(),
+        extent="", remarks=(), **rest
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED), (4.0e-4, IDENTIFIED)])

@@ -73,6 +73,7 @@ def test_the_prediction_begins_where_the_log_does_and_lasts_as_long(made, tmp_pa
         (COLUMNS, 1000, "measured_x: reaches .* give m, or the unit in the header"),
         (("time", "measured_x [furlong]", *COLUMNS[2:]), 1, "unit 'furlong'"),
         (("time", "measured_x [mm]", *COLUMNS[2:]), 1000, None),
+        (("time", "measured_x (mm)", *COLUMNS[2:]), 1000, None),
     ],
 )
 def test_a_log_that_cannot_be_meant_is_refused(tmp_path, header, factor, words):

@@ -28,9 +28,9 @@ from twin.thesis.chapter8 import (
     RowResult,
     carry_out,
     compare,
-    continuous,
     judge,
     row_results,
+    stored,
     tables,
 )
 
@@ -47,7 +47,7 @@ def steps():
     shown = Excerpt(np.arange(3.0), *(np.zeros((3, n)) for n in (8, 2, 2, 8)))
     found = {
         ((table.id, index), way): RowResult(
-            (table.id, index), way, dict(continuous()["8.1"][row.name]), "", shown
+            (table.id, index), way, dict(stored("chapter_8")["8.1"][row.name]), "", shown
         )
         for index, row in enumerate(table.rows)
         for way in WAYS[1:]
@@ -71,12 +71,12 @@ def test_all_251_numbers_of_the_21_tables_are_there():
 
 def test_every_remark_setting_and_kept_value_belongs_to_something():
     for table in tables().values():
-        assert set(continuous()[table.id]) == {row.name for row in table.rows}
+        assert set(stored("chapter_8")[table.id]) == {row.name for row in table.rows}
         for row in table.rows:
             row.scenario("sampled")
             assert set(row.cells) <= set(COLUMNS)
             assert {*row.notes, *row.exceptions} <= set(row.cells)
-            assert set(continuous()[table.id][row.name]) - {"fitted"} == set(row.cells)
+            assert set(stored("chapter_8")[table.id][row.name]) - {"fitted"} == set(row.cells)
 
 
 def test_what_is_kept_agrees_with_the_thesis(steps):
@@ -253,7 +253,7 @@ def test_an_integrator_of_its_own_finds_what_is_kept_of_continuous_control(name,
     motion = Motion(time=time, ball=z[:, 0:8:4], plate=z[:, 2:8:4], u=u, reference=path(time)[0])
     found = judge(row, motion, np.zeros((len(time), 8)), scenario.metrics.start)
     for column, values in found.items():
-        assert values[0] == pytest.approx(continuous()[name][row.name][column][0], rel=1e-6)
+        assert values[0] == pytest.approx(stored("chapter_8")[name][row.name][column][0], rel=1e-6)
 
 
 CHAPTER_8 = Path(__file__).parents[2] / "docs" / "chapter8.py"

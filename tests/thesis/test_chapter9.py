@@ -19,14 +19,13 @@ from twin.scenario import load, shipped
 from twin.sim.sensors import COUNTS
 from twin.study.experiments import Store
 from twin.thesis import chapter9
-from twin.thesis.chapter8 import COLUMNS
+from twin.thesis.chapter8 import COLUMNS, stored
 from twin.thesis.chapter9 import (
     ROLLING,
     best,
     chosen,
     predicting,
     rows,
-    stored,
 )
 
 PAGE = Path(__file__).parents[2] / "docs" / "chapter9.py"
@@ -197,7 +196,7 @@ def test_the_best_search_is_used_with_all_tables_and_without_each(monkeypatch):
         }
 
     both = {"searches": [search(122.0, 1.0, 99.0, 1.4), search(121.0, 2.0, 100.0, 1.65)]}
-    monkeypatch.setattr(chapter9, "stored", lambda: both)
+    monkeypatch.setattr(chapter9, "stored", lambda _: both)
     assert best() == (2.0,) * 4
     assert best("9.3") == (1.0,) * 4
     assert page.scatter() == pytest.approx({"a": 0.25})
@@ -205,7 +204,7 @@ def test_the_best_search_is_used_with_all_tables_and_without_each(monkeypatch):
 
 def test_the_stored_numbers_lie_in_their_ranges_and_every_table_was_left_out():
     parameters = read("chapter_9").parameters.values()
-    for search in stored()["searches"]:
+    for search in stored("chapter_9")["searches"]:
         assert set(search["without"]) == set(chapter9.tables())
         assert set(search["goals"]) == {goal.sentence for goal in page.held_out_goals(made())}
     for group in ("", *chapter9.tables()):

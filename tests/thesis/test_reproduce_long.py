@@ -9,9 +9,9 @@ from twin.thesis.chapter8 import (
     ReproductionJob,
     carry_out,
     compare,
-    continuous,
     plan,
     row_results,
+    stored,
     tables,
 )
 
@@ -79,7 +79,7 @@ def test_the_mechanism_without_friction_loses_only_the_ball_that_the_thesis_driv
 
 def test_the_sampled_loop_tends_to_the_continuous_one_with_its_period():
     job = ReproductionJob("sampled", tuple(("8.4", index) for index in range(3)), 1.0)
-    kept = continuous()["8.4"].values()
+    kept = stored("chapter_8")["8.4"].values()
     truth = np.array([[values[0] for values in row.values()] for row in kept])
     slow, fast = (
         np.abs(np.array([[*row.values.values()] for row in carry_out(job, T)])[..., 0] / truth - 1)

@@ -269,7 +269,7 @@ def changed(name, change):
     ("change", "says"),
     [
         (without("applied_phi_acc"), "no commands"),
-        (changed("measured_phi", np.degrees), "which no such plate does"),
+        (changed("measured_phi", np.degrees), "0.26 rad is the end: degrees"),
         (changed("time", lambda t: 5 * t), "a row every 10 ms, but the scenario has rig.period"),
         (changed("time", lambda t: t[::-1]), "must rise from row to row"),
         (

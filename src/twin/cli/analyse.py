@@ -63,7 +63,7 @@ def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
     """Terms of (6.42) along the scenario's motion on the clean exact model."""
     from twin.run.finished import run as run_scenario
     from twin.scenario.load import clean
-    from twin.thesis.neglected import neglected_rows
+    from twin.thesis.chapter8 import neglected_rows
 
     record = run_scenario(clean(scenario)).record
     assert record is not None

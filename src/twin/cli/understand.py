@@ -219,7 +219,7 @@ def fit(
         return listed("fits")
     chosen("table", table, shipped_in("fits"))  # told before anything heavy is imported
     from twin.fit.fit import fit as fit_table
-    from twin.fit.report import row, sentences, write
+    from twin.fit.fit import row, sentences, write
     from twin.fit.runs import Runs, read
     from twin.study.experiments import Store, executors
 

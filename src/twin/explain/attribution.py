@@ -124,14 +124,12 @@ class EffectCase:
     Attributes:
         outcome: How it ended, in a word, and why if not well.
         error: Reference minus ball in m from ``metrics.start`` on, shape (K, 2).
-        distance: Its length over the whole run in m, shape (ticks,), for the picture.
         percent: e_tt of (C.7) in %; None for a reference that rests at 0, or a run cut short.
         rms: Root mean square of the distance from the reference in m; None for a run cut short.
     """
 
     outcome: str
     error: Array
-    distance: Array
     percent: float | None = None
     rms: float | None = None
 
@@ -237,9 +235,7 @@ def explain(
     except KeyboardInterrupt:
         if not found.keys() >= {wanted[ALL].model_dump_json(), wanted[NONE].model_dump_json()}:
             raise
-    nothing = EffectCase(
-        outcome="interrupted before it had ended", error=np.zeros((0, 2)), distance=np.zeros(0)
-    )
+    nothing = EffectCase(outcome="interrupted before it had ended", error=np.zeros((0, 2)))
     cases = {
         name: found.get(variant.model_dump_json(), nothing) for name, variant in wanted.items()
     }
@@ -249,17 +245,15 @@ def explain(
 def attempt(scenario: Scenario) -> EffectCase:
     """Run one case."""
     done = run(scenario)
-    steady = done.motion.time >= scenario.metrics.start - 1e-9
-    error = done.motion.error
+    error = done.motion.error[done.motion.time >= scenario.metrics.start - 1e-9]
     whole = done.outcome == Ending.FINISHED
     reason = f": {done.metrics['reason']}" if done.metrics["reason"] else ""
     when = "" if whole else f" at {done.metrics['outcome_time']:.1f} s{reason}"
     return EffectCase(
         outcome=f"{done.outcome}{when}",
-        error=error[steady],
-        distance=np.hypot(*error.T),
+        error=error,
         percent=done.metrics["tracking_error_percent"] if whole else None,
-        rms=float(np.sqrt((error[steady] ** 2).sum(axis=1).mean())) if whole else None,
+        rms=float(np.sqrt((error**2).sum(axis=1).mean())) if whole else None,
     )
 
 
@@ -342,19 +336,13 @@ def draw(path: Path, explanation: Explanation) -> None:
     Raises:
         RecordError: If the file cannot be written.
     """
-    rows = len(explanation.contributions)
-    height = 3.6 + 0.36 * max(rows, 3)
+    height = 2.2 + 0.36 * max(len(explanation.contributions), 3)
     with drawn(12, height) as figure:
         title = f"{explanation.scenario.title}: what makes the error"
         figure.suptitle(title, fontsize=12, fontweight="bold")
-        panels = figure.subplot_mosaic(
-            [["errors", "shares"], ["time", "time"]],
-            width_ratios=(1.5, 1),
-            height_ratios=(height - 3.2, 2.2),
-        )
-        _errors(panels["errors"], explanation)
-        _shares(panels["shares"], explanation)
-        _time(panels["time"], explanation)
+        errors, shares = figure.subplots(1, 2, width_ratios=(1.5, 1))
+        _errors(errors, explanation)
+        _shares(shares, explanation)
         write_whole(path, lambda target: figure.savefig(target, dpi=110, format="png"))
 
 
@@ -371,19 +359,16 @@ def _errors(panel: Axes, explanation: Explanation) -> None:
             panel.plot(size, at, mark, color=colour, ms=6, label="" if y else label)
             if case.rms is None:
                 panel.text(whole, at, f" {case.outcome}", color=colour, fontsize=7, va="center")
-    panel.axvline(whole, color=LEFT, lw=1, ls="--")
-    panel.axvline(none, color=ALONE, lw=1, ls="--")
-    top = -0.75
-    panel.annotate("all effects", (whole, top), color=LEFT, ha="right", fontsize=8)
-    panel.annotate(" none", (none, top), color=ALONE, ha="left", fontsize=8)
+    panel.axvline(whole, color=LEFT, lw=1, ls="--", label="all effects")
+    panel.axvline(none, color=ALONE, lw=1, ls="--", label="none of them")
     labels = [part.effect.label for part in explanation.contributions]
     panel.set_yticks(range(len(labels)), labels)
-    panel.set_ylim(len(labels) - 0.4, -1.1)
+    panel.set_ylim(len(labels) - 0.4, -0.6)
     panel.set_xlim(left=0)
     percent = explanation.in_percent
     panel.set_xlabel("tracking error $e_{tt}$ [%]" if percent else "RMS distance [mm]")
     panel.set_title("Error without each effect, and with it alone")
-    panel.figure.legend(*panel.get_legend_handles_labels(), loc="outside lower left", ncols=2)
+    panel.figure.legend(*panel.get_legend_handles_labels(), loc="outside lower left", ncols=4)
 
 
 def _shares(panel: Axes, explanation: Explanation) -> None:
@@ -396,33 +381,8 @@ def _shares(panel: Axes, explanation: Explanation) -> None:
         text = "a run was cut short" if share is None else f"{value:z.1f} %"
         panel.text(max(value, 0) + 0.02 * reach, y, text, va="center", fontsize=8)
     panel.set_yticks(places, [""] * len(values))
-    panel.set_ylim(len(values) - 0.4, -1.1)
-    panel.set_xlim(min(0.0, *values) * 1.25, 1.25 * reach)
-    panel.set_xticks([at for at in panel.get_xticks() if abs(at) <= max(100.0, reach)])
+    panel.set_ylim(len(values) - 0.4, -0.6)
     panel.set_xlim(min(0.0, *values) * 1.25, 1.25 * reach)
     panel.axvline(0, color="0.3", lw=0.8)
     panel.set_xlabel("share of the error [%]")
-    panel.set_title(_remainder(explanation), fontsize=9.5)
-
-
-def _remainder(explanation: Explanation) -> str:
-    if explanation.rest is None or explanation.base is None:
-        return "Share"
-    left, rest = 100 * explanation.base, 100 * explanation.rest
-    return f"Share (left with none {left:z.1f} %, not additive {rest:z.1f} %)"
-
-
-def _time(panel: Axes, explanation: Explanation) -> None:
-    period = explanation.scenario.rig.period
-    cases = {"all effects": (explanation.whole, LEFT), "none": (explanation.none, ALONE)}
-    if explanation.contributions:
-        first = explanation.contributions[0]
-        cases[f"all but {first.effect.label}"] = (first.without, SHARE)
-    for label, (case, colour) in cases.items():
-        time = period * np.arange(len(case.distance))
-        panel.plot(time, 1000 * case.distance, color=colour, lw=1, label=label)
-    panel.set(xlabel="time [s]", ylabel="distance from reference [mm]", ylim=(0, None))
-    start = explanation.scenario.metrics.start
-    if start > 0:
-        panel.axvline(start, color="0.4", lw=0.8, ls=":", label="judged from here")
-    panel.figure.legend(*panel.get_legend_handles_labels(), loc="outside lower right", ncols=4)
+    panel.set_title("Share of each")

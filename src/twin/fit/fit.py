@@ -1,4 +1,4 @@
-"""A fit from end to end: search by CMA-ES, leaving each group out, spread, verdicts.
+"""A fit from end to end: search by CMA-ES, leaving each group out, spread, verdicts, its page.
 
 Many searches go side by side, generation by generation, so that their runs share batches and the
 same run is never made twice. A search knows the cells it was given and nothing else.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from cmaes import CMA
 
 from controllers.analysis import number
 from controllers.arrays import Array
+from twin import page
 from twin.fit.runs import (
     Cell,
     FitTable,
@@ -27,6 +29,8 @@ from twin.fit.runs import (
     rounded,
     shares,
 )
+from twin.page import Block, Table, Verdict, digits
+from twin.writing import write_json
 
 SIGMA = 0.25
 """Standard deviation of the first generation, as a share of the ranges."""
@@ -194,7 +198,7 @@ FAINT = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class FittedParameter:
+class ParameterEstimate:
     """A parameter as found.
 
     Attributes:
@@ -279,7 +283,7 @@ def estimates(
     r: Array,
     groups: Sequence[str],
     folds: Sequence[Sample],
-) -> list[FittedParameter]:
+) -> list[ParameterEstimate]:
     """Every parameter with its spread and verdict, in the order of the table.
 
     Args:
@@ -303,7 +307,7 @@ def estimates(
             verdict = f"confounded with {', '.join(rivals)}" if rivals else "not seen"
         own = [fold[k] for fold in folds]
         found.append(
-            FittedParameter(
+            ParameterEstimate(
                 name=name,
                 value=best[k],
                 low=float(low),
@@ -343,7 +347,7 @@ class FitResult:
     chi2_without: dict[str, float]
     computed: Array
     held_out: Array
-    estimates: list[FittedParameter]
+    estimates: list[ParameterEstimate]
     correlation: Array
     ends: list[tuple[float, Sample]]
     runs: int
@@ -468,3 +472,75 @@ def _start(own: Sequence[Cell], whole: Sequence[Search], runs: Runs) -> Sample:
     drawn = [sample for search in whole for sample in search.first]
     found = misfits(tuple(own), drawn, runs)
     return min(drawn, key=lambda sample: float((found[sample] ** 2).sum()))
+
+
+HEADS = (
+    "parameter",
+    "value",
+    "95 %, bootstrap over groups",
+    "range without one group",
+    "unit",
+    "verdict",
+)
+CELLS = ("experiment", "indicator", "unit", "measured", "computed", "held out", "residual")
+
+
+def sentences(found: FitResult) -> list[str]:
+    """What a fit says, in words."""
+    table = found.table
+    lines = [
+        f"{len(found.cells)} measured numbers of {len(table.experiments)} experiments, "
+        f"{len(table.parameters)} parameters: chi-squared {found.chi2:.1f}."
+    ]
+    lines += [
+        f"{each.name}: {each.value:.4g} {each.unit}".rstrip()
+        + f" ({each.low:.4g} to {each.high:.4g}), {each.verdict}."
+        for each in found.estimates
+    ]
+    ends = [chi2 for chi2, _ in found.ends]
+    if len(ends) > 1:
+        lines.append(
+            f"{len(ends)} searches with different random numbers ended at chi-squared "
+            f"{', '.join(f'{chi2:.1f}' for chi2 in ends)}."
+        )
+    return lines
+
+
+def row(each: ParameterEstimate) -> tuple[str, ...]:
+    """A parameter as a row of the table: value, interval, range of the folds, verdict."""
+    folds = "-" if each.fold_low is None else f"{digits(each.fold_low)} to {digits(each.fold_high)}"
+    interval = f"{digits(each.low)} to {digits(each.high)}"
+    return each.name, digits(each.value), interval, folds, each.unit, each.verdict
+
+
+def write(found: FitResult, folder: Path) -> None:
+    """Write report.html and fit.json.
+
+    Raises:
+        RecordError: If a file cannot be written.
+    """
+    numbers = found.as_dict()
+    values = ("experiment", "indicator", "unit", "measured", "computed", "held_out")
+    cells = [
+        (*(digits(cell[key]) for key in values), f"{cell['residual']:+.2f}")
+        for cell in numbers["cells"]
+    ]
+    names = list(found.table.parameters)
+    related = [
+        (name, *(f"{value:+.2f}" for value in line))
+        for name, line in zip(names, found.correlation.tolist(), strict=True)
+    ]
+    good = any(each.verdict == "seen" for each in found.estimates)
+    note = (
+        "As data: fit.json beside this page. A residual is computed less measured in standard "
+        "uncertainties; of an indicator that a run does not have it is 10. Held out: fitted "
+        "without the group that a number belongs to."
+    )
+    blocks: list[Block] = [
+        Verdict(sentences(found), good),
+        Table("Parameters", HEADS, [row(each) for each in found.estimates], words=(0, 4, 5)),
+        Table("Correlation", ("", *names), related),
+        Table("Every measured number", CELLS, cells, words=(0, 1, 2), note=note),
+    ]
+    page.write(folder / "report.html", found.table.title, blocks)
+    write_json(folder / "fit.json", numbers)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,22 +11,11 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.identify.judged import (
-    BOUNDED,
-    CORRELATED,
-    IDENTIFIED,
-    NOT,
-    Identification,
-    ParameterVerdict,
-    corner_frequency,
-    score,
-)
+from twin.identify import judged
 from twin.identify.logs import BALLS, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain_model import SMOOTH, AxisFit, axis_predicted, beginnings, crossed, fit_axis
-from twin.identify.search import (
-    Estimate,
-)
+from twin.identify.search import Estimate
 
 LONGEST = 2.5
 """Length of the windows in s, as a rule."""
@@ -43,38 +32,14 @@ PAUSE = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlainIdentification(Identification):
+class PlainIdentification(judged.Identification):
     """What logs of any rig show.
 
     Attributes:
-        fits: Axis to its fit.
-        unit: Axis to the unit of its command: rad or count.
         factor: Share of gravity that accelerates the ball.
     """
 
-    fits: Mapping[str, AxisFit]
-    unit: Mapping[str, str]
     factor: float
-
-    @property
-    def extent(self) -> str:
-        """How much of the logs was used, in words."""
-        return f"{self.source}: {self.seconds:.1f} s were fitted."
-
-    @property
-    def remarks(self) -> list[str]:
-        """How much of what a ball does each axis does, in sentences."""
-        found = []
-        for axis, fit in self.fits.items():
-            per = fit.value("gain") / fit.problem.tilt.scale
-            share = per / (self.factor * BallPlate().gravity)
-            if self.unit[axis] == "rad":
-                found.append(
-                    f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball "
-                    f"does that takes {self.factor:.3g} of gravity: only this product of the "
-                    "plate's tilt per command and the ball's share of gravity is told."
-                )
-        return found
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts.
@@ -98,7 +63,7 @@ class PlainIdentification(Identification):
             dead_time = f"{mean['dead_time']:.6g}"
             lines["sensors.touch.dead_time"] = f"{dead_time}  # all of it, commands' too"
         if "lag" in mean:
-            lines["plant.servo.bandwidth_hz"] = f"{corner_frequency(mean['lag']):.6g}"
+            lines["plant.servo.bandwidth_hz"] = f"{judged.corner_frequency(mean['lag']):.6g}"
         if level := known.get("level"):
             tilts = [math.degrees(sign * level.get(axis, 0.0) / push) for axis, sign in SIGNS]
             lines["plant.level_deg"] = f"[{tilts[0]:.6g}, {tilts[1]:.6g}]"
@@ -129,7 +94,7 @@ def identify_any(
     """
     notes = [note for log in logs for note in log.notes]
     fits: dict[str, AxisFit] = {}
-    found: list[ParameterVerdict] = []
+    found: list[judged.ParameterVerdict] = []
     reasons = []
     first = logs[0]
     parts = [_parts(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
@@ -144,7 +109,9 @@ def identify_any(
         except LogError as error:
             reasons.append(f"{axis}: {error}")
             found += [
-                ParameterVerdict(about=_about(name, unit), name=f"{name}_{axis}", why=str(error))
+                judged.ParameterVerdict(
+                    about=_about(name, unit), name=f"{name}_{axis}", why=str(error)
+                )
                 for name in (*SMOOTH, "friction")
             ]
             continue
@@ -161,19 +128,32 @@ def identify_any(
     # all axes from the same times on: the ball is seen along both or neither
     at = beginnings(next(iter(unseen.values()))) if unseen else np.zeros(0)
     tried = {axis: axis_predicted(log, fits[axis], at) for axis, log in unseen.items() if len(at)}
-    scores = [score({axis: each}) for axis, each in tried.items()]
+    scores = [judged.score({axis: each}) for axis, each in tried.items()]
     if len(tried) > 1:
-        scores.append(score(tried))
+        scores.append(judged.score(tried))
+    seconds = sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known)
+    told = (_share(axis, fit, factor) for axis, fit in fits.items() if first.unit[axis] == "rad")
     return PlainIdentification(
         source=first.source,
-        seconds=sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known),
+        seconds=seconds,
+        extent=f"{first.source}: {seconds:.1f} s were fitted.",
+        remarks=tuple(told),
         verdicts=tuple(found),
         scores=tuple(scores),
         predictions=tried,
         notes=tuple(notes),
-        fits=fits,
-        unit=first.unit,
         factor=factor,
+    )
+
+
+def _share(axis: str, fit: AxisFit, factor: float) -> str:
+    """How much of what a ball does an axis does, in a sentence."""
+    per = fit.value("gain") / fit.problem.tilt.scale
+    share = per / (factor * BallPlate().gravity)
+    return (
+        f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball does that "
+        f"takes {factor:.3g} of gravity: only this product of the plate's tilt per command and the "
+        "ball's share of gravity is told."
     )
 
 
@@ -241,7 +221,7 @@ def _about(name: str, unit: str) -> IdentifiedParameter:
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
 
-def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[ParameterVerdict]:
+def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged.ParameterVerdict]:
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
     own = fit.estimate()
@@ -255,7 +235,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[Parame
         high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
     except LogError:
         pass
-    alike = np.abs(own.correlation) > CORRELATED
+    alike = np.abs(own.correlation) > judged.CORRELATED
     ends = np.transpose(fit.problem.bounds)
     found = []
     for k, name in enumerate(names):
@@ -288,7 +268,7 @@ def _verdict(
     reasons: list[str],
     alike: list[str],
     scale: float = 1.0,
-) -> ParameterVerdict:
+) -> judged.ParameterVerdict:
     """The verdict of one parameter.
 
     Args:
@@ -302,8 +282,7 @@ def _verdict(
     """
     (value, low, high), (least, most) = map(float, values), map(float, ends)
     if not math.isfinite(high - low):
-        why = f"the log does not show it; {about.experiment}"
-        return ParameterVerdict(about=about, name=name, why=why)
+        return judged.ParameterVerdict.unknown(about, name, "the log does not show it")
     low = max(min(low, value - about.floor), least)
     high = min(max(high, value + about.floor), most)
     slack = 1e-3 * (most - least)
@@ -321,13 +300,13 @@ def _verdict(
     elif not at_bound and not narrow:
         reasons.append(f"its interval is wide; {about.experiment}")
     bounded = at_bound or low <= least or high >= most
-    word = IDENTIFIED if narrow else BOUNDED if bounded else NOT
-    return ParameterVerdict(
+    word = judged.IDENTIFIED if narrow else judged.BOUNDED if bounded else judged.NOT
+    return judged.ParameterVerdict(
         about=about,
         name=name,
         value=scale * value,
         low=scale * low,
         high=scale * high,
-        word=NOT if nothing else word,
+        word=judged.NOT if nothing else word,
         why="; ".join(reasons),
     )

@@ -64,6 +64,11 @@ class ParameterVerdict:
             return f"above {digits(self.low)}"
         return f"{digits(self.low)} to {digits(self.high)}"
 
+    @classmethod
+    def unknown(cls, about: IdentifiedParameter, name: str, why: str) -> ParameterVerdict:
+        """Of what the log does not show; the experiment that would is said as well."""
+        return cls(about=about, name=name, why=f"{why}; {about.experiment}")
+
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
         return {
@@ -224,6 +229,8 @@ class Identification:
         scores: On what was held out, of one axis or of both together.
         predictions: Axis to its predictions there.
         notes: What was left out or assumed, in words.
+        extent: How much of the log was used, in words.
+        remarks: What is to be said of the fit beside its verdicts and scores, in sentences.
     """
 
     source: str
@@ -232,16 +239,8 @@ class Identification:
     scores: tuple[Score, ...]
     predictions: Mapping[str, Predicted]
     notes: tuple[str, ...]
-
-    @property
-    def extent(self) -> str:
-        """How much of the log was used, in words."""
-        raise NotImplementedError
-
-    @property
-    def remarks(self) -> list[str]:
-        """What is to be said of the fit beside its verdicts and scores, in sentences."""
-        raise NotImplementedError
+    extent: str
+    remarks: tuple[str, ...]
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts."""

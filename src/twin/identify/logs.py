@@ -347,8 +347,8 @@ def read_any(
         text = path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
-    lines = [line for line in text.splitlines() if line.strip()]
-    lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
+    lines = [line for line in text.splitlines() if not line.lstrip().startswith(COMMENTS)]
+    lines = list(filter(str.strip, lines))
     if not lines:
         raise LogError(f"{path.name}: is empty")
     split = _separated(lines, SEPARATORS.get(separator or "", separator))

@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from twin.data_file import read_toml
 from twin.errors import LogError
-
-if TYPE_CHECKING:
-    from controllers.arrays import Array
-    from twin.sim.plant.friction import Friction
 
 _FACTORS = {"mm": 1e3, "deg": math.degrees(1)}
 
@@ -92,16 +86,3 @@ def chosen(
 def fitted(names: tuple[str, ...]) -> tuple[str, ...]:
     """The ball parameters that a fit for these has to find."""
     return (*ALWAYS, *(name for name in BALL if name in names and name not in ALWAYS))
-
-
-def friction(values: Mapping[str, Array]) -> Friction:
-    """The friction object of parameter values; the one place that builds it."""
-    from twin.sim.plant.friction import Friction  # noqa: PLC0415  heavy: a help needs the names
-
-    return Friction(
-        rolling=values["rolling"],
-        breakaway_ratio=values["breakaway"],
-        stribeck_speed=values["stribeck"],
-        dwell_time=values["dwell"],
-        viscous=values["viscous"],
-    )

@@ -28,15 +28,7 @@ from twin.identify.judged import (
 )
 from twin.identify.logs import GAP, AxisLog
 from twin.identify.parameters import PLAIN
-from twin.identify.search import (
-    TOLERATED,
-    Fit,
-    Fitting,
-    Linearisation,
-    begun,
-    fit_starts,
-    minimise,
-)
+from twin.identify.search import TOLERATED, Fit, Fitting, Linearisation, begun, fit_starts, minimise
 from twin.identify.windows import BIN, SHORT, SampleWindows, axis_windows, spans
 
 STEP = 0.008

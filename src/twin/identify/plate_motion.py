@@ -17,13 +17,7 @@ from twin.errors import LogError
 from twin.hal.cams import CamTable
 from twin.identify.logs import resolution
 from twin.identify.parameters import SERVO
-from twin.identify.prepare import (
-    COLUMNS_OF_AXIS,
-    ROLL,
-    PreparedLog,
-    Segment,
-    speed,
-)
+from twin.identify.prepare import COLUMNS_OF_AXIS, ROLL, PreparedLog, Segment, speed
 from twin.identify.search import Estimate, estimate
 from twin.sim.rig import Hysteresis, Play
 

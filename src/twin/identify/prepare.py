@@ -11,11 +11,9 @@ from scipy.signal import savgol_filter
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.hal.interface import SCREEN
 from twin.identify.logs import Log, resolution, runs
+from twin.run.logs import check_reach
 
-STEEPEST = 0.26
-"""Largest plate angle in rad that any such rig reaches; the thesis's stops at 10 deg."""
 COLUMNS_OF_AXIS = (("measured_x", "measured_phi"), ("measured_y", "measured_theta"))
 
 
@@ -29,24 +27,8 @@ def check_ranges(log: Log) -> None:
     if not touched.any():
         raise LogError(f"{log.source}: the screen never detected the ball")
     for axis, (ball, plate) in enumerate(COLUMNS_OF_AXIS):
-        edge = SCREEN[axis] / 2
-        far = float(np.percentile(np.abs(log.ball[touched, axis]), 99))
-        if far > 1.05 * edge:
-            guess = "another unit"
-            if 4 * edge < far <= 100 * edge:
-                guess = "centimetres"
-            elif 100 * edge < far <= 1100 * edge:
-                guess = "millimetres"
-            raise LogError(
-                f"{log.source}: {ball}: reaches {far:.3g} where the screen ends at {edge:g} m; "
-                f"{guess}? Give m, or the unit in the header"
-            )
-        steep = float(np.nanpercentile(np.abs(log.plate[:, axis]), 99))
-        if steep > STEEPEST:
-            raise LogError(
-                f"{log.source}: {plate}: reaches {steep:.3g} rad, which no such plate does; "
-                f"degrees? Give rad, or the unit in the header"
-            )
+        check_reach(log.source, ball, log.ball[touched, axis])
+        check_reach(log.source, plate, log.plate[:, axis])
 
 
 PACE = 0.02
@@ -267,7 +249,9 @@ def prepare(log: Log) -> PreparedLog:
     if gap.any():
         missing = float(steps[gap].sum())
         notes.append(f"{int(gap.sum())} gaps of {missing:.2f} s in all left out")
-    lifted = _long_runs(~log.touched, time, LIFTED)
+    lifted = np.zeros_like(log.touched)
+    for first, stop in runs(~log.touched):
+        lifted[first:stop] = time[stop - 1] - time[first] >= LIFTED
     if lifted.any():
         notes.append(f"ball off the screen for {period * lifted.sum():.2f} s: left out")
     fresh, sigma = ball_samples(log, period, notes)
@@ -327,15 +311,6 @@ def _period(time: Array, source: str) -> float:
     if period < 5e-5:
         raise LogError(f"{source}: time: a row every {period:.2g} s cannot be; seconds are wanted")
     return period
-
-
-def _long_runs(mask: Mask, time: Array, least: float) -> Mask:
-    """The runs of True that last at least a time in s."""
-    out = np.zeros_like(mask)
-    for first, stop in runs(mask):
-        if time[stop - 1] - time[first] >= least:
-            out[first:stop] = True
-    return out
 
 
 def _segment(log: Log, fresh: Mask, rows: slice, period: float) -> Segment:

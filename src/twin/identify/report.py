@@ -10,17 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from twin import page
-from twin.identify.judged import (
-    BOUNDED,
-    HORIZONS,
-    IDENTIFIED,
-    MOVES,
-    NOT,
-    PREDICTORS,
-    REJECTED,
-    Identification,
-    Score,
-)
+from twin.identify import judged
 from twin.page import Block, Picture, Table, Text, Verdict, digits
 from twin.run.picture import COLOURS, drawn
 from twin.writing import write_whole
@@ -34,13 +24,13 @@ BAD = 0.02
 """Share by which a model may be worse than a baseline before it is said."""
 
 
-def sentences(found: Identification) -> list[str]:
+def sentences(found: judged.Identification) -> list[str]:
     """The verdict in words."""
     words = []
     for said, among in (
-        ("Identified", (IDENTIFIED,)),
-        ("Fitted, but the log rejects the model, so that no error is known", (REJECTED,)),
-        ("Not identified from this log", (BOUNDED, NOT)),
+        ("Identified", (judged.IDENTIFIED,)),
+        ("Fitted, but the log rejects the model, so that no error is known", (judged.REJECTED,)),
+        ("Not identified from this log", (judged.BOUNDED, judged.NOT)),
     ):
         names = [each.short_label for each in found.verdicts if each.word in among]
         if names:
@@ -48,9 +38,9 @@ def sentences(found: Identification) -> list[str]:
     return [*words, *_judged(found.scores), *found.remarks]
 
 
-def _judged(scores: tuple[Score, ...]) -> Iterator[str]:
+def _judged(scores: tuple[judged.Score, ...]) -> Iterator[str]:
     """What the model is worth, in sentences."""
-    ahead = HORIZONS.index(1.0)
+    ahead = judged.HORIZONS.index(1.0)
     for each in scores:
         name = "both axes together" if len(each.axes) > 1 else each.axes
         if not each.windows:
@@ -75,21 +65,21 @@ def _judged(scores: tuple[Score, ...]) -> Iterator[str]:
         yield "Nothing was held out that could judge it: no stretch of 3 s with the ball seen."
 
 
-def _worse(score: Score) -> Iterator[str]:
-    models = [who for who in PREDICTORS[:2] if who in score.median]
-    for k, ahead in enumerate(HORIZONS):
+def _worse(score: judged.Score) -> Iterator[str]:
+    models = [who for who in judged.PREDICTORS[:2] if who in score.median]
+    for k, ahead in enumerate(judged.HORIZONS):
         best = min(BASELINES, key=lambda who: score.median[who][k])
         least = score.median[best][k]
         if min(score.median[who][k] for who in models) > (1 + BAD) * least:
             yield f"after {ahead:g} s {BASELINES[best]} is {1000 * least:.1f} mm off"
 
 
-def _held_out(found: Identification) -> list[Block]:
+def _held_out(found: judged.Identification) -> list[Block]:
     """What was held out, as a table and in pictures."""
     if not found.scores:
         return []
     heads = ["axes", "by"]
-    for ahead in HORIZONS:
+    for ahead in judged.HORIZONS:
         heads += [f"{ahead:g} s, median [mm]", f"{ahead:g} s, 90 % [mm]"]
     rows = [
         (
@@ -97,7 +87,7 @@ def _held_out(found: Identification) -> list[Block]:
             who,
             *(
                 digits(1000 * table[who][k]) if math.isfinite(table[who][k]) else "-"
-                for k in range(len(HORIZONS))
+                for k in range(len(judged.HORIZONS))
                 for table in (each.median, each.ninety)
             ),
         )
@@ -105,8 +95,8 @@ def _held_out(found: Identification) -> list[Block]:
         for who in each.median
     ]
     note = (
-        f"Where the ball moves by more than {1000 * MOVES:g} mm. Every prediction begins with what "
-        "0.4 s before show of place and velocity."
+        f"Where the ball moves by more than {1000 * judged.MOVES:g} mm. Every prediction begins "
+        "with what 0.4 s before show of place and velocity."
     )
     if FOLLOWED in found.scores[0].median:
         note += (
@@ -118,7 +108,7 @@ def _held_out(found: Identification) -> list[Block]:
     return out
 
 
-def rows(found: Identification) -> list[tuple[str, str, str, str, str]]:
+def rows(found: judged.Identification) -> list[tuple[str, str, str, str, str]]:
     """The verdicts as a table under ``HEADS``."""
     return [
         (each.label, digits(each.value), each.interval, each.about.unit, each.word)
@@ -126,7 +116,7 @@ def rows(found: Identification) -> list[tuple[str, str, str, str, str]]:
     ]
 
 
-def parameters(found: Identification, words: tuple[str, ...] = (IDENTIFIED,)) -> str:
+def parameters(found: judged.Identification, words: tuple[str, ...] = (judged.IDENTIFIED,)) -> str:
     """Parameters as TOML that a scenario may name, those with one of these verdicts."""
     tables: dict[str, list[str]] = {}
     for key, value in found.settings(words).items():
@@ -141,13 +131,13 @@ def parameters(found: Identification, words: tuple[str, ...] = (IDENTIFIED,)) ->
     return "\n".join(lines) + "\n"
 
 
-def write(found: Identification, folder: Path) -> None:
+def write(found: judged.Identification, folder: Path) -> None:
     """Write report.html and, if anything was identified, parameters.toml.
 
     Raises:
         RecordError: If a file cannot be written.
     """
-    good = any(each.word == IDENTIFIED for each in found.verdicts)
+    good = any(each.word == judged.IDENTIFIED for each in found.verdicts)
     verdicts = [(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)]
     blocks: list[Block] = [
         Verdict(sentences(found), good),
@@ -167,13 +157,13 @@ def write(found: Identification, folder: Path) -> None:
         write_whole(folder / "parameters.toml", parameters(found))
 
 
-def _prediction_figure(found: Identification) -> Figure:
+def _prediction_figure(found: judged.Identification) -> Figure:
     axes = found.predictions
     with drawn(12, 3 * len(axes)) as figure:
         panels = figure.subplots(len(axes), len(WINDOWS), squeeze=False)
         for row, (axis, each) in zip(panels, axes.items(), strict=True):
             errors = np.abs(each.errors("model", 1.0))
-            errors[each.way <= MOVES] = np.nan
+            errors[each.way <= judged.MOVES] = np.nan
             order = np.argsort(errors)[: int(np.isfinite(errors).sum())]
             for panel, word, at in zip(row, WINDOWS, (0, 0.5, 1), strict=True):
                 if not len(order):
@@ -182,7 +172,7 @@ def _prediction_figure(found: Identification) -> Figure:
                 seen = np.isfinite(each.ball[w])
                 ahead = each.ahead[w, seen]
                 panel.plot(ahead, 1000 * each.ball[w, seen], ".", color="0.4", ms=4)
-                models = [who for who in PREDICTORS[:3] if who in each.by]
+                models = [who for who in judged.PREDICTORS[:3] if who in each.by]
                 for colour, who in zip(COLOURS, models, strict=False):
                     panel.plot(ahead, 1000 * each.by[who][w, seen], color=colour, label=who)
                 panel.axvline(0, color="0.5", lw=1, ls=":")

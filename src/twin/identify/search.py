@@ -69,7 +69,7 @@ class Estimate:
 
 
 def estimate(
-    value: Array, information: Array, score: Array, noise: Array | None = None, seed: int = 0
+    value: Array, information: Array, score: Array, noise: Array | None = None
 ) -> Estimate:
     """Bootstrap a least-squares fit over W windows that are independent of each other.
 
@@ -84,7 +84,6 @@ def estimate(
         information: J'J of each window, shape (W, P, P).
         score: J'r of each window, r being fit minus data, shape (W, P).
         noise: Covariance of the sum of the scores by noise alone, shape (P, P), if it is known.
-        seed: Seed of the weights.
     """
     total = information.sum(axis=0)
     scale = np.sqrt(np.maximum(np.diagonal(total), 1e-300))
@@ -100,8 +99,7 @@ def estimate(
             for part, s in zip(information, score, strict=True)
         ]
     )
-    rng = np.random.default_rng(seed)
-    weights = rng.choice(_WEIGHTS.ravel(), (DRAWS, len(score)))
+    weights = np.random.default_rng(0).choice(_WEIGHTS.ravel(), (DRAWS, len(score)))
     told = np.einsum("ij,wjk,ki->wi", inverse, information, inverse)
     alike = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
     known = 0.0 if noise is None else np.sqrt(np.diagonal(inverse @ noise @ inverse))

@@ -16,49 +16,17 @@ from scipy import stats
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.identify.judged import (
-    BOUNDED,
-    CORRELATED,
-    EVERY,
-    HORIZONS,
-    IDENTIFIED,
-    LEAD,
-    NEAR,
-    NOT,
-    REJECTED,
-    Identification,
-    ParameterVerdict,
-    Predicted,
-    corner_frequency,
-    predicted,
-    score,
-)
+from twin.identify import judged, search
 from twin.identify.logs import Log
-from twin.identify.parameters import (
-    BALL,
-    HIDDEN,
-    SERVO,
-    SHARE,
-    fitted,
-    friction,
-)
+from twin.identify.parameters import BALL, HIDDEN, SERVO, SHARE, fitted
 from twin.identify.plate_motion import Drives, check_motion, fit_drives
 from twin.identify.prepare import PreparedLog, Segment, check_ranges, prepare
-from twin.identify.search import (
-    START_DIFFERENCES,
-    START_PRIOR,
-    Estimate,
-    Fit,
-    Fitting,
-    Linearisation,
-    begun,
-    minimise,
-)
 from twin.identify.windows import LOOKBACK, Spans, Windows, cut, moving_spans, replay
+from twin.sim.plant.friction import Friction
 
 
 @dataclass(frozen=True)
-class Problem(Fitting):
+class Problem(search.Fitting):
     """What is fitted to what.
 
     Attributes:
@@ -73,8 +41,8 @@ class Problem(Fitting):
     names: tuple[str, ...]
     grip: float = 0.0
     about = BALL
-    start_steps = START_DIFFERENCES
-    prior = START_PRIOR
+    start_steps = search.START_DIFFERENCES
+    prior = search.START_PRIOR
 
     def values(self, theta: Array) -> dict[str, Array]:
         """All ball parameters by name, those not fitted at values without effect, shape (C, 1).
@@ -110,10 +78,17 @@ class Problem(Fitting):
         """
         values = self.values(theta)
         level = np.stack((values["level_phi"], values["level_theta"]))
+        friction = Friction(
+            rolling=values["rolling"],
+            breakaway_ratio=values["breakaway"],
+            stribeck_speed=values["stribeck"],
+            dwell_time=values["dwell"],
+            viscous=values["viscous"],
+        )
         return replay(
             self.windows.field,
             self.model,
-            friction(values),
+            friction,
             level,
             starts,
             self.grip,
@@ -126,7 +101,9 @@ class Problem(Fitting):
         places, speeds = self.replayed(theta, starts)
         return self.windows.at_samples(places, speeds, self.values(theta)["delay"])
 
-    def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
+    def linearise(
+        self, theta: Array, starts: Array, *, slopes: bool = True
+    ) -> search.Linearisation:
         """Residuals and slopes of C candidates; a resting ball has no speed to be fitted."""
         found = super().linearise(theta, starts, slopes=slopes)
         found.by_start[:, self.windows.resting, :, 2:] = 0.0
@@ -144,14 +121,7 @@ CREEPS = float(stats.chi2.ppf(0.99, 2))
 """Noise variances by which a free speed at the start may seem to improve a window begun at rest."""
 
 
-@dataclass(frozen=True)
-class TwinFit(Fit):
-    """The best fit found; ``left_out`` counts the windows that no candidate explains."""
-
-    left_out: int
-
-
-def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> TwinFit:
+def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> search.Fit:
     """Fit the parameters, from many starts; ``grip`` as in ``replay``.
 
     A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
@@ -163,7 +133,7 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
     """
     problem = Problem(model, windows, names, grip)
     guesses = _scan_breakaway(problem, _fit_rolling(problem))
-    found = minimise(problem, guesses, begun(problem, guesses, 3), 12)
+    found = search.minimise(problem, guesses, search.begun(problem, guesses, 3), 12)
     while True:
         best = found.ahead(1)
         misfit = problem.misfit(best.linearisation.r)[0]
@@ -171,20 +141,20 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
         if kept.all() or kept.sum() < max(3, len(windows) / 2):
             break
         problem = replace(problem, windows=problem.windows.take(kept))
-        found = minimise(problem, found.theta, found.starts[:, :, kept], 12)
+        found = search.minimise(problem, found.theta, found.starts[:, :, kept], 12)
     creeping = _creeping(problem, best.theta, best.starts)
     if creeping.any():
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
         resting = windows.resting & ~crept
-        return search(model, replace(windows, resting=resting), names, grip)
-    return TwinFit(problem, best, len(windows) - len(problem.windows))
+        return fit_twin(model, replace(windows, resting=resting), names, grip)
+    return search.Fit(problem, best)
 
 
 def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
     """Windows begun at rest that a ball which creeps at first explains better, shape (W,)."""
     windows = problem.windows
     free = replace(problem, windows=replace(windows, resting=np.zeros_like(windows.resting)))
-    going = begun(free, theta, 8)
+    going = search.begun(free, theta, 8)
     rest, roll = (
         problem.misfit(problem.linearise(theta, each, slopes=False).r)[0] * windows.size
         for each in (starts, going)
@@ -200,7 +170,7 @@ def _fit_rolling(whole: Problem) -> Array:
     smooth = tuple(name for name in names if name not in ("breakaway", "stribeck", "dwell"))
     problem = replace(whole, windows=windows.take(~windows.resting), names=smooth)
     theta = problem.first_guesses(rolling=(1e-4, 1e-4, 4e-4, 4e-4), delay=(0.02, 0.07, 0.02, 0.07))
-    best = minimise(problem, theta, begun(problem, theta, 2), 8).ahead(1)
+    best = search.minimise(problem, theta, search.begun(problem, theta, 2), 8).ahead(1)
     return whole.first_guesses(**dict(zip(smooth, best.theta.T, strict=True)))
 
 
@@ -212,7 +182,7 @@ def _scan_breakaway(problem: Problem, guesses: Array) -> Array:
     at_rest = replace(problem, windows=windows.take(windows.resting))
     tried = np.repeat(guesses, len(BREAKAWAY_RATIOS), axis=0)
     tried[:, names.index("breakaway")] = np.tile(BREAKAWAY_RATIOS, len(guesses))
-    fitted = at_rest.linearise(tried, begun(at_rest, tried, 1), slopes=False)
+    fitted = at_rest.linearise(tried, search.begun(at_rest, tried, 1), slopes=False)
     return np.asarray(tried[np.argsort(at_rest.cost(fitted.r))[:FITTED_GUESSES]])
 
 
@@ -277,8 +247,8 @@ class Whiteness:
 
 
 def verdicts(
-    names: tuple[str, ...], fit: TwinFit, drives: Drives | None, *, white: bool
-) -> tuple[ParameterVerdict, ...]:
+    names: tuple[str, ...], fit: search.Fit, drives: Drives | None, *, white: bool
+) -> tuple[judged.ParameterVerdict, ...]:
     """One verdict per parameter asked for, in that order; the level has two.
 
     Args:
@@ -290,8 +260,8 @@ def verdicts(
     found, ball = [], fit.estimate()
     for name in names:
         if name in HIDDEN:
-            why = f"neither ball nor plate positions show it; {HIDDEN[name].experiment}"
-            found.append(ParameterVerdict(about=HIDDEN[name], name=name, why=why))
+            why = "neither ball nor plate positions show it"
+            found.append(judged.ParameterVerdict.unknown(HIDDEN[name], name, why))
         elif name == "servo":
             found.append(_servo(drives))
             if drives is not None and drives.play - drives.play_half_width > NOTHING:
@@ -302,7 +272,7 @@ def verdicts(
     return tuple(found)
 
 
-def whiteness(fit: TwinFit) -> Whiteness:
+def whiteness(fit: search.Fit) -> Whiteness:
     """How white the residuals of a fit are.
 
     What the starts fitted along take out of white noise is known, and is not held against it.
@@ -312,7 +282,7 @@ def whiteness(fit: TwinFit) -> Whiteness:
     for r, Z, weight in zip(every.r[0], every.by_start[0], windows.weight, strict=True):  # noqa: N806
         there = np.repeat((weight > 0).all(axis=-1), 2)
         r, Z = r[there], Z[there]  # noqa: N806, PLW2901
-        taken = Z @ np.linalg.solve(Z.T @ Z + START_PRIOR, Z.T)
+        taken = Z @ np.linalg.solve(Z.T @ Z + search.START_PRIOR, Z.T)
         for lag in range(min(LAGS + 1, len(r) // 2)):
             alike = r[2 * lag :] @ r[: len(r) - 2 * lag]
             products[lag] += alike + (np.trace(taken, 2 * lag) if lag else 0.0)
@@ -326,68 +296,70 @@ def whiteness(fit: TwinFit) -> Whiteness:
     )
 
 
-def _ball(name: str, fit: TwinFit, ball: Estimate, *, white: bool) -> ParameterVerdict:
+def _ball(
+    name: str, fit: search.Fit, ball: search.Estimate, *, white: bool
+) -> judged.ParameterVerdict:
     about, k = BALL[name], fit.problem.names.index(name)
     value, half = float(ball.value[k]), max(float(ball.half_width[k]), about.floor)
     never = name in {"breakaway", "stribeck", "dwell"} and not fit.problem.windows.resting.any()
     if never or not math.isfinite(half):
         why = "the ball never rests" if never else "the log does not show it"
-        return ParameterVerdict(about=about, name=name, why=f"{why}; {about.experiment}")
-    found = ParameterVerdict(about=about, name=name, value=about.factor * value)
+        return judged.ParameterVerdict.unknown(about, name, why)
+    found = judged.ParameterVerdict(about=about, name=name, value=about.factor * value)
     if not white:
         why = "best fit only: the log holds motion that the twin does not explain"
-        return replace(found, word=REJECTED, why=why)
+        return replace(found, word=judged.REJECTED, why=why)
     low, high = max(value - half, about.least), min(value + half, about.most)
     if name == "delay" and value > about.most - half:
         why = f"at its bound of {about.most:g} s: give the log with --columns, which takes 1 s"
         low = about.factor * (value - half)
-        return replace(found, low=low, word=BOUNDED, why=why)
+        return replace(found, low=low, word=judged.BOUNDED, why=why)
     found = replace(found, low=about.factor * low, high=about.factor * high)
     if half <= max(about.tolerance, about.relative * abs(value)):
-        return replace(found, word=IDENTIFIED)
-    alike = np.abs(ball.correlation[k]) > CORRELATED
+        return replace(found, word=judged.IDENTIFIED)
+    alike = np.abs(ball.correlation[k]) > judged.CORRELATED
     others = [other for other, same in zip(fit.problem.names, alike, strict=True) if same]
     others.remove(name)
     why = f"cannot be told from {', '.join(others)}" if others else "its interval is too wide"
     at_edge = value <= about.least + half or value >= about.most - half
-    word = BOUNDED if at_edge and high - low < about.most - about.least else NOT
+    word = judged.BOUNDED if at_edge and high - low < about.most - about.least else judged.NOT
     return replace(found, word=word, why=f"{why}; {about.experiment}")
 
 
-def _lost_motion(drives: Drives) -> ParameterVerdict:
+def _lost_motion(drives: Drives) -> judged.ParameterVerdict:
     value, half = math.degrees(drives.play), math.degrees(drives.play_half_width)
-    return ParameterVerdict(
+    return judged.ParameterVerdict(
         about=HIDDEN["lost_motion"],
         name="lost_motion",
         value=value,
         low=value - half,
         high=value + half,
-        word=IDENTIFIED,
+        word=judged.IDENTIFIED,
         why="play, hysteresis or friction: ballplate calibrate lost-motion tells which",
     )
 
 
-def _servo(drives: Drives | None) -> ParameterVerdict:
-    found = ParameterVerdict(about=SERVO, name="servo")
+def _servo(drives: Drives | None) -> judged.ParameterVerdict:
+    found = judged.ParameterVerdict(about=SERVO, name="servo")
     if drives is None:
         return replace(found, why=f"no commanded rates in the log; {SERVO.experiment}")
     lag, half = drives.lag, max(drives.half_width, SERVO.floor)
     if not math.isfinite(half):
         return replace(found, why=f"the plate hardly moves; {SERVO.experiment}")
-    low = corner_frequency(lag + half)
-    if lag <= half or corner_frequency(lag) > FASTEST:
+    low = judged.corner_frequency(lag + half)
+    if lag <= half or judged.corner_frequency(lag) > FASTEST:
         why = f"faster than the log shows: above {low:.3g} Hz; {SERVO.experiment}"
-        return replace(found, low=low, word=BOUNDED, why=why)
-    value, high = corner_frequency(lag), corner_frequency(lag - half)
+        return replace(found, low=low, word=judged.BOUNDED, why=why)
+    value, high = judged.corner_frequency(lag), judged.corner_frequency(lag - half)
     good = half <= max(SERVO.tolerance, SERVO.relative * lag)
     why = "" if good else f"its interval is too wide; {SERVO.experiment}"
     if not drives.agree:
         why = "angles and rates of the plate do not give the same: the interval holds both"
-    word = IDENTIFIED if good else NOT
+    word = judged.IDENTIFIED if good else judged.NOT
     return replace(found, value=value, low=low, high=high, word=word, why=why)
 
 
-def replayed(log: PreparedLog, fit: TwinFit, lag: float) -> dict[str, Predicted]:
+def replayed(log: PreparedLog, fit: search.Fit, lag: float) -> dict[str, judged.Predicted]:
     """Replay a part of a log by a fitted twin from many starts: both axes, or none if too short.
 
     Args:
@@ -395,10 +367,10 @@ def replayed(log: PreparedLog, fit: TwinFit, lag: float) -> dict[str, Predicted]
         fit: The parameters.
         lag: Time constant of the drives in s.
     """
-    windows = cut(log, lag, LEAD + HORIZONS[-1] + NEAR, _overlapping_spans)
+    windows = cut(log, lag, judged.LEAD + judged.HORIZONS[-1] + judged.NEAR, _overlapping_spans)
     if windows is None:
         return {}
-    lead = LOOKBACK + LEAD
+    lead = LOOKBACK + judged.LEAD
     there = windows.weight[..., 0] > 0
     before = (there & (windows.time < lead)).sum(axis=1)
     windows = windows.take((before >= 3) & (there.sum(axis=1) > before))
@@ -409,11 +381,11 @@ def replayed(log: PreparedLog, fit: TwinFit, lag: float) -> dict[str, Predicted]
     for name, value in (("rolling", 0.0), ("breakaway", 1.0), ("viscous", 0.0)):
         if name in problem.names:
             frictionless[:, problem.names.index(name)] = value
-    return predicted(problem, lead, {"model": theta, "without friction": frictionless}, "xy")
+    return judged.predicted(problem, lead, {"model": theta, "without friction": frictionless}, "xy")
 
 
 def _overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> Spans:
-    begins = np.arange(begin, end - longest, EVERY)
+    begins = np.arange(begin, end - longest, judged.EVERY)
     return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
 
 
@@ -422,7 +394,7 @@ LONGEST = 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwinIdentification(Identification):
+class TwinIdentification(judged.Identification):
     """What a log shows of a rig like the twin's.
 
     Attributes:
@@ -432,23 +404,8 @@ class TwinIdentification(Identification):
     """
 
     log: PreparedLog
-    fit: TwinFit
+    fit: search.Fit
     whiteness: Whiteness
-
-    @property
-    def extent(self) -> str:
-        """How much of the log was used, in words."""
-        count, ended = len(self.fit.problem.windows), self.fit.found.termination
-        return (
-            f"{self.source}: {self.log.length:.1f} usable seconds, of which {self.seconds:.1f} "
-            f"were fitted, in {count} windows; {ended}."
-        )
-
-    @property
-    def remarks(self) -> list[str]:
-        """Whether the model explains the log, in a sentence."""
-        words = self.whiteness.words
-        return [f"{words[0].upper()}{words[1:]}."]
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts."""
@@ -514,21 +471,22 @@ def identify(
         )
     fits = []
     for grip in usable.grips:
-        fits.append(search(usable.model, windows, fitted(names), grip))
+        fits.append(fit_twin(usable.model, windows, fitted(names), grip))
         progress(0.1 + 0.8 * len(fits) / len(usable.grips))
     fit = min(fits, key=lambda each: each.found.cost[0])
     notes, white = list(usable.notes), whiteness(fit)
     if not white.white and "viscous" not in names:
-        richer = search(usable.model, windows, fitted((*names, "viscous")), fit.problem.grip)
+        richer = fit_twin(usable.model, windows, fitted((*names, "viscous")), fit.problem.grip)
         if whiteness(richer).white:
             fit, white, names = richer, whiteness(richer), (*names, "viscous")
             notes.append("viscous friction fitted along: without it the log is not explained")
     if len(fits) > 1:
         kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
         notes.append(f"friction at rest taken to be {kind}, which fits better")
-    if fit.left_out:
+    count = len(fit.problem.windows)
+    if left_out := len(windows) - count:
         notes.append(
-            f"{fit.left_out} of {len(windows)} windows left out: no replay explains the ball there"
+            f"{left_out} of {len(windows)} windows left out: no replay explains the ball there"
         )
     if not log.scenario and not log.age.any():
         notes.append("no column age: the wait for a frame is counted in the dead time")
@@ -538,13 +496,17 @@ def identify(
     if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
+    words = white.words
     return TwinIdentification(
         source=usable.source,
+        extent=f"{usable.source}: {usable.length:.1f} usable seconds, of which {known.length:.1f} "
+        f"were fitted, in {count} windows; {fit.found.termination}.",
+        remarks=(f"{words[0].upper()}{words[1:]}.",),
         log=usable,
         seconds=known.length,
         fit=fit,
         verdicts=verdicts(names, fit, drives, white=white.white),
-        scores=(score(tried),) if tried else (),
+        scores=(judged.score(tried),) if tried else (),
         predictions=tried,
         whiteness=white,
         notes=tuple(notes),

@@ -173,12 +173,12 @@ NEEDED = ("time", *CHANNELS["measured"].columns)
 """Columns that a log must have."""
 AXES = ("phi", "theta")
 FARTHEST = {
-    ("measured_x", "m"): 0.55 * SCREEN[0],
-    ("measured_y", "m"): 0.55 * SCREEN[1],
-    ("measured_phi", "rad"): 0.26,
-    ("measured_theta", "rad"): 0.26,
+    "measured_x": 0.55 * SCREEN[0],
+    "measured_y": 0.55 * SCREEN[1],
+    "measured_phi": 0.26,
+    "measured_theta": 0.26,
 }
-"""Where the screen and the plate's travel end, with a margin."""
+"""Where the screen and the plate's travel end, with a margin, m and rad."""
 NEAR = 1e-3
 """Distance in m up to which a ball starts where its scenario says."""
 
@@ -198,14 +198,30 @@ def read_log(path: Path) -> dict[str, Array]:
         raise LogError(f"{path.name}: time: must rise from row to row")
     if not np.isfinite(rows["measured_x"] + rows["measured_y"]).any():
         raise LogError(f"{path.name}: no row has a position of the ball")
-    for (name, unit), most in FARTHEST.items():
-        reach = float(np.nanpercentile(np.abs(rows[name]), 99))
-        if reach > most:
-            raise LogError(
-                f"{path.name}: {name}: reaches {reach:.3g} where {most:.3g} {unit} is the end; "
-                f"give {unit}, or the unit in the header"
-            )
+    for name in FARTHEST:
+        check_reach(path.name, name, rows[name])
     return rows
+
+
+def check_reach(source: str, name: str, values: Array) -> None:
+    """Make sure that a column is not beyond what the rig can do.
+
+    Args:
+        source: What to call the log in messages.
+        name: The column, one of ``FARTHEST``.
+        values: In SI units, NaN where there is none.
+
+    Raises:
+        LogError: Naming the column, and the unit its numbers look like.
+    """
+    reach, most, unit = float(np.nanpercentile(np.abs(values), 99)), FARTHEST[name], UNITS[name]
+    if reach > most:
+        lengths = {100: "millimetres", 4: "centimetres", 0: "another unit"}
+        like = next(word for factor, word in lengths.items() if reach > factor * most)
+        raise LogError(
+            f"{source}: {name}: reaches {reach:.3g} where {most:.3g} {unit} is the end: "
+            f"{like if unit == 'm' else 'degrees'}? give {unit}, or the unit in the header"
+        )
 
 
 def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Run:

@@ -4,7 +4,8 @@ A row is a scenario: what the data files say is laid over ``IDEAL``. *sampled* r
 equations, *mujoco* on the mechanism without rolling friction, both at 2 ms through the seam.
 *exact* is the same under continuous control, integrated once by commit eda4a26 and kept as data:
 full state feedback by LSODA at a relative tolerance of 1e-9; plant, observer in continuous time,
-dead time and held noise together by RK4 at 10 ms.
+dead time and held noise together by RK4 at 10 ms. At the end: how large the terms are that the
+flat model (6.44) leaves out, (6.42) and Figure 8.6.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from controllers.analysis import PlainRow, number
 from controllers.arrays import Array, Mask
+from controllers.ballplate import ACCELERATION, BallPlate
 from controllers.interfaces import Measurement
 from twin.data_file import packaged
 from twin.errors import TwinError
@@ -138,13 +141,15 @@ def tables() -> dict[str, SimulatedTable]:
 
 
 @cache
-def continuous() -> dict[str, Any]:
-    """Table, row and column to the values under continuous control: one, or with its range.
+def stored(chapter: str) -> dict[str, Any]:
+    """What was computed once for a chapter and is kept beside its tables.
 
-    ``fitted`` of a row is what another reading of the thesis gives, in words.
+    ``chapter_8``: table, row and column to the values under continuous control, one, or with its
+    range; ``fitted`` of a row is what another reading of the thesis gives, in words. ``chapter_9``:
+    what ``ballplate fit chapter_9`` found: parameters, correlation, of every search its end with
+    all tables and without each, and what docs/chapter9.py finds of its goals.
     """
-    text = (files(HERE) / "data/chapter_8.json").read_text(encoding="utf-8")
-    found: dict[str, Any] = json.loads(text)
+    found: dict[str, Any] = json.loads((files(HERE) / f"data/{chapter}.json").read_bytes())
     return found
 
 
@@ -375,8 +380,8 @@ def carry_out(job: ReproductionJob, period: float = PERIOD) -> list[RowResult]:
     desired = controller.reference(record.time)[0].reshape(record.length, -1, 2)
     every = max(1, round(FIGURE_STEP / period))
     found = []
-    for number, (place, row, scenario) in enumerate(zip(job.places, rows, scenarios, strict=True)):
-        own = range(seeds * number, seeds * (number + 1))
+    for at, (place, row, scenario) in enumerate(zip(job.places, rows, scenarios, strict=True)):
+        own = range(seeds * at, seeds * (at + 1))
         ended = _early([outcomes[rig] for rig in own])
         values: dict[str, list[float]] = {column: [] for column in row.cells}
         for rig_number in () if ended else own:
@@ -490,7 +495,7 @@ def compare(wanted: Iterable[SimulatedTable], found: Results) -> list[ThesisCell
 
 def _cell(table: SimulatedTable, index: int, column: str, found: Results) -> ThesisCell:
     row = table.rows[index]
-    thesis, known = row.cells[column], continuous()[table.id][row.name]
+    thesis, known = row.cells[column], stored("chapter_8")[table.id][row.name]
     exact, *span = known[column]
     mine = {way: found[(table.id, index), way] for way in WAYS[1:]}
     values = {way: _value(result.values[column], column) for way, result in mine.items()}
@@ -617,3 +622,74 @@ def sentence(cells: Sequence[ThesisCell]) -> str:
         return f"{text}."
     where = f"Table {worst.table}, {worst.row}, {COLUMNS[worst.column].name}"
     return f"{text}; the worst that agrees: {worst.deviation_percent:+.2f} % ({where})."
+
+
+class Terms(NamedTuple):
+    """Accelerations over c1 along a motion, each of shape (..., 2) for x and y, in m/s^2.
+
+    Attributes:
+        main: g sin(phi) and -g sin(theta), the right of (6.42).
+        neglected: Centrifugal and gyroscopic terms, the left of (6.42).
+        unlisted: What (6.44) leaves out and (6.42) does not name: the plate accelerations and
+            cos(theta) beside sin(phi).
+    """
+
+    main: Array
+    neglected: Array
+    unlisted: Array
+
+
+def terms(model: BallPlate, x: Array, u: Array) -> Terms:
+    """Split the ball's acceleration along a motion.
+
+    Args:
+        model: The exact model.
+        x: States, shape (..., 8).
+        u: Plate accelerations in rad/s^2, shape (..., 2).
+    """
+    exact = model.derivative(x, u)[..., ACCELERATION] / model.c1
+    main = model.flat(x, u)[..., ACCELERATION] / model.c1
+    drift = model.f(x)[..., ACCELERATION] / model.c1
+    gravity = main.copy()
+    gravity[..., 0] *= np.cos(x[..., 6])
+    return Terms(main, drift - gravity, exact - main - (drift - gravity))
+
+
+def size(part: Array, main: Array) -> dict[str, Array]:
+    """Compare a part of the acceleration with the main term, for x and y, shape (2,) each.
+
+    ``max`` is its largest magnitude in m/s^2, ``peak_ratio`` that over the largest of the main
+    term, ``rms_ratio`` its root mean square over that of the main term. The ratio at each instant,
+    as (6.42) reads, has no bound: both sides pass through zero, and not together. A ratio to a main
+    term of zero is infinite or nan.
+
+    Args:
+        part: Along a motion, shape (K, 2).
+        main: The same, shape (K, 2).
+    """
+    peak, squares = np.abs(part).max(axis=0), (part**2).mean(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return {
+            "max": peak,
+            "peak_ratio": peak / np.abs(main).max(axis=0),
+            "rms_ratio": np.sqrt(squares / (main**2).mean(axis=0)),
+        }
+
+
+def neglected_rows(model: BallPlate, x: Array, u: Array) -> list[PlainRow]:
+    """Terms the flat model leaves out beside the main ones along a motion, (6.42).
+
+    Args:
+        model: The exact model.
+        x: States, shape (K, 8).
+        u: Plate accelerations in rad/s^2, shape (K, 2).
+    """
+    parts = terms(model, x, u)
+    peaks = np.abs(parts.main).max(axis=0)
+    sizes = {name: size(getattr(parts, name), parts.main) for name in ("neglected", "unlisted")}
+    return [
+        {"equation": equation, "terms": name, "main_max": number(peaks[axis])}
+        | {key: number(values[axis]) for key, values in found.items()}
+        for axis, equation in enumerate(("6.42a", "6.42b"))
+        for name, found in sizes.items()
+    ]

@@ -6,10 +6,7 @@ alike, as the rig's computer sees its runs.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -19,7 +16,7 @@ from twin.errors import ScenarioError
 from twin.fit.runs import FitTable, Runs, Sample, read
 from twin.run.finished import run
 from twin.study.experiments import Store
-from twin.thesis.chapter8 import COLUMNS, HERE
+from twin.thesis.chapter8 import COLUMNS, stored
 
 SETTLING = 3.0
 READ = (
@@ -45,21 +42,10 @@ def tables() -> tuple[str, ...]:
     return read("chapter_9").groups
 
 
-@cache
-def stored() -> dict[str, Any]:
-    """What ``ballplate fit chapter_9`` found.
-
-    Parameters, correlation, and of every search its end with all tables and without each, and what
-    docs/chapter9.py finds of its goals.
-    """
-    text = (files(HERE) / "data/chapter_9.json").read_text(encoding="utf-8")
-    found: dict[str, Any] = json.loads(text)
-    return found
-
-
 def best(group: str = "") -> Sample:
     """The four numbers without a table, by default with all, of the search that ended lowest."""
-    return min((ended(search, group) for search in stored()["searches"]), key=lambda end: end[0])[1]
+    ends = [ended(search, group) for search in stored("chapter_9")["searches"]]
+    return min(ends, key=lambda end: end[0])[1]
 
 
 def ended(search: Mapping[str, Any], group: str) -> tuple[float, Sample]:
