@@ -11,7 +11,7 @@ import controllers
 from twin.data_file import DataError, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 
-OTHERS = {"studies", "fits", "families", "tunes", "labs", "starts", "rigs"}
+OTHERS = {"studies", "fits", "families", "tunes", "labs", "starts", "rigs", "bench"}
 """Folders of files that are no scenarios."""
 
 

@@ -239,13 +239,16 @@ def alike(scenario: Scenario) -> dict[str, Any]:
 
 
 @assemble.own_errors()
-def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[dict[str, Any]]:
+def simulate(
+    scenarios: Sequence[Scenario], *, seen: bool = False, requested: list[Array] | None = None
+) -> list[dict[str, Any]]:
     """The indicators of each scenario, all of them alike.
 
     Args:
         scenarios: What to run.
         seen: Whether to judge what the rig's computer sees, the ball as estimated and the plate
             as its encoders count, every few periods; by default the truth of every period.
+        requested: Takes in what each controller requested, rad/s^2, shape (ticks, 2).
 
     Raises:
         KeyboardInterrupt: If the user interrupts.
@@ -263,6 +266,7 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[dict[
         keep=(
             *(("estimate", "measured", "applied") if seen else ("state", "applied")),
             *(["computing"] if any(late) else ()),
+            *(["requested"] if requested is not None else ()),
         ),
         every=SEEN_EVERY if seen else 1,
     )
@@ -277,6 +281,8 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[dict[
     for index, scenario in enumerate(scenarios):
         at = order.index(index)
         outcome = outcomes[at]
+        if requested is not None:
+            requested.append(record["requested"][:, at].copy())
         if outcome.ending is not Ending.FINISHED:
             found.append(unjudged(outcome))
             continue

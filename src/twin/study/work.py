@@ -180,15 +180,18 @@ class ScenarioRuns:
     Args:
         scenarios: What to run; what they are called changes nothing.
         seen: Whether they are judged by what the rig's computer sees.
+        mark: What else tells them from other runs, as the text of their law.
 
     Attributes:
         tasks: Which runs they are, in their order.
         seen: As it was given.
     """
 
-    def __init__(self, scenarios: Iterable[Scenario], *, seen: bool = False) -> None:
+    def __init__(
+        self, scenarios: Iterable[Scenario], *, seen: bool = False, mark: str = ""
+    ) -> None:
         self.seen = seen
-        self._mark = f"seen {code()} " if seen else code()
+        self._mark = mark + (f"seen {code()} " if seen else code())
         self._scenarios = [untitled(each) for each in scenarios]
         self.tasks = [
             self._task(each, each.controller.model_dump_json(), number)

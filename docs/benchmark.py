@@ -1,0 +1,110 @@
+"""Makes benchmark.md and its picture, and freezes what the benchmark is.
+
+uv run python docs/benchmark.py            # all shipped laws: an hour on two cores
+uv run python docs/benchmark.py --law afl  # one law; no page
+uv run python docs/benchmark.py --freeze   # draws the rigs and locks, once for a version
+Finished runs are kept in runs/bench and used again while what a run executes stays the same.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from typing import Any
+
+import click
+import numpy as np
+from pages import HERE, filled
+
+from twin.bench import LOCKED, MODEL, Benchmark, hashed
+from twin.run.picture import drawn
+from twin.study.experiments import Store
+from twin.study.family import drawn as rigs_of
+from twin.study.family import read
+from twin.writing import write_whole
+
+FAMILY, DRAW, RIGS = "uncertain", 2026, 128
+EXPECTED, FIRST = ("lqr", "afl", "cure"), 4
+"""The laws whose errors on the first rigs are locked, and how many rigs."""
+KEPT = HERE.parent / "runs" / "bench"
+
+
+def rigs() -> str:
+    """The rigs as a table: a column for each parameter, and the first of their seeds."""
+    family, file = read(FAMILY), io.StringIO()
+    table = csv.writer(file, lineterminator="\n")
+    table.writerow([*family.parameters, "seed"])
+    for each in rigs_of(family, DRAW, RIGS):
+        table.writerow([*map(json.dumps, each.point.values()), each.seed])
+    return file.getvalue()
+
+
+def measured(bench: Benchmark, law: str) -> Any:
+    """The runs of a shipped law."""
+    entry = bench.about.laws[law]
+
+    def told(done: int, failed: int) -> None:
+        click.echo(f"{entry.title}: {done} runs, {failed} not finished", err=True)
+
+    return bench.carried_out(entry, bench.folder, Store(KEPT), progress=told)
+
+
+def freeze(folder: Any) -> None:
+    """Draw the rigs, run the reference law on them, and lock."""
+    write_whole(folder / "rigs.csv", rigs())
+    bench = Benchmark(folder)
+    rows = measured(bench, bench.about.reference)
+    error = rows[bench.about.metric]
+    most = error.groupby(rows["task"]).transform("max")  # where it loses the ball itself
+    known = rows[["task", "rig", "noise"]].assign(reference=error.fillna(most))
+    write_whole(folder / "reference.csv", known.to_csv(index=False, lineterminator="\n"))
+    lines = ["# What version 1 was when it was frozen: docs/benchmark.py --freeze.", "[files]"]
+    lines += [f'"{name}" = "{hashed(folder, name)}"' for name in (*LOCKED, *MODEL)]
+    for law in EXPECTED:
+        rows = measured(bench, law)
+        lines += ["", f"[expected.{law}]"]
+        for task, its in rows[rows["rig"] < FIRST].groupby("task", sort=False):
+            lines.append(f'"{task}" = {its[bench.about.metric].tolist()}')
+    write_whole(folder / "lock.toml", "\n".join(lines) + "\n")
+
+
+def picture(bench: Benchmark, errors: dict[str, Any]) -> Any:
+    """For every task the share of runs whose relative error is at most so much."""
+    with drawn(10, 6) as figure:
+        panels = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
+        for panel, task in zip(panels, bench.about.tasks, strict=False):
+            for law, rows in errors.items():
+                its = np.sort(rows.loc[rows["task"] == task.name, "error"])
+                share = 100 * np.arange(1, len(its) + 1) / len(its)
+                panel.step([0.01, *its], [0, *share], where="post", label=law)
+            panel.set(title=task.name, xscale="log", xlim=(0.01, bench.about.most), ylim=(0, 100))
+        figure.supxlabel(f"error beside {bench.about.reference} on the same rig and noise")
+        figure.supylabel("share of runs [%]")
+        handles = panels[0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside lower center", ncols=6)
+    return figure
+
+
+@click.command()
+@click.option("--freeze", "freezing", is_flag=True, help="Draw the rigs and lock; no page.")
+@click.option("--law", "only", multiple=True, help="Run this law alone; no page.")
+def main(only: tuple[str, ...], *, freezing: bool) -> None:
+    """Run what is not kept, then write the page."""
+    folder = HERE.parent / "scenarios" / "bench" / "v1"
+    if freezing:
+        freeze(folder)
+        return
+    bench = Benchmark(folder)
+    found = {law: measured(bench, law) for law in only or bench.about.laws}
+    if only:
+        return
+    scores = {law: bench.scores(rows) for law, rows in found.items()}
+    figure = picture(bench, {law: bench.relative(rows) for law, rows in found.items()})
+    file = HERE / "figures" / "benchmark.png"
+    write_whole(file, lambda path: figure.savefig(path, format="png", dpi=110))
+    write_whole(HERE / "benchmark.md", filled("benchmark", bench=bench, scores=scores))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,435 @@
+"""The public benchmark: the same tasks on the same rigs for every law, entries that are verified.
+
+A law is judged rig by rig and noise by noise beside the same reference law. What was commanded on
+some rigs is kept, so that whoever verifies an entry replays it and runs no code of others.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+from scipy import stats
+
+from controllers import catalog
+from controllers.arrays import Array
+from controllers.interfaces import Feedback, Law, Reference
+from twin.errors import LawError, RecordError, ScenarioError, nearest
+from twin.lab.process import NAME, AnswerProcess, answering
+from twin.lab.schema import AnswerTable, toml
+from twin.paths import model_path
+from twin.run.loop import simulate
+from twin.scenario.schema import ControllerChoice, Scenario
+from twin.shipped import folder as scenarios_folder
+from twin.study.experiments import Store, carry
+from twin.study.family import Point
+from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest
+from twin.validation import Checked, read_model
+from twin.writing import write_json, write_whole
+
+ALLOWED = ("controller", "observer", "predictor")
+"""The tables of a scenario that are an entry's."""
+MAY = 300.0
+"""Seconds of a processor that an entry's code may take for a batch of runs."""
+DRAWS = 2000
+"""Samples of the bootstrap."""
+STRATA = "sensors.touch.frame_rate"
+"""The rigs with equal values of this key are drawn among themselves."""
+LOCKED = ("bench.toml", "faults.toml", "rigs.csv", "reference.csv")
+MODEL = ("ballplate.xml", "cams.json")
+TOLERANCE = 1e-6
+"""Relative difference of an error from one platform to another; as measured, on the page."""
+
+
+class BenchTask(Checked):
+    """What every rig is to do: a scenario, shipped or in the benchmark's folder."""
+
+    name: str
+    scenario: str
+    set: tuple[str, ...] = ()
+
+
+class Entry(Checked):
+    """A law, as ``entry.toml`` says.
+
+    Attributes:
+        title: What it is called.
+        authors: Whose it is.
+        citation: Where it is described.
+        knows: What it was told of the rigs beyond the nominal one.
+        tuning: On how many seconds of rigs it was tuned.
+        computing: How long one of its commands takes, s; 0 for not said.
+        kind: Of what its file has one class.
+        file: Its code; none if settings of shipped laws say all.
+        set: Overrides ``key=value`` of ``ALLOWED`` tables.
+    """
+
+    title: str
+    authors: tuple[str, ...] = ()
+    citation: str = ""
+    knows: str = ""
+    tuning: Annotated[float, Field(ge=0)] = 0.0
+    computing: Annotated[float, Field(ge=0)] = 0.0
+    kind: Literal["law", "observer"] = "law"
+    file: str = ""
+    set: tuple[str, ...] = ()
+
+
+class Bench(Checked):
+    """A benchmark; see the comments in its file."""
+
+    schema_: Annotated[Literal["ballplate/bench/v1"], Field(alias="schema")]
+    title: str
+    rigs: str
+    seeds: Annotated[int, Field(ge=1)]
+    reference: str
+    metric: str
+    most: float
+    replayed: int
+    set: tuple[str, ...]
+    tasks: Annotated[tuple[BenchTask, ...], Field(min_length=1)]
+    laws: dict[str, Entry]
+
+
+class BenchRun(NamedTuple):
+    """One run of an entry: the task's name, the number of the rig and of the noise, what runs."""
+
+    task: str
+    rig: int
+    noise: int
+    scenario: Scenario
+
+
+class BenchScore(NamedTuple):
+    """What an entry came to in a task; errors are parts of the reference law's.
+
+    Attributes:
+        task: Its name.
+        error: Interquartile mean of the relative error over all rigs and noises.
+        low: Where its 95 % interval begins, by bootstrap over the rigs.
+        high: Where it ends.
+        worst: Mean of the worst tenth.
+        kept: Rigs on which no ball was lost.
+        kept_low: Least share of such rigs, Wilson's 95 % interval.
+        kept_high: Largest.
+        effort: Median of the RMS control effort, rad/s^2.
+    """
+
+    task: str
+    error: float
+    low: float
+    high: float
+    worst: float
+    kept: int
+    kept_low: float
+    kept_high: float
+    effort: float
+
+
+class Benchmark:
+    """A frozen benchmark in a folder.
+
+    Args:
+        folder: Where it lies; the shipped one by default.
+
+    Raises:
+        ScenarioError: If it is none.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = folder or scenarios_folder() / "bench" / "v1"
+        self.about: Bench = read_model(Bench, self.folder / "bench.toml")
+        with (self.folder / self.about.rigs).open(encoding="utf-8", newline="") as file:
+            names, *rows = csv.reader(file)
+        self.points: list[Point] = []
+        self.seeds: list[int] = []
+        for row in rows:
+            point = dict(zip(names, map(json.loads, row), strict=True))
+            self.seeds.append(int(point.pop("seed")))
+            self.points.append(point)
+
+    def entry(self, name: str | Path) -> tuple[str, Entry, Path]:
+        """An entry, what it is called and where its files lie: shipped, a folder, or a law's file.
+
+        Raises:
+            ScenarioError: If there is none.
+        """
+        path = Path(name)
+        if str(name) in self.about.laws:
+            return str(name), self.about.laws[str(name)], self.folder
+        if path.suffix == ".py" and path.is_file():
+            return path.stem, Entry(title=path.stem, file=path.name), path.parent
+        if (path / "entry.toml").is_file():
+            return path.resolve().name, read_model(Entry, path / "entry.toml"), path
+        raise ScenarioError(
+            f"entry '{name}': neither a shipped law, a law's file, nor a folder with an entry.toml"
+            f"{nearest(str(name), self.about.laws)}"
+        )
+
+    def runs(
+        self, fixed: Sequence[str], *, rigs: int | None = None, noises: int | None = None
+    ) -> list[BenchRun]:
+        """The runs of all tasks on the first rigs, under overrides.
+
+        Raises:
+            ScenarioError: If an override is wrong.
+        """
+        found = []
+        for task in self.about.tasks:
+            own = self.folder / task.scenario
+            build = Builder(str(own) if own.suffix else task.scenario)
+            for rig, point in enumerate(self.points[:rigs]):
+                for noise in range(noises or self.about.seeds):
+                    seed = f"seed={self.seeds[rig] + noise}"
+                    said = (*self.about.set, *task.set, *fixed, seed)
+                    found.append(BenchRun(task.name, rig, noise, build(said, point)))
+        return found
+
+    def carried_out(
+        self, entry: Entry, place: Path, store: Store, *, rigs: int | None = None, **how: Any
+    ) -> pd.DataFrame:
+        """Carry out what is missing: a row for each run, with task, rig, noise and indicators.
+
+        Args:
+            entry: Whose runs.
+            place: Where its file lies.
+            store: Where finished runs are, and are put.
+            rigs: So many of them; all by default.
+            how: Who carries them out, as for ``carry``.
+
+        Raises:
+            LawError: If its code fails: file, line and error.
+            ScenarioError: If it sets what is not its own.
+        """
+        text = (place / entry.file).read_bytes().hex() if entry.file else ""
+        with entered(entry, place) as (fixed, _):
+            listed = self.runs(fixed, rigs=rigs)
+            work = ScenarioRuns([each.scenario for each in listed], mark=digest(text) * bool(text))
+            do = partial(_carried_out, entry, place) if text else None
+            rows = carry(work, store, do=do, **how).to_pandas()
+        for reason in rows.loc[rows["outcome"] == "refused", "reason"]:
+            raise LawError(f"{entry.title}: {reason}")
+        labels = pd.DataFrame([each[:3] for each in listed], columns=list(BenchRun._fields[:3]))
+        return labels.join(rows[["outcome", self.about.metric, "u_rms"]])
+
+    def relative(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Rows with ``error``, the part of the reference law's on the same rig and noise.
+
+        A lost ball counts as much as the worst that is possible, ``most``.
+        """
+        known = pd.read_csv(self.folder / "reference.csv")
+        both = rows.merge(known, on=["task", "rig", "noise"], validate="1:1")
+        part = both[self.about.metric] / both["reference"]
+        lost = (both["outcome"] != "finished") | ~np.isfinite(part)
+        return both.assign(error=part.clip(upper=self.about.most).mask(lost, self.about.most))
+
+    def scores(self, rows: pd.DataFrame) -> list[BenchScore]:
+        """What an entry came to, task by task."""
+        strata = [point.get(STRATA) for point in self.points]
+        found = []
+        for task, its in self.relative(rows).groupby("task", sort=False):
+            table = its.pivot_table(index="rig", columns="noise", values="error")
+            low, high = interval(table.to_numpy(), [strata[rig] for rig in table.index])
+            errors = np.sort(table.to_numpy().ravel())
+            good = its["outcome"].eq("finished").groupby(its["rig"]).all()
+            share = stats.binomtest(int(good.sum()), len(good)).proportion_ci(method="wilson")
+            found.append(
+                BenchScore(
+                    str(task),
+                    float(interquartile(errors)),
+                    low,
+                    high,
+                    float(errors[-max(1, len(errors) // 10) :].mean()),
+                    int(good.sum()),
+                    float(share.low),
+                    float(share.high),
+                    float(its["u_rms"].median()),
+                )
+            )
+        return found
+
+    def differences(self, *, rigs: int = 2) -> Iterator[str]:
+        """What of the benchmark is not as it was frozen, in words: files, then errors of laws.
+
+        Args:
+            rigs: On so many rigs the errors of the laws in ``lock.toml`` are found again.
+        """
+        lock = read_model(Lock, self.folder / "lock.toml")
+        for name, wanted in lock.files.items():
+            if hashed(self.folder, name) != wanted:
+                yield f"{name}: not the file that was frozen"
+        for law, told in lock.expected.items():
+            rows = self.carried_out(self.about.laws[law], self.folder, Store(None), rigs=rigs)
+            expected = [told[task.name][: rigs * self.about.seeds] for task in self.about.tasks]
+            yield from unlike(rows, np.concatenate(expected), self.about.metric, law)
+
+    def replayed(self, folder: Path) -> Iterator[str]:
+        """What is not as an entry's folder says when it is replayed and scored again, in words.
+
+        Raises:
+            RecordError: If it holds no finished entry.
+        """
+        try:
+            rows = pd.read_parquet(folder / "runs.parquet")
+            told = json.loads((folder / "scores.json").read_text(encoding="utf-8"))["scores"]
+            with np.load(folder / "commands.npz") as commands:
+                Replayed.commands = [commands[f"arr_{i}"] for i in range(len(commands.files))]
+        except (OSError, ValueError, KeyError) as error:
+            raise RecordError(f"{folder}: holds no finished entry: {error}") from error
+        if [each._asdict() for each in self.scores(rows)] != told:
+            yield "scores.json: not the scores of runs.parquet"
+        catalog.register(Replayed)
+        try:
+            listed = self.runs((f"controller.kind={Replayed.name}",), rigs=self.about.replayed)
+            work = ScenarioRuns(
+                each.scenario.model_copy(update={"controller": _replaying(number)})
+                for number, each in enumerate(listed)
+            )
+            again = pd.DataFrame(carry_out(work.jobs(work.tasks)))
+        finally:
+            catalog.unregister(Replayed.name)
+        first = rows[rows["rig"] < self.about.replayed].reset_index(drop=True)
+        both = first.assign(**again[["outcome", self.about.metric]])
+        yield from unlike(both, first[self.about.metric].to_numpy(), self.about.metric, "replay")
+
+    def write(
+        self, folder: Path, entry: Entry, place: Path, rows: pd.DataFrame
+    ) -> list[BenchScore]:
+        """Write a finished entry: its runs, scores, and what was commanded on the first rigs."""
+        found = self.scores(rows)
+        kept: dict[tuple[str, int, int], Array] = {}
+        with entered(entry, place) as (fixed, _):
+            listed = self.runs(fixed, rigs=self.about.replayed)
+            alike = [task.alike for task in ScenarioRuns(each.scenario for each in listed).tasks]
+            for kind in dict.fromkeys(alike):
+                its = [each for each, own in zip(listed, alike, strict=True) if own == kind]
+                these: list[Array] = []
+                simulate([each.scenario for each in its], requested=these)
+                kept |= {each[:3]: u for each, u in zip(its, these, strict=True)}
+        said = [kept[each[:3]] for each in listed]
+
+        def commands(path: Path) -> None:
+            with path.open("wb") as file:
+                np.savez_compressed(file, *said)
+
+        if entry.file:
+            write_whole(folder / entry.file, (place / entry.file).read_bytes())
+        write_whole(folder / "entry.toml", toml(entry.model_dump()))
+        write_whole(folder / "runs.parquet", lambda path: rows.to_parquet(path, index=False))
+        write_whole(folder / "commands.npz", commands)
+        write_json(folder / "scores.json", {"scores": [each._asdict() for each in found]})
+        return found
+
+
+class Lock(Checked):
+    """What a benchmark was when it was frozen.
+
+    Attributes:
+        files: SHA-256 of its files and of the model's, by name.
+        expected: By law and task, errors in m on the first rigs, noise by noise.
+    """
+
+    files: dict[str, str]
+    expected: dict[str, dict[str, tuple[float, ...]]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replayed(Law):
+    """Commands that were recorded."""
+
+    name: ClassVar[str] = "replayed"
+    commands: ClassVar[list[Array]] = []
+    """Plate accelerations in rad/s^2 of each run, shape (ticks, 2)."""
+
+    number: int = 0
+    """Which of them."""
+
+    def start(self, x: Array, reference: Reference, period: float) -> float:
+        """The control period."""
+        return period
+
+    def command(self, now: Feedback) -> Array:
+        """What was commanded at this time, shape (..., 2)."""
+        u = self.commands[self.number][round(now.time / now.plan)]
+        return np.broadcast_to(u, now.rate.shape)
+
+
+def _replaying(number: int) -> ControllerChoice:
+    return ControllerChoice.model_validate({"kind": Replayed.name, "number": number})
+
+
+@contextmanager
+def entered(entry: Entry, place: Path) -> Iterator[tuple[tuple[str, ...], AnswerProcess | None]]:
+    """The overrides that put an entry into a scenario, and the process that its code runs in.
+
+    Raises:
+        LawError: If its code cannot be loaded.
+        ScenarioError: If it sets what is not its own.
+    """
+    for text in entry.set:
+        if re.split(r"[.=]", text)[0] not in ALLOWED:
+            raise ScenarioError(f"set: '{text}': an entry sets {', '.join(ALLOWED)} and no more")
+    if not entry.file:
+        yield entry.set, None
+        return
+    about = AnswerTable.model_validate(
+        {**entry.model_dump(include={"kind", "file"}), "seconds": MAY}
+    )
+    with answering(place / entry.file, about) as process:
+        table = "controller" if entry.kind == "law" else "observer"
+        yield (*entry.set, f"{table}.kind={NAME}"), process
+
+
+def _carried_out(entry: Entry, place: Path, jobs: Sequence[Job]) -> list[Row]:
+    """Carry out runs of an entry that has code; one that fails is refused at once."""
+    with entered(entry, place) as (_, process):
+        rows = carry_out(jobs)
+        if process is not None and process.failure is not None:
+            raise LawError(process.failure)
+    return rows
+
+
+def interquartile(errors: Array, axis: int | None = None) -> Any:
+    """The mean without the lowest and the highest quarter."""
+    return stats.trim_mean(errors, 0.25, axis=axis)
+
+
+def interval(errors: Array, strata: Sequence[Any]) -> tuple[float, float]:
+    """The 95 % interval of the interquartile mean: rigs drawn again, stratum by stratum.
+
+    Args:
+        errors: Relative errors, shape (rigs, noises).
+        strata: To which each rig belongs.
+    """
+    rng, rigs = np.random.default_rng(0), np.array([repr(each) for each in strata])
+    places = [np.flatnonzero(rigs == each) for each in np.unique(rigs)]
+    drawn = [each[rng.integers(len(each), size=(DRAWS, len(each)))] for each in places]
+    means = interquartile(errors[np.hstack(drawn)].reshape(DRAWS, -1), axis=1)
+    low, high = np.quantile(means, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def unlike(rows: pd.DataFrame, told: Array, metric: str, what: str) -> Iterator[str]:
+    """The runs whose error is not as it was told, beyond what platforms differ by, in words."""
+    for row, wanted in zip(rows.itertuples(), np.asarray(told, float), strict=True):
+        value = getattr(row, metric)
+        if not np.isclose(value, wanted, rtol=TOLERANCE, atol=0, equal_nan=True):
+            where = f"{what}: {row.task}, rig {row.rig}, noise {row.noise}"
+            yield f"{where}: {value:.9g} m, told {wanted:.9g} m"
+
+
+def hashed(folder: Path, name: str) -> str:
+    """SHA-256 of a file of a benchmark, or of the model."""
+    path = model_path(name) if name in MODEL else folder / name
+    return hashlib.sha256(path.read_bytes()).hexdigest()
