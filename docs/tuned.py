@@ -76,7 +76,7 @@ def result(tune: Any) -> dict[str, Any]:
     with executors(None) as (executor, count):
         store = Store(HERE.parent / "runs" / "tuned")
         trials = Trials(tune, store, executor=executor, processes=count)
-        found = tuned(trials, sensitivity=False)
+        found = tuned(trials)
     return found.as_dict() | {"settings": settings(trials, found.chosen.fields)}
 
 

@@ -1,8 +1,7 @@
-"""Runs kept in a table: interrupted, cut differently, changed, carried out elsewhere, estimated."""
+"""Runs kept in a table: interrupted, cut differently, changed, carried out elsewhere."""
 
 from __future__ import annotations
 
-import json
 import random
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -18,8 +17,8 @@ from twin.jobs import handed_out
 from twin.run.files import METRICS
 from twin.run.loop import simulate
 from twin.scenario import load
-from twin.study import experiments, work
 from twin.study import experiments as carrying
+from twin.study import work
 from twin.study.experiments import Store, carry, evaluate, missing, remaining
 from twin.study.schema import Study, Variant
 from twin.study.work import Job, Row, ScenarioRuns, Work, carry_out
@@ -224,37 +223,3 @@ def test_what_the_rigs_computer_sees_is_another_run_than_the_truth():
         {task.key for task in ScenarioRuns(scenarios(), seen=seen).tasks} for seen in (False, True)
     ]
     assert not keys[0] & keys[1]
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    """A clock and runs whose set-up and simulated second take so long; loading only once."""
-
-    class Clock:
-        now, setup, each, loading = 0.0, 0.0, 0.0, 0.0
-
-        def carry_out(self, chunk):
-            length = json.loads(chunk[0].scenario)["duration"]
-            self.now += self.loading + self.setup + self.each * length * len(chunk)
-            self.loading = 0.0
-
-    clock = Clock()
-    monkeypatch.setattr(experiments, "perf_counter", lambda: clock.now)
-    monkeypatch.setattr(experiments, "carry_out", clock.carry_out)
-    return clock
-
-
-def jobs(count):
-    scenario = json.dumps({"duration": 20.0})
-    empty = dict.fromkeys(Job._fields, "")
-    return [Job(**{**empty, "scenario": scenario}) for _ in range(count)]
-
-
-def test_a_run_takes_its_share_of_the_set_up_and_its_duration(clock):
-    clock.setup, clock.each, clock.loading = 1.2, 0.05, 7.0
-    assert experiments.seconds(jobs(4)) == pytest.approx(1.2 / 4 + 20 * 0.05)
-
-
-def test_on_a_busy_machine_the_estimate_is_too_long_rather_than_negative(clock, monkeypatch):
-    clock.setup, clock.each = 1.2, -1.0  # the longer batch took less
-    assert 0 < experiments.seconds(jobs(1)) < 60

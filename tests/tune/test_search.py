@@ -8,9 +8,8 @@ from controllers.analysis import margins, sampled_loop, unstable
 from controllers.classical import AFL, LQR, SlidingMode
 from controllers.controller import Smith
 from controllers.observers import Kalman, Luenberger
-from twin.tune.search import Candidate, best_of, score, searched, tail_mean
+from twin.tune.search import best_of, score, searched, tail_mean
 from twin.tune.trials import Indicators, NominalLoop, Tune, loop_margins
-from twin.tune.tune import importance, neighbours
 
 TABLES = {
     "title": "formula",
@@ -156,28 +155,6 @@ def test_a_lost_rig_is_worse_than_any_cost(free):
     )
     assert (losing.lost, losing.cost) == (1, None)
     assert costly.rank < losing.rank
-
-
-def test_a_step_of_a_field_shows_how_much_it_matters():
-    fields = TABLES["fields"] | {"d": {"uniform": [0.0, 1.0]}}
-    formula = Formula(fields=fields, limits={"effort": 3.5})
-    at = OPTIMUM | {"b": 3.5, "d": 0.95}
-    (loop,) = formula.loops([at])
-    found = neighbours(formula, Candidate(number=0, fields=at, loop=loop))
-    values = {key: [each.value for each in found if each.key == key] for key in fields}
-    factor = 1000**0.1
-    assert values["a"] == pytest.approx([3 / factor, 3 * factor], rel=1e-4)
-    assert values["b"] == pytest.approx([2.5, 4.5])
-    assert values["c"] == ["off"]
-    assert values["d"] == pytest.approx([0.85, 1.0]), "no further than its range"
-    kept = {(each.key, each.value): each.kept for each in found}
-    assert not kept["a", values["a"][1]], "effort beyond its limit"
-    assert not kept["b", 4.5], "no margin"
-    rises = importance(found)
-    assert rises["d"] == 0.0
-    tail, far = tail_mean(formula.rigs[:4], 0.1), 2.5**2
-    assert rises["c"] == pytest.approx(2 * tail / (0.1 + far * tail))
-    assert found[2].ratio == pytest.approx((0.1 + 1.5**2 * tail) / (0.1 + far * tail))
 
 
 @pytest.mark.parametrize("tail", [0.1, 0.25, 1.0])

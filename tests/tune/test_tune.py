@@ -17,7 +17,7 @@ from twin.study.experiments import Store
 from twin.study.family import drawn
 from twin.study.family import read as read_family
 from twin.tune.trials import Indicators, Trials, Tune, read
-from twin.tune.tune import certified, planned_runs, tuned, upper_bound
+from twin.tune.tune import certified, planned_runs, upper_bound
 
 TUNE = """
 title = "small"
@@ -134,17 +134,6 @@ def test_an_interrupted_tune_goes_on_and_gives_the_same(made, file, folder, monk
 
 
 @pytest.mark.long
-def test_a_tune_without_sensitivity_finds_the_same_and_runs_less(made, file):
-    _, found, out = made
-    trials = Trials(read(str(file)), Store(out))
-    got = tuned(trials, sensitivity=False)
-    assert got.chosen.fields == found["chosen"]["fields"]
-    assert got.as_dict()["after"] == {**found["after"], "reasons": tuple(found["after"]["reasons"])}
-    assert got.neighbours == []
-    assert got.runs < found["runs"]
-
-
-@pytest.mark.long
 def test_the_search_never_sees_a_rig_of_the_certificate(file, folder, monkeypatch):
     seen = {}
     indicators = Trials.indicators
@@ -172,11 +161,10 @@ def test_the_search_never_sees_a_rig_of_the_certificate(file, folder, monkeypatc
 def test_no_more_runs_are_made_than_are_planned(made):
     _, found, _ = made
     tune = Tune.model_validate(tomllib.loads(TUNE))
-    beside = 2 * (1 + 2 * len(tune.fields)) * tune.rigs[0]
     beginning = 2 * tune.rigs[-1]
     # counted rung by rung: a run on few rigs is asked for, though not made, again on more
     rungs = 2 * (4 * 2 + 2 * 4)
-    assert found["runs"] <= rungs + beginning + sum(planned_runs(tune)[1:]) + beside
+    assert found["runs"] <= rungs + beginning + sum(planned_runs(tune)[1:])
 
 
 @pytest.mark.parametrize("failures", [0, 1, 3, 59])
@@ -231,8 +219,7 @@ def test_overrides_of_the_command_come_last(file):
 
 
 @pytest.mark.long
-def test_a_plan_runs_nothing(file, folder, monkeypatch):
-    monkeypatch.setattr("twin.tune.trials.PILOT_RIGS", 1)
+def test_a_plan_runs_nothing(file, folder):
     out = folder / "planned"
     result = CliRunner().invoke(
         command, [str(file), "--plan", "--processes", "1", "--out", str(out)]
@@ -244,8 +231,6 @@ def test_a_plan_runs_nothing(file, folder, monkeypatch):
     plan = json.loads(CliRunner().invoke(command, about).stdout)
     said = f"about {plan['search']} runs of the search"
     assert said in " ".join(result.stdout.split())
-    assert plan["duration"] > 0
-    assert plan["units"] == {"duration": "s"}
 
 
 GAIN, RANGE = '"controller.gains.0"', "loguniform = [60.0, 600.0]"

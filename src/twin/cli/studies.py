@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.filesize import decimal
 
 from ballplate.studies import study as run_study
 from ballplate.studies import work_of
 from twin.cli import options
-from twin.cli.output import TERMINAL, bold, duration, listed, progress, show
+from twin.cli.output import TERMINAL, bold, listed, progress, show
 from twin.page import Table
 from twin.shipped import chosen, shipped_in
 from twin.writing import check_writable
@@ -20,18 +19,14 @@ if TYPE_CHECKING:
     from twin.study.answers import Answer
     from twin.study.schema import Study
     from twin.study.work import Work
-    from twin.tune.trials import Trials, Tune
-
-
-BYTES = 800
-"""Size of a run on disk, generously: its row in a chunk, and in rows.parquet and rows.csv."""
+    from twin.tune.trials import Tune
 
 
 @options.command(example="study friction --plan")
 @click.argument("study", required=False, shell_complete=options.studies)
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
-@click.option("--plan", is_flag=True, help="Print the number, time and size of the runs; run none.")
+@click.option("--plan", is_flag=True, help="Print the number of the runs; run none.")
 @options.PROCESSES
 @options.SCHEDULER
 @click.option("--out", type=options.PATH, help="Folder [runs/study-NAME].")
@@ -85,23 +80,20 @@ def study(
 
 
 def _plan_study(work: Work, folder: Path, processes: int | None, scheduler: str | None) -> int:
-    from twin.study.experiments import Store, executors, remaining, seconds
+    from twin.study.experiments import Store, executors, remaining
 
     with executors(processes, scheduler) as (_, count):
         known, chunks = remaining(work.tasks, Store(folder), count)
     total = work.different
     left = total - known.num_rows
-    each = seconds(work.jobs(chunks[0])) if chunks else 0.0
-    counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
-    cost = {"processes": count, "duration": left * each / count, "size": left * BYTES}
     told = (
-        f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} "
-        f"batches take about {duration(left * each / count)} on {count} processors "
-        f"({each:.2f} s per run, measured here on one) and {decimal(left * BYTES)} on disk"
+        f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} batches "
+        f"on {count} processors"
         if chunks
         else f"{total} runs, all of them finished"
     )
-    show({**counts, **cost, "units": {"duration": "s", "size": "byte"}}, [told])
+    counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
+    show(counts | {"processes": count}, [told])
     return 0
 
 
@@ -147,7 +139,7 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
 @options.SETTING
 @click.option("--candidates", type=click.IntRange(min=2), help="Override the tune's candidates.")
 @click.option("--certificate", type=click.IntRange(min=1), help="Override its fresh rigs.")
-@click.option("--plan", is_flag=True, help="Print the number and time of the runs; run none.")
+@click.option("--plan", is_flag=True, help="Print the number of the runs; run none.")
 @options.PROCESSES
 @options.SCHEDULER
 @click.option("--out", type=options.PATH, help="Folder [runs/tune-NAME].")
@@ -189,7 +181,7 @@ def tune(
     with executors(processes, scheduler) as (executor, count):
         trials = Trials(about, store, executor=executor, processes=count)
         if plan:
-            _plan_tune(about, trials, count)
+            _plan_tune(about, count)
             return 0
         with progress(about.title, 1.0) as advance:
             found = tuned(trials, advance)
@@ -206,17 +198,14 @@ def tune(
     return int(not found.good)
 
 
-def _plan_tune(about: Tune, trials: Trials, processes: int) -> None:
+def _plan_tune(about: Tune, processes: int) -> None:
     from twin.tune.tune import planned_runs
 
     search, verdict, fresh = planned_runs(about)
-    seconds = trials.seconds(search, verdict + fresh) / processes
-    counts = {"search": search, "verdict": verdict, "certificate": fresh}
-    cost = {"processes": processes, "duration": seconds, "units": {"duration": "s"}}
     told = (
         f"about {search} runs of the search ({about.candidates} candidates on "
-        f"{', '.join(map(str, about.rigs))} rigs in {len(about.tasks)} tasks), "
-        f"{verdict} of the verdict and {fresh} of the certificate take about "
-        f"{duration(seconds)} on {processes} processors (measured here on one)"
+        f"{', '.join(map(str, about.rigs))} rigs in {len(about.tasks)} tasks), {verdict} of the "
+        f"verdict and {fresh} of the certificate on {processes} processors"
     )
-    show({**counts, **cost}, [told])
+    counts = {"search": search, "verdict": verdict, "certificate": fresh}
+    show(counts | {"processes": processes}, [told])

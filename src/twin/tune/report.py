@@ -245,21 +245,6 @@ def task_table(found: TuneResult) -> list[tuple[str, ...]]:
     return rows
 
 
-def neighbours_table(found: TuneResult) -> Table:
-    """The result with one field changed, each: what that does to its cost."""
-    rows = [
-        (
-            each.key,
-            digits(each.value),
-            "fails" if each.ratio is None else digits(each.ratio, places=3),
-            "yes" if each.kept else "no",
-        )
-        for each in found.neighbours
-    ]
-    title = "Which fields matter: each a tenth of its range lower and higher"
-    return Table(title, ("field", "changed to", "cost over that of the result", "all kept"), rows)
-
-
 def margins_table(found: TuneResult) -> Table:
     """Margins and verdict before and after, and what was asked."""
     rows = []
@@ -304,7 +289,6 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
         Picture(before_after, before_and_after(found)),
         Picture("Error against effort", trade_off(found)),
         Table("Fields", FIELDS, fields_table(found), words=(0, -1)),
-        *([neighbours_table(found)] if found.neighbours else []),
         margins_table(found),
         Code("Run it", f"ballplate run circle --set parameters={folder / FRAGMENT}"),
         Code("The same without the file", f"ballplate run circle {options(tuned)}"),

@@ -23,7 +23,7 @@ from twin.run.files import METRICS
 from twin.scenario import Scenario
 from twin.scenario.schema import at_study_step
 from twin.shipped import chosen, shipped_in
-from twin.study.experiments import Store, evaluate, seconds
+from twin.study.experiments import Store, evaluate
 from twin.study.family import FamilyRig, Parameter, Point, drawn
 from twin.study.family import read as read_family
 from twin.study.work import Builder, ScenarioRuns
@@ -228,8 +228,6 @@ def _least(loop: Loop) -> NominalLoop:
     return NominalLoop(disk, min(delays, default=None))
 
 
-PILOT_RIGS = 32
-"""Rigs of the short runs from which the time of a tune is estimated."""
 Wanted = tuple[Point, int]
 """Values of the fields, and the number of rigs they are tried on."""
 
@@ -361,21 +359,6 @@ class Trials:
         gave = evaluate(runs, dict(labels), self._store, whole=True, **self._how)
         self.finished += len(gave)
         return [self._indicators(own) for _, own in gave.groupby("candidate")]
-
-    def seconds(self, searched: int, judged: int) -> float:
-        """About how long runs take on one processor, from short ones made here.
-
-        Args:
-            searched: Runs of the search.
-            judged: Runs of verdict and certificate.
-        """
-        total = 0.0
-        for count, on in ((searched, self.tune.search), (judged, self.tune.verdict)):
-            rigs = drawn(self._family, self.tune.draw, PILOT_RIGS)
-            tasks = range(len(self.tune.tasks))
-            runs = ScenarioRuns(self.scenario(self.start, k, r, on) for r in rigs for k in tasks)
-            total += count * seconds(runs.jobs(runs.tasks))
-        return total
 
     def _indicators(self, runs: pd.DataFrame) -> Indicators:
         """Those of one candidate, rig by rig."""

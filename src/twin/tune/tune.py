@@ -1,27 +1,19 @@
-"""A tune from end to end: search, verdict on the mechanism, certificate on fresh rigs.
-
-How much each field matters is measured, not estimated from the candidates of the search: those
-crowd where the sampler looked, and any importance made of them says as much of the sampler as of
-the fields.
-"""
+"""A tune from end to end: search, verdict on the mechanism, certificate on fresh rigs."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from twin.study.family import Parameter
 from twin.tune.search import (
     Candidate,
     Score,
     best_of,
     rig_costs,
-    rounded,
     score,
     searched,
     tail_mean,
@@ -84,88 +76,6 @@ def certified(tune: Tune, found: Indicators) -> dict[str, Any]:
     }
 
 
-STEP = 0.1
-"""Of a field, as a share of its range; of the range of its logarithm if that is searched."""
-
-
-class Neighbour(NamedTuple):
-    """The result with one field changed.
-
-    Attributes:
-        key: The field.
-        value: What it was changed to.
-        ratio: Cost over that of the result, on the rigs of the first rung; None if its controller
-            is refused, or it loses a rig.
-        kept: Whether it keeps every constraint.
-    """
-
-    key: str
-    value: float | str
-    ratio: float | None
-    kept: bool
-
-
-def neighbours(trials: Trials, chosen: Candidate) -> list[Neighbour]:
-    """The result with every field a step lower and higher, or every other value of it.
-
-    Args:
-        trials: What carries candidates out.
-        chosen: The result.
-
-    Raises:
-        TwinError: If a run cannot be carried out.
-    """
-    tune = trials.tune
-    about = tune.fields
-    moved = [
-        (key, rounded({**chosen.fields, key: value}, about))
-        for key in about
-        for value in _beside(about[key], chosen.fields[key])
-    ]
-    loops = trials.loops([point for _, point in moved])
-    ran = [(point, loop) for (_, point), loop in zip(moved, loops, strict=True) if not loop.refused]
-    points = [chosen.fields, *(point for point, _ in ran)]
-    first, *gave = trials.indicators(
-        [(point, tune.rigs[0]) for point in points], tune.draw, tune.search
-    )
-    scores = iter([score(tune, loop, found) for (_, loop), found in zip(ran, gave, strict=True)])
-    whole = score(tune, chosen.loop, first).cost
-    found = []
-    for (key, point), loop in zip(moved, loops, strict=True):
-        got = None if loop.refused else next(scores)
-        cost = None if got is None else got.cost
-        ratio = None if cost is None or not whole else cost / whole
-        found.append(Neighbour(key, point[key], ratio, got is not None and got.kept))
-    return found
-
-
-def _beside(about: Parameter, value: float | str) -> list[float | str]:
-    """Values a step beside one, within the range."""
-    if about.values is not None:
-        return [other for other in about.values if other != value]
-    assert not isinstance(value, str)
-    low, high = about.ends
-    if about.loguniform is not None:
-        factor = math.exp(STEP * math.log(high / low))
-        sides = value / factor, value * factor
-    else:
-        step = STEP * (high - low)
-        whole = step if about.continuous else max(1, round(step))
-        sides = value - whole, value + whole
-    inside = [min(max(side, low), high) for side in sides]
-    return [side for side in inside if side != value]
-
-
-def importance(found: list[Neighbour]) -> dict[str, float | None]:
-    """Of each field, the largest rise of the cost by a step, as a share of it; None if it fails."""
-    keys = dict.fromkeys(each.key for each in found)
-    rises: dict[str, float | None] = {}
-    for key in keys:
-        own = [each.ratio for each in found if each.key == key]
-        rises[key] = None if None in own else max(r - 1 for r in own if r is not None)
-    return rises
-
-
 @dataclass(frozen=True, kw_only=True)
 class TuneResult:
     """What a tune found.
@@ -175,7 +85,6 @@ class TuneResult:
         candidates: All that were tried; the first is where the tuning began.
         finalists: The best of them, and what each is worth where the verdict is given.
         chosen: The best of these.
-        neighbours: The chosen one with one field changed, each.
         before: What fresh rigs certify of the beginning, as ``certified`` tells it.
         after: The same of the chosen one.
         runs: How many runs were asked for.
@@ -185,7 +94,6 @@ class TuneResult:
     candidates: list[Candidate]
     finalists: list[tuple[Candidate, Score]]
     chosen: Candidate
-    neighbours: list[Neighbour]
     before: dict[str, Any]
     after: dict[str, Any]
     runs: int
@@ -217,8 +125,6 @@ class TuneResult:
             "kept": self.verdict.kept,
             "chosen": self.chosen.as_dict(),
             "verdict_cost": self.verdict.cost,
-            "importance": importance(self.neighbours),
-            "neighbours": [each._asdict() for each in self.neighbours],
             "before": self.before,
             "after": self.after,
             "candidates": [each.as_dict() for each in self.candidates],
@@ -228,8 +134,6 @@ class TuneResult:
 def tuned(
     trials: Trials,
     advance: Callable[[float], None] = lambda _: None,
-    *,
-    sensitivity: bool = True,
 ) -> TuneResult:
     """Carry a tune out.
 
@@ -238,7 +142,6 @@ def tuned(
     Args:
         trials: What carries out its runs.
         advance: Called with the share done, 0 to 1.
-        sensitivity: Whether the neighbours of the chosen one are run, too.
 
     Raises:
         ScenarioError: If the extra is not installed.
@@ -273,7 +176,6 @@ def tuned(
         candidates=candidates,
         finalists=finalists,
         chosen=chosen,
-        neighbours=neighbours(trials, chosen) if sensitivity else [],
         before=before,
         after=after,
         runs=trials.finished,
