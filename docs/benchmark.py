@@ -20,8 +20,8 @@ from pages import HERE, filled
 from twin.bench import LOCKED, MODEL, Benchmark, hashed
 from twin.run.picture import drawn
 from twin.study.experiments import Store
-from twin.study.family import drawn as rigs_of
-from twin.study.family import read
+from twin.study.schema import drawn as rigs_of
+from twin.study.schema import read_family
 from twin.writing import write_whole
 
 FAMILY, DRAW, RIGS = "uncertain", 2026, 128
@@ -32,7 +32,7 @@ KEPT = HERE.parent / "runs" / "bench"
 
 def rigs() -> str:
     """The rigs as a table: a column for each parameter, and the first of their seeds."""
-    family, file = read(FAMILY), io.StringIO()
+    family, file = read_family(FAMILY), io.StringIO()
     table = csv.writer(file, lineterminator="\n")
     table.writerow([*family.parameters, "seed"])
     for each in rigs_of(family, DRAW, RIGS):

@@ -48,11 +48,11 @@ class Cell(NamedTuple):
 
 def scenarios(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
     """Of every law in turn: the nominal rig with several noises, then those of the family."""
-    from twin.study.family import drawn, read  # noqa: PLC0415
+    from twin.study.schema import drawn, read_family  # noqa: PLC0415
     from twin.study.work import Builder  # noqa: PLC0415
 
     build = Builder(plan["scenario"])
-    rigs = drawn(read(plan["family"]), plan["draw"], plan["rigs"])
+    rigs = drawn(read_family(plan["family"]), plan["draw"], plan["rigs"])
     found = []
     for law in plan["laws"]:
         fixed = settings(plan, task, law)

@@ -18,7 +18,7 @@ from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.metrics import Ending
 from twin.run.record import Recorder
-from twin.study.family import drawn, read
+from twin.study.schema import drawn, read_family
 from twin.study.work import Builder, code, digest
 from twin.writing import write_whole
 
@@ -103,7 +103,7 @@ def simulated(runs: list[Run], law: list[str], family: bool) -> list[list[float 
 
     Both None where the ball was lost.
     """
-    build, rigs = Builder(PLAN["scenario"]), drawn(read(PLAN["family"]), 31, RIGS)
+    build, rigs = Builder(PLAN["scenario"]), drawn(read_family(PLAN["family"]), 31, RIGS)
     scenarios = []
     for number, run in enumerate(runs):
         rig = rigs[number % RIGS]

@@ -15,7 +15,7 @@ from cure import KINDS, known, least, said, scenarios, settings
 from pages import HERE, filled, planned
 from scipy import stats
 
-from twin.study.family import FamilyRig, drawn, read
+from twin.study.schema import FamilyRig, drawn, read_family
 from twin.study.work import Builder
 from twin.writing import write_whole
 
@@ -79,7 +79,7 @@ def tasks(plan: dict[str, Any]) -> list[dict[str, Any]]:
 
 def family(plan: dict[str, Any]) -> list[FamilyRig]:
     """The rigs."""
-    return drawn(read(CURE["family"]), plan["draw"], plan["rigs"])
+    return drawn(read_family(CURE["family"]), plan["draw"], plan["rigs"])
 
 
 def measured(plan: dict[str, Any], task: dict[str, Any]) -> Found:

@@ -33,8 +33,8 @@ from twin.shadow.belief import CONSTANT, PARAMETERS, believed, logs
 from twin.shadow.evidence import GAPS
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import BAND, MEDIAN
-from twin.study.family import drawn as drawn_rigs
-from twin.study.family import read
+from twin.study.schema import drawn as drawn_rigs
+from twin.study.schema import read_family
 from twin.study.work import code, digest
 from twin.writing import write_whole
 
@@ -300,7 +300,7 @@ def _jobs(each: int, hours: float, laws: int) -> Iterator[Job]:
     changed = [Member(INJECTED + 1000 * k + n, kind) for n in range(each) for k, kind in kinds]
     judged = max(len(HEALTHY_SCENARIOS), round(hours * 3600 / DURATION))
     counts = max(len(HEALTHY_SCENARIOS), judged // CALIBRATION), judged, laws
-    family = read(FAMILY)
+    family = read_family(FAMILY)
     healthy = [
         [rig.point for rig in drawn_rigs(family, draw, count)] if count else []
         for draw, count in zip(DRAWS, counts, strict=True)

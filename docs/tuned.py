@@ -56,7 +56,7 @@ def files() -> list[Path]:
 def key(tune: Any) -> str:
     """What tells the result of a tune from every other: all that the search depends on."""
     from twin.scenario.load import read as read_tables  # noqa: PLC0415
-    from twin.study.family import read as read_family  # noqa: PLC0415
+    from twin.study.schema import read_family  # noqa: PLC0415
     from twin.study.work import code, digest  # noqa: PLC0415
 
     texts = [digest(path.read_bytes().hex()) for path in files()]
@@ -70,8 +70,8 @@ def result(tune: Any) -> dict[str, Any]:
     """What a tune finds, as its ``--json`` says."""
     from twin.study.experiments import Store, executors  # noqa: PLC0415
     from twin.tune.report import settings  # noqa: PLC0415
+    from twin.tune.search import tuned  # noqa: PLC0415
     from twin.tune.trials import Trials  # noqa: PLC0415
-    from twin.tune.tune import tuned  # noqa: PLC0415
 
     with executors(None) as (executor, count):
         store = Store(HERE.parent / "runs" / "tuned")

@@ -299,7 +299,7 @@ class StudyResult:
 
     def plot(self) -> dict[str, Figure]:
         """Its figures by name: ``curves``, ``indices``, ``spread`` and more, as the method has."""
-        from twin.study.figures import figures
+        from twin.study.report import figures
 
         # every variant has the same points in the same order
         tasks = self.work.tasks

@@ -33,7 +33,7 @@ from twin.run.loop import simulate
 from twin.scenario.schema import ControllerChoice, Scenario
 from twin.shipped import folder as scenarios_folder
 from twin.study.experiments import Store, carry
-from twin.study.family import Point
+from twin.study.schema import Point
 from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest
 from twin.validation import Checked, read_model
 from twin.writing import write_json, write_whole

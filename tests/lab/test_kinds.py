@@ -18,8 +18,7 @@ from twin.lab.schema import AnswerTable, read
 from twin.run.loop import simulate
 from twin.scenario import load
 from twin.shipped import folder
-from twin.study.family import drawn
-from twin.study.family import read as family
+from twin.study.schema import drawn, read_family
 
 MINI = Path(__file__).parent / "mini"
 OBSERVER = (folder() / "starts" / "observer.py").read_text()
@@ -83,7 +82,7 @@ def test_a_function_is_judged_by_the_worst_of_rigs_it_has_not_seen(tmp_path: Pat
     assert found["results"][1]["data"]["value"] == pytest.approx(0.004)
     same = "def begin(log, late=0):\n    return {'start': 0.09}\n"
     (off, _) = judged(tmp_path, same)["results"]
-    rigs = drawn(family(str(MINI / "family.toml")), 1, 4)
+    rigs = drawn(read_family(str(MINI / "family.toml")), 1, 4)
     worst = max(abs(rig.point["plant.start.x"] - 0.09) for rig in rigs)
     assert off["data"]["value"] == pytest.approx(worst)
     assert off["score"] == round(4 * min(max((0.003 - worst) / 0.002, 0), 1), 2)

@@ -8,7 +8,7 @@ from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
-from twin.study.family import drawn, read
+from twin.study.schema import drawn, read_family
 from twin.study.work import Builder
 
 ARM = 0.6 * 9.81 / 20
@@ -39,7 +39,7 @@ STICKING = (10, 16)
 
 @pytest.mark.long
 def test_a_ball_that_sticks_is_held_within_a_millimetre():
-    rigs = drawn(read("uncertain"), 101, max(STICKING) + 1)
+    rigs = drawn(read_family("uncertain"), 101, max(STICKING) + 1)
     on = ["plant.step=0.002", "duration=26.0", "reference.kind=hold", "reference.x=0.05"]
     build = Builder("cure")
     each = [build([*on, f"seed={rigs[i].seed}"], rigs[i].point) for i in STICKING]

@@ -12,12 +12,10 @@ import pytest
 from twin.page import inline
 from twin.run.files import METRICS
 from twin.study.answers import Answer, SensitivityIndex, answers, spread
-from twin.study.design import points
 from twin.study.experiments import Store, carry
-from twin.study.figures import figures
-from twin.study.report import in_order, needed, sentences, write
+from twin.study.report import figures, in_order, needed, sentences, write
 from twin.study.schema import Study
-from twin.study.work import Job, Row, Work
+from twin.study.work import Job, Row, Work, points
 
 KEYS = ("plant.start.x_rate", "plant.start.y_rate", "plant.start.spin")
 Function = Callable[[float, float, float], float]

@@ -10,12 +10,10 @@ from scipy import stats
 from twin.cli.studies import study as command
 from twin.errors import ScenarioError
 from twin.run.loop import alike, simulate
-from twin.study.design import points
-from twin.study.family import Parameter, drawn, read
-from twin.study.schema import Study
-from twin.study.work import Builder
+from twin.study.schema import Parameter, Study, drawn, read_family
+from twin.study.work import Builder, points
 
-FAMILY = read("uncertain")
+FAMILY = read_family("uncertain")
 
 
 def scenarios(kind, rigs):
@@ -135,5 +133,5 @@ def test_a_mistake_in_a_family_is_one_line(tmp_path, text, message):
     file = tmp_path / "family.toml"
     file.write_text(text)
     with pytest.raises(ScenarioError) as caught:
-        read(str(file))
+        read_family(str(file))
     assert message in str(caught.value)

@@ -14,10 +14,9 @@ from twin.errors import ScenarioError
 from twin.scenario import load
 from twin.shipped import shipped_in
 from twin.study.experiments import Store
-from twin.study.family import drawn
-from twin.study.family import read as read_family
+from twin.study.schema import drawn, read_family
+from twin.tune.search import certified, planned_runs, upper_bound
 from twin.tune.trials import Indicators, Trials, Tune, read
-from twin.tune.tune import certified, planned_runs, upper_bound
 
 TUNE = """
 title = "small"

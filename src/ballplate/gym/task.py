@@ -40,8 +40,7 @@ from controllers.arrays import Array
 from twin.errors import ScenarioError
 from twin.run.assemble import build_reference
 from twin.scenario.schema import Scenario
-from twin.study.family import drawn
-from twin.study.family import read as read_family
+from twin.study.schema import drawn, read_family
 from twin.study.work import Builder
 
 HOLD = 10

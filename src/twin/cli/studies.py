@@ -171,9 +171,8 @@ def tune(
     about = read(tune, candidates=candidates, certificate=certificate, set=overrides)
     from twin.study.experiments import Store, executors
     from twin.tune.report import FIELDS, TASKS, fields_table, sentences, task_table, write
-    from twin.tune.search import library
+    from twin.tune.search import library, tuned
     from twin.tune.trials import Trials
-    from twin.tune.tune import tuned
 
     library()
     folder = check_writable(out or Path("runs") / f"tune-{Path(tune).stem}")
@@ -199,7 +198,7 @@ def tune(
 
 
 def _plan_tune(about: Tune, processes: int) -> None:
-    from twin.tune.tune import planned_runs
+    from twin.tune.search import planned_runs
 
     search, verdict, fresh = planned_runs(about)
     told = (

@@ -20,8 +20,7 @@ from twin.report.numbers import in_json
 from twin.run.files import UNITS
 from twin.run.finished import Run, run
 from twin.scenario import Scenario
-from twin.study.family import FamilyRig, Point, drawn
-from twin.study.family import read as read_family
+from twin.study.schema import FamilyRig, Point, drawn, read_family
 from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
 from twin.validation import read_tables
 

@@ -21,8 +21,7 @@ from twin.run.files import METRICS, export
 from twin.run.finished import run
 from twin.scenario import Scenario
 from twin.shipped import shipped_labs
-from twin.study.family import Family, Point, drawn
-from twin.study.family import read as read_family
+from twin.study.schema import Family, Point, drawn, read_family
 from twin.study.work import Builder
 from twin.validation import Checked, check_named_once, read_model, read_tables
 from twin.writing import write_folder, write_whole

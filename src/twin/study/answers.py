@@ -13,10 +13,8 @@ from SALib.analyze import morris, sobol
 from scipy import stats
 
 from controllers.arrays import Array
-from twin.study.design import LEVELS, SEED, Design, problem, quantiles
-from twin.study.family import Point
-from twin.study.schema import Study
-from twin.study.work import Work
+from twin.study.schema import Point, Study
+from twin.study.work import LEVELS, SEED, Design, Work, problem, quantiles
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,166 @@
-"""What a study file may say, checked."""
+"""What a study, and a family of rigs that are drawn, may say in their files, checked."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
+from scipy import stats
 
+from controllers.arrays import Array
 from twin.errors import nearest
 from twin.run.files import METRICS
 from twin.shipped import chosen, shipped_in
-from twin.study.family import Parameter
-from twin.study.family import read as read_family
 from twin.validation import Checked, check_named_once, read_model
+
+
+class Parameter(Checked):
+    """What a parameter may be: a distribution by quantiles, or a list of values.
+
+    Exactly one of ``uniform`` (low, high), ``loguniform`` (low, high), ``normal`` (mean, standard
+    deviation, low, high: cut there), ``integers`` (first, last), ``values``. With ``relative`` the
+    value is a factor on what the scenario or variant says.
+    """
+
+    uniform: tuple[float, float] | None = None
+    loguniform: tuple[float, float] | None = None
+    normal: tuple[float, float, float, float] | None = None
+    integers: tuple[int, int] | None = None
+    values: tuple[float | str, ...] | None = None
+    unit: str = ""
+    relative: bool = False
+
+    @model_validator(mode="after")
+    def _one(self) -> Parameter:
+        given = [self.uniform, self.loguniform, self.normal, self.integers, self.values]
+        if sum(item is not None for item in given) != 1:
+            raise ValueError("give exactly one of uniform, loguniform, normal, integers, values")
+        if self.values is not None:
+            if not self.values:
+                raise ValueError("values: must not be empty")
+            texts = [isinstance(value, str) for value in self.values]
+            if any(texts) and not all(texts):
+                raise ValueError("values: must be all numbers or all texts")
+            if self.relative and any(texts):
+                raise ValueError("values: must be numbers if they are relative")
+            return self
+        low, high = self.ends
+        if not low < high:
+            raise ValueError(f"empty range: {low:g} is not below {high:g}")
+        if self.loguniform is not None and low <= 0:
+            raise ValueError("loguniform: must begin above 0")
+        if self.normal is not None and self.normal[1] <= 0:
+            raise ValueError("normal: the standard deviation must be above 0")
+        return self
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest value of a distribution."""
+        if self.normal is not None:
+            return self.normal[2], self.normal[3]
+        ends = self.uniform or self.loguniform or self.integers
+        assert ends is not None
+        return ends
+
+    @property
+    def continuous(self) -> bool:
+        """Whether it is a distribution over an interval."""
+        return self.values is None and self.integers is None
+
+    def at(self, quantiles: Array) -> NDArray[Any]:
+        """The values at quantiles between 0 and 1: numbers, or objects if they are no floats."""
+        if self.values is not None:
+            count = len(self.values)
+            return column([self.values[min(int(q * count), count - 1)] for q in quantiles])
+        if self.integers is not None:
+            first, last = self.integers
+            return column(
+                [first + min(int(q * (last - first + 1)), last - first) for q in quantiles]
+            )
+        low, high = self.ends
+        if self.normal is not None:
+            mean, deviation = self.normal[:2]
+            cut = stats.truncnorm((low - mean) / deviation, (high - mean) / deviation)
+            return np.asarray(mean + deviation * cut.ppf(quantiles))
+        if self.loguniform is not None:
+            # numpy's power differs in its last bit from one processor to another
+            return column([low * (high / low) ** q for q in quantiles.tolist()])
+        return low + (high - low) * quantiles
+
+    def steps(self, count: int) -> tuple[float | str, ...]:
+        """Its values, or so many quantiles of its distribution from end to end, each once."""
+        return self.values or tuple(dict.fromkeys(self.at(np.linspace(0, 1, count)).tolist()))
+
+
+def column(values: Sequence[float | str | None]) -> NDArray[Any]:
+    """An array of numbers, or of objects if there is anything else among them."""
+    numbers = all(isinstance(value, float) for value in values)
+    return np.array(values, float if numbers else object)
+
+
+Point = dict[str, float | str]
+"""Dotted scenario key to value; ``key.0`` is the first number of a list."""
+
+
+class Family(Checked):
+    """A family of rigs.
+
+    Attributes:
+        title: What it is about.
+        parameters: Dotted scenario key to what it may be, each drawn by itself.
+    """
+
+    title: str
+    parameters: Annotated[dict[str, Parameter], Field(min_length=1)]
+
+
+class FamilyRig(NamedTuple):
+    """One rig of a family.
+
+    Attributes:
+        point: What it is.
+        seed: Of its noise.
+    """
+
+    point: Point
+    seed: int
+
+
+def drawn(family: Family, draw: int, count: int) -> list[FamilyRig]:
+    """The first rigs of a draw; independent of each other, and of how many are asked for.
+
+    Args:
+        family: What they are drawn from.
+        draw: Number of the draw; no two draws have a rig in common.
+        count: How many.
+    """
+    roots = (np.random.SeedSequence(draw, spawn_key=(index,)) for index in range(count))
+    streams = [np.random.default_rng(root) for root in roots]
+    quantiles = np.array([stream.random(len(family.parameters)) for stream in streams])
+    columns = {
+        key: parameter.at(quantiles[:, place])
+        for place, (key, parameter) in enumerate(family.parameters.items())
+    }
+    return [
+        FamilyRig(
+            {key: values.item(index) for key, values in columns.items()},
+            int(stream.integers(2**31)),
+        )
+        for index, stream in enumerate(streams)
+    ]
+
+
+def read_family(name: str) -> Family:
+    """The family of a shipped name or a TOML file.
+
+    Raises:
+        ScenarioError: If it does not exist, or anything in it is unknown or out of range.
+    """
+    return read_model(Family, chosen("family", name, shipped_in("families")))
+
 
 Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]
 

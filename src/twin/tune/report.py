@@ -18,9 +18,9 @@ from twin.page import Block, Code, Picture, Table, Text, Verdict, digits
 from twin.report.numbers import LABELS, flat
 from twin.run.assemble import build_law
 from twin.run.picture import drawn
-from twin.study.family import Point
+from twin.study.schema import Point
+from twin.tune.search import CONFIDENCE, TuneResult
 from twin.tune.trials import Trials
-from twin.tune.tune import CONFIDENCE, TuneResult
 from twin.writing import write_json, write_whole
 
 CONTROLLER = ("controller", "observer", "predictor")

@@ -24,8 +24,7 @@ from twin.scenario import Scenario
 from twin.scenario.schema import at_study_step
 from twin.shipped import chosen, shipped_in
 from twin.study.experiments import Store, evaluate
-from twin.study.family import FamilyRig, Parameter, Point, drawn
-from twin.study.family import read as read_family
+from twin.study.schema import FamilyRig, Parameter, Point, drawn, read_family
 from twin.study.work import Builder, ScenarioRuns
 from twin.validation import Checked, check_named_once, read_model, read_tables
 
