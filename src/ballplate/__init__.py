@@ -36,11 +36,9 @@ from twin.run.files import Signals
 if TYPE_CHECKING:
     from ballplate import lab, laws, observers, references, systems
     from ballplate.comparing import Comparison, compare
-    from ballplate.exporting import fmu
-    from ballplate.loading import Identified, Log, identify, load
-    from ballplate.results import Result
+    from ballplate.results import Identified, Log, Result, identify, load
+    from ballplate.rigs import Rig, fmu, rig
     from ballplate.solvers import Symbolic, symbolic
-    from ballplate.stepping import Rig, rig
     from ballplate.studies import StudyResult, Sweep, study, sweep
 
 __all__ = [
@@ -82,11 +80,9 @@ _MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
 _NAMES = {
     "comparing": ("Comparison", "compare"),
-    "exporting": ("fmu",),
-    "loading": ("Identified", "Log", "identify", "load"),
-    "results": ("Result",),
+    "results": ("Identified", "Log", "Result", "identify", "load"),
+    "rigs": ("Rig", "fmu", "rig"),
     "solvers": ("Symbolic", "symbolic"),
-    "stepping": ("Rig", "rig"),
     "studies": ("StudyResult", "Sweep", "study", "sweep"),
 }
 """Modules that not every program needs, and what is in them."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ballplate.changes import changes_of, scenario_of
-from ballplate.exporting import fmu as export
+from ballplate.rigs import fmu as export
 from twin.fmu.description import variables
 from twin.hal.interface import Touch
 from twin.run.assemble import assemble, build_limits

@@ -12,8 +12,8 @@ gymnasium who does not use it, and nothing is hooked into Python's imports. Who 
 ``gym.make("ballplate.gym:ballplate/Track-v0")``, which works in any order.
 
 An environment is a rig of ``ballplate run``: same plant, sensors, limits and noise, so that the
-same commands give the same ball path, to the last bit. ``ballplate.gym.task`` has what is seen,
-what an action means, the reward, and the end of an episode.
+same commands give the same ball path, to the last bit. ``ballplate.gym.environments`` has
+what is seen, what an action means, the reward, and the end of an episode.
 
 Needs the extra ``gym``.
 """

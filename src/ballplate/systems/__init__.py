@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from ballplate.changes import Changes, Settings, changes_of, model, scenario_of
-from ballplate.exporting import EXACT
+from ballplate.rigs import EXACT
 from controllers.analysis import (
     MEASUREMENTS,
     System,

@@ -211,7 +211,7 @@ def export(
             raise RecordError(
                 f"{file}: of an .fmu there are the options --fmi, --reference and --set only"
             )
-        from ballplate.exporting import fmu
+        from ballplate.rigs import fmu
 
         made = fmu(run, file, overrides, fmi=int(fmi or 2), wished=wished, reporter=TERMINAL)
         say(f"written to {made}")

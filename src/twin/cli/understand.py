@@ -152,7 +152,7 @@ def identify(
         chosen_parameters(names)  # a wrong name is told before anything heavy is imported
     files = [log_file(log) for log in logs]
     share = _share(held)
-    from ballplate.loading import identify as identify_log
+    from ballplate.results import identify as identify_log
     from twin.identify.judged import IDENTIFIED
     from twin.identify.report import HEADS, rows
 
