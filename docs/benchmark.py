@@ -28,6 +28,8 @@ from twin.writing import write_whole
 FAMILY, DRAW, RIGS = "uncertain", 2026, 128
 EXPECTED, FIRST = ("lqr", "afl", "cure"), 4
 """The laws whose errors on the first rigs are locked, and how many rigs."""
+LEAST = 0.005
+"""Least error of the picture."""
 KEPT = HERE.parent / "runs" / "bench"
 
 
@@ -78,9 +80,10 @@ def picture(bench: Benchmark, errors: dict[str, Any]) -> Any:
             for law, rows in errors.items():
                 its = np.sort(rows.loc[rows["task"] == task.name, "error"])
                 share = 100 * np.arange(1, len(its) + 1) / len(its)
-                panel.step([0.01, *its], [0, *share], where="post", label=law)
-            panel.set(title=task.name, xscale="log", xlim=(0.01, bench.about.most), ylim=(0, 100))
-        figure.supxlabel(f"error beside {bench.about.reference} on the same rig and noise")
+                panel.step([LEAST, *its], [0, *share], where="post", label=law)
+            panel.set(title=task.name, xscale="log", xlim=(LEAST, bench.about.most), ylim=(0, 100))
+        for panel in panels[3:]:
+            panel.set_xlabel(f"error beside {bench.about.reference}, same rig and noise")
         figure.supylabel("share of runs [%]")
         handles = panels[0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower center", ncols=6)
