@@ -2,6 +2,7 @@
 
 uv run python docs/benchmark.py            # all shipped laws: an hour on two cores
 uv run python docs/benchmark.py --law afl  # one law; no page
+uv run python docs/benchmark.py --finished # a page of the laws that are kept, at once
 uv run python docs/benchmark.py --freeze   # draws the rigs and locks, once for a version
 Finished runs are kept in runs/bench and used again while what a run executes stays the same.
 """
@@ -27,6 +28,8 @@ from twin.writing import write_whole
 FAMILY, DRAW, RIGS = "uncertain", 2026, 128
 EXPECTED, FIRST = ("lqr", "afl", "cure"), 4
 """The laws whose errors on the first rigs are locked, and how many rigs."""
+LEAST = 0.005
+"""Least error of the picture."""
 KEPT = HERE.parent / "runs" / "bench"
 
 
@@ -77,9 +80,10 @@ def picture(bench: Benchmark, errors: dict[str, Any]) -> Any:
             for law, rows in errors.items():
                 its = np.sort(rows.loc[rows["task"] == task.name, "error"])
                 share = 100 * np.arange(1, len(its) + 1) / len(its)
-                panel.step([0.01, *its], [0, *share], where="post", label=law)
-            panel.set(title=task.name, xscale="log", xlim=(0.01, bench.about.most), ylim=(0, 100))
-        figure.supxlabel(f"error beside {bench.about.reference} on the same rig and noise")
+                panel.step([LEAST, *its], [0, *share], where="post", label=law)
+            panel.set(title=task.name, xscale="log", xlim=(LEAST, bench.about.most), ylim=(0, 100))
+        for panel in panels[3:]:
+            panel.set_xlabel(f"error beside {bench.about.reference}, same rig and noise")
         figure.supylabel("share of runs [%]")
         handles = panels[0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower center", ncols=6)
@@ -88,22 +92,29 @@ def picture(bench: Benchmark, errors: dict[str, Any]) -> Any:
 
 @click.command()
 @click.option("--freeze", "freezing", is_flag=True, help="Draw the rigs and lock; no page.")
+@click.option("--finished", is_flag=True, help="A page of the laws whose runs are kept.")
 @click.option("--law", "only", multiple=True, help="Run this law alone; no page.")
-def main(only: tuple[str, ...], *, freezing: bool) -> None:
+def main(only: tuple[str, ...], *, freezing: bool, finished: bool) -> None:
     """Run what is not kept, then write the page."""
     folder = HERE.parent / "scenarios" / "bench" / "v1"
     if freezing:
         freeze(folder)
         return
     bench = Benchmark(folder)
-    found = {law: measured(bench, law) for law in only or bench.about.laws}
+    laws = [law for law in bench.about.laws if not finished or bench.finished(law, Store(KEPT))]
+    found = {law: measured(bench, law) for law in only or laws}
     if only:
         return
+    if not found:
+        raise click.ClickException("no law is finished")
     scores = {law: bench.scores(rows) for law, rows in found.items()}
     figure = picture(bench, {law: bench.relative(rows) for law, rows in found.items()})
     file = HERE / "figures" / "benchmark.png"
     write_whole(file, lambda path: figure.savefig(path, format="png", dpi=110))
-    write_whole(HERE / "benchmark.md", filled("benchmark", bench=bench, scores=scores))
+    write_whole(
+        HERE / "benchmark.md",
+        filled("benchmark", bench=bench, scores=scores, rig=len(bench.points)),
+    )
 
 
 if __name__ == "__main__":

@@ -42,6 +42,8 @@ WRITTEN = {
 } | {
     "bring_up.py",
     "bring-up.template.md",
+    "benchmark.py",
+    "benchmark.template.md",
     "cure_demands.py",
     "cure_demands.template.md",
     "cure_family.py",

@@ -18,6 +18,7 @@ from controllers.classical import (
     PolePlacement,
     SlidingMode,
 )
+from controllers.fmu import FmuLaw
 from controllers.interfaces import Feedback, Law, Reference
 from controllers.stable_inversion import StableInversion
 
@@ -30,6 +31,7 @@ __all__ = [
     "BallPlate",
     "Feedback",
     "Feedforward",
+    "FmuLaw",
     "InternalModel",
     "IterativeLearning",
     "Law",

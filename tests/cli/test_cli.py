@@ -88,7 +88,9 @@ def test_the_help_of_a_command_begins_with_an_example_that_can_be_typed(ballplat
     _, out, _ = ballplate(*name.split(), "--help")
     assert out.splitlines()[0] == f"Example: ballplate {command.example}"
     assert len(out.splitlines()[0]) <= 80
-    meant = EVERY[{"calibrate": "calibrate cams", "lab": "lab check"}.get(name, name)]
+    meant = EVERY[
+        {"calibrate": "calibrate cams", "lab": "lab check", "bench": "bench run"}.get(name, name)
+    ]
     assert parsed(command.example) is meant
 
 

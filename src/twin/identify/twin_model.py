@@ -489,7 +489,7 @@ def identify(
             f"{left_out} of {len(windows)} windows left out: no replay explains the ball there"
         )
     if not log.scenario and not log.age.any():
-        notes.append("no column age: the wait for a frame is counted in the dead time")
+        notes.append("column age missing or zero: a wait for a frame is counted in the dead time")
     if usable.segments[0].command is None:
         notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
     tried = replayed(unknown, fit, lag) if unknown is not None and unknown.segments else {}
