@@ -14,7 +14,7 @@ from controllers import catalog as catalog_module
 from controllers.catalog import catalog
 from controllers.interfaces import Observer, Reference
 from twin.cli import ballplate
-from twin.cli.describe import new
+from twin.cli.runs import new
 from twin.run.finished import run
 from twin.scenario import load
 

@@ -299,12 +299,9 @@ class StudyResult:
 
     def plot(self) -> dict[str, Figure]:
         """Its figures by name: ``curves``, ``indices``, ``spread`` and more, as the method has."""
-        from twin.study.report import figures
+        from twin.study.report import figures_of
 
-        # every variant has the same points in the same order
-        tasks = self.work.tasks
-        at = [task.point for task in tasks if task.variant == tasks[0].variant]
-        found = figures(self.work.study, self.answers, self.work.design[at])
+        found = figures_of(self.work, self.answers)
         return {name: showable(figure) for name, figure in found.items()}
 
     def save(self, folder: str | Path) -> Path:

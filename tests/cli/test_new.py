@@ -13,7 +13,7 @@ import pytest
 
 from controllers.catalog import add, broken, catalog, forget, outside
 from controllers.interfaces import Law, Observer, Reference
-from twin.cli.describe import LIKE
+from twin.cli.runs import LIKE
 from twin.run.finished import run
 from twin.scenario import load
 from twin.study import schema

@@ -7,7 +7,7 @@ from runpy import run_path
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.describe import describe as command
+from twin.cli.runs import describe as command
 from twin.errors import ScenarioError
 from twin.scenario.describe import about, described, every_kind
 from twin.scenario.load import check, put, setting

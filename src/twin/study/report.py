@@ -59,6 +59,13 @@ def figures(study: Study, found: Sequence[Answer], design: Design) -> dict[str, 
     return out
 
 
+def figures_of(work: Work, found: Sequence[Answer]) -> dict[str, Figure]:
+    """The figures of a study from its runs."""
+    # every variant has the same points in the same order
+    at = [task.point for task in work.tasks if task.variant == work.tasks[0].variant]
+    return figures(work.study, found, work.design[at])
+
+
 def metric_label(study: Study) -> str:
     """The first metric in words, with its unit."""
     words, unit = LABELS[study.metrics[0]]
@@ -393,10 +400,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
 
 def inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
     """The figures of a study by name, to stand within a page."""
-    # every variant has the same points in the same order
-    at = [task.point for task in work.tasks if task.variant == work.tasks[0].variant]
-    drawn = figures(work.study, found, work.design[at])
-    return {name: inline(figure) for name, figure in drawn.items()}
+    return {name: inline(figure) for name, figure in figures_of(work, found).items()}
 
 
 def what_ran(work: Work) -> str:
