@@ -226,7 +226,7 @@ class Benchmark:
     def finished(self, law: str, store: Store) -> bool:
         """Whether all runs of a shipped law are in a store."""
         work = ScenarioRuns(each.scenario for each in self.runs(self.about.laws[law].set))
-        return store.rows([task.key for task in work.tasks]).num_rows == len(work.tasks)
+        return bool(store.rows([task.key for task in work.tasks]).num_rows == len(work.tasks))
 
     def relative(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Rows with ``error``, the part of the reference law's on the same rig and noise.
