@@ -147,6 +147,7 @@ def test_a_better_law_scores_better_and_one_that_drops_every_ball_worst(small, t
     assert (wild.error, wild.kept, steady.kept) == (10.0, 0, RIGS)
 
 
+@pytest.mark.long
 def test_an_entry_is_replayed_and_what_differs_is_seen(small, tmp_path):
     entry, folder = own(tmp_path), tmp_path / "entry"
     rows = ran(small, entry, tmp_path, Store(folder))
@@ -163,11 +164,20 @@ def test_an_entry_is_replayed_and_what_differs_is_seen(small, tmp_path):
     np.savez_compressed(folder / "commands.npz", *commands)
     (line,) = small.replayed(folder)
     assert line.startswith("replay: Circle, rig 1, noise 1: ")
+    np.savez_compressed(folder / "commands.npz", *commands[1:])
+    assert list(small.replayed(folder)) == [
+        "commands.npz: not those of every run on the first rigs"
+    ]
+    (folder / "commands.npz").write_bytes(b"PK no zip")
+    with pytest.raises(RecordError, match="holds no finished entry"):
+        list(small.replayed(folder))
+    np.savez_compressed(folder / "commands.npz", *commands)
     better = rows.assign(rms_distance=rows["rms_distance"] * 0.97)
     better.to_parquet(folder / "runs.parquet", index=False)
     assert len(list(small.replayed(folder))) == 1 + 2 * 2 * 2
 
 
+@pytest.mark.long
 def test_finished_runs_are_not_run_again_until_the_law_changes(small, tmp_path, monkeypatch):
     entry, store = own(tmp_path), Store(tmp_path / "kept")
     first = ran(small, entry, tmp_path, store)
@@ -198,6 +208,9 @@ def test_an_entry_that_fails_is_refused_in_a_line(small, tmp_path, monkeypatch, 
 def test_what_is_no_entry_s_is_refused(small, tmp_path):
     with pytest.raises(ScenarioError, match="an entry sets controller, observer, predictor"):
         ran(small, Entry(title="Cheat", set=("plant.friction.rolling_mm=0",)), tmp_path)
+    for file in ("none.py", "../own.py"):
+        with pytest.raises(ScenarioError, match=r"must be a file beside the entry\.toml"):
+            ran(small, Entry(title="Cheat", file=file), tmp_path)
     with pytest.raises(ScenarioError, match="neither a shipped law"):
         small.entry("none")
     with pytest.raises(RecordError, match="holds no finished entry"):

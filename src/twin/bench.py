@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
@@ -212,6 +213,10 @@ class Benchmark:
             LawError: If its code fails: file, line and error.
             ScenarioError: If it sets what is not its own.
         """
+        if entry.file and not (
+            Path(entry.file).name == entry.file and (place / entry.file).is_file()
+        ):
+            raise ScenarioError(f"file: '{entry.file}': must be a file beside the entry.toml")
         text = (place / entry.file).read_bytes().hex() if entry.file else ""
         with entered(entry, place) as (fixed, _):
             listed = self.runs(fixed, rigs=rigs)
@@ -290,10 +295,15 @@ class Benchmark:
             told = json.loads((folder / "scores.json").read_text(encoding="utf-8"))["scores"]
             with np.load(folder / "commands.npz") as commands:
                 Replayed.commands = [commands[f"arr_{i}"] for i in range(len(commands.files))]
-        except (OSError, ValueError, KeyError) as error:
+            same = [each._asdict() for each in self.scores(rows)] == told
+        except (OSError, LookupError, TypeError, ValueError, BadZipFile) as error:
             raise RecordError(f"{folder}: holds no finished entry: {error}") from error
-        if [each._asdict() for each in self.scores(rows)] != told:
+        if not same:
             yield "scores.json: not the scores of runs.parquet"
+        first = rows[rows["rig"] < self.about.replayed].reset_index(drop=True)
+        if [each.shape[1:] for each in Replayed.commands] != [(2,)] * len(first):
+            yield "commands.npz: not those of every run on the first rigs"
+            return
         catalog.register(Replayed)
         try:
             listed = self.runs((f"controller.kind={Replayed.name}",), rigs=self.about.replayed)
@@ -304,7 +314,6 @@ class Benchmark:
             again = pd.DataFrame(carry_out(work.jobs(work.tasks)))
         finally:
             catalog.unregister(Replayed.name)
-        first = rows[rows["rig"] < self.about.replayed].reset_index(drop=True)
         both = first.assign(**again[["outcome", self.about.metric]])
         yield from unlike(both, first[self.about.metric].to_numpy(), self.about.metric, "replay")
 
@@ -366,7 +375,8 @@ class Replayed(Law):
 
     def command(self, now: Feedback) -> Array:
         """What was commanded at this time, shape (..., 2)."""
-        u = self.commands[self.number][round(now.time / now.plan)]
+        kept = self.commands[self.number]  # as long as the longest run beside it
+        u = kept[min(round(now.time / now.plan), len(kept) - 1)]
         return np.broadcast_to(u, now.rate.shape)
 
 
