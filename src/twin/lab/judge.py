@@ -27,6 +27,10 @@ from twin.validation import read_tables
 RESULT = "ballplate/lab-result/v1"
 
 
+class EarlyEndError(LawError):
+    """A run of an answer ended before its time."""
+
+
 class NotJudgedError(TwinError):
     """What cannot be judged here, or yet: why."""
 
@@ -117,7 +121,7 @@ class Judge(NamedTuple):
             none: The checks before it that got no points, without which it cannot be judged.
         """
         passed: bool | None = False
-        score, found = 0.0, Judged(math.nan, "")
+        score, found, look = 0.0, Judged(math.nan, ""), check.look
         try:
             data = tables(self.lab.answer, self.file)
             if none:
@@ -128,6 +132,7 @@ class Judge(NamedTuple):
         except TwinError as error:
             why = str(error)
             passed = None if isinstance(error, NotJudgedError) else False
+            look = check.look if isinstance(error, EarlyEndError) else ""
         return {
             "name": check.name,
             "description": ramp(check),
@@ -136,7 +141,7 @@ class Judge(NamedTuple):
             "max_score": check.points,
             "visible": check.visible,
             "log": list(found.log),
-            "cause": None if passed else {"rationale": why, "help": check.look},
+            "cause": None if passed else {"rationale": why, "help": look},
             "dependency": list(check.after),
             "data": {"value": found.value if math.isfinite(found.value) else None},
         }
@@ -255,7 +260,7 @@ class Judge(NamedTuple):
             said = f"{kept} of {len(rows)} runs" + (f"; {ended}" if ended else "")
             return Judged(kept / len(rows), said)
         if ended:
-            raise LawError(f"{len(early)} of {len(rows)} runs did not finish: {ended}")
+            raise EarlyEndError(f"{len(early)} of {len(rows)} runs did not finish: {ended}")
         if check.against:
             values /= np.array(
                 [row[check.metric] for row in self.rows(check, check.against)], float
@@ -313,9 +318,10 @@ def tables(about: AnswerTable, file: Path) -> dict[str, Any]:
         ScenarioError: If it is not there, or not what was asked for.
     """
     if not file.is_file():
-        others = ", ".join(each.name for each in sorted(file.parent.glob(f"{file.stem}.*")))
+        beside = sorted({each.name for each in file.parent.glob(f"{file.stem}.*")} - {about.file})
+        others = ", ".join(beside)
         other = f"; an answer here is a {about.kind}, not {others}" if others else ""
-        raise ScenarioError(f"{about.file}: not handed in{other}")
+        raise ScenarioError(f"{file.name}: not handed in{other}")
     if file.suffix != Path(about.file).suffix:
         raise ScenarioError(f"{file.name}: must be {about.file}, as the answer is a {about.kind}")
     found = read_tables(file) if about.data else {}

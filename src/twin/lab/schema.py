@@ -411,7 +411,7 @@ def had_again(lab: Lab, folder: Path, key: str | None, student: str | None = Non
     wanted = {"lab": lab.name, "version": lab.version, "student": student or said.student}
     for what, must in wanted.items():
         if (has := getattr(said, what)) != must:
-            raise ScenarioError(f"{folder.name}/{RIG}: {what}: is {has!r}, must be {must!r}")
+            raise ScenarioError(f"{folder / RIG}: {what}: is {has!r}, must be {must!r}")
     found = deal(lab, said.student, PRACTICE if said.practice and key is None else key, said.code)
     if found.code != said.code:
         raise ScenarioError(
