@@ -250,7 +250,8 @@ class SimulatedScreen:
         self._delay = delay
         # As far back as is kept: a sample may be late by four standard deviations at most.
         self._latest = delay + 4 * spread
-        self._length = 2 + math.ceil((self._latest + self._frame).max() / self._period)
+        self._own = 2 + np.ceil((self._latest + self._frame) / self._period).astype(int)
+        self._length = int(self._own.max())
         self._whole, self._share = self._periods(delay)
         # one dead time for all: their samples lie side by side
         self._together = int(self._whole[0]) if len(set(delay.tolist())) == 1 else None
@@ -269,14 +270,15 @@ class SimulatedScreen:
         if all(map(np.array_equal, (model.dead_time, model.spread, model.frame_rate), waits)):
             return
         delay, spread = np.broadcast_arrays(model.dead_time, model.spread, self._frame)[:2]
-        kept = self._length
+        kept, own = self._length, self._own  # a rig has what it would have alone
         self._wait(np.asarray(delay, float), np.asarray(spread, float))
-        age = np.minimum(np.arange(self._length), kept - 1)
-        old, new = (self._tick - age) % kept, (self._tick - np.arange(self._length)) % self._length
+        ago = np.arange(self._length)
         # which of the rows that were kept stands where in the new ring
-        order = np.empty(self._length, int)
-        order[new] = old
-        self._past, self._felt = self._past[order], self._felt[order]
+        order = np.empty((self._length, len(own)), int)
+        order[(self._tick - ago) % self._length] = (
+            self._tick - np.minimum(ago[:, None], own - 1)
+        ) % kept
+        self._past, self._felt = self._past[order, self._rows], self._felt[order, self._rows]
 
     def adopt(self, rigs: Rigs, other: SimulatedScreen) -> None:
         """Let some rigs go on as others that have just begun and are equipped alike."""
