@@ -244,7 +244,10 @@ def test_what_other_processes_take_of_a_processor_counts_for_nobody(tmp_path: Pa
     )
     about = AnswerTable(kind="function", function="work", asked={"x": "m"}, seconds=2.0)
     loop = [sys.executable, "-c", "while True: pass"]
-    rivals = [subprocess.Popen(loop) for _ in range(4 * (os.cpu_count() or 1))]
+    # each in a session of its own, as the answer is: Linux shares processors among sessions
+    rivals = [
+        subprocess.Popen(loop, start_new_session=True) for _ in range(4 * (os.cpu_count() or 1))
+    ]
     try:
         begin = time.monotonic()
         with answering(file, about) as process:
