@@ -179,9 +179,7 @@ class Benchmark:
             f"{nearest(str(name), self.about.laws)}"
         )
 
-    def runs(
-        self, fixed: Sequence[str], *, rigs: int | None = None, noises: int | None = None
-    ) -> list[BenchRun]:
+    def runs(self, fixed: Sequence[str], *, rigs: int | None = None) -> list[BenchRun]:
         """The runs of all tasks on the first rigs, under overrides.
 
         Raises:
@@ -192,7 +190,7 @@ class Benchmark:
             own = self.folder / task.scenario
             build = Builder(str(own) if own.suffix else task.scenario)
             for rig, point in enumerate(self.points[:rigs]):
-                for noise in range(noises or self.about.seeds):
+                for noise in range(self.about.seeds):
                     seed = f"seed={self.seeds[rig] + noise}"
                     said = (*self.about.set, *task.set, *fixed, seed)
                     found.append(BenchRun(task.name, rig, noise, build(said, point)))
@@ -303,9 +301,9 @@ class Benchmark:
         Raises:
             RecordError: If it holds no finished entry.
         """
+        told = scores_of(folder)
         try:
             rows = pd.read_parquet(folder / "runs.parquet")
-            told = json.loads((folder / "scores.json").read_text(encoding="utf-8"))["scores"]
             with np.load(folder / "commands.npz") as commands:
                 Replayed.commands = [commands[f"arr_{i}"] for i in range(len(commands.files))]
             same = [each._asdict() for each in self.scores(rows)] == told
@@ -455,6 +453,19 @@ def unlike(rows: pd.DataFrame, told: Array, metric: str, what: str) -> Iterator[
         if not np.isclose(value, wanted, rtol=TOLERANCE, atol=0, equal_nan=True):
             where = f"{what}: {row.task}, rig {row.rig}, noise {row.noise}"
             yield f"{where}: {value:.9g} m, told {wanted:.9g} m"
+
+
+def scores_of(folder: Path) -> list[dict[str, Any]]:
+    """What a finished entry says that it came to, task by task.
+
+    Raises:
+        RecordError: If it holds none.
+    """
+    try:
+        found: list[dict[str, Any]] = json.loads((folder / "scores.json").read_bytes())["scores"]
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        raise RecordError(f"{folder}: holds no finished entry: {error}") from error
+    return found
 
 
 def hashed(folder: Path, name: str) -> str:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -14,7 +13,6 @@ from ballplate.studies import work_of
 from twin.cli import options
 from twin.cli.options import JSON, PATH, PROCESSES, Command, Group
 from twin.cli.output import TERMINAL, bold, listed, progress, show
-from twin.errors import RecordError
 from twin.page import Table
 from twin.shipped import chosen, shipped_in
 from twin.writing import check_writable
@@ -294,7 +292,9 @@ def verify(entry: Path | None) -> int:
 @JSON
 def table(entries: Sequence[Path]) -> int:
     """Put finished entries side by side: the relative error of each in each task."""
-    found = {str(each): _scores(each) for each in entries}
+    from twin.bench import scores_of
+
+    found = {str(each): scores_of(each) for each in entries}
     tasks = [each["task"] for each in next(iter(found.values()))]
     cells = [
         (name, *(f"{each['error']:.3g} ({each['kept']} kept)" for each in its))
@@ -302,14 +302,6 @@ def table(entries: Sequence[Path]) -> int:
     ]
     show(found, [Table("", ("entry", *tasks), cells, words=(0,))])
     return 0
-
-
-def _scores(folder: Path) -> list[dict[str, Any]]:
-    try:
-        found: list[dict[str, Any]] = json.loads((folder / "scores.json").read_bytes())["scores"]
-    except (OSError, ValueError, LookupError, TypeError) as error:
-        raise RecordError(f"{folder}: holds no finished entry: {error}") from error
-    return found
 
 
 def _table(title: str, scores: Sequence[BenchScore]) -> Table:

@@ -12,7 +12,6 @@ import io
 import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import lru_cache
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar
@@ -268,7 +267,6 @@ def change_devices(
     old: Sequence[Scenario],
     new: Sequence[Scenario],
     *,
-    touch: dict[str, Any] | None = None,
     plant: bool = True,
 ) -> None:
     """Make simulated devices and their plant what scenarios say now.
@@ -277,7 +275,6 @@ def change_devices(
         devices: Of N rigs.
         old: What the scenarios said until now, one per rig.
         new: What they say now.
-        touch: Imperfections of the touch screen that are not the scenarios' own.
         plant: Whether the plant is to go on as they say, too.
 
     Raises:
@@ -286,9 +283,7 @@ def change_devices(
     if plant and differ(OF_PLANTS, old, new):
         PLANTS[new[0].plant.kind].change(devices.plant, new)
     devices.change(
-        touch=replace(filled(TouchModel, new), **touch or {})
-        if differ((TouchModel,), old, new)
-        else None,
+        touch=filled(TouchModel, new) if differ((TouchModel,), old, new) else None,
         encoders=filled(EncoderModel, new) if differ((EncoderModel,), old, new) else None,
         drives=filled(simulated.DriveModel, new)
         if differ((simulated.DriveModel,), old, new)
@@ -335,7 +330,8 @@ def changing(
         scenarios: One per rig.
 
     Raises:
-        TwinError: If they cannot be made.
+        ScenarioError: If rigs on the exact equations would have different balls.
+        ModelError: If a number is out of range.
     """
     known = without_error(transmission)
 
@@ -343,23 +339,6 @@ def changing(
         change_devices(devices, old, new)
         change_transmission(rig, known, old, new)
 
-    return changing_devices(devices, scenarios, act)
-
-
-def changing_devices(
-    devices: simulated.SimulatedDevices, scenarios: Sequence[Scenario], act: Act
-) -> RigChanges:
-    """Changes that an act makes, the plant made ready so that none of them takes long.
-
-    Args:
-        devices: What the rigs are made of.
-        scenarios: One per rig.
-        act: Makes the devices what the scenarios say.
-
-    Raises:
-        ScenarioError: If rigs on the exact equations would have different balls.
-        ModelError: If a number is out of range.
-    """
     changes = RigChanges(scenarios, act)
     for stage in changes.stages():
         balls = {(each.plant.ball.mass, each.plant.ball.inertia) for each in stage}
