@@ -73,6 +73,7 @@ class Wired(NamedTuple):
         lateness: How late each period began, s, shape (ticks,).
         missed: Periods missed.
         pauses: How long the computer paused, s.
+        reason: Why it ended early; empty if it did not.
     """
 
     finished: bool
@@ -80,6 +81,7 @@ class Wired(NamedTuple):
     lateness: Array
     missed: int
     pauses: float
+    reason: str
 
 
 def wired(scenario: str, before: Sequence[str] = ()) -> Wired:
@@ -97,6 +99,7 @@ def wired(scenario: str, before: Sequence[str] = ()) -> Wired:
         run.rows["lateness"],
         ledger["missed"],
         1e-6 * sum(ledger["pauses_us"]),
+        str(run.metrics.get("reason", "")),
     )
 
 
@@ -136,8 +139,9 @@ def on_the_wire(number: int, beside: int, before: Sequence[str] = ()) -> str:
     for scenario in SCENARIOS:
         simulated = bp.run(scenario, [*ALONE, SCREEN]).metrics[ERROR]
         with busy(beside):
-            rows.append(row(scenario, simulated, [wired(scenario, before) for _ in range(number)]))
-        click.echo("  ".join(rows[-1]), err=True)
+            runs = [wired(scenario, before) for _ in range(number)]
+        rows.append(row(scenario, simulated, runs))
+        click.echo("  ".join([*rows[-1], *(run.reason for run in runs if run.reason)]), err=True)
     return markdown(HEADINGS, rows)
 
 
