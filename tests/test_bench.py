@@ -138,6 +138,7 @@ def test_the_reference_law_is_one_everywhere_and_lost_balls_are_the_worst(small)
     assert (circle.kept_low, circle.kept_high) == pytest.approx(wilson)
 
 
+@pytest.mark.long
 def test_a_better_law_scores_better_and_one_that_drops_every_ball_worst(small, tmp_path):
     lines = ("pass", "e = 0 * e", "return np.full(e.shape, 300.0)")
     steady, lazy, wild = (

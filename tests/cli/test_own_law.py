@@ -239,10 +239,14 @@ class Odd(Observer):
 """
 
 
-@pytest.mark.parametrize("predictor", ["smith", None])
 @pytest.mark.parametrize(
-    ("answer", "said"),
-    [("measurement.y", "shape (1, 4)"), ("None", "None"), ("1j * self.x", "comp")],
+    ("answer", "said", "predictor"),
+    [
+        ("measurement.y", "shape (1, 4)", "smith"),
+        ("measurement.y", "shape (1, 4)", None),
+        ("None", "None", "smith"),
+        ("1j * self.x", "comp", None),
+    ],
 )
 def test_an_observer_that_gives_no_estimate_is_one_line(ballplate, answer, said, predictor):
     Path("laws").mkdir()
@@ -255,6 +259,12 @@ def test_an_observer_that_gives_no_estimate_is_one_line(ballplate, answer, said,
     assert code == 1
     assert "laws/odd.py, line 12: correct must give the estimate" in line
     assert f"it gave {said}" in line
+
+
+def test_in_a_study_an_observer_that_gives_no_estimate_is_told(ballplate):
+    Path("laws").mkdir()
+    Path("laws/odd.py").write_text(OBSERVER.replace("ANSWER", "measurement.y"))
+    forget()
     Path("both.toml").write_text(STUDY.replace("controller.kind=mine", "observer.kind=odd"))
     assert "correct must give the estimate" in " ".join(ballplate("study", "both.toml")[1].split())
 

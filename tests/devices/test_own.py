@@ -286,7 +286,10 @@ def test_other_rigs_do_what_their_page_says(command, told, tmp_path):
         assert found["tracking_error_percent"] == pytest.approx(float(told), abs=0.051)
 
 
-@pytest.mark.parametrize("what", ["cams", "touch", "lost-motion"])
+@pytest.mark.parametrize(
+    "what",
+    ["cams", *(pytest.param(each, marks=pytest.mark.long) for each in ("touch", "lost-motion"))],
+)
 def test_calibrations_of_other_devices_say_that_they_are(what, tmp_path):
     (tmp_path / "rig.toml").write_text('title = "mine"\nbackend = "mine.py:Mine"\n')
     code, said = ballplate(tmp_path, "calibrate", what, "--rig", "rig.toml")

@@ -76,7 +76,7 @@ def driven(*parts, seed=1):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("width", [0.0, 0.05, 0.3])
+@pytest.mark.parametrize("width", [0.0, pytest.param(0.05, marks=pytest.mark.long), 0.3])
 def test_a_lag_is_told_from_play_of_any_width(width):
     parts = [Play(np.radians([[width]]))] if width else []
     found = fit_drives(driven(*parts))
@@ -86,7 +86,7 @@ def test_a_lag_is_told_from_play_of_any_width(width):
     assert np.degrees(found.play) == pytest.approx(width, abs=0.002)
 
 
-@pytest.mark.parametrize("resonance", [12.5, 19.0])
+@pytest.mark.parametrize("resonance", [12.5, pytest.param(19.0, marks=pytest.mark.long)])
 def test_the_lag_of_a_plate_that_swings_on_its_drive_train_is_right(resonance):
     part = Resonance(np.array([[resonance]]), np.array([[0.05]]), 0.002)
     found = fit_drives(driven(part))
