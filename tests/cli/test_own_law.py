@@ -261,6 +261,7 @@ def test_an_observer_that_gives_no_estimate_is_one_line(ballplate, answer, said,
     assert f"it gave {said}" in line
 
 
+@pytest.mark.long
 def test_in_a_study_an_observer_that_gives_no_estimate_is_told(ballplate):
     Path("laws").mkdir()
     Path("laws/odd.py").write_text(OBSERVER.replace("ANSWER", "measurement.y"))
@@ -328,7 +329,7 @@ measured.rms_error = { value = 0.01, uncertainty = 0.001 }
     ("command", "always", "text"),
     [
         ("tune", True, "return np.zeros((3, 2))"),
-        ("tune", False, "raise NameError('kp')"),
+        pytest.param("tune", False, "raise NameError('kp')", marks=pytest.mark.long),
         ("fit", True, "raise NameError('kp')"),
     ],
 )
