@@ -424,7 +424,9 @@ class Preview:
         way = np.diff(position, axis=0)
         begin = 1 if first else 0
         way[begin:] -= T / 2 * (velocity[begin + 1 :] + velocity[begin:-1])
-        for i in np.flatnonzero((np.abs(way) > JUMP).reshape(count, -1).any(axis=1)).tolist():
+        far = (np.abs(way) > JUMP).any(axis=-1, keepdims=True)
+        way = np.where(far, way, 0.0)  # what is no jump of this rig's is none beside another's
+        for i in np.flatnonzero(far.reshape(count, -1).any(axis=1)).tolist():
             length = np.hypot(way[i, ..., :1], way[i, ..., 1:])
             duration = np.maximum(self._spread * np.sqrt(length / LENGTH), T)
             self._jumps.append(_Jump(float(times[i]), way[i], duration))

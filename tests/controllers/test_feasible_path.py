@@ -72,7 +72,10 @@ class Later(Reference):
     ids=["step", "transition", "circle", "later"],
 )
 def test_beside_others_it_has_the_bits_it_has_alone(both):
-    starts = [reference(0.0)[0] for reference in both]
+    off = (1e-3, 0.1)  # the second ball's way to its path is a jump, the first one's is none
+    starts = [
+        reference(0.0)[0] + np.array([way, 0.0]) for reference, way in zip(both, off, strict=True)
+    ]
     together = laid(PerRigReference(both, T), starts, 7.0)
     for rig, (reference, start) in enumerate(zip(both, starts, strict=True)):
         np.testing.assert_array_equal(together[:, :, rig], laid(reference, start, 7.0))
