@@ -324,10 +324,7 @@ def whatif(
         if each.max_difference is not None
     )
     tables = indicators({each.label: each.run.metrics for each in found})
-    files = (
-        "picture.png, report.html and a run folder per branch for "
-        f"`ballplate view {folder}` and `ballplate report {folder}`"
-    )
+    files = f"picture.png and a run folder per branch: ballplate report {folder}"
     shown = (agreement(moment), *tables, *apart)
     show(summary(moment, found), shown, folder, files)
     return 0
