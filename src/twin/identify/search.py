@@ -225,7 +225,7 @@ class Fitting:
         about: What is known of each parameter.
         start_steps: Steps of finite differences of a start.
         prior: Weak knowledge of a start, its inverse covariance.
-        grows: Whether the cost of a window goes on growing (Cauchy), by the logarithm of its misfit.
+        grows: Whether the cost of a window goes on growing, by the logarithm of its misfit.
     """
 
     windows: Any
