@@ -7,6 +7,7 @@
 # network: a search that ranks policies by their reward finds them in a few hundred episodes.
 # Everything is done through `gymnasium.make_vec("ballplate.gym:ballplate/Track-v0")`: the policies
 # of all learning seeds are rigs of one vector environment, and its reward is what is searched for.
+# It needs the extra `gym`, and `pip install cmaes`.
 
 # %%
 from pathlib import Path

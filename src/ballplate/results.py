@@ -327,7 +327,6 @@ def identify(
     hold_out: float | str | Path | Sequence[str | Path] = HOLD_OUT,
     columns: str | None = None,
     separator: str | None = None,
-    pixel: str | None = None,
     ball: str | float | None = None,
     reporter: Reporter | None = None,
 ) -> Identified:
@@ -341,7 +340,6 @@ def identify(
             log, or some.
         columns: Of a log of any rig, ``"time=t:ms,measured_x=X:mm,command_phi=u:deg"``.
         separator: Between its columns; found if None.
-        pixel: Length of a pixel, as ``"0.5mm"``.
         ball: ``"hollow"``, ``"solid"``, or the share of gravity that accelerates it.
         reporter: Who is told progress; a notebook has its own.
 
@@ -359,7 +357,7 @@ def identify(
     if columns is not None:
         from twin.identify.any_rig import identify_any
 
-        wanted = wanted_columns(columns, pixel)
+        wanted = wanted_columns(columns)
         logs = [read_any(path, wanted, separator) for path in _paths(log)]
         held = (
             float(hold_out)

@@ -22,7 +22,6 @@ from twin.identify.twin_model import (
     _ball,
     _creeping,
     _servo,
-    verdicts,
     whiteness,
 )
 from twin.identify.windows import STEP, AccelerationField, Windows, replay
@@ -43,7 +42,7 @@ def shown(*verdicts):
 
 @pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED), (4.0e-4, IDENTIFIED)])
 def test_drives_faster_than_a_scenario_takes_are_bounded(lag, word):
-    verdict = _servo(Drives(lag, 2e-5, agree=True, play=0.0, play_half_width=0.0))
+    verdict = _servo(Drives(lag, 2e-5, agree=True, play=0.0))
     assert verdict.word == word
     if verdict.value is not None:
         load("circle", [f"plant.servo.bandwidth_hz={verdict.value}"])
@@ -315,12 +314,3 @@ def test_a_dead_time_at_its_bound_is_not_identified():
     assert found.word == BOUNDED
     assert "--columns" in found.why
     assert found.high is None
-
-
-def test_a_lost_motion_that_is_identified_is_in_the_parameter_file():
-    fit = SimpleNamespace(estimate=lambda: None)
-    drives = Drives(0.0159, 1e-4, agree=True, play=np.radians(0.3), play_half_width=1e-5)
-    found = verdicts(("servo",), fit, drives, white=True)
-    assert "backlash_deg = 0.3" in parameters(shown(*found))
-    tight = drives._replace(play=1e-6)
-    assert len(verdicts(("servo",), fit, tight, white=True)) == 1

@@ -127,7 +127,6 @@ PARAMETERS = (
     help="Columns of a log of any rig: time, measured_x, measured_y, command_phi, command_theta.",
 )
 @click.option("--separator", help="Between its columns, as ; or tab [found].")
-@click.option("--pixel", metavar="LENGTH", help="Length of a pixel, as 0.5mm, for positions in px.")
 @click.option("--ball", metavar="BALL", help="hollow, solid, or its share of gravity [hollow].")
 @click.option("--out", type=options.PATH, help="Folder [runs/identify-LOG].")
 @options.JSON
@@ -137,7 +136,6 @@ def identify(
     held: tuple[str, ...],
     columns: str | None,
     separator: str | None,
-    pixel: str | None,
     ball: str | None,
     out: Path | None,
 ) -> int:
@@ -163,7 +161,6 @@ def identify(
         hold_out=[log_file(Path(each)) for each in held] if share is None else share,
         columns=columns,
         separator=separator,
-        pixel=pixel,
         ball=ball,
         reporter=TERMINAL,
     )
@@ -324,10 +321,7 @@ def whatif(
         if each.max_difference is not None
     )
     tables = indicators({each.label: each.run.metrics for each in found})
-    files = (
-        "picture.png, report.html and a run folder per branch for "
-        f"`ballplate view {folder}` and `ballplate report {folder}`"
-    )
+    files = f"picture.png and a run folder per branch: ballplate report {folder}"
     shown = (agreement(moment), *tables, *apart)
     show(summary(moment, found), shown, folder, files)
     return 0

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from controllers.arrays import Array
 from twin.data_file import packaged
@@ -327,62 +326,38 @@ def summary(explanation: Explanation) -> dict[str, Any]:
     }
 
 
-LEFT, ALONE, SHARE = COLOURS[1], COLOURS[0], COLOURS[2]
+LEFT, ALONE = COLOURS[1], COLOURS[0]
 
 
 def draw(path: Path, explanation: Explanation) -> None:
-    """Draw an explanation into a PNG file.
+    """Draw an explanation into a PNG file: error without each effect, and with it alone.
 
     Raises:
         RecordError: If the file cannot be written.
     """
-    height = 2.2 + 0.36 * max(len(explanation.contributions), 3)
-    with drawn(12, height) as figure:
+    whole, none = explanation.size(explanation.whole), explanation.size(explanation.none)
+    parts = explanation.contributions
+    with drawn(10, 2.2 + 0.36 * max(len(parts), 3)) as figure:
         title = f"{explanation.scenario.title}: what makes the error"
         figure.suptitle(title, fontsize=12, fontweight="bold")
-        errors, shares = figure.subplots(1, 2, width_ratios=(1.5, 1))
-        _errors(errors, explanation)
-        _shares(shares, explanation)
+        panel = figure.subplots()
+        for y, part in enumerate(parts):
+            for case, beside, at, colour, label in (
+                (part.without, whole, y - 0.13, LEFT, "all but this one"),
+                (part.alone, none, y + 0.13, ALONE, "this one alone"),
+            ):
+                size = explanation.size(case)
+                once = "" if y else label
+                panel.plot([beside, size], [at] * 2, "-o", color=colour, lw=2, label=once)
+                if case.rms is None:
+                    panel.text(whole, at, f" {case.outcome}", color=colour, fontsize=7)
+        panel.axvline(whole, color=LEFT, lw=1, ls="--", label="all effects")
+        panel.axvline(none, color=ALONE, lw=1, ls="--", label="none of them")
+        shares = ("" if p.share is None else f" ({100 * p.share:z.1f} %)" for p in parts)
+        labels = [part.effect.label + share for part, share in zip(parts, shares, strict=True)]
+        panel.set_yticks(range(len(labels)), labels)
+        panel.invert_yaxis()
+        percent = explanation.in_percent
+        panel.set_xlabel("tracking error $e_{tt}$ [%]" if percent else "RMS distance [mm]")
+        panel.legend()
         write_whole(path, lambda target: figure.savefig(target, dpi=110, format="png"))
-
-
-def _errors(panel: Axes, explanation: Explanation) -> None:
-    whole, none = explanation.size(explanation.whole), explanation.size(explanation.none)
-    for y, part in enumerate(explanation.contributions):
-        for case, beside, at, colour, mark, label in (
-            (part.without, whole, y - 0.13, LEFT, "o", "all but this one"),
-            (part.alone, none, y + 0.13, ALONE, "s", "this one alone"),
-        ):
-            size = explanation.size(case)
-            bar: dict[str, Any] = {"lw": 5, "alpha": 0.35, "solid_capstyle": "butt"}
-            panel.plot([beside, size], [at] * 2, color=colour, **bar)
-            panel.plot(size, at, mark, color=colour, ms=6, label="" if y else label)
-            if case.rms is None:
-                panel.text(whole, at, f" {case.outcome}", color=colour, fontsize=7, va="center")
-    panel.axvline(whole, color=LEFT, lw=1, ls="--", label="all effects")
-    panel.axvline(none, color=ALONE, lw=1, ls="--", label="none of them")
-    labels = [part.effect.label for part in explanation.contributions]
-    panel.set_yticks(range(len(labels)), labels)
-    panel.set_ylim(len(labels) - 0.4, -0.6)
-    panel.set_xlim(left=0)
-    percent = explanation.in_percent
-    panel.set_xlabel("tracking error $e_{tt}$ [%]" if percent else "RMS distance [mm]")
-    panel.set_title("Error without each effect, and with it alone")
-    panel.figure.legend(*panel.get_legend_handles_labels(), loc="outside lower left", ncols=4)
-
-
-def _shares(panel: Axes, explanation: Explanation) -> None:
-    shares = [part.share for part in explanation.contributions]
-    values = [100 * share if share is not None else 0.0 for share in shares]
-    places = range(len(values))
-    panel.barh(places, values, height=0.55, color=SHARE, alpha=0.8)
-    reach = max([*np.abs(values), 1.0])
-    for y, (share, value) in enumerate(zip(shares, values, strict=True)):
-        text = "a run was cut short" if share is None else f"{value:z.1f} %"
-        panel.text(max(value, 0) + 0.02 * reach, y, text, va="center", fontsize=8)
-    panel.set_yticks(places, [""] * len(values))
-    panel.set_ylim(len(values) - 0.4, -0.6)
-    panel.set_xlim(min(0.0, *values) * 1.25, 1.25 * reach)
-    panel.axvline(0, color="0.3", lw=0.8)
-    panel.set_xlabel("share of the error [%]")
-    panel.set_title("Share of each")

@@ -1,189 +1,67 @@
-"""A fit from end to end: search by CMA-ES, leaving each group out, spread, verdicts, its page.
+"""A fit from end to end: least squares, leaving each group out, spread, verdicts, its page.
 
-Many searches go side by side, generation by generation, so that their runs share batches and the
-same run is never made twice. A search knows the cells it was given and nothing else.
+Least squares (SciPy's) begin at the best of samples that are drawn before any number
+is looked at. A fit knows the cells it was given and nothing else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cmaes import CMA
+from scipy.optimize import least_squares
+from scipy.stats.qmc import LatinHypercube
 
 from controllers.analysis import number
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from twin import page
-from twin.fit.runs import (
-    Cell,
-    FitTable,
-    Indicators,
-    Runs,
-    Sample,
-    cells,
-    computed,
-    residuals,
-    rounded,
-    shares,
-)
+from twin.fit.runs import Cell, FitTable, Runs, Sample, cells, computed, residuals, rounded, shares
 from twin.page import Block, Table, Verdict, digits
 from twin.writing import write_json
 
-SIGMA = 0.25
-"""Standard deviation of the first generation, as a share of the ranges."""
-NEAR_SIGMA, NEAR_GENERATIONS = 0.12, 4
-"""The same of a search that begins near a sample, and its generations at most."""
-CLOSE = 0.3
-"""Spread of chi-squared within a generation at which a search is at its end."""
-FIRST = 0.08
-"""Step of the first samples of a descent, as a share of the ranges."""
-LENGTHS = (0.5, 1.0)
-"""Shares of the way to the linear model's minimum that it tries."""
-ROUNDS = 10
-"""Most times it goes on."""
-LITTLE = 0.02
-"""Fall of chi-squared in a round at which it is at its end."""
-
-Asking = Generator[list[Sample], list[Array], None]
-"""A way to search: gives the samples it wants next, is sent the residuals of each."""
-
-
-class Search:
-    """A search under way.
-
-    Args:
-        numbers: The cells whose misfit is made small.
-        asking: How it looks for that.
-
-    Attributes:
-        cells: The cells.
-        asked: The samples it wants next; none when it has ended.
-        first: Those it wanted first, before any cell was looked at.
-        best: The best sample so far.
-        chi2: Its sum of squared residuals.
-    """
-
-    def __init__(self, numbers: Sequence[Cell], asking: Asking) -> None:
-        self.cells = tuple(numbers)
-        self._asking = asking
-        self.first = self.asked = next(asking)
-        self.best: Sample = ()
-        self.chi2 = np.inf
-
-    @property
-    def wanted(self) -> list[tuple[Sample, int]]:
-        """The runs it needs next."""
-        places = dict.fromkeys(cell.experiment for cell in self.cells)
-        return [(sample, place) for sample in self.asked for place in places]
-
-    def tell(self, found: Indicators) -> None:
-        """Take in what the runs gave that it wanted."""
-        told = [residuals(self.cells, computed(self.cells, x, found)) for x in self.asked]
-        for sample, r in zip(self.asked, told, strict=True):
-            if float(r @ r) < self.chi2:
-                self.chi2, self.best = float(r @ r), sample
-        try:
-            self.asked = self._asking.send(told)
-        except StopIteration:
-            self.asked = []
-
-
-def wide(table: FitTable, seed: int, near: Sample | None = None) -> Asking:
-    """A global search by CMA-ES.
-
-    Args:
-        table: The parameters.
-        seed: Of its random numbers.
-        near: Sample about which it begins; the whole ranges without one.
-    """
-    rounds = table.generations if near is None else min(table.generations, NEAR_GENERATIONS)
-    size = len(table.parameters)
-    # the library needs two dimensions; a second one to a single parameter changes nothing
-    space = max(2, size)
-    mean = np.full(space, 0.5)
-    if near is not None:
-        mean[:size] = shares(near, table)
-    cma = CMA(
-        mean=mean,
-        sigma=SIGMA if near is None else NEAR_SIGMA,
-        bounds=np.array([[0.0, 1.0]] * space),
-        seed=seed,
-        population_size=table.population or None,
-    )
-    for _ in range(rounds):
-        points = [cma.ask() for _ in range(cma.population_size)]
-        told = yield [rounded(point[:size], table) for point in points]
-        chi2 = [float(r @ r) for r in told]
-        cma.tell(list(zip(points, chi2, strict=True)))
-        if max(chi2) - min(chi2) < CLOSE:
-            return
-
-
-def descent(table: FitTable, start: Sample) -> Asking:
-    """Least squares from a start, by steps on the linear model of its own samples.
-
-    Args:
-        table: The parameters.
-        start: Where to begin.
-    """
-    at = shares(start, table)
-    inwards = np.where(at + FIRST <= 1, FIRST, -FIRST)
-    steps = [np.zeros(len(at)), *np.diag(inwards)]
-    seen: dict[Sample, Array] = {}
-    best, chi2 = start, np.inf
-    for _ in range(ROUNDS):
-        before, asked = chi2, [rounded(at + step, table) for step in steps]
-        told = yield asked
-        seen |= zip(asked, told, strict=True)
-        for sample, r in zip(asked, told, strict=True):
-            if float(r @ r) < chi2:
-                chi2, best = float(r @ r), sample
-        if before - chi2 < LITTLE:
-            return
-        at = shares(best, table)
-        steps = [length * _to_minimum(table, seen, at) for length in LENGTHS]
-
-
-def _to_minimum(table: FitTable, seen: Mapping[Sample, Array], best: Array) -> Array:
-    """From the best shares to the minimum of the linear model of all residuals seen."""
-    at = np.array([shares(sample, table) for sample in seen]) - best
-    r = np.array(list(seen.values()))
-    model = np.linalg.lstsq(np.column_stack((np.ones(len(at)), at)), r, rcond=None)[0]
-    step = np.linalg.lstsq(model[1:].T, -model[0], rcond=None)[0]
-    return np.asarray(np.clip(step, -0.3, 0.3))
+DRAWN = 8
+"""Samples drawn for each parameter and search where the table does not say how many."""
+STEP = 0.03
+"""Half of the difference that derivatives are taken over, as a share of the ranges."""
+WIDER = 0.08
+"""The same on the way: smaller ones end in the ripple that friction and play make."""
+LITTLE = 1e-3
+"""Fall of chi-squared in a step, or its length, as shares, at which a search is at its end."""
 
 
 def searched(
-    searches: Sequence[Search],
-    runs: Runs,
-    rounds: int,
-    advance: Callable[[float], None] = lambda _: None,
-) -> None:
-    """Carry all searches to their ends.
-
-    Args:
-        searches: Side by side.
-        runs: What carries out their runs.
-        rounds: About how often they ask.
-        advance: Called with the share done, 0 to 1.
+    table: FitTable, numbers: tuple[Cell, ...], start: Sample, runs: Runs
+) -> tuple[float, Sample]:
+    """Least squares from a start: the least sum of squared residuals of cells, and where it is.
 
     Raises:
         TwinError: If a run cannot be carried out.
     """
-    turn = 0
-    while left := [search for search in searches if search.asked]:
-        found = runs.indicators(each for search in left for each in search.wanted)
-        for search in left:
-            search.tell(found)
-        turn += 1
-        advance(min(turn / rounds, 1.0))
+
+    def off(at: Array) -> Array:
+        sample = rounded(at, table)
+        return misfits(numbers, [sample], runs)[sample]
+
+    def slopes(at: Array) -> Array:
+        return jacobian(table, numbers, rounded(at, table), runs, WIDER)
+
+    found = least_squares(
+        off,
+        shares(start, table),
+        slopes,
+        bounds=(0, 1),
+        method="dogbox",
+        ftol=LITTLE,
+        xtol=LITTLE,
+        max_nfev=table.generations,
+    )
+    return 2 * float(found.cost), rounded(found.x, table)
 
 
-STEP = 0.03
-"""Half of the difference that derivatives are taken over, as a share of the ranges."""
 DRAWS = 2000
 """Of the bootstrap."""
 WIDE = 0.5
@@ -231,10 +109,12 @@ def misfits(
     return {x: residuals(numbers, computed(numbers, x, found)) for x in samples}
 
 
-def jacobian(table: FitTable, numbers: tuple[Cell, ...], best: Sample, runs: Runs) -> Array:
+def jacobian(
+    table: FitTable, numbers: tuple[Cell, ...], best: Sample, runs: Runs, step: float = STEP
+) -> Array:
     """Derivatives of the residuals by shares of the ranges, shape (cells, parameters)."""
     at = shares(best, table)
-    steps = STEP * np.eye(len(at))
+    steps = step * np.eye(len(at))
     pairs = [(rounded(at - step, table), rounded(at + step, table)) for step in steps]
     found = misfits(numbers, [sample for pair in pairs for sample in pair], runs)
     columns = [
@@ -410,33 +290,43 @@ def fit(
     Raises:
         TwinError: If a run cannot be carried out.
     """
-    numbers = cells(table)
-    whole = [Search(numbers, wide(table, seed)) for seed in range(1, table.restarts + 1)]
-    searched(whole, runs, table.generations, lambda share: advance(0.5 * share))
-    ahead = min(whole, key=lambda search: search.chi2)
-    near = {
-        group: Search(own, wide(table, 1, _start(own, whole, runs)))
+    numbers, size = cells(table), len(table.parameters)
+    count = (table.population or DRAWN * size) * table.restarts
+    drawn = [rounded(each, table) for each in LatinHypercube(size, rng=1).random(count)]
+    found = misfits(numbers, drawn, runs)
+    groups = np.array([cell.group for cell in numbers])
+    folds = {
+        group: groups != group
         for group in (table.groups if leave_out and len(table.groups) > 1 else ())
-        if len(own := [c for c in numbers if c.group != group]) >= len(table.parameters)
+        if (groups != group).sum() >= size
     }
-    some = [*near.values()]
-    searched(some, runs, NEAR_GENERATIONS, lambda share: advance(0.5 + 0.3 * share))
-    refined = Search(numbers, descent(table, ahead.best))
-    folds = {g: Search(each.cells, descent(table, each.best)) for g, each in near.items()}
-    some = [refined, *folds.values()]
-    searched(some, runs, ROUNDS, lambda share: advance(0.8 + 0.15 * share))
-    best = refined.best if refined.chi2 <= ahead.chi2 else ahead.best
-    left = {group: search.best for group, search in folds.items()}
-    found = runs.indicators(
+    steps = table.restarts + len(folds)
+
+    def ahead(kept: Mask, place: int = 0) -> Sample:
+        # the best by these cells of what was drawn before any data: others have no say
+        return sorted(drawn, key=lambda x: float((found[x][kept] ** 2).sum()))[place]
+
+    whole = []
+    for place in range(table.restarts):
+        advance((1 + place) / (2 + steps))
+        start = ahead(np.ones(len(numbers), bool), place)
+        whole.append(searched(table, numbers, start, runs))
+    _, best = min(whole)
+    left, chi2_without = dict[str, Sample](), dict[str, float]()
+    for group, kept in folds.items():
+        advance((1 + len(whole) + len(left)) / (2 + steps))
+        own = tuple(itertools.compress(numbers, kept))
+        chi2_without[group], left[group] = searched(table, own, ahead(kept), runs)
+    gave = runs.indicators(
         (sample, cell.experiment)
         for cell in numbers
         for sample in (best, left.get(cell.group))
         if sample is not None
     )
-    values = computed(numbers, best, found)
+    values = computed(numbers, best, gave)
     held_out = np.array(
         [
-            found[left[c.group], c.experiment][c.indicator] if c.group in left else np.nan
+            gave[left[c.group], c.experiment][c.indicator] if c.group in left else np.nan
             for c in numbers
         ]
     )
@@ -447,7 +337,7 @@ def fit(
         cells=numbers,
         best=best,
         folds=left,
-        chi2_without={group: search.chi2 for group, search in folds.items()},
+        chi2_without=chi2_without,
         computed=values,
         held_out=held_out,
         estimates=estimates(
@@ -459,19 +349,9 @@ def fit(
             list(left.values()),
         ),
         correlation=correlation(derivatives),
-        ends=[(search.chi2, search.best) for search in whole],
+        ends=whole,
         runs=runs.finished,
     )
-
-
-def _start(own: Sequence[Cell], whole: Sequence[Search], runs: Runs) -> Sample:
-    """Where the fit to some cells begins: the best, by these, of what was drawn before any data.
-
-    So nothing that is left out has a say.
-    """
-    drawn = [sample for search in whole for sample in search.first]
-    found = misfits(tuple(own), drawn, runs)
-    return min(drawn, key=lambda sample: float((found[sample] ** 2).sum()))
 
 
 HEADS = (
@@ -500,7 +380,7 @@ def sentences(found: FitResult) -> list[str]:
     ends = [chi2 for chi2, _ in found.ends]
     if len(ends) > 1:
         lines.append(
-            f"{len(ends)} searches with different random numbers ended at chi-squared "
+            f"{len(ends)} searches from different beginnings ended at chi-squared "
             f"{', '.join(f'{chi2:.1f}' for chi2 in ends)}."
         )
     return lines

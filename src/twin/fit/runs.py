@@ -136,9 +136,9 @@ class FitTable(Checked):
         set: Overrides ``key=value`` of all experiments.
         parameters: By name; those that are ``relative`` after what they are relative to.
         experiments: At least one.
-        population: Samples of a generation; 0 for what the method recommends.
-        generations: Most of a search.
-        restarts: Searches of all experiments that begin with different random numbers.
+        population: Samples drawn for a search; 0 for eight a parameter.
+        generations: Most steps of a search.
+        restarts: Searches of all experiments, each from another of the best samples drawn.
     """
 
     title: str

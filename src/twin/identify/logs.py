@@ -6,7 +6,6 @@ third, ``command_theta=-servo2:0.24deg`` with its sign turned and a factor.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -174,7 +173,7 @@ ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"
 AXES = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
 """The ball's column and the plate's angle that moves it, of each axis."""
 COUNTS = dict.fromkeys(("counts", "count", "1", ""), 1.0)
-"""Units of a command beside angles; a pixel is as long as the user says."""
+"""Units of a command beside angles."""
 BALLS = {"hollow": 3 / 5, "solid": 5 / 7}
 """Share of gravity that accelerates a ball which rolls."""
 SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
@@ -203,13 +202,11 @@ class ColumnWanted:
         name: In the header, or its number from 1 on.
         unit: As it was told; empty for that of the header or SI.
         sign: 1 or -1.
-        pixel: Length of a pixel in m; NaN if nobody said.
     """
 
     name: str
     unit: str
     sign: float
-    pixel: float
 
 
 @dataclass(frozen=True)
@@ -268,19 +265,12 @@ def ball_factor(text: str | float) -> float:
     return factor
 
 
-def wanted_columns(text: str, pixel: str | None = None) -> dict[str, ColumnWanted]:
+def wanted_columns(text: str) -> dict[str, ColumnWanted]:
     """Which columns to read, of a list ``role=name:unit,...``.
-
-    Args:
-        text: The list.
-        pixel: Length of a pixel, as ``0.5mm``.
 
     Raises:
         LogError: If a role is unknown, told twice, or one that is needed is missing.
     """
-    length = np.nan if pixel is None else unit_factor(pixel, "m")
-    if length is None or not (pixel is None or 0 < length < 0.1):
-        raise LogError(f"--pixel {pixel}: give a length, as 0.5mm")
     found: dict[str, ColumnWanted] = {}
     for part in filter(None, (each.strip() for each in text.split(","))):
         role, equals, name = (each.strip() for each in part.partition("="))
@@ -299,7 +289,7 @@ def wanted_columns(text: str, pixel: str | None = None) -> dict[str, ColumnWante
             raise LogError(
                 f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
             )
-        found[role] = ColumnWanted(name.strip(), unit, sign, length)
+        found[role] = ColumnWanted(name.strip(), unit, sign)
     lacking = [] if "time" in found else ["time"]
     if not any(ball in found for ball, _ in AXES.values()):
         lacking.append("measured_x or measured_y")
@@ -311,21 +301,21 @@ def wanted_columns(text: str, pixel: str | None = None) -> dict[str, ColumnWante
     return found
 
 
-def unit_factor(unit: str, si: str, pixel: float = math.nan) -> float | None:
+def unit_factor(unit: str, si: str) -> float | None:
     """Factor from a unit such as ``mm``, ``0.5mm`` or ``0.24`` to SI; None if it is none."""
     match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([A-Za-z1]*)\s*", unit)
     if match is None:
         return None
-    scale = _scales(si, pixel).get(match[2], 1.0 if match[1] and not match[2] else None)
+    scale = _scales(si).get(match[2], 1.0 if match[1] and not match[2] else None)
     try:
         return None if scale is None else float(match[1] or 1.0) * scale
     except ValueError:
         return None
 
 
-def _scales(si: str, pixel: float = math.nan) -> dict[str, float]:
+def _scales(si: str) -> dict[str, float]:
     """The units of a quantity and their factors."""
-    return SCALES[si] | {"m": {"px": pixel}, "rad": COUNTS}.get(si, {})
+    return SCALES[si] | (COUNTS if si == "rad" else {})
 
 
 def read_any(
@@ -360,10 +350,12 @@ def read_any(
     for role, column in wanted.items():
         index, unit = _found(path.name, header, role, column)
         unit = column.unit or unit
-        factor = unit_factor(unit, ROLES[role], column.pixel) if unit else 1.0
-        if factor is None or np.isnan(factor):
-            why = "--pixel tells how long one is, as 0.5mm" if unit.endswith("px") else "tell it"
-            raise LogError(f"{path.name}: {role}: unit '{unit}' of {column.name}; {why}")
+        factor = unit_factor(unit, ROLES[role]) if unit else 1.0
+        if factor is None:
+            raise LogError(
+                f"{path.name}: {role}: unit '{unit}' of {column.name}; tell it, as {role}=NAME:mm, "
+                "that of a pixel of half a millimetre as NAME:0.5mm"
+            )
         values, broken = _numbers([row[index] if index < len(row) else "" for row in rows[at:]])
         if broken > 0.2 * len(values) or not np.isfinite(values).any():
             raise LogError(f"{path.name}: {role}: {column.name} holds hardly any number")

@@ -51,6 +51,8 @@ BALL = {name: IdentifiedParameter(**about) for name, about in _TABLES["ball"].it
 """What shows in the ball's motion, by the name the command line uses (level: both)."""
 SERVO = IdentifiedParameter(**_TABLES["servo"])
 """The drives' time constant in s; the scenario takes the corner frequency it gives."""
+DRIVES = {name: IdentifiedParameter(**about) for name, about in _TABLES["drives"].items()}
+"""What is fitted to the plate's encoders: lag, elasticity of both axes, play."""
 PLAIN = {name: IdentifiedParameter(**about) for name, about in _TABLES["plain"].items()}
 """The plain model of any rig, of each axis; gain, friction and level are accelerations."""
 HIDDEN = {name: IdentifiedParameter(**about) for name, about in _TABLES["hidden"].items()}

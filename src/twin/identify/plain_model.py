@@ -28,8 +28,16 @@ from twin.identify.judged import (
 )
 from twin.identify.logs import GAP, AxisLog
 from twin.identify.parameters import PLAIN
-from twin.identify.search import TOLERATED, Fit, Fitting, Linearisation, begun, fit_starts, minimise
-from twin.identify.windows import BIN, SHORT, SampleWindows, axis_windows, spans
+from twin.identify.search import (
+    Fit,
+    Fitting,
+    Linearisation,
+    SampleWindows,
+    begun,
+    fit_starts,
+    minimise,
+)
+from twin.identify.windows import BIN, SHORT, axis_windows, spans
 
 STEP = 0.008
 """Step of the simulation in s."""
@@ -95,6 +103,7 @@ class PlainProblem(Fitting):
     about = PLAIN
     start_steps = START_STEPS
     prior = PRIOR
+    grows = True
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -103,15 +112,6 @@ class PlainProblem(Fitting):
         at = self.names.index("dead_time")
         least[at], most[at] = self.delays
         return least, most
-
-    def cost(self, r: Array) -> Array:
-        """Robust (Cauchy): what a window costs rises with the logarithm of its misfit, (C,)."""
-        each = self.windows.size * TOLERATED * np.log1p(self.misfit(r) / TOLERATED)
-        return np.asarray(each.sum(axis=-1))
-
-    def weights(self, r: Array) -> Array:
-        """How much each window counts, 1 for a perfect one, shape (C, W)."""
-        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED))
 
     def initial_starts(self) -> Array:
         """A straight line through the first samples of each window, shape (2 or 3, 1, W)."""

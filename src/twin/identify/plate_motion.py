@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -16,9 +16,9 @@ from controllers.arrays import Array
 from twin.errors import LogError
 from twin.hal.cams import CamTable
 from twin.identify.logs import resolution
-from twin.identify.parameters import SERVO
+from twin.identify.parameters import DRIVES
 from twin.identify.prepare import COLUMNS_OF_AXIS, ROLL, PreparedLog, Segment, speed
-from twin.identify.search import Estimate, estimate
+from twin.identify.search import Estimate, Fit, Fitting, SampleWindows, minimise
 from twin.sim.rig import Hysteresis, Play
 
 CORNERS = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
@@ -29,10 +29,6 @@ PLAYS = np.radians((0.0, 0.03, 0.1, 0.3))
 """Play in rad from which a fit of the drives begins."""
 STEPS = 8
 """Steps of such a fit."""
-DIFFERENCES = np.array((1e-4, 1e-5, 1e-5, 1e-5))
-"""Steps of its finite differences: lag in s, elasticity of both axes in s^2, play in rad."""
-MOST = np.array((SERVO.most, 1e-3, 1e-3, 0.035))
-"""Largest values of these."""
 
 
 class Drives(NamedTuple):
@@ -43,14 +39,12 @@ class Drives(NamedTuple):
         half_width: Of its 95 % interval, s; infinite where the data say nothing.
         agree: Whether angles and rates of the plate give the same; the interval holds both.
         play: What the plate loses at a reversal, rad.
-        play_half_width: Of its interval.
     """
 
     lag: float
     half_width: float
     agree: bool
     play: float
-    play_half_width: float
 
 
 def servo_response(
@@ -124,64 +118,64 @@ def fit_drives(log: PreparedLog) -> Drives | None:
         half_width=half if agree else apart + other,
         agree=agree,
         play=float(angle.value[3]),
-        play_half_width=float(angle.half_width[3]),
     )
+
+
+@dataclass(frozen=True)
+class DriveProblem(Fitting):
+    """How plates follow commands, in pieces of ``CHUNK`` without their parabola.
+
+    Attributes:
+        windows: The pieces.
+        log: What was recorded.
+        segments: Parts of it with commands.
+        order: Of the differences that are compared: 0 for angles, 1 for rates.
+    """
+
+    windows: SampleWindows
+    log: PreparedLog
+    segments: list[Segment]
+    order: int
+    names = tuple(DRIVES)
+    about = DRIVES
+    start_steps = np.zeros(0)
+    prior = np.zeros((0, 0))
+    grows = True
+
+    def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+        """The pieces as drives would make them, twice, shape (C, W, rows, 2)."""
+        angles = [_plate(segment, self.log, theta) for segment in self.segments]
+        found = _straightened(angles, round(CHUNK / self.log.period), self.order)
+        return found, found
+
+
+def _straightened(angles: list[Array], rows: int, order: int) -> Array:
+    """Differences of pieces of some rows, without their parabola, shape (..., W, rows, 2)."""
+    base, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, rows - order), 3))
+    cut = np.concatenate([_pieces(each, rows) for each in angles], axis=-3)
+    each = np.diff(cut, n=order, axis=-2)
+    return np.asarray(each - base @ (base.T @ each))
 
 
 def _fitted(log: PreparedLog, segments: list[Segment], theta: Array, order: int) -> Estimate:
     """Lag in s, elasticity of both axes in s^2, play in rad: the best from C guesses, (C, 4).
 
-    Damped Gauss-Newton steps. Squares of pieces that do not follow at all (a wheel off its cam)
-    must not decide.
-
-    Args:
-        log: What was recorded.
-        segments: Parts of it with commands.
-        theta: The guesses.
-        order: Of the differences that are compared: 0 for angles, 1 for rates.
+    Pieces that do not follow at all (a wheel off its cam) must not decide: all are weighed by the
+    usual misfit of the best guess.
     """
-    rows = round(CHUNK / log.period)
-    base, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, rows - order), 3))
-
-    def pieces(values: list[Array]) -> Array:
-        """Pieces of ``CHUNK`` without their parabola, shape (..., W, rows, 2)."""
-        cut = np.concatenate([_pieces(each, rows) for each in values], axis=-3)
-        each = np.diff(cut, n=order, axis=-2)
-        return np.asarray(each - base @ (base.T @ each))
-
-    measured = pieces([segment.plate for segment in segments])
-
-    def linearised(theta: Array) -> tuple[Array, Array, Array]:
-        """Residuals (C, W, M), slopes (C, W, M, 4), and mean squares (C, W)."""
-        moved = np.concatenate((theta[None], theta + np.diag(DIFFERENCES)[:, None]))
-        modelled = pieces([_plate(s, log, moved.reshape(-1, 4)) for s in segments])
-        modelled = modelled.reshape(5, len(theta), len(measured), -1)
-        r = modelled[0] - measured.reshape(len(measured), -1)
-        slopes = (modelled[1:] - modelled[0]) / DIFFERENCES[:, None, None, None]
-        return r, np.moveaxis(slopes, 0, -1), (r**2).mean(axis=-1)
-
-    r, J, square = linearised(theta)  # noqa: N806
-    damping = np.full(len(theta), 1e-3)
-    for _ in range(STEPS):
-        usual = max(3 * float(np.median(square.min(axis=0))), 1e-30)
-        weight = 1 / (1 + square / usual)
-        information = np.einsum("cwmi,cwmj,cw->cwij", J, J, weight)
-        score = np.einsum("cwmi,cwm,cw->cwi", J, r, weight)
-        normal = information.sum(axis=1)
-        scale = np.diagonal(normal, axis1=-2, axis2=-1)[..., None] * np.eye(4)
-        damped = normal + damping[:, None, None] * scale + 1e-300 * np.eye(4)
-        step = np.linalg.solve(damped, score.sum(axis=1)[..., None])[..., 0]
-        trial = np.clip(theta - step, 0.0, MOST)
-        found = linearised(trial)
-        better = np.log1p(found[2] / usual).sum(axis=1) < np.log1p(square / usual).sum(axis=1)
-        theta = np.where(better[:, None], trial, theta)
-        r, J, square = (  # noqa: N806
-            np.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
-            for new, old in zip(found, (r, J, square), strict=True)
-        )
-        damping = np.where(better, damping / 10, damping * 10)
-    best = int(np.log1p(square / usual).sum(axis=1).argmin())
-    return estimate(theta[best], information[best], score[best])
+    measured = [segment.plate for segment in segments]
+    ball = _straightened(measured, round(CHUNK / log.period), order)
+    begin, starts = np.zeros(len(ball)), np.zeros((0, len(theta), len(ball)))
+    weight = np.ones_like(ball)
+    for _ in range(2):
+        windows = SampleWindows(begin, np.zeros(ball.shape[:2]), ball, weight)
+        problem = DriveProblem(windows, log, segments, order)
+        misfit = problem.misfit(problem.linearise(theta, starts, slopes=False).r)
+        weight = weight / np.sqrt(max(float(np.median(misfit.min(axis=0))), 1e-30))
+        problem = replace(problem, windows=replace(windows, weight=weight))
+        found = minimise(problem, theta, starts, STEPS)
+        theta = found.theta
+    return Fit(problem, found.ahead(1)).estimate()
 
 
 def _plate(segment: Segment, log: PreparedLog, theta: Array) -> Array:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from scipy import stats
@@ -185,6 +185,37 @@ class Linearisation(NamedTuple):
         return both - Z @ follow, follow
 
 
+@dataclass(frozen=True)
+class SampleWindows:
+    """W windows with up to B averaged samples each of the ball along A axes.
+
+    Attributes:
+        begin: When each begins, s, shape (W,).
+        time: When the samples were taken, s from ``begin``, shape (W, B).
+        ball: Positions in m, shape (W, B, A).
+        weight: One over the standard deviation of each, 0 where there is none, shape (W, B, A).
+    """
+
+    begin: Array
+    time: Array
+    ball: Array
+    weight: Array
+    by_window: ClassVar[tuple[str, ...]] = ("begin", "time", "ball", "weight")
+
+    def __len__(self) -> int:
+        """Number of windows."""
+        return len(self.begin)
+
+    @property
+    def size(self) -> Array:
+        """Number of values in each window, at least 1, shape (W,)."""
+        return np.asarray(np.maximum((self.weight > 0).sum(axis=(1, 2)), 1))
+
+    def take(self, which: Mask) -> Self:
+        """Some of the windows."""
+        return replace(self, **{name: getattr(self, name)[which] for name in self.by_window})
+
+
 class Fitting:
     """What any fit of windows minimises.
 
@@ -194,6 +225,7 @@ class Fitting:
         about: What is known of each parameter.
         start_steps: Steps of finite differences of a start.
         prior: Weak knowledge of a start, its inverse covariance.
+        grows: Whether the cost of a window goes on growing, by the logarithm of its misfit.
     """
 
     windows: Any
@@ -201,6 +233,7 @@ class Fitting:
     about: ClassVar[Mapping[str, IdentifiedParameter]]
     start_steps: ClassVar[Array]
     prior: ClassVar[Array]
+    grows: ClassVar[bool] = False
 
     def first_guesses(self, **tried: Sequence[float]) -> Array:
         """Parameters to begin with, shape (C, P): C values of some, of the others the usual one."""
@@ -258,9 +291,7 @@ class Fitting:
         )
         shape = (len(batch), count, len(weight), weight[0].size)
         scaled = (places * weight).reshape(shape)
-        by_start = np.stack(
-            [(scaled[1 + k] - scaled[0]) / self.start_steps[k] for k in range(free)], axis=-1
-        )
+        by_start = np.moveaxis(scaled[1 : 1 + free] - scaled[0], 0, -1) / self.start_steps[:free]
         by_parameter = np.zeros((*shape[1:], len(self.names) if slopes else 0))
         for j, (k, width) in enumerate(widths.items()):
             up, down = scaled[1 + free + 2 * j : 3 + free + 2 * j]
@@ -277,13 +308,13 @@ class Fitting:
 
     def cost(self, r: Array) -> Array:
         """What a fit minimises: robust against windows that cannot be explained, shape (C,)."""
-        misfit = self.misfit(r)
-        each = self.windows.size * misfit / (1 + misfit / TOLERATED)
-        return np.asarray(each.sum(axis=-1))
+        misfit = self.misfit(r) / TOLERATED
+        each = np.log1p(misfit) if self.grows else misfit / (1 + misfit)
+        return np.asarray((self.windows.size * TOLERATED * each).sum(axis=-1))
 
     def weights(self, r: Array) -> Array:
         """How much each window counts, 1 for a perfect one, shape (C, W)."""
-        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED) ** 2)
+        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED) ** (1 if self.grows else 2))
 
 
 TOLERANCE = 1e-5

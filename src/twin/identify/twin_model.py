@@ -186,8 +186,6 @@ def _scan_breakaway(problem: Problem, guesses: Array) -> Array:
     return np.asarray(tried[np.argsort(at_rest.cost(fitted.r))[:FITTED_GUESSES]])
 
 
-NOTHING = math.radians(0.005)
-"""Lost motion in rad up to which there is none: what wheels and joints of a good rig make."""
 FASTEST = 1000.0
 """Largest corner frequency in Hz that a scenario takes; drives beyond are as good as ideal."""
 LAGS = 20
@@ -264,8 +262,6 @@ def verdicts(
             found.append(judged.ParameterVerdict.unknown(HIDDEN[name], name, why))
         elif name == "servo":
             found.append(_servo(drives))
-            if drives is not None and drives.play - drives.play_half_width > NOTHING:
-                found.append(_lost_motion(drives))
         else:
             axes = ("level_phi", "level_theta") if name == "level" else (name,)
             found += [_ball(each, fit, ball, white=white) for each in axes]
@@ -324,19 +320,6 @@ def _ball(
     at_edge = value <= about.least + half or value >= about.most - half
     word = judged.BOUNDED if at_edge and high - low < about.most - about.least else judged.NOT
     return replace(found, word=word, why=f"{why}; {about.experiment}")
-
-
-def _lost_motion(drives: Drives) -> judged.ParameterVerdict:
-    value, half = math.degrees(drives.play), math.degrees(drives.play_half_width)
-    return judged.ParameterVerdict(
-        about=HIDDEN["lost_motion"],
-        name="lost_motion",
-        value=value,
-        low=value - half,
-        high=value + half,
-        word=judged.IDENTIFIED,
-        why="play, hysteresis or friction: ballplate calibrate lost-motion tells which",
-    )
 
 
 def _servo(drives: Drives | None) -> judged.ParameterVerdict:

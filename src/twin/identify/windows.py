@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import ClassVar, NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from twin.identify.prepare import (
     rests,
     speed,
 )
+from twin.identify.search import SampleWindows
 from twin.sim.plant.friction import Friction
 
 STEP = 0.004
@@ -199,37 +200,6 @@ class Spans(NamedTuple):
     resting: Mask
 
 
-@dataclass(frozen=True)
-class SampleWindows:
-    """W windows with up to B averaged samples each of the ball along A axes.
-
-    Attributes:
-        begin: When each begins, s, shape (W,).
-        time: When the samples were taken, s from ``begin``, shape (W, B).
-        ball: Positions in m, shape (W, B, A).
-        weight: One over the standard deviation of each, 0 where there is none, shape (W, B, A).
-    """
-
-    begin: Array
-    time: Array
-    ball: Array
-    weight: Array
-    by_window: ClassVar[tuple[str, ...]] = ("begin", "time", "ball", "weight")
-
-    def __len__(self) -> int:
-        """Number of windows."""
-        return len(self.begin)
-
-    @property
-    def size(self) -> Array:
-        """Number of values in each window, at least 1, shape (W,)."""
-        return np.asarray(np.maximum((self.weight > 0).sum(axis=(1, 2)), 1))
-
-    def take(self, which: Mask) -> Self:
-        """Some of the windows."""
-        return replace(self, **{name: getattr(self, name)[which] for name in self.by_window})
-
-
 def averaged(
     row: NDArray[np.intp], place: NDArray[np.intp], windows: int, bins: int, *values: Array
 ) -> Iterator[Array]:
@@ -288,7 +258,7 @@ class Windows(SampleWindows):
             AccelerationField.of(log.model, angle, rate),
         )
 
-    def take(self, which: Mask) -> Self:
+    def take(self, which: Mask) -> Windows:
         """Some of the windows."""
         field = AccelerationField(*(values[..., which] for values in self.field))
         return replace(super().take(which), field=field)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -57,64 +55,7 @@ def toml(settings: dict[str, Any], comment: list[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def options(settings: dict[str, Any]) -> str:
-    """The same as options of a command line."""
-    return " ".join(f"--set '{key}={json.dumps(value)}'" for key, value in settings.items())
-
-
-BEFORE, AFTER, OTHER = "#d55e00", "#009e73", "#9aa7b1"
-
-
-def trade_off(found: TuneResult) -> Figure:
-    """Cost against effort of every candidate that lost no rig, and the best at each effort."""
-    with drawn(10, 4) as figure:
-        ax = figure.subplots()
-        ran = {
-            candidate.number: (score.effort, score.cost)
-            for candidate in found.candidates
-            for score in candidate.scores[:1]
-            if score.effort is not None and score.cost is not None
-        }
-        few = found.tune.rigs[0]
-        if ran:
-            whole = zip(*ran.values(), strict=True)
-            ax.plot(*whole, "o", ms=4, color=OTHER, label="candidates")
-            best = zip(*front(list(ran.values())), strict=True)
-            ax.plot(*best, "-", lw=1, color=OTHER, label="least cost at each effort")
-        for candidate, colour, label in (
-            (found.candidates[0], BEFORE, "before"),
-            (found.chosen, AFTER, "after"),
-        ):
-            if candidate.number in ran:
-                ax.plot(*ran[candidate.number], "o", ms=9, color=colour, label=label)
-        ax.axvline(found.tune.limits.effort, ls=":", color="#555555")
-        ax.annotate(
-            "largest allowed",
-            (found.tune.limits.effort, 0.97),
-            xycoords=("data", "axes fraction"),
-            ha="right",
-            va="top",
-            rotation=90,
-            color="#555555",
-        )
-        ax.set_xscale("log")
-        ax.set_yscale("log")
-        _ticks(ax.xaxis, ax.yaxis)
-        ax.set_xlabel("largest RMS effort of a run [rad/s²]")
-        ax.set_ylabel(f"cost of the worst {found.tune.tail:.0%}, first {few} rigs")
-        if ran:
-            ax.legend(frameon=False, loc="upper center", ncols=4)
-        ax.margins(y=0.2)
-    return figure
-
-
-def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Points that no other beats in both numbers, in the order of the first."""
-    kept: list[tuple[float, float]] = []
-    for point in sorted(points):
-        if not kept or point[1] < kept[-1][1]:
-            kept.append(point)
-    return kept
+BEFORE, AFTER = "#d55e00", "#009e73"
 
 
 def before_and_after(found: TuneResult) -> Figure:
@@ -138,7 +79,9 @@ def before_and_after(found: TuneResult) -> Figure:
             ax.axvline(factor * task.scale, ls=":", color="#555555")
             ax.set_title(task.name)
             ax.set_xscale("log")
-            _ticks(ax.xaxis)
+            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.xaxis.set_major_formatter("{x:g}")
+            ax.xaxis.set_minor_formatter(NullFormatter())
             ax.set_ylim(0, 1.02)
             ax.set_xlabel(f"{label} [{unit}]")
         axes[0].set_ylabel("share of the fresh rigs")
@@ -146,14 +89,6 @@ def before_and_after(found: TuneResult) -> Figure:
         for ax in axes[len(tasks) :]:
             ax.set_visible(False)
     return figure
-
-
-def _ticks(*axes: Axis) -> None:
-    """Put plain numbers at 1, 2 and 5 of each decade of logarithmic axes."""
-    for axis in axes:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
 
 
 FRAGMENT = "tuned.toml"
@@ -287,11 +222,9 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
     before_after = "Before and after on the fresh rigs (dotted: cost 1)"
     blocks += [
         Picture(before_after, before_and_after(found)),
-        Picture("Error against effort", trade_off(found)),
         Table("Fields", FIELDS, fields_table(found), words=(0, -1)),
         margins_table(found),
         Code("Run it", f"ballplate run circle --set parameters={folder / FRAGMENT}"),
-        Code("The same without the file", f"ballplate run circle {options(tuned)}"),
         Text(
             [_about(found)],
             "The tune",

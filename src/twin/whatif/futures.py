@@ -1,4 +1,4 @@
-"""From a run folder or a log to several futures of one moment, their folder and their page."""
+"""From a run folder or a log to several futures of one moment, and their folder."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from controllers.interfaces import Measurement
 from twin.errors import RecordError, ScenarioError
 from twin.identify.logs import read
 from twin.jobs import SecondProcess
-from twin.page import Block, Picture, Text, Verdict, digits, html
-from twin.report.numbers import IndicatorRow, all_rows, indicators
 from twin.run.assemble import assemble
 from twin.run.files import WHATIF, forget, free, record_of, short_key, slug
 from twin.run.finished import Run, drawn, open_run, record_run, versions
@@ -149,44 +147,11 @@ def agreement(moment: Moment) -> str:
     """How well the twin knows where the futures begin, in words."""
     state = "the run's own state" if moment.exact else "the state estimated from the log"
     begins = f"{moment.name} from {moment.at:g} s on, {state}"
-    if moment.before_mm is None:
-        return begins
-    return (
-        f"{begins}; in the second before, twin and record are {moment.before_mm:.2g} mm apart at "
-        "most"
-    )
-
-
-def page(moment: Moment, found: Sequence[Future], picture: bytes) -> str:
-    """One HTML file that needs nothing else.
-
-    Args:
-        moment: Where the futures begin.
-        found: The futures.
-        picture: Record and futures over each other, as PNG.
-    """
-    before, sentences = moment.before_mm, [f"{agreement(moment)}."]
+    before = moment.before_mm
     if before is None:
-        sentences.append(
-            f"There is no whole {LOOK_BACK:g} s before it to compare twin and record over: nothing "
-            "says whether the twin is right."
-        )
-    elif before > POOR:
-        sentences.append(
-            f"That is more than {POOR:g} mm: the twin does not fit, and a future is no better."
-        )
-    found_rows = all_rows([each.run.metrics for each in found])
-    apart = tuple(digits(each.max_difference, "mm") for each in found)
-    found_rows.append(IndicatorRow("most from the record", "mm", apart))
-    title = f"What if: {moment.name} from {moment.at:g} s on"
-    blocks: list[Block] = [
-        Verdict(sentences, before is not None and before <= POOR),
-        Picture("Record and futures", picture),
-        indicators("The futures", found_rows, [each.label for each in found]),
-    ]
-    if moment.notes:
-        blocks.append(Text(moment.notes, "The record"))
-    return html(title, blocks)
+        return f"{begins}; nothing says whether the twin is right: no whole {LOOK_BACK:g} s before"
+    poor = ": the twin does not fit, and a future is no better" if before > POOR else ""
+    return f"{begins}; twin and record are {before:.2g} mm apart at most in the second before{poor}"
 
 
 SHOWN_BEFORE = 2.0
@@ -293,7 +258,7 @@ def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]])
 
 
 def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondProcess) -> None:
-    """Write a folder of run folders, one a future, with a picture and a page of record and all.
+    """Write a folder of run folders, one a future, with a picture of record and all.
 
     Args:
         moment: Where they begin.
@@ -316,9 +281,7 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
         record_run(each.run, folders[-1], {"branch": origin})
     kept = {"folders": [own.name for own in folders]}
     write_json(folder / WHATIF, summary(moment, found) | kept)
-    drawing = picture()
-    write_whole(folder / "picture.png", drawing)
-    write_whole(folder / "report.html", page(moment, found, drawing))
+    write_whole(folder / "picture.png", picture())
 
 
 def shown(moment: Moment, found: Sequence[Future]) -> dict[str, Motion]:
