@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar, NamedTuple, Self
@@ -242,21 +241,16 @@ class Detector:
         return None
 
 
-LONGEST = 4096
-"""Bytes of a descriptor, as the kernel allows."""
 LARGEST = 8 * 16384
-"""Bits of a report, as the kernel allows."""
-WIDEST = 64
-"""Bits of a field."""
-MOST = 12288
-"""Fields of a device, and usages of one item, as the kernel allows."""
-DEEPEST = 64
-"""Levels of collections, and of settings put by."""
+"""Bits of a report, and usages of one item, as the kernel allows."""
 
-_LONG_ITEM = 0xFE
+_MAIN, _GLOBAL, _LOCAL = range(3)
 _INPUT, _COLLECTION, _END = 0x8, 0xA, 0xC
 _CONSTANT, _VARIABLE = 1 << 0, 1 << 1
 _PUSH, _POP = 0xA, 0xB
+_USAGE, _FIRST, _LAST = range(3)
+_METRES = {0x11: 0.01, 0x13: 0.0254}
+"""Units of length, centimetre and inch, in m."""
 
 
 class DescriptorError(TwinError, ValueError):
@@ -281,129 +275,93 @@ class _Parser:
         self.bits: dict[int, int] = {}
         self.applications: list[int] = []
 
-    def main(self, tag: int, data: int, _: int, at: int) -> None:
+    def main(self, tag: int, flags: int, at: int) -> None:
         if tag == _INPUT:
-            self._input(data, **self.settings)
+            self._input(flags, **self.settings)
         elif tag == _COLLECTION:
             usage = self._complete(self.usages[0]) if self.usages else 0
             if not self.within:
                 self.applications.append(usage)
             self.within.append((usage, at))
-            _check(len(self.within) <= DEEPEST, f"more than {DEEPEST} levels of collections")
-        elif tag == _END:
-            _check(self.within, f"byte {at}: ends a collection that has not begun")
+        elif tag == _END and self.within:
             self.within.pop()
-        self.usages, self.first = [], 0
+        self.usages = []
 
     def _input(self, flags: int, size: int, report: int, count: int, **now: int) -> None:
         begin = self.bits.get(report, 0)
-        possible = 0 < size <= WIDEST or flags & _CONSTANT
-        _check(possible, f"a field of {size} bits; 1 to {WIDEST} are possible")
         self.bits[report] = begin + size * count
-        _check(self.bits[report] <= LARGEST, f"a report of more than {LARGEST} bits")
-        if flags & _CONSTANT or not flags & _VARIABLE or not self.usages:
+        if self.bits[report] > LARGEST:
+            raise DescriptorError(f"a report of more than {LARGEST} bits")
+        if flags & _CONSTANT or not flags & _VARIABLE or not self.usages or not size:
             return
-        _check(len(self.fields) + count <= MOST, f"more than {MOST} fields")
-        logical, physical = (
-            (now[f"{kind}_low"], now[f"{kind}_high"]) for kind in ("logical", "physical")
-        )
-        stands_for = logical if physical == (0, 0) else physical
-        metres, within = _metres(now["unit"], now["exponent"]), tuple(self.within)
+        logical = now["logical_low"], now["logical_high"]
+        span = now["physical_high"] - now["physical_low"] or logical[1] - logical[0]
+        unit = _METRES.get(now["unit"], 0.0) * 10.0 ** now["exponent"]
         # with fewer usages than fields, the last one holds for the rest
         for index in range(count):
-            usage = self._complete(self.usages[min(index, len(self.usages) - 1)])
-            at = begin + index * size
-            field = ReportField(report, at, size, usage, logical, stands_for, metres, within)
-            self.fields.append(field)
+            usage, at = self._complete(self.usages[: index + 1][-1]), begin + index * size
+            self.fields.append(
+                ReportField(report, at, size, usage, logical, unit * span, tuple(self.within))
+            )
 
     def _complete(self, usage: int) -> int:
         """A usage with its page; one of four bytes brings it along."""
         return usage if usage >> 16 else self.settings["page"] << 16 | usage
 
-    def globals(self, tag: int, data: int, size: int, _: int) -> None:
+    def change(self, tag: int, data: int, signed: int) -> None:
+        """Change one of the settings, or put all by, or fetch them."""
         if tag == _PUSH:
             self.put_by.append(dict(self.settings))
-            _check(len(self.put_by) <= DEEPEST, f"more than {DEEPEST} settings put by")
-        elif tag == _POP:
-            _check(self.put_by, "settings fetched that were not put by")
+        elif tag == _POP and self.put_by:
             self.settings = self.put_by.pop()
         elif tag < len(_GLOBALS):
-            self._change(_GLOBALS[tag], data, _signed(data, 8 * size))
+            name = _GLOBALS[tag]
+            if name == "exponent":
+                # a byte with a sign, mostly written as half of one
+                data = (data & 0xF ^ 8) - 8
+            # 25 FF after a smallest value of 0 means 255 and not -1
+            elif name.endswith("_low") or self.settings.get(name.replace("high", "low"), 0) < 0:
+                data = signed
+            self.settings[name] = data
 
-    def _change(self, name: str, data: int, signed: int) -> None:
-        if name == "page":
-            data &= 0xFFFF
-        elif name == "exponent":
-            # meant as a byte with a sign, mostly written as half of one
-            data = _signed(data, 4) if 0 <= signed < 16 else signed
-        # 25 FF after a smallest value of 0 means 255 and not -1
-        elif name.endswith("_low") or self.settings.get(name.replace("high", "low"), 0) < 0:
-            data = signed
-        _check(name != "report" or 0 < data <= 0xFF, f"report number {data}; 1 to 255 are possible")
-        self.settings[name] = data
-
-    def local(self, tag: int, data: int, _: int, at: int) -> None:
-        if tag == 0x0:
+    def use(self, tag: int, data: int) -> None:
+        """Take in what the next fields mean."""
+        if tag == _USAGE:
             self.usages.append(data)
-        elif tag == 0x1:
+        elif tag == _FIRST:
             self.first = data
-        elif tag == 0x2:
-            few = data - self.first < MOST and len(self.usages) < MOST
-            _check(few, f"more than {MOST} usages of one field")
+        elif tag == _LAST:
+            if data - self.first > LARGEST:
+                raise DescriptorError(f"more than {LARGEST} usages of one field")
             self.usages += range(self.first, data + 1)
-
-
-def _check(holds: object, words: str) -> None:
-    if not holds:
-        raise DescriptorError(words)
 
 
 def parse(data: bytes) -> ReportDescriptor:
     """What a report descriptor says of the input reports.
 
+    Linux has refused by then what no device can mean.
+
     Args:
         data: The descriptor.
 
     Raises:
-        DescriptorError: It is cut short, or says what no device can mean.
+        DescriptorError: It is cut short, or has a report of no possible length.
     """
-    _check(len(data) <= LONGEST, f"{len(data)} bytes; at most {LONGEST} are possible")
-    parser = _Parser()
-    kinds = parser.main, parser.globals, parser.local
-    for at, kind, tag, value, size in _items(data):
-        if kind < len(kinds):
-            kinds[kind](tag, value, size, at)
-    _check(not parser.within, "it ends within a collection")
-    return ReportDescriptor(tuple(parser.fields), parser.bits, tuple(parser.applications))
-
-
-def _items(data: bytes) -> Iterator[tuple[int, int, int, int, int]]:
-    """Position, type, tag, value and size of the short items; long ones mean nothing yet."""
-    at = 0
+    parser, at = _Parser(), 0
     while at < len(data):
-        head = data[at]
-        if head == _LONG_ITEM:
-            at += 3 + (data[at + 1] if at + 1 < len(data) else 0)
-            continue
-        size = (0, 1, 2, 4)[head & 3]
+        kind, tag, size = data[at] >> 2 & 3, data[at] >> 4, (0, 1, 2, 4)[data[at] & 3]
         body = data[at + 1 : at + 1 + size]
-        _check(len(body) == size, f"byte {at}: cut short")
-        yield at, head >> 2 & 3, head >> 4, int.from_bytes(body, "little"), size
+        if len(body) < size:
+            raise DescriptorError(f"byte {at}: cut short")
+        value = int.from_bytes(body, "little")
+        if kind == _MAIN:
+            parser.main(tag, value, at)
+        elif kind == _GLOBAL:
+            parser.change(tag, value, int.from_bytes(body, "little", signed=True))
+        elif kind == _LOCAL:
+            parser.use(tag, value)
         at += 1 + size
-
-
-def _signed(value: int, bits: int) -> int:
-    """A number of so many bits in two's complement."""
-    return value - (1 << bits) if bits and value >> bits - 1 & 1 else value
-
-
-_CENTIMETRE, _INCH = 0x11, 0x13
-
-
-def _metres(unit: int, exponent: int) -> float:
-    """A unit of length in m, 0 for any other; 10 to its exponent of them (6.2.2.7)."""
-    base = {_CENTIMETRE: 0.01, _INCH: 0.0254}.get(unit, 0.0)
-    return base * 10.0**exponent if -32 < exponent < 32 else 0.0
+    return ReportDescriptor(tuple(parser.fields), parser.bits, tuple(parser.applications))
 
 
 class ReportField(NamedTuple):
@@ -415,8 +373,7 @@ class ReportField(NamedTuple):
         bits: Its length.
         usage: What it means: page << 16 | identifier; 0 for padding.
         logical: Smallest and largest value.
-        physical: What these two stand for, in the unit.
-        metres: The unit, if it is one of length, in m; else 0.
+        length: What its whole range stands for, m; 0 if that is no length.
         within: Usages of the collections around it, outermost first, and their positions in the
             descriptor: ``(usage, position)``.
     """
@@ -426,8 +383,7 @@ class ReportField(NamedTuple):
     bits: int
     usage: int
     logical: tuple[int, int]
-    physical: tuple[int, int]
-    metres: float
+    length: float
     within: tuple[tuple[int, int], ...]
 
     def value(self, report: int) -> int:
@@ -435,11 +391,6 @@ class ReportField(NamedTuple):
         raw = report >> self.offset & (1 << self.bits) - 1
         negative = self.logical[0] < 0 and raw >> self.bits - 1
         return raw - (1 << self.bits) if negative else raw
-
-    @property
-    def length(self) -> float:
-        """What its whole range stands for, m; 0 if that is no length."""
-        return self.metres * (self.physical[1] - self.physical[0])
 
 
 @dataclass(frozen=True)
