@@ -24,7 +24,7 @@ from twin.writing import check_writable, write_whole
 if TYPE_CHECKING:
     from ballplate.reporter import Advance
     from twin.devices.akd.servos import AkdServos
-    from twin.doctor.calibration import MeasuredTouch
+    from twin.devices.lumio.config import CalibrationFit
     from twin.identify.judged import ParameterVerdict
     from twin.scenario import Scenario
     from twin.scenario.rig import RigFile
@@ -138,20 +138,20 @@ def _point(text: str) -> tuple[float, float]:
     return x, y
 
 
-def _residuals(found: MeasuredTouch) -> tuple[Shown, ...]:
+def _residuals(found: CalibrationFit) -> tuple[Shown, ...]:
     import numpy as np
 
     from twin.doctor.calibration import place
 
     rows = [
         (place(point), *(f"{1e3 * each:+.2f}" for each in off))
-        for point, off in zip(found.points, found.fit.left, strict=True)
+        for point, off in zip(found.points, found.left, strict=True)
     ]
-    worst = int(np.argmax(found.fit.distances))
+    worst = int(np.argmax(found.distances))
     return (
         Table("", ("point", "off x / mm", "off y / mm"), rows),
-        f"residuals: {1e3 * found.fit.rms:.2f} mm RMS, largest "
-        f"{1e3 * found.fit.distances[worst]:.2f} mm at {place(found.points[worst])}",
+        f"residuals: {1e3 * found.rms:.2f} mm RMS, largest "
+        f"{1e3 * found.distances[worst]:.2f} mm at {place(found.points[worst])}",
         *found.mounting.lines,
     )
 

@@ -19,7 +19,6 @@ from twin.devices.lumio.config import (
     CalibrationError,
     CalibrationFit,
     LumioConfig,
-    Mounting,
     PlausibilityLimits,
     check_spread,
     fit,
@@ -249,53 +248,13 @@ def usual_points() -> list[tuple[float, float]]:
     return [(i * x, j * y) for j in (-1, 0, 1) for i in (-1, 0, 1)]
 
 
-@dataclass(frozen=True)
-class MeasuredTouch:
-    """A measured calibration.
-
-    Attributes:
-        fit: The calibration and what it leaves.
-        points: The points touched, m in plate axes, shape (K, 2).
-    """
-
-    fit: CalibrationFit
-    points: Array
-
-    @property
-    def mounting(self) -> Mounting:
-        """What it says of the screen."""
-        return Mounting.of(self.fit.calibration)
-
-    def as_dict(self) -> dict[str, Any]:
-        """What it says and leaves, for ``--json``."""
-        return {
-            **self.mounting.as_dict(),
-            "points": len(self.points),
-            "rms_mm": round(1e3 * self.fit.rms, 4),
-            "residuals": [
-                {"point_mm": point, "off_mm": off}
-                for point, off in zip(
-                    np.round(1e3 * self.points, 3).tolist(),
-                    np.round(1e3 * self.fit.left, 4).tolist(),
-                    strict=True,
-                )
-            ],
-        }
-
-    def save(self, path: Path) -> None:
-        """Write the file that a rig file names as ``touch.calibration_file``."""
-        date = time.strftime("%Y-%m-%d")
-        made = {"made": "measured on a rig", "date": date, **self.as_dict()}
-        self.fit.calibration.save(path, made)
-
-
 def measure_touch(
     config: LumioConfig,
     points: Sequence[tuple[float, float]],
     ask: Ask,
     patience: float,
     progress: Callable[[float], None] = lambda _: None,
-) -> MeasuredTouch:
+) -> CalibrationFit:
     """Have points touched in turn and fit the calibration to what the screen says.
 
     Args:
@@ -327,7 +286,7 @@ def measure_touch(
             if not wait_until(lambda: screen.state is TouchState.LOST, patience):
                 raise RigError(f"calibration: {words} was not let go within {patience:g} s")
             progress(index + 1)
-    return MeasuredTouch(judged(np.array(seen), goals), goals)
+    return judged(np.array(seen), goals)
 
 
 def judged(seen: Array, points: Array) -> CalibrationFit:

@@ -100,16 +100,9 @@ def plugged_in(config: LumioConfig, root: Path = HIDRAW_CLASS) -> Iterator[Check
     """
     port = str(Path(config.port).resolve())
     for each in panels(root):
-        what = f"touch panel {each.port}"
-        seen = f"{each.identity.text}: {each.what}{_size(each)}"
-        chosen = config.protocol
-        if each.port != port or config.transport != "hidraw":
-            yield passed(what, seen)
-        elif chosen in {"auto", each.identity.protocol} or not each.identity.protocol:
-            yield passed(what, f"{seen}; this one is read, by its own descriptor")
-        else:
-            advice = f"it is read by its descriptor, not as {chosen}: set touch.protocol to auto"
-            yield warned(what, seen, advice)
+        read = each.port == port and config.transport == "hidraw"
+        words = "; this one is read, by its own descriptor" if read else ""
+        yield passed(f"touch panel {each.port}", f"{each.name}: {each.what}{_size(each)}{words}")
 
 
 def _size(interface: Interface) -> str:
@@ -131,11 +124,11 @@ def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
     what = "touch calibration"
     known, file = rig.screen().calibration, rig.touch and rig.touch.calibration_file
     if known is None:
-        nominal = Mounting.of(Calibration.nominal()).size
+        nominal = Mounting.of(Calibration.nominal()).size_m
         size = f"{_area(extent)} that the panel says" if extent else _area(nominal)
         return warned(what, f"never measured; square, centred, {size}: assumed", CALIBRATE)
     mounting = Mounting.of(known)
-    width, height = mounting.size
+    width, height = mounting.size_m
     sides = (height, width) if mounting.swapped else (width, height)
     seen = _source(file)
     if extent and any(abs(a / b - 1) > ALIKE for a, b in zip(sides, extent, strict=True)):

@@ -47,10 +47,11 @@ MOUNTED = st.tuples(
 def test_size_sides_turn_and_place_are_read_from_a_calibration_as_it_was_put_together(way):
     size, swapped, mirrored, turn, skew, centre = way
     found = Mounting.of(mounted(*way))
-    assert found.size == pytest.approx(size)
+    assert found.size_m == pytest.approx(size)
     assert (found.swapped, found.mirrored_x, found.mirrored_y) == (swapped, *mirrored)
-    assert (found.turn, found.skew) == pytest.approx((turn, skew), abs=1e-9)
-    assert found.centre == pytest.approx(centre, abs=1e-9)
+    told = math.degrees(turn), math.degrees(skew)
+    assert (found.turn_deg, found.skew_deg) == pytest.approx(told, abs=1e-7)
+    assert found.centre_m == pytest.approx(centre, abs=1e-9)
 
 
 def test_the_words_say_where_each_axis_of_the_screen_runs():

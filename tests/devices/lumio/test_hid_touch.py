@@ -173,12 +173,13 @@ def test_without_a_calibration_the_size_is_the_one_that_the_panel_says(hidraw):
         assert screen.read().position[0].tolist() == pytest.approx([0.377 / 2, 0.305 / 2])
 
 
-def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(hidraw, monkeypatch):
+def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(
+    hidraw, descriptors, monkeypatch
+):
     port, _ = hidraw("mouse")
-    other = settings.touch_screens()
-    assert other == []
-    right = type("Interface", (), {"port": "/dev/hidraw3"})
-    monkeypatch.setattr(settings, "touch_screens", lambda: [right])
+    right = settings.Interface("/dev/hidraw3", "", parse(descriptors["hid-0006"]))
+    wrong = settings.Interface("/dev/hidraw2", "", parse(descriptors["mouse"]))
+    monkeypatch.setattr(settings, "panels", lambda: [wrong, right])
     with pytest.raises(ScreenError, match=r"no touch screen but mouse; .* is /dev/hidraw3$"):
         LumioScreen(LumioConfig(port=str(port), transport="hidraw")).start()
 

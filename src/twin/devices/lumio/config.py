@@ -11,10 +11,11 @@ import json
 import math
 import os
 import select
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from math import atan2, degrees, hypot, pi
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -39,7 +40,7 @@ from twin.errors import TwinError
 from twin.hal.interface import SCREEN
 
 VENDOR = 0x202E
-PRODUCTS = {0x0006: "hid-0006", 0x0007: "hid-0007"}
+PANELS = ("hid-0006", "hid-0007")
 """Protocols of the products whose report descriptors are in ``panels.toml``."""
 HIDRAW_CLASS = Path("/sys/class/hidraw")
 """Where Linux describes raw HID devices; anyone may read it."""
@@ -47,31 +48,17 @@ UDEV_RULES = Path(__file__).with_name("70-ballplate-touch.rules")
 """Rules that let the user at the computer read a panel, and keep it from moving the pointer."""
 
 
-class UsbIdentity(NamedTuple):
-    """A USB device: numbers, the name it gives itself, and the protocol if it is a known panel."""
-
-    vendor: int
-    product: int
-    name: str
-    protocol: str
-
-    @property
-    def text(self) -> str:
-        """Its numbers and its name."""
-        return f"{self.vendor:04x}:{self.product:04x} {self.name}".rstrip()
-
-
 class Interface(NamedTuple):
     """One interface of a panel. A panel may have several: screen, mouse, keyboard, ...
 
     Attributes:
         port: Path of its raw HID device.
-        identity: Of the panel.
+        name: Numbers of the panel, and the name that it gives itself.
         descriptor: What it says of its reports; None if that cannot be read.
     """
 
     port: str
-    identity: UsbIdentity
+    name: str
     descriptor: ReportDescriptor | None
 
     @property
@@ -85,23 +72,6 @@ class Interface(NamedTuple):
         return self.descriptor.what if self.descriptor else "without a readable report descriptor"
 
 
-def identify(port: str, root: Path = HIDRAW_CLASS) -> UsbIdentity | None:
-    """What a ``/dev/hidraw*`` device is; None if that cannot be found out.
-
-    Args:
-        port: Path of the device, or of a link to it.
-        root: Where the kernel describes raw HID devices.
-    """
-    try:
-        text = (_device(port, root) / "uevent").read_text(encoding="utf-8")
-        entries = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
-        _, vendor, product = (int(part, 16) for part in entries["HID_ID"].split(":"))
-    except (OSError, KeyError, ValueError):
-        return None
-    protocol = PRODUCTS.get(product, "") if vendor == VENDOR else ""
-    return UsbIdentity(vendor, product, entries.get("HID_NAME", ""), protocol)
-
-
 def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
     """Every interface of the Lumio panels plugged in.
 
@@ -109,31 +79,25 @@ def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
         root: Where the kernel describes raw HID devices.
     """
     found = []
-    for device in sorted(root.glob("hidraw*"), key=lambda path: (len(path.name), path.name)):
-        port = f"/dev/{device.name}"
-        known = identify(port, root)
-        if known is not None and known.vendor == VENDOR:
-            found.append(Interface(port, known, _readable(port, root)))
+    for folder in sorted(root.glob("hidraw*"), key=lambda path: (len(path.name), path.name)):
+        with suppress(OSError, KeyError, ValueError):  # it has gone, or is of another kind
+            text = (folder / "device" / "uevent").read_text(encoding="utf-8")
+            told = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
+            _, vendor, product = (int(part, 16) for part in told["HID_ID"].split(":"))
+            if vendor == VENDOR:
+                name = f"{vendor:04x}:{product:04x} {told.get('HID_NAME', '')}".rstrip()
+                found.append(Interface(f"/dev/{folder.name}", name, _readable(folder)))
     return found
 
 
-def touch_screens(root: Path = HIDRAW_CLASS) -> list[Interface]:
-    """Of these, the ones that report touches."""
-    return [each for each in panels(root) if each.layout is not None]
-
-
-def _readable(port: str, root: Path) -> ReportDescriptor | None:
+def _readable(folder: Path) -> ReportDescriptor | None:
     with suppress(OSError, DescriptorError):
-        return _descriptor(port, root)
+        return _descriptor(folder)
     return None
 
 
-def _descriptor(port: str, root: Path) -> ReportDescriptor:
-    return parse((_device(port, root) / "report_descriptor").read_bytes())
-
-
-def _device(port: str, root: Path) -> Path:
-    return root / Path(port).resolve().name / "device"
+def _descriptor(folder: Path) -> ReportDescriptor:
+    return parse((folder / "device" / "report_descriptor").read_bytes())
 
 
 class ScreenError(TwinError, OSError):
@@ -254,7 +218,7 @@ class HidrawDevice(Transport):
             ScreenError: The device is not a touch screen.
         """
         try:
-            descriptor = _descriptor(self.port, HIDRAW_CLASS)
+            descriptor = _descriptor(HIDRAW_CLASS / Path(self.port).resolve().name)
         except OSError:
             return None
         except DescriptorError as error:
@@ -262,7 +226,7 @@ class HidrawDevice(Transport):
             raise ScreenError(f"touch screen {self.port}: {reason}") from error
         layout = TouchLayout.of(descriptor)
         if layout is None:
-            others = ", ".join(each.port for each in touch_screens())
+            others = ", ".join(each.port for each in panels() if each.layout)
             hint = f"; the touch screen is {others}" if others else ""
             what = f"no touch screen but {descriptor.what}{hint}"
             raise ScreenError(f"touch screen {self.port}: {what}")
@@ -374,10 +338,12 @@ class CalibrationFit:
 
     Attributes:
         calibration: Screen units to plate axes.
+        points: Where the points are, m in plate axes, shape (K, 2).
         left: Where the calibration puts the points less where they are, m, shape (K, 2).
     """
 
     calibration: Calibration
+    points: Array
     left: Array
 
     @property
@@ -389,6 +355,26 @@ class CalibrationFit:
     def rms(self) -> float:
         """Root mean square of these distances, m."""
         return float(np.sqrt(np.mean(self.distances**2)))
+
+    @property
+    def mounting(self) -> Mounting:
+        """What it says of the screen."""
+        return Mounting.of(self.calibration)
+
+    def as_dict(self) -> dict[str, Any]:
+        """What it says and leaves, for ``--json``."""
+        pairs = zip((1e3 * self.points).tolist(), (1e3 * self.left).tolist(), strict=True)
+        return {
+            **asdict(self.mounting),
+            "points": len(self.points),
+            "rms_mm": 1e3 * self.rms,
+            "residuals": [{"point_mm": point, "off_mm": off} for point, off in pairs],
+        }
+
+    def save(self, path: Path) -> None:
+        """Write the file that a rig file names as ``touch.calibration_file``."""
+        made = {"made": "measured on a rig", "date": time.strftime("%Y-%m-%d")}
+        self.calibration.save(path, made | self.as_dict())
 
 
 def fit(screen: ArrayLike, plate: ArrayLike) -> CalibrationFit:
@@ -413,7 +399,7 @@ def fit(screen: ArrayLike, plate: ArrayLike) -> CalibrationFit:
         raise CalibrationError("calibration: the points must not lie on one line")
     (a, c), (b, d), origin = solution.tolist()
     calibration = Calibration(((a, b), (c, d)), (origin[0], origin[1]))
-    return CalibrationFit(calibration, system @ solution - true)
+    return CalibrationFit(calibration, true, system @ solution - true)
 
 
 def check_spread(points: ArrayLike) -> None:
@@ -466,22 +452,22 @@ class Mounting:
     """What a calibration says of the screen.
 
     Attributes:
-        size: Sides of the sensing area along the plate's x and y, m.
+        size_m: Sides of the sensing area along the plate's x and y, m.
         swapped: Whether the screen's first axis runs along the plate's y.
         mirrored_x: Whether the screen's position along the plate's x counts backwards.
         mirrored_y: The same along y.
-        turn: Angle from the mounting that these three describe, rad about the plate's normal.
-        skew: By how much the screen's axes differ from a right angle, rad.
-        centre: Where on the plate the middle of the screen is, m.
+        turn_deg: Angle from the mounting that these three describe, deg about the plate's normal.
+        skew_deg: By how much the screen's axes differ from a right angle, deg.
+        centre_m: Where on the plate the middle of the screen is, m.
     """
 
-    size: tuple[float, float]
+    size_m: tuple[float, float]
     swapped: bool
     mirrored_x: bool
     mirrored_y: bool
-    turn: float
-    skew: float
-    centre: tuple[float, float]
+    turn_deg: float
+    skew_deg: float
+    centre_m: tuple[float, float]
 
     @classmethod
     def of(cls, calibration: Calibration) -> Self:
@@ -498,15 +484,15 @@ class Mounting:
             swapped,
             mirrored_x,
             mirrored_y,
-            (along_x + along_y) / 2,
-            along_y - along_x,
+            degrees(along_x + along_y) / 2,
+            degrees(along_y - along_x),
             calibration.plate(0.5, 0.5),
         )
 
     @property
     def lines(self) -> tuple[str, ...]:
         """It in words, a line for each of scale, axes, turn and place."""
-        width, height = (1e3 * side for side in self.size)
+        width, height = (1e3 * side for side in self.size_m)
         first, second = (
             f"the plate's {'-' if mirrored else '+'}{name}"
             for name, mirrored in (("x", self.mirrored_x), ("y", self.mirrored_y))
@@ -516,22 +502,10 @@ class Mounting:
         return (
             f"scale: sensing area {width:.1f} x {height:.1f} mm along the plate's x and y",
             f"axes: the screen's x runs along {first}, its y along {second}",
-            f"turn: {degrees(self.turn):+.2f} deg, skew {degrees(self.skew):+.2f} deg",
-            f"offset: its middle is at x {1e3 * self.centre[0]:+.2f}, "
-            f"y {1e3 * self.centre[1]:+.2f} mm",
+            f"turn: {self.turn_deg:+.2f} deg, skew {self.skew_deg:+.2f} deg",
+            f"offset: its middle is at x {1e3 * self.centre_m[0]:+.2f}, "
+            f"y {1e3 * self.centre_m[1]:+.2f} mm",
         )
-
-    def as_dict(self) -> dict[str, Any]:
-        """It for files and ``--json``."""
-        return {
-            "size_m": [round(side, 6) for side in self.size],
-            "swapped": self.swapped,
-            "mirrored_x": self.mirrored_x,
-            "mirrored_y": self.mirrored_y,
-            "turn_deg": round(degrees(self.turn), 5) + 0.0,
-            "skew_deg": round(degrees(self.skew), 5) + 0.0,
-            "centre_m": [round(each, 6) for each in self.centre],
-        }
 
 
 def _turned(angle: float) -> float:
@@ -602,7 +576,7 @@ class LumioConfig:
         """Refuse what does not exist."""
         for key, allowed in (
             ("transport", tuple(TRANSPORTS)),
-            ("protocol", ("auto", *STREAMS, *PRODUCTS.values())),
+            ("protocol", ("auto", *STREAMS, *PANELS)),
         ):
             value = getattr(self, key)
             if value not in allowed:
