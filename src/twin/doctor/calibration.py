@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import degrees
-from pathlib import Path
 from typing import Any
 
 import numpy as np

@@ -367,7 +367,7 @@ class CalibrationFit:
         return {
             **asdict(self.mounting),
             "points": len(self.points),
-            "rms_mm": 1e3 * self.rms,
+            "rms_mm": round(1e3 * self.rms, 4),
             "residuals": [{"point_mm": point, "off_mm": off} for point, off in pairs],
         }
 
