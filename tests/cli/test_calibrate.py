@@ -50,8 +50,6 @@ def test_a_cam_table_is_written_where_it_is_asked_for_and_nowhere_else(
 ):
     monkeypatch.setattr(calibration, "sweep_cams", CamTable.packaged)
     monkeypatch.setattr(calibration, "static_error", lambda _: StaticError(0.0, 0.0, 1))
-    ringing = calibration.TapResponse(10.0, 0.01)
-    monkeypatch.setattr(calibration, "tap_test", lambda: (ringing, ringing))
     before = model_path("cams.json").stat()
     code, out, _ = ballplate("calibrate", "cams")
     assert (code, "not written: --out FILE" in out) == (0, True)

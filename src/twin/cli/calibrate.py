@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -191,7 +190,7 @@ calibrate.add_command(lost_motion)
 def cams(out: Path | None, rig: str | None, *, check: bool, **grid: Any) -> None:
     """Measure the cam table by a sweep of the mechanism, and print the error that remains."""
     from twin.hal.cams import CamTable
-    from twin.sim.calibration import static_error, sweep_cams, tap_test
+    from twin.sim.calibration import static_error, sweep_cams
 
     if rig is not None:
         _on_rig(rig, out or Path("cams-of-rig.json"), **grid)
@@ -199,7 +198,7 @@ def cams(out: Path | None, rig: str | None, *, check: bool, **grid: Any) -> None
     path = out or model_path("cams.json")
     if out is not None and not check:
         check_writable(out.parent, "--out")
-    with progress("measuring the cams", 3) as advance:
+    with progress("measuring the cams", 2) as advance:
         if check:
             table = CamTable.from_file(path)
             table.check(model_path())
@@ -213,10 +212,7 @@ def cams(out: Path | None, rig: str | None, *, check: bool, **grid: Any) -> None
             "one table per axis": static_error(table.per_axis()),
         }
         advance(2)
-        resonances = dict(zip(("phi", "theta"), tap_test(), strict=True))
-        advance(3)
     left = {name: {"max_deg": r.max_deg, "rms_deg": r.rms_deg} for name, r in found.items()}
-    ringing = {axis: asdict(each) for axis, each in resonances.items()}
     named = str(path) if check or out is not None else None
     rows = [
         (name, f"{each.max_deg:.4f}", f"{each.rms_deg:.4f}", str(each.poses))
@@ -224,16 +220,11 @@ def cams(out: Path | None, rig: str | None, *, check: bool, **grid: Any) -> None
     ]
     shown = (
         Table("", ("static plate-angle error", "max [deg]", "RMS [deg]", "poses"), rows),
-        *(
-            f"plate resonance in {axis}: {each.frequency_hz:.2f} Hz, "
-            f"damping {100 * each.damping:.1f} %"
-            for axis, each in resonances.items()
-        ),
         "not written: --out FILE"
         if named is None
         else f"{'checked' if check else 'written to'} {path}",
     )
-    show({"table": named, "residual": left, "resonance": ringing}, shown)
+    show({"table": named, "residual": left}, shown)
 
 
 @calibrate.command(cls=options.Command, example="calibrate level runs/excite")

@@ -15,6 +15,7 @@ from pathlib import Path
 from serial.tools import list_ports
 
 from twin import installation
+from twin.data_file import packaged
 from twin.devices.akd.bringup import BY_HAND
 from twin.devices.akd.config import AkdConfig, unconfirmed
 from twin.devices.realtime import RealTimeClock, TimingLog, real_time
@@ -113,20 +114,6 @@ def _cams(rig: RigFile) -> CheckResult:
     return passed("cam table", seen)
 
 
-EXTRAS = {
-    "casadi": "the equations as symbols",
-    "cluster": "study --scheduler, on other computers",
-    "fmi": "controllers that are an FMU",
-    "gym": "environments for Gymnasium",
-    "mcap": "export to .mcap",
-    "mpc": "the law mpc",
-    "play": "ballplate play",
-    "tune": "tune with a search by Optuna",
-    "video": "export to .mp4",
-}
-"""What each extra is for."""
-
-
 def examine_installation() -> Iterator[CheckResult]:
     """What an installation can do, and what it takes to do more."""
     problem = installation.problem()
@@ -135,7 +122,7 @@ def examine_installation() -> Iterator[CheckResult]:
         if problem
         else passed("packages", f"ballplate {version('ballplate')}, found whole")
     )
-    for extra, purpose in EXTRAS.items():
+    for extra, purpose in packaged("twin.doctor", "extras.toml").items():
         missing = [name for name in _packages(extra) if not _is_here(name)]
         what, command = f"extra {extra} ({purpose})", f"pip install 'ballplate[{extra}]'"
         seen = f"{', '.join(missing)} missing" if missing else "installed"

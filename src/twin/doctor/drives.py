@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from math import degrees, radians
-from threading import Thread
 
 import numpy as np
 
@@ -282,11 +281,13 @@ def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckRe
     are alike: no measurement without a ball tells phi from theta, but anybody who looks does.
 
     Args:
-        servos: The drives, started, without torque.
+        servos: The drives, without torque; they are stopped while somebody is asked.
         cams: Plate angles to motor angles.
         ask: Asked for ``watch`` before and ``edge`` after; the answer is one of ``EDGES``.
     """
-    _answer(servos, ask, "watch")
+    servos.stop()
+    _answer(ask, "watch")
+    servos.start()
     level = hold_level(servos, cams)
     there: Array = np.array([[ROCK, 0.0]])
     for start, end in pairwise([level, *(there, -there) * TIMES, level]):
@@ -296,25 +297,15 @@ def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckRe
             return
     servos.quick_stop()
     exchange(servos, 0.1)
-    yield _which(_answer(servos, ask, "edge"))
+    servos.stop()
+    yield _which(_answer(ask, "edge"))
 
 
-def _answer(servos: AkdServos, ask: Ask, word: str) -> str:
-    """What the person says, empty if there is nobody to ask; takes as long as they do.
-
-    The drives are kept company meanwhile, or they would fault.
-    """
-    said: list[str] = []
-
-    def asking() -> None:
-        with suppress(Exception):  # of whatever kind: there is no answer
-            said.append(ask(word))
-
-    asked = Thread(target=asking, daemon=True)
-    asked.start()
-    while asked.is_alive():
-        exchange(servos, servos.config.period)
-    return said[0].strip().lower() if said else ""
+def _answer(ask: Ask, word: str) -> str:
+    """What the person says, empty if there is nobody to ask."""
+    with suppress(Exception):  # of whatever kind: there is no answer
+        return ask(word).strip().lower()
+    return ""
 
 
 def _which(edge: str) -> CheckResult:

@@ -163,7 +163,7 @@ class FaultCase:
 
 RIG, BALL = Limits(), BallPlate()
 ANGLE, RATE, ACCELERATION = float(RIG.angle), float(RIG.rate), float(RIG.acceleration)
-BEYOND = ANGLE + Supervisor.ANGLE_SLACK
+BEYOND = float(ANGLE + Supervisor.ANGLE_SLACK)
 """Largest plate angle in rad that the clamp and its slack for encoder and spring allow."""
 RAMP = AkdConfig().rate_limit / STOP_RAMP
 """Time in s in which a drive brakes from its velocity limit with its quick stop ramp."""

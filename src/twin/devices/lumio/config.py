@@ -18,7 +18,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from math import atan2, degrees, hypot, pi
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from controllers.arrays import Array
 from twin.data_file import parse_json
-from twin.devices.common import Ranged, claim, in_words, net
+from twin.devices.common import Ranged, bounded, claim, in_words, net
 from twin.devices.lumio.protocols import (
     STREAMS,
     Decoder,
@@ -36,7 +36,7 @@ from twin.devices.lumio.protocols import (
     TouchLayout,
     parse,
 )
-from twin.errors import TwinError
+from twin.errors import ScenarioError, TwinError
 from twin.hal.interface import SCREEN
 
 VENDOR = 0x202E
@@ -547,7 +547,7 @@ class PlausibilityLimits(Ranged):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LumioConfig:
+class LumioConfig(Ranged):
     """Settings of one touch screen.
 
     Attributes:
@@ -562,27 +562,25 @@ class LumioConfig:
         gate: What is plausible.
 
     Raises:
-        ScreenError: Unknown transport or protocol, or a baud rate that is not positive.
+        ScenarioError: Unknown protocol, or a baud rate that none has.
     """
 
+    keys = "touch."
     port: str
-    transport: str = "serial"
+    transport: Literal["serial", "hidraw"] = "serial"
     protocol: str = "auto"
-    baud: int = 9600
+    baud: int = bounded(9600, 1, 1e12)
     calibration: Calibration | None = None
     gate: PlausibilityLimits = field(default_factory=PlausibilityLimits)
 
     def __post_init__(self) -> None:
         """Refuse what does not exist."""
-        for key, allowed in (
-            ("transport", tuple(TRANSPORTS)),
-            ("protocol", ("auto", *STREAMS, *PANELS)),
-        ):
-            value = getattr(self, key)
-            if value not in allowed:
-                raise ScreenError(f"touch.{key}: must be one of {', '.join(allowed)}, got {value}")
-        if self.baud <= 0:
-            raise ScreenError(f"touch.baud: must be positive, got {self.baud}")
+        super().__post_init__()
+        known = "auto", *STREAMS, *PANELS
+        if self.protocol not in known:
+            raise ScenarioError(
+                f"touch.protocol: must be one of {', '.join(known)}, got {self.protocol}"
+            )
 
     @property
     def capacity(self) -> float:
