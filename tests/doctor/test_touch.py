@@ -86,7 +86,10 @@ def test_panels_are_listed_with_which_node_is_the_touch_screen(root, port, proto
     transport = "hidraw" if "hidraw" in port else "serial"
     chosen = LumioConfig(port=port, transport=transport, protocol=protocol)
     mouse, screen = plugged_in(chosen, root)
-    assert (mouse.what, mouse.seen) == ("touch panel /dev/hidraw0", "202e:0006 LUMIO: mouse")
+    assert (mouse.what, mouse.seen) == (
+        "touch panel /dev/hidraw0",
+        "202e:0006 LUMIO: no touch screen",
+    )
     assert (screen.what, screen.status) == ("touch panel /dev/hidraw1", status)
     assert screen.seen.startswith("202e:0006 LUMIO: touch screen, 37.6 x 30.1 cm, 4 contacts")
     assert words in screen.seen

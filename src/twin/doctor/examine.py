@@ -102,16 +102,15 @@ def plugged_in(config: LumioConfig, root: Path = HIDRAW_CLASS) -> Iterator[Check
     for each in panels(root):
         read = each.port == port and config.transport == "hidraw"
         words = "; this one is read, by its own descriptor" if read else ""
-        yield passed(f"touch panel {each.port}", f"{each.name}: {each.what}{_size(each)}{words}")
+        yield passed(f"touch panel {each.port}", f"{each.name}: {_what(each)}{words}")
 
 
-def _size(interface: Interface) -> str:
+def _what(interface: Interface) -> str:
     layout = interface.layout
     if layout is None:
-        return ""
-    number = len(layout.contacts)
-    contacts = f", {number} contact{'s' if number > 1 else ''} per report"
-    return f", {_area(layout.extent)}{contacts}" if layout.extent else contacts
+        return "no touch screen"
+    size = f", {_area(layout.extent)}" if layout.extent else ""
+    return f"touch screen{size}, {len(layout.contacts)} contacts per report"
 
 
 def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twin.devices.lumio import config as settings
 from twin.devices.lumio.config import LumioConfig, ScreenError
-from twin.devices.lumio.protocols import HidDecoder, TouchLayout, decoder_of, parse
+from twin.devices.lumio.protocols import HidDecoder, TouchLayout, decoder_of
 from twin.devices.lumio.screen import LumioScreen
 from twin.emulator.screen import ENCODERS, Protocol, Spot
 
@@ -103,7 +103,7 @@ def test_half_a_report_is_skipped_and_a_position_beyond_the_range_refused():
 def test_numbered_reports_of_other_parts_of_an_interface_are_left_alone(descriptors):
     data = descriptors["mouse"].replace(b"\xa1\x01", b"\xa1\x01\x85\x01", 1)
     data += descriptors["hid-0007"].replace(b"\xa1\x01", b"\xa1\x01\x85\x07", 1)
-    decoder = HidDecoder(TouchLayout.of(parse(data)))
+    decoder = HidDecoder(TouchLayout.of(data))
     assert decoder.feed(bytes.fromhex("01 00 05 05")) == []
     ((contact,),) = decoder.feed(bytes.fromhex(f"07 31 00 {AT} 01 00"))
     assert contact.x == 0x1380 / 32767
@@ -112,7 +112,7 @@ def test_numbered_reports_of_other_parts_of_an_interface_are_left_alone(descript
 
 def test_without_a_count_places_that_touch_or_touched_a_moment_ago_hold_contacts(descriptors):
     places = descriptors["hid-0006"].replace(bytes.fromhex("09 54"), bytes.fromhex("09 56"))
-    decoder = HidDecoder(TouchLayout.of(parse(places)))
+    decoder = HidDecoder(TouchLayout.of(places))
     touch = bytes.fromhex(f"31 01 {AT}{REST} 00")
     ((first,),) = decoder.feed(touch)
     ((second,),) = decoder.feed(bytes([0x30]) + touch[1:])
@@ -177,10 +177,10 @@ def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(
     hidraw, descriptors, monkeypatch
 ):
     port, _ = hidraw("mouse")
-    right = settings.Interface("/dev/hidraw3", "", parse(descriptors["hid-0006"]))
-    wrong = settings.Interface("/dev/hidraw2", "", parse(descriptors["mouse"]))
+    right = settings.Interface("/dev/hidraw3", "", TouchLayout.of(descriptors["hid-0006"]))
+    wrong = settings.Interface("/dev/hidraw2", "", None)
     monkeypatch.setattr(settings, "panels", lambda: [wrong, right])
-    with pytest.raises(ScreenError, match=r"no touch screen but mouse; .* is /dev/hidraw3$"):
+    with pytest.raises(ScreenError, match=r"is none; the touch screen is /dev/hidraw3$"):
         LumioScreen(LumioConfig(port=str(port), transport="hidraw")).start()
 
 

@@ -32,9 +32,7 @@ from twin.devices.lumio.protocols import (
     Decoder,
     DescriptorError,
     HidDecoder,
-    ReportDescriptor,
     TouchLayout,
-    parse,
 )
 from twin.errors import ScenarioError, TwinError
 from twin.hal.interface import SCREEN
@@ -54,22 +52,12 @@ class Interface(NamedTuple):
     Attributes:
         port: Path of its raw HID device.
         name: Numbers of the panel, and the name that it gives itself.
-        descriptor: What it says of its reports; None if that cannot be read.
+        layout: Of its touch reports; None if it is not the touch screen.
     """
 
     port: str
     name: str
-    descriptor: ReportDescriptor | None
-
-    @property
-    def layout(self) -> TouchLayout | None:
-        """Of its touch reports; None if it is not the touch screen."""
-        return TouchLayout.of(self.descriptor) if self.descriptor is not None else None
-
-    @property
-    def what(self) -> str:
-        """What it is, in words."""
-        return self.descriptor.what if self.descriptor else "without a readable report descriptor"
+    layout: TouchLayout | None
 
 
 def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
@@ -90,14 +78,14 @@ def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
     return found
 
 
-def _readable(folder: Path) -> ReportDescriptor | None:
+def _readable(folder: Path) -> TouchLayout | None:
     with suppress(OSError, DescriptorError):
-        return _descriptor(folder)
+        return _layout(folder)
     return None
 
 
-def _descriptor(folder: Path) -> ReportDescriptor:
-    return parse((folder / "device" / "report_descriptor").read_bytes())
+def _layout(folder: Path) -> TouchLayout | None:
+    return TouchLayout.of((folder / "device" / "report_descriptor").read_bytes())
 
 
 class ScreenError(TwinError, OSError):
@@ -218,18 +206,16 @@ class HidrawDevice(Transport):
             ScreenError: The device is not a touch screen.
         """
         try:
-            descriptor = _descriptor(HIDRAW_CLASS / Path(self.port).resolve().name)
+            layout = _layout(HIDRAW_CLASS / Path(self.port).resolve().name)
         except OSError:
             return None
         except DescriptorError as error:
             reason = f"its report descriptor cannot be read: {error}"
             raise ScreenError(f"touch screen {self.port}: {reason}") from error
-        layout = TouchLayout.of(descriptor)
         if layout is None:
             others = ", ".join(each.port for each in panels() if each.layout)
             hint = f"; the touch screen is {others}" if others else ""
-            what = f"no touch screen but {descriptor.what}{hint}"
-            raise ScreenError(f"touch screen {self.port}: {what}")
+            raise ScreenError(f"touch screen {self.port}: is none{hint}")
         return HidDecoder(layout)
 
     def _open(self) -> int:

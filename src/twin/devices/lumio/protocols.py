@@ -9,7 +9,7 @@ or have a licence that does not go with this one.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar, NamedTuple, Self
@@ -242,13 +242,19 @@ class Detector:
 
 
 LARGEST = 8 * 16384
-"""Bits of a report, and usages of one item, as the kernel allows."""
+"""Bits of a report, as the kernel allows."""
+TOUCH_SCREEN = 0x000D_0004
+_TIP, _IDENTIFIER, _COUNT = 0x000D_0042, 0x000D_0051, 0x000D_0054
+_X, _Y = 0x0001_0030, 0x0001_0031
+_OF_CONTACT = {_TIP, _IDENTIFIER, _X, _Y}
 
 _MAIN, _GLOBAL, _LOCAL = range(3)
 _INPUT, _COLLECTION, _END = 0x8, 0xA, 0xC
 _CONSTANT, _VARIABLE = 1 << 0, 1 << 1
+_PAGE, _LOW, _HIGH, _PHYSICAL_LOW, _PHYSICAL_HIGH = range(5)
+_EXPONENT, _UNIT, _SIZE, _REPORT, _REPEAT = range(5, 10)
 _PUSH, _POP = 0xA, 0xB
-_USAGE, _FIRST, _LAST = range(3)
+_USAGE = 0x0
 _METRES = {0x11: 0.01, 0x13: 0.0254}
 """Units of length, centimetre and inch, in m."""
 
@@ -257,173 +263,104 @@ class DescriptorError(TwinError, ValueError):
     """Bytes that are no report descriptor."""
 
 
-_GLOBALS: tuple[str, ...] = "page", "logical_low", "logical_high", "physical_low", "physical_high"
-_GLOBALS += "exponent", "unit", "size", "report", "count"
-"""Settings that hold until they are changed, by the tag of the item that does so."""
-
-
-class _Parser:
-    """What the items have said so far."""
-
-    def __init__(self) -> None:
-        self.settings = dict.fromkeys(_GLOBALS, 0)
-        self.put_by: list[dict[str, int]] = []
-        self.usages: list[int] = []
-        self.first = 0
-        self.within: list[tuple[int, int]] = []
-        self.fields: list[ReportField] = []
-        self.bits: dict[int, int] = {}
-        self.applications: list[int] = []
-
-    def main(self, tag: int, flags: int, at: int) -> None:
-        if tag == _INPUT:
-            self._input(flags, **self.settings)
-        elif tag == _COLLECTION:
-            usage = self._complete(self.usages[0]) if self.usages else 0
-            if not self.within:
-                self.applications.append(usage)
-            self.within.append((usage, at))
-        elif tag == _END and self.within:
-            self.within.pop()
-        self.usages = []
-
-    def _input(self, flags: int, size: int, report: int, count: int, **now: int) -> None:
-        begin = self.bits.get(report, 0)
-        self.bits[report] = begin + size * count
-        if self.bits[report] > LARGEST:
-            raise DescriptorError(f"a report of more than {LARGEST} bits")
-        if flags & _CONSTANT or not flags & _VARIABLE or not self.usages or not size:
-            return
-        logical = now["logical_low"], now["logical_high"]
-        span = now["physical_high"] - now["physical_low"] or logical[1] - logical[0]
-        unit = _METRES.get(now["unit"], 0.0) * 10.0 ** now["exponent"]
-        # with fewer usages than fields, the last one holds for the rest
-        for index in range(count):
-            usage, at = self._complete(self.usages[: index + 1][-1]), begin + index * size
-            self.fields.append(
-                ReportField(report, at, size, usage, logical, unit * span, tuple(self.within))
-            )
-
-    def _complete(self, usage: int) -> int:
-        """A usage with its page; one of four bytes brings it along."""
-        return usage if usage >> 16 else self.settings["page"] << 16 | usage
-
-    def change(self, tag: int, data: int, signed: int) -> None:
-        """Change one of the settings, or put all by, or fetch them."""
-        if tag == _PUSH:
-            self.put_by.append(dict(self.settings))
-        elif tag == _POP and self.put_by:
-            self.settings = self.put_by.pop()
-        elif tag < len(_GLOBALS):
-            name = _GLOBALS[tag]
-            if name == "exponent":
-                # a byte with a sign, mostly written as half of one
-                data = (data & 0xF ^ 8) - 8
-            # 25 FF after a smallest value of 0 means 255 and not -1
-            elif name.endswith("_low") or self.settings.get(name.replace("high", "low"), 0) < 0:
-                data = signed
-            self.settings[name] = data
-
-    def use(self, tag: int, data: int) -> None:
-        """Take in what the next fields mean."""
-        if tag == _USAGE:
-            self.usages.append(data)
-        elif tag == _FIRST:
-            self.first = data
-        elif tag == _LAST:
-            if data - self.first > LARGEST:
-                raise DescriptorError(f"more than {LARGEST} usages of one field")
-            self.usages += range(self.first, data + 1)
-
-
-def parse(data: bytes) -> ReportDescriptor:
-    """What a report descriptor says of the input reports.
-
-    Linux has refused by then what no device can mean.
-
-    Args:
-        data: The descriptor.
-
-    Raises:
-        DescriptorError: It is cut short, or has a report of no possible length.
-    """
-    parser, at = _Parser(), 0
-    while at < len(data):
-        kind, tag, size = data[at] >> 2 & 3, data[at] >> 4, (0, 1, 2, 4)[data[at] & 3]
-        body = data[at + 1 : at + 1 + size]
-        if len(body) < size:
-            raise DescriptorError(f"byte {at}: cut short")
-        value = int.from_bytes(body, "little")
-        if kind == _MAIN:
-            parser.main(tag, value, at)
-        elif kind == _GLOBAL:
-            parser.change(tag, value, int.from_bytes(body, "little", signed=True))
-        elif kind == _LOCAL:
-            parser.use(tag, value)
-        at += 1 + size
-    return ReportDescriptor(tuple(parser.fields), parser.bits, tuple(parser.applications))
-
-
 class ReportField(NamedTuple):
     """A number in an input report.
 
     Attributes:
-        report: Number of the report that holds it; 0 in a device that numbers none.
+        usage: What it means: page << 16 | identifier.
         offset: Its first bit, counted from the beginning of the report after its number.
         bits: Its length.
-        usage: What it means: page << 16 | identifier; 0 for padding.
-        logical: Smallest and largest value.
+        low: Smallest value.
+        high: Largest value.
         length: What its whole range stands for, m; 0 if that is no length.
-        within: Usages of the collections around it, outermost first, and their positions in the
-            descriptor: ``(usage, position)``.
     """
 
-    report: int
+    usage: int
     offset: int
     bits: int
-    usage: int
-    logical: tuple[int, int]
+    low: int
+    high: int
     length: float
-    within: tuple[tuple[int, int], ...]
 
     def value(self, report: int) -> int:
         """Its value in a report, given as one little-endian number without the report's number."""
         raw = report >> self.offset & (1 << self.bits) - 1
-        negative = self.logical[0] < 0 and raw >> self.bits - 1
-        return raw - (1 << self.bits) if negative else raw
+        return raw - (1 << self.bits) if self.low < 0 and raw >> self.bits - 1 else raw
+
+    def share(self, report: int) -> float:
+        """The same as a share of its range."""
+        return (self.value(report) - self.low) / (self.high - self.low)
 
 
-@dataclass(frozen=True)
-class ReportDescriptor:
-    """Everything in a report descriptor that concerns input.
+def parse(data: bytes) -> dict[int, tuple[int, list[ReportField]]]:
+    """The input reports by number, 0 in a device that numbers none: bits, and a touch's fields.
 
-    Attributes:
-        fields: Of all input reports, padding left out.
-        bits: Length of each input report by its number, without the number itself; 0 in a device
-            that numbers none, whose reports do not begin with it.
-        applications: Usages of the outermost collections: what the device is.
+    Linux has refused by then what no device can mean.
+
+    Args:
+        data: The report descriptor.
+
+    Raises:
+        DescriptorError: It is cut short, or has a report of no possible length.
     """
+    now, put_by = dict.fromkeys(range(10), 0), list[dict[int, int]]()
+    usages, application, depth = list[int](), 0, 0
+    found: dict[int, tuple[int, list[ReportField]]] = {}
+    for kind, tag, value, signed in _items(data):
+        if kind == _GLOBAL and tag == _PUSH:
+            put_by.append(dict(now))
+        elif kind == _GLOBAL and tag == _POP and put_by:
+            now = put_by.pop()
+        elif kind == _GLOBAL:
+            # 25 FF after a smallest value of 0 means 255 and not -1
+            of_range = tag in {_HIGH, _PHYSICAL_HIGH} and now[tag - 1] < 0
+            now[tag] = signed if of_range or tag in {_LOW, _PHYSICAL_LOW} else value
+        elif kind == _LOCAL and tag == _USAGE:
+            usages.append(value)
+        elif kind == _MAIN:
+            # a usage of four bytes brings its page along
+            meant = [each if each >> 16 else now[_PAGE] << 16 | each for each in usages]
+            usages = []
+            if tag == _COLLECTION:
+                application = application if depth else next(iter(meant), 0)
+            depth += (tag == _COLLECTION) - (tag == _END)
+            if tag == _INPUT:
+                begin, fields = found.get(now[_REPORT], (0, []))
+                end = begin + now[_SIZE] * now[_REPEAT]
+                if end > LARGEST:
+                    raise DescriptorError(f"a report of more than {LARGEST} bits")
+                found[now[_REPORT]] = end, fields
+                if application == TOUCH_SCREEN and value & (_CONSTANT | _VARIABLE) == _VARIABLE:
+                    fields += _fields(begin, end, meant, now)
+    return found
 
-    fields: tuple[ReportField, ...]
-    bits: dict[int, int]
-    applications: tuple[int, ...]
 
-    @property
-    def what(self) -> str:
-        """What an interface that has it is, in words."""
-        return ", ".join(map(application, self.applications)) or "without any use"
+def _items(data: bytes) -> Iterator[tuple[int, int, int, int]]:
+    """Type, tag, and value without and with sign."""
+    at = 0
+    while at < len(data):
+        size = (0, 1, 2, 4)[data[at] & 3]
+        body = data[at + 1 : at + 1 + size]
+        if len(body) < size:
+            raise DescriptorError(f"byte {at}: cut short")
+        yield (
+            data[at] >> 2 & 3,
+            data[at] >> 4,
+            int.from_bytes(body, "little"),
+            int.from_bytes(body, "little", signed=True),
+        )
+        at += 1 + size
 
 
-TOUCH_SCREEN = 0x000D_0004
-_FINGER = 0x000D_0022
-_TIP, _IDENTIFIER, _COUNT = 0x000D_0042, 0x000D_0051, 0x000D_0054
-_X, _Y = 0x0001_0030, 0x0001_0031
-
-
-def application(usage: int) -> str:
-    """What an interface can be, in words, by the usage of its outermost collection."""
-    key = f"{usage >> 16:04x}:{usage & 0xFFFF:04x}"
-    return str(_panels()["applications"].get(key, f"usage {key}"))
+def _fields(begin: int, end: int, usages: list[int], now: dict[int, int]) -> Iterator[ReportField]:
+    """The fields of one item; with fewer usages than fields, the last one holds for the rest."""
+    low, high = now[_LOW], now[_HIGH]
+    span = now[_PHYSICAL_HIGH] - now[_PHYSICAL_LOW] or high - low
+    exponent = (now[_EXPONENT] & 0xF ^ 8) - 8  # half a byte with a sign
+    length = span * _METRES.get(now[_UNIT], 0.0) * 10.0**exponent
+    for index, at in enumerate(range(begin, end, now[_SIZE] or LARGEST)):
+        for usage in usages[: index + 1][-1:]:
+            yield ReportField(usage, at, now[_SIZE], low, high, length)
 
 
 class ContactFields(NamedTuple):
@@ -452,30 +389,30 @@ class TouchLayout:
     count: ReportField | None
 
     @classmethod
-    def of(cls, descriptor: ReportDescriptor) -> Self | None:
-        """The layout that a descriptor gives, or None if it is no touch screen's."""
-        fingers: dict[tuple[int, int], dict[int, ReportField]] = defaultdict(dict)
-        counts: dict[int, ReportField] = {}
-        for each in descriptor.fields:
-            if not each.within or each.within[0][0] != TOUCH_SCREEN:
-                continue
-            if each.usage == _COUNT:
-                counts.setdefault(each.report, each)
-            fingers[each.report, _place(each)].setdefault(each.usage, each)
-        found = [
-            (report, ContactFields(known[_TIP], known[_X], known[_Y], known.get(_IDENTIFIER)))
-            for (report, _), known in fingers.items()
-            if {_TIP, _X, _Y} <= known.keys() and _spans(known[_X]) and _spans(known[_Y])
-        ]
-        if not found:
-            return None
-        report = found[0][0]
-        return cls(
-            report,
-            -(-descriptor.bits[report] // 8) + (report > 0),
-            tuple(contact for number, contact in found if number == report),
-            counts.get(report),
-        )
+    def of(cls, descriptor: bytes) -> Self | None:
+        """The layout that a report descriptor gives, or None if it is no touch screen's.
+
+        A number that a contact has already is the next one's.
+
+        Raises:
+            DescriptorError: If it is none.
+        """
+        for report, (bits, fields) in parse(descriptor).items():
+            places: list[dict[int, ReportField]] = [{}]
+            for field in (each for each in fields if each.usage in _OF_CONTACT):
+                if field.usage in places[-1]:
+                    places.append({})
+                places[-1][field.usage] = field
+            contacts = tuple(
+                ContactFields(place[_TIP], place[_X], place[_Y], place.get(_IDENTIFIER))
+                for place in places
+                if {_TIP, _X, _Y} <= place.keys()
+                and all(place[each].low < place[each].high for each in (_X, _Y))
+            )
+            if contacts:
+                count = next((field for field in fields if field.usage == _COUNT), None)
+                return cls(report, -(-bits // 8) + (report > 0), contacts, count)
+        return None
 
     @property
     def extent(self) -> tuple[float, float] | None:
@@ -483,20 +420,6 @@ class TouchLayout:
         first = self.contacts[0]
         x, y = first.x.length, first.y.length
         return (x, y) if x > 0 and y > 0 else None
-
-
-def _place(field: ReportField) -> int:
-    """What tells the numbers of one contact from those of another: the collection around them.
-
-    That is the one called a finger. Product 202E:0006 calls only the first of its four so, and
-    devices with a single contact may have none.
-    """
-    named = [position for usage, position in field.within if usage == _FINGER]
-    return named[-1] if named else field.within[:2][-1][1]
-
-
-def _spans(field: ReportField) -> bool:
-    return field.logical[1] > field.logical[0]
 
 
 class HidDecoder(Decoder):
@@ -545,7 +468,7 @@ class HidDecoder(Decoder):
         used = self._used(report)
         contacts = []
         for place in used:
-            x, y = _share(place.x, report), _share(place.y, report)
+            x, y = place.x.share(report), place.y.share(report)
             if not (0 <= x <= 1 and 0 <= y <= 1):
                 self.stats.outside += 1
                 return None
@@ -573,26 +496,15 @@ class HidDecoder(Decoder):
         )
 
 
-def _share(field: ReportField, report: int) -> float:
-    """A coordinate as a share of its range."""
-    low, high = field.logical
-    return (field.value(report) - low) / (high - low)
-
-
 def _name(place: ContactFields, report: int) -> int:
     return place.identifier.value(report) if place.identifier is not None else 1
 
 
 @cache
-def _panels() -> dict[str, dict[str, str]]:
-    return packaged("twin.devices.lumio", "panels.toml")
-
-
-@cache
 def _known_layouts() -> dict[str, TouchLayout]:
     """Layouts of the products in ``panels.toml``."""
-    known = _panels()["descriptors"].items()
-    found = {name: TouchLayout.of(parse(bytes.fromhex(data))) for name, data in known}
+    known = packaged("twin.devices.lumio", "panels.toml")["descriptors"].items()
+    found = {name: TouchLayout.of(bytes.fromhex(data)) for name, data in known}
     return {name: layout for name, layout in found.items() if layout is not None}
 
 
