@@ -30,10 +30,9 @@ def test_a_person_is_asked_in_words():
 def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(tmp_path, monkeypatch):
     monkeypatch.setattr("twin.doctor.calibration.READINGS", 5)  # of a point, instead of 20
     file = tmp_path / "touch.json"
-    points = [
-        part for at in ("-280,-150", "280,-150", "280,150", "-280,150") for part in ("--at", at)
-    ]
-    arguments = ["--json", "--out", str(file), *points]
+    corners = [(x, y) for x in (-0.28, 0.28) for y in (-0.15, 0.15)]
+    monkeypatch.setattr("twin.doctor.calibration.usual_points", lambda: corners)
+    arguments = ["--json", "--out", str(file)]
     done = CliRunner().invoke(touch, arguments, standalone_mode=False, catch_exceptions=False)
     found = json.loads(done.stdout)
     # the virtual screen is square and centred, of 0.7 by 0.395 m and 4096 counts

@@ -1,14 +1,12 @@
 """The doctor on the touch screen: port, panels, protocol, calibration."""
 
-import time
-
 import numpy as np
 import pytest
 from served_screen import EmulatedScreen
 
 from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig, Mounting
 from twin.devices.lumio.screen import LumioScreen
-from twin.doctor.calibration import LEAST, judged, measure_touch, usual_points
+from twin.doctor.calibration import judged, measure_touch, usual_points
 from twin.doctor.check import CheckStatus
 from twin.doctor.examine import calibrated, plugged_in, touch
 from twin.emulator.lockstep import LockstepRig
@@ -199,24 +197,6 @@ def test_a_point_that_is_not_touched_is_named_in_one_line_and_so_is_a_wrong_prot
             measure_touch(wrong, usual_points(), hand.ask, 2.0)
 
 
-@pytest.mark.parametrize(
-    ("points", "words"),
-    [
-        ([], "0 points; 4 or more"),
-        (usual_points()[:3], "3 points; 4 or more"),
-        ([(x, 0.1) for x in (-0.2, -0.1, 0.1, 0.2)], "must not lie on one line"),
-        ([(0.1, 0.1)] * 5, "must not lie on one line"),
-    ],
-)
-def test_points_that_cannot_give_a_calibration_are_refused_before_anything_is_touched(
-    points, words
-):
-    begin = time.monotonic()
-    with pytest.raises(CalibrationError, match=words):
-        measure_touch(LumioConfig(port="/dev/null"), points, lambda _: None, 30.0)
-    assert time.monotonic() - begin < 5
-
-
 def seen(points, noise=5e-4):
     dice = np.random.default_rng(0)
     screen = Calibration.nominal()
@@ -239,7 +219,6 @@ def test_points_touched_in_another_order_do_not_fit_together():
 
 def test_the_fewest_points_that_are_taken_leave_something_to_judge_by():
     points = np.array(usual_points())[[0, 2, 6, 8]]
-    assert len(points) == LEAST
     said = seen(points)
     assert judged(said, points).rms < 1e-3
     said[0] += 0.05

@@ -14,7 +14,6 @@ from ballplate.running import EMULATED
 from twin.cli import options
 from twin.cli.output import Shown, progress, show
 from twin.cli.rig import rig_file
-from twin.errors import ScenarioError
 from twin.page import Table
 from twin.paths import model_path
 from twin.run.files import log_file
@@ -54,17 +53,9 @@ def _turned(
     callback=_radians,
     help="Of the triangle, deg of the plate [1].",
 )
-@click.option(
-    "--rate",
-    type=click.FloatRange(0.1, 5),
-    default=1.0,
-    callback=_radians,
-    help="Of the plate, deg/s [1].",
-)
-@click.option("--cycles", type=click.IntRange(2, 20), default=3, help="Of each axis [3].")
 @options.SETTING
 @options.JSON
-def lost_motion(rig: str, overrides: tuple[str, ...], **triangle: Any) -> None:
+def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
     """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
 
     Settings are those of the virtual rig.
@@ -75,7 +66,7 @@ def lost_motion(rig: str, overrides: tuple[str, ...], **triangle: Any) -> None:
     from twin.scenario import load
 
     with _turned(rig, load("circle", overrides), "turning the plate", 1.0) as (file, servos, tell):
-        found = measure_lost_motion(servos, cams_of(file), progress=tell, **triangle)
+        found = measure_lost_motion(servos, cams_of(file), amplitude=amplitude, progress=tell)
         tell(1.0)
     told = []
     for each in found:
@@ -88,20 +79,13 @@ def lost_motion(rig: str, overrides: tuple[str, ...], **triangle: Any) -> None:
 @options.command(example="calibrate touch --out touch-of-rig.json")
 @options.EMPTY_RIG
 @click.option(
-    "--at",
-    "places",
-    multiple=True,
-    metavar="X,Y",
-    help="A point to touch, mm in plate axes; again for each [nine over the screen].",
-)
-@click.option(
     "--out",
     type=options.PATH,
     default=Path("touch-of-rig.json"),
     help="Calibration file [touch-of-rig.json].",
 )
 @options.JSON
-def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
+def touch(rig: str, out: Path) -> None:
     """Find scale, turn, mirror and offset of the touch screen from points touched in turn.
 
     Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
@@ -109,7 +93,7 @@ def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
     from twin.doctor.calibration import measure_touch, usual_points
     from twin.scenario import load
 
-    points = [_point(text) for text in places] or usual_points()
+    points = usual_points()
     with rig_file(rig, load("circle")) as (file, ask):
         shown = progress("calibrating the touch screen", len(points)) if rig == EMULATED else None
         with shown or nullcontext(lambda _: None) as advance:
@@ -117,24 +101,6 @@ def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
     write_whole(out, found.save)
     then = f'written to {out}; name it in the rig file, under [touch]: calibration_file = "{out}"'
     show({"file": str(out), **found.as_dict()}, (*_residuals(found), then))
-
-
-def _point(text: str) -> tuple[float, float]:
-    """A point in m of one in mm as it is typed.
-
-    Raises:
-        ScenarioError: It is none, or is not on the plate.
-    """
-    try:
-        x, y = (float(part) / 1e3 for part in text.split(","))
-        near = max(abs(x), abs(y)) < 1
-    except ValueError:
-        near = False
-    if not near:
-        raise ScenarioError(
-            f"--at {text}: must be X,Y in mm from the plate's middle, as in --at 280,-158"
-        )
-    return x, y
 
 
 def _residuals(found: CalibrationFit) -> tuple[Shown, ...]:

@@ -161,7 +161,7 @@ def _pair(values: Array) -> tuple[float, float]:
 
 
 class OwnServos:
-    """Own hardware as two servo axes; a `PoweredServos`.
+    """Own hardware as two servo axes; the methods are those of `AkdServos`.
 
     Args:
         hardware: The hardware.
@@ -321,7 +321,7 @@ class OwnServos:
 
 
 class OwnScreen:
-    """The ball as own hardware sees it; a `ListeningScreen`.
+    """The ball as own hardware sees it; the methods are those of `LumioScreen`.
 
     Args:
         servos: Who reads it.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import degrees
+from math import degrees, radians
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from twin.devices.lumio.config import (
     CalibrationFit,
     LumioConfig,
     PlausibilityLimits,
-    check_spread,
     fit,
     outlier,
 )
@@ -163,8 +162,8 @@ def measure_lost_motion(
     known: CamTable,
     *,
     amplitude: float,
-    rate: float,
-    cycles: int,
+    rate: float = radians(1.0),
+    cycles: int = 3,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[LostMotion]:
     """Lost motion of both axes with the ball off the plate; it stands level at the beginning.
@@ -226,8 +225,6 @@ def _stopped(servos: AkdServos) -> RigError:
     return RigError(f"the triangle was stopped: {stopped_by(servos) or 'drives off'}")
 
 
-LEAST = 4
-"""Points: three would fit whatever was touched."""
 SHARE = 0.8
 """Of the screen's sides that the usual points span."""
 READINGS = 20
@@ -264,15 +261,10 @@ def measure_touch(
         progress: Called with the number of points done.
 
     Raises:
-        CalibrationError: Too few points, all on one line, or touched wrongly.
+        CalibrationError: Points were touched wrongly.
         RigError: The screen cannot be opened, or a point was not touched.
     """
     goals = np.array(points, float).reshape(-1, 2)
-    if len(goals) < LEAST:
-        raise CalibrationError(
-            f"calibration: {len(goals)} points; {LEAST} or more are needed to see a wrong one"
-        )
-    check_spread(goals)
     gate = PlausibilityLimits()
     screen = LumioScreen(replace(config, calibration=SCREEN_UNITS, gate=gate))
     seen = []

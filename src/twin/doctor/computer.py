@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import time
-import webbrowser
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -16,8 +15,8 @@ from serial.tools import list_ports
 
 from twin import installation
 from twin.data_file import packaged
-from twin.devices.akd.bringup import BY_HAND
 from twin.devices.akd.config import AkdConfig, unconfirmed
+from twin.devices.akd.protocol import table
 from twin.devices.realtime import RealTimeClock, TimingLog, real_time
 from twin.doctor.check import CheckResult, failed, noted, passed, scheduled, warned
 from twin.errors import TwinError
@@ -61,7 +60,8 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
         f"never confirmed on a rig: {', '.join(unconfirmed())}",
         "compare them with the drives' manual and setup software",
     )
-    yield warned("to be looked at by hand", "; ".join(BY_HAND), "see docs/bring-up.md")
+    by_hand = "; ".join(table()["by_hand"])
+    yield warned("to be looked at by hand", by_hand, "see docs/bring-up.md")
     yield _bus_load(rig.servos(scenario.rig.period))
 
 
@@ -155,13 +155,6 @@ def _pictures() -> Iterator[CheckResult]:
     else:
         window = "opens a window" if has_display() else "no display: view RUN --serve, in a browser"
         yield passed("viewer", window)
-    try:
-        webbrowser.get()
-    except webbrowser.Error:
-        advice = "open the address that play prints in a browser of another computer"
-        yield warned("browser (play, docs)", "none found", advice)
-    else:
-        yield passed("browser (play, docs)", "found")
 
 
 def _ports() -> Iterator[CheckResult]:

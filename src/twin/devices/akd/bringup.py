@@ -333,14 +333,6 @@ def _check_plausible(
         raise remote.wrong(f"{text} ({allowed}); {advice}")
 
 
-BY_HAND = (
-    "DRV.TYPE is CANopen",
-    "DRV.CMDSOURCE is 1 (fieldbus)",
-    "with everything off there are 60 ohm between CANH and CANL: a terminator at either end",
-)
-"""What no object of the drive tells: to be looked at in WorkBench, and measured."""
-
-
 class Precondition(NamedTuple):
     """One setting.
 

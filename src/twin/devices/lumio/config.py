@@ -378,27 +378,13 @@ def fit(screen: ArrayLike, plate: ArrayLike) -> CalibrationFit:
         raise CalibrationError(
             f"calibration: needs 3 or more pairs of points, got {seen.shape} and {true.shape}"
         )
-    check_spread(true)
     system = _system(seen)
-    solution, _, rank, _ = np.linalg.lstsq(system, true, rcond=1e-6)
-    if rank < 3:
+    solution = np.linalg.lstsq(system, true, rcond=1e-6)[0]
+    if min(np.linalg.matrix_rank(_system(each), rtol=1e-6) for each in (seen, true)) < 3:
         raise CalibrationError("calibration: the points must not lie on one line")
     (a, c), (b, d), origin = solution.tolist()
     calibration = Calibration(((a, b), (c, d)), (origin[0], origin[1]))
     return CalibrationFit(calibration, true, system @ solution - true)
-
-
-def check_spread(points: ArrayLike) -> None:
-    """Make sure that points do not lie on one line.
-
-    Args:
-        points: Shape (K, 2).
-
-    Raises:
-        CalibrationError: If they do.
-    """
-    if np.linalg.matrix_rank(_system(np.asarray(points, float)), rtol=1e-6) < 3:
-        raise CalibrationError("calibration: the points must not lie on one line")
 
 
 def outlier(screen: Array, plate: Array) -> tuple[int, float] | None:
