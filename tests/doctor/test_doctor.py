@@ -18,7 +18,7 @@ from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.doctor import computer as computer_checks
 from twin.doctor import drives
 from twin.doctor.calibration import measure_cams
-from twin.doctor.check import CheckStatus, failed, next_step, passed, warned
+from twin.doctor.check import CheckStatus, failed, next_step, passed, reported, warned
 from twin.doctor.computer import computer
 from twin.doctor.drives import limits, swapped
 from twin.doctor.examine import _drives
@@ -304,7 +304,7 @@ def test_a_refusal_after_the_limits_were_tried_is_a_line(monkeypatch):
             raise DriveError(WRONG_SETTING, "drive phi", "keeps something else")
 
         monkeypatch.setattr(rig.servos, "start", once)
-        last = list(limits(rig.servos))[-1]
+        last = list(reported(limits(rig.servos), "limits"))[-1]
     assert last.status is CheckStatus.FAIL
     assert "keeps something else" in last.seen
 

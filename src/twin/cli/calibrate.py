@@ -173,24 +173,18 @@ def cams(out: Path | None, rig: str | None, *, check: bool, **grid: Any) -> None
             if out is not None:
                 write_whole(out, table.save)
         advance(1)
-        found = {
-            "two-dimensional table": static_error(table),
-            "one table per axis": static_error(table.per_axis()),
-        }
+        left = static_error(table)
         advance(2)
-    left = {name: {"max_deg": r.max_deg, "rms_deg": r.rms_deg} for name, r in found.items()}
     named = str(path) if check or out is not None else None
-    rows = [
-        (name, f"{each.max_deg:.4f}", f"{each.rms_deg:.4f}", str(each.poses))
-        for name, each in found.items()
-    ]
     shown = (
-        Table("", ("static plate-angle error", "max [deg]", "RMS [deg]", "poses"), rows),
+        f"static plate-angle error over {left.poses} poses: at most {left.max_deg:.4f} deg, "
+        f"{left.rms_deg:.4f} deg RMS",
         "not written: --out FILE"
         if named is None
         else f"{'checked' if check else 'written to'} {path}",
     )
-    show({"table": named, "residual": left}, shown)
+    residual = {"max_deg": left.max_deg, "rms_deg": left.rms_deg}
+    show({"table": named, "residual": {"two-dimensional table": residual}}, shown)
 
 
 @calibrate.command(cls=options.Command, example="calibrate level runs/excite")

@@ -15,7 +15,7 @@ from twin.devices.akd.conditions import INTERNAL_LIMIT, RUNAWAY, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.protocol import DriveState, StatusBit, fault_words
 from twin.devices.akd.servos import AkdServos
-from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, reported, warned
+from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, warned
 from twin.hal.interface import Severity, Transmission
 
 
@@ -93,8 +93,8 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
     for axis, found in zip(servos.axes, servos.found, strict=True):
         yield passed(f"{axis.config.where} units", found.units)
         yield passed(f"{axis.config.where} limits", found.limits)
-        for each in found.preconditions:
-            yield noted(f"{axis.config.where} {each.name}", each.seen, each.advice)
+        for name, seen, advice in found.preconditions:
+            yield noted(f"{axis.config.where} {name}", seen, advice)
         yield passed(
             axis.config.where,
             f"an AKD, configured and monitored; {axis.state.value}",
@@ -112,7 +112,6 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
         yield warned(fault.where, f"{fault.condition.name}: {fault.detail}", "")
 
 
-@reported("torque", "close STO, reset the faults (--reset)")
 def torque(servos: AkdServos) -> Iterator[CheckResult]:
     """Torque at standstill; then let the heartbeat end: the drives must stop by themselves."""
     enable(servos)
@@ -137,7 +136,6 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     servos.faults()
 
 
-@reported("motion", "reset the faults (--reset)")
 def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
     """Tilt each axis by a degree and back; its plate encoder must follow."""
     level = hold_level(servos, cams)
@@ -196,7 +194,6 @@ GAP = 0.01
 """Time in s between two answers above which nothing can be said of a ramp."""
 
 
-@reported("limits in the drives", "see the fault")
 def limits(servos: AkdServos) -> Iterator[CheckResult]:
     """Ask each drive for more than its limit; what it does tells what its counts mean.
 
@@ -273,7 +270,6 @@ EDGES = ("short", "long")
 """Edges that dip when the plate is tilted about phi, and about theta: x lies along the length."""
 
 
-@reported("which drive is phi", "reset the faults (--reset)")
 def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckResult]:
     """Rock the plate about phi alone and ask which edges dipped.
 

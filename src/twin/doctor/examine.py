@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ from twin.devices.own import OwnServos, Reading
 from twin.devices.realtime import real_time
 from twin.devices.rig import HardwareRig
 from twin.doctor import drives
-from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, reported, warned
+from twin.doctor.check import Ask, CheckResult, failed, noted, passed, reported, warned
 from twin.doctor.computer import computer
 from twin.doctor.drives import exchange
 from twin.errors import RigError, TwinError
@@ -50,7 +50,8 @@ def examine(
     """
     yield from computer(scenario, rig)
     if rig.backend is not None:
-        yield from own(scenario, rig, move=move)
+        check = own(scenario, rig, move=move)
+        yield from reported(check, "backend", "mend its class (docs/your-rig.md)")
         return
     screen = LumioScreen(rig.screen())
     yield from plugged_in(screen.config)
@@ -73,16 +74,20 @@ def examine(
 def _drives(
     servos: AkdServos, rig: RigFile, ask: Ask, *, move: bool, reset: bool
 ) -> Iterator[CheckResult]:
-    good = yield from _judged(drives.bus(servos.config, servos))
+    good = yield from reported(drives.bus(servos.config, servos), "CAN bus")
     if reset and servos.axes:
         servos.start(reset=True)
         exchange(servos, 0.2)
     if not (move and servos.axes and (reset or good)):
         return
     cams = cams_of(rig)
-    torque, motion = drives.torque(servos), drives.motion(servos, cams)
-    for check in (torque, drives.limits(servos), motion, drives.swapped(servos, cams, ask)):
-        if not (yield from _judged(check)):
+    for what, check in (
+        ("torque", drives.torque(servos)),
+        ("limits in the drives", drives.limits(servos)),
+        ("motion", drives.motion(servos, cams)),
+        ("which drive is phi", drives.swapped(servos, cams, ask)),
+    ):
+        if not (yield from reported(check, what)):
             return
 
 
@@ -206,7 +211,6 @@ WATCHED, TILT = 2.0, math.radians(1.0)
 """Seconds that own hardware is watched for; how far it is tilted, rad."""
 
 
-@reported("backend", "mend its class (docs/your-rig.md)")
 def own(scenario: Scenario, rig: RigFile, *, move: bool) -> Iterator[CheckResult]:
     """What can be said of own hardware: that it starts, measures, and tilts the right way.
 
@@ -223,7 +227,7 @@ def own(scenario: Scenario, rig: RigFile, *, move: bool) -> Iterator[CheckResult
         real.clock.start()
         servos.home(np.zeros(2), np.zeros(2))
         yield passed("backend", f"{Path(str(rig.backend)).name} starts and measures")
-        if not (yield from _judged(_measures(_watched(real, servos, WATCHED)))):
+        if not (yield from reported(_measures(_watched(real, servos, WATCHED)), "ball")):
             return
         for fault in servos.warnings():
             yield warned("safety net", fault.detail, fault.condition.recovery)
@@ -292,12 +296,3 @@ def _tilts(real: HardwareRig, servos: OwnServos) -> Iterator[CheckResult]:
             yield failed(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg", advice)
         else:
             yield passed(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg: {look}")
-
-
-def _judged(check: Iterator[CheckResult]) -> Generator[CheckResult, None, bool]:
-    """The results of a check; whether none of them is a failure."""
-    good = True
-    for result in check:
-        good = good and result.status is not CheckStatus.FAIL
-        yield result
-    return good

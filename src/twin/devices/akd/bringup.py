@@ -333,18 +333,8 @@ def _check_plausible(
         raise remote.wrong(f"{text} ({allowed}); {advice}")
 
 
-class Precondition(NamedTuple):
-    """One setting.
-
-    Attributes:
-        name: What it is called in the drive.
-        seen: Its value in words.
-        advice: What to do; empty if it is as it should be.
-    """
-
-    name: str
-    seen: str
-    advice: str
+Precondition = tuple[str, str, str]
+"""A setting: what it is called in the drive, its value in words, and what to do if it is wrong."""
 
 
 def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition, ...]:
@@ -361,11 +351,11 @@ def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition,
             automatic = "automatic: found from the first frames at power-up"
             seen = f"{seen} from the next power-up on" if rate else automatic
             advice = f"set it to {wanted} in the drive and power-cycle it"
-        found.append(Precondition("FBUS.PARAM01 (bit rate)", seen, advice))
+        found.append(("FBUS.PARAM01 (bit rate)", seen, advice))
     for index, name, well, badly, remedy in table()["flags"]:
         value = remote.read_if_there(index)
         if value is not None:
-            found.append(Precondition(name, *((well, "") if value else (badly, remedy))))
+            found.append((name, *((well, "") if value else (badly, remedy))))
     return tuple(found)
 
 

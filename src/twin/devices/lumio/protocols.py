@@ -440,7 +440,6 @@ class HidDecoder(Decoder):
         super().__init__()
         self.layout, self.extent = layout, layout.extent
         self._left = 0
-        self._down: set[int] = set()
 
     def feed(self, data: bytes) -> list[Report]:
         """The reports in these bytes, oldest first."""
@@ -473,8 +472,6 @@ class HidDecoder(Decoder):
                 self.stats.outside += 1
                 return None
             contacts.append(Contact(x, y, bool(place.tip.value(report)), _name(place, report)))
-        for contact in contacts:
-            (self._down.add if contact.down else self._down.discard)(contact.id)
         return tuple(contacts)
 
     def _used(self, report: int) -> tuple[ContactFields, ...]:
@@ -489,11 +486,7 @@ class HidDecoder(Decoder):
             return places[:number]
         if len(places) == 1:
             return places
-        return tuple(
-            place
-            for place in places
-            if place.tip.value(report) or _name(place, report) in self._down
-        )
+        return tuple(place for place in places if place.tip.value(report))
 
 
 def _name(place: ContactFields, report: int) -> int:
