@@ -104,19 +104,15 @@ def touch(rig: str, out: Path) -> None:
 
 
 def _residuals(found: CalibrationFit) -> tuple[Shown, ...]:
-    import numpy as np
-
     from twin.doctor.calibration import place
 
     rows = [
         (place(point), *(f"{1e3 * each:+.2f}" for each in off))
         for point, off in zip(found.points, found.left, strict=True)
     ]
-    worst = int(np.argmax(found.distances))
     return (
         Table("", ("point", "off x / mm", "off y / mm"), rows),
-        f"residuals: {1e3 * found.rms:.2f} mm RMS, largest "
-        f"{1e3 * found.distances[worst]:.2f} mm at {place(found.points[worst])}",
+        f"residuals: {1e3 * found.rms:.2f} mm RMS, largest {1e3 * found.distances.max():.2f} mm",
         *found.mounting.lines,
     )
 

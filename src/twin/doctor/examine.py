@@ -18,7 +18,6 @@ from twin.devices.lumio.config import (
     LumioConfig,
     Mounting,
     panels,
-    read_calibration,
 )
 from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.devices.own import OwnServos, Reading
@@ -134,19 +133,11 @@ def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
     mounting = Mounting.of(known)
     width, height = mounting.size_m
     sides = (height, width) if mounting.swapped else (width, height)
-    seen = _source(file)
+    seen = Path(file).name if file else "in the rig file"
     if extent and any(abs(a / b - 1) > ALIKE for a, b in zip(sides, extent, strict=True)):
         differ = f"{seen}: the sensing area is {_area(sides)}, but the panel says {_area(extent)}"
         return warned(what, differ, f"is it of another panel? {CALIBRATE}")
     return passed(what, f"{seen}: the sensing area is {_area(sides)}")
-
-
-def _source(file: str | None) -> str:
-    if file is None:
-        return "in the rig file"
-    made = read_calibration(Path(file))[1]
-    number, rms, date = (made.get(name, "unknown") for name in ("points", "rms_mm", "date"))
-    return f"{Path(file).name}, made {date}, {number} points, {rms} mm RMS"
 
 
 def _area(sides: tuple[float, float]) -> str:

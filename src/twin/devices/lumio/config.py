@@ -291,8 +291,8 @@ class Calibration:
         path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
 
 
-def read_calibration(path: Path) -> tuple[Calibration, dict[str, Any]]:
-    """A calibration that `save` wrote, and how it was made.
+def read_calibration(path: Path) -> Calibration:
+    """A calibration that `save` wrote.
 
     Raises:
         CalibrationError: If the file is missing, or is not such a calibration.
@@ -305,7 +305,7 @@ def read_calibration(path: Path) -> tuple[Calibration, dict[str, Any]]:
         if not all(type(each) in {int, float} for each in numbers):
             raise TypeError("matrix_m and origin_m must be numbers")
         a, b, c, d, x, y = map(float, numbers)
-        return Calibration(((a, b), (c, d)), (x, y)), dict(data["provenance"])
+        return Calibration(((a, b), (c, d)), (x, y))
     except OSError as error:
         raise CalibrationError(f"{path}: {error.strerror}; {_REMEDY}") from error
     except (KeyError, TypeError, ValueError) as error:

@@ -226,16 +226,11 @@ class Detector:
 
     def feed(self, data: bytes) -> tuple[StreamDecoder, list[Report]] | None:
         """The decoder of the protocol and what it makes of these bytes, once it is known."""
-        found = []
         for decoder in self._decoders:
-            reports = decoder.feed(data)
-            heard, given = decoder.stats.bytes, decoder.stats.reports
-            understood = decoder.size * given / max(1, heard)
-            if heard >= self.LEAST and given >= self.REPORTS and understood >= self.SHARE:
-                found.append((understood, decoder, reports))
-        if found:
-            _, decoder, reports = max(found, key=lambda entry: entry[0])
-            return decoder, reports
+            reports, stats = decoder.feed(data), decoder.stats
+            enough = stats.bytes >= self.LEAST and stats.reports >= self.REPORTS
+            if enough and decoder.size * stats.reports >= self.SHARE * stats.bytes:
+                return decoder, reports
         if self._decoders[0].stats.bytes > self.WINDOW:
             self.restart()
         return None

@@ -560,13 +560,10 @@ class LumioScreen:
         """What to change if there is no position; empty if nothing is known."""
         if self.stream.looks_like:
             return f"the bytes look like {self.stream.looks_like}: set touch.protocol to that"
-        heard = self.stream.heard
-        if not heard:
+        if not self.stream.heard:
             return "nothing heard: put the ball on, check the cable and the port"
-        if self.stream.stats.reports:
-            return ""
-        wanted = "known" if self.config.protocol == "auto" else f"{self.config.protocol} nor other"
-        return f"{heard} bytes heard, of no {wanted} protocol: check the baud rate"
+        unknown = f"{self.stream.heard} bytes heard, of no known protocol: check the baud rate"
+        return "" if self.stream.stats.reports else unknown
 
     def _listen(self) -> None:
         """Read until stopped; a port that has gone is left alone."""
