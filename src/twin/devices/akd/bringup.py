@@ -368,19 +368,16 @@ def master_frames(config: AkdConfig) -> dict[int, str]:
     Args:
         config: Nodes of the drives and of the host.
     """
-    beat = protocol.HEARTBEAT + config.host
     known = {
-        protocol.NMT: "NMT commands (000h)",
-        protocol.SYNC: "SYNC (080h)",
-        beat: f"a heartbeat of node {config.host} ({beat:03X}h), "
-        "so the drives would not notice that this host falls silent",
+        protocol.NMT: "NMT commands",
+        protocol.SYNC: "SYNC",
+        protocol.HEARTBEAT + config.host: f"a heartbeat of node {config.host}, the host's own",
     }
     for axis in config.axes:
+        known[protocol.SDO_REQUEST + axis.node] = f"SDO requests to {axis.where}"
         for number in range(_RPDOS):
             command = protocol.RPDO1 + 0x100 * number + axis.node
-            known[command] = f"RPDO{number + 1} to {axis.where} ({command:03X}h)"
-        request = protocol.SDO_REQUEST + axis.node
-        known[request] = f"SDO requests to {axis.where} ({request:03X}h)"
+            known[command] = f"RPDO{number + 1} to {axis.where}"
     return known
 
 
