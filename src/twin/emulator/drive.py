@@ -359,8 +359,6 @@ class EmulatedDrive:
         """Do nothing more to it, apart from what is in its power stage, motor and objects."""
         self.silent = False
         """Says nothing at all, but keeps running."""
-        self.mute: set[int] = set()
-        """COB-IDs it does not send."""
         self.remote = True
         """False: a tool has taken the drive over; control words and new targets are ignored."""
         self.mode_override: int | None = None
@@ -417,7 +415,7 @@ class EmulatedDrive:
 
     def _sent(self) -> list[Frame]:
         out, self._out = self._out, []
-        return [] if self.silent else [each for each in out if each.cob_id not in self.mute]
+        return [] if self.silent else out
 
     def _command(self, command: int) -> None:
         if command == 1:

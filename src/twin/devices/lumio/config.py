@@ -13,7 +13,6 @@ import os
 import select
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from math import atan2, degrees, hypot, pi
@@ -280,19 +279,9 @@ class Calibration:
         area = a * d - b * c
         return (d * x - b * y) / area, (a * y - c * x) / area
 
-    def save(self, path: Path, provenance: Mapping[str, Any]) -> None:
-        """Write it and how it was made as JSON.
-
-        Args:
-            path: The file.
-            provenance: How it was made.
-        """
-        data = {"provenance": dict(provenance), "matrix_m": self.matrix, "origin_m": self.origin}
-        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
-
 
 def read_calibration(path: Path) -> Calibration:
-    """A calibration that `save` wrote.
+    """The calibration in a file that `CalibrationFit.save` wrote.
 
     Raises:
         CalibrationError: If the file is missing, or is not such a calibration.
@@ -359,8 +348,10 @@ class CalibrationFit:
 
     def save(self, path: Path) -> None:
         """Write the file that a rig file names as ``touch.calibration_file``."""
-        made = {"made": "measured on a rig", "date": time.strftime("%Y-%m-%d")}
-        self.calibration.save(path, made | self.as_dict())
+        made = {"made": "measured on a rig", "date": time.strftime("%Y-%m-%d"), **self.as_dict()}
+        matrix, origin = self.calibration.matrix, self.calibration.origin
+        data = {"provenance": made, "matrix_m": matrix, "origin_m": origin}
+        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
 
 
 def fit(screen: ArrayLike, plate: ArrayLike) -> CalibrationFit:
