@@ -313,11 +313,11 @@ def place(point: Array) -> str:
 
 def _touched(screen: LumioScreen, words: str, patience: float) -> tuple[float, float]:
     """The mean position of a steady touch, screen units."""
-    before = screen.stream.sample
+    before = screen.stream.tracker.sample
     kept: list[Sample] = []
 
     def steady() -> bool:
-        sample, last = screen.stream.sample, kept[-1] if kept else before
+        sample, last = screen.stream.tracker.sample, kept[-1] if kept else before
         if any(fault.condition is TWO_CONTACTS for fault in screen.faults()):
             kept.clear()
         elif sample is not None and (last is None or sample.time > last.time):

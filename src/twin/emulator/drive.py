@@ -357,8 +357,6 @@ class EmulatedDrive:
 
     def _let_alone(self) -> None:
         """Do nothing more to it, apart from what is in its power stage, motor and objects."""
-        self.silent = False
-        """Says nothing at all, but keeps running."""
         self.remote = True
         """False: a tool has taken the drive over; control words and new targets are ignored."""
         self.mode_override: int | None = None
@@ -415,7 +413,7 @@ class EmulatedDrive:
 
     def _sent(self) -> list[Frame]:
         out, self._out = self._out, []
-        return [] if self.silent else out
+        return out
 
     def _command(self, command: int) -> None:
         if command == 1:

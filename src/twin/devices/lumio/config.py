@@ -223,10 +223,7 @@ class HidrawDevice(Transport):
         return handle
 
 
-TRANSPORTS: dict[str, type[Transport]] = {
-    "serial": SerialPort,
-    "hidraw": HidrawDevice,
-}
+TRANSPORTS: dict[str, type[Transport]] = {"serial": SerialPort, "hidraw": HidrawDevice}
 """Every kind of port by the name a rig file gives it."""
 
 

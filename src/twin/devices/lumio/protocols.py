@@ -11,7 +11,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from typing import ClassVar, NamedTuple, Self
 
 from twin.data_file import packaged
@@ -488,15 +487,11 @@ def _name(place: ContactFields, report: int) -> int:
     return place.identifier.value(report) if place.identifier is not None else 1
 
 
-@cache
-def _known_layouts() -> dict[str, TouchLayout]:
-    """Layouts of the products in ``panels.toml``."""
-    known = packaged("twin.devices.lumio", "panels.toml")["descriptors"].items()
-    found = {name: TouchLayout.of(bytes.fromhex(data)) for name, data in known}
-    return {name: layout for name, layout in found.items() if layout is not None}
-
-
 def decoder_of(protocol: str) -> Decoder:
     """A decoder of a protocol, by the name a rig file gives it."""
-    stream = STREAMS.get(protocol)
-    return stream() if stream is not None else HidDecoder(_known_layouts()[protocol])
+    if protocol in STREAMS:
+        return STREAMS[protocol]()
+    known = packaged("twin.devices.lumio", "panels.toml")["descriptors"][protocol]
+    layout = TouchLayout.of(bytes.fromhex(known))
+    assert layout is not None
+    return HidDecoder(layout)

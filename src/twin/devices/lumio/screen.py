@@ -330,11 +330,6 @@ class TouchStream:
         self._times: deque[float] = deque(maxlen=60)
 
     @property
-    def sample(self) -> Sample | None:
-        """The ball's newest position."""
-        return self.tracker.sample
-
-    @property
     def rate(self) -> float:
         """Reports per second over the last ones, pauses without a touch left out."""
         times = list(self._times)
@@ -525,7 +520,7 @@ class LumioScreen:
         The ball counts as touched until its position is older than ``gate.stale``, lift-off or
         not: that bridges brief dropouts.
         """
-        sample, now = self.stream.sample, self._now()
+        sample, now = self.stream.tracker.sample, self._now()
         if sample is None:
             return Touch(np.zeros((1, 2)), np.array([math.inf]), np.array([False]))
         age = max(0.0, now - sample.time)
