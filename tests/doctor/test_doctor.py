@@ -185,9 +185,9 @@ def test_the_cams_of_a_rig_are_measured_to_two_counts_of_its_encoders():
         plant.attach(rig.drives)
         rig.bus.moved = plant.advance
         found = measure_cams(rig.servos, wrong, reach=np.radians(5), lines=5)
-    assert found.before_deg > 0.15
+    assert found.provenance["before_deg"] > 0.15
     plate = np.radians(np.stack(np.meshgrid([-4, 0, 3], [-3, 0, 4]), axis=-1))
-    off = (found.table.motor(plate) - true.motor(plate)) / true.ratio
+    off = (found.motor(plate) - true.motor(plate)) / true.ratio
     assert np.degrees(np.abs(off).max()) < 2 * 360 / 245760
 
 

@@ -234,11 +234,11 @@ def _on_rig(rig: str, path: Path, reach: float, lines: int) -> None:
 
     with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, tell):
         found = measure_cams(servos, CamTable.packaged(), reach=reach, lines=lines, progress=tell)
-    write_whole(path, found.table.save)
-    numbers = {"before_deg": found.before_deg, "rms_deg": found.rms_deg}
-    told = (
-        f"{found.points} points: the table of the model is off by up to {found.before_deg:.3f} "
-        f"deg, the measured one by {found.rms_deg:.3f} deg RMS",
+    write_whole(path, found.save)
+    told = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}
+    words = (
+        f"{told['points']} points: the table of the model is off by up to {told['before_deg']:.3f} "
+        f"deg, the measured one by {told['rms_deg']:.3f} deg RMS",
         f'written to {path}; name it in the rig file: cams = "{path}"',
     )
-    show({"table": str(path), "points": found.points, **numbers}, told)
+    show({"table": str(path), **told}, words)

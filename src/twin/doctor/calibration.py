@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import degrees, radians
 from typing import Any
 
@@ -41,23 +41,6 @@ DEGREE = 3
 """Of the polynomial by which the rig differs from the table it is compared with."""
 
 
-@dataclass(frozen=True)
-class MeasuredCams:
-    """A measured table, and how well it fits the readings.
-
-    Attributes:
-        table: Plate angles to motor angles.
-        before_deg: Largest difference of plate angles to the table known before, deg.
-        rms_deg: Root mean square that the new table leaves, deg.
-        points: Number of points.
-    """
-
-    table: CamTable
-    before_deg: float
-    rms_deg: float
-    points: int
-
-
 def measure_cams(
     servos: AkdServos,
     known: CamTable,
@@ -65,7 +48,7 @@ def measure_cams(
     reach: float,
     lines: int,
     progress: Callable[[float], None] = lambda _: None,
-) -> MeasuredCams:
+) -> CamTable:
     """Measure the cams with the ball off the plate; it stands level at the beginning.
 
     Args:
@@ -74,6 +57,10 @@ def measure_cams(
         reach: Largest plate angle either way, rad.
         lines: Points along each axis.
         progress: Called with the number of points done.
+
+    Returns:
+        The table; its provenance has the number of points, the largest difference of plate angles
+        to the known table and the root mean square that this one leaves, both in deg.
 
     Raises:
         RigError: The drives went off on the way.
@@ -91,20 +78,15 @@ def measure_cams(
     nodes = np.stack(np.meshgrid(known.grid, known.grid, indexing="ij"), axis=-1)
     # beyond what was reached the difference stays what it was at the edge
     angles = known.angles + _powers(np.clip(nodes, -reach, reach)) @ weights
-    rms = round(float(np.degrees(np.sqrt(np.mean(left**2)))), 5)
     provenance: dict[str, Any] = {
         "made": "measured on a rig",
         "date": time.strftime("%Y-%m-%d"),
         "points": len(plate),
         "reach_deg": round(degrees(reach), 3),
-        "rms_deg": rms,
+        "before_deg": round(float(np.degrees(np.abs(off).max() / known.ratio)), 5),
+        "rms_deg": round(float(np.degrees(np.sqrt(np.mean(left**2)))), 5),
     }
-    return MeasuredCams(
-        CamTable(known.grid, angles, provenance),
-        float(np.degrees(np.abs(off).max() / known.ratio)),
-        rms,
-        len(plate),
-    )
+    return CamTable(known.grid, angles, provenance)
 
 
 def _readings(
