@@ -30,10 +30,9 @@ def test_a_person_is_asked_in_words():
 def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(tmp_path, monkeypatch):
     monkeypatch.setattr("twin.doctor.calibration.READINGS", 5)  # of a point, instead of 20
     file = tmp_path / "touch.json"
-    points = [
-        part for at in ("-280,-150", "280,-150", "280,150", "-280,150") for part in ("--at", at)
-    ]
-    arguments = ["--json", "--out", str(file), *points]
+    corners = [(x, y) for x in (-0.28, 0.28) for y in (-0.15, 0.15)]
+    monkeypatch.setattr("twin.doctor.calibration.usual_points", lambda: corners)
+    arguments = ["--json", "--out", str(file)]
     done = CliRunner().invoke(touch, arguments, standalone_mode=False, catch_exceptions=False)
     found = json.loads(done.stdout)
     # the virtual screen is square and centred, of 0.7 by 0.395 m and 4096 counts
@@ -50,8 +49,6 @@ def test_a_cam_table_is_written_where_it_is_asked_for_and_nowhere_else(
 ):
     monkeypatch.setattr(calibration, "sweep_cams", CamTable.packaged)
     monkeypatch.setattr(calibration, "static_error", lambda _: StaticError(0.0, 0.0, 1))
-    ringing = calibration.TapResponse(10.0, 0.01)
-    monkeypatch.setattr(calibration, "tap_test", lambda: (ringing, ringing))
     before = model_path("cams.json").stat()
     code, out, _ = ballplate("calibrate", "cams")
     assert (code, "not written: --out FILE" in out) == (0, True)

@@ -52,15 +52,6 @@ CHANGES = {
     "plant.friction.rolling_mm=-1": "must be greater than or equal",
 }
 """The same of a run that goes on from a moment."""
-POINTS = {
-    "--at 1,2 --at 30,40": "2 points; 4 or more are needed",
-    "--at 0,0 --at 10,10 --at 20,20 --at 90,90": "not lie on one line",
-    "--at middle": "--at middle: must be X,Y in mm",
-    "--at 1,2,3": "must be X,Y in mm",
-    "--at 1000,0": "from the plate's middle",
-    "--at nan,0": "must be X,Y in mm",
-    "": "/dev/null: not a serial port",
-}
 ADDRESSES = ("viewer", "host:", ":9876", "host:99999", "http://a:1/b")
 VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=[]", "a=1:2:3:4")
 NAMES = ("My-Law", "lambda", "../x")
@@ -106,7 +97,7 @@ LINES = {
     "whatif log.csv --at 0.1": "give --scenario NAME",
     **{f"run circle --set {change}": words for change, words in CIRCLE.items()},
     **{f"whatif made --at 0.05 --set {change}": words for change, words in CHANGES.items()},
-    **{f"calibrate touch --rig rig.toml {at}": words for at, words in POINTS.items()},
+    "calibrate touch --rig rig.toml": "/dev/null: not a serial port",
     **{f"view made --connect {each}": "write HOST:PORT" for each in ADDRESSES},
     **{f"sweep circle {each}": "FIRST:LAST:NUMBER" for each in VALUES},
     **{f"new law {name}": "must be small letters, digits and _" for name in NAMES},

@@ -154,15 +154,19 @@ def test_a_law_brings_the_ball_of_another_rig_to_its_set_point(scenario):
 
 
 HEAD = "from ballplate.hardware import Hardware, Reading\n"
+WHOLE = "  start = measure = command = stop = lambda *_: None\n"
 WRONG = {
     "nothing.py:A": (None, "no file"),
     "mine.py": (HEAD, "must be FILE.py:CLASS"),
     "mine.py:A": (HEAD + "class B(Hardware): pass\n", "no class 'A' derived from"),
-    "mine.py:B": (HEAD + "class B(Hardware): pass\n", "no method start and no measure and no"),
+    "mine.py:B": (
+        HEAD + "class B(Hardware): pass\n",
+        "instantiate abstract class B with",
+    ),
     "mine.py:C": (HEAD + "class C(Hardware:\n", "line 2: SyntaxError"),
     "mine.py:D": (HEAD + "\nraise KeyError('x')\n", "line 3: KeyError: 'x'"),
     "mine.py:E": (HEAD + "import sys\nsys.exit(3)\n", "line 3: SystemExit: 3"),
-    "mine.py:F": (HEAD + "class F(Hardware):\n  def __init__(self, a): pass\n", "'a'"),
+    "mine.py:F": (HEAD + "class F(Hardware):\n  def __init__(self, a): pass\n" + WHOLE, "'a'"),
 }
 
 

@@ -18,7 +18,7 @@ from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.doctor import computer as computer_checks
 from twin.doctor import drives
 from twin.doctor.calibration import measure_cams
-from twin.doctor.check import CheckStatus, failed, next_step, passed, warned
+from twin.doctor.check import CheckStatus, failed, next_step, passed, reported, warned
 from twin.doctor.computer import computer
 from twin.doctor.drives import limits, swapped
 from twin.doctor.examine import _drives
@@ -152,10 +152,10 @@ def test_what_can_be_said_of_the_computer_and_the_rig_file_is_said(scenario, tmp
     [
         ({}, "touch is missing"),
         ({"touch": {"port": "x", "protocl": "elo"}}, "did you mean 'protocol'"),
-        ({"touch": {"port": "x"}, "phi": {"node": 0}}, "node 0 must be 1 to 126"),
+        ({"touch": {"port": "x"}, "phi": {"node": 0}}, "phi.node = 0: must be 1 to 126"),
         ({"touch": {"port": "x"}, "phi": {"node": 2}}, "must differ"),
         ({"touch": {"port": "x"}, "drives": {"watch": {"stale": "soon"}}}, "drives.watch.stale"),
-        ({"touch": {"port": "x", "transport": "usb"}}, "touch.transport: must be one of"),
+        ({"touch": {"port": "x", "transport": "usb"}}, "touch.transport: .*serial.*hidraw"),
         ({"touch": {"port": "x"}, "bus": {"bitrate": "fast"}}, "bus.bitrate"),
     ],
 )
@@ -185,9 +185,9 @@ def test_the_cams_of_a_rig_are_measured_to_two_counts_of_its_encoders():
         plant.attach(rig.drives)
         rig.bus.moved = plant.advance
         found = measure_cams(rig.servos, wrong, reach=np.radians(5), lines=5)
-    assert found.before_deg > 0.15
+    assert found.provenance["before_deg"] > 0.15
     plate = np.radians(np.stack(np.meshgrid([-4, 0, 3], [-3, 0, 4]), axis=-1))
-    off = (found.table.motor(plate) - true.motor(plate)) / true.ratio
+    off = (found.motor(plate) - true.motor(plate)) / true.ratio
     assert np.degrees(np.abs(off).max()) < 2 * 360 / 245760
 
 
@@ -304,7 +304,7 @@ def test_a_refusal_after_the_limits_were_tried_is_a_line(monkeypatch):
             raise DriveError(WRONG_SETTING, "drive phi", "keeps something else")
 
         monkeypatch.setattr(rig.servos, "start", once)
-        last = list(limits(rig.servos))[-1]
+        last = list(reported(limits(rig.servos), "limits"))[-1]
     assert last.status is CheckStatus.FAIL
     assert "keeps something else" in last.seen
 

@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.rig import doctor
+from twin.data_file import packaged
 from twin.devices import realtime
 from twin.doctor import computer
 from twin.errors import TwinError
@@ -29,7 +30,7 @@ def found(monkeypatch):
 
 def test_every_extra_of_the_project_is_looked_at_and_is_here(found):
     extras = PROJECT["project"]["optional-dependencies"]
-    assert computer.EXTRAS.keys() == extras.keys()
+    assert packaged("twin.doctor", "extras.toml").keys() == extras.keys()
     seen = [each for what, each in found().items() if what.startswith("extra ")]
     assert [each["verdict"] for each in seen] == ["pass"] * len(extras)
 

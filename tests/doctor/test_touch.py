@@ -1,14 +1,12 @@
 """The doctor on the touch screen: port, panels, protocol, calibration."""
 
-import time
-
 import numpy as np
 import pytest
 from served_screen import EmulatedScreen
 
 from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig, Mounting
 from twin.devices.lumio.screen import LumioScreen
-from twin.doctor.calibration import LEAST, MeasuredTouch, judged, measure_touch, usual_points
+from twin.doctor.calibration import judged, measure_touch, usual_points
 from twin.doctor.check import CheckStatus
 from twin.doctor.examine import calibrated, plugged_in, touch
 from twin.emulator.lockstep import LockstepRig
@@ -78,7 +76,7 @@ def root(tmp_path, descriptors):
     [
         ("/dev/hidraw1", "auto", "pass", "this one is read, by its own descriptor"),
         ("/dev/hidraw1", "hid-0006", "pass", "this one is read"),
-        ("/dev/hidraw1", "hid-0007", "warn", "4 contacts per report"),
+        ("/dev/hidraw1", "hid-0007", "pass", "this one is read"),
         ("/dev/ttyUSB0", "auto", "pass", "37.6 x 30.1 cm"),
     ],
 )
@@ -86,7 +84,10 @@ def test_panels_are_listed_with_which_node_is_the_touch_screen(root, port, proto
     transport = "hidraw" if "hidraw" in port else "serial"
     chosen = LumioConfig(port=port, transport=transport, protocol=protocol)
     mouse, screen = plugged_in(chosen, root)
-    assert (mouse.what, mouse.seen) == ("touch panel /dev/hidraw0", "202e:0006 LUMIO: mouse")
+    assert (mouse.what, mouse.seen) == (
+        "touch panel /dev/hidraw0",
+        "202e:0006 LUMIO: no touch screen",
+    )
     assert (screen.what, screen.status) == ("touch panel /dev/hidraw1", status)
     assert screen.seen.startswith("202e:0006 LUMIO: touch screen, 37.6 x 30.1 cm, 4 contacts")
     assert words in screen.seen
@@ -175,9 +176,9 @@ def test_a_screen_mounted_in_any_way_is_found_again_within_the_noise(true, proto
     spread = np.linalg.inv(system.T @ system)
     for share in ((0, 0), (0, 1), (1, 0), (1, 1), (0.5, 0.5)):
         place = np.array([*true.plate(*share), 1.0])
-        off = np.subtract(found.fit.calibration.plate(*share), place[:2])
+        off = np.subtract(found.calibration.plate(*share), place[:2])
         assert np.abs(off).max() < 5 * error * np.sqrt(place @ spread @ place)
-    assert found.fit.rms < 3 * error
+    assert found.rms < 3 * error
     mounting, meant = found.mounting, Mounting.of(true)
     assert (mounting.swapped, mounting.mirrored_x, mounting.mirrored_y) == (
         meant.swapped, meant.mirrored_x, meant.mirrored_y,
@@ -194,24 +195,6 @@ def test_a_point_that_is_not_touched_is_named_in_one_line_and_so_is_a_wrong_prot
         wrong = config(emulated, protocol="elo")
         with pytest.raises(RigError, match=r"not touched within 2 s; the bytes look like micro"):
             measure_touch(wrong, usual_points(), hand.ask, 2.0)
-
-
-@pytest.mark.parametrize(
-    ("points", "words"),
-    [
-        ([], "0 points; 4 or more"),
-        (usual_points()[:3], "3 points; 4 or more"),
-        ([(x, 0.1) for x in (-0.2, -0.1, 0.1, 0.2)], "must not lie on one line"),
-        ([(0.1, 0.1)] * 5, "must not lie on one line"),
-    ],
-)
-def test_points_that_cannot_give_a_calibration_are_refused_before_anything_is_touched(
-    points, words
-):
-    begin = time.monotonic()
-    with pytest.raises(CalibrationError, match=words):
-        measure_touch(LumioConfig(port="/dev/null"), points, lambda _: None, 30.0)
-    assert time.monotonic() - begin < 5
 
 
 def seen(points, noise=5e-4):
@@ -236,7 +219,6 @@ def test_points_touched_in_another_order_do_not_fit_together():
 
 def test_the_fewest_points_that_are_taken_leave_something_to_judge_by():
     points = np.array(usual_points())[[0, 2, 6, 8]]
-    assert len(points) == LEAST
     said = seen(points)
     assert judged(said, points).rms < 1e-3
     said[0] += 0.05
@@ -246,10 +228,10 @@ def test_the_fewest_points_that_are_taken_leave_something_to_judge_by():
 
 def test_a_measured_calibration_is_what_a_rig_file_that_names_it_has(tmp_path):
     points = np.array(usual_points())
-    found = MeasuredTouch(judged(seen(points), points), points)
+    found = judged(seen(points), points)
     file = tmp_path / "touch.json"
     found.save(file)
     rig = rig_with(calibration_file=str(file))
-    assert rig.screen().calibration == found.fit.calibration
+    assert rig.screen().calibration == found.calibration
     check = calibrated(rig, None)
-    assert (check.status, "9 points" in check.seen) == ("pass", True)
+    assert (check.status, "touch.json" in check.seen) == ("pass", True)

@@ -267,7 +267,6 @@ def row(**more):
         "torque": False,
         "held": True,
         "says": True,
-        "why": {},
     }
     return FaultRow(**{**fields, **more})
 

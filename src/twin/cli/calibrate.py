@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,6 @@ from ballplate.running import EMULATED
 from twin.cli import options
 from twin.cli.output import Shown, progress, show
 from twin.cli.rig import rig_file
-from twin.errors import ScenarioError
 from twin.page import Table
 from twin.paths import model_path
 from twin.run.files import log_file
@@ -24,7 +22,7 @@ from twin.writing import check_writable, write_whole
 if TYPE_CHECKING:
     from ballplate.reporter import Advance
     from twin.devices.akd.servos import AkdServos
-    from twin.doctor.calibration import MeasuredTouch
+    from twin.devices.lumio.config import CalibrationFit
     from twin.identify.judged import ParameterVerdict
     from twin.scenario import Scenario
     from twin.scenario.rig import RigFile
@@ -55,17 +53,9 @@ def _turned(
     callback=_radians,
     help="Of the triangle, deg of the plate [1].",
 )
-@click.option(
-    "--rate",
-    type=click.FloatRange(0.1, 5),
-    default=1.0,
-    callback=_radians,
-    help="Of the plate, deg/s [1].",
-)
-@click.option("--cycles", type=click.IntRange(2, 20), default=3, help="Of each axis [3].")
 @options.SETTING
 @options.JSON
-def lost_motion(rig: str, overrides: tuple[str, ...], **triangle: Any) -> None:
+def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
     """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
 
     Settings are those of the virtual rig.
@@ -76,7 +66,7 @@ def lost_motion(rig: str, overrides: tuple[str, ...], **triangle: Any) -> None:
     from twin.scenario import load
 
     with _turned(rig, load("circle", overrides), "turning the plate", 1.0) as (file, servos, tell):
-        found = measure_lost_motion(servos, cams_of(file), progress=tell, **triangle)
+        found = measure_lost_motion(servos, cams_of(file), amplitude=amplitude, progress=tell)
         tell(1.0)
     told = []
     for each in found:
@@ -89,20 +79,13 @@ def lost_motion(rig: str, overrides: tuple[str, ...], **triangle: Any) -> None:
 @options.command(example="calibrate touch --out touch-of-rig.json")
 @options.EMPTY_RIG
 @click.option(
-    "--at",
-    "places",
-    multiple=True,
-    metavar="X,Y",
-    help="A point to touch, mm in plate axes; again for each [nine over the screen].",
-)
-@click.option(
     "--out",
     type=options.PATH,
     default=Path("touch-of-rig.json"),
     help="Calibration file [touch-of-rig.json].",
 )
 @options.JSON
-def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
+def touch(rig: str, out: Path) -> None:
     """Find scale, turn, mirror and offset of the touch screen from points touched in turn.
 
     Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
@@ -110,7 +93,7 @@ def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
     from twin.doctor.calibration import measure_touch, usual_points
     from twin.scenario import load
 
-    points = [_point(text) for text in places] or usual_points()
+    points = usual_points()
     with rig_file(rig, load("circle")) as (file, ask):
         shown = progress("calibrating the touch screen", len(points)) if rig == EMULATED else None
         with shown or nullcontext(lambda _: None) as advance:
@@ -120,38 +103,16 @@ def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
     show({"file": str(out), **found.as_dict()}, (*_residuals(found), then))
 
 
-def _point(text: str) -> tuple[float, float]:
-    """A point in m of one in mm as it is typed.
-
-    Raises:
-        ScenarioError: It is none, or is not on the plate.
-    """
-    try:
-        x, y = (float(part) / 1e3 for part in text.split(","))
-        near = max(abs(x), abs(y)) < 1
-    except ValueError:
-        near = False
-    if not near:
-        raise ScenarioError(
-            f"--at {text}: must be X,Y in mm from the plate's middle, as in --at 280,-158"
-        )
-    return x, y
-
-
-def _residuals(found: MeasuredTouch) -> tuple[Shown, ...]:
-    import numpy as np
-
+def _residuals(found: CalibrationFit) -> tuple[Shown, ...]:
     from twin.doctor.calibration import place
 
     rows = [
         (place(point), *(f"{1e3 * each:+.2f}" for each in off))
-        for point, off in zip(found.points, found.fit.left, strict=True)
+        for point, off in zip(found.points, found.left, strict=True)
     ]
-    worst = int(np.argmax(found.fit.distances))
     return (
         Table("", ("point", "off x / mm", "off y / mm"), rows),
-        f"residuals: {1e3 * found.fit.rms:.2f} mm RMS, largest "
-        f"{1e3 * found.fit.distances[worst]:.2f} mm at {place(found.points[worst])}",
+        f"residuals: {1e3 * found.rms:.2f} mm RMS, largest {1e3 * found.distances.max():.2f} mm",
         *found.mounting.lines,
     )
 
@@ -191,7 +152,7 @@ calibrate.add_command(lost_motion)
 def cams(out: Path | None, rig: str | None, *, check: bool, **grid: Any) -> None:
     """Measure the cam table by a sweep of the mechanism, and print the error that remains."""
     from twin.hal.cams import CamTable
-    from twin.sim.calibration import static_error, sweep_cams, tap_test
+    from twin.sim.calibration import static_error, sweep_cams
 
     if rig is not None:
         _on_rig(rig, out or Path("cams-of-rig.json"), **grid)
@@ -199,7 +160,7 @@ def cams(out: Path | None, rig: str | None, *, check: bool, **grid: Any) -> None
     path = out or model_path("cams.json")
     if out is not None and not check:
         check_writable(out.parent, "--out")
-    with progress("measuring the cams", 3) as advance:
+    with progress("measuring the cams", 2) as advance:
         if check:
             table = CamTable.from_file(path)
             table.check(model_path())
@@ -208,32 +169,18 @@ def cams(out: Path | None, rig: str | None, *, check: bool, **grid: Any) -> None
             if out is not None:
                 write_whole(out, table.save)
         advance(1)
-        found = {
-            "two-dimensional table": static_error(table),
-            "one table per axis": static_error(table.per_axis()),
-        }
+        left = static_error(table)
         advance(2)
-        resonances = dict(zip(("phi", "theta"), tap_test(), strict=True))
-        advance(3)
-    left = {name: {"max_deg": r.max_deg, "rms_deg": r.rms_deg} for name, r in found.items()}
-    ringing = {axis: asdict(each) for axis, each in resonances.items()}
     named = str(path) if check or out is not None else None
-    rows = [
-        (name, f"{each.max_deg:.4f}", f"{each.rms_deg:.4f}", str(each.poses))
-        for name, each in found.items()
-    ]
     shown = (
-        Table("", ("static plate-angle error", "max [deg]", "RMS [deg]", "poses"), rows),
-        *(
-            f"plate resonance in {axis}: {each.frequency_hz:.2f} Hz, "
-            f"damping {100 * each.damping:.1f} %"
-            for axis, each in resonances.items()
-        ),
+        f"static plate-angle error over {left.poses} poses: at most {left.max_deg:.4f} deg, "
+        f"{left.rms_deg:.4f} deg RMS",
         "not written: --out FILE"
         if named is None
         else f"{'checked' if check else 'written to'} {path}",
     )
-    show({"table": named, "residual": left, "resonance": ringing}, shown)
+    residual = {"max_deg": left.max_deg, "rms_deg": left.rms_deg}
+    show({"table": named, "residual": {"two-dimensional table": residual}}, shown)
 
 
 @calibrate.command(cls=options.Command, example="calibrate level runs/excite")
@@ -287,11 +234,11 @@ def _on_rig(rig: str, path: Path, reach: float, lines: int) -> None:
 
     with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, tell):
         found = measure_cams(servos, CamTable.packaged(), reach=reach, lines=lines, progress=tell)
-    write_whole(path, found.table.save)
-    numbers = {"before_deg": found.before_deg, "rms_deg": found.rms_deg}
-    told = (
-        f"{found.points} points: the table of the model is off by up to {found.before_deg:.3f} "
-        f"deg, the measured one by {found.rms_deg:.3f} deg RMS",
+    write_whole(path, found.save)
+    told = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}
+    words = (
+        f"{told['points']} points: the table of the model is off by up to {told['before_deg']:.3f} "
+        f"deg, the measured one by {told['rms_deg']:.3f} deg RMS",
         f'written to {path}; name it in the rig file: cams = "{path}"',
     )
-    show({"table": str(path), "points": found.points, **numbers}, told)
+    show({"table": str(path), **told}, words)

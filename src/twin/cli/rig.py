@@ -267,7 +267,7 @@ def trace(
 
 
 def _nodes(found: dict[str, Any]) -> list[Table]:
-    """What each node did, what it carried, and what came regularly, as tables."""
+    """What each node did, and what it carried, as tables."""
     nodes = found["nodes"].values()
     heads = ("", "sent", "network", "drive", "SDO", "faults")
     did = [
@@ -286,16 +286,9 @@ def _nodes(found: dict[str, Any]) -> list[Table]:
         for node in nodes
         for name, its in node["signals"].items()
     ]
-    rhythms = [
-        (name, f"{1e3 * its['usual']:.3f}", f"{its['gaps']}", f"{1e3 * its['longest']:.1f}")
-        for name, its in found["regular"].items()
-    ]
-    strangers = [(name, f"{count}") for name, count in found["strangers"].items()]
     tables = (
         Table("", heads, did, words=range(len(heads))),
         Table("", ("", "in PDOs", "from", "to", "unit"), signals, words=(0, 1, 4)),
-        Table("", ("", "every [ms]", "gaps", "longest [ms]"), rhythms),
-        Table("", ("no service of CANopen", "frames"), strangers),
     )
     return [each for each in tables if each.rows]
 

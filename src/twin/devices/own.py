@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import runpy
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,7 +45,7 @@ class Reading(NamedTuple):
     theta: float | None = None
 
 
-class Hardware:
+class Hardware(ABC):
     """A rig of one's own: derive from it, and write ``start``, ``measure``, ``command``, ``stop``.
 
     The loop calls ``measure`` and ``command`` once per control period from one thread; neither may
@@ -54,14 +55,15 @@ class Hardware:
     watchdog = False
     """Whether the board itself holds the plate still when it hears nothing for a while."""
 
+    @abstractmethod
     def start(self) -> None:
         """Connect and bring the plate level, with torque; may wait."""
-        raise NotImplementedError
 
+    @abstractmethod
     def measure(self) -> Reading:
         """The newest measurement, the one before again if there is none."""
-        raise NotImplementedError
 
+    @abstractmethod
     def command(self, rates: tuple[float, float], angles: tuple[float, float]) -> None:
         """Move the plate until the next command.
 
@@ -70,11 +72,10 @@ class Hardware:
             angles: Plate angles (phi, theta) in rad at the end of the period, for servos that go to
                 a position. The rates add up to them.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def stop(self) -> None:
         """Hold still, take the torque away, disconnect; also called after any error."""
-        raise NotImplementedError
 
     def time(self) -> float:
         """Monotonic time in s."""
@@ -141,13 +142,6 @@ def load_backend(named: str, config: OwnConfig) -> Hardware:
         raise
     except (Exception, SystemExit) as error:
         raise ScenarioError(f"backend: {_told(error, file)}") from error
-    lacking = [
-        each
-        for each in ("start", "measure", "command", "stop")
-        if getattr(kind, each) is getattr(Hardware, each)
-    ]
-    if lacking:
-        raise ScenarioError(f"backend: {name} in {file} has no method {' and no '.join(lacking)}")
     return found
 
 
@@ -161,7 +155,7 @@ def _pair(values: Array) -> tuple[float, float]:
 
 
 class OwnServos:
-    """Own hardware as two servo axes; a `PoweredServos`.
+    """Own hardware as two servo axes; the methods are those of `AkdServos`.
 
     Args:
         hardware: The hardware.
@@ -321,7 +315,7 @@ class OwnServos:
 
 
 class OwnScreen:
-    """The ball as own hardware sees it; a `ListeningScreen`.
+    """The ball as own hardware sees it; the methods are those of `LumioScreen`.
 
     Args:
         servos: Who reads it.

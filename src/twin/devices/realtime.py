@@ -15,7 +15,7 @@ import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 from twin.hal.interface import Condition, Fault, Severity
@@ -60,15 +60,6 @@ class LatencyHistogram:
         index = bisect_left(list(accumulate(self._bins)), max(1, share * self.number))
         return 1e-6 * index if index < self._top else self.longest
 
-    def counts(self, edges: tuple[float, ...]) -> list[int]:
-        """Numbers of durations below the first edge, between edges, and from the last one up.
-
-        Args:
-            edges: Ascending, in s, whole microseconds below the limit.
-        """
-        cuts = [0, *(round(1e6 * edge) for edge in edges), len(self._bins)]
-        return [sum(self._bins[a:b]) for a, b in pairwise(cuts)]
-
     def as_dict(self) -> dict[str, Any]:
         """Number, p50, p99 and max, in microseconds."""
         return {
@@ -86,9 +77,6 @@ class TimingLog:
         period: Control period in s.
         now: Clock in s.
     """
-
-    EDGES = (1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
-    """Edges of the lateness histogram, s."""
 
     def __init__(self, period: float, now: Callable[[], float] = time.perf_counter) -> None:
         self.period = period
@@ -134,8 +122,6 @@ class TimingLog:
             "missed": self.missed,
             "late": self.late,
             "lateness": self.lateness.as_dict(),
-            "lateness_edges_us": [round(1e6 * edge) for edge in self.EDGES],
-            "lateness_histogram": self.lateness.counts(self.EDGES),
             "stages": {name: stage.as_dict() for name, stage in self.stages.items()},
             "round_trip": self.trips.as_dict(),
             "pauses_us": [round(1e6 * pause) for pause in self.pauses],

@@ -1,10 +1,8 @@
 """A rig of real devices: powered servos on a bus, a touch screen on a port, a real-time clock.
 
-A backend for analogue drives (+-10 V velocity commands, plate encoders on a counter card) is one
-file with one class that follows `PoweredServos`: `start` opens the card, `enable` closes the
-drives' enable contact, `send` writes the voltages, `receive` reads the counters, `settle` does
-nothing, `quick_stop` writes zero and opens the contact, and `faults` reports what the card can see.
-Nothing else in the twin knows how the servos are reached.
+The servos are AKD drives or hardware of one's own (`devices/own.py`), and have the same methods.
+Within a period: ``receive``, then ``plate`` and ``motor``, then ``command``, ``send`` and, in the
+idle time that is left, ``settle``.
 """
 
 from __future__ import annotations
@@ -12,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,76 +19,14 @@ from controllers.interfaces import Measurement
 from twin.devices.akd.conditions import RELAXED
 from twin.devices.realtime import RealTimeClock, Scheduling, TimingLog, real_time
 from twin.errors import RigError
-from twin.hal.interface import (
-    Fault,
-    FaultSource,
-    Limits,
-    Servos,
-    Severity,
-    TouchScreen,
-    Transmission,
-)
+from twin.hal.interface import Fault, Limits, Severity, Transmission
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import BALL_LOST, State, Supervisor
 
-
-class PoweredServos(Servos, FaultSource, Protocol):
-    """Two servo axes with power, commanded once per period.
-
-    Within a period: ``receive``, then ``plate`` and ``motor``, then ``command``, ``send`` and, in
-    the idle time that is left, ``settle``.
-    """
-
-    def start(self, *, reset: bool = False) -> None:
-        """Connect, check and configure, on request also reset faults; no torque yet; may block."""
-
-    def stop(self) -> None:
-        """Zero, stop, disable, disconnect; may block; idempotent, never raises."""
-
-    def enable(self) -> None:
-        """Request torque at zero rate; ``enabled`` tells when it is there."""
-
-    def quick_stop(self) -> None:
-        """Request the fastest stop, then no torque."""
-
-    def warnings(self) -> tuple[Fault, ...]:
-        """What every run is to be warned of, from its start."""
-        return ()
-
-    def receive(self) -> None:
-        """Take in what has arrived; never waits."""
-
-    def send(self) -> None:
-        """Send the commands; never waits."""
-
-    def settle(self, limit: float) -> None:
-        """Wait for the answers to what was sent last, at most for a time in s."""
-
-    def age(self) -> Array:
-        """Seconds since ``plate`` and ``motor`` were sampled, shape (1, 2)."""
-
-    def home(self, plate: Array, motor: Array) -> None:
-        """Declare the present angles in rad, shape (1, 2) each."""
-
-    @property
-    def enabled(self) -> bool:
-        """Whether both axes follow their commands."""
-
-    round_trip: float | None = None
-    """Seconds from the last command to the last answer; None while one is missing."""
-
-
-class ListeningScreen(TouchScreen, FaultSource, Protocol):
-    """A touch screen that is read in a thread of its own."""
-
-    def start(self) -> None:
-        """Open the port and begin to read it."""
-
-    def stop(self) -> None:
-        """Close it; harmless if closed already."""
-
-    def note_plate(self, plate: Array) -> None:
-        """Take in the measured plate angles (phi, theta), rad, shape (1, 2)."""
+if TYPE_CHECKING:
+    from twin.devices.akd.servos import AkdServos
+    from twin.devices.lumio.screen import LumioScreen
+    from twin.devices.own import OwnScreen, OwnServos
 
 
 class StartRefusedError(RigError):
@@ -135,8 +71,8 @@ class HardwareRig(Rig):
     def __init__(
         self,
         *,
-        servos: PoweredServos,
-        screen: ListeningScreen,
+        servos: AkdServos | OwnServos,
+        screen: LumioScreen | OwnScreen,
         clock: RealTimeClock,
         transmission: Transmission,
         limits: Limits,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from math import degrees
-from pathlib import Path
+from dataclasses import replace
+from math import degrees, radians
 from typing import Any
 
 import numpy as np
@@ -19,9 +18,7 @@ from twin.devices.lumio.config import (
     CalibrationError,
     CalibrationFit,
     LumioConfig,
-    Mounting,
     PlausibilityLimits,
-    check_spread,
     fit,
     outlier,
 )
@@ -44,23 +41,6 @@ DEGREE = 3
 """Of the polynomial by which the rig differs from the table it is compared with."""
 
 
-@dataclass(frozen=True)
-class MeasuredCams:
-    """A measured table, and how well it fits the readings.
-
-    Attributes:
-        table: Plate angles to motor angles.
-        before_deg: Largest difference of plate angles to the table known before, deg.
-        rms_deg: Root mean square that the new table leaves, deg.
-        points: Number of points.
-    """
-
-    table: CamTable
-    before_deg: float
-    rms_deg: float
-    points: int
-
-
 def measure_cams(
     servos: AkdServos,
     known: CamTable,
@@ -68,7 +48,7 @@ def measure_cams(
     reach: float,
     lines: int,
     progress: Callable[[float], None] = lambda _: None,
-) -> MeasuredCams:
+) -> CamTable:
     """Measure the cams with the ball off the plate; it stands level at the beginning.
 
     Args:
@@ -77,6 +57,10 @@ def measure_cams(
         reach: Largest plate angle either way, rad.
         lines: Points along each axis.
         progress: Called with the number of points done.
+
+    Returns:
+        The table; its provenance has the number of points, the largest difference of plate angles
+        to the known table and the root mean square that this one leaves, both in deg.
 
     Raises:
         RigError: The drives went off on the way.
@@ -94,20 +78,15 @@ def measure_cams(
     nodes = np.stack(np.meshgrid(known.grid, known.grid, indexing="ij"), axis=-1)
     # beyond what was reached the difference stays what it was at the edge
     angles = known.angles + _powers(np.clip(nodes, -reach, reach)) @ weights
-    rms = round(float(np.degrees(np.sqrt(np.mean(left**2)))), 5)
     provenance: dict[str, Any] = {
         "made": "measured on a rig",
         "date": time.strftime("%Y-%m-%d"),
         "points": len(plate),
         "reach_deg": round(degrees(reach), 3),
-        "rms_deg": rms,
+        "before_deg": round(float(np.degrees(np.abs(off).max() / known.ratio)), 5),
+        "rms_deg": round(float(np.degrees(np.sqrt(np.mean(left**2)))), 5),
     }
-    return MeasuredCams(
-        CamTable(known.grid, angles, provenance),
-        float(np.degrees(np.abs(off).max() / known.ratio)),
-        rms,
-        len(plate),
-    )
+    return CamTable(known.grid, angles, provenance)
 
 
 def _readings(
@@ -165,8 +144,8 @@ def measure_lost_motion(
     known: CamTable,
     *,
     amplitude: float,
-    rate: float,
-    cycles: int,
+    rate: float = radians(1.0),
+    cycles: int = 3,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[LostMotion]:
     """Lost motion of both axes with the ball off the plate; it stands level at the beginning.
@@ -228,8 +207,6 @@ def _stopped(servos: AkdServos) -> RigError:
     return RigError(f"the triangle was stopped: {stopped_by(servos) or 'drives off'}")
 
 
-LEAST = 4
-"""Points: three would fit whatever was touched."""
 SHARE = 0.8
 """Of the screen's sides that the usual points span."""
 READINGS = 20
@@ -249,53 +226,13 @@ def usual_points() -> list[tuple[float, float]]:
     return [(i * x, j * y) for j in (-1, 0, 1) for i in (-1, 0, 1)]
 
 
-@dataclass(frozen=True)
-class MeasuredTouch:
-    """A measured calibration.
-
-    Attributes:
-        fit: The calibration and what it leaves.
-        points: The points touched, m in plate axes, shape (K, 2).
-    """
-
-    fit: CalibrationFit
-    points: Array
-
-    @property
-    def mounting(self) -> Mounting:
-        """What it says of the screen."""
-        return Mounting.of(self.fit.calibration)
-
-    def as_dict(self) -> dict[str, Any]:
-        """What it says and leaves, for ``--json``."""
-        return {
-            **self.mounting.as_dict(),
-            "points": len(self.points),
-            "rms_mm": round(1e3 * self.fit.rms, 4),
-            "residuals": [
-                {"point_mm": point, "off_mm": off}
-                for point, off in zip(
-                    np.round(1e3 * self.points, 3).tolist(),
-                    np.round(1e3 * self.fit.left, 4).tolist(),
-                    strict=True,
-                )
-            ],
-        }
-
-    def save(self, path: Path) -> None:
-        """Write the file that a rig file names as ``touch.calibration_file``."""
-        date = time.strftime("%Y-%m-%d")
-        made = {"made": "measured on a rig", "date": date, **self.as_dict()}
-        self.fit.calibration.save(path, made)
-
-
 def measure_touch(
     config: LumioConfig,
     points: Sequence[tuple[float, float]],
     ask: Ask,
     patience: float,
     progress: Callable[[float], None] = lambda _: None,
-) -> MeasuredTouch:
+) -> CalibrationFit:
     """Have points touched in turn and fit the calibration to what the screen says.
 
     Args:
@@ -306,15 +243,10 @@ def measure_touch(
         progress: Called with the number of points done.
 
     Raises:
-        CalibrationError: Too few points, all on one line, or touched wrongly.
+        CalibrationError: Points were touched wrongly.
         RigError: The screen cannot be opened, or a point was not touched.
     """
     goals = np.array(points, float).reshape(-1, 2)
-    if len(goals) < LEAST:
-        raise CalibrationError(
-            f"calibration: {len(goals)} points; {LEAST} or more are needed to see a wrong one"
-        )
-    check_spread(goals)
     gate = PlausibilityLimits()
     screen = LumioScreen(replace(config, calibration=SCREEN_UNITS, gate=gate))
     seen = []
@@ -327,7 +259,7 @@ def measure_touch(
             if not wait_until(lambda: screen.state is TouchState.LOST, patience):
                 raise RigError(f"calibration: {words} was not let go within {patience:g} s")
             progress(index + 1)
-    return MeasuredTouch(judged(np.array(seen), goals), goals)
+    return judged(np.array(seen), goals)
 
 
 def judged(seen: Array, points: Array) -> CalibrationFit:
@@ -363,11 +295,11 @@ def place(point: Array) -> str:
 
 def _touched(screen: LumioScreen, words: str, patience: float) -> tuple[float, float]:
     """The mean position of a steady touch, screen units."""
-    before = screen.stream.sample
+    before = screen.stream.tracker.sample
     kept: list[Sample] = []
 
     def steady() -> bool:
-        sample, last = screen.stream.sample, kept[-1] if kept else before
+        sample, last = screen.stream.tracker.sample, kept[-1] if kept else before
         if any(fault.condition is TWO_CONTACTS for fault in screen.faults()):
             kept.clear()
         elif sample is not None and (last is None or sample.time > last.time):

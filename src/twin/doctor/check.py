@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from enum import StrEnum
-from functools import wraps
-from typing import TYPE_CHECKING, NamedTuple, ParamSpec
+from typing import TYPE_CHECKING, NamedTuple
 
 from twin.errors import TwinError
 
@@ -97,21 +96,24 @@ def scheduled(obtained: Scheduling) -> Iterator[CheckResult]:
         yield noted("real-time priority" if "priority" in seen else "memory", seen, advice)
 
 
-Given = ParamSpec("Given")
-Check = Callable[Given, Iterator[CheckResult]]
+def reported(
+    check: Iterator[CheckResult],
+    what: str,
+    advice: str = "see the fault; close STO, reset the faults (--reset)",
+) -> Generator[CheckResult, None, bool]:
+    """The results of a check, its error as the last of them; whether none is a failure.
 
-
-def reported(what: str, advice: str) -> Callable[[Check[Given]], Check[Given]]:
-    """Give a check's error as its last result: what failed, and what to do."""
-
-    def decorated(check: Check[Given]) -> Check[Given]:
-        @wraps(check)
-        def checked(*args: Given.args, **more: Given.kwargs) -> Iterator[CheckResult]:
-            try:
-                yield from check(*args, **more)
-            except TwinError as error:
-                yield failed(what, str(error), advice)
-
-        return checked
-
-    return decorated
+    Args:
+        check: The check.
+        what: What fails with an error.
+        advice: What to do then.
+    """
+    good = True
+    try:
+        for result in check:
+            good = good and result.status is not CheckStatus.FAIL
+            yield result
+    except TwinError as error:
+        yield failed(what, str(error), advice)
+        good = False
+    return good

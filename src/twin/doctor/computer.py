@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import time
-import webbrowser
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -15,8 +14,9 @@ from pathlib import Path
 from serial.tools import list_ports
 
 from twin import installation
-from twin.devices.akd.bringup import BY_HAND
+from twin.data_file import packaged
 from twin.devices.akd.config import AkdConfig, unconfirmed
+from twin.devices.akd.protocol import table
 from twin.devices.realtime import RealTimeClock, TimingLog, real_time
 from twin.doctor.check import CheckResult, failed, noted, passed, scheduled, warned
 from twin.errors import TwinError
@@ -60,7 +60,8 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
         f"never confirmed on a rig: {', '.join(unconfirmed())}",
         "compare them with the drives' manual and setup software",
     )
-    yield warned("to be looked at by hand", "; ".join(BY_HAND), "see docs/bring-up.md")
+    by_hand = "; ".join(table()["by_hand"])
+    yield warned("to be looked at by hand", by_hand, "see docs/bring-up.md")
     yield _bus_load(rig.servos(scenario.rig.period))
 
 
@@ -108,23 +109,7 @@ def _cams(rig: RigFile) -> CheckResult:
     if not rig.cams:
         advice = "name a table measured on this rig as 'cams' in the rig file"
         return warned("cam table", f"{seen}, computed from the model", advice)
-    if days > OLD:
-        return warned("cam table", seen, "measure it again")
-    return passed("cam table", seen)
-
-
-EXTRAS = {
-    "casadi": "the equations as symbols",
-    "cluster": "study --scheduler, on other computers",
-    "fmi": "controllers that are an FMU",
-    "gym": "environments for Gymnasium",
-    "mcap": "export to .mcap",
-    "mpc": "the law mpc",
-    "play": "ballplate play",
-    "tune": "tune with a search by Optuna",
-    "video": "export to .mp4",
-}
-"""What each extra is for."""
+    return noted("cam table", seen, "measure it again" if days > OLD else "")
 
 
 def examine_installation() -> Iterator[CheckResult]:
@@ -135,7 +120,7 @@ def examine_installation() -> Iterator[CheckResult]:
         if problem
         else passed("packages", f"ballplate {version('ballplate')}, found whole")
     )
-    for extra, purpose in EXTRAS.items():
+    for extra, purpose in packaged("twin.doctor", "extras.toml").items():
         missing = [name for name in _packages(extra) if not _is_here(name)]
         what, command = f"extra {extra} ({purpose})", f"pip install 'ballplate[{extra}]'"
         seen = f"{', '.join(missing)} missing" if missing else "installed"
@@ -168,13 +153,6 @@ def _pictures() -> Iterator[CheckResult]:
     else:
         window = "opens a window" if has_display() else "no display: view RUN --serve, in a browser"
         yield passed("viewer", window)
-    try:
-        webbrowser.get()
-    except webbrowser.Error:
-        advice = "open the address that play prints in a browser of another computer"
-        yield warned("browser (play, docs)", "none found", advice)
-    else:
-        yield passed("browser (play, docs)", "found")
 
 
 def _ports() -> Iterator[CheckResult]:

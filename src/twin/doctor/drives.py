@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from math import degrees, radians
-from threading import Thread
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from twin.devices.akd.conditions import INTERNAL_LIMIT, RUNAWAY, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.protocol import DriveState, StatusBit, fault_words
 from twin.devices.akd.servos import AkdServos
-from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, reported, warned
+from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, warned
 from twin.hal.interface import Severity, Transmission
 
 
@@ -94,8 +93,8 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
     for axis, found in zip(servos.axes, servos.found, strict=True):
         yield passed(f"{axis.config.where} units", found.units)
         yield passed(f"{axis.config.where} limits", found.limits)
-        for each in found.preconditions:
-            yield noted(f"{axis.config.where} {each.name}", each.seen, each.advice)
+        for name, seen, advice in found.preconditions:
+            yield noted(f"{axis.config.where} {name}", seen, advice)
         yield passed(
             axis.config.where,
             f"an AKD, configured and monitored; {axis.state.value}",
@@ -113,7 +112,6 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
         yield warned(fault.where, f"{fault.condition.name}: {fault.detail}", "")
 
 
-@reported("torque", "close STO, reset the faults (--reset)")
 def torque(servos: AkdServos) -> Iterator[CheckResult]:
     """Torque at standstill; then let the heartbeat end: the drives must stop by themselves."""
     enable(servos)
@@ -138,7 +136,6 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     servos.faults()
 
 
-@reported("motion", "reset the faults (--reset)")
 def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
     """Tilt each axis by a degree and back; its plate encoder must follow."""
     level = hold_level(servos, cams)
@@ -197,7 +194,6 @@ GAP = 0.01
 """Time in s between two answers above which nothing can be said of a ramp."""
 
 
-@reported("limits in the drives", "see the fault")
 def limits(servos: AkdServos) -> Iterator[CheckResult]:
     """Ask each drive for more than its limit; what it does tells what its counts mean.
 
@@ -274,7 +270,6 @@ EDGES = ("short", "long")
 """Edges that dip when the plate is tilted about phi, and about theta: x lies along the length."""
 
 
-@reported("which drive is phi", "reset the faults (--reset)")
 def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckResult]:
     """Rock the plate about phi alone and ask which edges dipped.
 
@@ -282,11 +277,13 @@ def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckRe
     are alike: no measurement without a ball tells phi from theta, but anybody who looks does.
 
     Args:
-        servos: The drives, started, without torque.
+        servos: The drives, without torque; they are stopped while somebody is asked.
         cams: Plate angles to motor angles.
         ask: Asked for ``watch`` before and ``edge`` after; the answer is one of ``EDGES``.
     """
-    _answer(servos, ask, "watch")
+    servos.stop()
+    _answer(ask, "watch")
+    servos.start()
     level = hold_level(servos, cams)
     there: Array = np.array([[ROCK, 0.0]])
     for start, end in pairwise([level, *(there, -there) * TIMES, level]):
@@ -296,25 +293,15 @@ def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckRe
             return
     servos.quick_stop()
     exchange(servos, 0.1)
-    yield _which(_answer(servos, ask, "edge"))
+    servos.stop()
+    yield _which(_answer(ask, "edge"))
 
 
-def _answer(servos: AkdServos, ask: Ask, word: str) -> str:
-    """What the person says, empty if there is nobody to ask; takes as long as they do.
-
-    The drives are kept company meanwhile, or they would fault.
-    """
-    said: list[str] = []
-
-    def asking() -> None:
-        with suppress(Exception):  # of whatever kind: there is no answer
-            said.append(ask(word))
-
-    asked = Thread(target=asking, daemon=True)
-    asked.start()
-    while asked.is_alive():
-        exchange(servos, servos.config.period)
-    return said[0].strip().lower() if said else ""
+def _answer(ask: Ask, word: str) -> str:
+    """What the person says, empty if there is nobody to ask."""
+    with suppress(Exception):  # of whatever kind: there is no answer
+        return ask(word).strip().lower()
+    return ""
 
 
 def _which(edge: str) -> CheckResult:

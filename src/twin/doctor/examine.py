@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +18,13 @@ from twin.devices.lumio.config import (
     LumioConfig,
     Mounting,
     panels,
-    read_calibration,
 )
 from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.devices.own import OwnServos, Reading
 from twin.devices.realtime import real_time
 from twin.devices.rig import HardwareRig
 from twin.doctor import drives
-from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, reported, warned
+from twin.doctor.check import Ask, CheckResult, failed, noted, passed, reported, warned
 from twin.doctor.computer import computer
 from twin.doctor.drives import exchange
 from twin.errors import RigError, TwinError
@@ -50,7 +49,8 @@ def examine(
     """
     yield from computer(scenario, rig)
     if rig.backend is not None:
-        yield from own(scenario, rig, move=move)
+        check = own(scenario, rig, move=move)
+        yield from reported(check, "backend", "mend its class (docs/your-rig.md)")
         return
     screen = LumioScreen(rig.screen())
     yield from plugged_in(screen.config)
@@ -73,16 +73,20 @@ def examine(
 def _drives(
     servos: AkdServos, rig: RigFile, ask: Ask, *, move: bool, reset: bool
 ) -> Iterator[CheckResult]:
-    good = yield from _judged(drives.bus(servos.config, servos))
+    good = yield from reported(drives.bus(servos.config, servos), "CAN bus")
     if reset and servos.axes:
         servos.start(reset=True)
         exchange(servos, 0.2)
     if not (move and servos.axes and (reset or good)):
         return
     cams = cams_of(rig)
-    torque, motion = drives.torque(servos), drives.motion(servos, cams)
-    for check in (torque, drives.limits(servos), motion, drives.swapped(servos, cams, ask)):
-        if not (yield from _judged(check)):
+    for what, check in (
+        ("torque", drives.torque(servos)),
+        ("limits in the drives", drives.limits(servos)),
+        ("motion", drives.motion(servos, cams)),
+        ("which drive is phi", drives.swapped(servos, cams, ask)),
+    ):
+        if not (yield from reported(check, what)):
             return
 
 
@@ -100,25 +104,17 @@ def plugged_in(config: LumioConfig, root: Path = HIDRAW_CLASS) -> Iterator[Check
     """
     port = str(Path(config.port).resolve())
     for each in panels(root):
-        what = f"touch panel {each.port}"
-        seen = f"{each.identity.text}: {each.what}{_size(each)}"
-        chosen = config.protocol
-        if each.port != port or config.transport != "hidraw":
-            yield passed(what, seen)
-        elif chosen in {"auto", each.identity.protocol} or not each.identity.protocol:
-            yield passed(what, f"{seen}; this one is read, by its own descriptor")
-        else:
-            advice = f"it is read by its descriptor, not as {chosen}: set touch.protocol to auto"
-            yield warned(what, seen, advice)
+        read = each.port == port and config.transport == "hidraw"
+        words = "; this one is read, by its own descriptor" if read else ""
+        yield passed(f"touch panel {each.port}", f"{each.name}: {_what(each)}{words}")
 
 
-def _size(interface: Interface) -> str:
+def _what(interface: Interface) -> str:
     layout = interface.layout
     if layout is None:
-        return ""
-    number = len(layout.contacts)
-    contacts = f", {number} contact{'s' if number > 1 else ''} per report"
-    return f", {_area(layout.extent)}{contacts}" if layout.extent else contacts
+        return "no touch screen"
+    size = f", {_area(layout.extent)}" if layout.extent else ""
+    return f"touch screen{size}, {len(layout.contacts)} contacts per report"
 
 
 def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
@@ -131,25 +127,17 @@ def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
     what = "touch calibration"
     known, file = rig.screen().calibration, rig.touch and rig.touch.calibration_file
     if known is None:
-        nominal = Mounting.of(Calibration.nominal()).size
+        nominal = Mounting.of(Calibration.nominal()).size_m
         size = f"{_area(extent)} that the panel says" if extent else _area(nominal)
         return warned(what, f"never measured; square, centred, {size}: assumed", CALIBRATE)
     mounting = Mounting.of(known)
-    width, height = mounting.size
+    width, height = mounting.size_m
     sides = (height, width) if mounting.swapped else (width, height)
-    seen = _source(file)
+    seen = Path(file).name if file else "in the rig file"
     if extent and any(abs(a / b - 1) > ALIKE for a, b in zip(sides, extent, strict=True)):
         differ = f"{seen}: the sensing area is {_area(sides)}, but the panel says {_area(extent)}"
         return warned(what, differ, f"is it of another panel? {CALIBRATE}")
     return passed(what, f"{seen}: the sensing area is {_area(sides)}")
-
-
-def _source(file: str | None) -> str:
-    if file is None:
-        return "in the rig file"
-    made = read_calibration(Path(file))[1]
-    number, rms, date = (made.get(name, "unknown") for name in ("points", "rms_mm", "date"))
-    return f"{Path(file).name}, made {date}, {number} points, {rms} mm RMS"
 
 
 def _area(sides: tuple[float, float]) -> str:
@@ -214,7 +202,6 @@ WATCHED, TILT = 2.0, math.radians(1.0)
 """Seconds that own hardware is watched for; how far it is tilted, rad."""
 
 
-@reported("backend", "mend its class (docs/your-rig.md)")
 def own(scenario: Scenario, rig: RigFile, *, move: bool) -> Iterator[CheckResult]:
     """What can be said of own hardware: that it starts, measures, and tilts the right way.
 
@@ -231,7 +218,7 @@ def own(scenario: Scenario, rig: RigFile, *, move: bool) -> Iterator[CheckResult
         real.clock.start()
         servos.home(np.zeros(2), np.zeros(2))
         yield passed("backend", f"{Path(str(rig.backend)).name} starts and measures")
-        if not (yield from _judged(_measures(_watched(real, servos, WATCHED)))):
+        if not (yield from reported(_measures(_watched(real, servos, WATCHED)), "ball")):
             return
         for fault in servos.warnings():
             yield warned("safety net", fault.detail, fault.condition.recovery)
@@ -300,12 +287,3 @@ def _tilts(real: HardwareRig, servos: OwnServos) -> Iterator[CheckResult]:
             yield failed(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg", advice)
         else:
             yield passed(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg: {look}")
-
-
-def _judged(check: Iterator[CheckResult]) -> Generator[CheckResult, None, bool]:
-    """The results of a check; whether none of them is a failure."""
-    good = True
-    for result in check:
-        good = good and result.status is not CheckStatus.FAIL
-        yield result
-    return good

@@ -454,7 +454,6 @@ class SlcanAdapter:
         commands: dict[bytes, Callable[[bytes], bytes]] = {
             b"S": self._set_rate,
             b"O": self._start,
-            b"L": self._start,
             b"C": self._close,
             b"t": self._transmit,
             b"r": self._transmit,

@@ -256,8 +256,6 @@ _MODE_REST = 0.01
 """Rate in rad/s above which the mode may not change; assumed."""
 _HALT = 1 << 8
 _VENDOR = 0x6A
-_ROTARY = {0: RPM, 1: 2 * math.pi, 2: math.radians(1), 3: 2 * math.pi / 3600, 4: 1.0}
-"""Sizes of the units of 365Fh in rad/s, of 3659h in rad/s^2; 3 is one's own, 3600 a revolution."""
 _CODE = struct.Struct("<HB")
 
 
@@ -269,7 +267,8 @@ class EmulatedDrive:
     Args:
         node: CANopen node, 1 to 127.
         start_counts: Motor position at power-up; near 2^31 it soon wraps.
-        parameter_count: One count of velocity limits and ramps, in the units of 365Fh and 3659h.
+        parameter_count: One count of velocity limits and ramps, in rpm and rpm/s; no other units
+            (365Fh, 3659h) are emulated.
     """
 
     def __init__(self, node: int, *, start_counts: int = 0, parameter_count: float = 0.001) -> None:
@@ -358,10 +357,6 @@ class EmulatedDrive:
 
     def _let_alone(self) -> None:
         """Do nothing more to it, apart from what is in its power stage, motor and objects."""
-        self.silent = False
-        """Says nothing at all, but keeps running."""
-        self.mute: set[int] = set()
-        """COB-IDs it does not send."""
         self.remote = True
         """False: a tool has taken the drive over; control words and new targets are ignored."""
         self.mode_override: int | None = None
@@ -418,7 +413,7 @@ class EmulatedDrive:
 
     def _sent(self) -> list[Frame]:
         out, self._out = self._out, []
-        return [] if self.silent else [each for each in out if each.cob_id not in self.mute]
+        return out
 
     def _command(self, command: int) -> None:
         if command == 1:
@@ -448,12 +443,11 @@ class EmulatedDrive:
 
     def _move(self, dt: float) -> None:
         store, motor = self.store, self.motor
-        unit = self.parameter_count * _ROTARY[store.get(0x365F)]
-        ramp_unit = self.parameter_count * _ROTARY[store.get(0x3659)]
+        unit = self.parameter_count * RPM
         if self.power.state is Power.OPERATION_ENABLED:
             moving = self.mode == PROFILE_VELOCITY and not store.get(0x6040) & _HALT
             target = self._target if moving else 0.0
-            ramps = store.get(0x6083) * ramp_unit, store.get(0x6084) * ramp_unit
+            ramps = store.get(0x6083) * unit, store.get(0x6084) * unit
             most = store.get(0x207F) or (1 << 31)
             low = max(store.get(0x3623), -most) * unit
             motor.follow(target, ramps, (low, min(store.get(0x3622), most) * unit), dt)

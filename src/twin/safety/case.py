@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 from enum import StrEnum
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -164,22 +163,13 @@ class FaultCase:
 
 RIG, BALL = Limits(), BallPlate()
 ANGLE, RATE, ACCELERATION = float(RIG.angle), float(RIG.rate), float(RIG.acceleration)
-BEYOND = ANGLE + Supervisor.ANGLE_SLACK
+BEYOND = float(ANGLE + Supervisor.ANGLE_SLACK)
 """Largest plate angle in rad that the clamp and its slack for encoder and spring allow."""
 RAMP = AkdConfig().rate_limit / STOP_RAMP
 """Time in s in which a drive brakes from its velocity limit with its quick stop ramp."""
 LEAVING = 2 * SHUTDOWN + 0.05
 """Longest time in s from the end of a run to the host's last heartbeat: it waits for standstill,
 then for no torque, then sends what is left."""
-
-RAMPED = f"{1e3 * RAMP:g} ms of ramp from the velocity limit"
-
-
-class Limit(NamedTuple):
-    """A limit, of the ball along x and y, and where it comes from, in one line."""
-
-    value: Any
-    why: str
 
 
 @dataclass(frozen=True)
@@ -199,7 +189,7 @@ class AtFault:
     velocity: Array
 
 
-def standstill_limit(case: FaultCase, detected: float, at: AtFault) -> Limit | None:
+def standstill_limit(case: FaultCase, detected: float, at: AtFault) -> float | None:
     """Longest time in s from the fault to standstill; None where nothing has to stop.
 
     Args:
@@ -208,56 +198,57 @@ def standstill_limit(case: FaultCase, detected: float, at: AtFault) -> Limit | N
         at: The rig at the fault.
     """
     times = [STOPS[each](case, detected, at) for each in case.stoppers if each in STOPS]
-    return max(times) if times else None
+    return max(times, default=None)
 
 
-def _quick_stopped(case: FaultCase, detected: float, _: AtFault) -> Limit:
-    time = detected + 2 * case.host.period + RAMP
-    return Limit(time, f"detection, two periods to the drives, {RAMPED}")
+def _quick_stopped(case: FaultCase, detected: float, _: AtFault) -> float:
+    """Detection, two periods to the drives, the ramp from the velocity limit."""
+    return detected + 2 * case.host.period + RAMP
 
 
-def _watched(case: FaultCase, detected: float, at: AtFault) -> Limit:
-    if case.zeroed:
-        return _quick_stopped(case, detected, at)
-    return _unwatched(case, detected)
+def _watched(case: FaultCase, detected: float, at: AtFault) -> float:
+    return _quick_stopped(case, detected, at) if case.zeroed else _unwatched(case, detected)
 
 
-def _unwatched(case: FaultCase, detected: float) -> Limit:
-    """Until a drive has no torque that watches the host."""
+def _unwatched(case: FaultCase, detected: float) -> float:
+    """Until a drive has no torque that watches the host.
+
+    The silence that the drives allow, one period, and the ramp. Before that, where the host ends
+    its heartbeat on purpose, detection, two periods, and its patience with the quick stop or, if
+    that comes first, leaving the bus.
+    """
     watch = case.host.silence + case.host.period + RAMP
     if not case.withheld:
-        return Limit(watch, f"the silence that the drives allow, one period, {RAMPED}")
-    if case.host.watch.stop > LEAVING:
-        why = f"detection, leaving the bus, silence, three periods, {RAMPED}"
-        return Limit(detected + LEAVING + 2 * case.host.period + watch, why)
-    why = f"detection, patience with the quick stop, silence, three periods, {RAMPED}"
-    return Limit(detected + case.host.watch.stop + 2 * case.host.period + watch, why)
+        return watch
+    return detected + min(case.host.watch.stop, LEAVING) + 2 * case.host.period + watch
 
 
-def _stopped_itself(case: FaultCase, _: float, __: AtFault) -> Limit:
-    return Limit(case.host.period + RAMP, f"one period, {RAMPED}")
+def _stopped_itself(case: FaultCase, _: float, __: AtFault) -> float:
+    """One period, the ramp."""
+    return case.host.period + RAMP
 
 
-def _run_out(case: FaultCase, _: float, at: AtFault) -> Limit:
+def _run_out(case: FaultCase, _: float, at: AtFault) -> float:
+    """Two periods, then down to 1/e in every time constant without torque."""
     rate = at.rate + 2 * ACCELERATION * case.host.period
-    time = 2 * case.host.period + COASTING * math.log(max(rate / STILL, 1.0))
-    why = f"two periods, then down to 1/e every {COASTING:g} s without torque"
-    return Limit(time, why)
+    return 2 * case.host.period + COASTING * math.log(max(rate / STILL, 1.0))
 
 
-def _levelled(case: FaultCase, detected: float, at: AtFault) -> Limit:
-    """Brake, turn back at the rate limit, then at the root of acceleration times angle."""
-    angle, rate = tilt_limit(case, detected, 0.0, at).value, _fastest(case, detected, at)
+def _levelled(case: FaultCase, detected: float, at: AtFault) -> float:
+    """Brake, turn back at the rate limit, then at the root of acceleration times angle.
+
+    After detection, and with the time in which a measured drift is taken in.
+    """
+    angle, rate = tilt_limit(case, detected, 0.0, at), _fastest(case, detected, at)
     last = 10 * case.host.period  # time constant of the last piece, see `Clamp.towards_level`
     back = min(RATE, math.sqrt(ACCELERATION * angle))
     time = (rate + back) / ACCELERATION
     time += max(0.0, angle - back**2 / ACCELERATION) / RATE + 2 * back / ACCELERATION
     time += last * math.log(ACCELERATION * last / STILL) + Supervisor.DRIFT_TIME
-    why = "detection, braking, the way back from the largest tilt, the time of a measured drift"
-    return Limit(detected + case.slow * time, why)
+    return detected + case.slow * time
 
 
-STOPS: dict[Stopper, Callable[[FaultCase, float, AtFault], Limit]] = {
+STOPS: dict[Stopper, Callable[[FaultCase, float, AtFault], float]] = {
     Stopper.LEVELLING: _levelled,
     Stopper.QUICK_STOP: _quick_stopped,
     Stopper.HEARTBEAT: _watched,
@@ -268,17 +259,22 @@ STOPS: dict[Stopper, Callable[[FaultCase, float, AtFault], Limit]] = {
 """Longest time to standstill by who has to stop an axis, from case, detection in s and fault."""
 
 
-def torque_off_limit(case: FaultCase, detected: float, stop: Limit | None) -> Limit | None:
-    """Longest time in s to no torque; None where the plate is held, or nothing has to stop."""
+def torque_off_limit(case: FaultCase, detected: float, stop: float | None) -> float | None:
+    """Longest time in s to no torque; None where the plate is held, or nothing has to stop.
+
+    Two periods from standstill.
+    """
     if stop is None or Stopper.LEVELLING in case.stoppers:
         return None
-    if case.zeroed:
-        stop = _unwatched(case, detected)
-    return Limit(stop.value + 2 * case.host.period, "two periods from standstill")
+    return (_unwatched(case, detected) if case.zeroed else stop) + 2 * case.host.period
 
 
-def tilt_limit(case: FaultCase, detected: float, stop: float | None, at: AtFault) -> Limit:
+def tilt_limit(case: FaultCase, detected: float, stop: float | None, at: AtFault) -> float:
     """Largest plate angle in rad after the fault.
+
+    The tilt at the fault, and the fastest rate until standstill, with levelling until detection and
+    braking; never past the clamp. Where a fault turns the plate itself, its own rate until then,
+    or the whole push and the fastest rate until detection.
 
     Args:
         case: The row.
@@ -287,22 +283,17 @@ def tilt_limit(case: FaultCase, detected: float, stop: float | None, at: AtFault
         at: The rig at the fault.
     """
     if case.refused:
-        return Limit(LEVEL, "nothing may move")
+        return LEVEL  # nothing may move
     if stop is None:
-        return Limit(BEYOND, "the rig runs on: what the clamp allows")
+        return BEYOND
     rate = _fastest(case, detected, at)
     if case.shoved:
-        largest = at.tilt + case.speed * case.shoved + RATE * detected
-        return Limit(largest, "tilt at the fault, the whole push, fastest rate until detection")
+        return at.tilt + case.speed * case.shoved + RATE * detected
     if Stopper.LEVELLING in case.stoppers:
         way = rate * detected + rate**2 / (2 * ACCELERATION)
-        why = "tilt at the fault, fastest rate until detection and braking; never past the clamp"
-        return Limit(min(at.tilt + case.slow * way, BEYOND), why)
+        return min(at.tilt + case.slow * way, BEYOND)
     largest = at.tilt + rate * stop
-    if case.speed:
-        return Limit(largest, "tilt at the fault, the fault's own rate until standstill")
-    why = "tilt at the fault, fastest rate until standstill; never past the clamp"
-    return Limit(min(largest, BEYOND), why)
+    return largest if case.speed else min(largest, BEYOND)
 
 
 def _fastest(case: FaultCase, detected: float, at: AtFault) -> float:
@@ -310,8 +301,13 @@ def _fastest(case: FaultCase, detected: float, at: AtFault) -> float:
     return max(min(at.rate + ACCELERATION * detected, RATE), case.speed)
 
 
-def ball_limit(case: FaultCase, detected: float, stop: float | None, at: AtFault) -> Limit:
+def ball_limit(
+    case: FaultCase, detected: float, stop: float | None, at: AtFault
+) -> tuple[float, float]:
     """Farthest the ball may be from the centre along x and y until the plate stands, m.
+
+    The operating area where nothing has to stop; else place and speed at the fault, and the slope
+    of the largest tilt until standstill, on the plate.
 
     Args:
         case: The row.
@@ -319,13 +315,13 @@ def ball_limit(case: FaultCase, detected: float, stop: float | None, at: AtFault
         stop: Longest time to standstill, s; None where nothing has to stop.
         at: The rig at the fault.
     """
-    if stop is None:
-        return Limit(tuple(np.asarray(RIG.area, float).tolist()), "the operating area")
-    slope = BALL.k1 * math.sin(tilt_limit(case, detected, stop, at).value)
-    # A change of the plate's rate carries the ball along by c2 times it, (5.1).
-    carried = 2 * BALL.c2 * _fastest(case, detected, at)
-    way = at.ball + (at.velocity + carried) * stop + slope * stop**2 / 2
-    why = "place and speed at the fault, slope of the largest tilt until standstill"
-    if case.goes:
-        return Limit(tuple(way.tolist()), why)
-    return Limit(tuple(np.minimum(way, np.array(SCREEN) / 2).tolist()), f"{why}; on the plate")
+    way: Array = np.asarray(RIG.area, float)
+    if stop is not None:
+        slope = BALL.k1 * math.sin(tilt_limit(case, detected, stop, at))
+        # A change of the plate's rate carries the ball along by c2 times it, (5.1).
+        carried = 2 * BALL.c2 * _fastest(case, detected, at)
+        way = at.ball + (at.velocity + carried) * stop + slope * stop**2 / 2
+        if not case.goes:
+            way = np.minimum(way, np.array(SCREEN) / 2)
+    x, y = way.tolist()
+    return x, y

@@ -232,7 +232,6 @@ class FaultRow(Reaction):
         torque: Whether a drive has torque at the end of the observation.
         held: Whether the drives held the limits of torque and speed when the fault began.
         says: Whether the line says what it must.
-        why: Where each limit comes from, in one line, by its key.
         failures: The keys that are not as they must be.
         good: Whether there are none.
     """
@@ -256,7 +255,6 @@ class FaultRow(Reaction):
     ball_limit: Pair
     held: bool
     says: bool
-    why: dict[str, str]
 
     @property
     def _judged(self) -> dict[str, bool]:

@@ -32,7 +32,6 @@ from twin.run.record import Recorder
 from twin.safety.case import (
     AtFault,
     FaultCase,
-    Limit,
     Stopper,
     ball_limit,
     standstill_limit,
@@ -121,17 +120,7 @@ class Trial:
         allowed = self._allowed()
         at = self._at_fault()
         seen, stop = self._seen(run, allowed, at)
-        until = stop.value if stop else None
-        limits = {
-            "tilt_limit": tilt_limit(case, allowed, until, at),
-            "ball_limit": ball_limit(case, allowed, until, at),
-            "standstill_limit": stop,
-            "torque_off_limit": torque_off_limit(case, allowed, stop),
-        }
         line = str(run.refusal) if run.refusal else run.outcome.reason
-        numbers: dict[str, Any] = {
-            key: each.value if each else None for key, each in limits.items()
-        }
         return FaultRow(
             name=case.name,
             condition=expected.name if expected else "",
@@ -148,9 +137,11 @@ class Trial:
             stopped_by_expected=case.stoppers,
             state_expected=tuple(map(in_words, case.reached)),
             held=self._held,
-            why={key: limit.why for key, limit in limits.items() if limit},
-            **numbers,
-            **vars(seen) | {"standstill": seen.standstill if stop else None},
+            tilt_limit=tilt_limit(case, allowed, stop, at),
+            ball_limit=ball_limit(case, allowed, stop, at),
+            standstill_limit=stop,
+            torque_off_limit=torque_off_limit(case, allowed, stop),
+            **vars(seen) | {"standstill": seen.standstill if stop is not None else None},
         )
 
     def _run(self, duration: float, *, act: bool) -> TrialRun:
@@ -193,7 +184,7 @@ class Trial:
         late = DEAD_TIME + FRAME + self.rig.period if case.of_screen else 0.0
         return case.expected.within + late + case.wait if case.expected else 0.0
 
-    def _seen(self, run: TrialRun, allowed: float, at: AtFault) -> tuple[Reaction, Limit | None]:
+    def _seen(self, run: TrialRun, allowed: float, at: AtFault) -> tuple[Reaction, float | None]:
         """The reaction, and the longest time to standstill."""
         stop = standstill_limit(self.case, allowed, at) if not self.case.refused else None
         finished = run.outcome.ending is Ending.FINISHED and not run.refusal
@@ -202,7 +193,7 @@ class Trial:
         ended = not finished and not run.refusal
         begun = self.begun if self.begun is not None else self.last
         end = self.last if finished else self.rig.now()
-        within = stop.value if stop else np.inf
+        within = np.inf if stop is None else stop
         level = Stopper.LEVELLING in self.case.stoppers
         return reaction(self.trace, begun, end, within=within, ended=ended, level=level), stop
 

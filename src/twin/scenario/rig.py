@@ -134,7 +134,7 @@ class RigFile(Section):
         if self.touch is None or self.touch.calibration_file is None:
             return known
         try:
-            calibration, _ = read_calibration(Path(self.touch.calibration_file))
+            calibration = read_calibration(Path(self.touch.calibration_file))
         except CalibrationError as error:
             raise ScenarioError(f"touch.calibration_file: {error}") from error
         return replace(known, calibration=calibration)

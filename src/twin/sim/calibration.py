@@ -1,17 +1,15 @@
-"""The simulated mechanism measured: cam tables, the error they leave, tap test, linear model."""
+"""The simulated mechanism measured: cam tables, the error they leave, linear model."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.optimize import least_squares
 
 from controllers import ballplate
 from controllers.arrays import Array
@@ -38,16 +36,6 @@ class StaticError:
     """Root mean square over both axes and all poses."""
     poses: int
     """Number of poses, both axes tilted."""
-
-
-@dataclass(frozen=True)
-class TapResponse:
-    """Decaying oscillation of one plate axis after a tap."""
-
-    frequency_hz: float
-    """Undamped natural frequency in Hz."""
-    damping: float
-    """Damping ratio, dimensionless."""
 
 
 LINES, GRID_LINES = 13, 21
@@ -128,53 +116,12 @@ def static_error(
     return StaticError(float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))), len(target))
 
 
-def tap_test(model: Path | None = None, *, tap: float = 0.02) -> tuple[TapResponse, TapResponse]:
-    """Tap the level plate about each axis, phi then theta, and fit a decaying sine to its angle.
-
-    Args:
-        model: The MJCF file; None for the packaged one.
-        tap: Rate the tap gives the plate, in rad/s.
-
-    Raises:
-        ModelError: If the model cannot be used.
-    """
-    mj = load_model(model)
-    data = mujoco.MjData(mj)
-    found = []
-    for axis in ("phi", "theta"):
-        mujoco.mj_resetDataKeyframe(mj, data, mj.key("level").id)
-        data.joint(axis).qvel = tap
-        angle = np.empty(round(0.6 / mj.opt.timestep))
-        for k in range(len(angle)):
-            mujoco.mj_step(mj, data)
-            angle[k] = data.joint(axis).qpos[0]
-        found.append(fit_ringing(angle, mj.opt.timestep))
-    return found[0], found[1]
-
-
 def _basis(plate: Array, degree: int) -> Array:
     """Chebyshev products up to a total degree, (..., terms), of plate angles scaled to 1."""
     phi, theta = (chebyshev.chebvander(plate[..., axis], degree) for axis in (0, 1))
     product = phi[..., :, None] * theta[..., None, :]
     order = np.add.outer(np.arange(degree + 1), np.arange(degree + 1))
     return np.asarray(product[..., order <= degree])
-
-
-def fit_ringing(angle: Array, step: float) -> TapResponse:
-    """Fit a decaying sine to samples that begin one step after the tap."""
-    t = step * np.arange(1, len(angle) + 1)
-    spectrum = np.abs(np.fft.rfft(angle - angle.mean(), 8 * len(angle)))
-    guess = 2 * math.pi * spectrum.argmax() / (8 * len(angle) * step)
-    scale = np.abs(angle).max()
-
-    def misfit(p: Array) -> Array:
-        decay, omega, sine, cosine, offset = p
-        wave = sine * np.sin(omega * t) + cosine * np.cos(omega * t)
-        return np.asarray(np.exp(-decay * t) * wave + offset - angle / scale)
-
-    decay, omega, *_ = least_squares(misfit, [0.05 * guess, guess, 1.0, 0.0, 0.0], x_scale="jac").x
-    natural = math.hypot(decay, omega)
-    return TapResponse(natural / (2 * math.pi), float(decay / natural))
 
 
 def _move_and_settle(

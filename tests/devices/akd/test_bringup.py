@@ -251,7 +251,7 @@ def test_a_drive_that_falls_silent_keeps_no_torque_in_the_other_for_long(rig, si
 
 
 def test_a_drive_without_heartbeat_does_not_become_operational(rig):
-    rig.drives[0].mute.add(0x701)
+    rig.bus.faults.drop(0x701)
     assert "no heartbeat" in refused(rig, c.NMT_LEFT)
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twin.devices.lumio import config as settings
 from twin.devices.lumio.config import LumioConfig, ScreenError
-from twin.devices.lumio.protocols import HidDecoder, TouchLayout, decoder_of, parse
+from twin.devices.lumio.protocols import HidDecoder, TouchLayout, decoder_of
 from twin.devices.lumio.screen import LumioScreen
 from twin.emulator.screen import ENCODERS, Protocol, Spot
 
@@ -103,20 +103,19 @@ def test_half_a_report_is_skipped_and_a_position_beyond_the_range_refused():
 def test_numbered_reports_of_other_parts_of_an_interface_are_left_alone(descriptors):
     data = descriptors["mouse"].replace(b"\xa1\x01", b"\xa1\x01\x85\x01", 1)
     data += descriptors["hid-0007"].replace(b"\xa1\x01", b"\xa1\x01\x85\x07", 1)
-    decoder = HidDecoder(TouchLayout.of(parse(data)))
+    decoder = HidDecoder(TouchLayout.of(data))
     assert decoder.feed(bytes.fromhex("01 00 05 05")) == []
     ((contact,),) = decoder.feed(bytes.fromhex(f"07 31 00 {AT} 01 00"))
     assert contact.x == 0x1380 / 32767
     assert decoder.stats.skipped == 0
 
 
-def test_without_a_count_places_that_touch_or_touched_a_moment_ago_hold_contacts(descriptors):
+def test_without_a_count_places_that_touch_hold_contacts(descriptors):
     places = descriptors["hid-0006"].replace(bytes.fromhex("09 54"), bytes.fromhex("09 56"))
-    decoder = HidDecoder(TouchLayout.of(parse(places)))
+    decoder = HidDecoder(TouchLayout.of(places))
     touch = bytes.fromhex(f"31 01 {AT}{REST} 00")
     ((first,),) = decoder.feed(touch)
-    ((second,),) = decoder.feed(bytes([0x30]) + touch[1:])
-    assert (first.down, second.down) == (True, False)
+    assert first.down
     assert decoder.feed(bytes([0x30]) + touch[1:]) == []
 
 
@@ -173,13 +172,14 @@ def test_without_a_calibration_the_size_is_the_one_that_the_panel_says(hidraw):
         assert screen.read().position[0].tolist() == pytest.approx([0.377 / 2, 0.305 / 2])
 
 
-def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(hidraw, monkeypatch):
+def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(
+    hidraw, descriptors, monkeypatch
+):
     port, _ = hidraw("mouse")
-    other = settings.touch_screens()
-    assert other == []
-    right = type("Interface", (), {"port": "/dev/hidraw3"})
-    monkeypatch.setattr(settings, "touch_screens", lambda: [right])
-    with pytest.raises(ScreenError, match=r"no touch screen but mouse; .* is /dev/hidraw3$"):
+    right = settings.Interface("/dev/hidraw3", "", TouchLayout.of(descriptors["hid-0006"]))
+    wrong = settings.Interface("/dev/hidraw2", "", None)
+    monkeypatch.setattr(settings, "panels", lambda: [wrong, right])
+    with pytest.raises(ScreenError, match=r"is none; the touch screen is /dev/hidraw3$"):
         LumioScreen(LumioConfig(port=str(port), transport="hidraw")).start()
 
 

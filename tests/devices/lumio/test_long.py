@@ -30,7 +30,7 @@ def test_a_rolling_ball_is_never_placed_far_from_the_truth_by_damaged_bytes(prot
         if dice.random() < 0.05:
             packet += dice.randbytes(dice.randrange(1, 12))
         touch_stream.take(frame * FRAME, packet)
-        sample = touch_stream.sample
+        sample = touch_stream.tracker.sample
         if sample is not None and sample.time == frame * FRAME:
             worst = max(worst, abs(sample.position[0] - x), abs(sample.position[1] - 0.05))
     # What passes the limits lies within its reach of the last position, after at most two misses.

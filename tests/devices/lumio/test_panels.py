@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from twin.devices.lumio.config import UDEV_RULES, UsbIdentity, identify, panels, touch_screens
+from twin.devices.lumio.config import UDEV_RULES, panels
 
 NAME = "LUMIO Inc LUMIO CrystalTouch ver 02.03.24.00."
 PANEL = f"DRIVER=hid-multitouch\nHID_ID=0003:0000202E:00000006\nHID_NAME={NAME}\nHID_PHYS=x\n"
@@ -32,23 +32,10 @@ def root(tmp_path, descriptors):
     return tmp_path
 
 
-def test_a_panel_or_a_link_to_it_is_known_by_its_numbers(root, tmp_path):
-    link = tmp_path / "touch"
-    link.symlink_to("/dev/hidraw0")
-    panel = UsbIdentity(0x202E, 0x0006, NAME, "hid-0006")
-    assert identify("/dev/hidraw0", root) == identify(str(link), root) == panel
-    assert identify("/dev/hidraw4", root).protocol == ""
-    assert [identify(f"/dev/hidraw{n}", root) for n in (5, 7)] == [None, None]
-
-
-def test_of_all_devices_every_interface_of_a_panel_is_found_with_what_it_is(root):
-    assert [(each.port, each.what) for each in panels(root)] == [
-        ("/dev/hidraw0", "mouse"),
-        ("/dev/hidraw1", "keyboard"),
-        ("/dev/hidraw2", "without a readable report descriptor"),
-        ("/dev/hidraw3", "touch screen"),
-    ]
-    assert [each.port for each in touch_screens(root)] == ["/dev/hidraw3"]
+def test_of_all_devices_every_interface_of_a_panel_is_found_and_which_is_the_screen(root):
+    assert [each.port for each in panels(root)] == [f"/dev/hidraw{n}" for n in range(4)]
+    assert {each.name for each in panels(root)} == {f"202e:0006 {NAME}"}
+    assert [each.port for each in panels(root) if each.layout] == ["/dev/hidraw3"]
 
 
 def rules():

@@ -92,7 +92,7 @@ def test_every_condition_has_a_name_of_its_own():
 
 def test_a_rolling_ball_is_followed_without_a_fault(screen):
     screen.roll(40, (-0.15, 0.1), 0.4)
-    x, y = screen.stream.sample.position
+    x, y = screen.stream.tracker.sample.position
     assert abs(x - (-0.15 + 39 * 0.4 * FRAME)) < SCREEN[0] / 4095
     assert abs(y - 0.1) < SCREEN[1] / 4095
     assert screen.names == []
@@ -172,10 +172,10 @@ def test_a_brief_dropout_is_bridged_and_told_when_over(screen):
 
 def test_a_jump_of_one_frame_is_refused_and_told_at_once(screen):
     place = screen.roll(10, (-0.2, 0.0), 0.1)
-    before = screen.stream.sample
+    before = screen.stream.tracker.sample
     screen.send(screen.packet((0.2, 0.1)))
     begin = screen.time
-    assert screen.stream.sample == before
+    assert screen.stream.tracker.sample == before
     screen.time += FRAME
     screen.roll(10, place, 0.1)
     assert screen.names == ["position jumped"]
@@ -189,7 +189,7 @@ def test_a_jump_that_stays_is_believed_and_told_within_the_stated_time(screen):
     assert screen.first("position jumped and stayed") - begin <= within(
         "position jumped and stayed"
     )
-    assert screen.stream.sample.position == pytest.approx((0.2, 0.1), abs=2e-4)
+    assert screen.stream.tracker.sample.position == pytest.approx((0.2, 0.1), abs=2e-4)
 
 
 @given(way=st.floats(0.04, 0.3))
@@ -239,7 +239,9 @@ def test_of_two_contacts_the_one_nearest_the_ball_is_followed(protocol, order):
         screen.time += FRAME
     assert screen.first("two contacts") - begin <= within("two contacts")
     assert screen.names == ["two contacts"]
-    assert screen.stream.sample.position[0] == pytest.approx(-0.1 + 0.1 * 29 * FRAME, abs=2e-4)
+    assert screen.stream.tracker.sample.position[0] == pytest.approx(
+        -0.1 + 0.1 * 29 * FRAME, abs=2e-4
+    )
 
 
 @pytest.mark.parametrize("protocol", [p for p in PROTOCOLS if p is not Protocol.MICROTOUCH])
@@ -249,7 +251,7 @@ def test_values_out_of_range_are_told_and_never_become_a_position(protocol):
     begin = screen.time
     screen.send(beyond(screen.packet((0.0, 0.0)), protocol))
     assert screen.first("value out of range") == begin
-    assert screen.stream.sample.time < begin
+    assert screen.stream.tracker.sample.time < begin
 
 
 def test_a_wrong_checksum_is_told_at_once():
@@ -354,16 +356,16 @@ def test_a_fault_that_lasts_is_told_twice_a_second_not_every_packet():
 def test_a_single_false_position_at_the_start_is_not_believed(screen):
     screen.send(screen.packet((0.3, 0.1)))
     screen.time += FRAME
-    assert screen.stream.sample is None
+    assert screen.stream.tracker.sample is None
     screen.roll(5, (0.0, 0.0))
-    assert screen.stream.sample.position == pytest.approx((0.0, 0.0), abs=2e-4)
+    assert screen.stream.tracker.sample.position == pytest.approx((0.0, 0.0), abs=2e-4)
 
 
 def test_false_positions_far_apart_in_time_do_not_confirm_each_other(screen):
     for _ in range(6):
         screen.send(screen.packet((0.3, 0.1)))
         screen.time += 0.08
-    assert screen.stream.sample is None
+    assert screen.stream.tracker.sample is None
 
 
 @given(data=st.lists(st.tuples(st.binary(max_size=80), st.floats(0, 0.3)), max_size=12))
@@ -374,8 +376,8 @@ def test_whatever_bytes_come_no_position_is_off_the_screen(protocol, data):
     for portion, pause in data:
         time += pause
         stream.take(time, portion)
-        if stream.sample is not None:
-            x, y = stream.sample.position
+        if stream.tracker.sample is not None:
+            x, y = stream.tracker.sample.position
             assert abs(x) <= SCREEN[0] / 2 + 1e-12
             assert abs(y) <= SCREEN[1] / 2 + 1e-12
     stream.faults()

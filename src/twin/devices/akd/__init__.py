@@ -3,8 +3,8 @@
 Bytes and states are in `protocol`: pure. `bringup` configures the drives over SDO,
 `axis` judges every cycle and says what is sent next, `servos` is what a rig is given;
 `conditions` is the table of what can go wrong. `traces` keeps what is said on a bus, `decoding`
-says what it means. Servos on another wire implement `twin.devices.rig.PoweredServos` in one
-file of their own.
+says what it means. Servos on another wire are `twin.devices.own.Hardware`, or have the methods of
+`AkdServos`.
 """
 
 TRACE = "trace.log"

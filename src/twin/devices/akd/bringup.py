@@ -333,26 +333,8 @@ def _check_plausible(
         raise remote.wrong(f"{text} ({allowed}); {advice}")
 
 
-BY_HAND = (
-    "DRV.TYPE is CANopen",
-    "DRV.CMDSOURCE is 1 (fieldbus)",
-    "with everything off there are 60 ohm between CANH and CANL: a terminator at either end",
-)
-"""What no object of the drive tells: to be looked at in WorkBench, and measured."""
-
-
-class Precondition(NamedTuple):
-    """One setting.
-
-    Attributes:
-        name: What it is called in the drive.
-        seen: Its value in words.
-        advice: What to do; empty if it is as it should be.
-    """
-
-    name: str
-    seen: str
-    advice: str
+Precondition = tuple[str, str, str]
+"""A setting: what it is called in the drive, its value in words, and what to do if it is wrong."""
 
 
 def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition, ...]:
@@ -369,11 +351,11 @@ def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition,
             automatic = "automatic: found from the first frames at power-up"
             seen = f"{seen} from the next power-up on" if rate else automatic
             advice = f"set it to {wanted} in the drive and power-cycle it"
-        found.append(Precondition("FBUS.PARAM01 (bit rate)", seen, advice))
+        found.append(("FBUS.PARAM01 (bit rate)", seen, advice))
     for index, name, well, badly, remedy in table()["flags"]:
         value = remote.read_if_there(index)
         if value is not None:
-            found.append(Precondition(name, *((well, "") if value else (badly, remedy))))
+            found.append((name, *((well, "") if value else (badly, remedy))))
     return tuple(found)
 
 
@@ -386,19 +368,16 @@ def master_frames(config: AkdConfig) -> dict[int, str]:
     Args:
         config: Nodes of the drives and of the host.
     """
-    beat = protocol.HEARTBEAT + config.host
     known = {
-        protocol.NMT: "NMT commands (000h)",
-        protocol.SYNC: "SYNC (080h)",
-        beat: f"a heartbeat of node {config.host} ({beat:03X}h), "
-        "so the drives would not notice that this host falls silent",
+        protocol.NMT: "NMT commands",
+        protocol.SYNC: "SYNC",
+        protocol.HEARTBEAT + config.host: f"a heartbeat of node {config.host}, the host's own",
     }
     for axis in config.axes:
+        known[protocol.SDO_REQUEST + axis.node] = f"SDO requests to {axis.where}"
         for number in range(_RPDOS):
             command = protocol.RPDO1 + 0x100 * number + axis.node
-            known[command] = f"RPDO{number + 1} to {axis.where} ({command:03X}h)"
-        request = protocol.SDO_REQUEST + axis.node
-        known[request] = f"SDO requests to {axis.where} ({request:03X}h)"
+            known[command] = f"RPDO{number + 1} to {axis.where}"
     return known
 
 

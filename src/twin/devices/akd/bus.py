@@ -16,14 +16,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
-from pathlib import Path
 from typing import Any
 
 import can
 from can import BusABC, Message
 from can.exceptions import CanOperationError
 from can.interfaces.slcan import slcanBus
-from serial.tools.list_ports import comports
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
@@ -309,9 +307,6 @@ class CanTransport:
 # The library logs to stderr what becomes one line here.
 logging.getLogger("can").addHandler(logging.NullHandler())
 
-_CAN_DEVICE = "280"
-"""ARPHRD_CAN, as the kernel writes it under /sys/class/net."""
-
 
 def open_bus(config: BusConfig) -> can.BusABC:
     """Open a bus through python-can.
@@ -336,9 +331,7 @@ def open_bus(config: BusConfig) -> can.BusABC:
 
 
 def _reason(config: BusConfig, error: Exception) -> str:
-    channel = config.channel
-    near = nearest(channel, sorted(_channels(config)))
-    known = in_words("bus", _errno(error) or 0, channel=channel, nearest=near)
+    known = in_words("bus", _errno(error) or 0, channel=config.channel)
     if known is not None:
         return known
     if isinstance(error, (can.CanInterfaceNotImplementedError, ImportError, NameError)):
@@ -355,13 +348,6 @@ def _errno(error: BaseException | None) -> int | None:
             return number
         error = error.__cause__ or error.__context__
     return None
-
-
-def _channels(config: BusConfig) -> list[str]:
-    if config.interface == "slcan":
-        return [port.device for port in comports()]
-    devices = Path("/sys/class/net").glob("*/type")
-    return [each.parent.name for each in devices if each.read_text().strip() == _CAN_DEVICE]
 
 
 def _bad(config: BusConfig, detail: str) -> DriveError:

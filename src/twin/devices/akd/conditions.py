@@ -5,20 +5,17 @@ The table is ``conditions.toml``; each of its rows is a constant here.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from twin.errors import TwinError
 from twin.hal.interface import Condition, Fault, conditions
 
 _TABLE = conditions("twin.devices.akd")
 CONDITIONS = tuple(_TABLE.values())
 """Every condition the drives and their bus report."""
-if TYPE_CHECKING:
+globals().update(_TABLE)
 
-    def __getattr__(name: str) -> Condition: ...
 
-else:
-    globals().update(_TABLE)
+def __getattr__(name: str) -> Condition:
+    raise AttributeError(name)
 
 
 class DriveError(TwinError, ConnectionError):

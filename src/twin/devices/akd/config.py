@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, Literal
 
 from twin.devices.common import Ranged, bounded, net
 from twin.errors import ScenarioError
@@ -76,16 +76,12 @@ class Scale:
         """The quantity for counts."""
         return counts * self.unit
 
-    def counts(self, value: float) -> int:
-        """The nearest counts for a finite quantity."""
-        return round(value / self.unit)
-
     def counts32(self, value: float) -> int:
         """The nearest counts that a signed 32-bit object can hold, for a finite quantity."""
-        return max(INT32_MIN, min(INT32_MAX, self.counts(value)))
+        return max(INT32_MIN, min(INT32_MAX, round(value / self.unit)))
 
 
-BITRATES = (125_000, 250_000, 500_000, 1_000_000)
+BITRATES = Literal[125_000, 250_000, 500_000, 1_000_000]
 """Bit rates that an AKD knows (CAN manual, p. 19)."""
 _FRAMES = (0, 6, 6, 7, 7, 8, 8)
 """Bytes of the frames of one period: SYNC, two RPDO1, two TPDO1, two TPDO2."""
@@ -109,7 +105,7 @@ class BusConfig:
 
     interface: str = "socketcan"
     channel: str = "can0"
-    bitrate: int = 1_000_000
+    bitrate: BITRATES = 1_000_000
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
@@ -142,25 +138,17 @@ class AxisConfig(Ranged):
 
     keys = "{0.name}."
     name: str
-    node: int
+    node: int = field(metadata={"range": (1, 126)})
     motor_counts: int = bounded(1 << 20, 16, 1 << 32)
     gear: float = bounded(1.0, 0.01, 1000, **_UNCONFIRMED)
-    motor_sign: int = field(default=1, metadata=_UNCONFIRMED)
+    motor_sign: Literal[1, -1] = field(default=1, metadata=_UNCONFIRMED)
     plate_counts: int = bounded(245760, 16, 1 << 32, **_UNCONFIRMED)
-    plate_sign: int = field(default=1, metadata=_UNCONFIRMED)
+    plate_sign: Literal[1, -1] = field(default=1, metadata=_UNCONFIRMED)
     plate_object: tuple[int, int] = field(default=(0x2050, 0), metadata=_UNCONFIRMED)
     velocity_unit: float = bounded(0.001 * RPM, 1e-9, 1)
     acceleration_unit: float | None = bounded(None, 1e-6, 1e4, **_UNCONFIRMED)
     limit_unit: float | None = bounded(None, 1e-6, 10, **_UNCONFIRMED)
     product: int | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be."""
-        if not 1 <= self.node <= 126:
-            raise ScenarioError(f"axis {self.name}: node {self.node} must be 1 to 126")
-        if self.motor_sign not in {-1, 1} or self.plate_sign not in {-1, 1}:
-            raise ScenarioError(f"axis {self.name}: a sign must be 1 or -1")
-        super().__post_init__()
 
     @property
     def where(self) -> str:
@@ -215,9 +203,9 @@ class AkdConfig(Ranged):
     )
     period: float = 0.002
     host: int = 127
-    heartbeat: float = 0.02
+    heartbeat: float = bounded(0.02, 0.001, 1)
     silence: float = net(0.06, 0.01, 1.0)
-    answer: float = 2.0
+    answer: float = bounded(2.0, 0.001, 60)
     rate_limit: float = net(8.0, 1, 20, **_UNCONFIRMED)
     ramp: float = bounded(2000.0, 50, 1e5, **_UNCONFIRMED)
     torque_limit: float = net(4.5, 0.5, 12.3, **_UNCONFIRMED)
@@ -234,18 +222,13 @@ class AkdConfig(Ranged):
         if round(self.period * 1e3) < 1 or abs(self.period * 1e3 % 1) > 1e-9:
             raise ScenarioError(f"period {self.period} s must be a whole number of ms")
         super().__post_init__()
-        if not 0.001 <= self.heartbeat < self.silence:
-            raise ScenarioError("drives.heartbeat must be at least 1 ms and below drives.silence")
-        if not 0 < self.answer <= 60:
-            raise ScenarioError(f"drives.answer = {self.answer}: must be above 0, at most 60")
+        if self.heartbeat >= self.silence:
+            raise ScenarioError("drives.heartbeat must be below drives.silence")
         if self.watch.lag >= self.rate_limit:
             raise ScenarioError(
                 f"drives.watch.lag = {self.watch.lag}: must be below drives.rate_limit = "
                 f"{self.rate_limit}, or a motor that stands still would follow"
             )
-        if self.bus.bitrate not in BITRATES:
-            known = ", ".join(map(str, BITRATES))
-            raise ScenarioError(f"bus.bitrate = {self.bus.bitrate}: an AKD knows {known}")
         if self.bus_load >= 1:
             raise ScenarioError(
                 f"bus.bitrate = {self.bus.bitrate}: the frames of a period take "

@@ -180,6 +180,15 @@ _SAID = (
     (StatusBit.INTERNAL_LIMIT, True, "internal limit active"),
 )
 """What a bit says beside the state, where it is set or where it is not."""
+_ASKED = (
+    (RESET, RESET, "fault reset"),
+    (QUICK_STOP, 0, "disable voltage"),
+    (0x04, 0, "quick stop"),
+    (0x01, 0, "shutdown"),
+    (0x08, 0, "switch on"),
+    (0, 0, "enable operation"),
+)
+"""What a control word asks for: the first whose masked bits are these."""
 _HALT = 1 << 8
 PROFILE_VELOCITY = 3
 
@@ -192,17 +201,8 @@ def status_words(status: int) -> str:
 
 def control_words(control: int) -> str:
     """What a control word asks for, in words."""
-    if control & RESET:
-        return "fault reset"
-    if not control & QUICK_STOP:
-        return "disable voltage"
-    if not control & 0x04:
-        return "quick stop"
-    if not control & 0x01:
-        return "shutdown"
-    if not control & 0x08:
-        return "switch on"
-    return "enable operation, halt" if control & _HALT else "enable operation"
+    asked = next(words for mask, value, words in _ASKED if control & mask == value)
+    return f"{asked}, halt" if control & (_HALT | RESET | ENABLE) == _HALT | ENABLE else asked
 
 
 def control_word(current: DriveState, request: AxisRequest) -> int:

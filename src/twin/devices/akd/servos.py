@@ -19,7 +19,6 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.protocol import AxisRequest, DriveState, abort_words
 from twin.devices.common import FaultReports
-from twin.devices.rig import PoweredServos
 from twin.hal.interface import Fault
 
 _MONITORING = (0x1016, 1)
@@ -104,7 +103,7 @@ SHUTDOWN = 0.4
 """Longest time in s for each step of the shutdown."""
 
 
-class AkdServos(PoweredServos):
+class AkdServos:
     """Two AKD drives.
 
     Between ``start`` and ``stop``, ``receive`` and ``send`` are called once per period, or the
@@ -132,6 +131,8 @@ class AkdServos(PoweredServos):
         """What phi's and theta's drive were found to be at the last start."""
         self.heartbeat = True
         """Whether the host sends its heartbeat; off only to test that the drives then stop."""
+        self.round_trip: float | None = None
+        """Seconds from the last command to the last answer; None while one is missing."""
         self.now, self.sleep = now, sleep
         self._where = f"CAN {config.bus}"
         self._motor_zero, self._plate_zero = np.zeros((1, 2)), np.zeros((1, 2))
@@ -310,6 +311,10 @@ class AkdServos(PoweredServos):
         """Declare the present angles in rad, shape (1, 2) each: the encoders are incremental."""
         self._plate_zero = self._plate_angles() - plate
         self._motor_zero = self._motor_angles() - motor
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """What every run is to be warned of, from its start: nothing."""
+        return ()
 
     def faults(self) -> tuple[Fault, ...]:
         """Faults detected since the last call, oldest first; never waits."""

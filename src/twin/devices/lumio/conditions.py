@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from twin.hal.interface import Condition, conditions
 
 _TABLE = conditions("twin.devices.lumio")
 CONDITIONS = tuple(_TABLE.values())
 """Every condition the touch screen reports; ``within`` counts from the first byte that shows it."""
-if TYPE_CHECKING:
+globals().update(_TABLE)
 
-    def __getattr__(name: str) -> Condition: ...
 
-else:
-    globals().update(_TABLE)
+def __getattr__(name: str) -> Condition:
+    raise AttributeError(name)

@@ -11,13 +11,13 @@ import json
 import math
 import os
 import select
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from math import atan2, degrees, hypot, pi
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -25,21 +25,19 @@ from numpy.typing import ArrayLike
 
 from controllers.arrays import Array
 from twin.data_file import parse_json
-from twin.devices.common import Ranged, claim, in_words, net
+from twin.devices.common import Ranged, bounded, claim, in_words, net
 from twin.devices.lumio.protocols import (
     STREAMS,
     Decoder,
     DescriptorError,
     HidDecoder,
-    ReportDescriptor,
     TouchLayout,
-    parse,
 )
-from twin.errors import TwinError
+from twin.errors import ScenarioError, TwinError
 from twin.hal.interface import SCREEN
 
 VENDOR = 0x202E
-PRODUCTS = {0x0006: "hid-0006", 0x0007: "hid-0007"}
+PANELS = ("hid-0006", "hid-0007")
 """Protocols of the products whose report descriptors are in ``panels.toml``."""
 HIDRAW_CLASS = Path("/sys/class/hidraw")
 """Where Linux describes raw HID devices; anyone may read it."""
@@ -47,59 +45,18 @@ UDEV_RULES = Path(__file__).with_name("70-ballplate-touch.rules")
 """Rules that let the user at the computer read a panel, and keep it from moving the pointer."""
 
 
-class UsbIdentity(NamedTuple):
-    """A USB device: numbers, the name it gives itself, and the protocol if it is a known panel."""
-
-    vendor: int
-    product: int
-    name: str
-    protocol: str
-
-    @property
-    def text(self) -> str:
-        """Its numbers and its name."""
-        return f"{self.vendor:04x}:{self.product:04x} {self.name}".rstrip()
-
-
 class Interface(NamedTuple):
     """One interface of a panel. A panel may have several: screen, mouse, keyboard, ...
 
     Attributes:
         port: Path of its raw HID device.
-        identity: Of the panel.
-        descriptor: What it says of its reports; None if that cannot be read.
+        name: Numbers of the panel, and the name that it gives itself.
+        layout: Of its touch reports; None if it is not the touch screen.
     """
 
     port: str
-    identity: UsbIdentity
-    descriptor: ReportDescriptor | None
-
-    @property
-    def layout(self) -> TouchLayout | None:
-        """Of its touch reports; None if it is not the touch screen."""
-        return TouchLayout.of(self.descriptor) if self.descriptor is not None else None
-
-    @property
-    def what(self) -> str:
-        """What it is, in words."""
-        return self.descriptor.what if self.descriptor else "without a readable report descriptor"
-
-
-def identify(port: str, root: Path = HIDRAW_CLASS) -> UsbIdentity | None:
-    """What a ``/dev/hidraw*`` device is; None if that cannot be found out.
-
-    Args:
-        port: Path of the device, or of a link to it.
-        root: Where the kernel describes raw HID devices.
-    """
-    try:
-        text = (_device(port, root) / "uevent").read_text(encoding="utf-8")
-        entries = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
-        _, vendor, product = (int(part, 16) for part in entries["HID_ID"].split(":"))
-    except (OSError, KeyError, ValueError):
-        return None
-    protocol = PRODUCTS.get(product, "") if vendor == VENDOR else ""
-    return UsbIdentity(vendor, product, entries.get("HID_NAME", ""), protocol)
+    name: str
+    layout: TouchLayout | None
 
 
 def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
@@ -109,31 +66,25 @@ def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
         root: Where the kernel describes raw HID devices.
     """
     found = []
-    for device in sorted(root.glob("hidraw*"), key=lambda path: (len(path.name), path.name)):
-        port = f"/dev/{device.name}"
-        known = identify(port, root)
-        if known is not None and known.vendor == VENDOR:
-            found.append(Interface(port, known, _readable(port, root)))
+    for folder in sorted(root.glob("hidraw*"), key=lambda path: (len(path.name), path.name)):
+        with suppress(OSError, KeyError, ValueError):  # it has gone, or is of another kind
+            text = (folder / "device" / "uevent").read_text(encoding="utf-8")
+            told = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
+            _, vendor, product = (int(part, 16) for part in told["HID_ID"].split(":"))
+            if vendor == VENDOR:
+                name = f"{vendor:04x}:{product:04x} {told.get('HID_NAME', '')}".rstrip()
+                found.append(Interface(f"/dev/{folder.name}", name, _readable(folder)))
     return found
 
 
-def touch_screens(root: Path = HIDRAW_CLASS) -> list[Interface]:
-    """Of these, the ones that report touches."""
-    return [each for each in panels(root) if each.layout is not None]
-
-
-def _readable(port: str, root: Path) -> ReportDescriptor | None:
+def _readable(folder: Path) -> TouchLayout | None:
     with suppress(OSError, DescriptorError):
-        return _descriptor(port, root)
+        return _layout(folder)
     return None
 
 
-def _descriptor(port: str, root: Path) -> ReportDescriptor:
-    return parse((_device(port, root) / "report_descriptor").read_bytes())
-
-
-def _device(port: str, root: Path) -> Path:
-    return root / Path(port).resolve().name / "device"
+def _layout(folder: Path) -> TouchLayout | None:
+    return TouchLayout.of((folder / "device" / "report_descriptor").read_bytes())
 
 
 class ScreenError(TwinError, OSError):
@@ -254,18 +205,16 @@ class HidrawDevice(Transport):
             ScreenError: The device is not a touch screen.
         """
         try:
-            descriptor = _descriptor(self.port, HIDRAW_CLASS)
+            layout = _layout(HIDRAW_CLASS / Path(self.port).resolve().name)
         except OSError:
             return None
         except DescriptorError as error:
             reason = f"its report descriptor cannot be read: {error}"
             raise ScreenError(f"touch screen {self.port}: {reason}") from error
-        layout = TouchLayout.of(descriptor)
         if layout is None:
-            others = ", ".join(each.port for each in touch_screens())
+            others = ", ".join(each.port for each in panels() if each.layout)
             hint = f"; the touch screen is {others}" if others else ""
-            what = f"no touch screen but {descriptor.what}{hint}"
-            raise ScreenError(f"touch screen {self.port}: {what}")
+            raise ScreenError(f"touch screen {self.port}: is none{hint}")
         return HidDecoder(layout)
 
     def _open(self) -> int:
@@ -274,10 +223,7 @@ class HidrawDevice(Transport):
         return handle
 
 
-TRANSPORTS: dict[str, type[Transport]] = {
-    "serial": SerialPort,
-    "hidraw": HidrawDevice,
-}
+TRANSPORTS: dict[str, type[Transport]] = {"serial": SerialPort, "hidraw": HidrawDevice}
 """Every kind of port by the name a rig file gives it."""
 
 
@@ -330,19 +276,9 @@ class Calibration:
         area = a * d - b * c
         return (d * x - b * y) / area, (a * y - c * x) / area
 
-    def save(self, path: Path, provenance: Mapping[str, Any]) -> None:
-        """Write it and how it was made as JSON.
 
-        Args:
-            path: The file.
-            provenance: How it was made.
-        """
-        data = {"provenance": dict(provenance), "matrix_m": self.matrix, "origin_m": self.origin}
-        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
-
-
-def read_calibration(path: Path) -> tuple[Calibration, dict[str, Any]]:
-    """A calibration that `save` wrote, and how it was made.
+def read_calibration(path: Path) -> Calibration:
+    """The calibration in a file that `CalibrationFit.save` wrote.
 
     Raises:
         CalibrationError: If the file is missing, or is not such a calibration.
@@ -355,7 +291,7 @@ def read_calibration(path: Path) -> tuple[Calibration, dict[str, Any]]:
         if not all(type(each) in {int, float} for each in numbers):
             raise TypeError("matrix_m and origin_m must be numbers")
         a, b, c, d, x, y = map(float, numbers)
-        return Calibration(((a, b), (c, d)), (x, y)), dict(data["provenance"])
+        return Calibration(((a, b), (c, d)), (x, y))
     except OSError as error:
         raise CalibrationError(f"{path}: {error.strerror}; {_REMEDY}") from error
     except (KeyError, TypeError, ValueError) as error:
@@ -374,10 +310,12 @@ class CalibrationFit:
 
     Attributes:
         calibration: Screen units to plate axes.
+        points: Where the points are, m in plate axes, shape (K, 2).
         left: Where the calibration puts the points less where they are, m, shape (K, 2).
     """
 
     calibration: Calibration
+    points: Array
     left: Array
 
     @property
@@ -389,6 +327,28 @@ class CalibrationFit:
     def rms(self) -> float:
         """Root mean square of these distances, m."""
         return float(np.sqrt(np.mean(self.distances**2)))
+
+    @property
+    def mounting(self) -> Mounting:
+        """What it says of the screen."""
+        return Mounting.of(self.calibration)
+
+    def as_dict(self) -> dict[str, Any]:
+        """What it says and leaves, for ``--json``."""
+        pairs = zip((1e3 * self.points).tolist(), (1e3 * self.left).tolist(), strict=True)
+        return {
+            **asdict(self.mounting),
+            "points": len(self.points),
+            "rms_mm": round(1e3 * self.rms, 4),
+            "residuals": [{"point_mm": point, "off_mm": off} for point, off in pairs],
+        }
+
+    def save(self, path: Path) -> None:
+        """Write the file that a rig file names as ``touch.calibration_file``."""
+        made = {"made": "measured on a rig", "date": time.strftime("%Y-%m-%d"), **self.as_dict()}
+        matrix, origin = self.calibration.matrix, self.calibration.origin
+        data = {"provenance": made, "matrix_m": matrix, "origin_m": origin}
+        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
 
 
 def fit(screen: ArrayLike, plate: ArrayLike) -> CalibrationFit:
@@ -406,27 +366,13 @@ def fit(screen: ArrayLike, plate: ArrayLike) -> CalibrationFit:
         raise CalibrationError(
             f"calibration: needs 3 or more pairs of points, got {seen.shape} and {true.shape}"
         )
-    check_spread(true)
     system = _system(seen)
-    solution, _, rank, _ = np.linalg.lstsq(system, true, rcond=1e-6)
-    if rank < 3:
+    solution = np.linalg.lstsq(system, true, rcond=1e-6)[0]
+    if min(np.linalg.matrix_rank(_system(each), rtol=1e-6) for each in (seen, true)) < 3:
         raise CalibrationError("calibration: the points must not lie on one line")
     (a, c), (b, d), origin = solution.tolist()
     calibration = Calibration(((a, b), (c, d)), (origin[0], origin[1]))
-    return CalibrationFit(calibration, system @ solution - true)
-
-
-def check_spread(points: ArrayLike) -> None:
-    """Make sure that points do not lie on one line.
-
-    Args:
-        points: Shape (K, 2).
-
-    Raises:
-        CalibrationError: If they do.
-    """
-    if np.linalg.matrix_rank(_system(np.asarray(points, float)), rtol=1e-6) < 3:
-        raise CalibrationError("calibration: the points must not lie on one line")
+    return CalibrationFit(calibration, true, system @ solution - true)
 
 
 def outlier(screen: Array, plate: Array) -> tuple[int, float] | None:
@@ -466,22 +412,22 @@ class Mounting:
     """What a calibration says of the screen.
 
     Attributes:
-        size: Sides of the sensing area along the plate's x and y, m.
+        size_m: Sides of the sensing area along the plate's x and y, m.
         swapped: Whether the screen's first axis runs along the plate's y.
         mirrored_x: Whether the screen's position along the plate's x counts backwards.
         mirrored_y: The same along y.
-        turn: Angle from the mounting that these three describe, rad about the plate's normal.
-        skew: By how much the screen's axes differ from a right angle, rad.
-        centre: Where on the plate the middle of the screen is, m.
+        turn_deg: Angle from the mounting that these three describe, deg about the plate's normal.
+        skew_deg: By how much the screen's axes differ from a right angle, deg.
+        centre_m: Where on the plate the middle of the screen is, m.
     """
 
-    size: tuple[float, float]
+    size_m: tuple[float, float]
     swapped: bool
     mirrored_x: bool
     mirrored_y: bool
-    turn: float
-    skew: float
-    centre: tuple[float, float]
+    turn_deg: float
+    skew_deg: float
+    centre_m: tuple[float, float]
 
     @classmethod
     def of(cls, calibration: Calibration) -> Self:
@@ -498,15 +444,15 @@ class Mounting:
             swapped,
             mirrored_x,
             mirrored_y,
-            (along_x + along_y) / 2,
-            along_y - along_x,
+            degrees(along_x + along_y) / 2,
+            degrees(along_y - along_x),
             calibration.plate(0.5, 0.5),
         )
 
     @property
     def lines(self) -> tuple[str, ...]:
         """It in words, a line for each of scale, axes, turn and place."""
-        width, height = (1e3 * side for side in self.size)
+        width, height = (1e3 * side for side in self.size_m)
         first, second = (
             f"the plate's {'-' if mirrored else '+'}{name}"
             for name, mirrored in (("x", self.mirrored_x), ("y", self.mirrored_y))
@@ -516,22 +462,10 @@ class Mounting:
         return (
             f"scale: sensing area {width:.1f} x {height:.1f} mm along the plate's x and y",
             f"axes: the screen's x runs along {first}, its y along {second}",
-            f"turn: {degrees(self.turn):+.2f} deg, skew {degrees(self.skew):+.2f} deg",
-            f"offset: its middle is at x {1e3 * self.centre[0]:+.2f}, "
-            f"y {1e3 * self.centre[1]:+.2f} mm",
+            f"turn: {self.turn_deg:+.2f} deg, skew {self.skew_deg:+.2f} deg",
+            f"offset: its middle is at x {1e3 * self.centre_m[0]:+.2f}, "
+            f"y {1e3 * self.centre_m[1]:+.2f} mm",
         )
-
-    def as_dict(self) -> dict[str, Any]:
-        """It for files and ``--json``."""
-        return {
-            "size_m": [round(side, 6) for side in self.size],
-            "swapped": self.swapped,
-            "mirrored_x": self.mirrored_x,
-            "mirrored_y": self.mirrored_y,
-            "turn_deg": round(degrees(self.turn), 5) + 0.0,
-            "skew_deg": round(degrees(self.skew), 5) + 0.0,
-            "centre_m": [round(each, 6) for each in self.centre],
-        }
 
 
 def _turned(angle: float) -> float:
@@ -573,7 +507,7 @@ class PlausibilityLimits(Ranged):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LumioConfig:
+class LumioConfig(Ranged):
     """Settings of one touch screen.
 
     Attributes:
@@ -588,27 +522,25 @@ class LumioConfig:
         gate: What is plausible.
 
     Raises:
-        ScreenError: Unknown transport or protocol, or a baud rate that is not positive.
+        ScenarioError: Unknown protocol, or a baud rate that none has.
     """
 
+    keys = "touch."
     port: str
-    transport: str = "serial"
+    transport: Literal["serial", "hidraw"] = "serial"
     protocol: str = "auto"
-    baud: int = 9600
+    baud: int = bounded(9600, 1, 1e12)
     calibration: Calibration | None = None
     gate: PlausibilityLimits = field(default_factory=PlausibilityLimits)
 
     def __post_init__(self) -> None:
         """Refuse what does not exist."""
-        for key, allowed in (
-            ("transport", tuple(TRANSPORTS)),
-            ("protocol", ("auto", *STREAMS, *PRODUCTS.values())),
-        ):
-            value = getattr(self, key)
-            if value not in allowed:
-                raise ScreenError(f"touch.{key}: must be one of {', '.join(allowed)}, got {value}")
-        if self.baud <= 0:
-            raise ScreenError(f"touch.baud: must be positive, got {self.baud}")
+        super().__post_init__()
+        known = "auto", *STREAMS, *PANELS
+        if self.protocol not in known:
+            raise ScenarioError(
+                f"touch.protocol: must be one of {', '.join(known)}, got {self.protocol}"
+            )
 
     @property
     def capacity(self) -> float:

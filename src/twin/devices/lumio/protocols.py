@@ -9,10 +9,8 @@ or have a licence that does not go with this one.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from typing import ClassVar, NamedTuple, Self
 
 from twin.data_file import packaged
@@ -227,252 +225,136 @@ class Detector:
 
     def feed(self, data: bytes) -> tuple[StreamDecoder, list[Report]] | None:
         """The decoder of the protocol and what it makes of these bytes, once it is known."""
-        found = []
         for decoder in self._decoders:
-            reports = decoder.feed(data)
-            heard, given = decoder.stats.bytes, decoder.stats.reports
-            understood = decoder.size * given / max(1, heard)
-            if heard >= self.LEAST and given >= self.REPORTS and understood >= self.SHARE:
-                found.append((understood, decoder, reports))
-        if found:
-            _, decoder, reports = max(found, key=lambda entry: entry[0])
-            return decoder, reports
+            reports, stats = decoder.feed(data), decoder.stats
+            enough = stats.bytes >= self.LEAST and stats.reports >= self.REPORTS
+            if enough and decoder.size * stats.reports >= self.SHARE * stats.bytes:
+                return decoder, reports
         if self._decoders[0].stats.bytes > self.WINDOW:
             self.restart()
         return None
 
 
-LONGEST = 4096
-"""Bytes of a descriptor, as the kernel allows."""
 LARGEST = 8 * 16384
 """Bits of a report, as the kernel allows."""
-WIDEST = 64
-"""Bits of a field."""
-MOST = 12288
-"""Fields of a device, and usages of one item, as the kernel allows."""
-DEEPEST = 64
-"""Levels of collections, and of settings put by."""
+TOUCH_SCREEN = 0x000D_0004
+_TIP, _IDENTIFIER, _COUNT = 0x000D_0042, 0x000D_0051, 0x000D_0054
+_X, _Y = 0x0001_0030, 0x0001_0031
+_OF_CONTACT = {_TIP, _IDENTIFIER, _X, _Y}
 
-_LONG_ITEM = 0xFE
+_MAIN, _GLOBAL, _LOCAL = range(3)
 _INPUT, _COLLECTION, _END = 0x8, 0xA, 0xC
 _CONSTANT, _VARIABLE = 1 << 0, 1 << 1
+_PAGE, _LOW, _HIGH, _PHYSICAL_LOW, _PHYSICAL_HIGH = range(5)
+_EXPONENT, _UNIT, _SIZE, _REPORT, _REPEAT = range(5, 10)
 _PUSH, _POP = 0xA, 0xB
+_USAGE = 0x0
+_METRES = {0x11: 0.01, 0x13: 0.0254}
+"""Units of length, centimetre and inch, in m."""
 
 
 class DescriptorError(TwinError, ValueError):
     """Bytes that are no report descriptor."""
 
 
-_GLOBALS: tuple[str, ...] = "page", "logical_low", "logical_high", "physical_low", "physical_high"
-_GLOBALS += "exponent", "unit", "size", "report", "count"
-"""Settings that hold until they are changed, by the tag of the item that does so."""
-
-
-class _Parser:
-    """What the items have said so far."""
-
-    def __init__(self) -> None:
-        self.settings = dict.fromkeys(_GLOBALS, 0)
-        self.put_by: list[dict[str, int]] = []
-        self.usages: list[int] = []
-        self.first = 0
-        self.within: list[tuple[int, int]] = []
-        self.fields: list[ReportField] = []
-        self.bits: dict[int, int] = {}
-        self.applications: list[int] = []
-
-    def main(self, tag: int, data: int, _: int, at: int) -> None:
-        if tag == _INPUT:
-            self._input(data, **self.settings)
-        elif tag == _COLLECTION:
-            usage = self._complete(self.usages[0]) if self.usages else 0
-            if not self.within:
-                self.applications.append(usage)
-            self.within.append((usage, at))
-            _check(len(self.within) <= DEEPEST, f"more than {DEEPEST} levels of collections")
-        elif tag == _END:
-            _check(self.within, f"byte {at}: ends a collection that has not begun")
-            self.within.pop()
-        self.usages, self.first = [], 0
-
-    def _input(self, flags: int, size: int, report: int, count: int, **now: int) -> None:
-        begin = self.bits.get(report, 0)
-        possible = 0 < size <= WIDEST or flags & _CONSTANT
-        _check(possible, f"a field of {size} bits; 1 to {WIDEST} are possible")
-        self.bits[report] = begin + size * count
-        _check(self.bits[report] <= LARGEST, f"a report of more than {LARGEST} bits")
-        if flags & _CONSTANT or not flags & _VARIABLE or not self.usages:
-            return
-        _check(len(self.fields) + count <= MOST, f"more than {MOST} fields")
-        logical, physical = (
-            (now[f"{kind}_low"], now[f"{kind}_high"]) for kind in ("logical", "physical")
-        )
-        stands_for = logical if physical == (0, 0) else physical
-        metres, within = _metres(now["unit"], now["exponent"]), tuple(self.within)
-        # with fewer usages than fields, the last one holds for the rest
-        for index in range(count):
-            usage = self._complete(self.usages[min(index, len(self.usages) - 1)])
-            at = begin + index * size
-            field = ReportField(report, at, size, usage, logical, stands_for, metres, within)
-            self.fields.append(field)
-
-    def _complete(self, usage: int) -> int:
-        """A usage with its page; one of four bytes brings it along."""
-        return usage if usage >> 16 else self.settings["page"] << 16 | usage
-
-    def globals(self, tag: int, data: int, size: int, _: int) -> None:
-        if tag == _PUSH:
-            self.put_by.append(dict(self.settings))
-            _check(len(self.put_by) <= DEEPEST, f"more than {DEEPEST} settings put by")
-        elif tag == _POP:
-            _check(self.put_by, "settings fetched that were not put by")
-            self.settings = self.put_by.pop()
-        elif tag < len(_GLOBALS):
-            self._change(_GLOBALS[tag], data, _signed(data, 8 * size))
-
-    def _change(self, name: str, data: int, signed: int) -> None:
-        if name == "page":
-            data &= 0xFFFF
-        elif name == "exponent":
-            # meant as a byte with a sign, mostly written as half of one
-            data = _signed(data, 4) if 0 <= signed < 16 else signed
-        # 25 FF after a smallest value of 0 means 255 and not -1
-        elif name.endswith("_low") or self.settings.get(name.replace("high", "low"), 0) < 0:
-            data = signed
-        _check(name != "report" or 0 < data <= 0xFF, f"report number {data}; 1 to 255 are possible")
-        self.settings[name] = data
-
-    def local(self, tag: int, data: int, _: int, at: int) -> None:
-        if tag == 0x0:
-            self.usages.append(data)
-        elif tag == 0x1:
-            self.first = data
-        elif tag == 0x2:
-            few = data - self.first < MOST and len(self.usages) < MOST
-            _check(few, f"more than {MOST} usages of one field")
-            self.usages += range(self.first, data + 1)
-
-
-def _check(holds: object, words: str) -> None:
-    if not holds:
-        raise DescriptorError(words)
-
-
-def parse(data: bytes) -> ReportDescriptor:
-    """What a report descriptor says of the input reports.
-
-    Args:
-        data: The descriptor.
-
-    Raises:
-        DescriptorError: It is cut short, or says what no device can mean.
-    """
-    _check(len(data) <= LONGEST, f"{len(data)} bytes; at most {LONGEST} are possible")
-    parser = _Parser()
-    kinds = parser.main, parser.globals, parser.local
-    for at, kind, tag, value, size in _items(data):
-        if kind < len(kinds):
-            kinds[kind](tag, value, size, at)
-    _check(not parser.within, "it ends within a collection")
-    return ReportDescriptor(tuple(parser.fields), parser.bits, tuple(parser.applications))
-
-
-def _items(data: bytes) -> Iterator[tuple[int, int, int, int, int]]:
-    """Position, type, tag, value and size of the short items; long ones mean nothing yet."""
-    at = 0
-    while at < len(data):
-        head = data[at]
-        if head == _LONG_ITEM:
-            at += 3 + (data[at + 1] if at + 1 < len(data) else 0)
-            continue
-        size = (0, 1, 2, 4)[head & 3]
-        body = data[at + 1 : at + 1 + size]
-        _check(len(body) == size, f"byte {at}: cut short")
-        yield at, head >> 2 & 3, head >> 4, int.from_bytes(body, "little"), size
-        at += 1 + size
-
-
-def _signed(value: int, bits: int) -> int:
-    """A number of so many bits in two's complement."""
-    return value - (1 << bits) if bits and value >> bits - 1 & 1 else value
-
-
-_CENTIMETRE, _INCH = 0x11, 0x13
-
-
-def _metres(unit: int, exponent: int) -> float:
-    """A unit of length in m, 0 for any other; 10 to its exponent of them (6.2.2.7)."""
-    base = {_CENTIMETRE: 0.01, _INCH: 0.0254}.get(unit, 0.0)
-    return base * 10.0**exponent if -32 < exponent < 32 else 0.0
-
-
 class ReportField(NamedTuple):
     """A number in an input report.
 
     Attributes:
-        report: Number of the report that holds it; 0 in a device that numbers none.
+        usage: What it means: page << 16 | identifier.
         offset: Its first bit, counted from the beginning of the report after its number.
         bits: Its length.
-        usage: What it means: page << 16 | identifier; 0 for padding.
-        logical: Smallest and largest value.
-        physical: What these two stand for, in the unit.
-        metres: The unit, if it is one of length, in m; else 0.
-        within: Usages of the collections around it, outermost first, and their positions in the
-            descriptor: ``(usage, position)``.
+        low: Smallest value.
+        high: Largest value.
+        length: What its whole range stands for, m; 0 if that is no length.
     """
 
-    report: int
+    usage: int
     offset: int
     bits: int
-    usage: int
-    logical: tuple[int, int]
-    physical: tuple[int, int]
-    metres: float
-    within: tuple[tuple[int, int], ...]
+    low: int
+    high: int
+    length: float
 
     def value(self, report: int) -> int:
         """Its value in a report, given as one little-endian number without the report's number."""
         raw = report >> self.offset & (1 << self.bits) - 1
-        negative = self.logical[0] < 0 and raw >> self.bits - 1
-        return raw - (1 << self.bits) if negative else raw
+        return raw - (1 << self.bits) if self.low < 0 and raw >> self.bits - 1 else raw
 
-    @property
-    def length(self) -> float:
-        """What its whole range stands for, m; 0 if that is no length."""
-        return self.metres * (self.physical[1] - self.physical[0])
+    def share(self, report: int) -> float:
+        """The same as a share of its range."""
+        return (self.value(report) - self.low) / (self.high - self.low)
 
 
-@dataclass(frozen=True)
-class ReportDescriptor:
-    """Everything in a report descriptor that concerns input.
+def parse(data: bytes) -> dict[int, tuple[int, list[ReportField]]]:
+    """The input reports by number, 0 in a device that numbers none: bits, and a touch's fields.
 
-    Attributes:
-        fields: Of all input reports, padding left out.
-        bits: Length of each input report by its number, without the number itself; 0 in a device
-            that numbers none, whose reports do not begin with it.
-        applications: Usages of the outermost collections: what the device is.
+    Linux has refused by then what no device can mean.
+
+    Args:
+        data: The report descriptor.
+
+    Raises:
+        DescriptorError: It is cut short, or has a report of no possible length.
     """
+    now, put_by = dict.fromkeys(range(10), 0), list[dict[int, int]]()
+    usages, application, depth = list[int](), 0, 0
+    found: dict[int, tuple[int, list[ReportField]]] = {}
+    for kind, tag, value, signed in _items(data):
+        if kind == _GLOBAL and tag == _PUSH:
+            put_by.append(dict(now))
+        elif kind == _GLOBAL and tag == _POP and put_by:
+            now = put_by.pop()
+        elif kind == _GLOBAL:
+            # 25 FF after a smallest value of 0 means 255 and not -1
+            of_range = tag in {_HIGH, _PHYSICAL_HIGH} and now[tag - 1] < 0
+            now[tag] = signed if of_range or tag in {_LOW, _PHYSICAL_LOW} else value
+        elif kind == _LOCAL and tag == _USAGE:
+            usages.append(value)
+        elif kind == _MAIN:
+            # a usage of four bytes brings its page along
+            meant = [each if each >> 16 else now[_PAGE] << 16 | each for each in usages]
+            usages = []
+            if tag == _COLLECTION:
+                application = application if depth else next(iter(meant), 0)
+            depth += (tag == _COLLECTION) - (tag == _END)
+            if tag == _INPUT:
+                begin, fields = found.get(now[_REPORT], (0, []))
+                end = begin + now[_SIZE] * now[_REPEAT]
+                if end > LARGEST:
+                    raise DescriptorError(f"a report of more than {LARGEST} bits")
+                found[now[_REPORT]] = end, fields
+                if application == TOUCH_SCREEN and value & (_CONSTANT | _VARIABLE) == _VARIABLE:
+                    fields += _fields(begin, end, meant, now)
+    return found
 
-    fields: tuple[ReportField, ...]
-    bits: dict[int, int]
-    applications: tuple[int, ...]
 
-    @property
-    def what(self) -> str:
-        """What an interface that has it is, in words."""
-        return ", ".join(map(application, self.applications)) or "without any use"
+def _items(data: bytes) -> Iterator[tuple[int, int, int, int]]:
+    """Type, tag, and value without and with sign."""
+    at = 0
+    while at < len(data):
+        size = (0, 1, 2, 4)[data[at] & 3]
+        body = data[at + 1 : at + 1 + size]
+        if len(body) < size:
+            raise DescriptorError(f"byte {at}: cut short")
+        yield (
+            data[at] >> 2 & 3,
+            data[at] >> 4,
+            int.from_bytes(body, "little"),
+            int.from_bytes(body, "little", signed=True),
+        )
+        at += 1 + size
 
 
-TOUCH_SCREEN = 0x000D_0004
-_FINGER = 0x000D_0022
-_TIP, _IDENTIFIER, _COUNT = 0x000D_0042, 0x000D_0051, 0x000D_0054
-_X, _Y = 0x0001_0030, 0x0001_0031
-
-
-def application(usage: int) -> str:
-    """What an interface can be, in words, by the usage of its outermost collection."""
-    key = f"{usage >> 16:04x}:{usage & 0xFFFF:04x}"
-    return str(_panels()["applications"].get(key, f"usage {key}"))
+def _fields(begin: int, end: int, usages: list[int], now: dict[int, int]) -> Iterator[ReportField]:
+    """The fields of one item; with fewer usages than fields, the last one holds for the rest."""
+    low, high = now[_LOW], now[_HIGH]
+    span = now[_PHYSICAL_HIGH] - now[_PHYSICAL_LOW] or high - low
+    exponent = (now[_EXPONENT] & 0xF ^ 8) - 8  # half a byte with a sign
+    length = span * _METRES.get(now[_UNIT], 0.0) * 10.0**exponent
+    for index, at in enumerate(range(begin, end, now[_SIZE] or LARGEST)):
+        for usage in usages[: index + 1][-1:]:
+            yield ReportField(usage, at, now[_SIZE], low, high, length)
 
 
 class ContactFields(NamedTuple):
@@ -501,30 +383,30 @@ class TouchLayout:
     count: ReportField | None
 
     @classmethod
-    def of(cls, descriptor: ReportDescriptor) -> Self | None:
-        """The layout that a descriptor gives, or None if it is no touch screen's."""
-        fingers: dict[tuple[int, int], dict[int, ReportField]] = defaultdict(dict)
-        counts: dict[int, ReportField] = {}
-        for each in descriptor.fields:
-            if not each.within or each.within[0][0] != TOUCH_SCREEN:
-                continue
-            if each.usage == _COUNT:
-                counts.setdefault(each.report, each)
-            fingers[each.report, _place(each)].setdefault(each.usage, each)
-        found = [
-            (report, ContactFields(known[_TIP], known[_X], known[_Y], known.get(_IDENTIFIER)))
-            for (report, _), known in fingers.items()
-            if {_TIP, _X, _Y} <= known.keys() and _spans(known[_X]) and _spans(known[_Y])
-        ]
-        if not found:
-            return None
-        report = found[0][0]
-        return cls(
-            report,
-            -(-descriptor.bits[report] // 8) + (report > 0),
-            tuple(contact for number, contact in found if number == report),
-            counts.get(report),
-        )
+    def of(cls, descriptor: bytes) -> Self | None:
+        """The layout that a report descriptor gives, or None if it is no touch screen's.
+
+        A number that a contact has already is the next one's.
+
+        Raises:
+            DescriptorError: If it is none.
+        """
+        for report, (bits, fields) in parse(descriptor).items():
+            places: list[dict[int, ReportField]] = [{}]
+            for field in (each for each in fields if each.usage in _OF_CONTACT):
+                if field.usage in places[-1]:
+                    places.append({})
+                places[-1][field.usage] = field
+            contacts = tuple(
+                ContactFields(place[_TIP], place[_X], place[_Y], place.get(_IDENTIFIER))
+                for place in places
+                if {_TIP, _X, _Y} <= place.keys()
+                and all(place[each].low < place[each].high for each in (_X, _Y))
+            )
+            if contacts:
+                count = next((field for field in fields if field.usage == _COUNT), None)
+                return cls(report, -(-bits // 8) + (report > 0), contacts, count)
+        return None
 
     @property
     def extent(self) -> tuple[float, float] | None:
@@ -532,20 +414,6 @@ class TouchLayout:
         first = self.contacts[0]
         x, y = first.x.length, first.y.length
         return (x, y) if x > 0 and y > 0 else None
-
-
-def _place(field: ReportField) -> int:
-    """What tells the numbers of one contact from those of another: the collection around them.
-
-    That is the one called a finger. Product 202E:0006 calls only the first of its four so, and
-    devices with a single contact may have none.
-    """
-    named = [position for usage, position in field.within if usage == _FINGER]
-    return named[-1] if named else field.within[:2][-1][1]
-
-
-def _spans(field: ReportField) -> bool:
-    return field.logical[1] > field.logical[0]
 
 
 class HidDecoder(Decoder):
@@ -566,7 +434,6 @@ class HidDecoder(Decoder):
         super().__init__()
         self.layout, self.extent = layout, layout.extent
         self._left = 0
-        self._down: set[int] = set()
 
     def feed(self, data: bytes) -> list[Report]:
         """The reports in these bytes, oldest first."""
@@ -594,13 +461,11 @@ class HidDecoder(Decoder):
         used = self._used(report)
         contacts = []
         for place in used:
-            x, y = _share(place.x, report), _share(place.y, report)
+            x, y = place.x.share(report), place.y.share(report)
             if not (0 <= x <= 1 and 0 <= y <= 1):
                 self.stats.outside += 1
                 return None
             contacts.append(Contact(x, y, bool(place.tip.value(report)), _name(place, report)))
-        for contact in contacts:
-            (self._down.add if contact.down else self._down.discard)(contact.id)
         return tuple(contacts)
 
     def _used(self, report: int) -> tuple[ContactFields, ...]:
@@ -615,37 +480,18 @@ class HidDecoder(Decoder):
             return places[:number]
         if len(places) == 1:
             return places
-        return tuple(
-            place
-            for place in places
-            if place.tip.value(report) or _name(place, report) in self._down
-        )
-
-
-def _share(field: ReportField, report: int) -> float:
-    """A coordinate as a share of its range."""
-    low, high = field.logical
-    return (field.value(report) - low) / (high - low)
+        return tuple(place for place in places if place.tip.value(report))
 
 
 def _name(place: ContactFields, report: int) -> int:
     return place.identifier.value(report) if place.identifier is not None else 1
 
 
-@cache
-def _panels() -> dict[str, dict[str, str]]:
-    return packaged("twin.devices.lumio", "panels.toml")
-
-
-@cache
-def _known_layouts() -> dict[str, TouchLayout]:
-    """Layouts of the products in ``panels.toml``."""
-    known = _panels()["descriptors"].items()
-    found = {name: TouchLayout.of(parse(bytes.fromhex(data))) for name, data in known}
-    return {name: layout for name, layout in found.items() if layout is not None}
-
-
 def decoder_of(protocol: str) -> Decoder:
     """A decoder of a protocol, by the name a rig file gives it."""
-    stream = STREAMS.get(protocol)
-    return stream() if stream is not None else HidDecoder(_known_layouts()[protocol])
+    if protocol in STREAMS:
+        return STREAMS[protocol]()
+    known = packaged("twin.devices.lumio", "panels.toml")["descriptors"][protocol]
+    layout = TouchLayout.of(bytes.fromhex(known))
+    assert layout is not None
+    return HidDecoder(layout)

@@ -330,11 +330,6 @@ class TouchStream:
         self._times: deque[float] = deque(maxlen=60)
 
     @property
-    def sample(self) -> Sample | None:
-        """The ball's newest position."""
-        return self.tracker.sample
-
-    @property
     def rate(self) -> float:
         """Reports per second over the last ones, pauses without a touch left out."""
         times = list(self._times)
@@ -525,7 +520,7 @@ class LumioScreen:
         The ball counts as touched until its position is older than ``gate.stale``, lift-off or
         not: that bridges brief dropouts.
         """
-        sample, now = self.stream.sample, self._now()
+        sample, now = self.stream.tracker.sample, self._now()
         if sample is None:
             return Touch(np.zeros((1, 2)), np.array([math.inf]), np.array([False]))
         age = max(0.0, now - sample.time)
@@ -560,13 +555,10 @@ class LumioScreen:
         """What to change if there is no position; empty if nothing is known."""
         if self.stream.looks_like:
             return f"the bytes look like {self.stream.looks_like}: set touch.protocol to that"
-        heard = self.stream.heard
-        if not heard:
+        if not self.stream.heard:
             return "nothing heard: put the ball on, check the cable and the port"
-        if self.stream.stats.reports:
-            return ""
-        wanted = "known" if self.config.protocol == "auto" else f"{self.config.protocol} nor other"
-        return f"{heard} bytes heard, of no {wanted} protocol: check the baud rate"
+        unknown = f"{self.stream.heard} bytes heard, of no known protocol: check the baud rate"
+        return "" if self.stream.stats.reports else unknown
 
     def _listen(self) -> None:
         """Read until stopped; a port that has gone is left alone."""
