@@ -29,7 +29,7 @@ from twin.cli.output import (
 from twin.data_file import read_toml
 from twin.errors import LogError, ScenarioError
 from twin.page import Table, digits
-from twin.report.numbers import FIRST, LABELS, own_settings, ranking
+from twin.report.numbers import FIRST, LABELS, lowest
 from twin.run.files import former, free, run_folder
 from twin.shipped import folder
 
@@ -195,14 +195,12 @@ def compare(
 
     summaries = found.summaries()
     by_heading = {found.headings[label]: each for label, each in summaries.items()}
-    finished = [label for label in found if label not in found.folders]
     measured = {label: found[label] for label in found.logs}
     shown = (
         bold(found.title),
         *indicators(by_heading, everything=everything),
         *reasons(by_heading),
-        *own_settings({found.headings[each]: found[each] for each in finished}),
-        *map(bold, (*distances(measured, found.motions), ranking(by_heading))),
+        *map(bold, (*distances(measured, found.motions), lowest(by_heading))),
     )
     files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
     show(summaries, shown, found.folder, files, found.replaced)

@@ -13,8 +13,8 @@ from controllers.interfaces import Measurement
 from twin.errors import RecordError, ScenarioError
 from twin.identify.logs import read
 from twin.jobs import SecondProcess
-from twin.page import Block, Picture, Text, Verdict, digits, html
-from twin.report.numbers import IndicatorRow, all_rows, indicators
+from twin.page import Block, Picture, Text, Verdict, html
+from twin.report.numbers import EVERY, indicators
 from twin.run.assemble import assemble
 from twin.run.files import WHATIF, forget, free, record_of, short_key, slug
 from twin.run.finished import Run, drawn, open_run, record_run, versions
@@ -175,14 +175,12 @@ def page(moment: Moment, found: Sequence[Future], picture: bytes) -> str:
         sentences.append(
             f"That is more than {POOR:g} mm: the twin does not fit, and a future is no better."
         )
-    found_rows = all_rows([each.run.metrics for each in found])
-    apart = tuple(digits(each.max_difference, "mm") for each in found)
-    found_rows.append(IndicatorRow("most from the record", "mm", apart))
+    numbers = {e.label: {**e.run.metrics, "apart": e.max_difference} for e in found}
     title = f"What if: {moment.name} from {moment.at:g} s on"
     blocks: list[Block] = [
         Verdict(sentences, before is not None and before <= POOR),
         Picture("Record and futures", picture),
-        indicators("The futures", found_rows, [each.label for each in found]),
+        indicators("The futures", numbers, EVERY | {"apart": ("most from the record", "mm")}),
     ]
     if moment.notes:
         blocks.append(Text(moment.notes, "The record"))
