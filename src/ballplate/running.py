@@ -218,8 +218,6 @@ def one_run(
     reporter: Reporter,
     attach: Attach = lambda _: None,
     rig: Rig | None = None,
-    *,
-    which: str = "",
 ) -> Run:
     """Run a scenario with its warnings and its progress.
 
@@ -229,14 +227,13 @@ def one_run(
         reporter: Who is told.
         attach: Is given the recorder before the run.
         rig: A real rig; simulated by default.
-        which: Which of several runs it is, for the warnings.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
     """
     from twin.run import finished
 
-    warn_of_dangers(scenario, reporter, which)
+    warn_of_dangers(scenario, reporter)
     with reporter.progress(label, scenario.duration) as advance:
         return finished.run(scenario, advance, attach, rig)
 

@@ -56,7 +56,6 @@ def show(
     shown: Iterable[object],
     folder: str | Path | None = None,
     files: str = "",
-    replaced: str = "",
 ) -> None:
     """Print what a command found: for programs one JSON value, for people tables and sentences.
 
@@ -65,7 +64,6 @@ def show(
         shown: What people read, in this order; taken only where it is printed.
         folder: Where it was written; None for nowhere.
         files: Its files there, in words.
-        replaced: What it replaced there, in words.
     """
     if json_wanted():
         click.echo(json.dumps(found, indent=2, allow_nan=False))
@@ -77,7 +75,7 @@ def show(
         else:
             console.print(each, markup=False, soft_wrap=not console.is_terminal)
     if folder is not None:
-        say(f"written to {folder}/{replaced}: {files}")
+        say(f"written to {folder}/: {files}")
 
 
 def show_titles(titles: Mapping[str, str]) -> None:
