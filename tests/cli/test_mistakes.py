@@ -76,7 +76,6 @@ LINES = {
     "run circle --out=": "--out: names no folder",
     "run circle --set duration=1 --set duration=2": "given 2 times",
     "run circle --view --serve": "choose one",
-    "run circle --rrd no/a.rrd": "there is no such folder",
     "analyse sign": "not found",
     "compare hold --vary duration": "KEY=",
     "compare circle --vary controller.kind=[]": "give at least one value",

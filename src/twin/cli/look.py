@@ -14,10 +14,9 @@ from twin.cli import options as tab
 from twin.cli.options import AGAINST, SERVE, SETTING, Command
 from twin.cli.options import opened as open_all
 from twin.cli.output import TERMINAL, say, warn
-from twin.errors import RecordError, TwinError, ViewError, nearest
+from twin.errors import RecordError, TwinError, ViewError
 from twin.paths import model_path
 from twin.run.files import MOVING, check_no_scenario, run_folder
-from twin.run.files import export as export_signals
 from twin.writing import write_whole
 
 if TYPE_CHECKING:
@@ -163,10 +162,6 @@ def report(
 @click.argument("run", type=click.Path(path_type=Path), shell_complete=tab.runs)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
-    "--every", type=click.IntRange(min=1), help="Of signals: take every N-th row only.", metavar="N"
-)
-@click.option("--columns", help="Of signals: those to take, with commas between [all].")
-@click.option(
     "--beside",
     multiple=True,
     type=click.Path(path_type=Path),
@@ -190,8 +185,6 @@ def report(
 def export(
     run: Path,
     file: Path,
-    every: int | None,
-    columns: str | None,
     beside: tuple[Path, ...],
     fmi: str | None,
     wished: bool,
@@ -207,7 +200,7 @@ def export(
     ballplate export circle rig.fmu --fmi 3 --set plant.friction.rolling_mm=0.1
     """
     if file.suffix == ".fmu":
-        if every or columns is not None or beside or any(a is not None for a in cut.values()):
+        if beside or any(a is not None for a in cut.values()):
             raise RecordError(
                 f"{file}: of an .fmu there are the options --fmi, --reference and --set only"
             )
@@ -224,10 +217,6 @@ def export(
 
     given = {name: value for name, value in cut.items() if value is not None}
     moving = file.suffix in MOVING
-    if moving and (every or columns is not None):
-        raise RecordError(
-            f"{file}: --every and --columns are of signals: .csv, .mat, .parquet, .mcap"
-        )
     if not moving and (given or beside):
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
@@ -238,7 +227,9 @@ def export(
     if opened.lacking:
         warn(opened.lacking)
     if not moving:
-        return _signals(opened, file, every or 1, columns)
+        opened.export(file)
+        say(f"written to {file}: {len(opened.time)} rows of {len(opened)} columns")
+        return 0
     shown = [opened, *(other for path in beside for other in _further(path, opened))]
     (name, first), *others = labelled([Result.from_run(each) for each in shown]).items()
     first.label, first.beside = name, dict(others)
@@ -256,21 +247,6 @@ def _further(path: Path, first: Run) -> list[Run]:
     if path.suffix == ".csv":
         return measured([path], (), [first], ())[0]
     return open_runs((path,), warn)
-
-
-def _signals(run: Run, file: Path, every: int, columns: str | None) -> int:
-    """Write columns of a run."""
-    names = list(run.rows)
-    if columns is not None:
-        wanted = [name.strip() for name in columns.split(",")]
-        for name in wanted:
-            if name not in names:
-                raise RecordError(f"--columns: no column '{name}'{nearest(name, names)}")
-        names = list(dict.fromkeys(("time", *wanted)))
-    export_signals(file, {name: run.rows[name][::every] for name in names}, run.units, run.about)
-    rows = len(run.rows["time"][::every])
-    say(f"written to {file}: {rows} rows of {len(names)} columns")
-    return 0
 
 
 @click.command(cls=Command, example="docs")

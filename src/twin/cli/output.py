@@ -135,13 +135,7 @@ OPTIONS = {"on": "--rig"}
 
 
 class Terminal(Reporter):
-    """Progress, warnings and notes on standard error.
-
-    Attributes:
-        quiet: Whether something else has the place of the progress, as a live summary.
-    """
-
-    quiet = False
+    """Progress, warnings and notes on standard error."""
 
     @contextmanager
     def progress(self, what: str, total: float, unit: str = "") -> Iterator[Advance]:
@@ -152,9 +146,6 @@ class Terminal(Reporter):
             total: What ``done`` is when all is done.
             unit: What is counted, as ``runs``; without one the share done is shown.
         """
-        if self.quiet:
-            yield lambda *_: None
-            return
         last = monotonic()
         if not errors.is_terminal:
             click.echo(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...", err=True)

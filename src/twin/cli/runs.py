@@ -131,7 +131,7 @@ def run(
         dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
     )
     show(numbers, shown, folder, files)
-    viewing.keep(folder)
+    viewing.keep()
     return int(not done.finished)
 
 
