@@ -85,7 +85,7 @@ LINES = {
     "report runs/circle": "runs/circle is not there yet; first: ballplate run circle",
     "identify runs/excite": "runs/excite is not there yet; first: ballplate run excite",
     "report foreign.parquet": "not a record of ballplate",
-    "report log.csv": "a log has no reference; name the scenario",
+    "report log.csv": "a log, not a run; ballplate compare log.csv SCENARIO",
     "report": "no run in runs/ yet",
     "view made --connect 127.0.0.1:1": "no viewer there",
     "identify german.csv": "columns are separated by ';'",

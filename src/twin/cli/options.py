@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -13,16 +13,14 @@ from uuid import uuid4
 import click
 from click.shell_completion import CompletionItem, get_completion_class
 
-from ballplate.changes import changes_of, scenario_of
-from ballplate.running import EMULATED, one_run
-from twin.cli.output import TERMINAL, warn
-from twin.errors import RecordError, ScenarioError, ViewError
-from twin.run.files import LAST, ROOT, check_no_scenario, run_folders
+from ballplate.running import EMULATED
+from twin.cli.output import warn
+from twin.errors import ScenarioError, ViewError
+from twin.run.files import LAST, ROOT, run_folders
 from twin.shipped import find, shipped, shipped_in
 
 if TYPE_CHECKING:
     from ballplate.running import Attach
-    from twin.run.finished import Run
     from twin.run.record import Recorder
     from twin.scenario import Scenario
     from twin.view.live_process import LiveProcess
@@ -72,33 +70,22 @@ def completion(context: click.Context, shell: str) -> int:
     return 0
 
 
-def scenarios(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Shipped scenarios, and TOML files."""
-    return _offered(incomplete, shipped())
+def _completes(known: Callable[[], Iterable[str]]) -> Any:
+    """What offers the known names that begin as a word does; files where there are none."""
+    return lambda _, __, incomplete: _offered(incomplete, known())
 
 
-def studies(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Shipped studies, and TOML files."""
-    return _offered(incomplete, shipped_in("studies"))
-
-
-def rigs(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Shipped rigs, and TOML files."""
-    return _offered(incomplete, shipped_in("rigs"))
-
-
-def runs(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Folders of runs/, the newest run, and other files."""
+def _made() -> list[str]:
+    """The word for the newest run, and the folders of runs/."""
     made = [path for path in ROOT.glob("*") if path.is_dir() and run_folders(path)]
-    return _offered(incomplete, (LAST, *(path.as_posix() for path in sorted(made))))
+    return [LAST, *(path.as_posix() for path in sorted(made))]
 
 
-def sources(
-    context: click.Context, parameter: click.Parameter, incomplete: str
-) -> list[CompletionItem]:
-    """Scenarios and runs."""
-    both = scenarios(context, parameter, incomplete) + runs(context, parameter, incomplete)
-    return [each for each in both if each.type == "plain"] or both[-1:]
+scenarios = _completes(shipped)
+studies = _completes(functools.partial(shipped_in, "studies"))
+rigs = _completes(functools.partial(shipped_in, "rigs"))
+runs = _completes(_made)
+sources = _completes(lambda: [*shipped(), *_made()])
 
 
 def settings(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -251,51 +238,6 @@ EMPTY_RIG = click.option(
 RESET = click.option(
     "--reset", is_flag=True, help="With --rig: reset faults found in the drives when switching on."
 )
-
-
-AGAINST = click.option(
-    "--against",
-    metavar="SCENARIO",
-    shell_complete=scenarios,
-    help="Of CSV logs: the scenario they were recorded with, which the twin runs beside them.",
-)
-
-
-def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str]) -> list[Run]:
-    """The runs that paths lead to; of logs the prediction of the twin as well.
-
-    Args:
-        paths: Run folders, records, CSV logs; the newest run if there is none.
-        against: The scenario of the logs.
-        overrides: ``KEY=VALUE`` each, what is changed of it.
-
-    Raises:
-        TwinError: If one cannot be opened, or a log has no scenario.
-    """
-    from ballplate.comparing import measured
-    from twin.run.finished import open_runs
-
-    paths = paths or [Path(LAST)]
-    logs = [path for path in paths if path.suffix == ".csv"]
-    others = tuple(path for path in paths if path.suffix != ".csv")
-    for path in others:
-        check_no_scenario(path)
-    if logs and against is None:
-        raise RecordError(
-            f"{logs[0]}: a log has no reference; name the scenario it was recorded with: "
-            "--against circle"
-        )
-    if not logs and (against or overrides):
-        raise RecordError("--against and --set: for CSV logs; a finished run has its scenario")
-    runs: list[Run] = []
-    if logs and against is not None:
-        find(against)
-        base = changes_of(overrides, {})
-        runs, fitted = measured(logs, (against,), (), base)
-        scenario = scenario_of(against, [*fitted, *base], titled=False)
-        label = f"{Path(against).stem} predicted"
-        runs.append(replace(one_run(scenario, label, TERMINAL), name=label))
-    return runs + (open_runs(others, warn) if others else [])
 
 
 WEB_PORT = 9090
