@@ -87,7 +87,7 @@ def run(
     named = run_folder(scenario, (*overrides, *([] if rig is None else [f"rig={Path(rig).stem}"])))
     own = out is None and rig is None
     other = own and of_other_class(named, lambda: load(scenario, overrides))
-    folder = out or (free(named) if other or rig is not None else named)
+    folder = out or (free(named) if other else named)
     done = run_scenario(
         scenario,
         overrides,
