@@ -19,6 +19,8 @@ from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 from controllers.stable_inversion import AboutMotion, DesiredMotion, MotionPlan, Tilts, flat_axis
 
+__all__ = ["InternalModel", "IterativeLearning", "Predictive", "TimeVaryingLQR"]
+
 KNOT = 0.02
 """Time in s from one gain to the next."""
 SLICE = 25

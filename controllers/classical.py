@@ -24,6 +24,17 @@ from controllers.ballplate import SIGN, desired
 from controllers.design import Pole, gains_from, listed, require_stable, stable_poles
 from controllers.interfaces import Law, Reference
 
+__all__ = [
+    "AFL",
+    "LQR",
+    "AFLIntegral",
+    "Backstepping",
+    "Feedforward",
+    "Pid",
+    "PolePlacement",
+    "SlidingMode",
+]
+
 
 @dataclass(frozen=True, kw_only=True)
 class _StateFeedback(Law):

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
 
 from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, scenario_of, varied_of
 from ballplate.reporter import Reporter, default, overview, showable, writable
-from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
+from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers
 from twin.errors import LawError, ScenarioError
 from twin.run.files import MANIFEST, forget, numbered, slug, sorted_out
 from twin.shipped import find
@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from twin.scenario.schema import Scenario
 
 
+Label = TypeVar("Label")
+Found = TypeVar("Found")
+
+
 @dataclass(repr=False, eq=False)
 class Comparison(Mapping[str, "Result"]):
     """Runs side by side, by what tells them apart; shows itself in a notebook.
@@ -33,31 +37,26 @@ class Comparison(Mapping[str, "Result"]):
     Attributes:
         runs: By what tells them apart.
         title: What is compared.
-        headings: What the table calls each run.
-        names: What pictures call it.
+        names: What tables and pictures call each run.
         folders: Where each run that was just made is kept within a folder of the comparison, by
             label.
         interrupted: Whether Ctrl-C ended it before all had run.
         folder: Where it was saved as the runs came; None for nowhere.
-        replaced: What it replaced where it is saved, in words; empty for nothing.
         logs: Which of them are logs, by label.
     """
 
     runs: Mapping[str, Result]
     title: str
-    headings: Mapping[str, str]
+    names: Mapping[str, str]
     _: KW_ONLY
-    names: Mapping[str, str] = field(default_factory=dict)
     folders: Mapping[str, str] = field(default_factory=dict)
     interrupted: bool = False
     folder: Path | None = None
-    replaced: str = ""
     logs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Call a run what it is called, or by its label."""
-        self.headings = {label: self.headings.get(label, label) for label in self.runs}
-        self.names = {**self.headings, **self.names}
+        self.names = {label: self.names.get(label, label) for label in self.runs}
 
     def __getitem__(self, label: str) -> Result:
         """One of the runs."""
@@ -103,7 +102,7 @@ class Comparison(Mapping[str, "Result"]):
         """
         from ballplate.results import kept
 
-        self.replaced = forget(Path(folder))
+        forget(Path(folder))
         self.folders = {label: slug(self.names[label]) for label in self.runs}
         for label, each in self.runs.items():
             kept(each, Path(folder) / self.folders[label])
@@ -133,11 +132,11 @@ class Comparison(Mapping[str, "Result"]):
         return area
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.title!r}: {', '.join(self.headings.values())}>"
+        return f"<{type(self).__name__} {self.title!r}: {', '.join(self.names.values())}>"
 
     def _repr_html_(self) -> str:
         """For a notebook: indicators and picture."""
-        runs = {self.headings[label]: each for label, each in self.runs.items()}
+        runs = {self.names[label]: each for label, each in self.runs.items()}
         return overview(self.title, runs, self.plot())
 
 
@@ -146,12 +145,10 @@ class Case(NamedTuple):
 
     Attributes:
         scenario: What is run.
-        heading: What the table calls it: the shortest text that tells it from the others.
-        name: What pictures call it, where no key stands over it.
+        name: What tables and pictures call it.
     """
 
     scenario: Scenario
-    heading: str
     name: str
 
 
@@ -159,7 +156,7 @@ def compare(
     *sources: str | Path | Result,
     vary: Vary | None = None,
     settings: Settings = (),
-    out: str | Path | Callable[[Sequence[str]], Path] | None = None,
+    out: str | Path | None = None,
     processes: int | None = None,
     reporter: Reporter | None = None,
     **changes: Unpack[Changes],
@@ -176,8 +173,7 @@ def compare(
         vary: What is varied, all combinations of it, as a table or texts ``KEY=[A, B, ...]``; of
             scenarios, not of what is finished.
         settings: What is changed of all scenarios.
-        out: Folder to save in as the runs come, or what gives one for the names of what is
-            compared; see ``Comparison.save`` for later.
+        out: Folder to save in as the runs come; see ``Comparison.save`` for later.
         processes: Processes to use; all processors by default.
         reporter: Who is told progress and warnings.
         changes: What is changed of all scenarios, by tables.
@@ -189,8 +185,7 @@ def compare(
     """
     if not sources:
         raise ScenarioError("compare: name a scenario or give a result")
-    given = [str(each) for each in sources if isinstance(each, str | Path)]
-    names, folders, logs = sorted_out(given) if given else ((), (), ())
+    names, folders, logs = sorted_out([str(s) for s in sources if isinstance(s, str | Path)])
     report = reporter or default()
     if vary and not names:
         what = report.name_of("vary")
@@ -215,14 +210,16 @@ def compare(
     named = any(each.key == "title" for each in base) or (len(names) == 1 and not finished)
     what = next(iter(cases.values())).scenario.title if cases and named else listed
     title = comparison(what, varied, [each.text for each in base])
-    folder = writable(out([*names, *finished]) if callable(out) else out, report)
-    replaced = "" if folder is None else forget(folder)
+    folder = writable(out, report)
+    if folder is not None:
+        forget(folder)
     runs: dict[str, Result] = {}
     failed: list[LawError] = []
     interrupted = False
+    scenarios = {label: case.scenario for label, case in cases.items()}
+    _warn(scenarios, report)
     try:
-        scenarios = {label: case.scenario for label, case in cases.items()}
-        for label, came in _each(scenarios, processes, report):
+        for label, came in carried_out(attempt, scenarios, processes, report, "comparison"):
             if isinstance(came, LawError):
                 failed.append(came)
                 report.warn(f"{label}: {came}")
@@ -239,17 +236,22 @@ def compare(
     done = Comparison(
         {**finished, **ordered},
         title,
-        {label: cases[label].heading for label in ordered},
-        names={label: cases[label].name for label in ordered},
+        {label: cases[label].name for label in ordered},
         folders={label: slug(cases[label].name) for label in ordered},
         interrupted=interrupted or bool(failed),
         folder=folder,
-        replaced=replaced,
         logs=tuple(each.name for each in recorded),
     )
     if folder is not None:
         done.draw(folder)
     return done
+
+
+def _warn(scenarios: Mapping[str, Scenario], reporter: Reporter) -> None:
+    """Warn of the dangers of each scenario."""
+    for label, each in scenarios.items():
+        with suppress(LawError):  # its run will tell
+            warn_of_dangers(each, reporter, label if len(scenarios) > 1 else "")
 
 
 def measured(
@@ -302,13 +304,12 @@ def cases_of(
     for name in names:
         named = (name,) if len(names) > 1 or not varied or not alone else ()
         for variant in variants(varied):
-            label, heading, called = (
-                " ".join(filter(None, (*named, text)))
-                for text in (variant.label, variant.heading, variant.name)
+            label, called = (
+                " ".join(filter(None, (*named, text))) for text in (variant.label, variant.name)
             )
             changed = changes_of((), dict(variant.settings))
             scenario = scenario_of(name, [*base, *changed], titled=False)
-            cases[label] = Case(scenario, heading, called)
+            cases[label] = Case(scenario, called)
     return cases
 
 
@@ -322,42 +323,48 @@ def labelled(finished: Sequence[Result]) -> dict[str, Result]:
     return found
 
 
-def _each(
-    cases: Mapping[str, Scenario], processes: int | None, reporter: Reporter
-) -> Iterator[tuple[str, Run | LawError]]:
-    """Label and run of every case, or how its law failed, as they come; on several processes."""
+def carried_out(
+    work: Callable[[Scenario], Found],
+    scenarios: Mapping[Label, Scenario],
+    processes: int | None,
+    reporter: Reporter,
+    what: str,
+) -> Iterator[tuple[Label, Found]]:
+    """Label and result of every scenario, as they come; on several processes where that pays.
+
+    Args:
+        work: What is done with each, a function of a module.
+        scenarios: By label.
+        processes: How many; all processors by default.
+        reporter: Who is told progress.
+        what: What the work is called there.
+    """
     from twin import jobs
 
-    if processes is None:
-        long = sum(case.duration for case in cases.values()) >= 2 * WORTH_PROCESS
-        processes = jobs.cores() if long else 1
-    if min(processes, len(cases)) <= 1 or not all(map(importable, cases.values())):
-        for label, case in cases.items():
-            try:
-                done = one_run(case, label, reporter, which=label if len(cases) > 1 else "")
-            except LawError as error:
-                yield label, error
-                continue
-            yield label, done
-            if done.interrupted:
-                return
+    if not scenarios:
         return
-    for label, case in cases.items():
-        with suppress(LawError):  # its run will tell
-            warn_of_dangers(case, reporter, label)
-    found: Iterator[tuple[str, Run | LawError]]
-    with reporter.progress("comparison", len(cases), "runs") as advance:
-        found = jobs.results(attempt, cases.items(), min(processes, len(cases)))
-        for number, (label, each) in enumerate(found, 1):
+    long = sum(each.duration for each in scenarios.values()) >= 2 * WORTH_PROCESS
+    count = min(processes or (jobs.cores() if long else 1), len(scenarios))
+    if not all(map(importable, scenarios.values())):
+        count = 1
+    with reporter.progress(what, len(scenarios), "runs") as advance:
+        for number, done in enumerate(jobs.results(work, scenarios.items(), count), 1):
             advance(number)
-            yield label, each
+            yield done
 
 
 def attempt(scenario: Scenario) -> Run | LawError:
-    """The run of a scenario, or how its law failed."""
+    """The run of a scenario, or how its law failed.
+
+    Raises:
+        KeyboardInterrupt: If the user interrupts it.
+    """
     from twin.run import finished
 
     try:
-        return finished.run(scenario)
+        done = finished.run(scenario)
     except LawError as error:
         return error
+    if done.interrupted:
+        raise KeyboardInterrupt
+    return done

@@ -17,7 +17,7 @@ def _take_twin() -> None:
     """Import ``twin`` from beside this package; it finds all others there.
 
     Raises:
-        ImportError: If something else is called so already, or the installation is not whole.
+        ImportError: If something else is called so already.
     """
     sys.path.insert(0, str(HOME))
     try:
@@ -26,10 +26,6 @@ def _take_twin() -> None:
         sys.path.remove(str(HOME))
     if found.parent != HOME / "twin":
         raise ImportError(f"another module called twin was imported before ballplate: {found}")
-    from twin.installation import problem
-
-    if (wrong := problem()) is not None:
-        raise ImportError(wrong)
 
 
 _take_twin()

@@ -78,14 +78,19 @@ class Notebook(Reporter):
             if monotonic() - last < PICTURES:
                 return
             last = monotonic()
-            counted = f"{done:.0f} of {total:.0f} {unit}" if unit else f"{done / total:.0%}"
-            words = ", ".join(filter(None, (counted, note)))
+            words = counted(done, total, unit, note)
             shown.update(display.HTML(_bar(what, done / total, words)))
 
         try:
             yield advance
         finally:
             shown.update(display.HTML(""))
+
+
+def counted(done: float, total: float, unit: str, note: str) -> str:
+    """How far some work is, in words; arguments as for ``Reporter.progress``."""
+    share = f"{done:.0f} of {total:.0f} {unit}" if unit else f"{min(done / total, 1):.0%}"
+    return f"{share}, {note}" if note else share
 
 
 def writable(out: str | Path | None, reporter: Reporter) -> Path | None:
@@ -140,9 +145,9 @@ def showable(figure: Figure) -> Figure:
 def overview(title: str, runs: Mapping[str, Run], figure: Figure) -> str:
     """Runs by their headings for a notebook: their indicators and a picture."""
     from twin.page import Picture, fragment
-    from twin.report.numbers import indicators, rows
+    from twin.report.numbers import indicators
 
-    table = indicators("", rows(list(runs.values())), list(runs))
+    table = indicators("", {heading: each.metrics for heading, each in runs.items()})
     return fragment(title, [table, Picture("", png(figure))])
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ballplate.reporter import Reporter, default, overview, png, showable
+from ballplate.reporter import Reporter, default, overview, showable
 from twin.errors import RecordError, ScenarioError
 from twin.run.files import MOVING, Signals, free
 from twin.run.finished import Run, of_other_class, open_runs, save
@@ -193,7 +193,7 @@ def kept(result: Result, folder: Path, beside: SecondProcess | None = None) -> R
 
 @dataclass(eq=False, repr=False)
 class Log(Signals):
-    """A log in SI units, as ``identify`` reads it; shows itself in a notebook.
+    """A log in SI units, as ``identify`` reads it.
 
     Attributes:
         name: Its file's name.
@@ -204,30 +204,6 @@ class Log(Signals):
     name: str
     rows: Mapping[str, Array]
     units: Mapping[str, str]
-
-    def plot(self) -> Figure:
-        """Ball and plate as they were measured, over time."""
-        import numpy as np
-
-        from twin.run.picture import drawn
-
-        with drawn(9, 5) as figure:
-            ball, plate = figure.subplots(2, sharex=True)
-            for axis in ("x", "y"):
-                ball.plot(self.time, 1000 * self[f"measured_{axis}"], label=axis)
-            for angle in ("phi", "theta"):
-                plate.plot(self.time, np.degrees(self[f"measured_{angle}"]), label=angle)
-            ball.set(title=self.name, ylabel="ball [mm]")
-            plate.set(xlabel="time [s]", ylabel="plate [deg]")
-            ball.legend(loc="upper right")
-            plate.legend(loc="upper right")
-        return showable(figure)
-
-    def _repr_html_(self) -> str:
-        """For a notebook: its picture."""
-        from twin.page import Picture, fragment
-
-        return fragment("", [Picture("", png(self.plot()))])
 
 
 def load(path: str | Path) -> Result | Comparison | Log:

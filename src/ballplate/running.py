@@ -65,7 +65,8 @@ def run(
         settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
         beside: Scenarios to run as well, simulated and changed alike, for table and picture.
         out: Folder to save in; see ``Result.save`` for later. A run that is interrupted leaves one
-            that is finished there, and goes to the next free folder of the name.
+            that is finished there, and one on a rig any; it goes to the next free folder of the
+            name.
         on: Rig file, or ``emulated`` for the virtual rig; simulated by default.
         reset: Whether faults found in the drives of a rig are reset when switching on.
         trace: Where all that is said on the CAN bus of a rig is kept, in a format of python-can
@@ -92,6 +93,8 @@ def run(
     from twin.run.finished import holds_finished
 
     folder = writable(out, report)
+    if folder is not None and on is not None:
+        folder = free(folder)  # what was measured is not made again
     file = trace_file(trace, folder, on, report)
     label = PLANTS[chosen.plant.kind].label if on is None else f"rig {Path(on).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
@@ -107,7 +110,7 @@ def run(
             with rig as real, attached as attach:
                 observed = attach
                 if real is not None and folder is not None:
-                    observed = written.enter_context(streamed(chosen, free(folder), attach))
+                    observed = written.enter_context(streamed(chosen, folder, attach))
                 done = one_run(chosen, label, report, observed, real)
         if real is not None:
             tell_timing(real, report)
@@ -127,8 +130,6 @@ def run(
         if done.interrupted and holds_finished(folder):
             folder = free(folder)  # what is finished is worth more than a beginning
         kept(result, folder, second)
-        if trace is None:
-            _place_trace(file, folder)
         return result
 
 
@@ -152,7 +153,7 @@ def trace_file(
     if trace is None:
         from twin.devices.akd import TRACE
 
-        return None if folder is None else free(folder) / TRACE
+        return None if folder is None else folder / TRACE
     from twin.devices.akd.traces import check_ending
 
     check_ending(Path(trace))
@@ -198,28 +199,12 @@ def traced(
             reporter.warn(f"{file}: {live.dropped} frames are missing: the computer was too busy")
 
 
-def _place_trace(file: Path | None, folder: Path) -> None:
-    """Put the trace of a run, if it has one, in the place of that of the former run there."""
-    from twin.devices.akd import TRACE  # not before: a student's process may not import it
-
-    if file != folder / TRACE:
-        for old in folder.glob("trace*.log"):
-            old.unlink()
-        if file is not None:
-            for part in file.parent.glob("trace*.log"):
-                part.replace(folder / part.name)
-            with suppress(OSError):  # it holds more
-                file.parent.rmdir()
-
-
 def one_run(
     scenario: Scenario,
     label: str,
     reporter: Reporter,
     attach: Attach = lambda _: None,
     rig: Rig | None = None,
-    *,
-    which: str = "",
 ) -> Run:
     """Run a scenario with its warnings and its progress.
 
@@ -229,14 +214,13 @@ def one_run(
         reporter: Who is told.
         attach: Is given the recorder before the run.
         rig: A real rig; simulated by default.
-        which: Which of several runs it is, for the warnings.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
     """
     from twin.run import finished
 
-    warn_of_dangers(scenario, reporter, which)
+    warn_of_dangers(scenario, reporter)
     with reporter.progress(label, scenario.duration) as advance:
         return finished.run(scenario, advance, attach, rig)
 

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, varied_of
-from ballplate.comparing import attempt, cases_of
+from ballplate.comparing import attempt, carried_out, cases_of
 from ballplate.reporter import Reporter, default, png, showable, writable
-from ballplate.running import importable
 from twin.errors import LawError, ScenarioError, nearest
 from twin.page import Picture, Table, Text, digits, fragment
-from twin.report.numbers import LABELS
+from twin.report.numbers import FIRST, LABELS
 from twin.run.files import UNITS
 from twin.shipped import find
 from twin.writing import write_whole
@@ -96,6 +95,27 @@ class Sweep:
         lines = [{**at, **row} for at, row in zip(values, self.rows, strict=True)]
         return pd.DataFrame(lines)
 
+    def table(self) -> Table:
+        """The first indicator that applies over the first key for each curve, or all of one."""
+        keys = [key for key in FIRST if any(each.get(key) is not None for each in self.rows)]
+        curves = self.curves
+        several = len(curves) > 1
+        chosen = keys[:1] if several else keys
+        words = [f"{FIRST[key][0]} [{FIRST[key][1]}]" for key in chosen]
+
+        def cell(run: Mapping[str, Any], key: str) -> str:
+            if run["outcome"] == "finished":
+                return digits(run.get(key), FIRST[key][1])
+            when = f" at {run['outcome_time']:.3g} s" if run["outcome_time"] else ""
+            return f"{run['outcome']}{when}"
+
+        lines = [
+            [named(value), *(cell(runs[at], key) for runs in curves.values() for key in chosen)]
+            for at, value in enumerate(self.values)
+        ]
+        heads = curves if several and keys else words
+        return Table(", ".join(words) if several else "", (self.keys[0], *heads), lines, words=())
+
     def csv(self) -> str:
         """A line per run: values of the keys, every indicator with its unit in the header."""
         names = ["outcome", *(name for name in UNITS if name != "real_time_factor")]
@@ -121,32 +141,28 @@ class Sweep:
         from twin.run.picture import drawn, style
 
         known = [name for name in DRAWN if any(each is not None for each in self[name])]
-        wanted = {name: self[name] for name in metrics or known[:1] or DRAWN[:1]}
-        values = self.values
-        numeric = all(isinstance(value, int | float) for value in values)
-        at = np.array(values if numeric else range(len(values)), float)
+        wanted = metrics or known[:1] or DRAWN[:1]
+        for name in wanted:
+            self[name]  # tells which there are
+        numeric = all(isinstance(value, int | float) for value in self.values)
+        at = np.array(self.values if numeric else [*map(named, self.values)])
         with drawn(8, 1.6 + 2.8 * len(wanted)) as figure:
-            lines = textwrap.wrap(self.title, WIDTH)
-            figure.suptitle("\n".join(lines), fontsize=11, fontweight="bold")
+            title = "\n".join(textwrap.wrap(self.title, WIDTH))
+            figure.suptitle(title, fontsize=11, fontweight="bold")
             panels = figure.subplots(len(wanted), sharex=True, squeeze=False)[:, 0]
             for panel, name in zip(panels, wanted, strict=True):
                 words, unit = LABELS.get(name, (name, ""))
-                scale = 1000 if unit == "mm" else 1
                 for index, (curve, rows) in enumerate(self.curves.items()):
                     early = np.array([row["outcome"] != "finished" for row in rows])
-                    each = [np.nan if row.get(name) is None else scale * row[name] for row in rows]
-                    look = style(index)
-                    shown = np.where(early, np.nan, each)
-                    panel.plot(at, shown, marker="o", ms=4, label=curve, **look)
+                    each = np.array([row.get(name) for row in rows], float)
+                    shown = np.where(early, np.nan, 1000 * each if unit == "mm" else each)
+                    (line,) = panel.plot(at, shown, marker="o", ms=4, label=curve, **style(index))
+                    cross = {"color": line.get_color(), "transform": panel.get_xaxis_transform()}
                     if early.any():
-                        cross = {"color": look["color"], "ms": 7, "clip_on": False}
-                        top = panel.get_xaxis_transform()
-                        panel.plot(at[early], np.ones(early.sum()), "x", transform=top, **cross)
+                        panel.plot(at[early], np.ones(early.sum()), "x", clip_on=False, **cross)
                 panel.set(ylabel=f"{words} [{unit}]", ylim=(0, None))
             early_too = "" if self.finished else "  (×: the run ended early)"
             panels[-1].set_xlabel(f"{self.keys[0]}{early_too}")
-            if not numeric:
-                panels[-1].set_xticks(at, list(map(named, values)))
             if len(self.curves) > 1:
                 handles = panels[0].get_legend_handles_labels()
                 of = ", ".join(self.keys[1:])
@@ -166,14 +182,7 @@ class Sweep:
 
     def _repr_html_(self) -> str:
         """For a notebook: the tracking error of every run, and its curve."""
-        metric = DRAWN[0]
-        unit = LABELS[metric][1]
-        lines = [
-            (*map(named, point), str(row["outcome"]), digits(row[metric], unit))
-            for point, row in zip(self.points, self.rows, strict=True)
-        ]
-        heads = (*self.keys, "outcome", f"{LABELS[metric][0]} [{unit}]")
-        return fragment(self.title, [Table("", heads, lines), Picture("", png(self.plot()))])
+        return fragment(self.title, [self.table(), Picture("", png(self.plot()))])
 
 
 def named(value: Any) -> str:
@@ -212,7 +221,6 @@ def sweep(
             is kept.
     """
     find(str(scenario))  # a wrong name is told before anything heavy is imported
-    from twin import jobs
     from twin.scenario.load import comparison, headings
 
     base, varied = changes_of(settings, changes), varied_of(vary)
@@ -222,18 +230,13 @@ def sweep(
     title = scenario_of(scenario, base, titled=False).title
     cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
     folder = writable(out, report)
-    count = processes or jobs.cores()
-    if not all(map(importable, cases)):
-        count = 1
     rows: dict[int, dict[str, Any]] = {}
-    with report.progress("sweep", len(cases), "runs") as advance:
-        try:
-            for number, row in jobs.results(_judged, enumerate(cases), min(count, len(cases))):
-                rows[number] = row
-                advance(len(rows))
-        except KeyboardInterrupt:
-            if not rows:
-                raise
+    try:
+        numbered = dict(enumerate(cases))
+        rows.update(carried_out(_judged, numbered, processes, report, "sweep"))
+    except KeyboardInterrupt:
+        if not rows:
+            raise
     plain = [
         [
             heading if isinstance(value, list | dict) else value
@@ -242,9 +245,8 @@ def sweep(
         for values in varied.values()
     ]
     title = comparison(title, varied, [each.text for each in base])
-    points = list(itertools.product(*plain))
     every = [rows.get(number, _none("not run")) for number in range(len(cases))]
-    done = Sweep(title, tuple(varied), points, every)
+    done = Sweep(title, tuple(varied), list(itertools.product(*plain)), every)
     if folder is not None:
         done.save(folder)
     return done
@@ -255,8 +257,6 @@ def _judged(scenario: Scenario) -> dict[str, Any]:
     done = attempt(scenario)
     if isinstance(done, LawError):
         return _none("failed") | {"reason": str(done)}
-    if done.interrupted:
-        raise KeyboardInterrupt
     return done.summary()
 
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
-from importlib.util import find_spec, spec_from_file_location
+from importlib.util import spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
@@ -39,31 +39,6 @@ class OwnPackages(MetaPathFinder):
         return spec_from_file_location(
             name, folder / "__init__.py", submodule_search_locations=[str(folder)]
         )
-
-
-def problem() -> str | None:
-    """One line if another package hides ``controllers`` or lies over ``scenarios``, else None.
-
-    Both are found by a general name: whatever of that name comes first on ``sys.path`` is taken.
-    """
-    spec = find_spec("controllers")
-    if spec is None or spec.origin is None:
-        return f"the package controllers is missing beside {TWIN}: install ballplate again"
-    package = Path(spec.origin).resolve().parent
-    if package.parent not in HOMES:
-        return (
-            f"another package called controllers shadows ours: {package}; rename it, or take its "
-            "folder off PYTHONPATH"
-        )
-    scenarios = package.parent / "scenarios"
-    if not scenarios.is_dir():
-        return f"the folder {scenarios} is missing: install ballplate again"
-    if (scenarios / "__init__.py").exists():
-        return (
-            f"another package called scenarios lies over ours: {scenarios}; use an environment of "
-            "its own for ballplate"
-        )
-    return None
 
 
 if not any(isinstance(finder, OwnPackages) for finder in sys.meta_path):

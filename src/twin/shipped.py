@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from difflib import get_close_matches
 from os.path import isdir, isfile  # False, no error, of a name that no file can have
 from pathlib import Path
 
@@ -83,20 +82,13 @@ def chosen(what: str, name: str, known: Mapping[str, Path]) -> Path:
 
 
 def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
-    """The nearest names, else the short ones; and the command that lists all."""
+    """The nearest name, the short ones, and the command that lists all."""
     if isdir(name):  # noqa: PTH112
         return f"; that is a folder, a {what} is a TOML file"
-    close = get_close_matches(name, known, n=3, cutoff=0.6)
     every = f"; `ballplate {LISTS[what]}` lists all" if what in LISTS else ""
-    if close:
-        quoted = [f"'{each}'" for each in close]
-        return f"; did you mean {' or '.join(quoted)}?{every}"
-    if len(known) <= FEW:
-        return nearest(name, known)
-    return f" (known: {', '.join(each for each in known if '/' not in each)}{every})"
+    meant = nearest(name, known).partition(" (known")[0]
+    return f"{meant} (known: {', '.join(each for each in known if '/' not in each)}{every})"
 
 
 LISTS = {"scenario": "list", "study": "study"}
 """What a file is called to the command that lists the shipped ones."""
-FEW = 12
-"""Names that a message may list."""

@@ -4,7 +4,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import partial
 from types import SimpleNamespace
 
@@ -36,6 +36,14 @@ class Heard(Reporter):
 
     def note(self, line, *, weighty=False):
         self.lines.append(line)
+
+
+def test_a_run_on_a_rig_never_replaces_one(tmp_path, monkeypatch):
+    monkeypatch.setattr("ballplate.running.connected", lambda *_, **__: nullcontext())
+    short = {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
+    for on, names in (("my.toml", ["one", "one~2"]), (None, ["one", "one"])):
+        made = [bp.run("hold", on=on, out=tmp_path / str(on) / "one", **short) for _ in names]
+        assert [each.folder.name for each in made] == names
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,6 @@ def test_an_exported_run_is_loaded_as_a_log_in_si_units(done, tmp_path):
     log = ballplate.load(done.export(tmp_path / "log.csv"))
     assert np.array_equal(log["measured_x"], done["measured_x"])
     assert log.units["applied_phi_rate"] == "rad/s"
-    assert Tags(log._repr_html_()).pictures == 1
 
 
 def test_a_result_shows_its_title_indicators_and_picture(done):
@@ -100,14 +99,14 @@ def test_a_result_shows_its_title_indicators_and_picture(done):
 def test_variants_side_by_side_are_the_runs_themselves(compared, done):
     one, other = compared
     assert other == 'controller={kind="lqr", rho=100.0}'
-    assert list(compared.headings.values()) == ["afl", "lqr"]
+    assert list(compared.names.values()) == ["afl", "lqr"]
     alone = ballplate.run("circle", controller=ballplate.laws.AFL, **QUICK)
     assert compared[one]["true_x"].tobytes() == alone["true_x"].tobytes()
     assert compared[other].scenario.controller.settings == {"rho": 100.0}
     frame = compared.to_pandas()
     assert frame.loc[other, "rms_error"] == compared[other].metrics["rms_error"]
     shown = Tags(compared._repr_html_())
-    assert set(compared.headings.values()) < set(shown.cells)
+    assert set(compared.names.values()) < set(shown.cells)
 
 
 @pytest.mark.long

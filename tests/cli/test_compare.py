@@ -33,8 +33,6 @@ def test_columns_of_variants_are_told_apart_by_value(ballplate, monkeypatch, tmp
     assert title.startswith(
         "Step to (150, 150) mm over plant.friction.rolling_mm (duration=0.2, metrics.start=0"
     )
-    heading = next(line for line in out.splitlines() if line.startswith("┃"))
-    assert heading.replace("┃", " ").split() == ["0", "0.1", "0.18", "0.3", "unit"]
     assert "…" not in out
     kept = {path.name for path in (tmp_path / "made").iterdir() if path.is_dir()}
     assert kept == {f"rolling_mm={value}" for value in ("0", "0.1", "0.18", "0.3")}
@@ -45,13 +43,13 @@ def test_runs_that_do_not_fit_as_columns_have_a_line_each(ballplate, monkeypatch
     monkeypatch.setattr(output.console, "width", 80)
     command = ("compare", "step", *QUICK, "--vary", f"seed={[*range(100_000, 100_008)]}")
     _, out, _ = ballplate(*command)
-    lines = [line for line in out.splitlines() if line.startswith("│ 1000")]
-    assert [line.split("│")[1].strip() for line in lines] == [f"10000{i}" for i in range(8)]
+    lines = [line for line in out.splitlines() if line.startswith("│ seed")]
+    assert [line.split("│")[1].strip() for line in lines] == [f"seed=10000{i}" for i in range(8)]
     assert "[mm]" in out
     _, out, _ = ballplate(*command, "--all")
     assert max(map(len, out.splitlines()[2:-2])) <= 80
-    assert all(f"10000{i} " in out for i in range(8))
-    assert out.count("largest |phi|") > 1
+    assert all(f"seed=10000{i}" in out for i in range(8))
+    assert out.count("largest") > 1
 
 
 @pytest.mark.long
@@ -76,27 +74,22 @@ def test_a_comparison_leaves_no_run_of_the_one_before_and_nothing_of_others(ball
     place = Path("made")
     ballplate("compare", "step", *QUICK, "--vary", "seed=[1,2,3]", "--out", "made")
     (place / "seed=2" / "notes.txt").touch()
-    _, out, _ = ballplate("compare", "step", *QUICK, "--vary", "seed=[3,4]", "--out", "made")
-    assert "(replaced a comparison of 3 runs)" in out
+    ballplate("compare", "step", *QUICK, "--vary", "seed=[3,4]", "--out", "made")
     assert sorted(path.parent.name for path in place.rglob("run.parquet")) == ["seed=3", "seed=4"]
     assert not (place / "seed=1").exists()
     assert (place / "seed=2" / "notes.txt").exists()
 
 
 @pytest.mark.long
-def test_a_log_lies_over_its_prediction_in_compare_and_report(ballplate, tmp_path):
+def test_a_log_lies_over_its_prediction(ballplate):
     ballplate("run", "circle", *QUICK, "--out", "made")
     ballplate("export", "made", "log.csv")
     code, out, _ = ballplate("compare", "log.csv", "circle", *QUICK[:2])
     assert code == 0
     assert "log and circle are 0 mm (RMS) apart over x and y." in out
-    code, out, err = ballplate(
-        "report", "log.csv", "--against", "circle", "--set", "plant.kind=lagrange"
-    )
-    assert code == 0, err
-    page = (tmp_path / "runs" / "log-against-circle-plant=lagrange" / "report.html").read_text()
-    assert "<h3>log</h3>" in page
-    assert "<h3>circle predicted</h3>" in page
+    code, _, err = ballplate("report", "log.csv")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "log.csv: a log, not a run; ballplate compare log.csv SCENARIO" in err
 
 
 @pytest.mark.long
@@ -108,8 +101,8 @@ def test_columns_of_several_scenarios_and_variants_name_both(ballplate):
     assert out.startswith("hold, step over controller.rho, reference.x (")
     heading = next(line for line in out.splitlines() if line.startswith("┃"))
     assert [each.strip() for each in heading.split("┃")[2:-2]] == [
-        "hold 100.0, 0.0",
-        "hold 100.0, 0.1",
-        "step 100.0, 0.0",
-        "step 100.0, 0.1",
+        "hold rho=100.0 x=0.0",
+        "hold rho=100.0 x=0.1",
+        "step rho=100.0 x=0.0",
+        "step rho=100.0 x=0.1",
     ]

@@ -43,7 +43,7 @@ def test_a_run_that_is_interrupted_does_not_replace_one_that_is_finished(ballpla
     code, out, _ = ballplate("run", "circle", *SHORT)
     assert code == 1
     assert Path("kept/run.parquet").read_bytes() == before
-    assert "kept/ keeps its finished run" in " ".join(out.split())
+    assert "written to kept~2/" in " ".join(out.split())
     assert bp.load("kept~2").metrics["reason"] == INTERRUPTED
 
 

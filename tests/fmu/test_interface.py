@@ -243,7 +243,7 @@ def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypat
     ("arguments", "line"),
     [
         (
-            ["circle", "rig.fmu", "--every", "2"],
+            ["circle", "rig.fmu", "--fps", "2"],
             "of an .fmu there are the options --fmi, --reference and --set",
         ),
         (

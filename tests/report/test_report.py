@@ -15,7 +15,7 @@ from twin.report.numbers import LABELS, TIMES, as_csv, as_latex
 from twin.report.summary import Diagnosis, spectrum, summary, verdict
 from twin.run.files import UNITS
 from twin.run.finished import Run, open_run, open_runs, run, save
-from twin.scenario.load import check, clean
+from twin.scenario.load import check
 from twin.view.streams import signals
 from twin.writing import write_json
 
@@ -267,19 +267,6 @@ def test_every_format_is_written_beside_the_run(scenario, tmp_path):
     }
     for name, start in starts.items():
         assert (tmp_path / name).read_bytes().startswith(start), name
-
-
-def test_the_clean_model_stands_beside_a_run_that_asks_for_it(scenario, tmp_path):
-    chosen = scenario("duration=0.2", "plant.start.x=0.02")
-    done = run(chosen)
-    save(done, tmp_path, {"run": done.motion})
-    ran = CliRunner().invoke(command, [str(tmp_path), "--clean", "--format", "csv"])
-    assert ran.exit_code == 0, ran.output
-    rows = list(csv.reader((tmp_path / "report.csv").read_text(encoding="utf-8").splitlines()))
-    assert rows[0] == ["indicator", "unit", tmp_path.name, "clean model"]
-    wanted = as_csv([done, run(clean(chosen))]).splitlines()
-    assert [row[2:] for row in rows[1:]] == [row[2:] for row in csv.reader(wanted[1:])]
-    assert any(row[2] != row[3] for row in rows[1:])
 
 
 def test_runs_of_a_comparison_come_in_its_order_and_by_its_names(scenario, tmp_path):

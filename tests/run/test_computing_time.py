@@ -12,7 +12,7 @@ import ballplate
 from controllers import catalog
 from controllers.classical import LQR
 from twin.cli import main
-from twin.report.numbers import first_rows
+from twin.report.numbers import FIRST, indicators
 from twin.run.assemble import build_controller
 from twin.run.loop import simulate
 from twin.scenario import load
@@ -130,8 +130,9 @@ def test_compare_has_a_column_where_a_command_was_late():
         for time in (0, 0.001, 0.005)
     )
     assert in_time["late_percent"] == 0
-    for summaries, there in (([prompt, late], True), ([prompt, in_time], False)):
-        assert ("late commands" in {row.label for row in first_rows(summaries)}) is there
+    for other, there in ((late, True), (in_time, False)):
+        found = indicators("", {"prompt": prompt, "other": other}, FIRST)
+        assert ("late commands" in {row[0] for row in found.rows}) is there
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from scipy.io import loadmat
 from twin.cli import main
 from twin.cli.look import export as command
 from twin.identify.logs import read
+from twin.run.files import export
 from twin.run.finished import run, save
 from twin.run.record import read_run
 from twin.scenario import load
@@ -113,10 +114,11 @@ def test_the_mcap_file_has_every_column_as_messages_of_ros(folder, recorded, tmp
     assert attached["scenario.json"] == metadata["scenario"]
     assert attached["parameters.json"]["controller"]["gains"]
     assert attached["metrics.json"]["outcome"] == "finished"
-    some = exported(folder, tmp_path / "some.mcap", "--columns", "true_x,true_y", "--every", "10")
-    assert {name: len(each) for name, each in read_mcap(some)[0].items()} == {
-        "/signals": 15,
-        "/ball/true": 15,
+    some = {name: columns[name] for name in ("time", "true_x", "true_y")}
+    export(tmp_path / "some.mcap", some, units)
+    assert {name: len(each) for name, each in read_mcap(tmp_path / "some.mcap")[0].items()} == {
+        "/signals": len(ticks),
+        "/ball/true": len(ticks),
     }
 
 
@@ -146,30 +148,11 @@ def test_without_the_extra_there_is_no_mcap_file_and_a_line(
     assert not list(tmp_path.iterdir())
 
 
-def test_some_columns_of_every_tenth_row(folder, recorded, tmp_path):
-    options = ("--columns", "true_y, true_x", "--every", "10")
-    header, *rows = exported(folder, tmp_path / "log.csv", *options).read_text().splitlines()
-    assert header == "time [s],true_y [m],true_x [m]"
-    assert len(rows) == 15
-    assert float(rows[2].split(",")[0]) == recorded[0]["time"][20]
-
-
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        (
-            ["log.xlsx"],
-            "log.xlsx: the ending says what is written; known: .csv, .mat, .parquet, .mcap",
-        ),
-        (["log.csv", "--columns", "true_z"], "--columns: no column 'true_z'; did you mean 'true_"),
-    ],
-)
-def test_wrong_requests_are_one_line_and_write_nothing(
-    folder, tmp_path, monkeypatch, capsys, options, expected
-):
+def test_a_wrong_request_is_one_line_and_writes_nothing(folder, tmp_path, monkeypatch, capsys):
+    expected = "log.xlsx: the ending says what is written; known: .csv, .mat, .parquet, .mcap"
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as end:
-        main(["export", str(folder), *options])
+        main(["export", str(folder), "log.xlsx"])
     assert end.value.code == 2
     text = capsys.readouterr().err
     assert expected in text

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from twin.errors import LogError, RecordError, ScenarioError
-from twin.run.files import former, free, last, log_file, record_of, run_folder, run_name
+from twin.run.files import free, last, log_file, record_of, run_folder, run_name
 from twin.shipped import find
 
 
@@ -48,12 +48,10 @@ def test_the_last_run_is_the_newest_also_within_a_comparison(tmp_path):
     assert last(tmp_path) == tmp_path / "compare"
 
 
-def test_what_a_run_replaces_is_said_and_a_rig_replaces_nothing(tmp_path):
+def test_a_run_on_a_rig_replaces_nothing(tmp_path):
     folder = tmp_path / "circle"
-    assert former(folder) == ""
     assert free(folder) == folder
     kept(folder, 100)
-    assert "replaced the run of" in former(folder)
     assert free(folder) == tmp_path / "circle~2"
 
 

@@ -1,27 +1,27 @@
 import pytest
 
 from twin.errors import ScenarioError
-from twin.scenario.load import comparison, parsed, variants, varied
+from twin.scenario.load import comparison, parsed, variants
 
 
-def headings(*vary):
-    return [variant.heading for variant in variants(parsed(vary))]
+def names(*vary):
+    return [variant.name for variant in variants(parsed(vary))]
 
 
-def test_tables_are_values_with_the_shortest_heading_that_tells_them_apart():
+def test_tables_are_values_with_the_shortest_name_that_tells_them_apart():
     two = variants(parsed(['controller=[{kind="afl"}, {kind="lqr", rho=100}]']))
-    assert [variant.heading for variant in two] == ["afl", "lqr"]
+    assert [variant.name for variant in two] == ["afl", "lqr"]
     assert two[1].settings == (("controller", {"kind": "lqr", "rho": 100}),)
     alike = 'controller=[{kind="lqr", rho=100}, {kind="lqr", rho=300}, {kind="afl"}]'
-    assert headings(alike) == ["lqr rho=100", "lqr rho=300", "afl"]
+    assert names(alike) == ["lqr rho=100", "lqr rho=300", "afl"]
 
 
 def test_values_may_be_written_without_brackets_and_combine():
-    assert headings("controller.kind=afl,lqr", "duration=[5, 10.0]") == [
-        "afl, 5",
-        "afl, 10.0",
-        "lqr, 5",
-        "lqr, 10.0",
+    assert names("controller.kind=afl,lqr", "duration=[5, 10.0]") == [
+        "afl duration=5",
+        "afl duration=10.0",
+        "lqr duration=5",
+        "lqr duration=10.0",
     ]
     labels = [variant.label for variant in variants(parsed(["seed=[1,2]"]))]
     assert labels == ["seed=1", "seed=2"]
@@ -33,7 +33,6 @@ def test_a_comparison_is_titled_by_what_ran():
         "Circle over controller.kind (duration=5)"
     )
     assert comparison("Mine", [], ["title=Mine"]) == "Mine"
-    assert varied(parsed(['controller=[{kind="afl"}, {kind="lqr"}]'])) == ["controller=afl,lqr"]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ import click
 
 from twin.data_file import packaged
 from twin.errors import LawError, TwinError, shortened
-from twin.installation import problem
 
 if TYPE_CHECKING:
     from twin.cli.options import Command
@@ -29,15 +28,6 @@ COMMANDS = {name: place for group in GROUPS.values() for name, place in group.it
 
 FIRST = ("run", "compare", "explain", "sweep", "new", "report", "view", "describe")
 """The commands that are used most, in this order: the help begins with an example of each."""
-
-TRY = """Three things to try:
-
-  ballplate run circle      a ball on a circle: what the rig would do, beside the clean model
-  ballplate explain circle  why the first is so much worse than the second
-  ballplate new law mine    your own controller, in one file
-
-All commands: ballplate --help"""
-"""What is said where no command is given."""
 
 LONGEST_LINE = 1000
 """Characters of a message: what it quotes may be of any length."""
@@ -82,15 +72,11 @@ class Commands(click.Group):
 
 @click.group(
     cls=Commands,
-    invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(package_name="ballplate", prog_name="ballplate")
-@click.pass_context
-def ballplate(context: click.Context) -> None:
+def ballplate() -> None:
     """A digital twin of a cam-driven ball-and-plate rig."""
-    if context.invoked_subcommand is None:
-        click.echo(TRY)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -100,9 +86,6 @@ def main(arguments: list[str] | None = None) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _have_streams()
     warnings.showwarning = _told
-    wrong = problem()
-    if wrong:
-        sys.exit(_fail(wrong))
     given = sys.argv[1:] if arguments is None else arguments
     if "--out=" in given or ("--out", "") in pairwise(given):
         sys.exit(_fail("--out: names no folder or file"))

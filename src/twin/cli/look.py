@@ -4,47 +4,50 @@ from __future__ import annotations
 
 import tempfile
 import webbrowser
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from twin.cli import options as tab
-from twin.cli.options import AGAINST, SERVE, SETTING, Command
-from twin.cli.options import opened as open_all
+from twin.cli.options import SERVE, SETTING, Command
 from twin.cli.output import TERMINAL, say, warn
-from twin.errors import RecordError, TwinError, ViewError, nearest
+from twin.errors import RecordError, TwinError, ViewError
 from twin.paths import model_path
-from twin.run.files import MOVING, check_no_scenario, run_folder
-from twin.run.files import export as export_signals
+from twin.run.files import LAST, MOVING, check_no_scenario
 from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
 
 
+def _opened(paths: tuple[Path, ...]) -> list[Run]:
+    """The runs that paths lead to; the newest one if there is none.
+
+    Raises:
+        RecordError: If one is a log, or none can be opened.
+    """
+    paths = paths or (Path(LAST),)
+    for path in paths:
+        check_no_scenario(path)
+        if path.suffix == ".csv":
+            raise RecordError(f"{path}: a log, not a run; ballplate compare {path} SCENARIO")
+    from twin.run.finished import open_runs
+
+    return open_runs(paths, warn)
+
+
 @click.command(cls=Command, example="view runs/circle")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
-@AGAINST
-@SETTING
 @click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording, open no viewer.")
 @SERVE
 @click.option("--connect", metavar="ADDRESS", help="Send to the viewer at HOST:PORT.")
-def view(
-    runs: tuple[Path, ...],
-    against: str | None,
-    overrides: tuple[str, ...],
-    rrd: Path | None,
-    serve: int | None,
-    connect: str | None,
-) -> int:
+def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None, connect: str | None) -> int:
     """Open run folders in the Rerun viewer, several side by side on one time line.
 
-    RUNS are run folders, folders of such, CSV logs with --against, or `last`; the newest run if
-    there is none.
+    RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
-    opened = open_all(runs, against, overrides)
+    opened = _opened(runs)
     from twin.view.recording import address, forward, reach, write  # heavy: a wrong name was told
 
     if connect is not None:
@@ -112,45 +115,23 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
 
 @click.command(cls=Command, example="report runs/circle --format html,png")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
-@AGAINST
-@SETTING
 @click.option(
     "--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,csv,latex"
 )
 @click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
-@click.option(
-    "--clean", "beside_clean", is_flag=True, help="Show the first on the clean model, too."
-)
-def report(
-    runs: tuple[Path, ...],
-    against: str | None,
-    overrides: tuple[str, ...],
-    formats: list[str],
-    out: Path | None,
-    *,
-    beside_clean: bool,
-) -> int:
+def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     """Report on one run folder, or compare several: a page, pictures, a table.
 
-    RUNS are run folders, folders of such, CSV logs with --against, or `last`; the newest run if
-    there is none.
+    RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
-    opened = open_all(runs, against, overrides)
+    opened = _opened(runs)
     folder = opened[0].folder
-    if folder is None:
-        stem = out or run_folder(f"{opened[0].name}-against-{against}", overrides) / "report"
-    else:
-        stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
+    assert folder is not None
+    stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
     if stem.suffix in ENDINGS.values():
         stem = stem.with_suffix("")
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
-    if beside_clean:
-        from ballplate.running import CLEAN, one_run
-        from twin.scenario.load import clean
-
-        model = one_run(clean(opened[0].scenario), CLEAN, TERMINAL)
-        opened.append(replace(model, name=CLEAN))
     for name in formats:
         for more, content in _contents(name, opened).items():
             path = stem.with_name(f"{stem.name}{more}{ENDINGS[name]}")
@@ -162,10 +143,6 @@ def report(
 @click.command(cls=Command, example="export runs/circle circle.mat")
 @click.argument("run", type=click.Path(path_type=Path), shell_complete=tab.runs)
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option(
-    "--every", type=click.IntRange(min=1), help="Of signals: take every N-th row only.", metavar="N"
-)
-@click.option("--columns", help="Of signals: those to take, with commas between [all].")
 @click.option(
     "--beside",
     multiple=True,
@@ -190,8 +167,6 @@ def report(
 def export(
     run: Path,
     file: Path,
-    every: int | None,
-    columns: str | None,
     beside: tuple[Path, ...],
     fmi: str | None,
     wished: bool,
@@ -207,7 +182,7 @@ def export(
     ballplate export circle rig.fmu --fmi 3 --set plant.friction.rolling_mm=0.1
     """
     if file.suffix == ".fmu":
-        if every or columns is not None or beside or any(a is not None for a in cut.values()):
+        if beside or any(a is not None for a in cut.values()):
             raise RecordError(
                 f"{file}: of an .fmu there are the options --fmi, --reference and --set only"
             )
@@ -224,10 +199,6 @@ def export(
 
     given = {name: value for name, value in cut.items() if value is not None}
     moving = file.suffix in MOVING
-    if moving and (every or columns is not None):
-        raise RecordError(
-            f"{file}: --every and --columns are of signals: .csv, .mat, .parquet, .mcap"
-        )
     if not moving and (given or beside):
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
@@ -238,7 +209,9 @@ def export(
     if opened.lacking:
         warn(opened.lacking)
     if not moving:
-        return _signals(opened, file, every or 1, columns)
+        opened.export(file)
+        say(f"written to {file}: {len(opened.time)} rows of {len(opened)} columns")
+        return 0
     shown = [opened, *(other for path in beside for other in _further(path, opened))]
     (name, first), *others = labelled([Result.from_run(each) for each in shown]).items()
     first.label, first.beside = name, dict(others)
@@ -256,21 +229,6 @@ def _further(path: Path, first: Run) -> list[Run]:
     if path.suffix == ".csv":
         return measured([path], (), [first], ())[0]
     return open_runs((path,), warn)
-
-
-def _signals(run: Run, file: Path, every: int, columns: str | None) -> int:
-    """Write columns of a run."""
-    names = list(run.rows)
-    if columns is not None:
-        wanted = [name.strip() for name in columns.split(",")]
-        for name in wanted:
-            if name not in names:
-                raise RecordError(f"--columns: no column '{name}'{nearest(name, names)}")
-        names = list(dict.fromkeys(("time", *wanted)))
-    export_signals(file, {name: run.rows[name][::every] for name in names}, run.units, run.about)
-    rows = len(run.rows["time"][::every])
-    say(f"written to {file}: {rows} rows of {len(names)} columns")
-    return 0
 
 
 @click.command(cls=Command, example="docs")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -13,16 +13,14 @@ from uuid import uuid4
 import click
 from click.shell_completion import CompletionItem, get_completion_class
 
-from ballplate.changes import changes_of, scenario_of
-from ballplate.running import EMULATED, one_run
-from twin.cli.output import TERMINAL, warn
-from twin.errors import RecordError, ScenarioError, TwinError, ViewError
-from twin.run.files import LAST, ROOT, check_no_scenario, run_folders
+from ballplate.running import EMULATED
+from twin.cli.output import warn
+from twin.errors import ScenarioError, ViewError
+from twin.run.files import LAST, ROOT, run_folders
 from twin.shipped import find, shipped, shipped_in
 
 if TYPE_CHECKING:
     from ballplate.running import Attach
-    from twin.run.finished import Run
     from twin.run.record import Recorder
     from twin.scenario import Scenario
     from twin.view.live_process import LiveProcess
@@ -72,33 +70,22 @@ def completion(context: click.Context, shell: str) -> int:
     return 0
 
 
-def scenarios(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Shipped scenarios, and TOML files."""
-    return _offered(incomplete, shipped())
+def _completes(known: Callable[[], Iterable[str]]) -> Any:
+    """What offers the known names that begin as a word does; files where there are none."""
+    return lambda _, __, incomplete: _offered(incomplete, known())
 
 
-def studies(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Shipped studies, and TOML files."""
-    return _offered(incomplete, shipped_in("studies"))
-
-
-def rigs(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Shipped rigs, and TOML files."""
-    return _offered(incomplete, shipped_in("rigs"))
-
-
-def runs(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Folders of runs/, the newest run, and other files."""
+def _made() -> list[str]:
+    """The word for the newest run, and the folders of runs/."""
     made = [path for path in ROOT.glob("*") if path.is_dir() and run_folders(path)]
-    return _offered(incomplete, (LAST, *(path.as_posix() for path in sorted(made))))
+    return [LAST, *(path.as_posix() for path in sorted(made))]
 
 
-def sources(
-    context: click.Context, parameter: click.Parameter, incomplete: str
-) -> list[CompletionItem]:
-    """Scenarios and runs."""
-    both = scenarios(context, parameter, incomplete) + runs(context, parameter, incomplete)
-    return [each for each in both if each.type == "plain"] or both[-1:]
+scenarios = _completes(shipped)
+studies = _completes(functools.partial(shipped_in, "studies"))
+rigs = _completes(functools.partial(shipped_in, "rigs"))
+runs = _completes(_made)
+sources = _completes(lambda: [*shipped(), *_made()])
 
 
 def settings(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -253,56 +240,9 @@ RESET = click.option(
 )
 
 
-AGAINST = click.option(
-    "--against",
-    metavar="SCENARIO",
-    shell_complete=scenarios,
-    help="Of CSV logs: the scenario they were recorded with, which the twin runs beside them.",
-)
-
-
-def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str]) -> list[Run]:
-    """The runs that paths lead to; of logs the prediction of the twin as well.
-
-    Args:
-        paths: Run folders, records, CSV logs; the newest run if there is none.
-        against: The scenario of the logs.
-        overrides: ``KEY=VALUE`` each, what is changed of it.
-
-    Raises:
-        TwinError: If one cannot be opened, or a log has no scenario.
-    """
-    from ballplate.comparing import measured
-    from twin.run.finished import open_runs
-
-    paths = paths or [Path(LAST)]
-    logs = [path for path in paths if path.suffix == ".csv"]
-    others = tuple(path for path in paths if path.suffix != ".csv")
-    for path in others:
-        check_no_scenario(path)
-    if logs and against is None:
-        raise RecordError(
-            f"{logs[0]}: a log has no reference; name the scenario it was recorded with: "
-            "--against circle"
-        )
-    if not logs and (against or overrides):
-        raise RecordError("--against and --set: for CSV logs; a finished run has its scenario")
-    runs: list[Run] = []
-    if logs and against is not None:
-        find(against)
-        base = changes_of(overrides, {})
-        runs, fitted = measured(logs, (against,), (), base)
-        scenario = scenario_of(against, [*fitted, *base], titled=False)
-        label = f"{Path(against).stem} predicted"
-        runs.append(replace(one_run(scenario, label, TERMINAL), name=label))
-    return runs + (open_runs(others, warn) if others else [])
-
-
 WEB_PORT = 9090
-SUMMARY = 30.0
-"""Most seconds that the live summary is given for its last lines: it has the lowest priority."""
 TWIN = 60.0
-"""The same for what the twin says last, which takes it longer."""
+"""Most seconds that the twin is given for what it says last: it has the lowest priority."""
 
 SERVE = click.option(
     "--serve",
@@ -314,11 +254,9 @@ SERVE = click.option(
 )
 WATCHING = (
     click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes."),
-    click.option("--watch", is_flag=True, help="Print a live summary."),
     click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
     click.option("--connect", metavar="HOST:PORT", help="Watch in a viewer already running."),
     SERVE,
-    click.option("--rrd", type=PATH, help="Keep a recording for the viewer."),
 )
 
 
@@ -327,36 +265,30 @@ class Viewing:
     """How a run is watched; whatever goes wrong with that, the run itself is done and kept.
 
     Args:
-        watch: On the terminal.
         window: In a viewer window.
         connect: In the viewer at HOST:PORT.
         serve: In a browser, at this port.
-        rrd: File for a recording.
         shadow: Whether its twin runs beside it.
 
     Raises:
-        ScenarioError: If these exclude each other, or the recording's folder does not exist.
+        ScenarioError: If these exclude each other.
     """
 
-    watch: bool
     window: bool
     connect: str | None
     serve: int | None
-    rrd: Path | None
     shadow: bool
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         if sum((self.window, self.connect is not None, self.serve is not None)) > 1:
             raise ScenarioError("--view, --connect and --serve: choose one")
-        if self.rrd is not None and not self.rrd.resolve().parent.is_dir():
-            raise ScenarioError(f"--rrd {self.rrd}: there is no such folder")
         self._opened: Opened | None = None
         self._url, self._recording = "", str(uuid4())
 
     @contextmanager
     def of(self, scenario: Scenario, folder: Path) -> Iterator[Attach]:
-        """Watch the run made within; a live summary takes the place of its progress.
+        """Watch the run made within.
 
         Args:
             scenario: What is run.
@@ -370,7 +302,6 @@ class Viewing:
                 observers.append(observer)
                 return observer
 
-            summary = begun(self._summary(scenario)) if self.watch else None
             view = self._open(scenario, folder.name)
             shown = view and begun(view)
             shadow = begun(self._twin(scenario, folder.name)) if self.shadow else None
@@ -379,23 +310,13 @@ class Viewing:
                 for each in observers:
                     each.watch(recorder)
 
-            TERMINAL.quiet = self.watch
-            running.callback(setattr, TERMINAL, "quiet", False)
             yield watch
-            if summary is not None:
-                summary.finish(SUMMARY)
             if shadow is not None and not shadow.finish(TWIN):
                 warn("the twin stopped before the end; the run and its record are complete")
             if shown is not None and not shown.finish():
                 warn("the view stopped before the end; the run and its record are complete")
             elif shown is not None and shown.dropped:
                 warn(f"the view missed {shown.dropped} rows; the record has them all")
-
-    def _summary(self, scenario: Scenario) -> LiveProcess:
-        """Start the live summary."""
-        from twin.view.live_process import LiveProcess, summarise
-
-        return LiveProcess(summarise, (scenario,))
 
     def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
         """Start the twin beside the run, drawn in the view if there is one."""
@@ -405,17 +326,8 @@ class Viewing:
         shown = report.Shown(self._url, self._recording, name) if self._url else None
         return LiveProcess(report.work, (scenario, shown))
 
-    def keep(self, folder: Path) -> None:
-        """Write the recording of the saved run; keep a page until Ctrl-C."""
-        if self.rrd is not None:
-            from twin.run.finished import open_run
-            from twin.view.recording import write
-
-            try:
-                write(self.rrd, open_run(folder))
-                click.echo(f"written to {self.rrd}", err=True)
-            except TwinError as error:
-                warn(f"{error}; the run itself is in {folder}/")
+    def keep(self) -> None:
+        """Keep a page until Ctrl-C."""
         if self._opened is not None and self._opened.page:
             click.echo("the page stays until Ctrl-C", err=True)
             try:

@@ -14,15 +14,18 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from ballplate.reporter import Advance, Reporter
+from ballplate.reporter import Advance, Reporter, counted
 from twin.page import Table, terminal
-from twin.report.numbers import IndicatorRow, all_rows, first_rows
+from twin.report.numbers import EVERY, FIRST
 from twin.report.numbers import indicators as table_of
 from twin.shipped import shipped_in
 from twin.shipped import titles as titles_of
 
 LINE_EVERY = 10.0
 """Seconds between two lines of progress where there is no terminal."""
+
+SIDE_BY_SIDE = 4
+"""Runs that a table has columns for."""
 
 console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
 errors = Console(stderr=True, highlight=False)
@@ -53,7 +56,6 @@ def show(
     shown: Iterable[object],
     folder: str | Path | None = None,
     files: str = "",
-    replaced: str = "",
 ) -> None:
     """Print what a command found: for programs one JSON value, for people tables and sentences.
 
@@ -62,7 +64,6 @@ def show(
         shown: What people read, in this order; taken only where it is printed.
         folder: Where it was written; None for nowhere.
         files: Its files there, in words.
-        replaced: What it replaced there, in words.
     """
     if json_wanted():
         click.echo(json.dumps(found, indent=2, allow_nan=False))
@@ -74,7 +75,7 @@ def show(
         else:
             console.print(each, markup=False, soft_wrap=not console.is_terminal)
     if folder is not None:
-        say(f"written to {folder}/{replaced}: {files}")
+        say(f"written to {folder}/: {files}")
 
 
 def show_titles(titles: Mapping[str, str]) -> None:
@@ -101,24 +102,23 @@ def indicators(
 ) -> Iterator[Table]:
     """Indicators of runs, one column per run; those that apply to none are left out.
 
-    Where the columns do not fit side by side, each run has a line, or, of every indicator, the
-    columns stand in several tables.
+    Of many runs each has a line, or, of every indicator, the columns stand in several tables.
 
     Args:
         runs: Heading to summary.
         everything: Whether every indicator is asked for, or those that come first.
     """
-    headings, summaries = list(runs), list(runs.values())
-    rows = (all_rows if everything else first_rows)(summaries)
-    most = _fitting(headings, rows)
-    if not everything and most < len(headings):
-        heads = ("", *(f"{row.label} [{row.unit}]" for row in rows))
-        yield Table("", heads, list(zip(headings, *(row.values for row in rows), strict=True)))
-        return
-    for some in range(0, len(headings), most):
-        part = slice(some, some + most)
-        its = (all_rows if everything else first_rows)(summaries[part])
-        yield table_of("", its, headings[part])
+    whole = table_of("", runs, EVERY if everything else FIRST)
+    if len(runs) <= SIDE_BY_SIDE:
+        yield whole
+    elif everything:
+        names = list(runs)
+        for some in range(0, len(names), SIDE_BY_SIDE):
+            its = {name: runs[name] for name in names[some : some + SIDE_BY_SIDE]}
+            yield table_of("", its, EVERY)
+    else:
+        heads = ("", *(f"{row[0]} [{row[-1]}]" for row in whole.rows))
+        yield Table("", heads, list(zip(runs, *(row[1:-1] for row in whole.rows), strict=True)))
 
 
 def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -130,77 +130,12 @@ def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def _fitting(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> int:
-    """How many runs fit as columns on the terminal, at least one."""
-    names = max((len(row.label) + len(row.unit) for row in rows), default=0)
-    widest = max(
-        (len(cell) for cells in (headings, *(row.values for row in rows)) for cell in cells),
-        default=0,
-    )
-    return max(1, (console.width - names - 7) // (widest + 3))
-
-
-class Meter:
-    """Says in words how far some work is, at what rate, and how long the rest will take.
-
-    The rate is that since the first call, so that what was done before does not count.
-
-    Args:
-        total: What is done when all is done.
-        unit: What is counted; empty for a share.
-    """
-
-    def __init__(self, total: float, unit: str = "") -> None:
-        self._total, self._unit = total, unit
-        self._first: tuple[float, float] | None = None
-
-    def text(self, done: float, note: str = "") -> str:
-        """The words for what is done now."""
-        now = monotonic()
-        begin, before = self._first = self._first or (now, done)
-        rate = (done - before) / max(now - begin, 1e-9)
-        counted = f"{done:.0f} of {self._total:.0f} {self._unit}"
-        parts = [counted if self._unit else f"{min(done / self._total, 1):.0%}"]
-        if self._unit and rate > 0:
-            parts.append(f"{rate:.2g} per second")
-        if rate > 0 and done < self._total:
-            parts.append(f"about {duration((self._total - done) / rate)} left")
-        return ", ".join((*parts, note) if note else parts)
-
-
-def _lines(what: str, meter: Meter) -> Advance:
-    """Progress as plain lines, none sooner than ``LINE_EVERY`` after the last."""
-    last = monotonic()
-
-    def advance(done: float, note: str = "", /) -> None:
-        nonlocal last
-        text = meter.text(done, note)
-        if monotonic() - last > LINE_EVERY:
-            click.echo(f"{what}: {text}", err=True)
-            last = monotonic()
-
-    return advance
-
-
-def duration(seconds: float) -> str:
-    """A time for people: in s, min or h."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
 OPTIONS = {"on": "--rig"}
 """Arguments of the package whose option has another name."""
 
 
 class Terminal(Reporter):
-    """Progress, warnings and notes on standard error.
-
-    Attributes:
-        quiet: Whether something else has the place of the progress, as a live summary.
-    """
-
-    quiet = False
+    """Progress, warnings and notes on standard error."""
 
     @contextmanager
     def progress(self, what: str, total: float, unit: str = "") -> Iterator[Advance]:
@@ -211,23 +146,27 @@ class Terminal(Reporter):
             total: What ``done`` is when all is done.
             unit: What is counted, as ``runs``; without one the share done is shown.
         """
-        meter = Meter(total, unit)
-        if self.quiet:
-            yield lambda *_: None
-            return
+        last = monotonic()
         if not errors.is_terminal:
             click.echo(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...", err=True)
-            yield _lines(what, meter)
+
+            def line(done: float, note: str = "", /) -> None:
+                nonlocal last
+                if monotonic() - last > LINE_EVERY:
+                    click.echo(f"{what}: {counted(done, total, unit, note)}", err=True)
+                    last = monotonic()
+
+            yield line
             return
-        from rich.progress import BarColumn, Progress, TextColumn
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
         columns = (TextColumn("{task.description}", markup=False), BarColumn(24))
-        text = TextColumn("{task.fields[text]}", markup=False)
-        with Progress(*columns, text, console=errors, transient=True) as bar:
+        more = (TimeRemainingColumn(), TextColumn("{task.fields[text]}", markup=False))
+        with Progress(*columns, *more, console=errors, transient=True) as bar:
             task = bar.add_task(what, total=total, text="")
 
             def advance(done: float, note: str = "", /) -> None:
-                bar.update(task, completed=done, text=meter.text(done, note))
+                bar.update(task, completed=done, text=counted(done, total, unit, note))
 
             yield advance
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -28,13 +28,11 @@ from twin.cli.output import (
 )
 from twin.data_file import read_toml
 from twin.errors import LogError, ScenarioError
-from twin.page import Table, digits
-from twin.report.numbers import FIRST, LABELS, own_settings, ranking
-from twin.run.files import former, free, run_folder
+from twin.report.numbers import lowest
+from twin.run.files import free, run_folder
 from twin.shipped import folder
 
 if TYPE_CHECKING:
-    from ballplate.studies import Sweep
     from twin.scenario.describe import Key
     from twin.shadow.follow import Shadow
 
@@ -89,9 +87,7 @@ def run(
     named = run_folder(scenario, (*overrides, *([] if rig is None else [f"rig={Path(rig).stem}"])))
     own = out is None and rig is None
     other = own and of_other_class(named, lambda: load(scenario, overrides))
-    folder = out or (free(named) if other or rig is not None else named)
-    replaced, named_out = former(folder), folder
-    replaced += f" (the law of the run in {named}/ was another: it stays)" if other else ""
+    folder = out or (free(named) if other else named)
     done = run_scenario(
         scenario,
         overrides,
@@ -103,9 +99,7 @@ def run(
         watch=lambda chosen: viewing.of(chosen, folder),
         reporter=TERMINAL,
     )
-    if done.folder != folder and done.folder is not None:
-        folder = done.folder
-        replaced = f" ({named_out}/ keeps its finished run)"
+    folder = done.folder or folder
     examined = _examined(folder) if viewing.shadow else None
     model = done.baseline
     numbers = {**done.summary(), "verdict": done.verdict}
@@ -114,6 +108,8 @@ def run(
     shown += indicators(
         {n: each.summary() for n, each in done.shown.items()}, everything=everything
     )
+    if other:
+        shown.append(f"the law of the run in {named}/ was another: it stays")
     if model is not None:
         shown += reasons({CLEAN: numbers["baseline"]})
         shown.append(
@@ -134,8 +130,8 @@ def run(
     shown.append(
         dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
     )
-    show(numbers, shown, folder, files, replaced)
-    viewing.keep(folder)
+    show(numbers, shown, folder, files)
+    viewing.keep()
     return int(not done.finished)
 
 
@@ -177,35 +173,29 @@ def compare(
     """
     from ballplate.comparing import compare as compare_sources
 
-    def folder_of(names: Sequence[str]) -> Path:
-        from twin.scenario.load import parsed, varied
-
-        stems = (Path(name).stem if name.endswith(".toml") else Path(name).name for name in names)
-        return run_folder(f"compare-{'-'.join(stems)}", (*varied(parsed(vary)), *overrides))
-
+    stems = (Path(name).stem if name.endswith(".toml") else Path(name).name for name in sources)
+    named = run_folder(f"compare-{'-'.join(stems)}", (*vary, *overrides))
     found = compare_sources(
         *sources,
         vary=vary,
         settings=overrides,
-        out=out or folder_of,
+        out=out or named,
         processes=processes,
         reporter=TERMINAL,
     )
     from twin.run.logs import distances
 
     summaries = found.summaries()
-    by_heading = {found.headings[label]: each for label, each in summaries.items()}
-    finished = [label for label in found if label not in found.folders]
+    by_name = {found.names[label]: each for label, each in summaries.items()}
     measured = {label: found[label] for label in found.logs}
     shown = (
         bold(found.title),
-        *indicators(by_heading, everything=everything),
-        *reasons(by_heading),
-        *own_settings({found.headings[each]: found[each] for each in finished}),
-        *map(bold, (*distances(measured, found.motions), ranking(by_heading))),
+        *indicators(by_name, everything=everything),
+        *reasons(by_name),
+        *map(bold, (*distances(measured, found.motions), lowest(by_name))),
     )
     files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
-    show(summaries, shown, found.folder, files, found.replaced)
+    show(summaries, shown, found.folder, files)
     early = (not found[label].finished for label in found.folders)
     return int(found.interrupted or any(early))
 
@@ -235,10 +225,10 @@ def sweep(
     kept, in sweep.csv.
     """
     from ballplate.studies import sweep as run_sweep
-    from twin.scenario.load import parsed, swept, varied
+    from twin.scenario.load import parsed, swept
 
     (key, points), curves = swept(values), parsed(vary)
-    named = (values.replace(":", ".."), *varied(curves), *overrides)
+    named = (values.replace(":", ".."), *vary, *overrides)
     folder = out or run_folder(f"sweep-{Path(scenario).stem}", named)
     done = run_sweep(
         scenario,
@@ -249,42 +239,12 @@ def sweep(
         reporter=TERMINAL,
     )
     numbers = {"title": done.title, "key": key, "values": points, "runs": done.curves}
-    show(numbers, _table(done), folder, "sweep.png, sweep.csv")
-    return int(not done.finished)
-
-
-def _table(done: Sweep) -> Iterator[Shown]:
-    """The first indicator that applies of every curve, or all of the only one.
-
-    For whom it is printed, why runs failed is told beside it, each reason once.
-    """
-    from ballplate.studies import named
-
-    keys = [key for key in FIRST if any(each.get(key) is not None for each in done.rows)]
-    curves = done.curves
-    several = len(curves) > 1
-
-    def cell(run: Mapping[str, Any], key: str) -> str:
-        if run["outcome"] == "finished":
-            return digits(run.get(key), LABELS[key][1])
-        when = f" at {run['outcome_time']:.3g} s" if run["outcome_time"] else ""
-        return f"{run['outcome']}{when}"
-
-    chosen = keys[:1] if several else keys
-    heads = curves if several else [f"{LABELS[key][0]} [{LABELS[key][1]}]" for key in keys]
-    rows = [
-        [named(value), *(cell(runs[at], key) for runs in curves.values() for key in chosen)]
-        for at, value in enumerate(done.values)
-    ]
-    yield bold(done.title)
-    yield Table("", (done.keys[0], *(heads if keys else ())), rows, words=())
-    if several and keys:
-        label, unit = LABELS[keys[0]]
-        yield dim(f"{label} in {unit}")
     for reason in dict.fromkeys(row["reason"] for row in done.rows if row["outcome"] == "failed"):
         TERMINAL.warn(reason)
     if any(row["outcome"] == "not run" for row in done.rows):
         TERMINAL.warn("interrupted: what had not ended is not in the table")
+    show(numbers, [bold(done.title), done.table()], folder, "sweep.png, sweep.csv")
+    return int(not done.finished)
 
 
 WORDS = {"laws": "controller", "observers": "observer", "references": "reference"}

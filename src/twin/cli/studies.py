@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from ballplate.studies import study as run_study
 from ballplate.studies import work_of
 from twin.cli import options
 from twin.cli.options import JSON, PATH, PROCESSES, Command, Group
-from twin.cli.output import TERMINAL, bold, listed, progress, show
+from twin.cli.output import TERMINAL, bold, listed, progress, show, show_titles
 from twin.page import Table
 from twin.shipped import chosen, shipped_in
 from twin.writing import check_writable
@@ -231,8 +231,7 @@ def list_laws() -> int:
     """List the laws of this project, which are the first entries."""
     from twin.bench import Benchmark
 
-    laws = {name: law.title for name, law in Benchmark().about.laws.items()}
-    show(laws, [Table("", ("law", "title"), list(laws.items()), words=(0, 1))])
+    show_titles({name: law.title for name, law in Benchmark().about.laws.items()})
     return 0
 
 
@@ -249,7 +248,6 @@ def run(entry: str, out: Path | None, processes: int | None) -> int:
     """
     from twin.bench import Benchmark
     from twin.study.experiments import Store
-    from twin.writing import check_writable
 
     benchmark = Benchmark()
     name, about, place = benchmark.entry(entry)
@@ -305,16 +303,16 @@ def table(entries: Sequence[Path]) -> int:
 
 
 def _table(title: str, scores: Sequence[BenchScore]) -> Table:
-    def cells() -> Iterator[tuple[str, ...]]:
-        for each in scores:
-            yield (
-                each.task,
-                f"{each.error:.3f}",
-                f"{each.low:.3f} to {each.high:.3f}",
-                f"{each.worst:.3f}",
-                str(each.kept),
-                f"{100 * each.kept_low:.1f} to {100 * each.kept_high:.1f} %",
-                f"{each.effort:.2f}",
-            )
-
-    return Table(title, HEADS, list(cells()), words=(0,), note=NOTE)
+    cells = [
+        (
+            each.task,
+            f"{each.error:.3f}",
+            f"{each.low:.3f} to {each.high:.3f}",
+            f"{each.worst:.3f}",
+            str(each.kept),
+            f"{100 * each.kept_low:.1f} to {100 * each.kept_high:.1f} %",
+            f"{each.effort:.2f}",
+        )
+        for each in scores
+    ]
+    return Table(title, HEADS, cells, words=(0,), note=NOTE)

@@ -13,7 +13,6 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
-from twin import installation
 from twin.data_file import packaged
 from twin.devices.akd.config import AkdConfig, unconfirmed
 from twin.devices.akd.protocol import table
@@ -114,12 +113,7 @@ def _cams(rig: RigFile) -> CheckResult:
 
 def examine_installation() -> Iterator[CheckResult]:
     """What an installation can do, and what it takes to do more."""
-    problem = installation.problem()
-    yield (
-        failed("packages", problem, "install it again")
-        if problem
-        else passed("packages", f"ballplate {version('ballplate')}, found whole")
-    )
+    yield passed("packages", f"ballplate {version('ballplate')}")
     for extra, purpose in packaged("twin.doctor", "extras.toml").items():
         missing = [name for name in _packages(extra) if not _is_here(name)]
         what, command = f"extra {extra} ({purpose})", f"pip install 'ballplate[{extra}]'"

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from twin.data_file import read_toml
 from twin.page import Block, Code, Picture, Table, Text, Verdict
 from twin.page import html as html_of
-from twin.report.numbers import differing, in_json, indicators, rows
+from twin.report.numbers import differing, in_json, indicators
 from twin.report.summary import Diagnosis, spectrum, summary, verdict
 from twin.run.finished import Run, columns
 from twin.run.picture import drawn, picture, style
@@ -80,7 +80,7 @@ def html(runs: Sequence[Run]) -> str:
         titles = names if several else [""]
         blocks += map(Verdict, told, good, titles)
     blocks += [
-        indicators("Numbers", rows(runs), names, NOTE),
+        indicators("Numbers", {run.name: run.metrics for run in runs}, note=NOTE),
         Picture("Motion", overview(runs)),
         Picture("Error and estimation", details(runs)),
     ]

@@ -1,10 +1,10 @@
-"""The indicators of runs side by side: rows for HTML, CSV and LaTeX."""
+"""The indicators of runs side by side: a table for HTML, CSV and LaTeX."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from twin.page import Table, digits
 from twin.run.files import INDICATORS
@@ -20,34 +20,13 @@ _ALL = {name: (about["words"], about["printed"]) for name, about in INDICATORS.i
 LABELS = {name: label for name, label in _ALL.items() if name not in TIMES}
 """Indicator to the words and the unit it is printed with."""
 
-FIRST = (
+FIRST = {name: LABELS[name] for name in (
     "tracking_error_percent", "rms_error", "overshoot_percent", "settling_time", "steady_error",
     "late_percent",
-)  # fmt: skip
+)}  # fmt: skip
 """What is asked for first, of a reference that moves and of one that comes to rest."""
-
-
-class IndicatorRow(NamedTuple):
-    """One indicator: what it is called, its unit, one text per run."""
-
-    label: str
-    unit: str
-    values: tuple[str, ...]
-
-
-def rows(runs: Sequence[Run]) -> list[IndicatorRow]:
-    """The indicators that apply to at least one run."""
-    return _rows([run.metrics for run in runs], LABELS)
-
-
-def first_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
-    """The indicators that are asked for first, those that apply to at least one run."""
-    return _rows(summaries, {key: LABELS[key] for key in FIRST})
-
-
-def all_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
-    """The same, then all the others."""
-    return _rows(summaries, {key: LABELS[key] for key in FIRST} | _ALL)
+EVERY = FIRST | _ALL
+"""The same, then all the others."""
 
 
 def differing(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
@@ -74,80 +53,56 @@ def in_json(tables: Mapping[str, Any]) -> dict[str, str]:
     return {key: json.dumps(value) for key, value in flat(tables).items()}
 
 
-def own_settings(runs: Mapping[str, Run]) -> list[str]:
-    """What differs between the laws, observers and references of runs, a line per key."""
-    if len(runs) < 2:
-        return []
-    tables = {table for run in runs.values() for table in run.classes}
-    return [
-        f"{key}: " + ", ".join(f"{name} {value}" for name, value in zip(runs, each, strict=True))
-        for key, each in differing(list(runs.values()))
-        if key.partition(".")[0] in tables and not key.endswith(".sha256")
-    ]
-
-
-def ranking(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+def lowest(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     """Which of several runs had the lowest tracking error, in one sentence; heading to summary."""
-    key, label, unit = "tracking_error_percent", "Tracking error e_tt", " %"
-    if not any(each.get(key) for each in summaries.values()):
-        key, label, unit = "rms_error", "RMS error on x", " mm"
-    factor = 1000 if unit == " mm" else 1
-    found = {
-        heading: factor * each[key]
-        for heading, each in summaries.items()
-        if each.get(key) is not None and each.get("outcome") == "finished"
-    }
-    if not found:
-        return "None of the runs went to its end."
-    best, worst = min(found, key=found.__getitem__), max(found, key=found.__getitem__)
-    lost = sum(each.get("outcome") != "finished" for each in summaries.values())
-    early = f"; {lost} ended early" if lost else ""
-    if found[best] == found[worst]:
-        return f"{label}: {found[best]:.3g}{unit} in every run{early}."
-    return (
-        f"{label}: lowest {found[best]:.3g}{unit} ({best}), "
-        f"highest {found[worst]:.3g}{unit} ({worst}){early}."
-    )
+    done = {name: each for name, each in summaries.items() if each.get("outcome") == "finished"}
+    for key in ("tracking_error_percent", "rms_error"):
+        found = {heading: each[key] for heading, each in done.items() if each.get(key)}
+        if found:
+            (label, unit), best = LABELS[key], min(found, key=found.__getitem__)
+            return f"Lowest {label}: {digits(found[best], unit)} {unit} ({best})."
+    return "None of the runs went to its end." if not done else ""
 
 
-def _rows(
-    summaries: Sequence[Mapping[str, Any]], labels: Mapping[str, tuple[str, str]]
-) -> list[IndicatorRow]:
+def indicators(
+    title: str,
+    runs: Mapping[str, Mapping[str, Any]],
+    labels: Mapping[str, tuple[str, str]] = LABELS,
+    note: str = "",
+) -> Table:
+    """A row per indicator that applies to at least one run, a column per run.
+
+    Args:
+        title: Above the table.
+        runs: Heading to summary.
+        labels: Indicator to the words and the unit it is printed with.
+        note: Below the table.
+    """
     found = []
     for key, (label, unit) in labels.items():
-        values = [each.get(key) for each in summaries]
+        values = [each.get(key) for each in runs.values()]
         if any(value or (value is not None and key != "late_percent") for value in values):
             texts = (
                 each["outcome"]
                 if value is None and each.get("outcome", "finished") != "finished"
                 else digits(value, unit)
-                for value, each in zip(values, summaries, strict=True)
+                for value, each in zip(values, runs.values(), strict=True)
             )
-            found.append(IndicatorRow(label, unit, tuple(texts)))
-    if not found and summaries:  # all ended before there was anything to judge
-        found.append(IndicatorRow("outcome", "", tuple(each["outcome"] for each in summaries)))
-    return found
-
-
-def indicators(
-    title: str, found: Sequence[IndicatorRow], names: Sequence[str], note: str = ""
-) -> Table:
-    """Rows as a table with a column per run."""
-    cells = [(row.label, *row.values, row.unit) for row in found]
-    heads = ("", *names, "unit")
-    return Table(title, heads, cells, words=(0, -1), note=note)
+            found.append((label, *texts, unit))
+    if not found and runs:  # all ended before there was anything to judge
+        found.append(("outcome", *(each["outcome"] for each in runs.values()), ""))
+    return Table(title, ("", *runs, "unit"), found, words=(0, -1), note=note)
 
 
 def as_csv(runs: Sequence[Run]) -> str:
     """The table as comma-separated values with a header line."""
-    text: str = _frame(runs).to_csv(index=False, lineterminator="\n")
+    text: str = _frame(runs).set_index(["indicator", "unit"]).to_csv(lineterminator="\n")
     return text
 
 
 def as_latex(runs: Sequence[Run]) -> str:
     """The table for a paper; needs nothing but LaTeX itself."""
     frame = _frame(runs).rename(columns={"indicator": ""})
-    frame = frame.iloc[:, [0, *range(2, 2 + len(runs)), 1]]
     style = (
         frame.style.hide(axis="index").format(escape="latex").format_index(escape="latex", axis=1)
     )
@@ -158,8 +113,8 @@ def as_latex(runs: Sequence[Run]) -> str:
 
 
 def _frame(runs: Sequence[Run]) -> pd.DataFrame:
-    """Indicator, unit, and one text per run."""
+    """Indicator, one text per run, unit."""
     import pandas as pd  # noqa: PLC0415  heavy: only files need it
 
-    heads = ["indicator", "unit", *(run.name for run in runs)]
-    return pd.DataFrame([(row.label, row.unit, *row.values) for row in rows(runs)], columns=heads)
+    table = indicators("", {run.name: run.metrics for run in runs})
+    return pd.DataFrame(table.rows, columns=["indicator", *table.heads[1:]])

@@ -11,7 +11,6 @@ import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,10 +24,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from controllers.arrays import Array
-
-
-if TYPE_CHECKING:
-    pass
 
 
 ROOT = Path("runs")
@@ -89,14 +84,6 @@ def numbered(name: str, taken: Iterable[str]) -> str:
     return f"{name}~{others + 1}" if others else name
 
 
-def former(folder: Path) -> str:
-    """What a new run in a folder replaces, in words; empty if there is none."""
-    file = record_in(folder)
-    if not file.exists():
-        return ""
-    return f" (replaced the run of {datetime.fromtimestamp(file.stat().st_mtime):%H:%M:%S, %d %b})"
-
-
 def last(root: Path = ROOT) -> Path:
     """The newest run folder, or folder of run folders, below a folder.
 
@@ -113,24 +100,17 @@ def last(root: Path = ROOT) -> Path:
     return max(times, key=lambda folder: (times[folder], folder))
 
 
-def forget(folder: Path, manifest: str = MANIFEST) -> str:
+def forget(folder: Path, manifest: str = MANIFEST) -> None:
     """Remove the runs that a file of their folder lists, so that none of them stays behind.
 
     Only what those runs consist of, and the list, is removed.
-
-    Returns:
-        What a new comparison replaces, in words; empty if there is none.
     """
-    inner = [folder / name for name in listed(folder, manifest)]
-    for run in inner:
+    for run in [folder / name for name in listed(folder, manifest)]:
         for name in FILES:
             (run / name).unlink(missing_ok=True)
         with suppress(OSError):  # somebody else's files are in it
             run.rmdir()
-    if not inner:
-        return ""
-    (folder / manifest).unlink()
-    return f" (replaced a comparison of {len(inner)} runs)"
+    (folder / manifest).unlink(missing_ok=True)
 
 
 def listed(folder: Path, manifest: str = MANIFEST) -> dict[str, str]:

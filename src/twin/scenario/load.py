@@ -378,13 +378,11 @@ class Combination(NamedTuple):
     Attributes:
         settings: Dotted key to value.
         label: ``KEY=VALUE`` of each, with spaces between.
-        heading: The shortest text that tells it from the others.
-        name: The same with the last part of each key, for where no key stands over it.
+        name: The shortest text that tells it from the others, with the last part of each key.
     """
 
     settings: tuple[tuple[str, Any], ...] = ()
     label: str = ""
-    heading: str = ""
     name: str = ""
 
 
@@ -435,16 +433,10 @@ def variants(vary: Mapping[str, Sequence[Any]]) -> list[Combination]:
         Combination(
             tuple(pair for item in each for pair in item.settings),
             " ".join(item.label for item in each),
-            ", ".join(item.heading for item in each),
             " ".join(item.name for item in each),
         )
         for each in itertools.product(*(_values(key, items) for key, items in vary.items()))
     ]
-
-
-def varied(vary: Mapping[str, Sequence[Any]]) -> list[str]:
-    """Each key with the headings of its values, to name a comparison by."""
-    return [f"{key}={','.join(headings(items))}" for key, items in vary.items()]
 
 
 def comparison(what: str, keys: Iterable[str], changed: Sequence[str]) -> str:
@@ -495,7 +487,6 @@ def _values(key: str, items: Sequence[Any]) -> list[Combination]:
         Combination(
             ((key, item),),
             f"{key}={written(item)}",
-            heading,
             heading if leaf == "kind" or isinstance(item, Mapping) else f"{leaf}={heading}",
         )
         for item, heading in zip(items, headings(items), strict=True)
