@@ -14,20 +14,12 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, TwinError
-from twin.fmu.description import (
-    Variable,
-    build_description,
-    c_source,
-    model_description,
-    variables,
-    written,
-)
+from twin.fmu.description import TEMPLATES, Variable, c_source, model_description, variables
 from twin.run.assemble import assemble, build_friction, build_reference, own_errors
 from twin.scenario.schema import Scenario
 from twin.writing import write_whole
@@ -70,11 +62,7 @@ def export(
     compiled = [name for name in source if name.endswith(".c")]
     name = "ballplate_" + re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     content: dict[str, str | bytes] = {f"sources/{file}": source[file] for file in source}
-    content["modelDescription.xml"] = model_description(
-        scenario, held, fmi=fmi, identifier=name, token=token, sources=compiled
-    )
-    if fmi == 3:
-        content["sources/buildDescription.xml"] = build_description(name, compiled)
+    content |= model_description(scenario, held, fmi=fmi, name=name, token=token, compiled=compiled)
     content |= {f"{REFERENCE}/{file}": text for file, text in reference(quiet).items()}
     binary, lacking = _binary(source, name, fmi)
     write_whole(path, lambda temporary: _pack(temporary, content | binary))
@@ -127,16 +115,10 @@ def reference(scenario: Scenario) -> dict[str, str]:
             answers.append(_line([*now, *measured.y[0], *rig.devices.state[0, 0::4]]))
             rig.wait()
             measured = rig.read()
-    root = ElementTree.Element("fmiReferences")
-    root.set("xmlns:fmi-ls", "http://fmi-standard.org/fmi-ls-manifest")
-    root.set("fmi-ls:fmi-ls-name", "org.fmi-standard.fmi-ls-ref")
-    root.set("fmi-ls:fmi-ls-version", "1.0.0-alpha.1")
-    root.set("fmi-ls:fmi-ls-description", "With noise = false; made by the twin, not by this FMU")
     listed = {"reference_in.csv": commands, "reference_out.csv": answers}
-    for name, role in zip(listed, ("input", "result"), strict=True):
-        ElementTree.SubElement(root, "Related", type="text/csv", source=name, role=role)
     tables = {name: "\n".join(lines) + "\n" for name, lines in listed.items()}
-    return tables | {"fmi-ls-manifest.xml": written(root)}
+    manifest = "fmi-ls-manifest.xml"
+    return tables | {manifest: (TEMPLATES / manifest).read_text(encoding="utf-8")}
 
 
 def _line(values: list[float]) -> str:
