@@ -27,9 +27,7 @@ from twin.view.streams import (
     WORDS,
     Batch,
     RunStream,
-    TwinStream,
     explained,
-    saved_twin,
 )
 from twin.view.viewer import environment
 from twin.writing import write_whole
@@ -159,7 +157,7 @@ def write(path: Path, runs: Sequence[Run]) -> None:
 
     Raises:
         RecordError: If the file cannot be written.
-        TwinError: If a run's scenario cannot be assembled, or what is saved of its twin is damaged.
+        TwinError: If a run's scenario cannot be assembled.
     """
     write_whole(path, encoded(runs))
 
@@ -194,7 +192,7 @@ def forward(url: str, runs: Sequence[Run]) -> None:
 
 
 def _plan(
-    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], *, twin: bool
+    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], *, twin: bool = False
 ) -> rrb.Blueprint:
     """How runs are arranged, by rows of each."""
     names = [each.name for each in streams]
@@ -212,17 +210,11 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
         RunStream(run.name, run.scenario, i if together else None, run.followed)
         for i, run in enumerate(runs)
     ]
-    twins = [saved_twin(run) for run in runs]
-    plan = _plan(streams, [run.rows for run in runs], twin=any(twins))
+    plan = _plan(streams, [run.rows for run in runs])
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run in zip(streams, runs, strict=True):
         fix(stream, (*each.fixed(), *each.styles(run.rows)))
         send(stream, each.batches(run.rows))
-    for run, said in zip(runs, twins, strict=True):
-        if said is not None:
-            twin = TwinStream(run.name, run.scenario)
-            fix(stream, twin.fixed())
-            send(stream, twin.batches(*said))
 
 
 EVERY = 0.08

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
-from zlib import crc32
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import rerun as rr
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from controllers.interfaces import Reference
 from twin.data_file import read_toml
-from twin.errors import RecordError
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
 from twin.run.assemble import build_friction, build_reference
-from twin.run.finished import Run, columns, states_of
+from twin.run.finished import columns, states_of
 from twin.scenario.schema import Scenario
 from twin.settings import changed
 from twin.sim.plant.interface import Parts
@@ -376,11 +371,6 @@ def _told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterato
         yield Batch(f"{root}/events", np.array(times), lines)
 
 
-def fingerprint(x: Array, y: Array) -> int:
-    """Tells one record from another, by the measured ball, shape (K,) each."""
-    return crc32(np.ascontiguousarray(np.stack((x, y)), dtype=float).tobytes())
-
-
 GHOST = (204, 121, 167, 150)
 """Colour of the twin's ball, half transparent."""
 TWIN_WORDS = {
@@ -474,32 +464,3 @@ class TwinStream:
             above = rr.Points2D.columns(positions=in_view(ball))
             yield Batch(f"{self.root}/plate_mm/twin", time, above)
         yield from _told(self.root, events, "WARN")
-
-
-COLUMNS = ("time", "told", "score", "distance", "band", "twin_x", "twin_y")
-
-
-def saved_twin(run: Run) -> tuple[TwinRows, list[tuple[float, str]]] | None:
-    """What was said of this very record, with time in s and text of every alarm.
-
-    None if nothing was, or only of another one before it.
-
-    Raises:
-        RecordError: If a file is damaged.
-    """
-    folder = run.folder
-    if folder is None or not (folder / "shadow.parquet").is_file():
-        return None
-    try:
-        table = pq.read_table(folder / "shadow.parquet")
-        about = json.loads(table.schema.metadata[b"ballplate"])
-        if about.get("record") != fingerprint(run.rows["measured_x"], run.rows["measured_y"]):
-            return None
-        rows = {name: np.array(table[name].to_pylist(), float) for name in COLUMNS}
-        alarms = json.loads((folder / "shadow.json").read_text(encoding="utf-8"))["alarms"]
-        events = [(float(each["time"]), f"alarm at {each['words']}") for each in alarms]
-        return TwinRows(rows, float(about["horizon"]), float(about["step"])), events
-    except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
-        raise RecordError(
-            f"{folder}/shadow.parquet: not what `ballplate shadow` writes ({error}); run it again"
-        ) from error
