@@ -27,9 +27,10 @@ def begun(kind, scenario, stack):
         from twin.emulator.serve import emulated
         stack.enter_context(emulated(scenario))
     else:
+        from twin.shadow import report
         from twin.view import live_process, recording
-        if kind == "terminal":
-            return live_process.LiveProcess(live_process.summarise, (scenario,))
+        if kind == "shadow":
+            return live_process.LiveProcess(report.work, (scenario, None))
         about = (scenario, "run", "rerun+http://127.0.0.1:1/proxy", None, False)
         return live_process.LiveProcess(recording.work, about)
 
@@ -121,7 +122,7 @@ def test_a_second_process_ends_without_a_word_although_the_first_ends_in_order(c
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["second process", "play", "emulated rig", "terminal", "viewer"])
+@pytest.mark.parametrize("kind", ["second process", "play", "emulated rig", "shadow", "viewer"])
 def test_no_process_outlives_the_one_that_began_it(kind, tmp_path):
     script = tmp_path / "first.py"
     script.write_text(ORPHAN)

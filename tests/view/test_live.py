@@ -17,7 +17,7 @@ from twin.errors import ViewError
 from twin.run.finished import run
 from twin.shadow import report
 from twin.view import recording, viewer
-from twin.view.live_process import LiveProcess, SharedRingBuffer, Summary, summarise
+from twin.view.live_process import LiveProcess, SharedRingBuffer
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
 
@@ -90,10 +90,9 @@ def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
 
 @pytest.mark.long
 @pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
-@pytest.mark.parametrize(("work", "more"), [(summarise, ()), (report.work, (None,))])
-def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, work, more, blow):
+def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, blow):
     chosen = scenario("duration=1")
-    with closing(LiveProcess(work, (chosen, *more))) as tap:
+    with closing(LiveProcess(report.work, (chosen, None))) as tap:
         assert tap.begun()
         os.kill(tap._process.pid, blow)
         begin = time.monotonic()
@@ -210,32 +209,3 @@ def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
             assert any(line.name == TIMELINE and line.end == 1_998_000_000 for line in found)
     except ViewError as error:
         pytest.skip(str(error))
-
-
-def test_the_summary_says_where_the_run_is(scenario):
-    chosen = scenario("duration=4")
-    done = run(scenario("duration=2"))
-    names = {"state": "true", "estimate": "estimated"}
-    rows = {"time": done.record.time, "supervisor": done.record["supervisor"][:, 0, 0]}
-    for channel, kind in names.items():
-        for i, part in enumerate(
-            ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
-        ):
-            rows[f"{kind}_{part}"] = done.record[channel][:, 0, i]
-    summary = Summary(chosen)
-    for begin in range(0, 1000, 130):
-        line = summary.line({name: column[begin : begin + 130] for name, column in rows.items()})
-    distance = 1000 * np.hypot(*(done.motion.reference - done.motion.ball).T)
-    assert line.startswith(f"2.0 of 4 s (50%), error {distance[-1]:.1f} mm")
-    assert f"{np.sqrt((distance[-500:] ** 2).mean()):.1f} mm RMS" in line
-    assert f"largest {distance.max():.1f} mm" in line
-    assert line.endswith(", running")
-
-
-@pytest.mark.long
-def test_without_a_terminal_the_summary_is_plain_lines(quick, capfd):
-    done = CliRunner().invoke(run_command, [*quick, "--watch"])
-    assert done.exit_code == 0, done.output
-    (line,) = capfd.readouterr().err.strip().splitlines()
-    assert line.startswith("0.4 of 0.4 s (100%), error ")
-    assert "\x1b" not in line

@@ -27,7 +27,6 @@ PROMISED = (
     "mechanism/spring",
     "plate_mm/screen",
     "plate_mm/operating_area",
-    "plate_mm/friction_map",
     "plate_mm/reference_path",
     "plate_mm/reference",
     "plate_mm/ball",
@@ -44,7 +43,6 @@ PROMISED = (
     "delay_ms/age",
     "wheel_force_N/wheel_phi",
     "torque_Nm/torque_theta",
-    "supervisor",
     "events",
 )
 
@@ -159,7 +157,7 @@ def test_the_viewer_opens_a_recording_without_a_warning_of_our_making(folder, tm
 
 PHI = {"phi": Signal(np.array([-1.0, np.nan, 3.0]), BLUE)}
 
-NO_LINES = ("StateTimelineView", "TextLogView")
+NO_LINES = ("TextLogView",)
 """Views that show words in the colours of the viewer's own theme."""
 
 

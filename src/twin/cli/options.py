@@ -299,10 +299,8 @@ def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str])
 
 
 WEB_PORT = 9090
-SUMMARY = 30.0
-"""Most seconds that the live summary is given for its last lines: it has the lowest priority."""
 TWIN = 60.0
-"""The same for what the twin says last, which takes it longer."""
+"""Most seconds that the twin is given for what it says last: it has the lowest priority."""
 
 SERVE = click.option(
     "--serve",
@@ -314,7 +312,6 @@ SERVE = click.option(
 )
 WATCHING = (
     click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes."),
-    click.option("--watch", is_flag=True, help="Print a live summary."),
     click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
     click.option("--connect", metavar="HOST:PORT", help="Watch in a viewer already running."),
     SERVE,
@@ -327,7 +324,6 @@ class Viewing:
     """How a run is watched; whatever goes wrong with that, the run itself is done and kept.
 
     Args:
-        watch: On the terminal.
         window: In a viewer window.
         connect: In the viewer at HOST:PORT.
         serve: In a browser, at this port.
@@ -338,7 +334,6 @@ class Viewing:
         ScenarioError: If these exclude each other, or the recording's folder does not exist.
     """
 
-    watch: bool
     window: bool
     connect: str | None
     serve: int | None
@@ -356,7 +351,7 @@ class Viewing:
 
     @contextmanager
     def of(self, scenario: Scenario, folder: Path) -> Iterator[Attach]:
-        """Watch the run made within; a live summary takes the place of its progress.
+        """Watch the run made within.
 
         Args:
             scenario: What is run.
@@ -370,7 +365,6 @@ class Viewing:
                 observers.append(observer)
                 return observer
 
-            summary = begun(self._summary(scenario)) if self.watch else None
             view = self._open(scenario, folder.name)
             shown = view and begun(view)
             shadow = begun(self._twin(scenario, folder.name)) if self.shadow else None
@@ -379,23 +373,13 @@ class Viewing:
                 for each in observers:
                     each.watch(recorder)
 
-            TERMINAL.quiet = self.watch
-            running.callback(setattr, TERMINAL, "quiet", False)
             yield watch
-            if summary is not None:
-                summary.finish(SUMMARY)
             if shadow is not None and not shadow.finish(TWIN):
                 warn("the twin stopped before the end; the run and its record are complete")
             if shown is not None and not shown.finish():
                 warn("the view stopped before the end; the run and its record are complete")
             elif shown is not None and shown.dropped:
                 warn(f"the view missed {shown.dropped} rows; the record has them all")
-
-    def _summary(self, scenario: Scenario) -> LiveProcess:
-        """Start the live summary."""
-        from twin.view.live_process import LiveProcess, summarise
-
-        return LiveProcess(summarise, (scenario,))
 
     def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
         """Start the twin beside the run, drawn in the view if there is one."""

@@ -194,13 +194,7 @@ OPTIONS = {"on": "--rig"}
 
 
 class Terminal(Reporter):
-    """Progress, warnings and notes on standard error.
-
-    Attributes:
-        quiet: Whether something else has the place of the progress, as a live summary.
-    """
-
-    quiet = False
+    """Progress, warnings and notes on standard error."""
 
     @contextmanager
     def progress(self, what: str, total: float, unit: str = "") -> Iterator[Advance]:
@@ -212,9 +206,6 @@ class Terminal(Reporter):
             unit: What is counted, as ``runs``; without one the share done is shown.
         """
         meter = Meter(total, unit)
-        if self.quiet:
-            yield lambda *_: None
-            return
         if not errors.is_terminal:
             click.echo(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...", err=True)
             yield _lines(what, meter)

@@ -1,7 +1,4 @@
-"""A run observed from another process: the loop only leaves rows, and never waits.
-
-One such process prints a live summary on the terminal.
-"""
+"""A run observed from another process: the loop only leaves rows, and never waits."""
 
 from __future__ import annotations
 
@@ -9,23 +6,17 @@ import json
 import multiprocessing
 import os
 import signal
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, nullcontext
 from multiprocessing.shared_memory import SharedMemory
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.hal.supervisor import State
 from twin.jobs import let_go, orphaned, program_left_out, undisturbed, wait_until
 from twin.run.record import Recorder
-
-if TYPE_CHECKING:
-    from twin.scenario.schema import Scenario
 
 _NAMES = 16384
 _COUNTERS = 6
@@ -275,68 +266,3 @@ class LiveProcess:
         """End the process, whatever it does, and free the memory."""
         let_go(self._process)
         self._ring.close()
-
-
-SHOWN_EVERY = 0.5
-"""Seconds between two updates on a terminal."""
-LINE_EVERY = 5.0
-"""Seconds between two lines where there is no terminal."""
-
-
-class Summary:
-    """The state of a run in progress, in a few words.
-
-    Args:
-        scenario: What is run.
-    """
-
-    def __init__(self, scenario: Scenario) -> None:
-        from twin.run.assemble import build_reference  # noqa: PLC0415  the loop needs none of it
-
-        self._end, self._period = scenario.duration, scenario.rig.period
-        self._reference = build_reference(scenario)
-        self._error: Array = np.empty(0)
-        self._worst = 0.0
-
-    def line(self, rows: Mapping[str, Array]) -> str:
-        """The state after further rows, all columns equally long, in mm and deg."""
-        from twin.run.finished import states_of  # noqa: PLC0415  the loop needs none of it
-
-        state = states_of(rows)
-        distance = 1000 * np.hypot(*(self._reference(rows["time"])[0] - state[:, 0::4]).T)
-        self._error = np.concatenate((self._error, distance))[-round(1.0 / self._period) :]
-        self._worst = max(self._worst, float(distance.max()))
-        now, rms = float(rows["time"][-1]) + self._period, np.sqrt((self._error**2).mean())
-        x, y = 1000 * state[-1, 0::4]
-        phi, theta = np.degrees(state[-1, 2::4])
-        return (
-            f"{now:.1f} of {self._end:g} s ({now / self._end:.0%}), error {distance[-1]:.1f} mm "
-            f"(last second {rms:.1f} mm RMS, largest {self._worst:.1f} mm), "
-            f"ball x {x:+.0f}, y {y:+.0f} mm, plate phi {phi:+.2f}, theta {theta:+.2f} deg, "
-            f"{State(int(rows['supervisor'][-1])).name.lower()}"
-        )
-
-
-def summarise(buffer: Address, scenario: Scenario) -> None:
-    """Print a summary until the writer has ended, or is gone; the body of the process."""
-    from rich.console import Console  # noqa: PLC0415  the loop needs none of it
-    from rich.live import Live  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
-
-    step_back()
-    summary, console = Summary(scenario), Console(stderr=True, highlight=False)
-    every = SHOWN_EVERY if console.is_terminal else LINE_EVERY
-    live = Live(console=console, transient=True, auto_refresh=False)
-    screen = live if console.is_terminal else nullcontext()
-    with closing(SharedRingBuffer(*buffer)) as ring, screen:
-        for block in ring.blocks(every):
-            if not block or not len(block["time"]):
-                continue
-            line = summary.line(block)
-            if ring.dropped:
-                line += f", {ring.dropped} rows missed here; the record has them"
-            if console.is_terminal:
-                live.update(Text(line), refresh=True)
-            else:
-                sys.stderr.write(f"{line}\n")
-                sys.stderr.flush()

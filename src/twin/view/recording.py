@@ -48,14 +48,11 @@ def blueprint(roots: Sequence[str], groups: Words) -> rrb.Blueprint:
             A legend would cover the lines, so that stands in the titles.
     """
     worlds = [_world(root, len(roots) > 1) for root in roots]
-    state = rrb.StateTimelineView(
-        origin="/", contents=[f"+ {root}/supervisor" for root in roots], name="supervisor state"
-    )
     left = rrb.Vertical(
         rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
         rrb.Horizontal(
             _plate(roots, groups),
-            rrb.Vertical(state, _events(roots), row_shares=[1, 2]),
+            _events(roots),
             column_shares=[2, 1],
         ),
         row_shares=[3, 2],
@@ -114,14 +111,8 @@ def _plate(roots: Sequence[str], groups: Words) -> rrb.Spatial2DView:
 
 
 def _events(roots: Sequence[str]) -> rrb.TextLogView:
-    kinds = ("EntityPath", "Body") if len(roots) > 1 else ("Body",)
-    shown = [rrb.encodings.TextLogColumn(kind) for kind in kinds]
-    return rrb.TextLogView(
-        origin="/",
-        contents=[f"+ {root}/events" for root in roots],
-        name="events",
-        columns=rrb.archetypes.TextLogColumns(text_log_columns=shown),
-    )
+    contents = [f"+ {root}/events" for root in roots]
+    return rrb.TextLogView(origin="/", contents=contents, name="events")
 
 
 APPLICATION = "ballplate"

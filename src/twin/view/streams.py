@@ -16,7 +16,7 @@ from controllers.interfaces import Reference
 from twin.data_file import read_toml
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
-from twin.run.assemble import build_friction, build_reference
+from twin.run.assemble import build_reference
 from twin.run.finished import columns, states_of
 from twin.scenario.schema import Scenario
 from twin.settings import changed
@@ -170,14 +170,6 @@ FRAMES = 50.0
 """Poses and trails per second; the plots have every period."""
 TRAIL = 3.0
 """Seconds of the ball's path that its trail shows."""
-COLOURS = {
-    State.OFF: 0x757575FF,
-    State.INITIALISING: 0x56B4E9FF,
-    State.READY: 0xE69F00FF,
-    State.RUNNING: 0x009E73FF,
-    State.HOLDING: 0xD55E00FF,
-    State.FAULT: 0xCC0000FF,
-}
 
 
 class Batch(NamedTuple):
@@ -229,26 +221,16 @@ class RunStream:
         yield from self.scene.shapes(self._colour)
         times = np.linspace(0, self._scenario.duration, 2000)
         path = self._reference(times)[0]
-        friction = build_friction([self._scenario])
-        surface = friction.map if friction is not None else None
         yield from fixed(
             f"{self.root}/plate_mm",
             path,
             self._scenario.rig.limits.area,
-            surface,
             colour=self._colour,
         )
         lifted = np.column_stack((path, np.full(len(path), self.scene.surface + 0.001)))
         yield (
             f"{self.scene.plate}/reference_path",
             rr.LineStrips3D([lifted], colors=[[235, 235, 235]], radii=0.0008),
-        )
-        yield (
-            f"{self.root}/supervisor",
-            rr.StateConfiguration(
-                values=[state.name.lower() for state in State],
-                colors=np.array([COLOURS[state] for state in State], dtype=np.uint32),
-            ),
         )
 
     def batches(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
@@ -298,16 +280,12 @@ class RunStream:
         return np.flatnonzero(first)
 
     def _states_and_events(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
-        """Supervisor states and events as they change."""
+        """States of the supervisor as they change, and what else happens, in words."""
         time, state = rows["time"], rows["supervisor"].astype(int)
         changed = np.flatnonzero(np.diff(state, prepend=self._state))
         self._state = int(state[-1])
         names = [State(value).name.lower() for value in state[changed]]
         events = [(time[k], f"supervisor: {name}") for k, name in zip(changed, names, strict=True)]
-        if names:
-            yield Batch(
-                f"{self.root}/supervisor", time[changed], rr.StateChange.columns(state=names)
-            )
         active = {"ball off the screen's touch": rows.get("touched", np.ones(len(time))) < 0.5}
         for axis in ("phi", "theta"):
             requested, applied = rows[f"requested_{axis}_acc"], rows[f"applied_{axis}_acc"]
