@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.ballplate import STATES, BallPlate
+from controllers.ballplate import BallPlate
+from twin.data_file import packaged
 from twin.hal.interface import Limits
 from twin.page import filled
 from twin.scenario.describe import UNIT, meanings
@@ -33,20 +34,10 @@ NO_SUFFIX = {Unit.MM: "_mm", Unit.UM: "_um", Unit.DEG: "_deg", Unit.PERCENT: "_p
 """Units whose name ends a key; the parameter is in SI, so its name does without."""
 TUNABLE = ("plant.friction.", "plant.servo.", "plant.level", "disturbance.", "rig.cam_")
 """How the names of parameters begin that may be set while it runs; so may variances."""
-SAID = {
-    "plant.friction.viscous": "s",  # m per m/s
-    "sensors.touch.dead_time": "s",
-    "sensors.touch.frame_rate": "Hz",
-}
-"""Units that the meaning of a key does not give, or gives in words."""
-MEASURED = {"x": "m", "phi": "rad", "y": "m", "theta": "rad"}
+TABLES = packaged("twin.fmu", "variables.toml")
+"""What every FMU has besides these settings; the file says what is what."""
 SEEDS = 2**31
 """Number of seeds, which an integer of FMI 2.0 can be."""
-FAULTS = (
-    "0 none, 1 ball outside its area, 2 plate past its limit, 3 ball lost, 4 ball too fast, "
-    "5 command not finite; from a fault on the rig levels its plate"
-)
-WISHED = "Where the scenario's reference wants the ball; after its end as at its end."
 
 
 class Variable(NamedTuple):
@@ -105,59 +96,21 @@ def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[V
         phase: At which share of a frame the first frame of the screen comes.
         path: Whether its reference is an output, too.
     """
-    along = [
-        Variable(f"reference_{axis}{order}", "output", "continuous", WISHED, f"m{unit}")
-        for order, unit in (("", ""), ("_rate", "/s"), ("_acc", "/s^2"))
-        for axis in "xy"
-    ]
-    return [*_signals(), *along * path, *_own(scenario, phase), *parameters(scenario)]
-
-
-def _signals() -> Iterator[Variable]:
-    """Time, inputs, outputs and the truth; columns of a record have their names."""
-    smooth, jumps = "continuous", "discrete"
-    yield Variable("time", "independent", smooth, "Time.", "s")
-    for axis in ("phi", "theta"):
-        what = f"Commanded plate rate {axis}', held for each control period."
-        yield Variable(f"rate_{axis}", "input", smooth, what, "rad/s", start=0.0)
-    for name, unit in MEASURED.items():
-        yield Variable(f"measured_{name}", "output", smooth, f"{name} as measured.", unit)
-    yield Variable("age", "output", smooth, "How long ago the frame of the screen came.", "s")
-    what = "Whether the screen feels the ball."
-    yield Variable("touched", "output", jumps, what, type="Boolean")
-    yield Variable("fault", "output", jumps, FAULTS, type="Integer")
-    for axis in ("phi", "theta"):
-        what = f"Commanded plate rate {axis}' within the limits of the rig."
-        yield Variable(f"applied_{axis}_rate", "local", smooth, what, "rad/s")
-    for name in STATES:
-        unit = MEASURED[name.removesuffix("_rate")] + "/s" * name.endswith("_rate")
-        what = f"{name} as it is; no rig can measure it."
-        yield Variable(f"true_{name}", "local", smooth, what, unit)
-    what = "Whether the ball has never left the screen."
-    yield Variable("true_on_plate", "local", jumps, what, type="Boolean")
-
-
-def _own(scenario: Scenario, phase: float) -> Iterator[Variable]:
-    """What is of the FMU as a whole, or of no dataclass with settings."""
     model: BallPlate = scenario.plant.ball.model
-    for name, value, unit, what in (
-        ("rig.period", scenario.rig.period, "s", "Control period."),
-        ("plant.step", scenario.plant.step, "s", "Time step of the simulation."),
-        ("gravity", model.gravity, "m/s^2", "Gravitational acceleration."),
-        ("height", model.height, "m", "From the cardan joint up to the screen."),
-    ):
-        yield Variable(name, "local", "constant", what, unit, start=value)
-    given = "parameter", "fixed"
-    what = "Whether there is noise at all."
-    yield Variable("noise", *given, what, "", "Boolean", 1, 0, 1)
-    seed = scenario.seed % SEEDS
-    yield Variable("seed", *given, "Which noise is drawn.", "", "Integer", seed, 0, SEEDS - 1)
-    what = "How long one draw of the noise holds; 0 for a new one every control period."
-    hold = scenario.sensors.noise_hold
-    yield Variable("sensors.noise_hold", *given, what, "s", "Real", hold, 0)
-    what = "At which share of a frame the first frame comes."
-    name = "sensors.touch.frame_phase"
-    yield Variable(name, *given, what, "", "Real", phase, 0, math.nextafter(1, 0))
+    values = {
+        "rig.period": scenario.rig.period,
+        "plant.step": scenario.plant.step,
+        "gravity": model.gravity,
+        "height": model.height,
+        "noise": 1,
+        "seed": scenario.seed % SEEDS,
+        "sensors.noise_hold": scenario.sensors.noise_hold,
+        "sensors.touch.frame_phase": phase,
+    }
+    listed = [*TABLES["signal"], *TABLES["reference"] * path]
+    found = [Variable(**each) for each in listed]
+    found += [Variable(start=values[each["name"]], **each) for each in TABLES["own"]]
+    return [*found, *parameters(scenario)]
 
 
 def parameters(scenario: Scenario) -> Iterator[Variable]:
@@ -174,7 +127,7 @@ def _parameter(scenario: Scenario, about: Setting, meaning: str) -> Iterator[Var
     values: Any = about.unit.to_si(about.of(scenario))
     pair = isinstance(values, tuple)
     found = UNIT.search(meaning)
-    unit = SAID.get(base, found["unit"] if found else "")
+    unit = TABLES["said"].get(base, found["unit"] if found else "")
     tunable = base.startswith(TUNABLE) or base.endswith(".variance")
     kind = "Integer" if isinstance(about.default, int) else "Real"
     limits = {name: about.unit.to_si(limit) for name, limit in about.bounds.items()}
