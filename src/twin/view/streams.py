@@ -39,9 +39,6 @@ WORDS: dict[Colour, str] = {
 BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, GREY, BLACK = WORDS
 
 
-AXES = ("phi", "theta")
-
-
 @dataclass(frozen=True)
 class Signal:
     """One line of a plot: its values (K,), colour and width."""
@@ -76,19 +73,8 @@ def tinted(plot: Mapping[str, Signal], run: int) -> dict[str, Signal]:
 PLOTS: dict[str, dict[str, str]] = read_toml(Path(__file__).with_name("plots.toml"))
 """Entity of each plot and its title with the unit, by the tab it stands in."""
 
-FORCES = (
-    ("wheel_force_N", "wheel_", "_N"),
-    ("ball_force_N", "ball_", "_N"),
-    ("torque_Nm", "torque_", "_Nm"),
-)
-"""Group, and how the names of its columns begin and end."""
-
-
-BEYOND = (
-    ("friction_mm_per_s2", 1000.0, ("friction", "disturbance_x", "disturbance_y")),
-    ("tilt_gain_percent", 100.0, ("tilt_gain_x", "tilt_gain_y")),
-)
-"""Group, factor to its unit, and what an observer may estimate beyond the state."""
+LINES = read_toml(Path(__file__).with_name("lines.toml"))
+"""Plots whose lines are columns of the record; the file says how."""
 
 
 def signals(
@@ -118,28 +104,22 @@ def signals(
         "distance": Signal(np.hypot(*error.T), GREY, 1.0),
         **_lines("xy", error.T),
     }
-    found["angle_deg"] = _lines(AXES, np.degrees(state[:, 2::4].T))
-    found["rate_deg_per_s"] = _lines(AXES, np.degrees(state[:, 3::4].T))
-    found["effort_rad_per_s2"] = _lines(AXES, [rows[f"applied_{axis}_acc"] for axis in AXES])
     if true:
         seen = columns(rows, "estimated")[:, 0::4]
         found["estimation_error_mm"] = _lines("xy", 1000 * (state[:, 0::4] - seen).T)
-    for entity, factor, parts in BEYOND:
-        if all(f"estimated_{name}" in rows for name in parts):
-            found[entity] = _lines(parts, [factor * rows[f"estimated_{name}"] for name in parts])
     if "age" in rows:
         found["delay_ms"] = {
             "age": Signal(1000 * rows["age"], GREEN),
             "dead_time": Signal(np.full(len(state), 1000 * dead_time), PINK, 0.8),
         }
-    for entity, beginning, unit in FORCES:
-        names = [name for name in rows if name.startswith(beginning) and name.endswith(unit)]
-        if names:
-            called = [name.removesuffix(unit) for name in names]
-            found[entity] = _lines(called, [rows[name] for name in names])
-    late = [name for name in rows if name.startswith(("late", "compute", "tick_"))]
-    if late:
-        found["timing_ms"] = _lines(late, [1000 * rows[name] for name in late])
+    for entity, about in LINES.items():
+        at = {
+            name: column.replace("STATE", "true" if true else "estimated")
+            for name, column in about["lines"].items()
+        }
+        own = {name: about.get("factor", 1.0) * rows[c] for name, c in at.items() if c in rows}
+        if own:
+            found[entity] = _lines(list(own), list(own.values()))
     return found
 
 
