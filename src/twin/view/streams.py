@@ -24,19 +24,9 @@ from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import load_model
 from twin.view.scene import Colour, Scene, fixed, in_view, rolled
 
-# Okabe and Ito's colours: told apart with any colour vision.
-WORDS: dict[Colour, str] = {
-    (0, 114, 178): "blue",
-    (213, 94, 0): "orange",
-    (0, 158, 115): "green",
-    (204, 121, 167): "pink",
-    (230, 159, 0): "gold",
-    (86, 180, 233): "light blue",
-    (150, 150, 150): "grey",
-    (235, 235, 235): "white",
-}
-"""What a person calls these, on the dark ground of the viewer."""
-BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, GREY, BLACK = WORDS
+# Okabe and Ito's colours: told apart with any colour vision; black is white on the dark ground.
+BLUE, VERMILION, GREEN, PINK = (0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167)
+ORANGE, SKY, GREY, BLACK = (230, 159, 0), (86, 180, 233), (150, 150, 150), (235, 235, 235)
 
 
 @dataclass(frozen=True)
@@ -121,22 +111,6 @@ def signals(
         if own:
             found[entity] = _lines(list(own), list(own.values()))
     return found
-
-
-def explained(plots: Sequence[Mapping[str, Signal]], names: Sequence[str]) -> str:
-    """Which line of a plot has which colour, in words.
-
-    Args:
-        plots: The lines of each run; none of one that has no such plot.
-        names: What the runs are called.
-    """
-    if len(plots) > 1:
-        own = [i for i, plot in enumerate(plots) if plot]
-        words = [f"{names[i]} {WORDS[RUNS[i % len(RUNS)]]}" for i in own]
-        second = [f"{name} lighter" for name in ("theta", "y") if name in plots[own[0]]]
-        return ", ".join(words + second)
-    lines = plots[0].items()
-    return ", ".join(f"{name.replace('_', ' ')} {WORDS[line.colour]}" for name, line in lines)
 
 
 def _lines(names: Sequence[str], values: Sequence[Array] | Array) -> dict[str, Signal]:
@@ -331,12 +305,8 @@ def _told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterato
 
 GHOST = (204, 121, 167, 150)
 """Colour of the twin's ball, half transparent."""
-TWIN_WORDS = {
-    "twin_score": f"replay error over predicted spread {WORDS[VERMILION]}, "
-    f"1 as predicted {WORDS[BLACK]}",
-    "twin_error_mm": f"distance of the ball from its twin {WORDS[GREY]}, 95 % band {WORDS[PINK]}",
-}
-"""Group of the plots of the twin, and which line has which colour."""
+TWIN_PLOTS = ("twin_score", "twin_error_mm")
+"""Groups of the plots of the twin."""
 
 TWIN_RANGE = (-0.4, 12.0)
 """What their axes show: where a ball may or may not stop, its band is as wide as the plate."""
