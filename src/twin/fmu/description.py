@@ -71,8 +71,10 @@ class Variable(NamedTuple):
         limits = {"min": self.low, "max": self.high} if self.type != "Boolean" else {}
         found = {name: limit for name, limit in limits.items() if abs(limit) < LARGEST}
         found |= {} if self.start is None else {"start": self.start}
-        how = {"Boolean": lambda value: str(bool(value)).lower(), "Integer": int, "Real": float}
-        return {name: str(how[self.type](value)) for name, value in found.items()}
+        if self.type == "Boolean":
+            return {name: "true" if value else "false" for name, value in found.items()}
+        how = int if self.type == "Integer" else float
+        return {name: str(how(value)) for name, value in found.items()}
 
     @property
     def settable(self) -> str:

@@ -16,6 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, TwinError
@@ -100,9 +101,7 @@ def reference(scenario: Scenario) -> dict[str, str]:
     The scenario's own controller commands; the numbers are those of the twin in Python.
     """
     rig, controller = assemble(scenario)
-    commands, answers = ["time,rate_phi,rate_theta"], []
-    names = [f"measured_{name}" for name in ("x", "phi", "y", "theta")]
-    answers.append(",".join(["time", *names, "true_x", "true_y"]))
+    rows = list[list[float]]()
     with own_errors(), rig:
         measured = rig.read()
         controller.start(measured)
@@ -110,19 +109,19 @@ def reference(scenario: Scenario) -> dict[str, str]:
         for tick in range(1 + round(min(scenario.duration, LASTS) / rig.period)):
             rate = rig.write(controller.command(measured).rate)
             controller.applied(rate)
-            now = [tick * rig.period]
-            commands.append(_line([*now, *rate[0]]))
-            answers.append(_line([*now, *measured.y[0], *rig.devices.state[0, 0::4]]))
+            ball = rig.devices.state[0, 0::4]
+            rows.append([tick * rig.period, *rate[0], *measured.y[0], *ball])
             rig.wait()
             measured = rig.read()
-    listed = {"reference_in.csv": commands, "reference_out.csv": answers}
-    tables = {name: "\n".join(lines) + "\n" for name, lines in listed.items()}
+    commands = ["rate_phi", "rate_theta"]
+    answers = ["measured_x", "measured_phi", "measured_y", "measured_theta", "true_x", "true_y"]
+    whole = pd.DataFrame(rows, columns=["time", *commands, *answers])
+    tables = {
+        f"reference_{part}.csv": whole[["time", *names]].to_csv(index=False, lineterminator="\n")
+        for part, names in {"in": commands, "out": answers}.items()
+    }
     manifest = "fmi-ls-manifest.xml"
     return tables | {manifest: (TEMPLATES / manifest).read_text(encoding="utf-8")}
-
-
-def _line(values: list[float]) -> str:
-    return ",".join(repr(float(value)) for value in values)
 
 
 def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[dict[str, bytes], str]:

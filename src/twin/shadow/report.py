@@ -23,7 +23,7 @@ from twin.scenario.schema import Scenario
 from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm
 from twin.shadow.belief import believed
 from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, propose, shadow, written
-from twin.shadow.horizon import AHEAD, BAND, DRAWN, Replays
+from twin.shadow.horizon import AHEAD, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
 from twin.view.streams import TwinRows, TwinStream
@@ -353,15 +353,15 @@ class Commentary:
         end = run.time + AHEAD
         if end[-1] - self._scored < max(every, 1e-9):
             return
-        of_late = run.take(run.counted & (end > self._scored))
+        of_late = run.take(end > self._scored)
+        late = replace(self._follower.said, replays=of_late)
         self._scored = float(end[-1])
-        if not len(of_late.time):
+        if late.score_median is None:
             self._line(f"twin: {end[-1]:.0f} s, cannot tell: the ball rests or is not seen")
             return
-        inside = 100 * float((of_late.square <= BAND).mean())
         self._line(
-            f"twin: {end[-1]:.0f} s, score {np.median(of_late.score):.2f} (1: as predicted), "
-            f"{inside:.0f} % of {len(of_late.time)} replays in their 95 % band"
+            f"twin: {end[-1]:.0f} s, score {late.score_median:.2f} (1: as predicted), "
+            f"{late.inside_band:.0f} % of {of_late.counted.sum()} replays in their 95 % band"
         )
 
 
