@@ -11,7 +11,7 @@ from twin.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, run, save
 from twin.view import viewer
 from twin.view.recording import blueprint, write
-from twin.view.streams import BLACK, BLUE, ORANGE, Signal, tinted
+from twin.view.streams import BLACK, BLUE, LINES, ORANGE, PLOTS, Signal, signals, tinted
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
@@ -188,3 +188,16 @@ def test_plots_have_legends_and_everything_drawn_brings_its_own_ground():
     for each in drawn:
         ground = each.properties[brought.get(type(each).__name__, "Background")]
         assert len(ground.color.as_arrow_array()) == 1
+
+
+def test_every_plot_of_columns_has_a_title_and_its_columns_are_those_of_records(folder):
+    titles = {entity for tab in PLOTS.values() for entity in tab}
+    assert LINES.keys() <= titles
+    (opened,) = open_run(folder)
+    found = signals(opened.rows, np.zeros((len(opened.rows["time"]), 2)))
+    further = {"friction_mm_per_s2", "tilt_gain_percent", "timing_ms"}  # of other observers, rigs
+    assert LINES.keys() - further <= found.keys()
+    phi = found["angle_deg"]["phi"].values
+    assert phi == pytest.approx(np.degrees(opened.rows["true_phi"]))
+    torque = found["torque_Nm"]["torque_theta"].values
+    assert np.array_equal(torque, opened.rows["torque_theta_Nm"])
