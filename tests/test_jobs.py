@@ -27,9 +27,9 @@ def begun(kind, scenario, stack):
         from twin.emulator.serve import emulated
         stack.enter_context(emulated(scenario))
     else:
+        from twin.shadow import report
         from twin.view import live_process, recording
         if kind == "shadow":
-            from twin.shadow import report
             return live_process.LiveProcess(report.work, (scenario, None))
         about = (scenario, "run", "rerun+http://127.0.0.1:1/proxy", None, False)
         return live_process.LiveProcess(recording.work, about)

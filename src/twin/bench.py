@@ -226,13 +226,9 @@ class Benchmark:
             for _, some in groupby(listed, key=lambda each: each.task):
                 its = [each.scenario for each in some]
                 work = ScenarioRuns(its, mark=digest(text) * bool(text))
-
-                def told(
-                    done: int, lost: int, before: int = sum(len(each) for each in tables)
-                ) -> None:
-                    tell(before + done, lost)
-
-                tables.append(carry(work, store, progress=told, **how).to_pandas())
+                before = sum(map(len, tables))
+                how["progress"] = lambda done, lost, before=before: tell(before + done, lost)
+                tables.append(carry(work, store, **how).to_pandas())
             rows = pd.concat(tables, ignore_index=True)
         for reason in rows.loc[rows["outcome"] == "refused", "reason"]:
             raise LawError(f"{entry.title}: {reason}")

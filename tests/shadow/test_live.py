@@ -12,19 +12,17 @@ from click.testing import CliRunner
 
 from twin.cli.runs import run as run_command
 from twin.cli.understand import shadow as shadow_command
-from twin.errors import TwinError
 from twin.identify.logs import read
 from twin.identify.prepare import prepare
-from twin.run.finished import open_run, run, save
+from twin.run.finished import open_run
 from twin.scenario import load
 from twin.shadow import follow
 from twin.shadow.alarms import Alarm, Cause
 from twin.shadow.evidence import Evidence
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
-from twin.shadow.report import Commentary, examine, told, write
-from twin.view.recording import encoded
-from twin.view.streams import TwinStream, saved_twin
+from twin.shadow.report import Commentary, told
+from twin.view.streams import TwinStream
 
 SETTINGS = (
     "plant.kind=lagrange",
@@ -96,44 +94,6 @@ def test_the_band_that_is_drawn_is_the_band_of_the_verdict():
     assert batches["/a/twin_error_mm/band"].time.tolist() == [1, 2, 3]
     ball = batches["/a/mechanism/cardan/plate/twin_ball"]
     assert ball.time[[0, 50, 51]] == pytest.approx([0.0, 1.0, 1.0])
-
-
-def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
-    quick = ("plant.kind=lagrange", "plant.step=0.002", "duration=4")
-    chosen = load("circle", quick)
-    path = tmp_path / "watched"
-    done = run(chosen)
-    save(done, path, {"run": done.motion})
-    (opened,) = open_run(path)
-    assert saved_twin(opened) is None
-    examined = examine(path, path, proposing=False)
-    alarm = Alarm(2.0, 1.5, 20.0, (Cause("level", 1.0, "phi +0.100 deg"),))
-    write(replace(examined, alarms=[alarm]), path)
-    said, events = saved_twin(opened)
-    assert events == [(2.0, f"alarm at {alarm.words}")]
-    live = told(examined.replays)
-    assert (said.horizon, said.step) == (live.horizon, live.step)
-    assert said.rows.keys() == live.rows.keys()
-    for name, read_back in said.rows.items():
-        assert read_back == pytest.approx(live.rows[name], nan_ok=True)
-    entities = b"twin_score/score", b"plate_mm/twin", b"twin_error_mm/band", b"phi +0.100 deg"
-    assert all(name in encoded([opened]) for name in entities)
-    # another record in the same folder is not what was judged
-    other = run(load("circle", (*quick, "seed=3")))
-    save(other, path, {"run": other.motion})
-    (opened,) = open_run(path)
-    assert saved_twin(opened) is None
-    assert entities[0] not in encoded([opened])
-
-
-def test_a_damaged_file_of_a_twin_is_one_line(tmp_path):
-    chosen = load("circle", ("plant.kind=lagrange", "duration=0.1"))
-    done = run(chosen)
-    save(done, tmp_path, {"run": done.motion})
-    (opened,) = open_run(tmp_path)
-    (tmp_path / "shadow.parquet").write_bytes(b"nothing")
-    with pytest.raises(TwinError, match=r"shadow\.parquet: not what `ballplate shadow` writes"):
-        saved_twin(opened)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from twin.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, run, save
 from twin.view import viewer
 from twin.view.recording import blueprint, write
-from twin.view.streams import BLACK, BLUE, ORANGE, Signal, explained, tinted
+from twin.view.streams import BLACK, BLUE, LINES, ORANGE, PLOTS, Signal, signals, tinted
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
@@ -27,7 +27,6 @@ PROMISED = (
     "mechanism/spring",
     "plate_mm/screen",
     "plate_mm/operating_area",
-    "plate_mm/friction_map",
     "plate_mm/reference_path",
     "plate_mm/reference",
     "plate_mm/ball",
@@ -44,7 +43,6 @@ PROMISED = (
     "delay_ms/age",
     "wheel_force_N/wheel_phi",
     "torque_Nm/torque_theta",
-    "supervisor",
     "events",
 )
 
@@ -157,9 +155,7 @@ def test_the_viewer_opens_a_recording_without_a_warning_of_our_making(folder, tm
     assert os.path.getsize(tmp_path / "view.png") > 10_000  # noqa: PTH202
 
 
-PHI = {"phi": Signal(np.array([-1.0, np.nan, 3.0]), BLUE)}
-
-NO_LINES = ("StateTimelineView", "TextLogView")
+NO_LINES = ("TextLogView",)
 """Views that show words in the colours of the viewer's own theme."""
 
 
@@ -175,29 +171,33 @@ def views(plan):
     return found
 
 
-def test_titles_say_in_words_which_line_is_which():
+def test_of_several_runs_a_plot_has_what_tells_them_apart():
     position = {"ball": Signal(np.zeros(2), BLUE), "estimate": Signal(np.zeros(2), ORANGE)}
     position["reference"] = Signal(np.zeros(2), BLACK)
-    assert explained([position], ["run"]) == "ball blue, estimate gold, reference white"
-    assert explained([PHI], ["run"]) == "phi blue"
     assert [[*tinted(position, run)] for run in (0, 1)] == [["ball", "reference"], ["ball"]]
-    two = {"phi": PHI["phi"], "theta": PHI["phi"]}
-    assert explained([two, two], ["afl", "lqr"]) == "afl blue, lqr orange, theta lighter"
-    alone = tinted({"friction": PHI["phi"], "disturbance_x": PHI["phi"]}, 1)
-    assert explained([{}, alone], ["circle", "cure"]) == "cure orange"
 
 
-def test_no_legend_covers_a_plot_and_everything_drawn_brings_its_own_ground():
-    plan = blueprint(["/run"], {"angle_deg": "phi blue", "position_x_mm": "ball blue"})
+def test_plots_have_legends_and_everything_drawn_brings_its_own_ground():
+    plan = blueprint(["/run"], {"angle_deg", "position_x_mm"})
     plots = [each for each in views(plan) if type(each).__name__ == "TimeSeriesView"]
-    assert plots
-    for plot in plots:
-        legend = plot.properties["PlotLegend"]
-        assert legend.visible.as_arrow_array().to_pylist() == [False]
-        assert "blue" in plot.name
+    assert [each.name for each in plots] == ["plate angles [deg]", "x [mm]"]
+    assert all("PlotLegend" not in each.properties for each in plots)  # the viewer's own, shown
     brought = {"TimeSeriesView": "PlotBackground"}
     drawn = [each for each in views(plan) if type(each).__name__ not in NO_LINES]
     assert len({type(each).__name__ for each in drawn}) == 3
     for each in drawn:
         ground = each.properties[brought.get(type(each).__name__, "Background")]
         assert len(ground.color.as_arrow_array()) == 1
+
+
+def test_every_plot_of_columns_has_a_title_and_its_columns_are_those_of_records(folder):
+    titles = {entity for tab in PLOTS.values() for entity in tab}
+    assert LINES.keys() <= titles
+    (opened,) = open_run(folder)
+    found = signals(opened.rows, np.zeros((len(opened.rows["time"]), 2)))
+    further = {"friction_mm_per_s2", "tilt_gain_percent", "timing_ms"}  # of other observers, rigs
+    assert LINES.keys() - further <= found.keys()
+    phi = found["angle_deg"]["phi"].values
+    assert phi == pytest.approx(np.degrees(opened.rows["true_phi"]))
+    torque = found["torque_Nm"]["torque_theta"].values
+    assert np.array_equal(torque, opened.rows["torque_theta_Nm"])

@@ -7,14 +7,16 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.ballplate import STATES, BallPlate
+from controllers.ballplate import BallPlate
+from twin.data_file import packaged
 from twin.hal.interface import Limits
+from twin.page import filled
 from twin.scenario.describe import UNIT, meanings
 from twin.scenario.schema import Scenario
 from twin.settings import Setting, Unit, settings_of
@@ -32,20 +34,10 @@ NO_SUFFIX = {Unit.MM: "_mm", Unit.UM: "_um", Unit.DEG: "_deg", Unit.PERCENT: "_p
 """Units whose name ends a key; the parameter is in SI, so its name does without."""
 TUNABLE = ("plant.friction.", "plant.servo.", "plant.level", "disturbance.", "rig.cam_")
 """How the names of parameters begin that may be set while it runs; so may variances."""
-SAID = {
-    "plant.friction.viscous": "s",  # m per m/s
-    "sensors.touch.dead_time": "s",
-    "sensors.touch.frame_rate": "Hz",
-}
-"""Units that the meaning of a key does not give, or gives in words."""
-MEASURED = {"x": "m", "phi": "rad", "y": "m", "theta": "rad"}
+TABLES = packaged("twin.fmu", "variables.toml")
+"""What every FMU has besides these settings; the file says what is what."""
 SEEDS = 2**31
 """Number of seeds, which an integer of FMI 2.0 can be."""
-FAULTS = (
-    "0 none, 1 ball outside its area, 2 plate past its limit, 3 ball lost, 4 ball too fast, "
-    "5 command not finite; from a fault on the rig levels its plate"
-)
-WISHED = "Where the scenario's reference wants the ball; after its end as at its end."
 
 
 class Variable(NamedTuple):
@@ -73,6 +65,30 @@ class Variable(NamedTuple):
     low: float = -math.inf
     high: float = math.inf
 
+    @property
+    def numbers(self) -> dict[str, str]:
+        """What a description says of its type: least, largest and first value, where there are."""
+        limits = {"min": self.low, "max": self.high} if self.type != "Boolean" else {}
+        found = {name: limit for name, limit in limits.items() if abs(limit) < LARGEST}
+        found |= {} if self.start is None else {"start": self.start}
+        if self.type == "Boolean":
+            return {name: "true" if value else "false" for name, value in found.items()}
+        how = int if self.type == "Integer" else float
+        return {name: str(how(value)) for name, value in found.items()}
+
+    @property
+    def settable(self) -> str:
+        """When it may be set, as the C source says it."""
+        when = {"tunable": "ALWAYS", "fixed": "AT_START"}.get(self.variability, "NEVER")
+        return "ALWAYS" if self.causality == "input" else when
+
+    @property
+    def range(self) -> tuple[float, float, float]:
+        """Its first, least and largest value for the C source."""
+        largest = INTEGER if self.type == "Integer" else LARGEST
+        low, high = np.clip((self.low, self.high), -largest, largest).tolist()
+        return float(self.start or 0.0), low, high
+
 
 def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[Variable]:
     """All variables of the rig of a scenario on the exact equations.
@@ -82,59 +98,21 @@ def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[V
         phase: At which share of a frame the first frame of the screen comes.
         path: Whether its reference is an output, too.
     """
-    along = [
-        Variable(f"reference_{axis}{order}", "output", "continuous", WISHED, f"m{unit}")
-        for order, unit in (("", ""), ("_rate", "/s"), ("_acc", "/s^2"))
-        for axis in "xy"
-    ]
-    return [*_signals(), *along * path, *_own(scenario, phase), *parameters(scenario)]
-
-
-def _signals() -> Iterator[Variable]:
-    """Time, inputs, outputs and the truth; columns of a record have their names."""
-    smooth, jumps = "continuous", "discrete"
-    yield Variable("time", "independent", smooth, "Time.", "s")
-    for axis in ("phi", "theta"):
-        what = f"Commanded plate rate {axis}', held for each control period."
-        yield Variable(f"rate_{axis}", "input", smooth, what, "rad/s", start=0.0)
-    for name, unit in MEASURED.items():
-        yield Variable(f"measured_{name}", "output", smooth, f"{name} as measured.", unit)
-    yield Variable("age", "output", smooth, "How long ago the frame of the screen came.", "s")
-    what = "Whether the screen feels the ball."
-    yield Variable("touched", "output", jumps, what, type="Boolean")
-    yield Variable("fault", "output", jumps, FAULTS, type="Integer")
-    for axis in ("phi", "theta"):
-        what = f"Commanded plate rate {axis}' within the limits of the rig."
-        yield Variable(f"applied_{axis}_rate", "local", smooth, what, "rad/s")
-    for name in STATES:
-        unit = MEASURED[name.removesuffix("_rate")] + "/s" * name.endswith("_rate")
-        what = f"{name} as it is; no rig can measure it."
-        yield Variable(f"true_{name}", "local", smooth, what, unit)
-    what = "Whether the ball has never left the screen."
-    yield Variable("true_on_plate", "local", jumps, what, type="Boolean")
-
-
-def _own(scenario: Scenario, phase: float) -> Iterator[Variable]:
-    """What is of the FMU as a whole, or of no dataclass with settings."""
     model: BallPlate = scenario.plant.ball.model
-    for name, value, unit, what in (
-        ("rig.period", scenario.rig.period, "s", "Control period."),
-        ("plant.step", scenario.plant.step, "s", "Time step of the simulation."),
-        ("gravity", model.gravity, "m/s^2", "Gravitational acceleration."),
-        ("height", model.height, "m", "From the cardan joint up to the screen."),
-    ):
-        yield Variable(name, "local", "constant", what, unit, start=value)
-    given = "parameter", "fixed"
-    what = "Whether there is noise at all."
-    yield Variable("noise", *given, what, "", "Boolean", 1, 0, 1)
-    seed = scenario.seed % SEEDS
-    yield Variable("seed", *given, "Which noise is drawn.", "", "Integer", seed, 0, SEEDS - 1)
-    what = "How long one draw of the noise holds; 0 for a new one every control period."
-    hold = scenario.sensors.noise_hold
-    yield Variable("sensors.noise_hold", *given, what, "s", "Real", hold, 0)
-    what = "At which share of a frame the first frame comes."
-    name = "sensors.touch.frame_phase"
-    yield Variable(name, *given, what, "", "Real", phase, 0, math.nextafter(1, 0))
+    values = {
+        "rig.period": scenario.rig.period,
+        "plant.step": scenario.plant.step,
+        "gravity": model.gravity,
+        "height": model.height,
+        "noise": 1,
+        "seed": scenario.seed % SEEDS,
+        "sensors.noise_hold": scenario.sensors.noise_hold,
+        "sensors.touch.frame_phase": phase,
+    }
+    listed = [*TABLES["signal"], *TABLES["reference"] * path]
+    found = [Variable(**each) for each in listed]
+    found += [Variable(start=values[each["name"]], **each) for each in TABLES["own"]]
+    return [*found, *parameters(scenario)]
 
 
 def parameters(scenario: Scenario) -> Iterator[Variable]:
@@ -151,7 +129,7 @@ def _parameter(scenario: Scenario, about: Setting, meaning: str) -> Iterator[Var
     values: Any = about.unit.to_si(about.of(scenario))
     pair = isinstance(values, tuple)
     found = UNIT.search(meaning)
-    unit = SAID.get(base, found["unit"] if found else "")
+    unit = TABLES["said"].get(base, found["unit"] if found else "")
     tunable = base.startswith(TUNABLE) or base.endswith(".variance")
     kind = "Integer" if isinstance(about.default, int) else "Real"
     limits = {name: about.unit.to_si(limit) for name, limit in about.bounds.items()}
@@ -164,98 +142,35 @@ def _parameter(scenario: Scenario, about: Setting, meaning: str) -> Iterator[Var
         yield Variable(name, "parameter", how, meaning, unit, kind, value, low, high)
 
 
-TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
-"""What FMI 3.0 calls the types of FMI 2.0."""
 LARGEST = float(np.finfo(float).max)
 INTEGER = 2.0**31 - 1
+BRACES = str.maketrans("[]", "{}")
 REMEMBERED = 0.25
 """Least time in s for which the screen remembers the ball, so that its dead time may be set."""
 
 
+TEMPLATES = Path(__file__).with_name("templates")
+
+
 def model_description(
-    scenario: Scenario,
-    variables: Sequence[Variable],
-    *,
-    fmi: int,
-    identifier: str,
-    token: str,
-    sources: Sequence[str],
-) -> str:
-    """The model description of FMI 2.0 or 3.0, as XML.
+    scenario: Scenario, variables: Sequence[Variable], *, fmi: int, **names: Any
+) -> dict[str, str]:
+    """The descriptions of FMI 2.0 or 3.0 as XML, by the names of their files.
 
     Args:
         scenario: Whose rig it is.
         variables: In the order of their value references.
         fmi: 2 or 3.
-        identifier: What the model and its binaries are called.
-        token: By which FMU and description know each other.
-        sources: Names of the source files, which FMI 2.0 lists here.
+        names: ``name`` of the model and its binaries; ``token``, by which FMU and description know
+            each other; ``compiled``, the source files.
     """
-    period = repr(scenario.rig.period)
-    own = version("ballplate")
-    root = ElementTree.Element("fmiModelDescription", fmiVersion=f"{fmi}.0", modelName=identifier)
-    root.attrib |= {
-        "guid" if fmi == 2 else "instantiationToken": token,
-        "description": f"Rig of: {scenario.title}. Exact equations, drives, touch screen, encoders "
-        "and limits; without the mechanism.",
-        "version": own,
-        "generationTool": f"ballplate {own}",
-        "variableNamingConvention": "structured",
+    given = {"scenario": scenario, "variables": variables, "fmi": fmi, **names}
+    given |= {"version": version("ballplate"), "exponents": exponents}
+    files = {"modelDescription.xml": "", "buildDescription.xml": "sources/"}
+    return {
+        f"{place}{file}": filled(TEMPLATES / f"{file}.j2", **given)
+        for file, place in list(files.items())[: fmi - 1]
     }
-    able = ("canHandleVariableCommunicationStepSize", "canBeInstantiatedOnlyOncePerProcess")
-    state = ("canGetAndSetFMU{}tate", "canSerializeFMU{}tate")
-    part = _add(root, "CoSimulation", modelIdentifier=identifier)
-    part.attrib |= {able[0]: "true", able[1]: "false"}
-    part.attrib |= {each.format("s" if fmi == 2 else "S"): "true" for each in state}
-    if fmi == 2:
-        files = _add(part, "SourceFiles")
-        for source in sources:
-            _add(files, "File", name=source)
-    else:
-        part.set("fixedInternalStepSize", period)
-    units = _add(root, "UnitDefinitions")
-    for unit in sorted({each.unit for each in variables} - {""}):
-        _add(_add(units, "Unit", name=unit), "BaseUnit", **exponents(unit))
-    _add(_add(root, "LogCategories"), "Category", name="logStatusError")
-    _add(root, "DefaultExperiment", startTime=0, stopTime=scenario.duration, stepSize=period)
-    listed = _add(root, "ModelVariables")
-    for reference, each in enumerate(variables):
-        _variable(listed, each, reference, fmi)
-    structure = _add(root, "ModelStructure")
-    outputs = [i for i, each in enumerate(variables) if each.causality == "output"]
-    if fmi == 2:
-        for part in (_add(structure, "Outputs"), _add(structure, "InitialUnknowns")):
-            for i in outputs:
-                _add(part, "Unknown", index=i + 1)
-    else:
-        for kind in ("Output", "InitialUnknown"):
-            for i in outputs:
-                _add(structure, kind, valueReference=i)
-    return written(root)
-
-
-def build_description(identifier: str, sources: Sequence[str]) -> str:
-    """How FMI 3.0 is told to compile the sources, as XML."""
-    root = ElementTree.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
-    files = _add(
-        _add(root, "BuildConfiguration", modelIdentifier=identifier),
-        "SourceFileSet",
-        language="C99",
-    )
-    for source in sources:
-        _add(files, "SourceFile", name=source)
-    return written(root)
-
-
-def written(root: ElementTree.Element) -> str:
-    """An XML document."""
-    ElementTree.indent(root)
-    text = ElementTree.tostring(root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
-
-
-def _add(parent: ElementTree.Element, tag: str, /, **attributes: object) -> ElementTree.Element:
-    return ElementTree.SubElement(parent, tag, {key: str(a) for key, a in attributes.items()})
 
 
 def exponents(unit: str) -> dict[str, int]:
@@ -264,31 +179,6 @@ def exponents(unit: str) -> dict[str, int]:
         return {"s": -1}
     found = re.findall(r"(/?)([a-z]+)\^?(\d?)", unit)
     return {base: int(power or 1) * (-1 if over else 1) for over, base, power in found}
-
-
-def _variable(parent: ElementTree.Element, each: Variable, reference: int, fmi: int) -> None:
-    """Add a variable; what belongs to its type is an element of its own in FMI 2.0."""
-    own: dict[str, Any] = {"name": each.name, "valueReference": reference}
-    own |= {"description": each.meaning, "causality": each.causality}
-    own["variability"] = each.variability
-    if each.causality not in {"independent", "input"}:
-        own["initial"] = "calculated" if each.start is None else "exact"
-    typed: dict[str, Any] = {"unit": each.unit} if each.unit and each.type == "Real" else {}
-    for name, limit in (("min", each.low), ("max", each.high)):
-        if abs(limit) < LARGEST and each.type != "Boolean":
-            typed[name] = _number(each, limit)
-    if each.start is not None:
-        typed["start"] = _number(each, each.start)
-    if fmi == 2:
-        _add(_add(parent, "ScalarVariable", **own), each.type, **typed)
-    else:
-        _add(parent, TYPES[each.type], **own | typed)
-
-
-def _number(each: Variable, value: float) -> str:
-    if each.type == "Boolean":
-        return "true" if value else "false"
-    return str(int(value)) if each.type == "Integer" else repr(float(value))
 
 
 def c_name(variable: str) -> str:
@@ -316,46 +206,20 @@ def c_source(
     """
     rows = np.zeros((1, 6)) if path is None else path
     grid = np.zeros((1, 1, 3)) if surface is None else surface
-    size = (0, 0) if surface is None else surface.shape
-    touch, period = scenario.sensors.touch, scenario.rig.period
+    touch = scenario.sensors.touch
     waits = touch.dead_time + 4 * touch.dead_time_spread
     waits += 1 / touch.frame_rate if touch.frame_rate else 0.0
-    defined = {
-        "TOKEN": f'"{token}"',
-        "KIND": f"UINT64_C(0x{token[:16]})",
-        "PERIOD": repr(period),
-        "STEP": repr(scenario.plant.step),
-        "STEPS": round(period / scenario.plant.step),
-        "RING": 2 + math.ceil(max(waits, REMEMBERED) / period),
-        "SURFACE_X": size[0],
-        "SURFACE_Y": size[1],
-        "SLOPING": int(bool(grid[..., 1:].any())),
-        "PATH_ROWS": 0 if path is None else len(path),
+    given = {
+        "scenario": scenario,
+        "variables": variables,
+        "token": token,
+        "c_name": c_name,
+        "ring": 2 + math.ceil(max(waits, REMEMBERED) / scenario.rig.period),
+        "size": (0, 0) if surface is None else surface.shape,
+        "sloping": int(bool(grid[..., 1:].any())),
+        "path_rows": 0 if path is None else len(path),
+        "surface": json.dumps(grid.tolist()).translate(BRACES),
+        "path": json.dumps(rows.tolist()).translate(BRACES),
     }
-    header = [
-        "/* Written by ballplate: the variables of this FMU, and what its scenario fixes. */",
-        "#ifndef SCENARIO_H\n#define SCENARIO_H\n",
-        *(f"#define {name} {value}" for name, value in defined.items()),
-        "\nenum Variable {",
-        *(f"    {c_name(each.name)}," for each in variables),
-        "    VARIABLES\n};\n\n#endif\n",
-    ]
-    points, wished = (
-        json.dumps(each.tolist()).translate(str.maketrans("[]", "{}")) for each in (grid, rows)
-    )
-    tables = [
-        '/* Written by ballplate. */\n#include "rig.h"\n\nconst Kind KINDS[VARIABLES] = {',
-        *(f"    {_kind(each)}," for each in variables),
-        f"}};\n\nconst double SURFACE[{len(grid)}][{grid.shape[1]}][3] =\n{points};\n",
-        f"const double PATH[{len(rows)}][6] =\n{wished};\n",
-    ]
-    return {"scenario.h": "\n".join(header), "scenario.c": "\n".join(tables)}
-
-
-def _kind(each: Variable) -> str:
-    when = {"tunable": "ALWAYS", "fixed": "AT_START"}.get(each.variability, "NEVER")
-    settable = "ALWAYS" if each.causality == "input" else when
-    largest = INTEGER if each.type == "Integer" else LARGEST
-    low, high = np.clip((each.low, each.high), -largest, largest)
-    numbers = ", ".join(repr(float(value)) for value in (each.start or 0.0, low, high))
-    return f'{{"{each.name}", {each.type.upper()}, {settable}, {numbers}}}'
+    names = ("scenario.h", "scenario.c")
+    return {name: filled(TEMPLATES / f"{name}.j2", **given) for name in names}

@@ -14,20 +14,13 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, TwinError
-from twin.fmu.description import (
-    Variable,
-    build_description,
-    c_source,
-    model_description,
-    variables,
-    written,
-)
+from twin.fmu.description import TEMPLATES, Variable, c_source, model_description, variables
 from twin.run.assemble import assemble, build_friction, build_reference, own_errors
 from twin.scenario.schema import Scenario
 from twin.writing import write_whole
@@ -70,11 +63,7 @@ def export(
     compiled = [name for name in source if name.endswith(".c")]
     name = "ballplate_" + re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     content: dict[str, str | bytes] = {f"sources/{file}": source[file] for file in source}
-    content["modelDescription.xml"] = model_description(
-        scenario, held, fmi=fmi, identifier=name, token=token, sources=compiled
-    )
-    if fmi == 3:
-        content["sources/buildDescription.xml"] = build_description(name, compiled)
+    content |= model_description(scenario, held, fmi=fmi, name=name, token=token, compiled=compiled)
     content |= {f"{REFERENCE}/{file}": text for file, text in reference(quiet).items()}
     binary, lacking = _binary(source, name, fmi)
     write_whole(path, lambda temporary: _pack(temporary, content | binary))
@@ -112,9 +101,7 @@ def reference(scenario: Scenario) -> dict[str, str]:
     The scenario's own controller commands; the numbers are those of the twin in Python.
     """
     rig, controller = assemble(scenario)
-    commands, answers = ["time,rate_phi,rate_theta"], []
-    names = [f"measured_{name}" for name in ("x", "phi", "y", "theta")]
-    answers.append(",".join(["time", *names, "true_x", "true_y"]))
+    rows = list[list[float]]()
     with own_errors(), rig:
         measured = rig.read()
         controller.start(measured)
@@ -122,25 +109,19 @@ def reference(scenario: Scenario) -> dict[str, str]:
         for tick in range(1 + round(min(scenario.duration, LASTS) / rig.period)):
             rate = rig.write(controller.command(measured).rate)
             controller.applied(rate)
-            now = [tick * rig.period]
-            commands.append(_line([*now, *rate[0]]))
-            answers.append(_line([*now, *measured.y[0], *rig.devices.state[0, 0::4]]))
+            ball = rig.devices.state[0, 0::4]
+            rows.append([tick * rig.period, *rate[0], *measured.y[0], *ball])
             rig.wait()
             measured = rig.read()
-    root = ElementTree.Element("fmiReferences")
-    root.set("xmlns:fmi-ls", "http://fmi-standard.org/fmi-ls-manifest")
-    root.set("fmi-ls:fmi-ls-name", "org.fmi-standard.fmi-ls-ref")
-    root.set("fmi-ls:fmi-ls-version", "1.0.0-alpha.1")
-    root.set("fmi-ls:fmi-ls-description", "With noise = false; made by the twin, not by this FMU")
-    listed = {"reference_in.csv": commands, "reference_out.csv": answers}
-    for name, role in zip(listed, ("input", "result"), strict=True):
-        ElementTree.SubElement(root, "Related", type="text/csv", source=name, role=role)
-    tables = {name: "\n".join(lines) + "\n" for name, lines in listed.items()}
-    return tables | {"fmi-ls-manifest.xml": written(root)}
-
-
-def _line(values: list[float]) -> str:
-    return ",".join(repr(float(value)) for value in values)
+    commands = ["rate_phi", "rate_theta"]
+    answers = ["measured_x", "measured_phi", "measured_y", "measured_theta", "true_x", "true_y"]
+    whole = pd.DataFrame(rows, columns=["time", *commands, *answers])
+    tables = {
+        f"reference_{part}.csv": whole[["time", *names]].to_csv(index=False, lineterminator="\n")
+        for part, names in {"in": commands, "out": answers}.items()
+    }
+    manifest = "fmi-ls-manifest.xml"
+    return tables | {manifest: (TEMPLATES / manifest).read_text(encoding="utf-8")}
 
 
 def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[dict[str, bytes], str]:

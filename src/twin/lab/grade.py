@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -15,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from twin.data_file import DataError, parse_json
 from twin.errors import ScenarioError, TwinError, nearest
@@ -159,13 +158,9 @@ def mark_of(lab: Lab) -> str:
 
 def marks(lab: Lab, found: list[dict[str, Any]]) -> str:
     """The marks of a class as CSV: a student a line, a check a column."""
-    text, checks = io.StringIO(), [each.name for each in lab.checks(hidden=True)]
-    heads = ("student", "score", "max_score", *checks, "problem")
-    rows = csv.DictWriter(text, heads, extrasaction="ignore")
-    rows.writeheader()
-    for each in found:
-        rows.writerow(each | {check["name"]: check["score"] for check in each["results"]})
-    return text.getvalue()
+    heads = ("student", "score", "max_score", *(each.name for each in lab.checks(hidden=True)))
+    rows = [each | {check["name"]: check["score"] for check in each["results"]} for each in found]
+    return str(pd.DataFrame(rows, columns=[*heads, "problem"]).to_csv(index=False))
 
 
 class Candidate(NamedTuple):

@@ -16,7 +16,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 
-import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
@@ -25,7 +24,6 @@ from twin.lab.judge import Judge
 from twin.lab.schema import NAMED, PRIVATE, Lab, starter
 from twin.page import Block, Picture, Table, Text, Verdict, digits, filled, html
 from twin.report.html import overview
-from twin.run.picture import drawn
 from twin.shipped import folder as shipped
 from twin.writing import write_folder, write_whole
 
@@ -159,7 +157,7 @@ def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | Non
 
 WEAK = 0.2
 """Correlation with the other points below which a check tells good answers from others badly."""
-COLOURS = {"all points": "#009e73", "some": "#e69f00", "none": "#d55e00", "skipped": "#bbbbbb"}
+ENDS = ("all points", "some", "none", "skipped")
 """What became of a check."""
 
 
@@ -218,16 +216,14 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
         folder: Where their pages lie, beside this one.
     """
     judged, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
-    total, most = [each["score"] for each in judged], sum(each.points for each in checks)
-    names = [f"{number} {check.name}" for number, check in enumerate(checks, 1)]
     every = [[each["results"][at] for each in judged] for at in range(len(checks))]
     ends = [[ending(each) for each in its] for its in every]
     values = [pd.Series([each["data"]["value"] for each in its], dtype=float) for its in every]
     points = pd.DataFrame([[each["score"] for each in its] for its in every]).T
     rows = [
         (
-            names[at],
-            *(str(each.count(end)) for end in COLOURS),
+            f"{at + 1} {check.name}",
+            *(str(each.count(end)) for end in ENDS),
             f"{digits(points[at].mean(), places=2)} of {check.points:g}",
             *(
                 digits(of(values[at]), places=3)
@@ -237,7 +233,7 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
         )
         for at, (check, each) in enumerate(zip(checks, ends, strict=True))
     ]
-    heads = ("check", *COLOURS, "mean points", "median", "from", "to", "tells")
+    heads = ("check", *ENDS, "mean points", "median", "from", "to", "tells")
     note = (
         "median, from, to: the number that is judged, over the class. tells: correlation of a "
         f"check's points with those of all others; below {WEAK:g} it does not tell good answers "
@@ -252,10 +248,7 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
         for each in sorted(found, key=lambda each: -(each["score"] or 0.0))
     ]
     problems = [(each["student"], each["problem"]) for each in found if "problem" in each]
-    blocks: list[Block] = [
-        Text([summary(found)]),
-        Picture("Points", chart(total, most, names, ends)),
-    ]
+    blocks: list[Block] = [Text([summary(found)])]
     if problems:
         blocks.append(Table("Not judged", ("student", "why"), problems, words=(0, 1)))
     numbers = map(str, range(1, len(checks) + 1))
@@ -273,7 +266,7 @@ def summary(found: Sequence[Result]) -> str:
 
 
 def ending(check: Mapping[str, Any]) -> str:
-    """What became of a check: a key of ``COLOURS``."""
+    """What became of a check: one of ``ENDS``."""
     if check["passed"] is None:
         return "skipped"
     return "all points" if check["passed"] else "some" if check["score"] else "none"
@@ -291,24 +284,3 @@ def link(student: str, folder: Path) -> str:
         return student
     where = quote(f"{folder.name}/{student}.html")
     return Markup('<a href="{}">{}</a>').format(where, student)
-
-
-def chart(
-    total: Sequence[float], most: float, names: Sequence[str], ends: Sequence[Sequence[str]]
-) -> Any:
-    """How many have how many points, and what became of each check."""
-    with drawn(12, max(3.2, 1.2 + 0.42 * len(names))) as figure:
-        left, right = figure.subplots(1, 2, width_ratios=(1, 1.6))
-        left.hist(total, np.linspace(0, most, 11).tolist(), color="#0072b2", rwidth=0.9)
-        left.set(xlabel="points", ylabel="students", xlim=(0, most))
-        left.yaxis.get_major_locator().set_params(integer=True)
-        rows = np.arange(len(names))[::-1]
-        begin = np.zeros(len(names))
-        for end, colour in COLOURS.items():
-            count = np.array([each.count(end) for each in ends], float)
-            right.barh(rows, count, left=begin, color=colour, label=end)
-            begin += count
-        right.set_yticks(rows, [each.replace("$", r"\$") for each in names])
-        right.set_xlabel("students")
-        figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure

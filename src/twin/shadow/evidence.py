@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,14 +64,7 @@ class Evidence:
 
     @classmethod
     def of(
-        cls,
-        names: Sequence[str],
-        spans: Array,
-        information: Array,
-        score: Array,
-        height: Array | None = None,
-        stopping: Mask | None = None,
-        dispersion: Array | None = None,
+        cls, names: Sequence[str], spans: Array, information: Array, score: Array, **more: Any
     ) -> Evidence:
         """Evidence of some of the parameters.
 
@@ -79,24 +73,16 @@ class Evidence:
             spans: Begin and end of each window in s, shape (W, 2).
             information: Shape (W, p, p).
             score: Shape (W, p).
-            height: Log-likelihood there, shape (W,).
-            stopping: Whether the ball rests in a part of it, shape (W,).
-            dispersion: Mean square of what no deviation explains, shape (W,).
+            more: The further attributes; by default of plain windows that are explained.
         """
-        at = [PARAMETERS.index(name) for name in names]
-        full = np.zeros((len(spans), len(PARAMETERS), len(PARAMETERS)))
-        full[np.ix_(range(len(spans)), at, at)] = information
-        slope = np.zeros((len(spans), len(PARAMETERS)))
+        at, count = [PARAMETERS.index(name) for name in names], len(spans)
+        full = np.zeros((count, len(PARAMETERS), len(PARAMETERS)))
+        full[np.ix_(range(count), at, at)] = information
+        slope = np.zeros((count, len(PARAMETERS)))
         slope[:, at] = score
-        return cls(
-            spans[:, 0],
-            spans[:, 1],
-            full,
-            slope,
-            np.zeros(len(spans)) if height is None else height,
-            np.zeros(len(spans), bool) if stopping is None else stopping,
-            np.ones(len(spans)) if dispersion is None else dispersion,
-        )
+        plain = {"height": np.zeros(count), "stopping": np.zeros(count, bool)}
+        more = {**plain, "dispersion": np.ones(count), **more}
+        return cls(spans[:, 0], spans[:, 1], full, slope, **more)
 
     @classmethod
     def join(cls, parts: Sequence[Evidence]) -> Evidence:
@@ -359,7 +345,8 @@ def _expanded(windows: Windows, belief: Belief, theta: Array) -> Evidence:
     gained += np.linalg.slogdet(np.eye(len(BALL)) + information @ prior)[1]
     left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL), 1)
     left = np.maximum(left, 1.0)
-    return Evidence.of(BALL, spans, information, score, height, stopping, left)
+    said = {"height": height, "stopping": stopping, "dispersion": left}
+    return Evidence.of(BALL, spans, information, score, **said)
 
 
 def _without_start(

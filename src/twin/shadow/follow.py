@@ -42,7 +42,6 @@ from twin.shadow.evidence import (
     plate_evidence,
 )
 from twin.shadow.horizon import AHEAD, BAND, Replays, replays
-from twin.view.streams import fingerprint
 from twin.writing import write_whole
 
 RECENT = 180.0
@@ -123,7 +122,6 @@ class Shadow:
         length: Usable seconds of what was looked at last.
         notes: What had to be left out of it, in words.
         gaps: Begin and end in s of what is missing or late in it, shape (G, 2).
-        record: Fingerprint of a recorded run.
         proposal: A better twin of it, if one was looked for.
     """
 
@@ -135,7 +133,6 @@ class Shadow:
     length: float = 0.0
     notes: tuple[str, ...] = ()
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    record: int = 0
     proposal: Proposal | None = None
 
     @property
@@ -196,7 +193,6 @@ def shadow(log: Log, belief: Belief) -> Shadow:
     said = follower.said
     if not len(said.tests.soft) and not len(said.gaps):
         raise LogError(f"{log.source}: too short: {said.length:.1f} s; 3 s in a row are needed")
-    said.record = fingerprint(*log.ball.T)
     return said
 
 

@@ -8,8 +8,7 @@ Uhlmann), so that a ball that may or may not stop has the spread that comes of i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -214,13 +213,11 @@ def _sigma_points(before: Windows, belief: Belief) -> tuple[tuple[Array, Array],
 
 MEDIAN, BAND = 2 * np.log(2.0), 5.991
 """Median and 95 % quantile of a chi-square of two degrees of freedom."""
-ROWS = ("time", "error", "spread", "told", "path")
 DRAWN = 5
 """Steps of a replay from one point of its path that is kept to the next."""
 
 
-@dataclass(frozen=True)
-class Replays:
+class Replays(NamedTuple):
     """Replays to the horizon.
 
     Attributes:
@@ -239,16 +236,12 @@ class Replays:
 
     def take(self, which: Mask) -> Replays:
         """Some of them."""
-        parts: dict[str, Any] = {name: getattr(self, name)[which] for name in ROWS}
-        return replace(self, **parts)
+        return Replays._make(each[which] for each in self)
 
     @classmethod
     def join(cls, parts: Sequence[Replays]) -> Replays:
         """All of several."""
-        rows: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts]) for name in ROWS
-        }
-        return replace(parts[0], **rows)
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
     @property
     def square(self) -> Array:

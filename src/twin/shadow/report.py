@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -14,16 +13,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from controllers.arrays import Array
 from twin.identify.logs import read
 from twin.identify.windows import STEP
 from twin.page import Block, Picture, Table, Text, Verdict, html
-from twin.run.files import run_name
+from twin.run.files import export, run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm, likely
+from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm
 from twin.shadow.belief import believed
 from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, propose, shadow, written
-from twin.shadow.horizon import AHEAD, BAND, DRAWN, Replays
+from twin.shadow.horizon import AHEAD, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
 from twin.view.streams import TwinRows, TwinStream
@@ -174,17 +174,10 @@ def page(found: Shadow) -> str:
             "nothing can be told. Vertical lines: an alarm, and (dotted) when it most likely "
             "began. An alarm is raised where the logarithm of the likelihood ratio passes "
             f"{THRESHOLD:g}; that of another dead time has a test of its own and "
-            f"{LATE_THRESHOLD:g}.",
+            f"{LATE_THRESHOLD:g}. All causes count as equally likely beforehand; those below 5 % "
+            "are not named.",
         ),
     ]
-    if found.alarms:
-        rows = [row for alarm in found.alarms for row in _causes(alarm)]
-        heads = ("time [s]", "since [s]", "what it may be", "probability [%]", "change")
-        note = (
-            "More than one line means: not told apart. All hypotheses counted as equally likely "
-            "beforehand; those below 5 % are left out."
-        )
-        blocks.append(Table("Alarms", heads, rows, words=(2, 4), note=note))
     if proposal is not None and proposal.changed:
         changed = [(key, *map(str, pair)) for key, pair in proposal.changed.items()]
         blocks.append(Table("Proposal", ("key", "believed", "proposed"), changed, (0, 1, 2)))
@@ -193,45 +186,24 @@ def page(found: Shadow) -> str:
     return html(f"The twin beside {found.source}", blocks)
 
 
-def _causes(alarm: Alarm) -> list[tuple[str, ...]]:
-    """The causes of an alarm, the first after the times of it."""
-    when = (f"{alarm.time:.1f}", f"{alarm.since:.1f}")
-    return [
-        (*(("", "") if k else when), each.name, f"{100 * each.probability:.1f}", each.change)
-        for k, each in enumerate(likely(alarm.causes))
-    ]
-
-
 PLAIN = ("told", "score", "log_likelihood_ratio", "dead_time_ratio")
 UNITS = {"time": "s", **dict.fromkeys(PLAIN, "1")}
 """Units of columns; all others are in m."""
 
 
-def write_scores(found: Shadow, path: Path) -> None:
-    """One row a replay: when, error, spread, score, the test's statistic, the twin's way."""
-    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
-    import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
-
-    run = found.replays
-    assert run is not None
-    drawn = told(run)
-    tests = found.tests
-    before = np.searchsorted(tests.soft.end, drawn.rows["time"], side="right") - 1
-    values = {
-        **drawn.rows,
+def scores(found: Shadow, run: Replays) -> dict[str, Array]:
+    """By column, a row a replay: when it ended, error, spread, score, what the tests said."""
+    tests, end = found.tests, run.time + AHEAD
+    before = np.searchsorted(tests.soft.end, end, side="right") - 1
+    return {
+        "time": end,
+        "told": run.counted.astype(float),
+        **{name: getattr(run, name) for name in ("score", "distance", "band")},
         **{f"error_{axis}": run.error[:, k] for k, axis in enumerate("xy")},
         **{f"spread_{axis}": np.sqrt(run.spread[:, k, k]) for k, axis in enumerate("xy")},
         "log_likelihood_ratio": np.where(before >= 0, tests.ratio[before], 0.0),
         "dead_time_ratio": np.where(before >= 0, tests.delayed[before], 0.0),
     }
-    about = {"horizon": AHEAD, "threshold": THRESHOLD, "log": found.source}
-    content = json.dumps({**about, "step": drawn.step, "record": found.record})
-    columns = {name: pa.array(each.tolist()) for name, each in values.items()}
-    fields = [
-        pa.field(name, each.type, metadata={"unit": UNITS.get(name, "m")})
-        for name, each in columns.items()
-    ]
-    pq.write_table(pa.table(columns, pa.schema(fields, {"ballplate": content})), path)
 
 
 FILES = "shadow.html, shadow.json, shadow.parquet"
@@ -247,7 +219,9 @@ def write(found: Shadow, folder: Path) -> None:
     write_whole(folder / "shadow.html", page(found))
     write_json(folder / "shadow.json", found.as_dict())
     if found.replays is not None:
-        write_whole(folder / "shadow.parquet", lambda path: write_scores(found, path))
+        columns = scores(found, found.replays)
+        units = {name: UNITS.get(name, "m") for name in columns}
+        export(folder / "shadow.parquet", columns, units)
 
 
 def examine(
@@ -379,15 +353,15 @@ class Commentary:
         end = run.time + AHEAD
         if end[-1] - self._scored < max(every, 1e-9):
             return
-        of_late = run.take(run.counted & (end > self._scored))
+        of_late = run.take(end > self._scored)
+        late = replace(self._follower.said, replays=of_late)
         self._scored = float(end[-1])
-        if not len(of_late.time):
+        if late.score_median is None:
             self._line(f"twin: {end[-1]:.0f} s, cannot tell: the ball rests or is not seen")
             return
-        inside = 100 * float((of_late.square <= BAND).mean())
         self._line(
-            f"twin: {end[-1]:.0f} s, score {np.median(of_late.score):.2f} (1: as predicted), "
-            f"{inside:.0f} % of {len(of_late.time)} replays in their 95 % band"
+            f"twin: {end[-1]:.0f} s, score {late.score_median:.2f} (1: as predicted), "
+            f"{late.inside_band:.0f} % of {of_late.counted.sum()} replays in their 95 % band"
         )
 
 

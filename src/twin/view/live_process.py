@@ -9,7 +9,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from multiprocessing.shared_memory import SharedMemory
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,6 @@ from numpy.typing import NDArray
 from controllers.arrays import Array
 from twin.jobs import let_go, orphaned, program_left_out, undisturbed, wait_until
 from twin.run.record import Recorder
-
-if TYPE_CHECKING:
-    pass
 
 _NAMES = 16384
 _COUNTERS = 6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import socket
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -19,45 +19,34 @@ from twin.run.finished import Run
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.streams import (
-    ORANGE,
     PLOTS,
     TIMELINE,
+    TWIN_PLOTS,
     TWIN_RANGE,
-    TWIN_WORDS,
-    WORDS,
     Batch,
     RunStream,
-    TwinStream,
-    explained,
-    saved_twin,
 )
 from twin.view.viewer import environment
 from twin.writing import write_whole
 
-Words = Mapping[str, str]
-"""Entity of a plot to which line of it has which colour."""
 GROUND, SKY = (16, 18, 22), (30, 33, 38)
 """Colours of the ground of plots and plate and of the mechanism's, whatever theme a viewer has: no
 recording and no blueprint can choose it, and lines that are seen on this are not on white."""
 
 
-def blueprint(roots: Sequence[str], groups: Words) -> rrb.Blueprint:
+def blueprint(roots: Sequence[str], groups: Collection[str]) -> rrb.Blueprint:
     """The arrangement for one run, or for several side by side.
 
     Args:
         roots: Root entities of the runs.
-        groups: Entities of the plots there are, below each root, and which line has which colour.
-            A legend would cover the lines, so that stands in the titles.
+        groups: Entities of the plots there are, below each root.
     """
     worlds = [_world(root, len(roots) > 1) for root in roots]
-    state = rrb.StateTimelineView(
-        origin="/", contents=[f"+ {root}/supervisor" for root in roots], name="supervisor state"
-    )
     left = rrb.Vertical(
         rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
         rrb.Horizontal(
-            _plate(roots, groups),
-            rrb.Vertical(state, _events(roots), row_shares=[1, 2]),
+            _plate(roots),
+            _events(roots),
             column_shares=[2, 1],
         ),
         row_shares=[3, 2],
@@ -73,17 +62,16 @@ def blueprint(roots: Sequence[str], groups: Words) -> rrb.Blueprint:
 
 
 def _plots(
-    roots: Sequence[str], groups: Words, titles: Mapping[str, str]
+    roots: Sequence[str], groups: Collection[str], titles: Mapping[str, str]
 ) -> list[rrb.TimeSeriesView]:
     return [
         rrb.TimeSeriesView(
             origin="/" if len(roots) > 1 else f"{roots[0]}/{entity}",
             contents=[f"+ {root}/{entity}/**" for root in roots],
-            name=f"{title}: {groups[entity]}",
+            name=title,
             background=rrb.archetypes.PlotBackground(color=GROUND),
-            plot_legend=rrb.PlotLegend(visible=False),
             axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
-            axis_y=rrb.ScalarAxis(range=TWIN_RANGE) if entity in TWIN_WORDS else None,
+            axis_y=rrb.ScalarAxis(range=TWIN_RANGE) if entity in TWIN_PLOTS else None,
         )
         for entity, title in titles.items()
         if entity in groups
@@ -103,27 +91,21 @@ def _world(root: str, several: bool) -> rrb.Spatial3DView:
     )
 
 
-def _plate(roots: Sequence[str], groups: Words) -> rrb.Spatial2DView:
-    ball = "ball blue" if len(roots) == 1 else groups["position_x_mm"]
+def _plate(roots: Sequence[str]) -> rrb.Spatial2DView:
+    ball = "ball blue" if len(roots) == 1 else "ball of each run in its colour"
     x, y = (550 * side for side in SCREEN)
     return rrb.Spatial2DView(
         origin=f"{roots[0]}/plate_mm" if len(roots) == 1 else "/",
         contents=[f"+ {root}/plate_mm/**" for root in roots],
-        name=f"from above [mm]: {ball}, reference white, estimate {WORDS[ORANGE]}, touch grey",
+        name=f"from above [mm]: {ball}, reference white, estimate gold, touch grey",
         background=GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y]),
     )
 
 
 def _events(roots: Sequence[str]) -> rrb.TextLogView:
-    kinds = ("EntityPath", "Body") if len(roots) > 1 else ("Body",)
-    shown = [rrb.encodings.TextLogColumn(kind) for kind in kinds]
-    return rrb.TextLogView(
-        origin="/",
-        contents=[f"+ {root}/events" for root in roots],
-        name="events",
-        columns=rrb.archetypes.TextLogColumns(text_log_columns=shown),
-    )
+    contents = [f"+ {root}/events" for root in roots]
+    return rrb.TextLogView(origin="/", contents=contents, name="events")
 
 
 APPLICATION = "ballplate"
@@ -159,7 +141,7 @@ def write(path: Path, runs: Sequence[Run]) -> None:
 
     Raises:
         RecordError: If the file cannot be written.
-        TwinError: If a run's scenario cannot be assembled, or what is saved of its twin is damaged.
+        TwinError: If a run's scenario cannot be assembled.
     """
     write_whole(path, encoded(runs))
 
@@ -194,15 +176,12 @@ def forward(url: str, runs: Sequence[Run]) -> None:
 
 
 def _plan(
-    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], *, twin: bool
+    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], *, twin: bool = False
 ) -> rrb.Blueprint:
     """How runs are arranged, by rows of each."""
-    names = [each.name for each in streams]
-    plots = [each.plots(rows) for each, rows in zip(streams, blocks, strict=True)]
-    entities = {group for plot in plots for group in plot}
-    shown = {group: [plot.get(group, {}) for plot in plots] for group in entities}
-    groups = {group: explained(lines, names) for group, lines in shown.items()}
-    groups |= TWIN_WORDS if twin else {}
+    both = zip(streams, blocks, strict=True)
+    groups = {group for each, rows in both for group in each.plots(rows)}
+    groups |= {*TWIN_PLOTS} if twin else set()
     return blueprint([each.root for each in streams], groups)
 
 
@@ -212,17 +191,11 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
         RunStream(run.name, run.scenario, i if together else None, run.followed)
         for i, run in enumerate(runs)
     ]
-    twins = [saved_twin(run) for run in runs]
-    plan = _plan(streams, [run.rows for run in runs], twin=any(twins))
+    plan = _plan(streams, [run.rows for run in runs])
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run in zip(streams, runs, strict=True):
         fix(stream, (*each.fixed(), *each.styles(run.rows)))
         send(stream, each.batches(run.rows))
-    for run, said in zip(runs, twins, strict=True):
-        if said is not None:
-            twin = TwinStream(run.name, run.scenario)
-            fix(stream, twin.fixed())
-            send(stream, twin.batches(*said))
 
 
 EVERY = 0.08

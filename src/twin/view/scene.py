@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from controllers.arrays import Array
 from twin.hal.interface import SCREEN
-from twin.sim.plant.friction import SurfaceMap
 
 Colour = tuple[int, int, int]
 
@@ -42,7 +41,6 @@ def fixed(
     root: str,
     path: Array,
     area: tuple[float, float],
-    surface: SurfaceMap | None,
     *,
     colour: Colour,
 ) -> Iterator[tuple[str, rr.AsComponents]]:
@@ -52,7 +50,6 @@ def fixed(
         root: Entity of the top view.
         path: Reference path in m, shape (K, 2).
         area: Operating area |x|, |y| in m.
-        surface: How friction varies over the screen; None for a plain one.
         colour: Of the ball and its trail.
     """
     half = 500 * np.array(SCREEN)
@@ -74,9 +71,6 @@ def fixed(
             radii=1.5,
         ),
     )
-    if surface is not None and surface.relative is not None:
-        yield f"{root}/friction_map", rr.Transform3D(translation=[*-half, 0.0])
-        yield f"{root}/friction_map", _map(surface)
     yield (
         f"{root}/reference_path",
         rr.LineStrips2D([in_view(path)], colors=[[235, 235, 235]], radii=0.6, draw_order=10.0),
@@ -91,18 +85,6 @@ def fixed(
         yield f"{root}/{name}", point
     trail = rr.LineStrips2D.from_fields(colors=[colour], radii=[1.6], draw_order=12.0)
     yield f"{root}/trail", trail
-
-
-def _map(surface: SurfaceMap) -> rr.AsComponents:
-    """Friction as a picture of one dot per mm: dark where it is least, red where most."""
-    width, height = (round(1000 * side) for side in SCREEN)
-    x = (np.arange(width) + 0.5) / width - 0.5
-    y = 0.5 - (np.arange(height) + 0.5) / height
-    places = np.stack(np.meshgrid(SCREEN[0] * x, SCREEN[1] * y), axis=-1)
-    friction = surface(places)[0]
-    share = (friction - friction.min()) / (np.ptp(friction) or 1.0)
-    low, high = np.array([25, 35, 55]), np.array([165, 60, 40])
-    return rr.Image((low + share[..., None] * (high - low)).astype(np.uint8), draw_order=0.5)
 
 
 VISIBLE_GROUPS = 3

@@ -2,49 +2,31 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
-from zlib import crc32
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import rerun as rr
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from controllers.interfaces import Reference
 from twin.data_file import read_toml
-from twin.errors import RecordError
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
-from twin.run.assemble import build_friction, build_reference
-from twin.run.finished import Run, columns, states_of
+from twin.run.assemble import build_reference
+from twin.run.finished import columns, states_of
 from twin.scenario.schema import Scenario
 from twin.settings import changed
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import load_model
 from twin.view.scene import Colour, Scene, fixed, in_view, rolled
 
-# Okabe and Ito's colours: told apart with any colour vision.
-WORDS: dict[Colour, str] = {
-    (0, 114, 178): "blue",
-    (213, 94, 0): "orange",
-    (0, 158, 115): "green",
-    (204, 121, 167): "pink",
-    (230, 159, 0): "gold",
-    (86, 180, 233): "light blue",
-    (150, 150, 150): "grey",
-    (235, 235, 235): "white",
-}
-"""What a person calls these, on the dark ground of the viewer."""
-BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, GREY, BLACK = WORDS
-
-
-AXES = ("phi", "theta")
+# Okabe and Ito's colours: told apart with any colour vision; black is white on the dark ground.
+BLUE, VERMILION, GREEN, PINK = (0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167)
+ORANGE, SKY, GREY, BLACK = (230, 159, 0), (86, 180, 233), (150, 150, 150), (235, 235, 235)
 
 
 @dataclass(frozen=True)
@@ -81,19 +63,8 @@ def tinted(plot: Mapping[str, Signal], run: int) -> dict[str, Signal]:
 PLOTS: dict[str, dict[str, str]] = read_toml(Path(__file__).with_name("plots.toml"))
 """Entity of each plot and its title with the unit, by the tab it stands in."""
 
-FORCES = (
-    ("wheel_force_N", "wheel_", "_N"),
-    ("ball_force_N", "ball_", "_N"),
-    ("torque_Nm", "torque_", "_Nm"),
-)
-"""Group, and how the names of its columns begin and end."""
-
-
-BEYOND = (
-    ("friction_mm_per_s2", 1000.0, ("friction", "disturbance_x", "disturbance_y")),
-    ("tilt_gain_percent", 100.0, ("tilt_gain_x", "tilt_gain_y")),
-)
-"""Group, factor to its unit, and what an observer may estimate beyond the state."""
+LINES = read_toml(Path(__file__).with_name("lines.toml"))
+"""Plots whose lines are columns of the record; the file says how."""
 
 
 def signals(
@@ -123,45 +94,23 @@ def signals(
         "distance": Signal(np.hypot(*error.T), GREY, 1.0),
         **_lines("xy", error.T),
     }
-    found["angle_deg"] = _lines(AXES, np.degrees(state[:, 2::4].T))
-    found["rate_deg_per_s"] = _lines(AXES, np.degrees(state[:, 3::4].T))
-    found["effort_rad_per_s2"] = _lines(AXES, [rows[f"applied_{axis}_acc"] for axis in AXES])
     if true:
         seen = columns(rows, "estimated")[:, 0::4]
         found["estimation_error_mm"] = _lines("xy", 1000 * (state[:, 0::4] - seen).T)
-    for entity, factor, parts in BEYOND:
-        if all(f"estimated_{name}" in rows for name in parts):
-            found[entity] = _lines(parts, [factor * rows[f"estimated_{name}"] for name in parts])
     if "age" in rows:
         found["delay_ms"] = {
             "age": Signal(1000 * rows["age"], GREEN),
             "dead_time": Signal(np.full(len(state), 1000 * dead_time), PINK, 0.8),
         }
-    for entity, beginning, unit in FORCES:
-        names = [name for name in rows if name.startswith(beginning) and name.endswith(unit)]
-        if names:
-            called = [name.removesuffix(unit) for name in names]
-            found[entity] = _lines(called, [rows[name] for name in names])
-    late = [name for name in rows if name.startswith(("late", "compute", "tick_"))]
-    if late:
-        found["timing_ms"] = _lines(late, [1000 * rows[name] for name in late])
+    for entity, about in LINES.items():
+        at = {
+            name: column.replace("STATE", "true" if true else "estimated")
+            for name, column in about["lines"].items()
+        }
+        own = {name: about.get("factor", 1.0) * rows[c] for name, c in at.items() if c in rows}
+        if own:
+            found[entity] = _lines(list(own), list(own.values()))
     return found
-
-
-def explained(plots: Sequence[Mapping[str, Signal]], names: Sequence[str]) -> str:
-    """Which line of a plot has which colour, in words.
-
-    Args:
-        plots: The lines of each run; none of one that has no such plot.
-        names: What the runs are called.
-    """
-    if len(plots) > 1:
-        own = [i for i, plot in enumerate(plots) if plot]
-        words = [f"{names[i]} {WORDS[RUNS[i % len(RUNS)]]}" for i in own]
-        second = [f"{name} lighter" for name in ("theta", "y") if name in plots[own[0]]]
-        return ", ".join(words + second)
-    lines = plots[0].items()
-    return ", ".join(f"{name.replace('_', ' ')} {WORDS[line.colour]}" for name, line in lines)
 
 
 def _lines(names: Sequence[str], values: Sequence[Array] | Array) -> dict[str, Signal]:
@@ -175,14 +124,6 @@ FRAMES = 50.0
 """Poses and trails per second; the plots have every period."""
 TRAIL = 3.0
 """Seconds of the ball's path that its trail shows."""
-COLOURS = {
-    State.OFF: 0x757575FF,
-    State.INITIALISING: 0x56B4E9FF,
-    State.READY: 0xE69F00FF,
-    State.RUNNING: 0x009E73FF,
-    State.HOLDING: 0xD55E00FF,
-    State.FAULT: 0xCC0000FF,
-}
 
 
 class Batch(NamedTuple):
@@ -234,26 +175,16 @@ class RunStream:
         yield from self.scene.shapes(self._colour)
         times = np.linspace(0, self._scenario.duration, 2000)
         path = self._reference(times)[0]
-        friction = build_friction([self._scenario])
-        surface = friction.map if friction is not None else None
         yield from fixed(
             f"{self.root}/plate_mm",
             path,
             self._scenario.rig.limits.area,
-            surface,
             colour=self._colour,
         )
         lifted = np.column_stack((path, np.full(len(path), self.scene.surface + 0.001)))
         yield (
             f"{self.scene.plate}/reference_path",
             rr.LineStrips3D([lifted], colors=[[235, 235, 235]], radii=0.0008),
-        )
-        yield (
-            f"{self.root}/supervisor",
-            rr.StateConfiguration(
-                values=[state.name.lower() for state in State],
-                colors=np.array([COLOURS[state] for state in State], dtype=np.uint32),
-            ),
         )
 
     def batches(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
@@ -303,16 +234,12 @@ class RunStream:
         return np.flatnonzero(first)
 
     def _states_and_events(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
-        """Supervisor states and events as they change."""
+        """States of the supervisor as they change, and what else happens, in words."""
         time, state = rows["time"], rows["supervisor"].astype(int)
         changed = np.flatnonzero(np.diff(state, prepend=self._state))
         self._state = int(state[-1])
         names = [State(value).name.lower() for value in state[changed]]
         events = [(time[k], f"supervisor: {name}") for k, name in zip(changed, names, strict=True)]
-        if names:
-            yield Batch(
-                f"{self.root}/supervisor", time[changed], rr.StateChange.columns(state=names)
-            )
         active = {"ball off the screen's touch": rows.get("touched", np.ones(len(time))) < 0.5}
         for axis in ("phi", "theta"):
             requested, applied = rows[f"requested_{axis}_acc"], rows[f"applied_{axis}_acc"]
@@ -376,19 +303,10 @@ def _told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterato
         yield Batch(f"{root}/events", np.array(times), lines)
 
 
-def fingerprint(x: Array, y: Array) -> int:
-    """Tells one record from another, by the measured ball, shape (K,) each."""
-    return crc32(np.ascontiguousarray(np.stack((x, y)), dtype=float).tobytes())
-
-
 GHOST = (204, 121, 167, 150)
 """Colour of the twin's ball, half transparent."""
-TWIN_WORDS = {
-    "twin_score": f"replay error over predicted spread {WORDS[VERMILION]}, "
-    f"1 as predicted {WORDS[BLACK]}",
-    "twin_error_mm": f"distance of the ball from its twin {WORDS[GREY]}, 95 % band {WORDS[PINK]}",
-}
-"""Group of the plots of the twin, and which line has which colour."""
+TWIN_PLOTS = ("twin_score", "twin_error_mm")
+"""Groups of the plots of the twin."""
 
 TWIN_RANGE = (-0.4, 12.0)
 """What their axes show: where a ball may or may not stop, its band is as wide as the plate."""
@@ -474,32 +392,3 @@ class TwinStream:
             above = rr.Points2D.columns(positions=in_view(ball))
             yield Batch(f"{self.root}/plate_mm/twin", time, above)
         yield from _told(self.root, events, "WARN")
-
-
-COLUMNS = ("time", "told", "score", "distance", "band", "twin_x", "twin_y")
-
-
-def saved_twin(run: Run) -> tuple[TwinRows, list[tuple[float, str]]] | None:
-    """What was said of this very record, with time in s and text of every alarm.
-
-    None if nothing was, or only of another one before it.
-
-    Raises:
-        RecordError: If a file is damaged.
-    """
-    folder = run.folder
-    if folder is None or not (folder / "shadow.parquet").is_file():
-        return None
-    try:
-        table = pq.read_table(folder / "shadow.parquet")
-        about = json.loads(table.schema.metadata[b"ballplate"])
-        if about.get("record") != fingerprint(run.rows["measured_x"], run.rows["measured_y"]):
-            return None
-        rows = {name: np.array(table[name].to_pylist(), float) for name in COLUMNS}
-        alarms = json.loads((folder / "shadow.json").read_text(encoding="utf-8"))["alarms"]
-        events = [(float(each["time"]), f"alarm at {each['words']}") for each in alarms]
-        return TwinRows(rows, float(about["horizon"]), float(about["step"])), events
-    except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
-        raise RecordError(
-            f"{folder}/shadow.parquet: not what `ballplate shadow` writes ({error}); run it again"
-        ) from error
