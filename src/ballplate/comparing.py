@@ -13,6 +13,7 @@ from ballplate.reporter import Reporter, default, overview, showable, writable
 from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers
 from twin.errors import LawError, ScenarioError
 from twin.run.files import MANIFEST, forget, numbered, slug, sorted_out
+from twin.scenario.schema import Dimensions
 from twin.shipped import find
 from twin.writing import write_json, write_whole
 
@@ -92,7 +93,7 @@ class Comparison(Mapping[str, "Result"]):
         """All runs in one picture."""
         from twin.run.picture import picture
 
-        return showable(picture(self.motions, self.title, self._area))
+        return showable(picture(self.motions, self.title, self._plate))
 
     def save(self, folder: str | Path = "runs/compare") -> Path:
         """Write a folder per run and compare.png into a folder; returns it.
@@ -117,7 +118,7 @@ class Comparison(Mapping[str, "Result"]):
         from twin.run.picture import png
 
         place = Path(folder)
-        write_whole(place / "compare.png", png(self.motions, self.title, self._area))
+        write_whole(place / "compare.png", png(self.motions, self.title, self._plate))
         content = {
             "folders": list(self.folders.values()),
             "names": [self.names[label] for label in self.folders],
@@ -127,9 +128,8 @@ class Comparison(Mapping[str, "Result"]):
         return place
 
     @property
-    def _area(self) -> tuple[float, float]:
-        area: tuple[float, float] = next(iter(self.runs.values())).scenario.rig.limits.area
-        return area
+    def _plate(self) -> Dimensions:
+        return next(iter(self.runs.values())).scenario.dimensions
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.title!r}: {', '.join(self.names.values())}>"

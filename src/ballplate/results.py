@@ -95,7 +95,7 @@ class Result(Run):
         from twin.run.picture import picture
 
         motions = {label: each.motion for label, each in self.shown.items()}
-        return showable(picture(motions, self.title, self.scenario.rig.limits.area))
+        return showable(picture(motions, self.title, self.scenario.dimensions))
 
     def report(self, file: str | Path) -> Path:
         """Write the report of ``ballplate report``, one page that needs nothing else."""

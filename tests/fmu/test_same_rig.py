@@ -39,6 +39,13 @@ EFFECTS = {
     "turned": {"sensors__touch__rotation_deg": 2.0, "sensors__touch__grid": 0},
     "encoders": {"sensors__encoders__counts": 0, "sensors__encoders__variance": [1e-8, 0.0]},
     "limits": {"rig__limits__acceleration": 3.0, "rig__limits__angle_deg": 3.0},
+    "size": {"plant__size": [0.31, 0.47], "sensors__touch__grid": 300},
+    "small": {
+        "plant__size": [0.3, 0.2],
+        "plant__start__x": 0.13,
+        "plant__start__x_rate": 0.2,
+        "rig__limits__margin": 0.2,
+    },
     "left": {"plant__start__x": 0.2, "plant__start__x_rate": 0.3},
     "fast": {"plant__start__x": -0.2, "plant__start__x_rate": 1.0, "rig__limits__ball_speed": 0.8},
     "fell": {"plant__start__x": 0.3, "plant__start__x_rate": 0.5, "rig__limits__margin": 0.2},
@@ -122,6 +129,7 @@ def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
         "plant__surface__spread_percent": 30.0,
         "plant__surface__slope_deg": 0.1,
         "plant__surface__seed": 3,
+        "plant__size": [0.5, 0.3],
     }
     library = made(tmp_path, duration=0.02, **uneven)
     twin, ours, _ = both(exact(**uneven), CRig(library), 700)

@@ -17,8 +17,10 @@ from twin.run.picture import (
     WINDOW,
     picture,
 )
+from twin.scenario.schema import Dimensions
 
 TIME = np.arange(0.0, 4.0, 0.01)
+PLATE = Dimensions((0.7, 0.395), (0.25, 0.15))
 
 
 def motion(radius=0.1, error=0.01, time=TIME, effort=0.0):
@@ -35,7 +37,7 @@ def motion(radius=0.1, error=0.01, time=TIME, effort=0.0):
 
 def drawn(**runs):
     with mock.patch.object(Figure, "draw_without_rendering"):  # what is in it, not how it looks
-        figure = picture(runs, "", (0.25, 0.15))
+        figure = picture(runs, "", PLATE)
     return figure, {panel.get_title().split(" (")[0]: panel for panel in figure.axes}
 
 
@@ -136,7 +138,7 @@ def parts(figure):
     ids=["one", "many", "far", "steep"],
 )
 def test_no_text_is_cut_or_overlaps_another(runs, title):
-    figure = picture(runs, title, (0.25, 0.15))
+    figure = picture(runs, title, PLATE)
     whole = figure.bbox
     boxes = parts(figure)
     for index, box in enumerate(boxes):

@@ -181,3 +181,13 @@ def test_the_equations_of_a_given_plate_are_the_models_own(level):
     change = MODEL.c1 * (pull - level_pull)[:, :2]
     assert found == pytest.approx(MODEL.derivative(x, u)[:, 1::4] + change, abs=1e-12)
     assert at.normal == pytest.approx(-pull[:, 2], abs=1e-12)
+
+
+def test_a_plate_ends_where_its_size_says_of_every_rig():
+    plant = ExactPlant(rigs=2, size=np.array([[0.3, 0.3], [0.7, 0.2]]))
+    plant.start(np.tile([0.0, 0.5, 0.0, 0.4], (2, 1)))
+    left = np.full(2, np.nan)
+    for tick in range(1, 600):  # level and without friction: straight on
+        plant.advance(np.zeros((2, 2)), 1)
+        left[~plant.on_plate & np.isnan(left)] = 1e-3 * tick
+    np.testing.assert_allclose(left, [0.15 / 0.5, 0.1 / 0.4], atol=1.5e-3)

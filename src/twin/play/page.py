@@ -12,7 +12,6 @@ from nicegui import ui
 from nicegui.element import Element
 
 from controllers.interfaces import DelayedObserver, Law, Observer
-from twin.hal.interface import SCREEN
 from twin.play.driven import drivable
 from twin.play.session import (
     COLUMNS,
@@ -27,14 +26,10 @@ from twin.play.session import (
     Status,
 )
 from twin.scenario.describe import every_kind
-from twin.scenario.schema import choices
+from twin.scenario.schema import Dimensions, choices
 
 STRIPS = PAGE["strips"]
 """Title, columns with name and colour, scale, least height of the axis, whether it is about 0."""
-SIDES = [each | {"half": 500 * side} for each, side in zip(PAGE["sides"], SCREEN, strict=True)]
-"""The plate's side along an axis: positive phi lowers its end at +x, positive theta lifts that at
-+y; half its length in mm."""
-
 Moved = Callable[[float, float], None]
 
 
@@ -54,13 +49,13 @@ class Plate(Drawn, component="plate.js"):
     """The plate from above.
 
     Args:
-        area: Operating area |x|, |y| in m.
+        size: Screen and operating area.
         goal: Called with the goal's x and y in m while a person drags it.
         push: Called with the push along x and y in m/s.
     """
 
-    def __init__(self, area: tuple[float, float], goal: Moved, push: Moved) -> None:
-        sizes = {"size": SCREEN, "area": area}
+    def __init__(self, size: Dimensions, goal: Moved, push: Moved) -> None:
+        sizes = {"size": size.screen, "area": size.area}
         millimetres = {name: [1000 * each for each in sides] for name, sides in sizes.items()}
         super().__init__(**millimetres, drives=False)
         self.on("goal", lambda event: _called(goal, event.args))
@@ -210,14 +205,12 @@ class Page:
 
     Args:
         status: How things are.
-        area: Operating area |x|, |y| in m.
+        size: Screen and operating area.
         do: Lets something happen, if this browser drives.
         save: Saves what was driven, if this browser drives.
     """
 
-    def __init__(
-        self, status: Status, area: tuple[float, float], do: Do, save: Callable[[], None]
-    ) -> None:
+    def __init__(self, status: Status, size: Dimensions, do: Do, save: Callable[[], None]) -> None:
         self._status, self._do, self._save = status, do, save
         self._tables = complete(status.tables)
         self._sliders: list[tuple[Slider, Any, Any]] = []
@@ -240,9 +233,11 @@ class Page:
             with ui.column().style("flex:99 1 20rem;min-width:0;gap:.5rem"):
                 with ui.card().style("width:100%;padding:.6rem"):
                     with ui.row().classes("items-center").style("width:100%;gap:.4rem .8rem"):
-                        plate = Plate(area, lambda *to: do(Goal(*to)), lambda *by: do(Push(*by)))
+                        plate = Plate(size, lambda *to: do(Goal(*to)), lambda *by: do(Push(*by)))
                         self.plate = plate.style("flex:99 1 18rem;min-width:0")
-                        self.sides = Sides(sides=SIDES).style("flex:1 1 16rem;min-width:0")
+                        halves = zip(PAGE["sides"], size.screen, strict=True)
+                        sides = [each | {"half": 500 * side} for each, side in halves]
+                        self.sides = Sides(sides=sides).style("flex:1 1 16rem;min-width:0")
                     self._legend()
                 self._buttons()
                 with ui.card().style("width:100%;padding:.6rem;height:19rem"):

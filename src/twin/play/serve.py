@@ -419,7 +419,7 @@ class Server:
                 self._simulation.send(event)
 
         page = Page(
-            self._status, self._scenario.rig.limits.area, do, lambda: do(Save(self._next_folder()))
+            self._status, self._scenario.dimensions, do, lambda: do(Save(self._next_folder()))
         )
         self._pages[who] = page
         client.on_connect(lambda: self._come(who))

@@ -25,8 +25,7 @@ MOST = 12
 
 def overview(runs: Sequence[Run]) -> Figure:
     """Path on the plate, positions, error, angles and effort."""
-    area = runs[0].scenario.rig.limits.area
-    return picture({run.name: run.motion for run in runs}, "", area)
+    return picture({run.name: run.motion for run in runs}, "", runs[0].scenario.dimensions)
 
 
 def details(runs: Sequence[Run]) -> Figure:

@@ -96,7 +96,12 @@ def _parts(scenarios: Sequence[Scenario]) -> list[Parts]:
 
 
 def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
-    plant = ExactPlant(rigs=len(scenarios), step=scenarios[0].plant.step, **_equations(scenarios))
+    plant = ExactPlant(
+        rigs=len(scenarios),
+        step=scenarios[0].plant.step,
+        size=_size(scenarios),
+        **_equations(scenarios),
+    )
     return plant, FixedRatio()
 
 
@@ -107,6 +112,10 @@ def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
         "friction": build_friction(scenarios),
         "level": per_rig(settings_of(Parts)["level"], scenarios),
     }
+
+
+def _size(scenarios: Sequence[Scenario]) -> Any:
+    return per_rig(settings_of(TouchModel)["size"], scenarios)
 
 
 def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
@@ -191,7 +200,9 @@ def _cams(kind: str, ratio: float) -> Transmission:
 
 def build_friction(scenarios: Sequence[Scenario]) -> Friction | None:
     """The resistance of N balls on their screens; None if all are level and without friction."""
-    surfaces = SurfaceMap.stacked([_drawn(_surface(scenario)) for scenario in scenarios])
+    surfaces = SurfaceMap.stacked(
+        [_drawn(_surface(scenario), scenario.plant.size) for scenario in scenarios]
+    )
     friction = filled(Friction, scenarios, map=surfaces)
     return None if friction.absent.all() and friction.map is None else friction
 
@@ -205,10 +216,12 @@ _surface = attrgetter(*(about.key for about in settings_of(SurfaceModel).values(
 
 
 @lru_cache(maxsize=4096)
-def _drawn(said: tuple[Any, ...]) -> SurfaceMap | None:
+def _drawn(said: tuple[Any, ...], size: tuple[float, float]) -> SurfaceMap | None:
     """The map of a surface, drawn once: rigs that go on are asked for theirs again and again."""
     given = zip(settings_of(SurfaceModel).items(), said, strict=True)
-    return SurfaceModel(**{name: about.unit.to_si(value) for (name, about), value in given}).map()
+    return SurfaceModel(**{name: about.unit.to_si(value) for (name, about), value in given}).map(
+        size
+    )
 
 
 Act = Callable[[Sequence[Scenario], Sequence[Scenario]], None]

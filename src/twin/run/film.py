@@ -28,7 +28,6 @@ from PIL import Image
 
 from controllers.arrays import Array
 from twin.errors import RecordError
-from twin.hal.interface import SCREEN
 from twin.run.files import LEFT
 from twin.run.finished import Run
 from twin.run.picture import COLOURS, LOOK
@@ -147,7 +146,7 @@ class Act:
         self.gone = np.full_like(self.ball, np.nan)
         seen = motion.ball[np.isfinite(motion.ball).all(axis=1)]
         if run.outcome in LEFT and len(seen):
-            edge = np.array(SCREEN) / 2 - 0.013
+            edge = np.array(run.scenario.plant.size) / 2 - 0.013
             self.gone[over[TRAIL:]] = np.clip(seen[-1], -edge, edge)
 
 
@@ -266,6 +265,7 @@ class Film:
         self.times = cut.times(min(first for first, _ in spans), max(last for _, last in spans))
         self.count, self.fps = len(self.times), cut.fps
         self._acts = [Act(run, self.times) for run in runs.values()]
+        self._screen = np.array(next(iter(runs.values())).scenario.plant.size)
         self._columns = len(runs) if len(runs) < 5 else 3
         high = LEGEND + ROW * math.ceil(len(runs) / self._columns) + TITLE
         self._whole = np.array((WIDE, high))
@@ -290,7 +290,7 @@ class Film:
 
     def _lay_out(self) -> None:
         """Say what each panel shows, and draw what no run changes."""
-        (x, y), panels = np.array(SCREEN) / 2, self._panels
+        (x, y), panels = self._screen / 2, self._panels
         thick = x * PLACES["front"][3] / PLACES["front"][2]
         edges = {"plate": (x, y), "front": (x, thick), "right": (thick, y)}
         for name, (width, height) in edges.items():
@@ -326,7 +326,7 @@ class Film:
             radius, thick = RINGS[index - 1] * BALL, 2.0 if len(self._acts) < 5 else 1.3
             entry.set(mfc="none", mew=1.8, ms=12 * RINGS[index - 1])
         else:  # a disc
-            radius, thick = BALL / 2, BALL / SCREEN[0] * PLACES["plate"][2] * 0.72
+            radius, thick = BALL / 2, BALL / self._screen[0] * PLACES["plate"][2] * 0.72
             rod = np.stack((act.goal, act.ball), axis=2)
             self._moves("plate", rod.__getitem__, color=colour, linewidth=1, zorder=4.5)
         look = {"color": colour, "linewidth": thick, "zorder": 5 + index / 10}
@@ -337,7 +337,7 @@ class Film:
             look = {"marker": "+", "ms": long, "mew": thick, "color": ink}
             self._moves("plate", act.goal[..., None].__getitem__, zorder=6, **look)
         for side, name in enumerate(("front", "right")):
-            half, tilt = 0.475 * SCREEN[side], self._steep * act.tilt[:, side, None]
+            half, tilt = 0.475 * self._screen[side], self._steep * act.tilt[:, side, None]
             plate = _profile(side, np.array((-half, half)), 0.0, tilt)
             self._moves(name, plate.__getitem__, color=colour, linewidth=2.9 * width)
             if not index:

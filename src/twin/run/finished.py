@@ -31,7 +31,7 @@ from twin.run.metrics import INTERRUPTED, KILLED, Ending, Motion, Outcome, held,
 from twin.run.record import CHANNELS, Recorder, classes_of, read_beside, read_run, write_run
 from twin.run.state import SNAPSHOTS, Keeper, Snapshot, packed
 from twin.scenario.load import always_friction, check, recorded
-from twin.scenario.schema import Scenario, choices
+from twin.scenario.schema import Dimensions, Scenario, choices
 from twin.writing import write_json, write_whole
 
 
@@ -343,7 +343,7 @@ def save(
         RecordError: If the folder cannot be written.
     """
     begin = beside.begin if beside else partial
-    picture = begin(drawn, shown, run.scenario.title, run.scenario.rig.limits.area)
+    picture = begin(drawn, shown, run.scenario.title, run.scenario.dimensions)
     record_run(run, folder)
     write_json(folder / "metrics.json", run.summary())
     write_whole(folder / "picture.png", picture())
@@ -380,11 +380,11 @@ def described(scenario: Scenario) -> dict[str, Any]:
     return {"scenario": tables, "classes": classes, "versions": versions()}
 
 
-def drawn(shown: dict[str, Motion], title: str, area: tuple[float, float]) -> bytes:
+def drawn(shown: dict[str, Motion], title: str, plate: Dimensions) -> bytes:
     """The picture of runs as PNG; arguments as for ``picture.png``."""
     from twin.run.picture import png  # noqa: PLC0415  heavy: loaded when needed
 
-    return png(shown, title, area)
+    return png(shown, title, plate)
 
 
 def load_drawing() -> None:

@@ -20,8 +20,8 @@ from matplotlib.transforms import offset_copy
 
 from controllers.arrays import Array, Mask
 from twin.data_file import read_toml
-from twin.hal.interface import SCREEN
 from twin.run.metrics import Motion
+from twin.scenario.schema import Dimensions
 
 MARKED = ("x", "y", "error")
 STRIP: Any = {"alpha": 0.6, "linewidth": 0}
@@ -131,32 +131,32 @@ def drawn(width: float, height: float) -> Iterator[Figure]:
         figure.draw_without_rendering()
 
 
-def png(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> bytes:
+def png(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> bytes:
     """Runs drawn over their reference, as PNG.
 
     Args:
         runs: Label to motion; a reference of all is drawn once, else each run's own.
         title: Heading.
-        area: Operating area |x|, |y| in m.
+        plate: Screen and operating area.
     """
     content = BytesIO()
     with mpl.rc_context(LOOK):
         # savefig would draw everything once more before, only to lay it out
-        canvas = FigureCanvasAgg(_arranged(runs, title, area))
+        canvas = FigureCanvasAgg(_arranged(runs, title, plate))
         canvas.print_png(content)  # type: ignore[no-untyped-call]
     return content.getvalue()
 
 
-def picture(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> Figure:
+def picture(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figure:
     """The picture of runs over their reference; arguments as for ``png``."""
     with mpl.rc_context(LOOK):
-        figure = _arranged(runs, title, area)
+        figure = _arranged(runs, title, plate)
         # ticks are made when drawn: now, while these settings hold
         figure.draw_without_rendering()
     return figure
 
 
-def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> Figure:
+def _arranged(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figure:
     """The picture laid out, for the settings in force."""
     figure = Figure(dpi=DPI, figsize=(WIDE / INCH, PANELS / INCH))
     FigureCanvasAgg(figure)
@@ -165,14 +165,14 @@ def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float])
         name: figure.add_axes((left / WIDE, low / PANELS, wide / WIDE, high / PANELS))
         for name, (left, low, wide, high) in PLACES.items()
     }
-    _plate(panels["plate"], area)
+    _outline(panels["plate"], plate)
     smooth = len(runs) > FEW
     for index, (label, motion) in enumerate(runs.items()):
-        _add(panels, motion, label, index, smooth=smooth)
+        _add(panels, motion, label, index, smooth=smooth, gone=_gone(motion, plate))
     _refer(panels, runs)
     _label(panels, smooth=smooth)
     shade(panels, runs, COLOURS)
-    if any(_gone(motion) for motion in runs.values()):
+    if any(_gone(motion, plate) for motion in runs.values()):
         panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
     _place(figure, panels, _legend(figure, panels["plate"], len(runs)), title)
     return figure
@@ -233,26 +233,32 @@ def _same_reference(motion: Motion, longest: Motion) -> bool:
     return np.allclose(motion.reference, np.stack(other, axis=1), rtol=0, atol=SAME)
 
 
-def _plate(panel: Axes, area: tuple[float, float]) -> None:
-    for (width, height), style in ((SCREEN, "-"), ((2 * area[0], 2 * area[1]), "--")):
+def _outline(panel: Axes, plate: Dimensions) -> None:
+    screen, area = plate
+    for (width, height), style in ((screen, "-"), ((2 * area[0], 2 * area[1]), "--")):
         corner = (-500 * width, -500 * height)
         size = (1000 * width, 1000 * height)
         panel.add_patch(Rectangle(corner, *size, fill=False, ec="0.55", ls=style, lw=1))
-    panel.text(-343, 186, "screen", color="0.4", va="top", fontsize=8)
+    panel.text(-490 * screen[0], 471 * screen[1], "screen", color="0.4", va="top", fontsize=8)
     panel.text(-990 * area[0], 985 * area[1], "operating area", color="0.4", va="top", fontsize=8)
     panel.set(aspect="equal")
     panel.grid(visible=False)
 
 
 def _add(
-    panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, smooth: bool
+    panels: Mapping[str, Axes],
+    motion: Motion,
+    label: str,
+    index: int,
+    *,
+    smooth: bool,
+    gone: bool,
 ) -> None:
     look: dict[str, Any] = {**style(index), "linewidth": 1.2}
     colour = look["color"]
     ball = 1000 * motion.ball
     panels["plate"].plot(*ball.T, label=label, **look)
     panels["plate"].plot(*ball[0], "o", color=colour, ms=5)
-    gone = _gone(motion)
     end: dict[str, Any] = {"color": colour, "marker": "X" if gone else "s", "ms": 9 if gone else 5}
     panels["plate"].plot(*ball[-1], **end)
     distance = 1000 * np.hypot(*motion.error.T)
@@ -269,9 +275,9 @@ def _add(
     panels["effort"].plot(motion.time, effort[:, 1], **{**other, "linewidth": 0.8})
 
 
-def _gone(motion: Motion) -> bool:
+def _gone(motion: Motion, plate: Dimensions) -> bool:
     """Whether the ball was seen last at the edge of the screen: it left the plate."""
-    return bool((1000 * np.abs(motion.ball[-1]) > 500 * np.array(SCREEN) - EDGE).any())
+    return bool((1000 * np.abs(motion.ball[-1]) > 500 * np.array(plate.screen) - EDGE).any())
 
 
 def _running_rms(values: Array, time: Array) -> Array:

@@ -119,7 +119,7 @@ def clean(scenario: Scenario) -> Scenario:
     """The same controller and motion on the exact equations that the controller is designed on.
 
     Nothing a scenario may say of its rig is left but the ball that the designer knows, where it
-    starts, control period and limits: no friction, tilt or mechanism, no dead time, quantisation or
+    starts, the plate's size, control period and limits: no friction, tilt or mechanism, no dead time, quantisation or
     noise, no computing time, and no predictor, which has nothing to predict.
     """
     known = scenario.designed_on
@@ -129,6 +129,7 @@ def clean(scenario: Scenario) -> Scenario:
         "plant": {
             "kind": "lagrange",
             "step": scenario.plant.step,
+            "size": scenario.plant.size,
             "ball": ball,
             "friction": {"rolling_mm": 0.0},
             "start": scenario.plant.start.model_dump() | {"spin": 0.0},

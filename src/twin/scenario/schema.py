@@ -7,7 +7,7 @@ import json
 import typing
 from collections.abc import Collection, Iterator, Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 import pydantic
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
-from twin.hal.interface import Limits
+from twin.hal.interface import SCREEN, Limits
 from twin.settings import Setting, settings_of, value_of
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallStart, Parts
@@ -281,6 +281,11 @@ class PlantKeys(Section):
                 if value_of(self, key) != DEFAULTS[f"plant.{key}"]:
                     return f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
         mechanism = self.kind == "mujoco"
+        if mechanism and inner["size"] != SCREEN:
+            return "plant.size: the mechanism's plate is 0.7 m x 0.395 m; set plant.kind=lagrange"
+        for axis, side in zip("xy", inner["size"], strict=True):
+            if abs(vars(inner["start"])[axis]) > side / 2:
+                return f"plant.start.{axis}: the plate's half is {side / 2:g} m"
         if mechanism and self.step > 0.002:
             return f"plant.step: must be at most 0.002 s for the mechanism, got {self.step:g}"
         rolling = inner["friction"].rolling_mm
@@ -482,6 +487,18 @@ class Predictor(Section):
     """Dead time in s that it, or such an observer, assumes."""
 
 
+class Dimensions(NamedTuple):
+    """What is drawn of a plate from above.
+
+    Attributes:
+        screen: Its sides along x and y, m.
+        area: Operating area |x|, |y|, m.
+    """
+
+    screen: tuple[float, float]
+    area: tuple[float, float]
+
+
 class Scenario(Section):
     """One experiment: a plant, its sensors, a controller, a reference, and for how long."""
 
@@ -527,6 +544,9 @@ class Scenario(Section):
             )
         if problem := self.plant.problem():
             yield problem
+        half = [side / 2 for side in self.plant.size]
+        if any(reach > most for reach, most in zip(self.rig.limits.area, half, strict=True)):
+            yield f"rig.limits.area: the plate's half is {half[0]:g} m x {half[1]:g} m"
         if self.plant.kind == "lagrange" and self.rig.cams != "table":
             yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
         if self.plant.kind == "mujoco" and self.rig.limits.angle_deg > CAMS_DEG:
@@ -555,6 +575,11 @@ class Scenario(Section):
         """Control periods of the rig in one of the law's."""
         ticks = round((self.controller.period or 0.0) / float(self.rig.period))
         return max(1, ticks)
+
+    @property
+    def dimensions(self) -> Dimensions:
+        """Screen and operating area."""
+        return Dimensions(self.plant.size, self.rig.limits.area)
 
     @property
     def without_computing_time(self) -> Scenario:

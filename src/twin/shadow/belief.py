@@ -13,7 +13,6 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.data_file import read_toml
 from twin.errors import LogError
-from twin.hal.interface import SCREEN
 from twin.identify.logs import Log, of_columns
 from twin.identify.twin_model import Problem
 from twin.identify.windows import Windows
@@ -130,7 +129,7 @@ class Belief:
             "gain": 1.0,
         }
         grid = float(np.ravel(touch.grid)[0])
-        pitch = np.divide(SCREEN, grid) if grid else np.zeros(2)
+        pitch = np.divide(touch.size, grid) if grid else np.zeros(2)
         counts = float(np.ravel(encoders.counts)[0])
         count = 2 * np.pi / counts if counts else 0.0
         corner = float(np.ravel(drives.bandwidth)[0])

@@ -169,15 +169,17 @@ class TouchModel:
     Fields may be arrays with one entry per rig.
 
     Attributes:
+        size: Sides of the screen along x and y, in m; a ball beyond them has left the plate.
         dead_time: From a touch to its arrival, in s.
         frame_rate: Frames a second, in Hz; 0 for a fresh sample every control period.
-        grid: Positions the screen tells apart along each of its sides, 0.70 m and 0.395 m.
+        grid: Positions the screen tells apart along each of its sides.
         variance: Noise variance of x and y in m^2; Table B.1.
         spread: Standard deviation in s of the dead time from sample to sample; Table 7.2 has
             0.00187.
         rotation: Angle in rad by which the screen is mounted turned about the plate's normal.
     """
 
+    size: tuple[float, float] | Array = setting("plant.size", SCREEN, ge=0.05, le=5)
     dead_time: Number = ramp("sensors.touch.dead_time", 0.042, ge=0, le=1)
     spread: Number = setting("sensors.touch.dead_time_spread", 0.0, ge=0, le=0.1)
     rotation: Number = setting("sensors.touch.rotation_deg", 0.0, Unit.DEG, ge=-45, le=45)
@@ -242,7 +244,7 @@ class SimulatedScreen:
         grid = grid[:, None]
         self._continuous = grid == 0
         self._gridded, self._mixed = bool(grid.any()), bool(self._continuous.any())
-        self._pitch = np.divide(SCREEN, np.where(self._continuous, 1.0, grid))
+        self._pitch = np.divide(model.size, np.where(self._continuous, 1.0, grid))
         self._turn = (np.cos(rotation), np.sin(rotation)) if rotation.any() else None
 
     def _wait(self, delay: Array, spread: Array) -> None:

@@ -34,18 +34,21 @@ GROUND, SKY = (16, 18, 22), (30, 33, 38)
 recording and no blueprint can choose it, and lines that are seen on this are not on white."""
 
 
-def blueprint(roots: Sequence[str], groups: Collection[str]) -> rrb.Blueprint:
+def blueprint(
+    roots: Sequence[str], groups: Collection[str], size: tuple[float, float] = SCREEN
+) -> rrb.Blueprint:
     """The arrangement for one run, or for several side by side.
 
     Args:
         roots: Root entities of the runs.
         groups: Entities of the plots there are, below each root.
+        size: Sides of the screen along x and y, m.
     """
     worlds = [_world(root, len(roots) > 1) for root in roots]
     left = rrb.Vertical(
         rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
         rrb.Horizontal(
-            _plate(roots),
+            _plate(roots, size),
             _events(roots),
             column_shares=[2, 1],
         ),
@@ -91,9 +94,9 @@ def _world(root: str, several: bool) -> rrb.Spatial3DView:
     )
 
 
-def _plate(roots: Sequence[str]) -> rrb.Spatial2DView:
+def _plate(roots: Sequence[str], size: tuple[float, float]) -> rrb.Spatial2DView:
     ball = "ball blue" if len(roots) == 1 else "ball of each run in its colour"
-    x, y = (550 * side for side in SCREEN)
+    x, y = (550 * side for side in size)
     return rrb.Spatial2DView(
         origin=f"{roots[0]}/plate_mm" if len(roots) == 1 else "/",
         contents=[f"+ {root}/plate_mm/**" for root in roots],
@@ -182,7 +185,7 @@ def _plan(
     both = zip(streams, blocks, strict=True)
     groups = {group for each, rows in both for group in each.plots(rows)}
     groups |= {*TWIN_PLOTS} if twin else set()
-    return blueprint([each.root for each in streams], groups)
+    return blueprint([each.root for each in streams], groups, streams[0].size)
 
 
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:

@@ -11,7 +11,7 @@ import rerun as rr
 from scipy.spatial.transform import Rotation
 
 from controllers.arrays import Array
-from twin.hal.interface import SCREEN
+from twin.scenario.schema import Dimensions
 
 Colour = tuple[int, int, int]
 
@@ -40,7 +40,7 @@ def in_view(points: Array) -> Array:
 def fixed(
     root: str,
     path: Array,
-    area: tuple[float, float],
+    plate: Dimensions,
     *,
     colour: Colour,
 ) -> Iterator[tuple[str, rr.AsComponents]]:
@@ -49,17 +49,17 @@ def fixed(
     Args:
         root: Entity of the top view.
         path: Reference path in m, shape (K, 2).
-        area: Operating area |x|, |y| in m.
+        plate: Screen and operating area.
         colour: Of the ball and its trail.
     """
-    half = 500 * np.array(SCREEN)
+    half = 500 * np.array(plate.screen)
     for name, sides, dot, thick, order in (
         ("screen", half, (120, 130, 140), 1.2, 1.0),
-        ("operating_area", 1000 * np.array(area), (120, 170, 200), 0.7, 2.0),
+        ("operating_area", 1000 * np.array(plate.area), (120, 170, 200), 0.7, 2.0),
     ):
         look = {"colors": [dot], "radii": thick, "draw_order": order}
         yield f"{root}/{name}", rr.Boxes2D(centers=[[0, 0]], half_sizes=[sides], **look)
-    corner = np.array([-0.32, -0.17])
+    corner = 0.9 * np.array([-0.5, -0.5]) * plate.screen
     tips = in_view(np.array([[0.06, 0.0], [0.0, 0.06]]))
     yield (
         f"{root}/axes",

@@ -170,6 +170,11 @@ class RunStream:
         self._state = -1
         self._marks: dict[str, bool] = {}
 
+    @property
+    def size(self) -> tuple[float, float]:
+        """Sides of the run's screen along x and y, m."""
+        return self._scenario.dimensions.screen
+
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
         """What does not change over the run: shapes, top view of the plate, reference path."""
         yield from self.scene.shapes(self._colour)
@@ -178,7 +183,7 @@ class RunStream:
         yield from fixed(
             f"{self.root}/plate_mm",
             path,
-            self._scenario.rig.limits.area,
+            self._scenario.dimensions,
             colour=self._colour,
         )
         lifted = np.column_stack((path, np.full(len(path), self.scene.surface + 0.001)))

@@ -269,9 +269,8 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     Raises:
         RecordError: If it cannot be written.
     """
-    area = moment.scenario.rig.limits.area
     title = f"What if: {moment.name} from {moment.at:g} s on"
-    picture = beside.begin(drawn, shown(moment, found), title, area)
+    picture = beside.begin(drawn, shown(moment, found), title, moment.scenario.dimensions)
     forget(folder, WHATIF)
     folders = []
     for each in found:

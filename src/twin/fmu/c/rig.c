@@ -4,8 +4,6 @@
 #include <string.h>
 
 static const double PI = 3.14159265358979323846;
-static const double EDGE[2] = {0.70 / 2, 0.395 / 2};
-static const double SIDE[2] = {0.70, 0.395};
 
 static double smaller(double a, double b) { return b < a ? b : a; }
 static double larger(double a, double b) { return b > a ? b : a; }
@@ -60,9 +58,9 @@ static int sticking(const double *v) { return v[PLANT_FRICTION_BREAKAWAY_RATIO] 
 
 /* Relative friction and slope along x and y where the ball is, straight between the grid's points;
    beside the screen its edge counts. */
-static void surface(double x, double y, double found[3]) {
-    double along = smaller(larger((x / SIDE[0] + 0.5) * (SURFACE_X - 1), 0), SURFACE_X - 1);
-    double across = smaller(larger((y / SIDE[1] + 0.5) * (SURFACE_Y - 1), 0), SURFACE_Y - 1);
+static void surface(const double *v, double x, double y, double found[3]) {
+    double along = smaller(larger((x / v[PLANT_SIZE] + 0.5) * (SURFACE_X - 1), 0), SURFACE_X - 1);
+    double across = smaller(larger((y / v[PLANT_SIZE + 1] + 0.5) * (SURFACE_Y - 1), 0), SURFACE_Y - 1);
     int i = (int)smaller(floor(along), SURFACE_X - 2);
     int j = (int)smaller(floor(across), SURFACE_Y - 2);
     double s = along - i, t = across - j;
@@ -103,7 +101,7 @@ static double arm(const Rig *rig, double x, double vx, double y, double vy) {
     }
     if (SURFACE_X) {
         double found[3];
-        surface(x, y, found);
+        surface(v, x, y, found);
         length = length * found[0];
     }
     return length + v[PLANT_FRICTION_VISCOUS] * speed;
@@ -178,13 +176,13 @@ static double limit(const Rig *rig, const Ball *ball, const Rolling *at, double 
 }
 
 /* Acceleration without resistance. */
-static void free_ball(const Ball *ball, const Rolling *at, double x, double vx, double y,
+static void free_ball(const double *v, const Ball *ball, const Rolling *at, double x, double vx, double y,
                       double vy, double a[2]) {
     a[0] = at->xx * x + at->xy * y + at->turn * vy + at->px;
     a[1] = at->yx * x + at->yy * y - at->turn * vx + at->py;
     if (SLOPING) {
         double found[3];
-        surface(x, y, found);
+        surface(v, x, y, found);
         a[0] -= ball->c1 * at->normal * found[1];
         a[1] -= ball->c1 * at->normal * found[2];
     }
@@ -194,7 +192,7 @@ static void free_ball(const Ball *ball, const Rolling *at, double x, double vx, 
    only when the free acceleration exceeds the limit, a bent contact pushes back. */
 static void accelerate(const Rig *rig, const Ball *ball, const Rolling *at, double x, double vx,
                        double y, double vy, double a[2]) {
-    free_ball(ball, at, x, vx, y, vy, a);
+    free_ball(rig->v, ball, at, x, vx, y, vy, a);
     if (absent(rig->v))
         return;
     double most = limit(rig, ball, at, x, vx, y, vy), s = rig->v[PLANT_FRICTION_PRESLIDING];
@@ -223,7 +221,7 @@ static int held(const Rig *rig, const Ball *ball, const Rolling *at) {
     double reach = limit(rig, ball, at, x, vx, y, vy) * STEP;
     if (!(vx * vx + vy * vy <= reach * reach))
         return 0;
-    free_ball(ball, at, x, 0, y, 0, a);
+    free_ball(rig->v, ball, at, x, 0, y, 0, a);
     double hold = limit(rig, ball, at, x, 0, y, 0);
     return a[0] * a[0] + a[1] * a[1] <= hold * hold;
 }
@@ -280,7 +278,7 @@ static void move(Rig *rig, const double to[2]) {
     turned(rig, u, period, angle, rate);
     memcpy(rig->angle, angle, sizeof angle);
     memcpy(rig->rate, rate, sizeof rate);
-    if (fabs(rig->x) > EDGE[0] || fabs(rig->y) > EDGE[1])
+    if (fabs(rig->x) > rig->v[PLANT_SIZE] / 2 || fabs(rig->y) > rig->v[PLANT_SIZE + 1] / 2)
         rig->fallen = 1;
 }
 
@@ -394,8 +392,10 @@ static void imperfect(const Rig *rig, double seen[2]) {
     }
     for (int i = 0; i < 2; i++) {
         seen[i] += drawn(rig, TOUCH_X + i, v[SENSORS_TOUCH_VARIANCE + i], rig->tick);
-        if (grid > 0)
-            seen[i] = rint(seen[i] / (SIDE[i] / grid)) * (SIDE[i] / grid);
+        if (grid > 0) {
+            double pitch = v[PLANT_SIZE + i] / grid;
+            seen[i] = rint(seen[i] / pitch) * pitch;
+        }
     }
 }
 

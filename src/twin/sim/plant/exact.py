@@ -221,10 +221,6 @@ class BallMotion:
         return slow & (ax * ax + ay * ay <= hold * hold)
 
 
-EDGES = SCREEN[0] / 2, SCREEN[1] / 2
-"""Where the screen ends along x and y, m."""
-
-
 class ExactPlant:
     """N copies of the exact model, the balls integrated by RK4 at the physics step.
 
@@ -242,6 +238,7 @@ class ExactPlant:
         friction: Rolling resistance; None for the thesis's frictionless ball.
         level: Tilt (phi, theta) in rad of the base the plate angles are measured against, shape
             (2,) or (N, 2).
+        size: Sides of the screen along x and y in m, shape (2,) or (N, 2).
     """
 
     ratio = 1.0
@@ -255,9 +252,11 @@ class ExactPlant:
         step: float = 0.001,
         friction: Friction | None = None,
         level: ArrayLike = (0.0, 0.0),
+        size: ArrayLike = SCREEN,
     ) -> None:
         self.rigs = rigs
         self.step = step
+        self._edges = np.broadcast_to(np.divide(size, 2), (rigs, 2)).T
         self._equip(model or BallPlate(), friction, level)
         self._x: Array = np.zeros((rigs, 8))
         self._fallen = np.zeros(rigs, bool)
@@ -273,6 +272,7 @@ class ExactPlant:
         self.model, self.friction = model, friction
         self._balls = BallMotion(model, friction, rigs=self.rigs, step=self.step)
         self._single = self._balls.single
+        self._half: Any = self._edges.ravel().tolist() if self._single else self._edges
         gravity = tilted_gravity(level, model.gravity).T
         self._gravity: Any = gravity.ravel().tolist() if self._single else gravity
 
@@ -335,7 +335,7 @@ class ExactPlant:
             x, vx, y, vy = self._balls.step((x, vx, y, vy), *equations[i : i + 3])
         (phi, theta), (phi_rate, theta_rate) = _turned(plate, period)
         self._x = self._state(x, vx, phi, phi_rate, y, vy, theta, theta_rate)
-        off = (abs(x) > EDGES[0]) | (abs(y) > EDGES[1])
+        off = (abs(x) > self._half[0]) | (abs(y) > self._half[1])
         if self._balls.by.any(off):
             self._fallen |= off
 

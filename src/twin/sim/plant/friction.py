@@ -32,6 +32,7 @@ class SurfaceMap:
     Attributes:
         relative: Rolling friction relative to the friction's own, shape (..., n, m), not negative.
         height: Height of the surface in m, shape (..., n, m); only its slope matters.
+        size: Sides of the screen along x and y in m, shape (2,) or (rigs, 2).
 
     Raises:
         ModelError: If a grid has fewer than two lines a side, the two differ in shape, or a number
@@ -40,6 +41,7 @@ class SurfaceMap:
 
     relative: Array | None = None
     height: Array | None = None
+    size: tuple[float, float] | Array = SCREEN
     grids: Array = field(init=False, repr=False)
     """Relative friction, slope along x and along y as one array, shape (N, n, m, 3)."""
     _steps: NDArray[np.integer] = field(init=False, repr=False)
@@ -65,7 +67,7 @@ class SurfaceMap:
         if (grids[..., 0] < 0).any():
             raise ModelError("relative friction must not be negative")
         if self.height is not None:
-            across = [side / (lines - 1) for side, lines in zip(SCREEN, shape[-2:], strict=True)]
+            across = [side / (lines - 1) for side, lines in zip(self.size, shape[-2:], strict=True)]
             slopes = np.gradient(np.asarray(self.height, float), *across, axis=(-2, -1))
             grids[..., 1], grids[..., 2] = slopes
         object.__setattr__(self, "grids", grids.reshape(-1, *shape[-2:], 3))
@@ -85,8 +87,8 @@ class SurfaceMap:
         """
         rig = np.arange(len(self.grids)) if len(self.grids) > 1 else 0
         n, m = self._steps[rig, 0], self._steps[rig, 1]
-        u = np.clip((position[..., 0] / SCREEN[0] + 0.5) * n, 0, n)
-        v = np.clip((position[..., 1] / SCREEN[1] + 0.5) * m, 0, m)
+        along, across = np.moveaxis(position / self.size + 0.5, -1, 0)
+        u, v = np.clip(along * n, 0, n), np.clip(across * m, 0, m)
         i = np.minimum(u.astype(int), n - 1)
         j = np.minimum(v.astype(int), m - 1)
         s, t = (u - i)[..., None], (v - j)[..., None]
@@ -98,7 +100,13 @@ class SurfaceMap:
 
     @classmethod
     def random(
-        cls, *, seed: int, patch: float = 0.05, spread: float = 0.0, slope: float = 0.0
+        cls,
+        *,
+        seed: int,
+        patch: float = 0.05,
+        spread: float = 0.0,
+        slope: float = 0.0,
+        size: tuple[float, float] = SCREEN,
     ) -> SurfaceMap:
         """A screen drawn at random: patches of differing friction, and waves.
 
@@ -107,16 +115,17 @@ class SurfaceMap:
             patch: Distance of the grid's points in m, roughly the size of a patch.
             spread: Standard deviation of the logarithm of the relative friction, dimensionless.
             slope: Root mean square of the local slope in rad.
+            size: Sides of the screen along x and y in m.
         """
-        lines = [max(2, round(side / patch) + 1) for side in SCREEN]
+        lines = [max(2, round(side / patch) + 1) for side in size]
         rng = np.random.default_rng(seed)
         relative = np.exp(spread * rng.standard_normal(lines) - spread**2 / 2)
         if slope == 0:
-            return cls(relative=relative)
-        waves = cls(height=rng.standard_normal(lines))
+            return cls(relative=relative, size=size)
+        waves = cls(height=rng.standard_normal(lines), size=size)
         scale = slope / np.sqrt((waves.grids[..., 1:] ** 2).mean())
         assert waves.height is not None
-        return cls(relative=relative, height=scale * waves.height)
+        return cls(relative=relative, height=scale * waves.height, size=size)
 
     @classmethod
     def stacked(cls, maps: Sequence[SurfaceMap | None]) -> SurfaceMap | None:
@@ -125,6 +134,7 @@ class SurfaceMap:
             return maps[0]
         even = cls(relative=np.ones((2, 2)))
         given = [even if each is None else each for each in maps]
+        sizes = np.array([each.size for each in given])
         steps = np.concatenate([each._steps for each in given])
         grids = np.zeros((len(given), *(steps.max(axis=0) + 1), 3))
         for all_of_it, each in zip(grids, given, strict=True):
@@ -132,6 +142,7 @@ class SurfaceMap:
             all_of_it[:n, :m] = each.grids[0]
         stacked = copy(even)
         object.__setattr__(stacked, "relative", None)
+        object.__setattr__(stacked, "size", sizes)
         object.__setattr__(stacked, "grids", grids)
         object.__setattr__(stacked, "_steps", steps)
         return stacked
@@ -161,16 +172,17 @@ class SurfaceModel:
     relative: Grid = jump("plant.surface.relative", (), type=Grid)
     height: Grid = jump("plant.surface.height_um", (), Unit.UM, type=Grid)
 
-    def map(self) -> SurfaceMap | None:
-        """The surface; None if it is even and level."""
+    def map(self, size: tuple[float, float] = SCREEN) -> SurfaceMap | None:
+        """The surface of a screen with sides in m; None if it is even and level."""
         if self.relative or self.height:
             return SurfaceMap(
                 relative=np.array(self.relative) if self.relative else None,
                 height=np.array(self.height) if self.height else None,
+                size=size,
             )
         if self.spread or self.slope:
             return SurfaceMap.random(
-                seed=self.seed, patch=self.patch, spread=self.spread, slope=self.slope
+                seed=self.seed, patch=self.patch, spread=self.spread, slope=self.slope, size=size
             )
         return None
 

@@ -24,8 +24,8 @@ class BallStart:
         spin: Rate about the vertical, rad/s.
     """
 
-    x: Number = setting("plant.start.x", 0.0, ge=-0.35, le=0.35)
-    y: Number = setting("plant.start.y", 0.0, ge=-0.1975, le=0.1975)
+    x: Number = setting("plant.start.x", 0.0, ge=-2.5, le=2.5)
+    y: Number = setting("plant.start.y", 0.0, ge=-2.5, le=2.5)
     x_rate: Number = setting("plant.start.x_rate", 0.0)
     y_rate: Number = setting("plant.start.y_rate", 0.0)
     spin: Number = setting(
