@@ -119,8 +119,8 @@ def clean(scenario: Scenario) -> Scenario:
     """The same controller and motion on the exact equations that the controller is designed on.
 
     Nothing a scenario may say of its rig is left but the ball that the designer knows, where it
-    starts, the plate's size, control period and limits: no friction, tilt or mechanism, no dead time, quantisation or
-    noise, no computing time, and no predictor, which has nothing to predict.
+    starts, the plate's size, control period and limits: no friction, tilt or mechanism, no dead
+    time, quantisation or noise, no computing time, and no predictor, which has nothing to predict.
     """
     known = scenario.designed_on
     none = (0.0, 0.0)
