@@ -15,6 +15,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from scipy.optimize import least_squares
 
 from controllers.arrays import Array
 from twin.emulator.lockstep import LockstepRig
@@ -23,7 +24,6 @@ from twin.run.assemble import assemble, build_controller
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
-from twin.sim.calibration import fit_ringing
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.mechanism import Mechanism
@@ -108,8 +108,24 @@ def ringing(step: float, axis: str, pose_deg: float = 0.0, **parts: float) -> tu
     for k in range(len(angles)):
         mujoco.mj_step(model, data)
         angles[k] = data.joint(axis).qpos[0]
-    found = fit_ringing(angles, step)
-    return found.frequency_hz, found.damping
+    return fit_ringing(angles, step)
+
+
+def fit_ringing(angle: Array, step: float) -> tuple[float, float]:
+    """Frequency in Hz and damping ratio of a decaying sine that begins one step before."""
+    t = step * np.arange(1, len(angle) + 1)
+    spectrum = np.abs(np.fft.rfft(angle - angle.mean(), 8 * len(angle)))
+    guess = 2 * math.pi * spectrum.argmax() / (8 * len(angle) * step)
+    scale = np.abs(angle).max()
+
+    def misfit(p: Array) -> Array:
+        decay, omega, sine, cosine, offset = p
+        wave = sine * np.sin(omega * t) + cosine * np.cos(omega * t)
+        return np.asarray(np.exp(-decay * t) * wave + offset - angle / scale)
+
+    decay, omega, *_ = least_squares(misfit, [0.05 * guess, guess, 1.0, 0.0, 0.0], x_scale="jac").x
+    natural = math.hypot(decay, omega)
+    return natural / (2 * math.pi), float(decay / natural)
 
 
 def followed(step: float, plate: Array) -> tuple[Array, Array]:

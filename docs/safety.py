@@ -22,7 +22,7 @@ from twin.hal.interface import SCREEN, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
 from twin.jobs import cores
 from twin.safety.faults import CASES
-from twin.safety.row import HEADING, FaultRow, both, cells
+from twin.safety.row import HEADING, FaultRow, cells
 from twin.safety.trial import AFTER, LEFT, run_all
 
 GROUPS: dict[str, Iterable[Condition]] = {
@@ -46,7 +46,6 @@ def document(rows: Sequence[FaultRow]) -> str:
         number=len(rows),
         heading=HEADING,
         matrix=map(_cells, rows),
-        limits=_reasons(rows),
     )
 
 
@@ -63,23 +62,6 @@ def _cells(row: FaultRow) -> tuple[str, ...]:
     facts = ("yes" if fact else "**NO**" for fact in (row.whole, row.recovered))
     verdict = "good" if row.good else f"**BAD**: {', '.join(row.failures)}"
     return (*cells(row), then, *facts, verdict)
-
-
-LIMITED = {
-    "standstill_limit": "standstill",
-    "torque_off_limit": "no torque",
-    "tilt_limit": "tilt",
-    "ball_limit": "ball",
-}
-
-
-def _reasons(rows: Sequence[FaultRow]) -> list[tuple[tuple[str, str], list[str]]]:
-    """Every way in which a limit came about, and who had to stop the plate, row by row."""
-    counts: dict[tuple[str, str], list[str]] = {}
-    for row in rows:
-        for key, why in row.why.items():
-            counts.setdefault((LIMITED[key], why), []).append(both(row.stopped_by_expected))
-    return sorted(counts.items())
 
 
 @click.command()
