@@ -222,10 +222,14 @@ GAIN, RANGE = '"controller.gains.0"', "loguniform = [60.0, 600.0]"
     [
         (GAIN, '"controller.gain.0"', "fields.controller.gain.0: circle.toml: controller.gain"),
         (GAIN, '"controller.gains.9"', "gains.9: no such number (0 to 3)"),
-        (GAIN, '"controller.kind"', "fields.controller.kind: no number, but 'afl'"),
-        (GAIN, '"baseline"', "fields.baseline: no number, but False"),
+        (
+            GAIN,
+            '"controller.kind"',
+            "fields.controller.kind: it begins as 'afl', not among 60.0 to 600.0",
+        ),
+        (GAIN, '"baseline"', "fields.baseline: it begins as False, not among 60.0"),
         (GAIN, '"plant.friction.rolling_mm"', "family 'uncertain' draws it, too"),
-        (RANGE, "uniform = [200.0, 600.0]", "it begins with 180, outside of 200 to 600"),
+        (RANGE, "uniform = [200.0, 600.0]", "it begins as 180.0, not among 200.0 to 600.0"),
         (RANGE, "values = [100.0, 200.0]", "it begins as 180.0, not among 100.0, 200.0"),
         (RANGE, "normal = [1.0, 1.0, 0.0, 2.0]", "has no range to search"),
         (RANGE, "unifrom = [1.0, 2.0]", "unifrom: unknown key; did you mean 'uniform'"),

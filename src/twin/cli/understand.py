@@ -215,8 +215,8 @@ def fit(
     if table is None:
         return listed("fits")
     chosen("table", table, shipped_in("fits"))  # told before anything heavy is imported
+    from twin.fit.fit import HEADS, row, sentences, write
     from twin.fit.fit import fit as fit_table
-    from twin.fit.fit import row, sentences, write
     from twin.fit.runs import Runs, read
     from twin.study.experiments import Store, executors
 
@@ -228,11 +228,8 @@ def fit(
         with progress(about.title, 1.0) as advance:
             found = fit_table(about, runs, leave_out=not no_leave_out, advance=advance)
     write(found, folder)
-    heads = ("parameter", "value", "95 %", "without one group", "unit", "verdict")
-    told = sentences(found)
-    shown = (Table("", heads, list(map(row, found.estimates)), words=range(len(heads))), told[0])
-    more = told[len(found.estimates) + 1 :]
-    show(found.as_dict(), (*shown, *more), folder, "report.html, fit.json")
+    table = Table("", HEADS, list(map(row, found.estimates)), words=range(len(HEADS)))
+    show(found.as_dict(), (table, *sentences(found)), folder, "report.html, fit.json")
     return int(all(each.verdict != "seen" for each in found.estimates))
 
 

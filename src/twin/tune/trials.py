@@ -386,17 +386,12 @@ class Trials:
                 value = 1.0 if about.relative else build.value(fixed, key)
             except ScenarioError as error:
                 raise ScenarioError(f"fields.{key}: {error}") from error
-            if about.values is not None:
-                if value not in about.values:
-                    known = ", ".join(map(str, about.values))
-                    raise ScenarioError(f"fields.{key}: it begins as {value!r}, not among {known}")
-            elif isinstance(value, bool) or not isinstance(value, int | float):
-                raise ScenarioError(f"fields.{key}: no number, but {value!r}")
-            elif not about.ends[0] <= value <= about.ends[1]:
-                low, high = about.ends
-                raise ScenarioError(
-                    f"fields.{key}: it begins with {value:g}, outside of {low:g} to {high:g}"
-                )
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            among = about.values or about.ends
+            inside = value in among if about.values else number and among[0] <= value <= among[1]
+            if not inside:
+                known = (", " if about.values else " to ").join(map(str, among))
+                raise ScenarioError(f"fields.{key}: it begins as {value!r}, not among {known}")
             found[key] = value
         return found
 
