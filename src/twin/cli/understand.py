@@ -219,8 +219,9 @@ def fit(
         with progress(about.title, 1.0) as advance:
             found = fit_table(about, runs, leave_out=not no_leave_out, advance=advance)
     write(found, folder)
-    table = Table("", HEADS, list(map(row, found.estimates)), words=range(len(HEADS)))
-    show(found.as_dict(), (table, *sentences(found)), folder, "report.html, fit.json")
+    rows = list(map(row, found.estimates))
+    shown = (Table("", HEADS, rows, words=range(len(HEADS))), *sentences(found))
+    show(found.as_dict(), shown, folder, "report.html, fit.json")
     return int(all(each.verdict != "seen" for each in found.estimates))
 
 

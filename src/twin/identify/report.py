@@ -116,16 +116,11 @@ def rows(found: judged.Identification) -> list[tuple[str, str, str, str, str]]:
 
 def parameters(found: judged.Identification, words: tuple[str, ...] = (judged.IDENTIFIED,)) -> str:
     """Parameters as TOML that a scenario may name, those with one of these verdicts."""
-    tables: dict[str, list[str]] = {}
-    for key, value in found.settings(words).items():
-        table, _, name = key.rpartition(".")
-        tables.setdefault(table, []).append(f"{name} = {value}")
     lines = [
         f"# Identified from {found.source} by `ballplate identify`; a scenario takes it by",
         '# parameters = "this file", a run by --set parameters=FILE.',
+        *(f"{key} = {value}" for key, value in sorted(found.settings(words).items())),
     ]
-    for table in sorted(tables):
-        lines += ["", f"[{table}]", *tables[table]]
     return "\n".join(lines) + "\n"
 
 

@@ -347,10 +347,7 @@ class Termination:
         """In words."""
         if self.reason == CONVERGED:
             return f"the fit converged after {self.steps} steps"
-        return (
-            f"the fit stopped at its limit of {self.step_limit} steps; the last accepted one "
-            f"lowered its cost by {100 * self.last_decrease:.2g} %"
-        )
+        return f"the fit stopped at its limit of {self.step_limit} steps"
 
 
 class Minimum(NamedTuple):

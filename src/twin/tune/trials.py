@@ -385,9 +385,12 @@ class Trials:
                 value = 1.0 if about.relative else build.value(fixed, key)
             except ScenarioError as error:
                 raise ScenarioError(f"fields.{key}: {error}") from error
-            number = isinstance(value, int | float) and not isinstance(value, bool)
             among = about.values or about.ends
-            inside = value in among if about.values else number and among[0] <= value <= among[1]
+            if about.values:
+                inside = value in about.values
+            else:
+                number = isinstance(value, int | float) and not isinstance(value, bool)
+                inside = number and about.ends[0] <= value <= about.ends[1]
             if not inside:
                 known = (", " if about.values else " to ").join(map(str, among))
                 raise ScenarioError(f"fields.{key}: it begins as {value!r}, not among {known}")
