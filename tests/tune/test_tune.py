@@ -15,7 +15,7 @@ from twin.scenario import load
 from twin.shipped import shipped_in
 from twin.study.experiments import Store
 from twin.study.schema import drawn, read_family
-from twin.tune.search import certified, planned_runs, upper_bound
+from twin.tune.search import certified, upper_bound
 from twin.tune.trials import Indicators, Trials, Tune, read
 
 TUNE = """
@@ -91,7 +91,6 @@ def test_a_tune_ends_with_a_certificate_and_a_page(made):
         "controller.gains.0": 180.0, "controller.gains.1": 162.0,
     }  # fmt: skip
     page = (out / "report.html").read_text()
-    assert page.count("<svg") == 1
     assert "controller.gains.1" in page
     assert json.loads((out / "tune.json").read_text()).items() >= found.items()
 
@@ -156,13 +155,12 @@ def test_the_search_never_sees_a_rig_of_the_certificate(file, folder, monkeypatc
 
 
 @pytest.mark.long
-def test_no_more_runs_are_made_than_are_planned(made):
+def test_no_more_runs_are_made_than_rungs_and_finalists_have(made):
     _, found, _ = made
     tune = Tune.model_validate(tomllib.loads(TUNE))
-    beginning = 2 * tune.rigs[-1]
-    # counted rung by rung: a run on few rigs is asked for, though not made, again on more
-    rungs = 2 * (4 * 2 + 2 * 4)
-    assert found["runs"] <= rungs + beginning + sum(planned_runs(tune)[1:])
+    # rung by rung: a run on few rigs is asked for, though not made, again on more
+    search = 2 * (4 * 2 + 2 * 4) + 2 * tune.rigs[-1]
+    assert found["runs"] <= search + 2 * 2 * tune.rigs[-1] + 2 * 2 * tune.certificate
 
 
 @pytest.mark.parametrize("failures", [0, 1, 3, 59])
@@ -216,21 +214,6 @@ def test_overrides_of_the_command_come_last(file):
     assert trials.scenario(trials.start, 0).predictor.delay == 0.01
 
 
-@pytest.mark.long
-def test_a_plan_runs_nothing(file, folder):
-    out = folder / "planned"
-    result = CliRunner().invoke(
-        command, [str(file), "--plan", "--processes", "1", "--out", str(out)]
-    )
-    assert result.exit_code == 0, result.output
-    assert "4 candidates on 2, 4 rigs in 2 tasks" in " ".join(result.stdout.split())
-    assert not out.exists()
-    about = [str(file), "--plan", "--processes", "1", "--out", str(out), "--json"]
-    plan = json.loads(CliRunner().invoke(command, about).stdout)
-    said = f"about {plan['search']} runs of the search"
-    assert said in " ".join(result.stdout.split())
-
-
 GAIN, RANGE = '"controller.gains.0"', "loguniform = [60.0, 600.0]"
 
 
@@ -239,10 +222,14 @@ GAIN, RANGE = '"controller.gains.0"', "loguniform = [60.0, 600.0]"
     [
         (GAIN, '"controller.gain.0"', "fields.controller.gain.0: circle.toml: controller.gain"),
         (GAIN, '"controller.gains.9"', "gains.9: no such number (0 to 3)"),
-        (GAIN, '"controller.kind"', "fields.controller.kind: no number, but 'afl'"),
-        (GAIN, '"baseline"', "fields.baseline: no number, but False"),
+        (
+            GAIN,
+            '"controller.kind"',
+            "fields.controller.kind: it begins as 'afl', not among 60.0 to 600.0",
+        ),
+        (GAIN, '"baseline"', "fields.baseline: it begins as False, not among 60.0"),
         (GAIN, '"plant.friction.rolling_mm"', "family 'uncertain' draws it, too"),
-        (RANGE, "uniform = [200.0, 600.0]", "it begins with 180, outside of 200 to 600"),
+        (RANGE, "uniform = [200.0, 600.0]", "it begins as 180.0, not among 200.0 to 600.0"),
         (RANGE, "values = [100.0, 200.0]", "it begins as 180.0, not among 100.0, 200.0"),
         (RANGE, "normal = [1.0, 1.0, 0.0, 2.0]", "has no range to search"),
         (RANGE, "unifrom = [1.0, 2.0]", "unifrom: unknown key; did you mean 'uniform'"),

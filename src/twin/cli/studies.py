@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from twin.study.answers import Answer
     from twin.study.schema import Study
     from twin.study.work import Work
-    from twin.tune.trials import Tune
 
 
 @options.command(example="study friction --plan")
@@ -137,12 +136,11 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
     }
 
 
-@options.command(example="tune afl --plan")
+@options.command(example="tune afl --candidates 16")
 @click.argument("tune", required=False)
 @options.SETTING
 @click.option("--candidates", type=click.IntRange(min=2), help="Override the tune's candidates.")
 @click.option("--certificate", type=click.IntRange(min=1), help="Override its fresh rigs.")
-@click.option("--plan", is_flag=True, help="Print the number of the runs; run none.")
 @options.PROCESSES
 @options.SCHEDULER
 @click.option("--out", type=options.PATH, help="Folder [runs/tune-NAME].")
@@ -156,8 +154,6 @@ def tune(
     processes: int | None,
     scheduler: str | None,
     out: Path | None,
-    *,
-    plan: bool,
 ) -> int:
     """Tune fields of a controller over a family of rigs: a shipped tune by name, or a TOML file.
 
@@ -182,9 +178,6 @@ def tune(
     store = Store(folder)
     with executors(processes, scheduler) as (executor, count):
         trials = Trials(about, store, executor=executor, processes=count)
-        if plan:
-            _plan_tune(about, count)
-            return 0
         with progress(about.title, 1.0) as advance:
             found = tuned(trials, advance)
     write(trials, found, folder)
@@ -198,19 +191,6 @@ def tune(
     files = f"report.html, tune.json, tuned.toml; {then}"
     show(found.as_dict(), shown, folder, files)
     return int(not found.good)
-
-
-def _plan_tune(about: Tune, processes: int) -> None:
-    from twin.tune.search import planned_runs
-
-    search, verdict, fresh = planned_runs(about)
-    told = (
-        f"about {search} runs of the search ({about.candidates} candidates on "
-        f"{', '.join(map(str, about.rigs))} rigs in {len(about.tasks)} tasks), {verdict} of the "
-        f"verdict and {fresh} of the certificate on {processes} processors"
-    )
-    counts = {"search": search, "verdict": verdict, "certificate": fresh}
-    show(counts | {"processes": processes}, [told])
 
 
 HEADS = ("task", "error", "95 % interval", "worst tenth", "balls kept", "95 % interval", "effort")

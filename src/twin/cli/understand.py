@@ -69,37 +69,28 @@ def _effects(found: Explanation) -> Iterator[Shown]:
     what = "tracking error e_tt [%]" if found.in_percent else "RMS distance [mm]"
     yield bold(f"{found.scenario.title}: {what}")
 
-    def shown(case: EffectCase, base: EffectCase) -> tuple[str, str]:
-        value, start = found.size(case), found.size(base)
-        if isnan(value):
-            return case.outcome.split(" at ", maxsplit=1)[0], "-"
-        return f"{value:.2f}", "-" if isnan(start) else f"{value - start:+.2f}"
+    def told(case: EffectCase) -> str:
+        value = found.size(case)
+        return case.outcome.split(" at ", maxsplit=1)[0] if isnan(value) else f"{value:.2f}"
 
     def percentage(share: float | None) -> str:
         return "-" if share is None else f"{100 * share:z.1f} %"
 
     rows = [
-        (
-            part.effect.label,
-            *shown(part.without, found.whole),
-            *shown(part.alone, found.none),
-            percentage(part.share),
-        )
+        (part.effect.label, told(part.without), told(part.alone), percentage(part.share))
         for part in found.contributions
     ]
     for label, share in (("effects on one another", found.rest), ("left with none", found.base)):
         if share is not None:
-            rows.append((label, "", "", "", "", percentage(share)))
-    heads = ("effect", "all but this", "change", "this alone", "change", "share")
-    yield Table("", heads, rows)
+            rows.append((label, "", "", percentage(share)))
+    yield Table("", ("effect", "all but this", "this alone", "share"), rows)
     for label, case in (
         ("all effects", found.whole),
         ("none of them", found.none),
         ("none, on the exact equations", found.exact),
     ):
         if case is not None:
-            value = found.size(case)
-            yield f"{label}: {case.outcome if isnan(value) else f'{value:.2f}'}"
+            yield f"{label}: {told(case)}"
     has = present(found.scenario)
     lacking = [effect.label for effect in EFFECTS if effect not in has]
     if lacking:
@@ -215,8 +206,8 @@ def fit(
     if table is None:
         return listed("fits")
     chosen("table", table, shipped_in("fits"))  # told before anything heavy is imported
+    from twin.fit.fit import HEADS, row, sentences, write
     from twin.fit.fit import fit as fit_table
-    from twin.fit.fit import row, sentences, write
     from twin.fit.runs import Runs, read
     from twin.study.experiments import Store, executors
 
@@ -228,11 +219,9 @@ def fit(
         with progress(about.title, 1.0) as advance:
             found = fit_table(about, runs, leave_out=not no_leave_out, advance=advance)
     write(found, folder)
-    heads = ("parameter", "value", "95 %", "without one group", "unit", "verdict")
-    told = sentences(found)
-    shown = (Table("", heads, list(map(row, found.estimates)), words=range(len(heads))), told[0])
-    more = told[len(found.estimates) + 1 :]
-    show(found.as_dict(), (*shown, *more), folder, "report.html, fit.json")
+    rows = list(map(row, found.estimates))
+    shown = (Table("", HEADS, rows, words=range(len(HEADS))), *sentences(found))
+    show(found.as_dict(), shown, folder, "report.html, fit.json")
     return int(all(each.verdict != "seen" for each in found.estimates))
 
 

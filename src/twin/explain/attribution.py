@@ -220,24 +220,15 @@ def explain(
 
     Raises:
         TwinError: If a run cannot be assembled.
-        KeyboardInterrupt: If the user interrupts before the runs with all effects and with none
-            have ended; later, those that have not ended are as if cut short.
     """
     wanted = plan(scenario)
     different = {variant.model_dump_json(): variant for variant in wanted.values()}
     found: dict[str, EffectCase] = {}
     count = min(processes or cores(), len(different))
-    try:
-        for name, case in results(attempt, different.items(), count):
-            found[name] = case
-            progress(len(found))
-    except KeyboardInterrupt:
-        if not found.keys() >= {wanted[ALL].model_dump_json(), wanted[NONE].model_dump_json()}:
-            raise
-    nothing = EffectCase(outcome="interrupted before it had ended", error=np.zeros((0, 2)))
-    cases = {
-        name: found.get(variant.model_dump_json(), nothing) for name, variant in wanted.items()
-    }
+    for name, case in results(attempt, different.items(), count):
+        found[name] = case
+        progress(len(found))
+    cases = {name: found[variant.model_dump_json()] for name, variant in wanted.items()}
     return attribute(scenario, cases)
 
 

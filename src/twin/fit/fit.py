@@ -354,14 +354,7 @@ def fit(
     )
 
 
-HEADS = (
-    "parameter",
-    "value",
-    "95 %, bootstrap over groups",
-    "range without one group",
-    "unit",
-    "verdict",
-)
+HEADS = ("parameter", "value", "95 %", "without one group", "unit", "verdict")
 CELLS = ("experiment", "indicator", "unit", "measured", "computed", "held out", "residual")
 
 
@@ -371,11 +364,6 @@ def sentences(found: FitResult) -> list[str]:
     lines = [
         f"{len(found.cells)} measured numbers of {len(table.experiments)} experiments, "
         f"{len(table.parameters)} parameters: chi-squared {found.chi2:.1f}."
-    ]
-    lines += [
-        f"{each.name}: {each.value:.4g} {each.unit}".rstrip()
-        + f" ({each.low:.4g} to {each.high:.4g}), {each.verdict}."
-        for each in found.estimates
     ]
     ends = [chi2 for chi2, _ in found.ends]
     if len(ends) > 1:

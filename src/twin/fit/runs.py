@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from controllers.arrays import Array
 from twin.errors import LawError, nearest
 from twin.run.files import UNITS as ALL_UNITS
+from twin.run.logs import SCALES
 from twin.scenario import Scenario
 from twin.shipped import chosen, shipped_in
 from twin.study.experiments import Store, evaluate
@@ -24,13 +25,7 @@ OF_THE_RUN = {"outcome_time", "judged_from", "real_time_factor"}
 """Indicators that say how a run went, not what the ball did."""
 UNITS = {name: unit for name, unit in ALL_UNITS.items() if name not in OF_THE_RUN}
 """The indicators of a run that can be measured, and the unit of each."""
-FACTORS = {
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "s": {"s": 1.0, "ms": 1e-3},
-    "%": {"%": 1.0, "1": 100.0},
-    "deg": {"deg": 1.0, "rad": degrees(1.0)},
-    "rad/s^2": {"rad/s^2": 1.0, "deg/s^2": 1 / degrees(1.0)},
-}
+FACTORS = SCALES | {"%": {"%": 1.0, "1": 100.0}, "deg": {"deg": 1.0, "rad": degrees(1.0)}}
 """Of each unit what it may also be written in, and by what that is multiplied."""
 
 

@@ -303,13 +303,11 @@ def _period(time: Array, source: str) -> float:
             f"{source}: time: jumps from {time[row]:.6g} to {time[row + 1]:.6g} s after row "
             f"{row + 1}: the clock must run forwards"
         )
-    if period > SLOWEST:
+    if not 5e-5 <= period <= SLOWEST:
         raise LogError(
-            f"{source}: time: a row every {period:.4g} s, at most {SLOWEST:g} s can be used"
+            f"{source}: time: a row every {period:.4g} s, 0.00005 to {SLOWEST:g} s can be used"
             + ("; milliseconds? write the header as time [ms]" if period >= 0.5 else "")
         )
-    if period < 5e-5:
-        raise LogError(f"{source}: time: a row every {period:.2g} s cannot be; seconds are wanted")
     return period
 
 

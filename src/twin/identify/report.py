@@ -16,8 +16,6 @@ from twin.run.picture import COLOURS, drawn
 from twin.writing import write_whole
 
 HEADS = ("parameter", "value", "95 % interval", "unit", "verdict")
-WINDOWS = ("best", "median", "worst")
-"""The windows held out that are drawn, by their error after 1 s."""
 BASELINES = {"stays": "a ball that stays", "goes on": "one that goes on at its velocity"}
 FOLLOWED = "level followed"
 BAD = 0.02
@@ -104,7 +102,7 @@ def _held_out(found: judged.Identification) -> list[Block]:
         )
     out: list[Block] = [Table("Prediction of what was held out", heads, rows, (0, 1), note=note)]
     if found.predictions:
-        out.append(Picture("Best, median and worst window after 1 s", _prediction_figure(found)))
+        out.append(Picture("The median window after 1 s", _prediction_figure(found)))
     return out
 
 
@@ -118,16 +116,11 @@ def rows(found: judged.Identification) -> list[tuple[str, str, str, str, str]]:
 
 def parameters(found: judged.Identification, words: tuple[str, ...] = (judged.IDENTIFIED,)) -> str:
     """Parameters as TOML that a scenario may name, those with one of these verdicts."""
-    tables: dict[str, list[str]] = {}
-    for key, value in found.settings(words).items():
-        table, _, name = key.rpartition(".")
-        tables.setdefault(table, []).append(f"{name} = {value}")
     lines = [
         f"# Identified from {found.source} by `ballplate identify`; a scenario takes it by",
         '# parameters = "this file", a run by --set parameters=FILE.',
+        *(f"{key} = {value}" for key, value in sorted(found.settings(words).items())),
     ]
-    for table in sorted(tables):
-        lines += ["", f"[{table}]", *tables[table]]
     return "\n".join(lines) + "\n"
 
 
@@ -159,26 +152,23 @@ def write(found: judged.Identification, folder: Path) -> None:
 
 def _prediction_figure(found: judged.Identification) -> Figure:
     axes = found.predictions
-    with drawn(12, 3 * len(axes)) as figure:
-        panels = figure.subplots(len(axes), len(WINDOWS), squeeze=False)
-        for row, (axis, each) in zip(panels, axes.items(), strict=True):
+    with drawn(12, 4) as figure:
+        panels = figure.subplots(1, len(axes), squeeze=False)[0]
+        for panel, (axis, each) in zip(panels, axes.items(), strict=True):
             errors = np.abs(each.errors("model", 1.0))
             errors[each.way <= judged.MOVES] = np.nan
-            order = np.argsort(errors)[: int(np.isfinite(errors).sum())]
-            for panel, word, at in zip(row, WINDOWS, (0, 0.5, 1), strict=True):
-                if not len(order):
-                    continue
-                w = order[round(at * (len(order) - 1))]
-                seen = np.isfinite(each.ball[w])
-                ahead = each.ahead[w, seen]
-                panel.plot(ahead, 1000 * each.ball[w, seen], ".", color="0.4", ms=4)
-                models = [who for who in judged.PREDICTORS[:3] if who in each.by]
-                for colour, who in zip(COLOURS, models, strict=False):
-                    panel.plot(ahead, 1000 * each.by[who][w, seen], color=colour, label=who)
-                panel.axvline(0, color="0.5", lw=1, ls=":")
-                off = 1000 * errors[w]
-                panel.set_title(f"{axis}, {word}: {off:.1f} mm, at {each.begin[w]:.1f} s")
-        panels[0, 0].legend(fontsize=8)
+            if not np.isfinite(errors).any():
+                continue
+            w = int(np.nanargmin(np.abs(errors - np.nanmedian(errors))))
+            seen = np.isfinite(each.ball[w])
+            ahead = each.ahead[w, seen]
+            panel.plot(ahead, 1000 * each.ball[w, seen], ".", color="0.4", ms=4)
+            models = [who for who in judged.PREDICTORS[:3] if who in each.by]
+            for colour, who in zip(COLOURS, models, strict=False):
+                panel.plot(ahead, 1000 * each.by[who][w, seen], color=colour, label=who)
+            panel.axvline(0, color="0.5", lw=1, ls=":")
+            panel.set_title(f"{axis}: {1000 * errors[w]:.1f} mm, at {each.begin[w]:.1f} s")
+            panel.legend(fontsize=8)
         figure.supxlabel("seconds ahead")
         figure.supylabel("position [mm]")
     return figure

@@ -291,7 +291,8 @@ class Fitting:
         )
         shape = (len(batch), count, len(weight), weight[0].size)
         scaled = (places * weight).reshape(shape)
-        by_start = np.moveaxis(scaled[1 : 1 + free] - scaled[0], 0, -1) / self.start_steps[:free]
+        moved_by = np.moveaxis(scaled[1 : 1 + free] - scaled[0], 0, -1)
+        by_start = np.ascontiguousarray(moved_by) / self.start_steps[:free]
         by_parameter = np.zeros((*shape[1:], len(self.names) if slopes else 0))
         for j, (k, width) in enumerate(widths.items()):
             up, down = scaled[1 + free + 2 * j : 3 + free + 2 * j]
@@ -347,10 +348,7 @@ class Termination:
         """In words."""
         if self.reason == CONVERGED:
             return f"the fit converged after {self.steps} steps"
-        return (
-            f"the fit stopped at its limit of {self.step_limit} steps; the last accepted one "
-            f"lowered its cost by {100 * self.last_decrease:.2g} %"
-        )
+        return f"the fit stopped at its limit of {self.step_limit} steps"
 
 
 class Minimum(NamedTuple):

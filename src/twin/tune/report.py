@@ -1,21 +1,15 @@
-"""The files of a tune: page, pictures, numbers, and keys that lie over any scenario."""
+"""The files of a tune: page, numbers, and keys that lie over any scenario."""
 
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
-
 from twin import page
-from twin.page import Block, Code, Picture, Table, Text, Verdict, digits
+from twin.page import Block, Code, Table, Text, Verdict, digits
 from twin.report.numbers import LABELS, flat
 from twin.run.assemble import build_law
-from twin.run.picture import drawn
 from twin.study.schema import Point
 from twin.tune.search import CONFIDENCE, TuneResult
 from twin.tune.trials import Trials
@@ -53,42 +47,6 @@ def toml(settings: dict[str, Any], comment: list[str]) -> str:
     # JSON of texts, numbers, truth values and lists of them is TOML, too
     lines += [f"{key} = {json.dumps(value)}" for key, value in settings.items()]
     return "\n".join(lines) + "\n"
-
-
-BEFORE, AFTER = "#d55e00", "#009e73"
-
-
-def before_and_after(found: TuneResult) -> Figure:
-    """Every fresh rig's indicator in every task, before and after, as cumulative shares."""
-    tasks = found.tune.tasks
-    columns = min(len(tasks), 4)
-    rows = math.ceil(len(tasks) / columns)
-    with drawn(10, 2.9 * rows) as figure:
-        axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
-        for ax, task in zip(axes, tasks, strict=False):
-            label, unit = LABELS[task.indicator]
-            factor = 1000 if unit == "mm" else 1
-            for side, colour, when in (
-                (found.before, BEFORE, "before"),
-                (found.after, AFTER, "after"),
-            ):
-                values = side["tasks"][task.name]["values"]
-                known = sorted(factor * value for value in values if value is not None)
-                shares = np.arange(1, len(known) + 1) / side["rigs"]
-                ax.step(known, shares, where="post", color=colour, label=when)
-            ax.axvline(factor * task.scale, ls=":", color="#555555")
-            ax.set_title(task.name)
-            ax.set_xscale("log")
-            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            ax.xaxis.set_major_formatter("{x:g}")
-            ax.xaxis.set_minor_formatter(NullFormatter())
-            ax.set_ylim(0, 1.02)
-            ax.set_xlabel(f"{label} [{unit}]")
-        axes[0].set_ylabel("share of the fresh rigs")
-        axes[0].legend(frameon=False)
-        for ax in axes[len(tasks) :]:
-            ax.set_visible(False)
-    return figure
 
 
 FRAGMENT = "tuned.toml"
@@ -219,9 +177,7 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
     blocks: list[Block] = [Verdict(said, found.good), tasks]
     if found.after["reasons"]:
         blocks.append(Text(found.after["reasons"]))
-    before_after = "Before and after on the fresh rigs (dotted: cost 1)"
     blocks += [
-        Picture(before_after, before_and_after(found)),
         Table("Fields", FIELDS, fields_table(found), words=(0, -1)),
         margins_table(found),
         Code("Run it", f"ballplate run circle --set parameters={folder / FRAGMENT}"),

@@ -316,6 +316,8 @@ def rounded(values: Mapping[str, Any], fields: Mapping[str, Parameter]) -> Point
 
 CONFIDENCE = 0.95
 QUANTILES = (0.5, 0.9, 1.0)
+SEARCHING = 0.7
+"""Share of a tune that its search takes, about."""
 
 
 def upper_bound(failures: int, rigs: int, confidence: float = CONFIDENCE) -> float:
@@ -442,9 +444,7 @@ def tuned(
         TwinError: If a run cannot be carried out.
     """
     tune = trials.tune
-    shares = planned_runs(tune)
-    whole = sum(shares)
-    candidates = searched(trials, lambda done: advance(shares[0] / whole * done / tune.candidates))
+    candidates = searched(trials, lambda done: advance(SEARCHING * done / tune.candidates))
     best = best_of(candidates, tune.finalists)
     some = best if candidates[0] in best else [*best, candidates[0]]
     gave = trials.indicators(
@@ -453,7 +453,7 @@ def tuned(
     finalists = [
         (each, score(tune, each.loop, found)) for each, found in zip(some, gave, strict=True)
     ]
-    advance((shares[0] + shares[1]) / whole)
+    advance((1 + SEARCHING) / 2)
     chosen = min(finalists, key=lambda item: item[1].rank)[0]
     compared = [candidates[0].fields, chosen.fields]
     before, after = (
@@ -473,18 +473,4 @@ def tuned(
         before=before,
         after=after,
         runs=trials.finished,
-    )
-
-
-def planned_runs(tune: Tune) -> tuple[int, int, int]:
-    """About how many runs search, verdict and certificate take: the most that are likely."""
-    tasks, left, runs, before = len(tune.tasks), float(tune.candidates), 0.0, 0
-    for rigs in tune.rigs:
-        # what was run on fewer rigs is not run again
-        runs += left * (rigs - before) * tasks
-        left, before = left / tune.eta, rigs
-    return (
-        round(runs),
-        (tune.finalists + 1) * tune.rigs[-1] * tasks,
-        2 * tune.certificate * tasks,
     )

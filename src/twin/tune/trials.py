@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import suppress
@@ -319,7 +318,7 @@ class Trials:
         ready: dict[int, str] = {}
         for place, fields in enumerate(candidates):
             try:
-                ready[place] = _controller(self.scenario(fields, 0))
+                ready[place] = self.scenario(fields, 0).model_dump_json()
             except ScenarioError as error:
                 found[place] = NominalLoop.none(error)
         executor: Executor | None = self._how["executor"]
@@ -386,36 +385,23 @@ class Trials:
                 value = 1.0 if about.relative else build.value(fixed, key)
             except ScenarioError as error:
                 raise ScenarioError(f"fields.{key}: {error}") from error
-            if about.values is not None:
-                if value not in about.values:
-                    known = ", ".join(map(str, about.values))
-                    raise ScenarioError(f"fields.{key}: it begins as {value!r}, not among {known}")
-            elif isinstance(value, bool) or not isinstance(value, int | float):
-                raise ScenarioError(f"fields.{key}: no number, but {value!r}")
-            elif not about.ends[0] <= value <= about.ends[1]:
-                low, high = about.ends
-                raise ScenarioError(
-                    f"fields.{key}: it begins with {value:g}, outside of {low:g} to {high:g}"
-                )
+            among = about.values or about.ends
+            if about.values:
+                inside = value in about.values
+            else:
+                number = isinstance(value, int | float) and not isinstance(value, bool)
+                inside = number and about.ends[0] <= value <= about.ends[1]
+            if not inside:
+                known = (", " if about.values else " to ").join(map(str, among))
+                raise ScenarioError(f"fields.{key}: it begins as {value!r}, not among {known}")
             found[key] = value
         return found
 
 
-def _controller(scenario: Scenario) -> str:
-    """What of a scenario its nominal loop depends on, and nothing else."""
-    dead_time = scenario.sensors.touch.dead_time
-    kept = {"title": "", "duration": 1.0, "reference": {"kind": "hold"}}
-    own = scenario.model_dump(
-        mode="json", include={"controller", "observer", "predictor"}, exclude_none=True
-    )
-    sensors = {"touch": {"dead_time": dead_time}}
-    return json.dumps(kept | own | {"sensors": sensors, "rig": {"period": scenario.rig.period}})
-
-
 @lru_cache(maxsize=4096)
-def _loop(controller: str) -> NominalLoop:
+def _loop(text: str) -> NominalLoop:
     """The loop of law, observer and predictor on the linear plant with the scenario's dead time."""
-    scenario = Scenario.model_validate_json(controller)
+    scenario = Scenario.model_validate_json(text)
     try:
         with own_errors():
             made = build_controller(scenario)
