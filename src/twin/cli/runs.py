@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import keyword
 import re
-import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,10 +18,10 @@ from twin.cli.output import (
     TERMINAL,
     Shown,
     bold,
-    console,
     dim,
     indicators,
     reasons,
+    say,
     show,
     show_titles,
 )
@@ -290,14 +289,9 @@ def _kinds(table: str) -> int:
 
 
 def _lines(key: Key) -> Iterator[Shown]:
-    unit = f" {key.unit}" if key.unit and not key.required and key.default is not None else ""
-    of = f" ({key.unit})" if key.unit and not unit else ""
-    only = "; plant.kind=mujoco only" if key.plants else ""
-    yield bold(f"{key.key} = {key.value}{unit}")
-    whose = f"{key.kind}: " if key.kind else ""
-    facts = f"{whose}{key.type}{of}{f', {key.allowed}' if key.allowed else ''}{only}"
-    for text in (key.meaning, f"[{facts}]"):
-        yield from (f"    {line}" for line in textwrap.wrap(text, max(console.width - 4, 40)))
+    yield bold(f"{key.key} = {key.value} {key.unit}".rstrip())
+    plant = key.plants and f"plant.kind={key.plants} only"
+    yield f"    {key.meaning} [{', '.join(filter(None, (key.kind, key.type, key.allowed, plant)))}]"
 
 
 class Start(NamedTuple):
@@ -358,7 +352,7 @@ def new(kind: str, name: str, like: str | None) -> int:
         file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ScenarioError(f"{file}: cannot be written: {error.strerror}") from error
-    console.print(f"written to {file}; try: ballplate {start.then.format(name=name, file=file)}")
+    say(f"written to {file}; try: ballplate {start.then.format(name=name, file=file)}")
     return 0
 
 
