@@ -30,6 +30,7 @@ from twin.errors import LogError, ScenarioError
 from twin.report.numbers import lowest
 from twin.run.files import free, run_folder
 from twin.shipped import folder
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from twin.scenario.describe import Key
@@ -263,9 +264,11 @@ def describe(name: str) -> int:
     list those there are, with one sentence each.
     """
     from twin.scenario.describe import about, described
+    from twin.scenario.schema import choices
 
-    if name in WORDS:
-        return _kinds(WORDS[name])
+    if table := WORDS.get(name):
+        show_titles({kind: about(f"{table}.{kind}") for kind in choices(table)})
+        return 0
     found = described(name)
     sentence = about(name)
     shown: list[Shown] = [bold(sentence)] if sentence else []
@@ -273,18 +276,6 @@ def describe(name: str) -> int:
     if not name:
         shown.append("Settings of a law, observer or reference: ballplate describe NAME")
     show([key.as_dict() for key in found], shown)
-    return 0
-
-
-def _kinds(table: str) -> int:
-    """List the laws, observers or references with one sentence each."""
-    from twin.scenario.describe import about
-    from twin.scenario.schema import choices
-
-    sentences = {kind: about(f"{table}.{kind}") for kind in choices(table)}
-    told = [f"{kind}: {sentence}" for kind, sentence in sentences.items()]
-    told.append(f"Settings of each: ballplate describe NAME; {table}.kind=NAME takes it")
-    show(sentences, told)
     return 0
 
 
@@ -347,11 +338,7 @@ def new(kind: str, name: str, like: str | None) -> int:
         text = text.replace(f'"{start.called[1]}"', f'"{name}"')
     else:
         text = text.replace('"TITLE"', f'"{words}"').replace("FILE", str(file), 1)
-    try:
-        file.parent.mkdir(exist_ok=True)
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ScenarioError(f"{file}: cannot be written: {error.strerror}") from error
+    write_whole(file, text)
     say(f"written to {file}; try: ballplate {start.then.format(name=name, file=file)}")
     return 0
 
