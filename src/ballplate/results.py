@@ -57,11 +57,6 @@ class Result(Run):
         return self.outcome == "finished"
 
     @property
-    def run(self) -> Result | None:
-        """Itself, with its whole ``record``, if it was just made; None if it was opened."""
-        return None if self.record is None else self
-
-    @property
     def ball(self) -> Array:
         """Ball position in m, shape (K, 2): the true one, of a real rig the estimated one."""
         return self.motion.ball

@@ -150,12 +150,11 @@ def trace_file(
             what, needed = reporter.name_of("trace"), reporter.name_of("on")
             raise ScenarioError(f"{what}: a simulated rig has no bus; it needs {needed}")
         return None
-    if trace is None:
-        from twin.devices.akd import TRACE
-
-        return None if folder is None else folder / TRACE
+    from twin.devices.akd import TRACE
     from twin.devices.akd.traces import check_ending
 
+    if trace is None:
+        return None if folder is None else folder / TRACE
     check_ending(Path(trace))
     return Path(trace)
 

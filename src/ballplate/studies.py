@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -348,21 +347,21 @@ def study(
         TwinError: If there is no such study, or anything in it is unknown or out of range.
     """
     from twin.study.answers import answers
-    from twin.study.experiments import Cluster, Store, carry
+    from twin.study.experiments import Store, carry, executors
 
     report = reporter or default()
     work = work_of(str(name), keys)
     folder = writable(out, report)
     store = Store(folder)
     with (
-        nullcontext() if scheduler is None else Cluster(scheduler) as cluster,
+        executors(processes, scheduler) as (executor, count),
         report.progress(work.study.title, work.different, "runs") as advance,
     ):
         rows = carry(
             work,
             store,
-            executor=cluster,
-            processes=processes or (cluster.workers if cluster else None),
+            executor=executor,
+            processes=count,
             progress=lambda done, failed: advance(done, f"{failed} failed"),
         )
     found = StudyResult(work, rows, answers(work, rows))

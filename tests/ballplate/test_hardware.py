@@ -38,14 +38,6 @@ class Heard(Reporter):
         self.lines.append(line)
 
 
-def test_a_run_on_a_rig_never_replaces_one(tmp_path, monkeypatch):
-    monkeypatch.setattr("ballplate.running.connected", lambda *_, **__: nullcontext())
-    short = {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
-    for on, names in (("my.toml", ["one", "one~2"]), (None, ["one", "one"])):
-        made = [bp.run("hold", on=on, out=tmp_path / str(on) / "one", **short) for _ in names]
-        assert [each.folder.name for each in made] == names
-
-
 @pytest.mark.parametrize(
     ("severity", "told"),
     [(Severity.WARNING, False), (Severity.LEVEL, True), (Severity.STOP, True)],
@@ -229,3 +221,11 @@ def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails
     except ZeroDivisionError:
         assert len(bp.load(folder).time) == 200
     assert folder.exists() is fails
+
+
+def test_a_run_on_a_rig_never_replaces_one(tmp_path, monkeypatch):
+    monkeypatch.setattr("ballplate.running.connected", lambda *_, **__: nullcontext())
+    short = {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
+    for on, names in (("my.toml", ["one", "one~2"]), (None, ["one", "one"])):
+        made = [bp.run("hold", on=on, out=tmp_path / str(on) / "one", **short) for _ in names]
+        assert [each.folder.name for each in made] == names

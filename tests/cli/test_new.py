@@ -104,7 +104,7 @@ def test_a_folder_that_cannot_be_written_is_one_line(ballplate):
     Path("laws").write_text("a file where the folder should be")
     code, _, err = ballplate("new", "law", "mine")
     assert (code, err.count("\n")) == (2, 1)
-    assert "cannot be written" in err
+    assert "cannot write" in err
 
 
 @pytest.fixture

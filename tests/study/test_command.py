@@ -106,7 +106,7 @@ def test_a_summary_for_the_documentation_has_its_pictures_beside_it(
 def test_a_finished_study_answers_at_once_with_the_same_words_and_as_one_json_object(study) -> None:
     first = study("short.toml", "--processes", "1")[1]
     code, again, _ = study("short.toml", "--processes", "1", "--plan")
-    assert "all of them finished" in again
+    assert "0 left in 0 batches" in again
     assert study("short.toml", "--processes", "1")[1] == first
     assert code == 0
     flung = json.loads(study("short.toml", "--processes", "1", "--json")[1])["variants"]["flung"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import keyword
 import re
-import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,10 +18,10 @@ from twin.cli.output import (
     TERMINAL,
     Shown,
     bold,
-    console,
     dim,
     indicators,
     reasons,
+    say,
     show,
     show_titles,
 )
@@ -31,6 +30,7 @@ from twin.errors import LogError, ScenarioError
 from twin.report.numbers import lowest
 from twin.run.files import free, run_folder
 from twin.shipped import folder
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from twin.scenario.describe import Key
@@ -264,9 +264,11 @@ def describe(name: str) -> int:
     list those there are, with one sentence each.
     """
     from twin.scenario.describe import about, described
+    from twin.scenario.schema import choices
 
-    if name in WORDS:
-        return _kinds(WORDS[name])
+    if table := WORDS.get(name):
+        show_titles({kind: about(f"{table}.{kind}") for kind in choices(table)})
+        return 0
     found = described(name)
     sentence = about(name)
     shown: list[Shown] = [bold(sentence)] if sentence else []
@@ -277,27 +279,10 @@ def describe(name: str) -> int:
     return 0
 
 
-def _kinds(table: str) -> int:
-    """List the laws, observers or references with one sentence each."""
-    from twin.scenario.describe import about
-    from twin.scenario.schema import choices
-
-    sentences = {kind: about(f"{table}.{kind}") for kind in choices(table)}
-    told = [f"{kind}: {sentence}" for kind, sentence in sentences.items()]
-    told.append(f"Settings of each: ballplate describe NAME; {table}.kind=NAME takes it")
-    show(sentences, told)
-    return 0
-
-
 def _lines(key: Key) -> Iterator[Shown]:
-    unit = f" {key.unit}" if key.unit and not key.required and key.default is not None else ""
-    of = f" ({key.unit})" if key.unit and not unit else ""
-    only = "; plant.kind=mujoco only" if key.plants else ""
-    yield bold(f"{key.key} = {key.value}{unit}")
-    whose = f"{key.kind}: " if key.kind else ""
-    facts = f"{whose}{key.type}{of}{f', {key.allowed}' if key.allowed else ''}{only}"
-    for text in (key.meaning, f"[{facts}]"):
-        yield from (f"    {line}" for line in textwrap.wrap(text, max(console.width - 4, 40)))
+    yield bold(f"{key.key} = {key.value} {key.unit}".rstrip())
+    plant = key.plants and f"plant.kind={key.plants} only"
+    yield f"    {key.meaning} [{', '.join(filter(None, (key.kind, key.type, key.allowed, plant)))}]"
 
 
 class Start(NamedTuple):
@@ -353,12 +338,8 @@ def new(kind: str, name: str, like: str | None) -> int:
         text = text.replace(f'"{start.called[1]}"', f'"{name}"')
     else:
         text = text.replace('"TITLE"', f'"{words}"').replace("FILE", str(file), 1)
-    try:
-        file.parent.mkdir(exist_ok=True)
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ScenarioError(f"{file}: cannot be written: {error.strerror}") from error
-    console.print(f"written to {file}; try: ballplate {start.then.format(name=name, file=file)}")
+    write_whole(file, text)
+    say(f"written to {file}; try: ballplate {start.then.format(name=name, file=file)}")
     return 0
 
 

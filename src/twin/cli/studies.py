@@ -91,8 +91,6 @@ def _plan_study(work: Work, folder: Path, processes: int | None, scheduler: str 
     told = (
         f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} batches "
         f"on {count} processors"
-        if chunks
-        else f"{total} runs, all of them finished"
     )
     counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
     show(counts | {"processes": count}, [told])

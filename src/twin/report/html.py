@@ -55,7 +55,7 @@ def details(runs: Sequence[Run]) -> Figure:
 
 
 LISTED = 40
-"""Events that are listed."""
+"""Events that are shown without being asked for."""
 MOST_TOLD = 3
 """Runs of which each has a sentence a fact; of more, one in all."""
 NOTE = (
@@ -87,10 +87,15 @@ def html(runs: Sequence[Run]) -> str:
     if timing:
         stages = ("run", "stage", "p50 [us]", "p99 [us]", "longest [us]")
         blocks.append(Table("Real time", stages, timing, words=(0, 1)))
-    events = [(run.name, *line) for run in runs for line in _events(run.events)]
+    events = [
+        (run.name, f"{each['time']:.3f}", str(each["severity"]), str(each["text"]))
+        for run in runs
+        for each in run.events
+    ]
     if events:
         heads = ("run", "time [s]", "severity", "what was detected")
-        blocks.append(Table("Events", heads, events, words=(0, -1)))
+        folded = f"all {len(events)}" if len(events) > LISTED else ""
+        blocks.append(Table("Events", heads, events, words=(0, -1), folded=folded))
     if several:
         differ = [(key, *values) for key, values in differing(runs)]
         what = "Settings that differ; the others are those of the first run, below"
@@ -102,13 +107,8 @@ def html(runs: Sequence[Run]) -> str:
     settings = [*in_json(runs[0].settings).items()]
     folded = f"all {len(settings)}"
     blocks.append(Table("Settings", ("key", "value"), settings, words=(0, 1), folded=folded))
-    versions = [
-        ", ".join(f"{name} {version}" for name, version in run.versions.items()) for run in runs
-    ]
-    shown = [
-        f"{run.name}: {each}" if several else each for run, each in zip(runs, versions, strict=True)
-    ]
-    return html_of(_title(runs), [*blocks, Text(shown, "Versions")])
+    versions = [f"{run.name}: {', '.join(map(' '.join, run.versions.items()))}" for run in runs]
+    return html_of(_title(runs), [*blocks, Text(versions, "Versions")])
 
 
 def _sources(runs: Sequence[Run]) -> list[tuple[str, str, str]]:
@@ -145,13 +145,3 @@ def _timing(ledger: Mapping[str, Any]) -> list[tuple[str, ...]]:
         for name, each in stages.items()
         if each["number"]
     ]
-
-
-def _events(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """What was detected, the first ones."""
-    lines: list[tuple[str, ...]] = [
-        (f"{e['time']:.3f}", str(e["severity"]), str(e["text"])) for e in events[:LISTED]
-    ]
-    if len(events) > LISTED:
-        lines.append(("", "", f"and {len(events) - LISTED} more, in run.parquet"))
-    return lines
