@@ -156,11 +156,13 @@ def carried(
     advance: Callable[[float], None],
 ) -> Mapping[tuple[Sample, int], Mapping[str, float]]:
     """The indicators of runs that are kept nowhere."""
-
-    def told(done: int, _: int) -> None:
-        advance(done / len(wanted))
-
-    return Runs(about, Store(None), processes=processes, progress=told).indicators(wanted)
+    carried_out = Runs(
+        about,
+        Store(None),
+        processes=processes,
+        progress=lambda done, _: advance(done / len(wanted)),
+    )
+    return carried_out.indicators(wanted)
 
 
 def _settled(about: FitTable, arm: Sample, place: int) -> float:
