@@ -6,7 +6,6 @@ some rigs is kept, so that whoever verifies an entry replays it and runs no code
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
 import re
@@ -152,14 +151,9 @@ class Benchmark:
     def __init__(self, folder: Path | None = None) -> None:
         self.folder = folder or scenarios_folder() / "bench" / "v1"
         self.about: Bench = read_model(Bench, self.folder / "bench.toml")
-        with (self.folder / self.about.rigs).open(encoding="utf-8", newline="") as file:
-            names, *rows = csv.reader(file)
-        self.points: list[Point] = []
-        self.seeds: list[int] = []
-        for row in rows:
-            point = dict(zip(names, map(json.loads, row), strict=True))
-            self.seeds.append(int(point.pop("seed")))
-            self.points.append(point)
+        table = pd.read_csv(self.folder / self.about.rigs, dtype=str).map(json.loads)
+        self.seeds: list[int] = table.pop("seed").tolist()
+        self.points: list[Point] = table.to_dict("records")
 
     def entry(self, name: str | Path) -> tuple[str, Entry, Path]:
         """An entry, what it is called and where its files lie: shipped, a folder, or a law's file.

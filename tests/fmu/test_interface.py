@@ -95,6 +95,22 @@ def test_another_importer_finds_the_reference_too(exported):
     assert np.ptp(wanted, axis=0).min() > 1e-4
 
 
+def test_the_description_says_between_which_numbers_a_variable_may_be(fmu):
+    known = {each.name: each for each in fmpy.read_model_description(str(fmu)).modelVariables}
+    wanted = {
+        "plant.servo.backlash": (0.0, np.radians(5)),
+        "plant.friction.breakaway_ratio": (1.0, 20.0),
+        "seed": (0, 2**31 - 1),
+        "sensors.noise_hold": (0.0, None),
+        "true_x": (None, None),
+        "noise": (None, None),
+    }
+    for name, ends in wanted.items():
+        said = known[name].min, known[name].max
+        assert [each and float(each) for each in said] == list(ends), name
+    assert known["noise"].start == "true"
+
+
 def test_the_sources_that_are_listed_make_the_binary(fmu, tmp_path):
     unzipped = Path(fmpy.extract(str(fmu), str(tmp_path)))
     lists = (unzipped / "modelDescription.xml", unzipped / "sources" / "buildDescription.xml")

@@ -193,4 +193,6 @@ def test_a_port_that_is_taken_is_one_line_and_starts_nothing(tmp_path):
     finally:
         taken.close()
     assert isinstance(done.exception, ViewError)
-    assert str(done.exception) == f"--port {port}: Address already in use; choose another"
+    assert str(done.exception) == (
+        f"address 127.0.0.1, port {port}: Address already in use; choose another"
+    )

@@ -21,8 +21,7 @@ from twin.shadow.alarms import Alarm, Cause
 from twin.shadow.evidence import Evidence
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
-from twin.shadow.report import Commentary, told
-from twin.view.streams import TwinStream
+from twin.shadow.report import Commentary, TwinStream
 
 SETTINGS = (
     "plant.kind=lagrange",
@@ -86,11 +85,9 @@ def test_an_alarm_is_one_line_and_its_causes_are_one_when_they_are_settled():
 
 def test_the_band_that_is_drawn_is_the_band_of_the_verdict():
     run = replays([[1e-3, 0.0], [2.4e-3, 0.0], [2.5e-3, 0.0]], [0.0, 1.0, 2.0])
-    drawn = told(run)
-    assert drawn.rows["time"].tolist() == [1, 2, 3]
-    assert ((drawn.rows["distance"] <= drawn.rows["band"]) == (run.square <= BAND)).all()
-    assert drawn.rows["band"] == pytest.approx(np.sqrt(BAND) / 1000)  # in every direction
-    batches = {each.entity: each for each in TwinStream("a", load("circle")).batches(drawn, [])}
+    assert ((run.distance <= run.band) == (run.square <= BAND)).all()
+    assert run.band == pytest.approx(np.sqrt(BAND) / 1000)  # in every direction
+    batches = {each.entity: each for each in TwinStream("a", load("circle")).batches(run, [])}
     assert batches["/a/twin_error_mm/band"].time.tolist() == [1, 2, 3]
     ball = batches["/a/mechanism/cardan/plate/twin_ball"]
     assert ball.time[[0, 50, 51]] == pytest.approx([0.0, 1.0, 1.0])

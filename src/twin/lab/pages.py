@@ -216,23 +216,22 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
         folder: Where their pages lie, beside this one.
     """
     judged, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
-    every = [[each["results"][at] for each in judged] for at in range(len(checks))]
-    ends = [[ending(each) for each in its] for its in every]
-    values = [pd.Series([each["data"]["value"] for each in its], dtype=float) for its in every]
-    points = pd.DataFrame([[each["score"] for each in its] for its in every]).T
-    rows = [
-        (
-            f"{at + 1} {check.name}",
-            *(str(each.count(end)) for end in ENDS),
-            f"{digits(points[at].mean(), places=2)} of {check.points:g}",
-            *(
-                digits(of(values[at]), places=3)
-                for of in (pd.Series.median, pd.Series.min, pd.Series.max)
-            ),
-            digits(discrimination(points, at), places=2),
+    scores = [[its["score"] for its in each["results"]] for each in judged]
+    points, rows = pd.DataFrame(scores, columns=range(len(checks))), []
+    for at, check in enumerate(checks):
+        its = [each["results"][at] for each in judged]
+        ends = [ending(each) for each in its]
+        values = pd.Series([each["data"]["value"] for each in its], dtype=float)
+        spread = (values.median(), values.min(), values.max())
+        rows.append(
+            (
+                f"{at + 1} {check.name}",
+                *(str(ends.count(end)) for end in ENDS),
+                f"{digits(points[at].mean(), places=2)} of {check.points:g}",
+                *(digits(each, places=3) for each in spread),
+                digits(discrimination(points, at), places=2),
+            )
         )
-        for at, (check, each) in enumerate(zip(checks, ends, strict=True))
-    ]
     heads = ("check", *ENDS, "mean points", "median", "from", "to", "tells")
     note = (
         "median, from, to: the number that is judged, over the class. tells: correlation of a "

@@ -413,15 +413,12 @@ def rows_of(record: Recorder) -> dict[str, Array]:
 
 def worth_keeping(states: Sequence[Kept]) -> tuple[Snapshot, ...]:
     """The states that a record keeps: each since which it says all that was done, and some more."""
-    acted = {each.time: each.rig for each in states if each.acted}
     calm = [each for each in states if each.time and not each.acted]
     apart = max(LATER, calm[-1].time / MOST) if calm else LATER
-    last = 0.0
-    for each in calm:
-        if each.time >= last + apart - 1e-9:
-            last = each.time
-            acted[each.time] = each.rig
-    return tuple(acted[time] for time in sorted(acted))
+    first = {(each.time + 1e-9) // apart: each for each in reversed(calm)}
+    chosen = [each for slot, each in first.items() if slot]
+    chosen += [each for each in states if each.acted]
+    return tuple(each.rig for each in sorted(chosen, key=lambda each: each.time))
 
 
 def save_driven(part: Part, folder: Path) -> None:

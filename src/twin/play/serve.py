@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import errno
 import hmac
 import ipaddress
 import multiprocessing
 import secrets
-import socket
 from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
@@ -28,6 +26,7 @@ from twin.play.session import COLUMNS, End, Errors, Event, Pause, Save, Session,
 from twin.run.files import free, slug
 from twin.scenario.schema import Scenario
 from twin.view.live_process import SharedRingBuffer
+from twin.view.viewer import bound
 
 ROWS = 1024
 """Pictures that wait to be fetched: 20 s of them."""
@@ -346,7 +345,7 @@ class Server:
         library()
         self._scenario, self._folder, self._seconds = scenario, folder, seconds
         self.token = "" if is_loopback(address) else secrets.token_urlsafe(18)
-        self._socket = _bound(address, port)
+        self._socket = bound(address, port)
         host = f"[{address}]" if ":" in address else address
         query = f"?token={self.token}" if self.token else ""
         self.url = f"http://{host}:{self._socket.getsockname()[1]}/{query}"
@@ -468,25 +467,6 @@ class Server:
                 page.say(self._status, drives=who == driver, others=others)
                 if rows:
                     page.show(rows, self._errors)
-
-
-def _bound(address: str, port: int) -> socket.socket:
-    """A socket that listens.
-
-    Raises:
-        ViewError: If it cannot.
-    """
-    family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    bound = socket.socket(family, socket.SOCK_STREAM)
-    try:
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        bound.bind((address, port))
-    except OSError as error:
-        bound.close()
-        if error.errno == errno.EADDRINUSE:
-            raise ViewError(f"--port {port}: {error.strerror}; choose another") from error
-        raise ViewError(f"--address {address} --port {port}: {error.strerror or error}") from error
-    return bound
 
 
 def folder_of(scenario: str) -> Path:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import rerun as rr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -20,13 +21,17 @@ from twin.page import Block, Picture, Table, Text, Verdict, html
 from twin.run.files import export, run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
+from twin.settings import changed
 from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm
 from twin.shadow.belief import believed
 from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, propose, shadow, written
 from twin.shadow.horizon import AHEAD, DRAWN, Replays
+from twin.sim.plant.interface import Parts
+from twin.sim.plant.model import load_model
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
-from twin.view.streams import TwinRows, TwinStream
+from twin.view.scene import Scene, in_view
+from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, line, told
 from twin.writing import write_json, write_whole
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
@@ -41,17 +46,70 @@ class Shown(NamedTuple):
     name: str
 
 
-def told(run: Replays) -> TwinRows:
-    """Replays as the view draws them."""
-    rows = {
-        "time": run.time + AHEAD,
-        "told": run.counted.astype(float),
-        "score": run.score,
-        "distance": run.distance,
-        "band": run.band,
-        **{name: run.path[..., axis] for axis, name in enumerate(("twin_x", "twin_y"))},
-    }
-    return TwinRows(rows, AHEAD, DRAWN * STEP)
+GHOST = (204, 121, 167, 150)
+"""Colour of the twin's ball, half transparent."""
+
+
+class TwinStream:
+    """The twin of one run, drawn among the run's entities.
+
+    Args:
+        name: The run's name, the root of its entities.
+        scenario: What is run.
+    """
+
+    def __init__(self, name: str, scenario: Scenario) -> None:
+        self.root = f"/{rr.escape_entity_path_part(name)}"
+        model = load_model(parts=changed(Parts, scenario))
+        self._scene = Scene(model, f"{self.root}/mechanism")
+        self._ball = f"{self._scene.plate}/twin_ball"
+
+    def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
+        """What does not change: the ghost's shape, and the looks of the lines."""
+        radius = self._scene.radius
+        solid = rr.components.FillMode.Solid
+        yield (
+            f"{self._ball}/ball",
+            rr.Ellipsoids3D(half_sizes=[3 * [radius]], colors=[GHOST], fill_mode=solid),
+        )
+        yield (
+            f"{self.root}/plate_mm/twin",
+            rr.Points2D.from_fields(colors=[GHOST], radii=[9.0]),
+        )
+        for entity, colour, called in (
+            ("twin_score/score", VERMILION, "score"),
+            ("twin_error_mm/distance", GREY, "distance"),
+        ):
+            look = {"colors": [colour], "marker_sizes": [4.0], "markers": ["circle"]}
+            yield f"{self.root}/{entity}", rr.SeriesPoints(names=[called], **look)
+        yield f"{self.root}/twin_score/as_predicted", line(BLACK, 1.2, "as predicted")
+        yield f"{self.root}/twin_error_mm/band", line(PINK, 1.2, "95 % band")
+
+    def batches(self, said: Replays | None, events: Sequence[tuple[float, str]]) -> Iterator[Batch]:
+        """What is new, as columns for the viewer.
+
+        Args:
+            said: Of replays; None for nothing.
+            events: Time in s and text of what happened.
+        """
+        if said is not None and len(said.time):
+            run, end = said.take(said.counted), said.time[said.counted] + AHEAD
+            for entity, values in (
+                ("twin_score/score", run.score),
+                ("twin_score/as_predicted", np.ones(len(end))),
+                ("twin_error_mm/distance", 1000 * run.distance),
+                ("twin_error_mm/band", 1000 * run.band),
+            ):
+                yield Batch(f"{self.root}/{entity}", end, rr.Scalars.columns(scalars=values))
+            steps = DRAWN * STEP * np.arange(said.path.shape[1])
+            time = (said.time[:, None] + steps).ravel()
+            ball = said.path.reshape(-1, 2)
+            high = np.full(len(ball), self._scene.surface + self._scene.radius)
+            place = rr.Transform3D.columns(translation=np.column_stack((ball, high)))
+            yield Batch(self._ball, time, place)
+            above = rr.Points2D.columns(positions=in_view(ball))
+            yield Batch(f"{self.root}/plate_mm/twin", time, above)
+        yield from told(self.root, events, "WARN")
 
 
 def drawing(scenario: Scenario, shown: Shown) -> Tell:
@@ -62,8 +120,7 @@ def drawing(scenario: Scenario, shown: Shown) -> Tell:
     fix(stream, twin.fixed())
 
     def tell(replays: Replays | None, events: list[tuple[float, str]]) -> None:
-        found = None if replays is None or not len(replays.time) else told(replays)
-        send(stream, twin.batches(found, events))
+        send(stream, twin.batches(replays, events))
         stream.flush()
 
     return tell

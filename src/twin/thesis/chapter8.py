@@ -464,23 +464,21 @@ class ThesisCell:
 
     def as_dict(self) -> dict[str, Any]:
         """What ``--json`` prints of a cell."""
-        values: dict[str, Value | None] = {way: getattr(self, way) for way in WAYS}
-        ranges = {
-            f"{way}_range": list(value.range)
-            for way, value in values.items()
-            if value is not None and value.range is not None
-        }
-        return {
+        found: dict[str, Any] = {
             "table": self.table,
             "row": self.row,
             "column": COLUMNS[self.column].name,
             "thesis": self.thesis,
-            **{way: None if value is None else value.value for way, value in values.items()},
             "deviation_percent": self.deviation_percent,
             "note": self.note,
             "verdict": self.verdict.value,
-            **ranges,
         }
+        for way in WAYS:
+            value: Value | None = getattr(self, way)
+            found[way] = value and value.value
+            if value and value.range:
+                found[f"{way}_range"] = list(value.range)
+        return found
 
 
 def compare(wanted: Iterable[SimulatedTable], found: Results) -> list[ThesisCell]:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from controllers.analysis import number
-from twin.errors import ScenarioError
 from twin.fit.runs import FitTable, Runs, Sample, read
 from twin.run.finished import run
 from twin.study.experiments import Store
@@ -56,17 +55,8 @@ def ended(search: Mapping[str, Any], group: str) -> tuple[float, Sample]:
 
 
 def chosen(ids: Iterable[str]) -> FitTable:
-    """The experiments of the tables of these numbers, all for none.
-
-    Raises:
-        ScenarioError: If there is no such table.
-    """
-    about, wanted = read("chapter_9"), list(ids)
-    for name in wanted:
-        if name not in about.groups:
-            raise ScenarioError(
-                f"no table '{name}' of experiments; there are {', '.join(about.groups)}"
-            )
+    """The experiments of the tables of these numbers, all for none."""
+    about, wanted = read("chapter_9"), {*ids}
     some = tuple(each for each in about.experiments if not wanted or each.group in wanted)
     return about.model_copy(update={"experiments": some})
 
@@ -95,7 +85,7 @@ def rows(
         processes: On how many processors.
 
     Raises:
-        ScenarioError: If there is no such table, or a setting is wrong.
+        ScenarioError: If a setting is wrong.
     """
     about = chosen(ids)
     explaining = about.model_copy(update={"set": (*about.set, *settings)})
@@ -156,11 +146,13 @@ def carried(
     advance: Callable[[float], None],
 ) -> Mapping[tuple[Sample, int], Mapping[str, float]]:
     """The indicators of runs that are kept nowhere."""
-
-    def told(done: int, _: int) -> None:
-        advance(done / len(wanted))
-
-    return Runs(about, Store(None), processes=processes, progress=told).indicators(wanted)
+    carried_out = Runs(
+        about,
+        Store(None),
+        processes=processes,
+        progress=lambda done, _: advance(done / len(wanted)),
+    )
+    return carried_out.indicators(wanted)
 
 
 def _settled(about: FitTable, arm: Sample, place: int) -> float:

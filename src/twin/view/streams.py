@@ -1,4 +1,4 @@
-"""From recorded rows to time plots and columns for Rerun, a stream per run and one of its twin."""
+"""From recorded rows to time plots and columns for Rerun, a stream per run."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ class RunStream:
                 called = name.replace("_", " ")
                 if self._among is not None:
                     called = f"{self.name}: {called}"
-                yield f"{self.root}/{group}/{name}", _line(signal.colour, signal.width, called)
+                yield f"{self.root}/{group}/{name}", line(signal.colour, signal.width, called)
 
     def _frames(self, time: Array) -> NDArray[np.integer]:
         """Indices of the rows of which a picture is made, FRAMES per second."""
@@ -255,7 +255,7 @@ class RunStream:
             began = np.flatnonzero(np.diff(mask.astype(int), prepend=self._marks.get(what, 0)) > 0)
             self._marks[what] = bool(mask[-1])
             events += [(time[k], what) for k in began[:20]]
-        yield from _told(self.root, sorted(events, key=lambda event: event[0]), "INFO")
+        yield from told(self.root, sorted(events, key=lambda event: event[0]), "INFO")
 
     def _moving(self, rows: Mapping[str, Array], turns: Array) -> Iterator[Batch]:
         time, state = rows["time"], states_of(rows)
@@ -295,12 +295,12 @@ class RunStream:
         yield Batch(f"{self.scene.plate}/trail", time, rr.LineStrips3D.columns(strips=lifted))
 
 
-def _line(colour: Colour, width: float, called: str) -> rr.AsComponents:
+def line(colour: Colour, width: float, called: str) -> rr.AsComponents:
     """How a line of the plots is drawn."""
     return rr.SeriesLines(colors=[colour], widths=[width], names=[called])
 
 
-def _told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterator[Batch]:
+def told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterator[Batch]:
     """Times in s and texts of what happened, if anything did."""
     if events:
         times, texts = zip(*events, strict=True)
@@ -308,92 +308,8 @@ def _told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterato
         yield Batch(f"{root}/events", np.array(times), lines)
 
 
-GHOST = (204, 121, 167, 150)
-"""Colour of the twin's ball, half transparent."""
 TWIN_PLOTS = ("twin_score", "twin_error_mm")
 """Groups of the plots of the twin."""
 
 TWIN_RANGE = (-0.4, 12.0)
 """What their axes show: where a ball may or may not stop, its band is as wide as the plate."""
-
-
-class TwinRows(NamedTuple):
-    """What is drawn of W replays.
-
-    Attributes:
-        rows: When each ended (``time``, s), whether it tells anything (``told``), ``score``,
-            ``distance`` and ``band`` in m, shape (W,); where the twin's ball was from the begin on
-            (``twin_x`` and ``twin_y``, m), shape (W, N).
-        horizon: Seconds from the begin of each to its end.
-        step: Seconds from one place to the next.
-    """
-
-    rows: Mapping[str, Array]
-    horizon: float
-    step: float
-
-
-class TwinStream:
-    """The twin of one run, drawn among the run's entities.
-
-    Args:
-        name: The run's name, the root of its entities.
-        scenario: What is run.
-    """
-
-    def __init__(self, name: str, scenario: Scenario) -> None:
-        self.root = f"/{rr.escape_entity_path_part(name)}"
-        model = load_model(parts=changed(Parts, scenario))
-        self._scene = Scene(model, f"{self.root}/mechanism")
-        self._ball = f"{self._scene.plate}/twin_ball"
-
-    def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
-        """What does not change: the ghost's shape, and the looks of the lines."""
-        radius = self._scene.radius
-        solid = rr.components.FillMode.Solid
-        yield (
-            f"{self._ball}/ball",
-            rr.Ellipsoids3D(half_sizes=[3 * [radius]], colors=[GHOST], fill_mode=solid),
-        )
-        yield (
-            f"{self.root}/plate_mm/twin",
-            rr.Points2D.from_fields(colors=[GHOST], radii=[9.0]),
-        )
-        for entity, colour, called in (
-            ("twin_score/score", VERMILION, "score"),
-            ("twin_error_mm/distance", GREY, "distance"),
-        ):
-            look = {"colors": [colour], "marker_sizes": [4.0], "markers": ["circle"]}
-            yield f"{self.root}/{entity}", rr.SeriesPoints(names=[called], **look)
-        yield f"{self.root}/twin_score/as_predicted", _line(BLACK, 1.2, "as predicted")
-        yield f"{self.root}/twin_error_mm/band", _line(PINK, 1.2, "95 % band")
-
-    def batches(
-        self, said: TwinRows | None, events: Sequence[tuple[float, str]]
-    ) -> Iterator[Batch]:
-        """What is new, as columns for the viewer.
-
-        Args:
-            said: Of replays; None for nothing.
-            events: Time in s and text of what happened.
-        """
-        if said is not None:
-            rows = {name: values[said.rows["told"] > 0] for name, values in said.rows.items()}
-            for entity, values in (
-                ("twin_score/score", rows["score"]),
-                ("twin_score/as_predicted", np.ones(len(rows["time"]))),
-                ("twin_error_mm/distance", 1000 * rows["distance"]),
-                ("twin_error_mm/band", 1000 * rows["band"]),
-            ):
-                shown = rr.Scalars.columns(scalars=values)
-                yield Batch(f"{self.root}/{entity}", rows["time"], shown)
-            ball = np.stack((said.rows["twin_x"], said.rows["twin_y"]), axis=-1)
-            begin = said.rows["time"] - said.horizon
-            time = (begin[:, None] + said.step * np.arange(ball.shape[1])).ravel()
-            ball = ball.reshape(-1, 2)
-            high = np.full(len(ball), self._scene.surface + self._scene.radius)
-            place = rr.Transform3D.columns(translation=np.column_stack((ball, high)))
-            yield Batch(self._ball, time, place)
-            above = rr.Points2D.columns(positions=in_view(ball))
-            yield Batch(f"{self.root}/plate_mm/twin", time, above)
-        yield from _told(self.root, events, "WARN")

@@ -49,25 +49,21 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def free_port() -> int:
-    """A port of this machine that nobody uses."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def check_free(port: int) -> None:
-    """Find out whether a port of this machine can be used.
+def bound(address: str, port: int) -> socket.socket:
+    """A socket at an address of this machine and a port, 0 for a free one.
 
     Raises:
         ViewError: If it is taken or not allowed.
     """
+    made = socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET)
     try:
-        with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(("127.0.0.1", port))
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((address, port))
     except OSError as error:
-        raise ViewError(f"port {port}: {error.strerror}; choose another") from error
+        made.close()
+        reason = error.strerror or error
+        raise ViewError(f"address {address}, port {port}: {reason}; choose another") from error
+    return made
 
 
 @dataclass(frozen=True)
@@ -108,7 +104,9 @@ def started(*options: str | Path) -> Opened:
     Raises:
         ViewError: If it is missing or cannot be started.
     """
-    port, path = free_port(), str(program())
+    path = str(program())
+    with bound("127.0.0.1", 0) as probe:
+        port = int(probe.getsockname()[1])
     try:
         process = subprocess.Popen(
             (path, "--bind", "127.0.0.1", "--port", str(port), *map(str, options)),
@@ -139,7 +137,7 @@ def page(web_port: int, *files: Path) -> Opened:
     Raises:
         ViewError: If the port is taken, or there is no viewer.
     """
-    check_free(web_port)
+    bound("127.0.0.1", web_port).close()
     made = started("--serve-web", "--web-viewer-port", str(web_port), *files)
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, made.process.pid, 15)  # the control loop comes first
