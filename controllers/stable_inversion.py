@@ -424,7 +424,10 @@ class Preview:
         way = np.diff(position, axis=0)
         begin = 1 if first else 0
         way[begin:] -= T / 2 * (velocity[begin + 1 :] + velocity[begin:-1])
-        for i in np.flatnonzero((np.abs(way) > JUMP).reshape(count, -1).any(axis=1)).tolist():
+        # every rig by itself: beside one that jumps, what is no jump stays as it is
+        jumps = (np.abs(way) > JUMP).any(axis=-1, keepdims=True)
+        way = np.where(jumps, way, 0.0)
+        for i in np.flatnonzero(jumps.reshape(count, -1).any(axis=1)).tolist():
             length = np.hypot(way[i, ..., :1], way[i, ..., 1:])
             duration = np.maximum(self._spread * np.sqrt(length / LENGTH), T)
             self._jumps.append(_Jump(float(times[i]), way[i], duration))
