@@ -298,7 +298,7 @@ class StudyResult:
         return labelled(self.work.labels, self.rows).to_pandas()
 
     def plot(self) -> dict[str, Figure]:
-        """Its figures by name: ``curves``, ``indices``, ``spread`` and more, as the method has."""
+        """Its figures by name: ``curves``, ``indices``, ``map``, as the method has them."""
         from twin.study.report import figures_of
 
         found = figures_of(self.work, self.answers)
