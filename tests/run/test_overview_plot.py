@@ -14,7 +14,6 @@ from twin.run.picture import (
     LEAST_ERROR,
     LOOKS,
     REFERENCE,
-    WINDOW,
     picture,
 )
 
@@ -94,26 +93,6 @@ def test_the_axis_of_the_error_has_a_floor_and_leaves_out_what_ran_away(error, e
         run.ball[ended + 10 :] = np.nan
     _, panels = drawn(run=run)
     assert panels["Tracking error"].get_ylim() == (0, pytest.approx(top))
-
-
-@pytest.mark.long
-def test_of_many_runs_the_running_effort_is_drawn():
-    step = np.where(TIME < 2.0, 0.0, 1.0)
-
-    def effort(count):
-        runs = {f"run {index}": motion() for index in range(count)}
-        for each in runs.values():
-            each.u[:] = step[:, None]
-        figure, _ = drawn(**runs)
-        (panel,) = [axes for axes in figure.axes if "rad/s²" in axes.get_ylabel()]
-        return panel.lines[0].get_ydata()
-
-    np.testing.assert_array_equal(effort(2), step)
-    smooth = effort(3)
-    early, late = TIME < 2.0 - WINDOW / 2 - 0.02, TIME > 2.0 + WINDOW / 2 + 0.02
-    assert np.allclose(smooth[early], 0.0)
-    assert np.allclose(smooth[late], 1.0)
-    assert smooth[200] == pytest.approx(np.sqrt(0.5), abs=0.02)  # half of the window
 
 
 def parts(figure):

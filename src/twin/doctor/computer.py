@@ -122,7 +122,6 @@ EXTRAS = {
     "mpc": "the law mpc",
     "play": "ballplate play",
     "tune": "tune with a search by Optuna",
-    "video": "export to .mp4",
 }
 """What each extra is for."""
 

@@ -90,10 +90,6 @@ WIDTH = 100
 """Characters in a line of the title."""
 LEGEND = 150
 """Characters in a line of the legend."""
-FEW = 2
-"""Runs whose efforts can be told apart as they are; of more, the running RMS is drawn."""
-WINDOW = 0.5
-"""Seconds over which that is taken."""
 SAME = 1e-4
 """Distance in m below which two references are one."""
 EDGE = 3.0
@@ -166,11 +162,10 @@ def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float])
         for name, (left, low, wide, high) in PLACES.items()
     }
     _plate(panels["plate"], area)
-    smooth = len(runs) > FEW
     for index, (label, motion) in enumerate(runs.items()):
-        _add(panels, motion, label, index, smooth=smooth)
+        _add(panels, motion, label, index)
     _refer(panels, runs)
-    _label(panels, smooth=smooth)
+    _label(panels)
     shade(panels, runs, COLOURS)
     if any(_gone(motion) for motion in runs.values()):
         panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
@@ -244,9 +239,7 @@ def _plate(panel: Axes, area: tuple[float, float]) -> None:
     panel.grid(visible=False)
 
 
-def _add(
-    panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, smooth: bool
-) -> None:
+def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int) -> None:
     look: dict[str, Any] = {**style(index), "linewidth": 1.2}
     colour = look["color"]
     ball = 1000 * motion.ball
@@ -264,9 +257,8 @@ def _add(
     other: dict[str, Any] = {**look, "alpha": 0.55, "linestyle": (0, (4, 1.5))}
     panels["angle"].plot(motion.time, plate[:, 0], **look)
     panels["angle"].plot(motion.time, plate[:, 1], **other)
-    effort = _running_rms(motion.u, motion.time) if smooth else motion.u
-    panels["effort"].plot(motion.time, effort[:, 0], **{**look, "linewidth": 0.8})
-    panels["effort"].plot(motion.time, effort[:, 1], **{**other, "linewidth": 0.8})
+    panels["effort"].plot(motion.time, motion.u[:, 0], **{**look, "linewidth": 0.8})
+    panels["effort"].plot(motion.time, motion.u[:, 1], **{**other, "linewidth": 0.8})
 
 
 def _gone(motion: Motion) -> bool:
@@ -274,27 +266,13 @@ def _gone(motion: Motion) -> bool:
     return bool((1000 * np.abs(motion.ball[-1]) > 500 * np.array(SCREEN) - EDGE).any())
 
 
-def _running_rms(values: Array, time: Array) -> Array:
-    """Root mean square over ``WINDOW`` seconds about each instant; values (K, 2), time (K,)."""
-    rate = (len(time) - 1) / max(float(time[-1] - time[0]), 1e-9)
-    half = min(len(time) // 2, round(0.5 * WINDOW * rate))
-    total = np.concatenate([np.zeros((1, 2)), np.cumsum(values**2, axis=0)])
-    index = np.arange(len(time))
-    first, last = np.maximum(index - half, 0), np.minimum(index + half + 1, len(time))
-    mean = (total[last] - total[first]) / (last - first)[:, None]
-    level: Array = np.sqrt(np.maximum(mean, 0.0))
-    return level
-
-
-def _label(panels: Mapping[str, Axes], *, smooth: bool) -> None:
+def _label(panels: Mapping[str, Axes]) -> None:
     error = panels["error"]
     lines = [np.asarray(line.get_ydata(), float) for line in error.lines]
     top = max((float(each[np.isfinite(each)].max(initial=0.0)) for each in lines), default=0.0)
     for name, panel in panels.items():
         panel.set(**_ABOUT[name]["words"])
     error.set(ylim=(0, max(1.05 * top, LEAST_ERROR)))
-    if smooth:
-        panels["effort"].set(title=f"{panels['effort'].get_title()} (RMS over {WINDOW:g} s)")
     for name in ("x", "angle"):
         panels[name].tick_params(labelbottom=False)  # those of the panel below serve it
     for name, least in ((name, about.get("least", 0.0)) for name, about in _ABOUT.items()):
