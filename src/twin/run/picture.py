@@ -18,54 +18,38 @@ from matplotlib.legend import Legend
 from matplotlib.patches import Rectangle
 from matplotlib.transforms import offset_copy
 
-from controllers.arrays import Array, Mask
 from twin.data_file import read_toml
 from twin.hal.interface import SCREEN
 from twin.run.metrics import Motion
 
 MARKED = ("x", "y", "error")
 STRIP: Any = {"alpha": 0.6, "linewidth": 0}
-HEIGHT, HIGHEST = 0.035, 0.14
-"""Height of a strip, and of all of them at most, as shares of a panel's."""
+HEIGHT = 0.035
+"""Height of a strip as a share of a panel's."""
 GREY = "0.5"
 """Colour of the legend's entry for several runs, each of which has bands in its own."""
 
 
 def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Sequence[str]) -> None:
-    """Mark where friction held the ball: a thin strip for each such run, below the curves.
+    """Mark where friction held the ball: a strip at the foot in the colour of each run.
 
     Args:
         panels: The panels by name.
         runs: Label to motion.
         colours: Of the runs, again from the first when they are used up.
     """
-    found: list[tuple[str, str, Mask, Array]] = [
-        (label, colours[index % len(colours)], motion.held, motion.time)
-        for index, (label, motion) in enumerate(runs.items())
-        if motion.held is not None and motion.held.any()
-    ]
-    if not found:
-        return
-    height = min(HEIGHT, HIGHEST / len(found))
-    share = len(found) * height
-    for panel in (panels[name] for name in MARKED):  # room for them below the curves
-        low, high = map(float, panel.get_ylim())
-        panel.set_yticks([at for at in panel.get_yticks() if low <= at <= high])
-        panel.set_ylim(low - share / (1 - share) * (high - low), high)
-    for lane, (_, colour, held, time) in enumerate(reversed(found)):
-        edges = np.flatnonzero(np.diff(held, prepend=False, append=False))
-        first, last = time[edges[::2]], time[edges[1::2] - 1]
-        spans = list(zip(first, last - first, strict=True))
-        place = (lane * height, 0.8 * height)
+    shares = []
+    for index, motion in enumerate(runs.values()):
+        if motion.held is None or not motion.held.any():
+            continue
+        shares.append(f"{100 * float(motion.held.mean()):.1f}")
+        look = {"where": motion.held, "facecolor": colours[index % len(colours)], **STRIP}
         for panel in (panels[name] for name in MARKED):
             across = panel.get_xaxis_transform()
-            panel.broken_barh(spans, place, transform=across, facecolors=colour, **STRIP)
-    shares = [100 * float(held.mean()) for _, _, held, _ in found]
-    ends = dict.fromkeys(f"{share:.1f}" for share in (min(shares), max(shares)))
-    words = f"held by friction, {' to '.join(ends)} % of the time"
-    whose = f"{found[0][0]} " if len(found) == 1 < len(runs) else ""
-    colour = found[0][1] if len(found) == 1 else GREY
-    panels["plate"].fill_between([], [], [], label=whose + words, facecolor=colour, **STRIP)
+            panel.fill_between(motion.time, 0, HEIGHT, transform=across, **look)
+    if shares:
+        words = f"held by friction, {' and '.join(dict.fromkeys(shares))} % of the time"
+        panels["plate"].fill_between([], [], [], label=words, facecolor=GREY, **STRIP)
 
 
 # Okabe and Ito's colours, told apart with any colour vision; their orange darker and indigo for

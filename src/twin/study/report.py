@@ -24,7 +24,7 @@ from twin.run.picture import LOOK, style
 from twin.study.answers import Answer, Curve, SensitivityIndex, Spread
 from twin.study.experiments import labelled
 from twin.study.schema import Point, Study
-from twin.study.work import Design, Work
+from twin.study.work import Work
 from twin.writing import write_whole
 
 WORDS = read_toml(Path(__file__).with_name("words.toml"))
@@ -32,37 +32,20 @@ WORDS = read_toml(Path(__file__).with_name("words.toml"))
 FAILED = "#B00000"
 ENOUGH = 20
 """Runs from which on there is a 5 % quantile, and a chance to fail worth a number."""
-MANY = 5000
-"""Number of runs above which a scatter plot is kept as a bitmap."""
 
 
-def figures(study: Study, found: Sequence[Answer], design: Design) -> dict[str, Figure]:
-    """Figures by name: indices, curves, and where runs fail.
-
-    Args:
-        study: What was asked.
-        found: One answer per variant.
-        design: The point of each of an answer's values.
-    """
+def figures(study: Study, found: Sequence[Answer]) -> dict[str, Figure]:
+    """Figures by name, as the method has them: indices, curves."""
     with mpl.rc_context(LOOK):
         out = {}
         if any(answer.curves for answer in found):
             out["curves"] = _curves(study, found)
         if any(answer.indices for answer in found):
             out["indices"] = _indices(study, found)
-        if len(study.parameters) > 1 and any(answer.indices for answer in found):
-            out["map"] = _map(study, found, design)
         for figure in out.values():
             # text is laid out when drawn: now, while these settings hold
             figure.draw_without_rendering()
     return out
-
-
-def figures_of(work: Work, found: Sequence[Answer]) -> dict[str, Figure]:
-    """The figures of a study from its runs."""
-    # every variant has the same points in the same order
-    at = [task.point for task in work.tasks if task.variant == work.tasks[0].variant]
-    return figures(work.study, found, work.design[at])
 
 
 def metric_label(study: Study) -> str:
@@ -178,43 +161,6 @@ def _curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
         panel.plot(x[failed], foot, "x", color=FAILED, ms=8, clip_on=False, zorder=5)
     if not numeric:
         panel.set_xticks(x, [str(value) for value in curve.values])
-
-
-def _map(study: Study, found: Sequence[Answer], design: Design) -> Figure:
-    """Runs over the two most influential parameters: the metric as colour, and which failed."""
-    first, second = ranked(study, found)[:2]
-    columns = min(3, len(found))
-    rows = -(-len(found) // columns)
-    size = (max(6.0, 1.5 + 3.2 * columns), 1.2 + 2.7 * rows)
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for panel in axes.flat[len(found) :]:
-        panel.set_visible(False)
-    panels = list(axes.flat[: len(found)])
-    x, y = (design.columns[key] for key in (first, second))
-    values = np.concatenate([answer.values for answer in found])
-    good = values[np.isfinite(values)]
-    scale = np.quantile(good, (0.02, 0.98)) if len(good) else (0, 1)
-    many = len(values) > MANY
-    for panel, answer in zip(panels, found, strict=True):
-        done = np.isfinite(answer.values)
-        dots = panel.scatter(
-            x[done],
-            y[done],
-            c=answer.values[done],
-            s=14,
-            vmin=scale[0],
-            vmax=scale[1],
-            rasterized=many,
-        )
-        panel.plot(x[~done], y[~done], "x", color=FAILED, ms=7, mew=2, rasterized=many)
-        lost = int((~done).sum())
-        failed = f"{lost} of {len(done)} failed (x)" if lost else "none failed"
-        panel.set_title(f"{answer.variant}: {failed}", fontsize=9)
-    figure.colorbar(dots, ax=panels, label=metric_label(study))
-    figure.supxlabel(parameter_label(study, first), fontsize=9)
-    figure.supylabel(parameter_label(study, second), fontsize=9)
-    return figure
 
 
 NAMED = 5
@@ -349,7 +295,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
 
 def inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
     """The figures of a study by name, to stand within a page."""
-    return {name: inline(figure) for name, figure in figures_of(work, found).items()}
+    return {name: inline(figure) for name, figure in figures(work.study, found).items()}
 
 
 def what_ran(work: Work) -> str:
