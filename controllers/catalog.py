@@ -82,7 +82,7 @@ def _check_fields(cls: type) -> None:
         if each.init and not _holds(hints[each.name]):
             kind = getattr(hints[each.name], "__name__", str(hints[each.name]))
             raise TypeError(
-                f"{cls.__name__}.{each.name}{_line_of(cls, each.name)}: no scenario can hold a "
+                f"{cls.__name__}.{each.name}: no scenario can hold a "
                 f"{kind}; write {each.name}: tuple[float, ...] and np.array(self.{each.name}) "
                 "where it is used"
             )
@@ -98,18 +98,6 @@ def _holds(kind: Any) -> bool:
     if kind is Any or not isinstance(kind, type) or dataclasses.is_dataclass(kind):
         return True
     return issubclass(kind, _HELD)
-
-
-def _line_of(cls: type, field: str) -> str:
-    """In which line of its file a field of a class stands, in words."""
-    try:
-        lines, first = inspect.getsourcelines(cls)
-    except (OSError, TypeError):
-        return ""
-    for number, line in enumerate(lines, first):
-        if line.split(":")[0].strip() == field:
-            return f", line {number}"
-    return ""
 
 
 def _own(path: Iterable[str], prefix: str) -> Iterator[tuple[str, Callable[[], ModuleType]]]:

@@ -297,10 +297,10 @@ class StudyResult:
         return labelled(self.work.labels, self.rows).to_pandas()
 
     def plot(self) -> dict[str, Figure]:
-        """Its figures by name: ``curves``, ``indices``, ``spread`` and more, as the method has."""
-        from twin.study.report import figures_of
+        """Its figures by name: ``curves`` or ``indices``, as the method has."""
+        from twin.study.report import figures
 
-        found = figures_of(self.work, self.answers)
+        found = figures(self.work.study, self.answers)
         return {name: showable(figure) for name, figure in found.items()}
 
     def save(self, folder: str | Path) -> Path:

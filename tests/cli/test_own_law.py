@@ -368,7 +368,7 @@ def test_a_field_that_no_scenario_can_hold_is_told_and_breaks_nothing_else(ballp
     assert "rho" in out
     (line,) = err.splitlines()
     assert "laws/mine.py" in line
-    assert "Mine.K, line 22: no scenario can hold a ndarray; write K: tuple[float, ...]" in line
+    assert "Mine.K: no scenario can hold a ndarray; write K: tuple[float, ...]" in line
     assert ballplate("run", "circle", *SHORT)[0] == 2
 
 

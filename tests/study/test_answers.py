@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.page import inline
 from twin.run.files import METRICS
-from twin.study.answers import Answer, SensitivityIndex, answers, spread
+from twin.study.answers import Answer, answers, spread
 from twin.study.experiments import Store, carry
-from twin.study.report import figures, in_order, needed, sentences, write
+from twin.study.report import in_order, needed, sentences, write
 from twin.study.schema import Study
-from twin.study.work import Job, Row, Work, points
+from twin.study.work import Job, Row, Work
 
 KEYS = ("plant.start.x_rate", "plant.start.y_rate", "plant.start.spin")
 Function = Callable[[float, float, float], float]
@@ -169,15 +168,3 @@ def test_the_same_study_has_the_same_runs_every_time() -> None:
     one, again = Work(study("sobol", 8)), Work(study("sobol", 8))
     assert one.tasks == again.tasks
     assert one.jobs(one.tasks) == again.jobs(again.tasks)
-
-
-@pytest.mark.long
-def test_the_map_of_many_runs_is_no_larger_than_that_of_some() -> None:
-    sizes = []
-    for samples in (6_000, 24_000):
-        about = study("montecarlo", samples)
-        values = np.random.default_rng(1).uniform(size=samples)
-        indices = tuple(SensitivityIndex(key, 0.5, 0.1, np.nan, decided=True) for key in KEYS)
-        found = [Answer("one", spread(values), indices, values=values)]
-        sizes.append(len(inline(figures(about, found, points(about))["map"])))
-    assert sizes[1] < 1.2 * sizes[0] < 1e6

@@ -50,6 +50,18 @@ def test_a_run_gives_the_same_bits_whatever_shares_its_batch(kind: str) -> None:
         assert simulate([all_of_them[i] for i in some]) == [whole[i] for i in some]
 
 
+def test_the_cure_gives_the_same_bits_beside_other_references() -> None:
+    short = ["plant.kind=lagrange", "duration=0.8", "metrics.start=0"]
+    kinds = (
+        ["reference.kind=lissajous", "reference.amplitude=0.12"],
+        ["reference.kind=hold", "reference.x=0.1"],
+        ["reference.kind=sine", "reference.amplitude=0.12", "reference.omega=2.0"],
+        ["reference.kind=step", "reference.end=[0.1,0.05]", "reference.time=0.4"],
+    )
+    rigs = [load("cure", [*short, *each]) for each in kinds]
+    assert simulate(rigs) == [simulate([rig])[0] for rig in rigs]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
 def test_a_batch_agrees_with_single_runs_to_rounding(kind: str) -> None:

@@ -78,7 +78,7 @@ def test_report_pictures_and_data_are_written(study, tmp_path) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "<svg" in page
     assert "src=" not in page
-    assert {path.stem for path in (folder / "figures").iterdir()} == {"curves", "spread"}
+    assert {path.stem for path in (folder / "figures").iterdir()} == {"curves"}
     table = pq.read_table(folder / "rows.parquet")
     with (folder / "rows.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

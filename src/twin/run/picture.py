@@ -18,54 +18,38 @@ from matplotlib.legend import Legend
 from matplotlib.patches import Rectangle
 from matplotlib.transforms import offset_copy
 
-from controllers.arrays import Array, Mask
 from twin.data_file import read_toml
 from twin.run.metrics import Motion
 from twin.scenario.schema import Dimensions
 
 MARKED = ("x", "y", "error")
 STRIP: Any = {"alpha": 0.6, "linewidth": 0}
-HEIGHT, HIGHEST = 0.035, 0.14
-"""Height of a strip, and of all of them at most, as shares of a panel's."""
+HEIGHT = 0.035
+"""Height of a strip as a share of a panel's."""
 GREY = "0.5"
 """Colour of the legend's entry for several runs, each of which has bands in its own."""
 
 
 def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Sequence[str]) -> None:
-    """Mark where friction held the ball: a thin strip for each such run, below the curves.
+    """Mark where friction held the ball: a strip at the foot in the colour of each run.
 
     Args:
         panels: The panels by name.
         runs: Label to motion.
         colours: Of the runs, again from the first when they are used up.
     """
-    found: list[tuple[str, str, Mask, Array]] = [
-        (label, colours[index % len(colours)], motion.held, motion.time)
-        for index, (label, motion) in enumerate(runs.items())
-        if motion.held is not None and motion.held.any()
-    ]
-    if not found:
-        return
-    height = min(HEIGHT, HIGHEST / len(found))
-    share = len(found) * height
-    for panel in (panels[name] for name in MARKED):  # room for them below the curves
-        low, high = map(float, panel.get_ylim())
-        panel.set_yticks([at for at in panel.get_yticks() if low <= at <= high])
-        panel.set_ylim(low - share / (1 - share) * (high - low), high)
-    for lane, (_, colour, held, time) in enumerate(reversed(found)):
-        edges = np.flatnonzero(np.diff(held, prepend=False, append=False))
-        first, last = time[edges[::2]], time[edges[1::2] - 1]
-        spans = list(zip(first, last - first, strict=True))
-        place = (lane * height, 0.8 * height)
+    shares = []
+    for index, motion in enumerate(runs.values()):
+        if motion.held is None or not motion.held.any():
+            continue
+        shares.append(f"{100 * float(motion.held.mean()):.1f}")
+        look = {"where": motion.held, "facecolor": colours[index % len(colours)], **STRIP}
         for panel in (panels[name] for name in MARKED):
             across = panel.get_xaxis_transform()
-            panel.broken_barh(spans, place, transform=across, facecolors=colour, **STRIP)
-    shares = [100 * float(held.mean()) for _, _, held, _ in found]
-    ends = dict.fromkeys(f"{share:.1f}" for share in (min(shares), max(shares)))
-    words = f"held by friction, {' to '.join(ends)} % of the time"
-    whose = f"{found[0][0]} " if len(found) == 1 < len(runs) else ""
-    colour = found[0][1] if len(found) == 1 else GREY
-    panels["plate"].fill_between([], [], [], label=whose + words, facecolor=colour, **STRIP)
+            panel.fill_between(motion.time, 0, HEIGHT, transform=across, **look)
+    if shares:
+        words = f"held by friction, {' and '.join(dict.fromkeys(shares))} % of the time"
+        panels["plate"].fill_between([], [], [], label=words, facecolor=GREY, **STRIP)
 
 
 # Okabe and Ito's colours, told apart with any colour vision; their orange darker and indigo for
@@ -90,10 +74,6 @@ WIDTH = 100
 """Characters in a line of the title."""
 LEGEND = 150
 """Characters in a line of the legend."""
-FEW = 2
-"""Runs whose efforts can be told apart as they are; of more, the running RMS is drawn."""
-WINDOW = 0.5
-"""Seconds over which that is taken."""
 SAME = 1e-4
 """Distance in m below which two references are one."""
 EDGE = 3.0
@@ -166,11 +146,10 @@ def _arranged(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figu
         for name, (left, low, wide, high) in PLACES.items()
     }
     _outline(panels["plate"], plate)
-    smooth = len(runs) > FEW
     for index, (label, motion) in enumerate(runs.items()):
-        _add(panels, motion, label, index, smooth=smooth, gone=_gone(motion, plate))
+        _add(panels, motion, label, index, gone=_gone(motion, plate))
     _refer(panels, runs)
-    _label(panels, smooth=smooth)
+    _label(panels)
     shade(panels, runs, COLOURS)
     if any(_gone(motion, plate) for motion in runs.values()):
         panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
@@ -246,13 +225,7 @@ def _outline(panel: Axes, plate: Dimensions) -> None:
 
 
 def _add(
-    panels: Mapping[str, Axes],
-    motion: Motion,
-    label: str,
-    index: int,
-    *,
-    smooth: bool,
-    gone: bool,
+    panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, gone: bool
 ) -> None:
     look: dict[str, Any] = {**style(index), "linewidth": 1.2}
     colour = look["color"]
@@ -270,9 +243,8 @@ def _add(
     other: dict[str, Any] = {**look, "alpha": 0.55, "linestyle": (0, (4, 1.5))}
     panels["angle"].plot(motion.time, plate[:, 0], **look)
     panels["angle"].plot(motion.time, plate[:, 1], **other)
-    effort = _running_rms(motion.u, motion.time) if smooth else motion.u
-    panels["effort"].plot(motion.time, effort[:, 0], **{**look, "linewidth": 0.8})
-    panels["effort"].plot(motion.time, effort[:, 1], **{**other, "linewidth": 0.8})
+    panels["effort"].plot(motion.time, motion.u[:, 0], **{**look, "linewidth": 0.8})
+    panels["effort"].plot(motion.time, motion.u[:, 1], **{**other, "linewidth": 0.8})
 
 
 def _gone(motion: Motion, plate: Dimensions) -> bool:
@@ -280,27 +252,13 @@ def _gone(motion: Motion, plate: Dimensions) -> bool:
     return bool((1000 * np.abs(motion.ball[-1]) > 500 * np.array(plate.screen) - EDGE).any())
 
 
-def _running_rms(values: Array, time: Array) -> Array:
-    """Root mean square over ``WINDOW`` seconds about each instant; values (K, 2), time (K,)."""
-    rate = (len(time) - 1) / max(float(time[-1] - time[0]), 1e-9)
-    half = min(len(time) // 2, round(0.5 * WINDOW * rate))
-    total = np.concatenate([np.zeros((1, 2)), np.cumsum(values**2, axis=0)])
-    index = np.arange(len(time))
-    first, last = np.maximum(index - half, 0), np.minimum(index + half + 1, len(time))
-    mean = (total[last] - total[first]) / (last - first)[:, None]
-    level: Array = np.sqrt(np.maximum(mean, 0.0))
-    return level
-
-
-def _label(panels: Mapping[str, Axes], *, smooth: bool) -> None:
+def _label(panels: Mapping[str, Axes]) -> None:
     error = panels["error"]
     lines = [np.asarray(line.get_ydata(), float) for line in error.lines]
     top = max((float(each[np.isfinite(each)].max(initial=0.0)) for each in lines), default=0.0)
     for name, panel in panels.items():
         panel.set(**_ABOUT[name]["words"])
     error.set(ylim=(0, max(1.05 * top, LEAST_ERROR)))
-    if smooth:
-        panels["effort"].set(title=f"{panels['effort'].get_title()} (RMS over {WINDOW:g} s)")
     for name in ("x", "angle"):
         panels[name].tick_params(labelbottom=False)  # those of the panel below serve it
     for name, least in ((name, about.get("least", 0.0)) for name, about in _ABOUT.items()):

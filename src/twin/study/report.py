@@ -24,7 +24,7 @@ from twin.run.picture import LOOK, style
 from twin.study.answers import Answer, Curve, SensitivityIndex, Spread
 from twin.study.experiments import labelled
 from twin.study.schema import Point, Study
-from twin.study.work import Design, Work
+from twin.study.work import Work
 from twin.writing import write_whole
 
 WORDS = read_toml(Path(__file__).with_name("words.toml"))
@@ -32,38 +32,20 @@ WORDS = read_toml(Path(__file__).with_name("words.toml"))
 FAILED = "#B00000"
 ENOUGH = 20
 """Runs from which on there is a 5 % quantile, and a chance to fail worth a number."""
-MANY = 5000
-"""Number of runs above which a scatter plot is kept as a bitmap."""
 
 
-def figures(study: Study, found: Sequence[Answer], design: Design) -> dict[str, Figure]:
-    """Figures by name: indices, curves, spread, and where runs fail.
-
-    Args:
-        study: What was asked.
-        found: One answer per variant.
-        design: The point of each of an answer's values.
-    """
+def figures(study: Study, found: Sequence[Answer]) -> dict[str, Figure]:
+    """Figures by name, as the method has them: indices, curves."""
     with mpl.rc_context(LOOK):
         out = {}
         if any(answer.curves for answer in found):
             out["curves"] = _curves(study, found)
         if any(answer.indices for answer in found):
             out["indices"] = _indices(study, found)
-        out["spread"] = _spread(study, found)
-        if len(study.parameters) > 1 and any(answer.indices for answer in found):
-            out["map"] = _map(study, found, design)
         for figure in out.values():
             # text is laid out when drawn: now, while these settings hold
             figure.draw_without_rendering()
     return out
-
-
-def figures_of(work: Work, found: Sequence[Answer]) -> dict[str, Figure]:
-    """The figures of a study from its runs."""
-    # every variant has the same points in the same order
-    at = [task.point for task in work.tasks if task.variant == work.tasks[0].variant]
-    return figures(work.study, found, work.design[at])
 
 
 def metric_label(study: Study) -> str:
@@ -181,76 +163,10 @@ def _curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
         panel.set_xticks(x, [str(value) for value in curve.values])
 
 
-def _spread(study: Study, found: Sequence[Answer]) -> Figure:
-    figure = Figure(figsize=(9, 1.5 + 0.3 * len(found)), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
-    for k, answer in enumerate(found):
-        whole, colour = answer.whole, style(k)["color"]
-        bar: dict[str, Any] = {"lw": 5, "alpha": 0.35, "solid_capstyle": "butt"}
-        if whole.runs < ENOUGH:
-            left.plot(answer.values, [k] * len(answer.values), "|", color=colour, ms=9)
-        else:
-            left.plot((whole.low, whole.high), (k, k), color=colour, **bar)
-        left.plot(whole.median, k, "o", color=colour)
-        low, high = whole.chance
-        right.plot((100 * low, 100 * high), (k, k), color=FAILED, **bar)
-        right.plot(100 * whole.failed / max(whole.runs, 1), k, "o", color=FAILED)
-    few = any(answer.whole.runs < ENOUGH for answer in found)
-    lie = "each run" if few else "where 9 of 10 runs lie"
-    left.set(
-        xlabel=f"{metric_label(study)}: median, and {lie}",
-        yticks=range(len(found)),
-        yticklabels=[answer.variant for answer in found],
-    )
-    most = max(100 * answer.whole.chance[1] for answer in found)
-    right.set(xlabel="runs that fail [%]", xlim=(-0.03 * most, 1.05 * most))
-    left.invert_yaxis()
-    return figure
-
-
-def _map(study: Study, found: Sequence[Answer], design: Design) -> Figure:
-    """Runs over the two most influential parameters: the metric as colour, and which failed."""
-    first, second = ranked(study, found)[:2]
-    columns = min(3, len(found))
-    rows = -(-len(found) // columns)
-    size = (max(6.0, 1.5 + 3.2 * columns), 1.2 + 2.7 * rows)
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for panel in axes.flat[len(found) :]:
-        panel.set_visible(False)
-    panels = list(axes.flat[: len(found)])
-    x, y = (design.columns[key] for key in (first, second))
-    values = np.concatenate([answer.values for answer in found])
-    good = values[np.isfinite(values)]
-    scale = np.quantile(good, (0.02, 0.98)) if len(good) else (0, 1)
-    many = len(values) > MANY
-    for panel, answer in zip(panels, found, strict=True):
-        done = np.isfinite(answer.values)
-        dots = panel.scatter(
-            x[done],
-            y[done],
-            c=answer.values[done],
-            s=14,
-            vmin=scale[0],
-            vmax=scale[1],
-            rasterized=many,
-        )
-        panel.plot(x[~done], y[~done], "x", color=FAILED, ms=7, mew=2, rasterized=many)
-        lost = int((~done).sum())
-        failed = f"{lost} of {len(done)} failed (x)" if lost else "none failed"
-        panel.set_title(f"{answer.variant}: {failed}", fontsize=9)
-    figure.colorbar(dots, ax=panels, label=metric_label(study))
-    figure.supxlabel(parameter_label(study, first), fontsize=9)
-    figure.supylabel(parameter_label(study, second), fontsize=9)
-    return figure
-
-
 NAMED = 5
 """Variants that a sentence ranks; of more, the table does."""
 NEGLIGIBLE = 0.01
 """Index below which a parameter is called negligible."""
-ROUGH = 0.2
-"""Half-width of an interval above which the sample is called small."""
 
 
 def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
@@ -268,11 +184,8 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
         lost = any(each.whole.failed for each in found)
         how = "; a failed run is worse than any other" if lost else ""
         words.append(f"By the median of {metric}, best first{how}: {', '.join(few)}.")
-    if len(found) > 1:
-        words += _common_importance(found, metric)
+    words += _importance(found, metric)
     for answer in found:
-        if len(found) == 1:
-            words += _importance(answer, metric)
         if answer.whole.failed:
             words.append(
                 f"{answer.variant}: {answer.whole.failed} of {answer.whole.runs} runs did not end "
@@ -287,40 +200,22 @@ def in_order(found: Sequence[Answer]) -> list[Answer]:
     return sorted(found, key=lambda each: np.median(np.nan_to_num(each.values, nan=math.inf)))
 
 
-def _common_importance(found: Sequence[Answer], metric: str) -> list[str]:
-    """Which parameters matter to all or some of several variants."""
-    names: dict[str, list[str]] = {}
+def _importance(found: Sequence[Answer], metric: str) -> list[str]:
+    """Which parameters matter, and to which variants; of one variant, how much."""
+    one, names = len(found) == 1, dict[str, list[str]]()
     for answer in found:
-        for index in answer.indices:
-            names.setdefault(index.key, [])
+        for index in sorted(answer.indices, key=lambda each: -abs(each.value)):
+            own = names.setdefault(index.key, [])
             if index.decided and abs(index.value) >= NEGLIGIBLE:
-                names[index.key].append(answer.variant)
+                own.append(f"{index.value:.2g} ± {index.half:.1g}" if one else answer.variant)
     words = []
     for key, who in sorted(names.items(), key=lambda item: -len(item[1])):
         if who:
-            variants = "all variants" if len(who) == len(found) else ", ".join(who)
-            words.append(f"{key} matters to {metric} for {variants}.")
-    undecided = [key for key, who in names.items() if not who]
-    if undecided:
-        words.append(f"Undecided with this sample for all variants: {', '.join(undecided)}.")
-    return words
-
-
-def _importance(answer: Answer, metric: str) -> list[str]:
-    if not answer.indices:
-        return []
-    decided = sorted((i for i in answer.indices if i.decided), key=lambda i: -abs(i.value))
-    strong = [i for i in decided if abs(i.value) >= NEGLIGIBLE]
-    weak = [i.key for i in decided if abs(i.value) < NEGLIGIBLE]
-    undecided = [i.key for i in answer.indices if not i.decided]
-    text = ", ".join(f"{i.key} ({i.value:.2g} ± {i.half:.1g})" for i in strong)
-    words = [f"What matters to {metric}: {text or 'nothing for certain'}."]
-    if weak:
-        words.append(f"Negligible (below {NEGLIGIBLE:g}): {', '.join(weak)}.")
-    if undecided:
-        words.append(f"Undecided with this sample: {', '.join(undecided)}.")
-    if any(i.half > ROUGH for i in strong):
-        words.append(f"The sample is small: intervals wider than ± {ROUGH:g}; take more samples.")
+            told = "all variants" if 1 < len(who) == len(found) else ", ".join(who)
+            words.append(f"{key} matters to {metric}{': ' if one else ' for '}{told}.")
+    others = [key for key, who in names.items() if not who]
+    if others:
+        words.append(f"Undecided with this sample, or negligible: {', '.join(others)}.")
     return words
 
 
@@ -400,7 +295,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
 
 def inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
     """The figures of a study by name, to stand within a page."""
-    return {name: inline(figure) for name, figure in figures_of(work, found).items()}
+    return {name: inline(figure) for name, figure in figures(work.study, found).items()}
 
 
 def what_ran(work: Work) -> str:
