@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import av
 import numpy as np
 import pytest
 from PIL import Image, ImageColor
@@ -177,6 +178,13 @@ def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
     for name in ("one", "two"):
         moving(tmp_path / f"{name}{ending}", Film({"circle": circle}, Cut(fps=fps, seconds=0.5)))
     one, two = (tmp_path / f"{name}{ending}" for name in ("one", "two"))
+    if ending == ".mp4":
+        assert one.read_bytes() == two.read_bytes()
+        with av.open(str(one)) as video:
+            shapes = [frame.to_ndarray(format="rgb24").shape for frame in video.decode(video=0)]
+            assert video.streams.video[0].average_rate == fps
+        assert shapes == [(566, 600, 3)] * (fps // 2)
+        return
     assert one.read_bytes() == two.read_bytes()
     with Image.open(one) as picture:
         assert picture.n_frames == fps / 2
@@ -190,7 +198,27 @@ def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
 
 
 def test_all_endings_are_known():
-    assert set(WRITTEN) == set(MOVING)
+    assert {*WRITTEN, ".mp4"} == set(MOVING)
+
+
+def test_an_mp4_shows_what_the_frames_do_and_names_the_extra_it_needs(
+    circle, tmp_path, monkeypatch
+):
+    film = Film({"circle": circle}, Cut(seconds=0.2, size=301))
+    moving(tmp_path / "a.mp4", film)
+    (first, *_) = film.frames()
+    with av.open(str(tmp_path / "a.mp4")) as video:
+        frame = next(video.decode(video=0)).to_ndarray(format="rgb24").astype(int)
+    wide, high = 300, film.size[1] // 2 * 2
+    drawn = np.asarray(first.convert("RGB"), int)[:high, :wide]
+    assert frame.shape == drawn.shape
+    assert np.abs(frame - drawn).mean() < 3
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(
+        RecordError, match=r"needs the extra video: pip install 'ballplate\[video\]'"
+    ):
+        moving(tmp_path / "b.mp4", film)
+    assert not (tmp_path / "b.mp4").exists()
 
 
 def test_the_mechanism_in_3d_shows_ball_and_tilt_or_says_what_it_needs(circle):

@@ -175,7 +175,7 @@ def export(
 ) -> int:
     """Export the signals of a run to a .csv, .mat, .parquet or .mcap file, or the run as it moved.
 
-    A picture that moves is a .webp or .gif:
+    A picture that moves is a .webp, .gif or, by the extra video, .mp4:
     ballplate export runs/circle circle.webp --beside runs/cure --seconds 8
 
     In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
@@ -199,6 +199,10 @@ def export(
 
     given = {name: value for name, value in cut.items() if value is not None}
     moving = file.suffix in MOVING
+    if moving and (every or columns is not None):
+        raise RecordError(
+            f"{file}: --every and --columns are of signals: .csv, .mat, .parquet, .mcap"
+        )
     if not moving and (given or beside):
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "

@@ -224,9 +224,7 @@ def _outline(panel: Axes, plate: Dimensions) -> None:
     panel.grid(visible=False)
 
 
-def _add(
-    panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, gone: bool
-) -> None:
+def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, gone: bool) -> None:
     look: dict[str, Any] = {**style(index), "linewidth": 1.2}
     colour = look["color"]
     ball = 1000 * motion.ball
