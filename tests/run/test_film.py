@@ -299,7 +299,6 @@ def test_what_export_cannot_do_is_one_line_and_writes_nothing(circle, tmp_path, 
     for line, words in {
         "there": "there: the ending says what is written",
         "a.csv --render mujoco": "are of moving pictures",
-        "a.webp --columns time": "--every and --columns are of signals",
         "a.csv --fps 10": "are of moving pictures",
         "a.csv --beside made": "are of moving pictures",
         "a.webp --fps 99": "fps 99: must be from 1 to 50",

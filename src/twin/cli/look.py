@@ -199,10 +199,6 @@ def export(
 
     given = {name: value for name, value in cut.items() if value is not None}
     moving = file.suffix in MOVING
-    if moving and (every or columns is not None):
-        raise RecordError(
-            f"{file}: --every and --columns are of signals: .csv, .mat, .parquet, .mcap"
-        )
     if not moving and (given or beside):
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
