@@ -88,10 +88,7 @@ def _plan_study(work: Work, folder: Path, processes: int | None, scheduler: str 
         known, chunks = remaining(work.tasks, Store(folder), count)
     total = work.different
     left = total - known.num_rows
-    told = (
-        f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} batches "
-        f"on {count} processors"
-    )
+    told = f"{total} runs, {left} of them left in {len(chunks)} batches on {count} processors"
     counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
     show(counts | {"processes": count}, [told])
     return 0
