@@ -27,10 +27,6 @@ if TYPE_CHECKING:
     from controllers.arrays import Array
 
 
-if TYPE_CHECKING:
-    pass
-
-
 ROOT = Path("runs")
 """Folder of the working folder in which every run has its own, unless it is told another."""
 LAST = "last"
