@@ -185,25 +185,17 @@ def _place(figure: Figure, panels: Mapping[str, Axes], legend: Legend, title: st
 
 
 def _refer(panels: Mapping[str, Axes], runs: Mapping[str, Motion]) -> None:
-    """Draw each reference once: one that a single run has in the colour of that run."""
-    shared: list[tuple[Motion, list[int]]] = []  # the longest of those that are one, and whose
-    for index, motion in sorted(enumerate(runs.values()), key=lambda each: -each[1].time[-1]):
-        for longest, whose in shared:
-            if _same_reference(motion, longest):
-                whose.append(index)
-                break
-        else:
-            shared.append((motion, [index]))
-    own = {whose[0] for _, whose in shared if len(shared) > 1 and len(whose) == 1}
-    for motion, (first, *_) in shared:
-        colour = COLOURS[first % len(COLOURS)] if first in own else REFERENCE["color"]
-        look = {**REFERENCE, "color": colour}
+    """Draw the reference of each run, the longest of those that are one."""
+    shown: list[Motion] = []
+    for motion in sorted(runs.values(), key=lambda each: -each.time[-1]):
+        if any(_same_reference(motion, longer) for longer in shown):
+            continue
+        shown.append(motion)
         desired = 1000 * motion.reference
-        panels["plate"].plot(*desired.T, **look)
+        panels["plate"].plot(*desired.T, **REFERENCE)
         for name, axis in (("x", 0), ("y", 1)):
-            panels[name].plot(motion.time, desired[:, axis], **look)
-    words = "reference (of one run alone in its colour)" if own else "reference"
-    panels["plate"].plot([], [], label=words, **REFERENCE)
+            panels[name].plot(motion.time, desired[:, axis], **REFERENCE)
+    panels["plate"].plot([], [], label="reference", **REFERENCE)
 
 
 def _same_reference(motion: Motion, longest: Motion) -> bool:
