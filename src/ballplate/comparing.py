@@ -13,7 +13,6 @@ from ballplate.reporter import Reporter, default, overview, showable, writable
 from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers
 from twin.errors import LawError, ScenarioError
 from twin.run.files import MANIFEST, forget, numbered, slug, sorted_out
-from twin.scenario.schema import Dimensions
 from twin.shipped import find
 from twin.writing import write_json, write_whole
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from ballplate.results import Result
     from twin.run.finished import Run
     from twin.run.metrics import Motion
-    from twin.scenario.schema import Scenario
+    from twin.scenario.schema import Dimensions, Scenario
 
 
 Label = TypeVar("Label")

@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 
 from twin.run.picture import COLOURS
 from twin.view.recording import GROUND, SKY
-from twin.view.streams import RUNS, WORDS, Signal, tinted
+from twin.view.streams import BLACK, GREY, RUNS, Signal, tinted
 
 LEAST = 3.0
 WHITE = np.ones(3)
@@ -64,5 +64,5 @@ def test_lines_of_pictures_differ_from_each_other_on_a_dark_page_too():
 def test_lines_of_the_viewer_are_seen_on_the_ground_that_they_bring(ground):
     lines = {"phi": Signal(np.zeros(1), RUNS[0]), "theta": Signal(np.zeros(1), RUNS[0])}
     shades = [s.colour for run in range(len(RUNS)) for s in tinted(lines, run).values()]
-    for colour in (*WORDS, *shades):
+    for colour in (*RUNS, GREY, BLACK, *shades):
         assert contrast(np.array(colour) / 255, np.array(ground) / 255) > LEAST

@@ -21,9 +21,15 @@ from twin.study import experiments
 from twin.study.experiments import Store, carry
 from twin.study.schema import Study
 from twin.study.work import Row, Work
-from twin.view.viewer import free_port
+from twin.view.viewer import bound
 
 pytestmark = pytest.mark.long
+
+
+def free_port():
+    with bound("127.0.0.1", 0) as found:
+        return found.getsockname()[1]
+
 
 STUDY = """
 title = "short"

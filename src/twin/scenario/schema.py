@@ -544,9 +544,6 @@ class Scenario(Section):
             )
         if problem := self.plant.problem():
             yield problem
-        half = [side / 2 for side in self.plant.size]
-        if any(reach > most for reach, most in zip(self.rig.limits.area, half, strict=True)):
-            yield f"rig.limits.area: the plate's half is {half[0]:g} m x {half[1]:g} m"
         if self.plant.kind == "lagrange" and self.rig.cams != "table":
             yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
         if self.plant.kind == "mujoco" and self.rig.limits.angle_deg > CAMS_DEG:
