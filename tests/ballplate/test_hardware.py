@@ -1,8 +1,11 @@
 """What is told of a rig after its run, and what stays of one that is killed."""
 
+import multiprocessing
+import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import nullcontext, suppress
 from functools import partial
@@ -17,7 +20,7 @@ from ballplate.reporter import Reporter
 from ballplate.running import streamed, tell_timing, traced
 from twin.devices.akd.conditions import NODE_ABSENT, DriveError
 from twin.devices.akd.traces import read_trace
-from twin.devices.realtime import TimingLog
+from twin.devices.realtime import TimingLog, real_time
 from twin.errors import TwinError
 from twin.hal.interface import Severity
 from twin.hal.rig import Entry
@@ -229,3 +232,30 @@ def test_a_run_on_a_rig_never_replaces_one(tmp_path, monkeypatch):
     for on, names in (("my.toml", ["one", "one~2"]), (None, ["one", "one"])):
         made = [bp.run("hold", on=on, out=tmp_path / str(on) / "one", **short) for _ in names]
         assert [each.folder.name for each in made] == names
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+def test_a_run_waits_for_a_virtual_rig_that_has_no_processor():
+    stopped = []
+
+    def stop():
+        for child in multiprocessing.active_children():
+            if os.sched_getscheduler(child.pid) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO:
+                os.kill(child.pid, signal.SIGSTOP)
+                time.sleep(0.06)
+                os.kill(child.pid, signal.SIGCONT)
+                stopped.append(child.pid)
+
+    with real_time() as granted:
+        if not granted.fifo:
+            pytest.skip("no real-time priority here: which process is the rig's cannot be told")
+    timers = [threading.Timer(each, stop) for each in np.arange(2.0, 8.0, 0.5)]
+    for timer in timers:
+        timer.start()
+    run = bp.run("circle", ["baseline=false", "duration=6.0", "metrics.start=0"], on="emulated")
+    for timer in timers:
+        timer.cancel()
+    assert stopped
+    assert run.outcome == "finished", run.metrics
+    assert sum(run.ledger["pauses_us"]) > 40_000 * len(stopped) * 0.5

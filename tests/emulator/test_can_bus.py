@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -10,6 +11,7 @@ from serving import serving
 
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
+from twin.emulator import serve
 from twin.emulator.can_bus import BusFaults, BusServer, EmulatedBus, Towards, message
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.drive_objects import Frame
@@ -163,10 +165,40 @@ MS = 1e-3
         ([(0, 10, 30), (1, 10, 30), (1, 59, 60), (0, 40, 60)], [20, 20, 0, 0]),
     ],
 )
-def test_a_pause_is_what_neither_process_had_of_the_computer(gaps, paused):
+def test_a_pause_is_what_neither_process_had_of_the_computer(gaps, paused, monkeypatch):
+    monkeypatch.setattr(PauseWatch, "_waited", lambda _, now: now)
     cells = [0.0] * 6
     sides = [PauseWatch(cells, side) for side in (0, 1)]
     for side in sides:
         side.paused(9 * MS, 10 * MS)
     found = [sides[side].paused(begin * MS, end * MS) for side, begin, end in gaps]
     assert found == pytest.approx([each * MS for each in paused])
+
+
+def test_a_host_waits_for_an_emulator_that_has_no_processor_and_both_leave_that_out(monkeypatch):
+    cells, clock = [0.0] * 6, SimpleNamespace(now=10 * MS)
+    host, rig = (PauseWatch(cells, side) for side in (0, 1))
+    left = []
+
+    def sleep(seconds):
+        clock.now += seconds
+        if 60 * MS <= clock.now < 60.3 * MS:
+            left.append(rig.paused(10 * MS, clock.now))
+
+    monkeypatch.setattr(serve, "time", SimpleNamespace(sleep=sleep, monotonic=lambda: clock.now))
+    rig.paused(9 * MS, 10 * MS)
+    assert host.paused(9 * MS, 10 * MS) == 0
+    clock.now = 12 * MS  # a period later nothing is late yet
+    assert host.paused(10 * MS, clock.now) == 0
+    clock.now = 14.1 * MS
+    away = host.paused(12 * MS, clock.now)
+    assert clock.now == pytest.approx(60 * MS, abs=0.5 * MS)
+    assert away == pytest.approx(48 * MS, abs=0.5 * MS)
+    assert left == [pytest.approx(away, abs=0.5 * MS)]
+    # one that is dead is waited for once
+    clock.now = 80 * MS
+    host.paused(60 * MS, clock.now)
+    assert clock.now == pytest.approx(80 * MS + PauseWatch.MOST, abs=MS)
+    before = clock.now
+    host.paused(before, before + 2 * MS)
+    assert clock.now == before

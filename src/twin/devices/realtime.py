@@ -271,8 +271,7 @@ class RealTimeClock:
         """Return at the beginning of the next period that has not begun yet."""
         if self._start is None:
             self.start()
-        now = self._now()
-        start = self._waited_for(now)
+        start, now = self._waited_for()
         # The period that contains this moment has begun: of those in between none can be kept.
         missed = max(0, int((now - start) / self.period) - self.tick)
         self.tick += missed + 1
@@ -280,8 +279,8 @@ class RealTimeClock:
         pause = deadline - now - self._spin
         if pause > 0:
             self._sleep(pause)
-            now = self._now()
-            deadline = self._waited_for(now) + self.tick * self.period
+            start, now = self._waited_for()
+            deadline = start + self.tick * self.period
         while now < deadline:
             now = self._now()
         self._count(now - deadline, missed)
@@ -291,15 +290,15 @@ class RealTimeClock:
         faults, self._faults = tuple(self._faults), []
         return faults
 
-    def _waited_for(self, now: float) -> float:
-        """The start of the periods in s, put off by what the computer paused since last asked."""
-        pause = self._paused(self._round, now)
-        self._round = now
+    def _waited_for(self) -> tuple[float, float]:
+        """The start of the periods, put off by what was paused since last asked; now. In s."""
+        pause = self._paused(self._round, self._now())  # which may wait for the virtual rig
+        self._round = now = self._now()
         start = self._start or 0.0
         if pause:
             self._start = start = start + pause
             self.timing.pauses.append(pause)
-        return start
+        return start, now
 
     def _count(self, lateness: float, missed: int) -> None:
         self.lateness = lateness

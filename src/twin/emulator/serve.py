@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import tomllib
 from collections.abc import Callable, Iterator, MutableSequence, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -270,7 +271,8 @@ class PauseWatch:
     """What two processes in real time know of one another, to tell when their computer paused.
 
     One that does not come round may have computed for long. Where the other did not come round
-    either, the computer had no time for both.
+    either, the computer had no time for both. The host, side 0, waits for an emulator that has no
+    processor: drives of a real rig need none.
 
     Args:
         cells: Six numbers that both share.
@@ -279,9 +281,12 @@ class PauseWatch:
 
     LONG = 0.004
     """Time in s without coming round that may be a pause."""
+    MOST = 0.1
+    """Longest time in s that the host waits; who has not come round then has ended or hangs."""
 
     def __init__(self, cells: MutableSequence[float], side: int) -> None:
         self._cells, self._own, self._other = cells, 3 * side, 3 - 3 * side
+        self._waits, self._left = side == 0, 0.0
 
     def paused(self, begin: float, end: float) -> float:
         """How long, s, neither loop came round; 0 where one's own did within ``LONG``.
@@ -291,14 +296,28 @@ class PauseWatch:
             end: Now, s.
         """
         cells, own = self._cells, self._own
+        if self._waits:
+            end = self._waited(end)
+        if end - begin > self.LONG:
+            cells[own + 1], cells[own + 2] = begin, end
         cells[own] = end
         if end - begin <= self.LONG:
             return 0.0
-        cells[own + 1], cells[own + 2] = begin, end
         seen, since, until = (cells[self._other + each] for each in range(3))
         if end - seen <= self.LONG:  # the other goes on already, and has said what it missed
             return max(0.0, min(end, until) - max(begin, since))
         return end - max(begin, seen) if seen else 0.0
+
+    def _waited(self, now: float) -> float:
+        """The time in s when the other one has come round lately, or is waited for no longer."""
+        seen, until = self._cells[self._other], now + self.MOST
+        if not seen or seen == self._left or now - seen <= self.LONG:
+            return now
+        while self._cells[self._other] == seen and now < until:
+            time.sleep(2e-4)
+            now = time.monotonic()
+        self._left = seen if now >= until else 0.0
+        return now
 
 
 @contextmanager
