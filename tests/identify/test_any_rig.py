@@ -15,7 +15,13 @@ from twin.errors import LogError
 from twin.identify.any_rig import _chosen, _verdicts, identify_any
 from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, score
 from twin.identify.logs import AxisLog, ball_factor, read_any, unit_factor, wanted_columns
-from twin.identify.plain_model import PlainProblem, Tilt, axis_predicted, beginnings, fit_axis
+from twin.identify.plain_model import (
+    PlainProblem,
+    TiltHistory,
+    axis_predicted,
+    beginnings,
+    fit_axis,
+)
 from twin.identify.windows import axis_windows, spans
 from twin.scenario import load
 
@@ -134,7 +140,7 @@ def test_a_simulation_without_friction_is_the_closed_form():
     log = AxisLog(time, tilt, True, time, np.zeros_like(time))
     windows = axis_windows(log, np.array([0.5]), np.array([3.5]))
     names = ("gain", "dead_time", "lag", "level")
-    source = Tilt(log)
+    source = TiltHistory(log)
     problem = PlainProblem(windows, names, source, 3.0, (0.0, 0.5))
     theta = np.array([[6.0 * source.scale, 0.13, 0.1, 0.03]])
     found = problem.reported(theta, np.array([[[0.01]], [[0.02]]]))[0][0, 0, :, 0]
@@ -149,7 +155,7 @@ def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_
     log = AxisLog(time, np.sin(time), True, time, np.zeros_like(time))
     windows = axis_windows(log, np.array([0.0, 0.0]), np.array([2.5, 2.5]))
     problem = PlainProblem(
-        windows, ("gain", "dead_time", "level", "friction"), Tilt(log), 2.5, (0.0, 0.5)
+        windows, ("gain", "dead_time", "level", "friction"), TiltHistory(log), 2.5, (0.0, 0.5)
     )
     places = problem.simulated(
         np.array([[0.0, 0.0, 0.02, 0.05]]), np.array([[[0.0, 0.0]], [[0.0, 0.03]]])
@@ -248,7 +254,9 @@ def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
     ball = 0.05 * time - 0.004 * time**2
     log = AxisLog(time, np.sin(3 * time), True, time, ball)
     windows = axis_windows(log, *spans(log, 2.5))
-    problem = PlainProblem(windows, ("gain", "dead_time", "level"), Tilt(log), 2.6, (0.0, 0.5))
+    problem = PlainProblem(
+        windows, ("gain", "dead_time", "level"), TiltHistory(log), 2.6, (0.0, 0.5)
+    )
     line = problem.linearise(np.zeros((1, 3)), problem.initial_starts())
     from twin.identify.plain_model import AxisFit
     from twin.identify.search import Minimum, Termination

@@ -179,7 +179,7 @@ def quantile(errors: Array, share: float) -> float:
 
 
 @dataclass(frozen=True)
-class Score:
+class PredictionScore:
     """Errors of one or two axes where the ball moves.
 
     Attributes:
@@ -202,7 +202,7 @@ class Score:
         return out
 
 
-def score(found: Mapping[str, Predicted]) -> Score:
+def score(found: Mapping[str, Predicted]) -> PredictionScore:
     """The errors of axes whose predictions begin at the same times."""
     every = list(found.values())
     moves = np.hypot.reduce([each.way for each in every]) > MOVES
@@ -215,7 +215,7 @@ def score(found: Mapping[str, Predicted]) -> Score:
         {who: [quantile(each, share) for each in errors] for who, errors in off.items()}
         for share in (0.5, 0.9)
     )
-    return Score("".join(found), int(moves.sum()), median, ninety)
+    return PredictionScore("".join(found), int(moves.sum()), median, ninety)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,7 +236,7 @@ class Identification:
     source: str
     seconds: float
     verdicts: tuple[ParameterVerdict, ...]
-    scores: tuple[Score, ...]
+    scores: tuple[PredictionScore, ...]
     predictions: Mapping[str, Predicted]
     notes: tuple[str, ...]
     extent: str

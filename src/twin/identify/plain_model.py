@@ -49,7 +49,7 @@ START_STEPS = np.array([1e-4, 1e-3, 1e-3])
 """Steps of finite differences of a start: m, m/s, and m/s^2 of a level of its own."""
 
 
-class Tilt:
+class TiltHistory:
     """What tilts the plate, at any time, behind lags.
 
     Attributes:
@@ -96,7 +96,7 @@ class PlainProblem(Fitting):
 
     windows: SampleWindows
     names: tuple[str, ...]
-    tilt: Tilt
+    tilt: TiltHistory
     longest: float
     delays: tuple[float, float]
     drift: float = 0.0
@@ -249,7 +249,7 @@ def fit_axis(
     """
     nothing = axis_windows(log, np.zeros(0), np.zeros(0))
     smooth = tuple(name for name in names if name in SMOOTH)
-    problem = PlainProblem(nothing, smooth, Tilt(log), longest, delays)
+    problem = PlainProblem(nothing, smooth, TiltHistory(log), longest, delays)
     brief = _fitted(log, problem, BRIEF, problem.first_guesses(dead_time=DELAYS), 2e-3)
     rms = np.sqrt(brief.problem.misfit(brief.found.linearisation.r)[0])
     pushed = brief.problem.windows.begin[rms > PUSHED * np.median(rms)]
@@ -332,7 +332,7 @@ def axis_predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True
         at: When predictions begin.
         follow: Whether a level that is followed is tried as well, and the model without friction.
     """
-    theta, tilt = fit.found.theta, Tilt(log, fit.problem.tilt.scale)
+    theta, tilt = fit.found.theta, TiltHistory(log, fit.problem.tilt.scale)
     by = {"model": theta}
     if follow:
         windows = axis_windows(log, at - PAST, at)

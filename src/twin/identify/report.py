@@ -36,7 +36,7 @@ def sentences(found: judged.Identification) -> list[str]:
     return [*words, *_judged(found.scores), *found.remarks]
 
 
-def _judged(scores: tuple[judged.Score, ...]) -> Iterator[str]:
+def _judged(scores: tuple[judged.PredictionScore, ...]) -> Iterator[str]:
     """What the model is worth, in sentences."""
     ahead = judged.HORIZONS.index(1.0)
     for each in scores:
@@ -63,7 +63,7 @@ def _judged(scores: tuple[judged.Score, ...]) -> Iterator[str]:
         yield "Nothing was held out that could judge it: no stretch of 3 s with the ball seen."
 
 
-def _worse(score: judged.Score) -> Iterator[str]:
+def _worse(score: judged.PredictionScore) -> Iterator[str]:
     models = [who for who in judged.PREDICTORS[:2] if who in score.median]
     for k, ahead in enumerate(judged.HORIZONS):
         best = min(BASELINES, key=lambda who: score.median[who][k])

@@ -163,7 +163,7 @@ def marks(lab: Lab, found: list[dict[str, Any]]) -> str:
     return str(pd.DataFrame(rows, columns=[*heads, "problem"]).to_csv(index=False))
 
 
-class Candidate(NamedTuple):
+class SampleAnswer(NamedTuple):
     """An answer of the lecturer's own.
 
     Attributes:
@@ -185,7 +185,7 @@ class Finding(NamedTuple):
     found: str
 
 
-def candidates(lab: Lab) -> list[Candidate]:
+def candidates(lab: Lab) -> list[SampleAnswer]:
     """Solution, starter and mutants of a lab.
 
     Raises:
@@ -194,8 +194,8 @@ def candidates(lab: Lab) -> list[Candidate]:
     solutions = sorted(lab.folder.glob("solution.*"))
     if len(solutions) != 1:
         raise ScenarioError(f"{lab.folder.name}: must have one solution.py or solution.toml")
-    found = [Candidate("solution", solutions[0])]
-    found.append(Candidate("starter", lab.folder / lab.answer.file))
+    found = [SampleAnswer("solution", solutions[0])]
+    found.append(SampleAnswer("starter", lab.folder / lab.answer.file))
     names = {each.name for each in lab.checks(hidden=True)}
     for file in sorted((lab.folder / "mutants").glob("*.*")):
         fails = tuple(FAILS.findall(lab.text(f"mutants/{file.name}")))
@@ -204,7 +204,7 @@ def candidates(lab: Lab) -> list[Candidate]:
                 f"{lab.folder.name}/mutants/{file.name}: must name checks of the lab in lines "
                 f"'# fails: NAME', got {', '.join(fails) or 'none'}"
             )
-        found.append(Candidate(file.stem, file, fails))
+        found.append(SampleAnswer(file.stem, file, fails))
     return found
 
 
@@ -231,7 +231,7 @@ def tried(lab: Lab, job: tuple[Path, str]) -> dict[str, Any]:
 
 def all_tried(
     lab: Lab, students: Sequence[str], processes: int
-) -> Iterator[tuple[Candidate, dict[str, Any]]]:
+) -> Iterator[tuple[SampleAnswer, dict[str, Any]]]:
     """Every answer of the lecturer's own, and its result on the rigs of some students."""
     jobs = ((each, (each.file, student)) for each in candidates(lab) for student in students)
     yield from results(partial(tried, lab), jobs, processes)
@@ -275,7 +275,7 @@ def calibrate(
 
     Good is where there is room between the limits.
     """
-    values: dict[str, dict[Candidate, list[float]]] = defaultdict(lambda: defaultdict(list))
+    values: dict[str, dict[SampleAnswer, list[float]]] = defaultdict(lambda: defaultdict(list))
     students = [f"rig{number}" for number in range(rigs)]
     for done, (who, result) in enumerate(all_tried(lab, students, processes), 1):
         progress(done)
@@ -286,7 +286,7 @@ def calibrate(
         yield proposed(check, values[check.name], rigs)
 
 
-def proposed(check: CheckTable, values: dict[Candidate, list[float]], rigs: int) -> Finding:
+def proposed(check: CheckTable, values: dict[SampleAnswer, list[float]], rigs: int) -> Finding:
     """What limits of a check fit the numbers that the lecturer's own answers reached.
 
     ``full`` is the solution's median and three of its standard deviations, or its worst rig if that

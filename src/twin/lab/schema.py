@@ -339,7 +339,7 @@ _TOLD = re.compile(r"^(\s*\w+[^=#]*=\s*)([^#]*?)(\s*# told: )(\S+)[ \t]*$", re.M
 """A line ``NAME = 0.18  # told: KEY`` of an answer."""
 
 
-class RigFile(Checked):
+class HandedRig(Checked):
     """The file ``rig.toml`` that a student is handed."""
 
     lab: str
@@ -407,7 +407,7 @@ def had_again(lab: Lab, folder: Path, key: str | None, student: str | None = Non
     """
     if not (folder / RIG).is_file():
         return deal(lab, student or "nobody", key)
-    said = read_model(RigFile, folder / RIG)
+    said = read_model(HandedRig, folder / RIG)
     wanted = {"lab": lab.name, "version": lab.version, "student": student or said.student}
     for what, must in wanted.items():
         if (has := getattr(said, what)) != must:

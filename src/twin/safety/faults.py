@@ -36,7 +36,7 @@ NAMES = {each.name: each for kind in (Power, Protocol, Towards) for each in kind
 """What a text in a step names."""
 
 
-class Cause(NamedTuple):
+class FaultCause(NamedTuple):
     """Something that can go wrong; called with what it goes wrong with, it does.
 
     Attributes:
@@ -72,9 +72,9 @@ def _meant(value: Any) -> Any:
     return NAMES.get(value, value.encode()) if isinstance(value, str) else value
 
 
-def _causes(table: dict[str, Any]) -> dict[str, Cause]:
+def _causes(table: dict[str, Any]) -> dict[str, FaultCause]:
     return {
-        name: Cause(name, words, tuple((way, *map(_meant, given)) for way, *given in steps))
+        name: FaultCause(name, words, tuple((way, *map(_meant, given)) for way, *given in steps))
         for name, (words, *steps) in table.items()
     }
 

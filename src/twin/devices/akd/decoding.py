@@ -49,7 +49,7 @@ HOST = "host"
 """Who sends what only a master sends."""
 
 
-class Event(NamedTuple):
+class TracedEvent(NamedTuple):
     """Something that was said.
 
     Attributes:
@@ -174,7 +174,7 @@ class Conversation:
         names: Names | None = None,
         rig: AkdConfig | None = None,
     ) -> None:
-        self.events: list[Event] = []
+        self.events: list[TracedEvent] = []
         """What was said, in order; of PDOs the changes."""
         self.nodes: dict[int, Node] = {}
         """Nodes that sent something, by number."""
@@ -288,7 +288,7 @@ class Conversation:
         return value != before
 
     def _say(self, at: float, who: str, kind: str, text: str) -> None:
-        self.events.append(Event(at, who, kind, text))
+        self.events.append(TracedEvent(at, who, kind, text))
 
     def _take(self, message: can.Message, at: float) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
