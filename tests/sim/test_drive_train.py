@@ -211,3 +211,24 @@ def test_servos_side_by_side_turn_to_the_bit_as_each_alone():
         alone = SimulatedDrives(model, PERIOD, RATIO, streams(1))
         for rate, both in zip(rates, found[:, rig], strict=True):
             assert np.array_equal(alone.follow(rate[None])[0], both)
+
+
+def test_a_servo_on_its_way_goes_on_through_a_change_and_begins_anew_at_rest():
+    """A jump of 3.5 dead bands that takes 50 periods; changed when it has less than one to go."""
+    model = DriveModel(slew=0.35, deadband=0.01)
+    jump = np.zeros((60, 1, 2))
+    jump[0] = RATIO * 0.035 / PERIOD
+
+    def went(drives, rates):
+        return np.cumsum([PERIOD * drives.follow(rate)[0, 0] for rate in rates]) / RATIO
+
+    drives = SimulatedDrives(model, PERIOD, RATIO, streams(1))
+    first = went(drives, jump[:45])
+    drives.change(DriveModel(slew=0.7, deadband=0.01), jump[44])
+    whole = first[-1] + went(drives, np.concatenate((jump[45:], np.zeros((60, 1, 2)))))[-1]
+    assert whole == pytest.approx(0.035, abs=1e-12)
+    drives.change(model, jump[44])
+    went(drives, jump[:45])
+    drives.adopt(np.arange(1), SimulatedDrives(model, PERIOD, RATIO, streams(1)))
+    assert not np.any(went(drives, np.zeros((20, 1, 2))))
+    assert np.array_equal(went(drives, jump[:45]), first)
