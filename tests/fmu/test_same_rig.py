@@ -17,6 +17,14 @@ EFFECTS = {
     "level": {"plant__level_deg": [0.4, -0.3]},
     "steel": {"plant__ball__kind": "steel"},
     "start": {"plant__start__x": 0.05, "plant__start__y_rate": -0.1},
+    "slew": {"plant__servo__slew_deg": 6.0},
+    "deadband": {"plant__servo__deadband_deg": 0.3},
+    "resolution": {"plant__servo__resolution_deg": 0.7},
+    "servo": {
+        "plant__servo__slew_deg": 10.0,
+        "plant__servo__deadband_deg": 0.1,
+        "plant__servo__resolution_deg": 0.17,
+    },
     "bandwidth": {"plant__servo__bandwidth_hz": 8.0},
     "backlash": {"plant__servo__backlash_deg": 0.1},
     "hysteresis": {"plant__servo__hysteresis_deg": 0.2},
@@ -53,7 +61,17 @@ EFFECTS = {
 }
 EFFECTS["all"] = {
     key: value
-    for each in ("ageing", "viscous", "level", "train", "wander", "disturbance", "frames", "cams")
+    for each in (
+        "ageing",
+        "viscous",
+        "level",
+        "servo",
+        "train",
+        "wander",
+        "disturbance",
+        "frames",
+        "cams",
+    )
     for key, value in EFFECTS[each].items()
 }
 FAULTS = ["", "ball at", "plate at", "no longer feels", "too fast"]

@@ -127,6 +127,10 @@ CHANGES = (
     '[{at=0.1, set={"plant.level_deg"=[0.2, 0.1], "plant.servo.backlash_deg"=0.1}}]',
     '[{at=0.2, set={"sensors.touch.dead_time"=0.085, "rig.cam_error_percent"=[4.0, 2.0]}}]',
     '[{at=0.2, set={"sensors.touch.variance"=[1e-6, 1e-6], "plant.servo.bandwidth_hz"=8.0}}]',
+    '[{at=0.1, set={"plant.servo.slew_deg"=3.0, "plant.servo.resolution_deg"=0.03, '
+    '"plant.servo.resonance_hz"=12.0}}]',
+    '[{at=0.24, set={"plant.servo.deadband_deg"=0.05, "plant.servo.resolution_deg"=0.04, '
+    '"plant.servo.resonance_hz"=12.0}}]',
 )
 
 
@@ -158,6 +162,7 @@ WRONG = {
     '[{at=9, set={"plant.friction.rolling_mm"=0.2}}]': "change.0.at: 9 s is not before the end",
     '[{at=-1, set={"plant.friction.rolling_mm"=0.2}}]': "change.0.at: must be greater",
     '[{at=1, over=0.5, set={"plant.servo.bandwidth_hz"=5.0}}]': "0 stands for none",
+    '[{at=1, over=0.5, set={"plant.servo.slew_deg"=5.0}}]': "0 stands for none",
     "[{at=1, set={}}]": "change.0.set: name at least one",
     (
         '[{at=1, over=1, set={"plant.friction.rolling_mm"=0.2}}, '

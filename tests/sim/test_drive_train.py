@@ -117,3 +117,118 @@ def test_a_lagging_drive_makes_the_mean_rates_of_a_first_order_lag():
     expected = t - (1 - np.exp(-corner * t)) / corner
     found = shafts(DriveModel(bandwidth=10.0), [1.0] * 100)
     assert found == pytest.approx(np.stack((expected, expected), axis=-1))
+
+
+def angles(model, rates):
+    """Plate angles after each period for plate rates (K,) on both axes, rad, shape (K,)."""
+    return shafts(model, RATIO * np.asarray(rates))[:, 0] / RATIO
+
+
+def test_a_servo_turns_at_its_slew_until_it_is_where_it_was_told_to_go():
+    slew, asked, ticks = 0.3, 0.9, 100
+    rates = np.concatenate((np.full(ticks, asked), np.zeros(4 * ticks)))
+    t = PERIOD * np.arange(1, len(rates) + 1)
+    expected = np.minimum(slew * t, asked * PERIOD * ticks)
+    np.testing.assert_allclose(angles(DriveModel(slew=slew), rates), expected, rtol=0, atol=1e-12)
+    slower = np.full(50, 0.29)
+    found = angles(DriveModel(slew=slew), slower)
+    np.testing.assert_allclose(found, 0.29 * t[:50], rtol=0, atol=1e-12)
+
+
+def slow_sine(size, duration=4.0):
+    """Times, and rates whose sums are a sine of this amplitude in rad over one cycle."""
+    t = PERIOD * np.arange(round(duration / PERIOD) + 1)
+    angle = size * np.sin(2 * np.pi * t / duration)
+    return t[1:], np.diff(angle) / PERIOD, angle[1:]
+
+
+def test_a_dead_band_makes_a_slow_sine_the_staircase_of_its_crossings():
+    """Up by one dead band whenever the command passes one, held over the top, down by the same."""
+    band, size, duration = 0.01, 0.0347, 4.0
+    t, rates, _ = (each[:-10] for each in slow_sine(size, duration))
+    # 3 bands up, held until the command is one below the third, and so on to -3, and up again
+    up = [duration * math.asin(k * band / size) / (2 * math.pi) for k in (1, 2, 3)]
+    down = [duration / 2 - time for time in (up[1], up[0])] + [duration / 2]
+    down += [duration / 2 + time for time in up]
+    last = [duration - time for time in (up[1], up[0])]
+    crossings = [*up, *down, *last]
+    heights = band * np.array([0, 1, 2, 3, 2, 1, 0, -1, -2, -3, -2, -1])
+    expected = heights[np.searchsorted(crossings, t)]
+    found = angles(DriveModel(deadband=band), rates)
+    # a crossing is seen in the period after it: each step is so much higher, and the next as late
+    most = size * 2 * math.pi / duration * PERIOD
+    settled = np.abs(t[:, None] - crossings).min(axis=1) > 0.02
+    assert settled.mean() > 0.85
+    assert np.abs(found - expected)[settled].max() < 3 * most < 0.04 * band
+    # it stands to the last bit, and has gone in one period
+    assert np.count_nonzero(np.diff(found)) == len(crossings)
+
+
+def test_a_servo_is_on_its_grid_next_to_its_command():
+    step = np.radians(180) / 255 / 4
+    _, rates, told = slow_sine(0.08)
+    found = angles(DriveModel(resolution=step), rates)
+    np.testing.assert_allclose(found / step, np.round(found / step), rtol=0, atol=1e-9)
+    assert np.abs(found - told).max() == pytest.approx(step / 2, rel=0.05)
+    assert len(set(np.round(found / step))) == 2 * round(0.08 / step) + 1
+
+
+def test_a_servo_has_its_effects_in_the_order_that_is_told():
+    """A jump of the command by 2.6 steps: nothing within the dead band, 3 steps at the slew."""
+    step, slew = 0.01, 0.5
+    model = DriveModel(slew=slew, deadband=0.025, resolution=step)
+    jumps = np.zeros(60)
+    jumps[[0, 10]] = np.array([2.4, 0.2]) * step / PERIOD
+    t = PERIOD * np.arange(1, 61)
+    expected = np.clip(slew * (t - t[9]), 0.0, 3 * step)
+    np.testing.assert_allclose(angles(model, jumps), expected, rtol=0, atol=1e-12)
+    # the lag is behind them: what it makes of the servo's motion
+    corner = 2 * math.pi * 8.0
+    rates = np.diff(expected, prepend=0.0) / PERIOD
+    lagging = [0.0]
+    for rate in rates:
+        lagging.append(rate + (lagging[-1] - rate) * math.exp(-corner * PERIOD))
+    lost = np.diff(lagging) / -corner  # a lag takes in what it does not yet let out
+    exact = np.cumsum(rates * PERIOD + lost)
+    found = angles(DriveModel(slew=slew, deadband=0.025, resolution=step, bandwidth=8.0), jumps)
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12)
+
+
+def test_servos_side_by_side_turn_to_the_bit_as_each_alone():
+    rates = np.cumsum(np.random.default_rng(5).normal(0, 0.4, (300, 2)), axis=0)
+    every = {
+        "slew": [0.0, 0.3, 0.0, 0.2, 0.0],
+        "deadband": [0.0, 0.0, 0.004, 0.003, 0.0],
+        "resolution": [0.0, 0.0, 0.0, 0.002, 0.003],
+    }
+    together = SimulatedDrives(
+        DriveModel(**{name: np.array(each) for name, each in every.items()}),
+        PERIOD, RATIO, streams(5),
+    )  # fmt: skip
+    found = np.array([together.follow(np.tile(rate, (5, 1))) for rate in rates])
+    for rig in range(5):
+        model = DriveModel(**{name: each[rig] for name, each in every.items()})
+        alone = SimulatedDrives(model, PERIOD, RATIO, streams(1))
+        for rate, both in zip(rates, found[:, rig], strict=True):
+            assert np.array_equal(alone.follow(rate[None])[0], both)
+
+
+def test_a_servo_on_its_way_goes_on_through_a_change_and_begins_anew_at_rest():
+    """A jump of 3.5 dead bands that takes 50 periods; changed when it has less than one to go."""
+    model = DriveModel(slew=0.35, deadband=0.01)
+    jump = np.zeros((60, 1, 2))
+    jump[0] = RATIO * 0.035 / PERIOD
+
+    def went(drives, rates):
+        return np.cumsum([PERIOD * drives.follow(rate)[0, 0] for rate in rates]) / RATIO
+
+    drives = SimulatedDrives(model, PERIOD, RATIO, streams(1))
+    first = went(drives, jump[:45])
+    drives.change(DriveModel(slew=0.7, deadband=0.01), jump[44])
+    whole = first[-1] + went(drives, np.concatenate((jump[45:], np.zeros((60, 1, 2)))))[-1]
+    assert whole == pytest.approx(0.035, abs=1e-12)
+    drives.change(model, jump[44])
+    went(drives, jump[:45])
+    drives.adopt(np.arange(1), SimulatedDrives(model, PERIOD, RATIO, streams(1)))
+    assert not np.any(went(drives, np.zeros((20, 1, 2))))
+    assert np.array_equal(went(drives, jump[:45]), first)

@@ -1,7 +1,8 @@
 """A rig whose devices are simulated: any plant behind imperfect drives and sensors.
 
-Of the drives here: what lies between a commanded motor rate and the plate's (bandwidth, vibration,
-and a drive train of play, hysteresis and a soft part), and transmissions that are wrong.
+Of the drives here: what lies between a commanded motor rate and the plate's (a servo that goes to a
+position, bandwidth, vibration, and a drive train of play, hysteresis and a soft part), and
+transmissions that are wrong.
 """
 
 from __future__ import annotations
@@ -147,10 +148,11 @@ class Vibration:
 
 
 class TrainPart(ABC):
-    """A part of the drive train of N rigs.
+    """A part of the drives of N rigs.
 
     Attributes:
-        states: Names of the arrays, shape (N, 2), that have a past; 0 at the beginning.
+        states: Names of the arrays, shape (N, 2), that have a past; 0 at the beginning, and where
+            a rig gets the part while it runs.
         acts: Which rigs have the part, shape (N, 1).
     """
 
@@ -166,7 +168,7 @@ class TrainPart(ABC):
         """
         del rate
         for name in self.states:
-            setattr(self, name, getattr(before, name))
+            setattr(self, name, getattr(before, name) * before.acts)
 
     def begin(self, rigs: Rigs) -> None:
         """Let some rigs begin as they were when they were made."""
@@ -176,6 +178,44 @@ class TrainPart(ABC):
     @abstractmethod
     def follow(self, turn: Array) -> Array:
         """Turn of the output in rad for one of the input, both (N, 2)."""
+
+
+class PositionServo(TrainPart):
+    """A servo that goes to a position: to the sum of the turns that it was commanded, if it can.
+
+    That angle is rounded to the servo's steps. It stands until that is further away than its dead
+    band, then it goes there, however that moves on, as fast as it can; what it has not yet turned
+    it does not forget.
+
+    Args:
+        slew: Largest turn in a period in rad, shape (N, 1); 0 for any.
+        deadband: In rad, shape (N, 1); 0 for none.
+        resolution: Its steps in rad, shape (N, 1); 0 for none.
+    """
+
+    states = ("_commanded", "_angle", "_goes")
+
+    def __init__(self, slew: Array, deadband: Array, resolution: Array) -> None:
+        self.acts = (slew > 0) | (deadband > 0) | (resolution > 0)
+        self._most = np.where(slew > 0, slew, np.inf)
+        self._deadband = deadband
+        self._rounds = resolution > 0
+        self._step = np.where(self._rounds, resolution, 1.0)
+        self._commanded: Array = np.zeros((len(slew), 2))
+        self._angle: Array = np.zeros((len(slew), 2))
+        self._goes = np.zeros((len(slew), 2), bool)
+
+    def follow(self, turn: Array) -> Array:
+        """Turn of the servo in rad for a commanded one."""
+        self._commanded = self._commanded + turn
+        rounded = np.round(self._commanded / self._step) * self._step
+        goal = np.where(self._rounds, rounded, self._commanded)
+        before = self._angle
+        goes = self._goes | (np.abs(goal - before) > self._deadband)
+        there = np.minimum(np.maximum(goal, before - self._most), before + self._most)
+        self._angle = np.where(goes, there, before)
+        self._goes = goes & (there != goal)
+        return self._angle - before
 
 
 class Play(TrainPart):
@@ -282,7 +322,15 @@ class DriveModel:
 
     Fields may be arrays with one entry per rig.
 
+    A servo that goes to a position has the effects in this order: its command, the integral of the
+    commanded rate, is rounded, held back by the dead band, followed within the slew, then with the
+    lag. Where it stands off its command it is the measured angle that tells the rig.
+
     Attributes:
+        slew: Largest plate rate in rad/s at which a servo can go to a commanded position.
+        deadband: Angle in rad, as plate angle, by which the commanded one must be away from where
+            such a servo stands until it goes; then it goes all the way.
+        resolution: Steps in rad, as plate angle, to which such a servo rounds the commanded angle.
         bandwidth: Corner frequency in Hz of a first-order lag of the speed loop.
         backlash: Angle in rad that the drive turns without moving the plate, as plate angle.
         hysteresis: Angle in rad, as plate angle, by which the plate is left behind after a
@@ -299,6 +347,9 @@ class DriveModel:
             answer to the screen's noise, which the twin makes by itself.
     """
 
+    slew: Number = ramp("plant.servo.slew_deg", 0.0, Unit.DEG, ge=0, le=3600)
+    deadband: Number = ramp("plant.servo.deadband_deg", 0.0, Unit.DEG, ge=0, le=5)
+    resolution: Number = ramp("plant.servo.resolution_deg", 0.0, Unit.DEG, ge=0, le=5)
     bandwidth: Number = ramp("plant.servo.bandwidth_hz", 0.0, ge=0, le=1000)
     backlash: Number = ramp("plant.servo.backlash_deg", 0.0, Unit.DEG, ge=0, le=5)
     hysteresis: Number = ramp("plant.servo.hysteresis_deg", 0.0, Unit.DEG, ge=0, le=5)
@@ -373,29 +424,40 @@ class SimulatedDrives:
             each(model.vibration_frequency),
             each(model.vibration_wander),
         )
-        self._every = (
+        self._servo = PositionServo(
+            each(model.slew) * ratio * period,
+            each(model.deadband) * ratio,
+            each(model.resolution) * ratio,
+        )
+        train = (
             Play(each(model.backlash) * ratio),
             Hysteresis(each(model.hysteresis) * ratio),
             Resonance(each(model.resonance), each(model.resonance_damping), period),
         )
-        self._parts = [part for part in self._every if part.acts.any()]
-        self.ideal = not (any(shares) or self._parts or self._vibration.acts)
+        self._parts = [part for part in train if part.acts.any()]
+        self._every = (self._servo, *train)
+        self._goes_to = bool(self._servo.acts.any())
+        self.ideal = not (any(shares) or self._goes_to or self._parts or self._vibration.acts)
         """Whether the shafts follow every command at once."""
 
     def follow(self, rate: Array) -> Array:
         """Mean rates over the next period for the commanded ones, both rad/s, shape (N, 2)."""
+        if self._goes_to:
+            rate = self._through(self._servo, rate)
         lacking = self._rate - rate
         mean: Array = rate + self._mean * lacking
         self._rate = rate + self._left * lacking
         turned = mean
         for part in self._parts:
-            # a rig without the part keeps its rate to the last bit
-            followed = part.follow(mean * self._period) / self._period
-            mean = np.where(part.acts, followed, mean)
+            mean = self._through(part, mean)
         self.ahead = self.ahead + self._period * (turned - mean)
         if self._vibration.acts:
             mean = mean + self._vibration.rate()
         return mean
+
+    def _through(self, part: TrainPart, rate: Array) -> Array:
+        """Rates behind a part; a rig without it keeps its rate to the last bit."""
+        return np.where(part.acts, part.follow(rate * self._period) / self._period, rate)
 
 
 class SimulatedDevices:

@@ -284,6 +284,21 @@ static void move(Rig *rig, const double to[2]) {
 
 /* ---- Drives ------------------------------------------------------------------------------------ */
 
+/* A servo that goes to a position: to the sum of the turns commanded, on its grid, once that is
+   further away than its dead band, as fast as it can. */
+static double servo(Rig *rig, int i, double turn) {
+    const double *v = rig->v;
+    double most = v[PLANT_SERVO_SLEW] > 0 ? v[PLANT_SERVO_SLEW] * PERIOD : INFINITY;
+    double step = v[PLANT_SERVO_RESOLUTION], before = rig->servo[i];
+    rig->ordered[i] += turn;
+    double goal = step > 0 ? rint(rig->ordered[i] / step) * step : rig->ordered[i];
+    if (!rig->goes[i] && fabs(goal - before) <= v[PLANT_SERVO_DEADBAND])
+        return 0;
+    rig->servo[i] = smaller(larger(goal, before - most), before + most);
+    rig->goes[i] = rig->servo[i] != goal;
+    return rig->servo[i] - before;
+}
+
 /* A gap: the output stands until the input has crossed it. */
 static double play(Rig *rig, int i, double turn) {
     double half = rig->v[PLANT_SERVO_BACKLASH] / 2, before = rig->play_out[i];
@@ -345,18 +360,30 @@ static void follow(Rig *rig, const double command[2], double mean[2]) {
     const double *v = rig->v;
     double share = 2 * PI * v[PLANT_SERVO_BANDWIDTH_HZ] * PERIOD;
     double left = share > 0 ? exp(-share) : 0, of_mean = share > 0 ? -expm1(-share) / share : 0;
-    for (int i = 0; i < 2; i++) {
-        double lacking = rig->lagging[i] - command[i];
-        mean[i] = command[i] + of_mean * lacking;
-        rig->lagging[i] = command[i] + left * lacking;
+    int goes_to = v[PLANT_SERVO_SLEW] > 0 || v[PLANT_SERVO_DEADBAND] > 0 || v[PLANT_SERVO_RESOLUTION] > 0;
+    for (int i = 0; i < 2; i++) { /* a part that a rig gets while it runs begins at 0 */
+        double asked = command[i];
+        if (goes_to)
+            asked = servo(rig, i, asked * PERIOD) / PERIOD;
+        else
+            rig->ordered[i] = rig->servo[i] = rig->goes[i] = 0;
+        double lacking = rig->lagging[i] - asked;
+        mean[i] = asked + of_mean * lacking;
+        rig->lagging[i] = asked + left * lacking;
         if (v[PLANT_SERVO_BACKLASH] > 0)
             mean[i] = play(rig, i, mean[i] * PERIOD) / PERIOD;
+        else
+            rig->play_in[i] = rig->play_out[i] = 0;
         if (v[PLANT_SERVO_HYSTERESIS] > 0)
             mean[i] = hysteresis(rig, i, mean[i] * PERIOD) / PERIOD;
-        if (v[PLANT_SERVO_RESONANCE_HZ] > 0)
-            mean[i] = resonance(rig, i, mean[i] * PERIOD) / PERIOD;
         else
+            rig->lost[i] = 0;
+        if (v[PLANT_SERVO_RESONANCE_HZ] > 0) {
+            mean[i] = resonance(rig, i, mean[i] * PERIOD) / PERIOD;
+        } else {
             rig->motor_rate[i] = command[i];
+            rig->swing[i] = rig->swing_rate[i] = 0;
+        }
     }
     vibrate(rig, mean);
 }

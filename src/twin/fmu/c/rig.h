@@ -50,6 +50,8 @@ typedef struct {
     int fallen;
 
     /* drives */
+    double ordered[2], servo[2]; /* angle commanded, and where the servo is */
+    int goes[2];
     double lagging[2];
     double play_in[2], play_out[2];
     double lost[2];
