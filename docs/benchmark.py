@@ -18,14 +18,14 @@ import click
 import numpy as np
 from pages import HERE, filled
 
-from twin.bench import LOCKED, MODEL, Benchmark, hashed
+from twin.bench import FAMILY, LOCKED, MODEL, Benchmark, hashed
 from twin.run.picture import drawn
 from twin.study.experiments import Store
 from twin.study.schema import drawn as rigs_of
 from twin.study.schema import read_family
 from twin.writing import write_whole
 
-FAMILY, DRAW, RIGS = "uncertain", 2026, 128
+DRAW, RIGS = 2026, 128
 EXPECTED, FIRST = ("lqr", "afl", "cure"), 4
 """The laws whose errors on the first rigs are locked, and how many rigs."""
 LEAST = 0.005
@@ -58,9 +58,7 @@ def freeze(folder: Any) -> None:
     write_whole(folder / "rigs.csv", rigs())
     bench = Benchmark(folder)
     rows = measured(bench, bench.about.reference)
-    error = rows[bench.about.metric]
-    most = error.groupby(rows["task"]).transform("max")  # where it loses the ball itself
-    known = rows[["task", "rig", "noise"]].assign(reference=error.fillna(most))
+    known = bench.as_reference(rows)
     write_whole(folder / "reference.csv", known.to_csv(index=False, lineterminator="\n"))
     lines = ["# What version 1 was when it was frozen: docs/benchmark.py --freeze.", "[files]"]
     lines += [f'"{name}" = "{hashed(folder, name)}"' for name in (*LOCKED, *MODEL)]

@@ -1,8 +1,12 @@
 """The public benchmark: how it scores, what it refuses, and that what differs is seen."""
 
+import hashlib
 import json
 import math
+import os
 import shutil
+import subprocess
+import sys
 import textwrap
 from pathlib import Path
 
@@ -13,13 +17,15 @@ from click.testing import CliRunner
 from scipy import stats
 
 from twin import bench
-from twin.bench import Benchmark, Entry, interquartile, interval
+from twin.bench import FAMILY, Benchmark, Entry, beside, interquartile, interval
 from twin.cli import ballplate as command
-from twin.errors import LawError, RecordError, ScenarioError
+from twin.errors import LawError, RecordError, ScenarioError, TwinError
 from twin.study.experiments import Store
+from twin.study.schema import drawn, read_family
 
 V1 = Benchmark().folder
 RIGS = 4
+KEY, OTHER = "the-key-of-a-season", "the-key-of-another-one"
 SMALL = """
 schema = "ballplate/bench/v1"
 title = "Small"
@@ -244,3 +250,171 @@ def test_version_1_has_the_size_that_it_says():
 @pytest.mark.long
 def test_laws_of_version_1_give_the_errors_that_were_frozen():
     assert list(Benchmark().differences(rigs=2)) == []
+
+
+def test_a_season_has_rigs_of_its_key_alone():
+    ours, other, frozen = Benchmark(key=KEY), Benchmark(key=OTHER), Benchmark()
+    assert ours.season == hashlib.sha256(KEY.encode()).hexdigest()[:12]
+    assert (Benchmark(key=KEY).points, Benchmark(key=KEY).seeds) == (ours.points, ours.seeds)
+    every = [*ours.points, *other.points, *frozen.points]
+    assert len({json.dumps(point) for point in every}) == 64 + 64 + 128
+    assert len({*ours.seeds, *other.seeds, *frozen.seeds}) == 64 + 64 + 128
+    assert list(ours.points[0]) == list(frozen.points[0])
+
+
+@pytest.mark.long
+def test_a_season_has_the_same_bits_in_another_process():
+    ours = Benchmark(key=KEY)
+    asked = f"import json; from twin.bench import Benchmark; b = Benchmark(key={KEY!r}); "
+    asked += "print(json.dumps([b.season, b.points, b.seeds]))"
+    said = subprocess.check_output(
+        [sys.executable, "-c", asked], env=os.environ | {"PYTHONHASHSEED": "7"}
+    )
+    assert json.loads(said) == [ours.season, ours.points, ours.seeds]
+
+
+def test_family_and_sampler_draw_what_they_drew_when_version_1_was_frozen():
+    """Else a key that is published would not draw the rigs of its season any more."""
+    frozen, again = Benchmark(), drawn(read_family(FAMILY), 2026, 128)
+    assert [rig.point for rig in again] == frozen.points
+    assert [rig.seed for rig in again] == frozen.seeds
+
+
+def test_rigs_of_seasons_are_distributed_as_the_family_says():
+    family = read_family(FAMILY).parameters
+    seasons = pd.DataFrame(
+        [point for number in range(30) for point in Benchmark(key=f"{KEY}-{number}").points]
+    )
+    many = pd.DataFrame([rig.point for rig in drawn(read_family(FAMILY), 5, 4000)])
+    assert list(seasons) == list(many) == list(Benchmark().points[0])
+    least = 0.01 / (2 * len(family))  # of chance one in a hundred for all of them together
+    for key, about in family.items():
+        assert stats.ks_2samp(seasons[key], many[key]).pvalue > least, key
+        if about.values is not None:
+            share = (seasons[key] == about.values[0]).sum()
+            assert stats.binomtest(share, len(seasons), 0.5).pvalue > least
+            continue
+        low, high = about.ends
+        shape = stats.loguniform(low, high) if about.loguniform else stats.uniform(low, high - low)
+        assert stats.ks_1samp(seasons[key], shape.cdf).pvalue > least, key
+
+
+@pytest.mark.parametrize(
+    "key", ["", "fifteen-letters", "sixteen with a gap", "sechzehn-öde-schlüssel"]
+)
+def test_a_key_that_could_be_guessed_or_mistaken_is_refused_in_a_line(key):
+    with pytest.raises(ScenarioError, match="--season: a key is 16 or more") as caught:
+        Benchmark(key=key)
+    assert "\n" not in str(caught.value)
+    assert not key or key not in str(caught.value)
+
+
+@pytest.fixture
+def shipped(small, tmp_path, monkeypatch):
+    """The small benchmark in place of version 1, seasons of three rigs, and a folder for runs."""
+    shutil.copytree(small.folder, tmp_path / "bench" / "v1")
+    monkeypatch.setattr(bench, "scenarios_folder", lambda: tmp_path)
+    monkeypatch.setattr(bench, "SEASON", 3)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def called(*words):
+    result = CliRunner().invoke(command, ["bench", *map(str, words)])
+    if isinstance(result.exception, TwinError):
+        return result.exception
+    return result.stdout or result.stderr
+
+
+def test_entries_on_different_rigs_are_not_mixed(shipped):
+    season = Benchmark(key=KEY).season
+    for name, own in (("frozen", {}), ("ours", {"season": season}), ("new", {"season": ""})):
+        (shipped / name).mkdir()
+        scores = [{"task": "Circle", "error": 1.0, "kept": 4}]
+        (shipped / name / "scores.json").write_text(json.dumps({**own, "scores": scores}))
+    kept = "the rigs of season "
+    for words, line in (
+        (["verify", "ours"], f"ours: on {kept}{season}, not on the frozen rigs"),
+        (["verify", "frozen", "--season", KEY], f"frozen: on the frozen rigs, not on {kept}"),
+        (["verify", "ours", "--season", OTHER], f"ours: on {kept}{season}, not on {kept}"),
+        (["table", "frozen", "ours"], f"ours: on {kept}{season}, but frozen on the frozen rigs"),
+    ):
+        said = called(*words)
+        assert isinstance(said, RecordError), words
+        assert str(said).startswith(line)
+        assert "\n" not in str(said)
+    assert not (shipped / "runs").exists()  # refused before anything is run
+    assert called("table", "frozen", "new").startswith("On the frozen rigs")
+    assert called("table", "ours").startswith(f"On {kept}{season}")
+    assert "needs the ENTRY" in str(called("verify", "--season", KEY))
+
+
+@pytest.mark.long
+def test_an_entry_of_a_season_is_scored_and_verified_on_its_rigs_alone(shipped):
+    season = Benchmark(key=KEY)
+    law = shipped / "entry"
+    law.mkdir()
+    (law / "entry.toml").write_text("title = 'PID'\nset = ['controller={kind=\"pid\"}']\n")
+    runs = shipped / "runs"
+    frozen, ours = runs / "bench-entry", runs / f"bench-entry-{season.season}"
+    known = runs / f"bench-lqr-{season.season}"
+    assert "on the frozen rigs" in called("run", law, "-j", 1)
+    assert not known.exists()
+    told = json.loads(called("run", law, "--season", KEY, "-j", 1, "--json"))
+    # both laws beside each other on these rigs, run by run
+    error, reference = (
+        ran(season, Entry(title="", set=(f"controller={{{text}}}",)), ".")["rms_distance"]
+        for text in ('kind="pid"', 'kind="lqr",rho=100.0,kappa=0.1')
+    )
+    part = np.sort((error / reference).to_numpy().reshape(2, 3 * 2))
+    assert [each["error"] for each in told] == pytest.approx(part[:, 1:-1].mean(axis=1))
+    assert [each["kept"] for each in told] == [3, 3]
+    written = json.loads((ours / "scores.json").read_text())
+    assert written == {"season": season.season, "scores": told}
+    for file in shipped.rglob("*"):
+        assert file.is_dir() or KEY.encode() not in file.read_bytes()
+    assert called("verify", ours, "--season", KEY) == f"{ours}: as told\n"
+    assert called("verify", frozen) == f"{frozen}: as told\n"
+    assert called("run", "lqr", "--season", KEY, "-j", 1).startswith(
+        f"LQR, on the rigs of season {season.season}"
+    )
+    scores, its = beside([ours, known])
+    assert its == season.season
+    assert [each["error"] for each in scores[str(known)]] == [1.0, 1.0]
+
+
+def test_where_the_reference_law_loses_the_ball_its_worst_in_the_task_stands():
+    rows = pd.DataFrame(
+        {"task": [*"aaabb"], "rig": [0, 1, 2, 0, 1], "noise": 0, "outcome": "finished",
+         "rms_distance": [0.1, np.nan, 0.3, 0.7, np.nan]}
+    )  # fmt: skip
+    known = Benchmark().as_reference(rows)
+    assert known["reference"].tolist() == [0.1, 0.3, 0.3, 0.7, 0.7]
+    assert list(known) == ["task", "rig", "noise", "reference"]
+
+
+def test_a_season_is_listed_with_its_fingerprint_and_rigs(shipped):
+    season = Benchmark(key=KEY)
+    listed = json.loads(called("list", "--season", KEY, "--json"))
+    assert listed == {"season": season.season, "rigs": season.points, "seeds": season.seeds}
+    assert called("list", "--season", KEY) == f"the rigs of season {season.season}\n"
+
+
+@pytest.mark.long
+def test_a_law_that_looks_ahead_has_the_bits_of_a_task_also_beside_other_tasks(tmp_path):
+    """A figure of eight and a ball to be held share a batch: they last as long."""
+    v1 = Benchmark()
+    tasks = {task.name: task for task in v1.about.tasks}
+    short = [
+        tasks[name].model_copy(
+            update={"set": (*tasks[name].set, "duration=2.0", "metrics.start=0")}
+        )
+        for name in ("Lissajous-v1", "Hold-v1")
+    ]
+
+    def errors(*tasks):
+        v1.about = v1.about.model_copy(update={"tasks": tasks})
+        rows = v1.carried_out(v1.about.laws["cure"], v1.folder, Store(None), rigs=2, processes=1)
+        return rows["rms_distance"].tolist()
+
+    assert errors(*short) == [*errors(short[0]), *errors(short[1])]

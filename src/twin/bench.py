@@ -1,7 +1,8 @@
 """The public benchmark: the same tasks on the same rigs for every law, entries that are verified.
 
 A law is judged rig by rig and noise by noise beside the same reference law. What was commanded on
-some rigs is kept, so that whoever verifies an entry replays it and runs no code of others.
+some rigs is kept, so that whoever verifies an entry replays it and runs no code of others. Beside
+the frozen rigs, which anyone may tune on, a season has some that only its key draws.
 """
 
 from __future__ import annotations
@@ -9,11 +10,10 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 from zipfile import BadZipFile
@@ -33,8 +33,8 @@ from twin.paths import model_path
 from twin.run.loop import simulate
 from twin.scenario.schema import ControllerChoice, Scenario
 from twin.shipped import folder as scenarios_folder
-from twin.study.experiments import Store, carry
-from twin.study.schema import Point
+from twin.study.experiments import CHUNK, Store, carry
+from twin.study.schema import Point, drawn, read_family
 from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest
 from twin.validation import Checked, read_model
 from twin.writing import write_json, write_whole
@@ -42,11 +42,17 @@ from twin.writing import write_json, write_whole
 ALLOWED = ("controller", "observer", "predictor")
 """The tables of a scenario that are an entry's."""
 MAY = 300.0
-"""Seconds of a processor that an entry's code may take for a batch of runs."""
+"""Seconds of a processor that an entry's code may take for ``CHUNK`` runs, or fewer."""
 DRAWS = 2000
 """Samples of the bootstrap."""
 STRATA = "sensors.touch.frame_rate"
 """The rigs with equal values of this key are drawn among themselves."""
+FAMILY = "uncertain"
+"""The family that all rigs are drawn from."""
+SEASON = 64
+"""Rigs of a season."""
+KEY = re.compile("[!-~]{16,}")
+"""What a season's key may be: its fingerprint is public, so nobody must guess it."""
 LOCKED = ("bench.toml", "faults.toml", "rigs.csv", "reference.csv")
 MODEL = ("ballplate.xml", "cams.json")
 TOLERANCE = 0.02
@@ -139,21 +145,32 @@ class BenchScore(NamedTuple):
 
 
 class Benchmark:
-    """A frozen benchmark in a folder.
+    """A frozen benchmark in a folder, on its frozen rigs or on those of a season.
 
     Args:
         folder: Where it lies; the shipped one by default.
+        key: Draws the rigs of a season; None for the frozen ones.
+
+    Attributes:
+        points: What each rig is.
+        seeds: Of the first noise of each.
+        season: The fingerprint of the season's key; empty for the frozen rigs.
 
     Raises:
-        ScenarioError: If it is none.
+        ScenarioError: If it is none, or the key is too short or has other characters.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
+    def __init__(self, folder: Path | None = None, *, key: str | None = None) -> None:
         self.folder = folder or scenarios_folder() / "bench" / "v1"
         self.about: Bench = read_model(Bench, self.folder / "bench.toml")
         table = pd.read_csv(self.folder / self.about.rigs, dtype=str).map(json.loads)
+        self.season, table = ("", table) if key is None else season(key)
         self.seeds: list[int] = table.pop("seed").tolist()
         self.points: list[Point] = table.to_dict("records")
+
+    def out(self, name: str) -> Path:
+        """The folder that an entry of this name has by default, another one for every season."""
+        return Path("runs") / "-".join(filter(None, ("bench", name, self.season)))
 
     def entry(self, name: str | Path) -> tuple[str, Entry, Path]:
         """An entry, what it is called and where its files lie: shipped, a folder, or a law's file.
@@ -213,17 +230,9 @@ class Benchmark:
         text = (place / entry.file).read_bytes().hex() if entry.file else ""
         with entered(entry, place) as (fixed, _):
             listed = self.runs(fixed, rigs=rigs)
-            how["do"] = partial(_carried_out, entry, place) if text else None
-            tell: Callable[[int, int], None] = how.pop("progress", lambda *_: None)
-            tables: list[pd.DataFrame] = []
-            # a task by itself: some laws give other bits beside another reference
-            for _, some in groupby(listed, key=lambda each: each.task):
-                its = [each.scenario for each in some]
-                work = ScenarioRuns(its, mark=digest(text) * bool(text))
-                before = sum(map(len, tables))
-                how["progress"] = lambda done, lost, before=before: tell(before + done, lost)
-                tables.append(carry(work, store, **how).to_pandas())
-            rows = pd.concat(tables, ignore_index=True)
+            work = ScenarioRuns((each.scenario for each in listed), mark=digest(text) * bool(text))
+            do = partial(_carried_out, entry, place) if text else None
+            rows = carry(work, store, do=do, **how).to_pandas()
         for reason in rows.loc[rows["outcome"] == "refused", "reason"]:
             raise LawError(f"{entry.title}: {reason}")
         labels = pd.DataFrame([each[:3] for each in listed], columns=list(BenchRun._fields[:3]))
@@ -234,13 +243,30 @@ class Benchmark:
         work = ScenarioRuns(each.scenario for each in self.runs(self.about.laws[law].set))
         return bool(store.rows([task.key for task in work.tasks]).num_rows == len(work.tasks))
 
+    def known(self, **how: Any) -> pd.DataFrame:
+        """The reference law's error in each run: frozen, or of a season run here once and kept.
+
+        Args:
+            how: Who carries out what is missing, as for ``carry``.
+        """
+        if not self.season:
+            return pd.read_csv(self.folder / "reference.csv")
+        law = self.about.reference
+        store = Store(self.out(law))
+        return self.as_reference(self.carried_out(self.about.laws[law], self.folder, store, **how))
+
+    def as_reference(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Runs of the reference law with ``reference``, its error; its worst in a task if lost."""
+        error = rows[self.about.metric]
+        most = error.groupby(rows["task"]).transform("max")
+        return rows[["task", "rig", "noise"]].assign(reference=error.fillna(most))
+
     def relative(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Rows with ``error``, the part of the reference law's on the same rig and noise.
 
         A lost ball counts as much as the worst that is possible, ``most``.
         """
-        known = pd.read_csv(self.folder / "reference.csv")
-        both = rows.merge(known, on=["task", "rig", "noise"], validate="1:1")
+        both = rows.merge(self.known(), on=["task", "rig", "noise"], validate="1:1")
         part = both[self.about.metric] / both["reference"]
         lost = (both["outcome"] != "finished") | ~np.isfinite(part)
         return both.assign(error=part.clip(upper=self.about.most).mask(lost, self.about.most))
@@ -285,13 +311,20 @@ class Benchmark:
             expected = [told[task.name][: rigs * self.about.seeds] for task in self.about.tasks]
             yield from unlike(rows, np.concatenate(expected), self.about.metric, law)
 
-    def replayed(self, folder: Path) -> Iterator[str]:
+    def replayed(self, folder: Path, **how: Any) -> Iterator[str]:
         """What is not as an entry's folder says when it is replayed and scored again, in words.
 
+        Args:
+            folder: Of the entry.
+            how: Who carries out what is missing of the reference law, as for ``carry``.
+
         Raises:
-            RecordError: If it holds no finished entry.
+            RecordError: If it holds no finished entry, or one on other rigs.
         """
-        told = scores_of(folder)
+        told, its = scores_of(folder)
+        if its != self.season:
+            raise RecordError(f"{folder}: on {rigs_of(its)}, not on {rigs_of(self.season)}")
+        self.known(**how)
         try:
             rows = pd.read_parquet(folder / "runs.parquet")
             with np.load(folder / "commands.npz") as commands:
@@ -343,7 +376,8 @@ class Benchmark:
         write_whole(folder / "entry.toml", toml(entry.model_dump()))
         write_whole(folder / "runs.parquet", lambda path: rows.to_parquet(path, index=False))
         write_whole(folder / "commands.npz", commands)
-        write_json(folder / "scores.json", {"scores": [each._asdict() for each in found]})
+        told = {"season": self.season, "scores": [each._asdict() for each in found]}
+        write_json(folder / "scores.json", told)
         return found
 
 
@@ -386,8 +420,15 @@ def _replaying(number: int) -> ControllerChoice:
 
 
 @contextmanager
-def entered(entry: Entry, place: Path) -> Iterator[tuple[tuple[str, ...], AnswerProcess | None]]:
+def entered(
+    entry: Entry, place: Path, runs: int = 0
+) -> Iterator[tuple[tuple[str, ...], AnswerProcess | None]]:
     """The overrides that put an entry into a scenario, and the process that its code runs in.
+
+    Args:
+        entry: Which.
+        place: Where its file lies.
+        runs: For how many runs; more than ``CHUNK`` have more time.
 
     Raises:
         LawError: If its code cannot be loaded.
@@ -400,7 +441,7 @@ def entered(entry: Entry, place: Path) -> Iterator[tuple[tuple[str, ...], Answer
         yield entry.set, None
         return
     about = AnswerTable.model_validate(
-        {**entry.model_dump(include={"kind", "file"}), "seconds": MAY}
+        {**entry.model_dump(include={"kind", "file"}), "seconds": MAY * max(1, runs / CHUNK)}
     )
     with answering(place / entry.file, about) as process:
         table = "controller" if entry.kind == "law" else "observer"
@@ -409,7 +450,7 @@ def entered(entry: Entry, place: Path) -> Iterator[tuple[tuple[str, ...], Answer
 
 def _carried_out(entry: Entry, place: Path, jobs: Sequence[Job]) -> list[Row]:
     """Carry out runs of an entry that has code; one that fails is refused at once."""
-    with entered(entry, place) as (_, process):
+    with entered(entry, place, len(jobs)) as (_, process):
         rows = carry_out(jobs)
         if process is not None and process.failure is not None:
             raise LawError(process.failure)
@@ -445,17 +486,49 @@ def unlike(rows: pd.DataFrame, told: Array, metric: str, what: str) -> Iterator[
             yield f"{where}: {value:.9g} m, told {wanted:.9g} m"
 
 
-def scores_of(folder: Path) -> list[dict[str, Any]]:
-    """What a finished entry says that it came to, task by task.
+def season(key: str) -> tuple[str, pd.DataFrame]:
+    """The fingerprint of a season's key, 12 digits of its SHA-256, and the rigs that it draws.
+
+    Raises:
+        ScenarioError: If the key is too short or has other characters.
+    """
+    if not KEY.fullmatch(key):
+        raise ScenarioError("--season: a key is 16 or more letters, digits or signs of ASCII")
+    code = hashlib.sha256(key.encode()).hexdigest()
+    rigs = drawn(read_family(FAMILY), int(code, 16), SEASON)
+    return code[:12], pd.DataFrame([{**rig.point, "seed": rig.seed} for rig in rigs])
+
+
+def rigs_of(season: str) -> str:
+    """What the rigs are called that a season's fingerprint stands for, or none."""
+    return f"the rigs of season {season}" if season else "the frozen rigs"
+
+
+def scores_of(folder: Path) -> tuple[list[dict[str, Any]], str]:
+    """What a finished entry says that it came to, task by task, and its season's fingerprint.
 
     Raises:
         RecordError: If it holds none.
     """
     try:
-        found: list[dict[str, Any]] = json.loads((folder / "scores.json").read_bytes())["scores"]
+        found: dict[str, Any] = json.loads((folder / "scores.json").read_bytes())
+        return found["scores"], str(found.get("season", ""))
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise RecordError(f"{folder}: holds no finished entry: {error}") from error
-    return found
+
+
+def beside(folders: Sequence[Path]) -> tuple[dict[str, list[dict[str, Any]]], str]:
+    """The scores of finished entries by their folder, and the fingerprint of their one season.
+
+    Raises:
+        RecordError: If one holds none, or they are on different rigs.
+    """
+    found = {str(each): scores_of(each) for each in folders}
+    (first, (_, season)), *_ = found.items()
+    for name, (_, its) in found.items():
+        if its != season:
+            raise RecordError(f"{name}: on {rigs_of(its)}, but {first} on {rigs_of(season)}")
+    return {name: scores for name, (scores, _) in found.items()}, season
 
 
 def hashed(folder: Path, name: str) -> str:

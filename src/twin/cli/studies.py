@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from twin.shipped import chosen, shipped_in
 from twin.writing import check_writable
 
 if TYPE_CHECKING:
-    from twin.bench import BenchScore
+    from twin.bench import Benchmark, BenchScore
     from twin.study.answers import Answer
     from twin.study.schema import Study
     from twin.study.work import Work
@@ -195,66 +196,93 @@ NOTE = (
 )
 
 
+SEASON = click.option(
+    "--season", metavar="KEY", help="Take the 64 rigs that this key draws, not the frozen ones."
+)
+
+
 @click.group(cls=Group, example="bench run my_law.py --out entry")
 def bench() -> None:
     """The public benchmark: the same tasks on the same 128 rigs for every law."""
 
 
 @bench.command("list", cls=Command, example="bench list")
+@SEASON
 @JSON
-def list_laws() -> int:
-    """List the laws of this project, which are the first entries."""
-    from twin.bench import Benchmark
+def list_laws(season: str | None) -> int:
+    """List the laws of this project, which are the first entries.
 
-    show_titles({name: law.title for name, law in Benchmark().about.laws.items()})
+    With the key of a season say the key's fingerprint instead, and as JSON the rigs.
+    """
+    from twin.bench import Benchmark, rigs_of
+
+    benchmark = Benchmark(key=season)
+    if season is None:
+        show_titles({name: law.title for name, law in benchmark.about.laws.items()})
+        return 0
+    found = {"season": benchmark.season, "rigs": benchmark.points, "seeds": benchmark.seeds}
+    show(found, [rigs_of(benchmark.season)])
     return 0
+
+
+@contextmanager
+def _counted(title: str, benchmark: Benchmark) -> Iterator[Callable[[int, int], None]]:
+    count = len(benchmark.points) * benchmark.about.seeds * len(benchmark.about.tasks)
+    with progress(title, count, "runs") as advance:
+        yield lambda done, lost: advance(done, f"{lost} not finished")
 
 
 @bench.command(cls=Command, example="bench run my_law.py --out entry")
 @click.argument("entry")
 @click.option("--out", type=PATH, help="Folder of the entry [runs/bench-ENTRY].")
+@SEASON
 @PROCESSES
 @JSON
-def run(entry: str, out: Path | None, processes: int | None) -> int:
+def run(entry: str, out: Path | None, season: str | None, processes: int | None) -> int:
     """Run an entry: a law's file, a folder with an entry.toml, or a law of ``bench list``.
 
     Code of an entry runs in a process of its own that sees measurements and nothing else. Finished
-    runs are kept: an interrupted command goes on where it was.
+    runs are kept: an interrupted command goes on where it was. On the rigs of a season the
+    reference law is run first, once for all entries.
     """
-    from twin.bench import Benchmark
+    from twin.bench import Benchmark, rigs_of
     from twin.study.experiments import Store
 
-    benchmark = Benchmark()
+    benchmark = Benchmark(key=season)
     name, about, place = benchmark.entry(entry)
-    folder = check_writable(out or Path("runs") / f"bench-{name}")
-    count = len(benchmark.points) * benchmark.about.seeds * len(benchmark.about.tasks)
-    with progress(about.title, count, "runs") as advance:
+    folder = check_writable(out or benchmark.out(name))
+    if season:
+        with _counted("reference law", benchmark) as told:
+            benchmark.known(processes=processes, progress=told)
+    with _counted(about.title, benchmark) as told:
         rows = benchmark.carried_out(
-            about,
-            place,
-            Store(folder),
-            processes=processes,
-            progress=lambda done, lost: advance(done, f"{lost} not finished"),
+            about, place, Store(folder), processes=processes, progress=told
         )
     found = benchmark.write(folder, about, place, rows)
     files = "entry.toml, runs.parquet, scores.json, commands.npz"
-    show([each._asdict() for each in found], [_table(about.title, found)], folder, files)
+    shown = _table(f"{about.title}, on {rigs_of(benchmark.season)}", found)
+    show([each._asdict() for each in found], [shown], folder, files)
     return 0
 
 
 @bench.command(cls=Command, example="bench verify entry")
 @click.argument("entry", required=False, type=PATH)
+@SEASON
 @JSON
-def verify(entry: Path | None) -> int:
+def verify(entry: Path | None, season: str | None) -> int:
     """Verify an entry: its scores, and its commands replayed; none of its code is run.
 
     Without one the benchmark itself: its files, and errors of its laws on the first rigs. Exit code
-    1 where anything differs.
+    1 where anything differs. An entry of a season needs its key, and the reference law is run once.
     """
     from twin.bench import Benchmark
 
-    benchmark = Benchmark()
-    wrong = list(benchmark.differences() if entry is None else benchmark.replayed(entry))
+    if season is not None and entry is None:
+        raise click.UsageError("--season: needs the ENTRY that is verified")
+    benchmark = Benchmark(key=season)
+    with _counted("reference law", benchmark) if season else nullcontext() as told:
+        replayed = benchmark.replayed(entry, progress=told) if entry else benchmark.differences()
+        wrong = list(replayed)
     what = "the benchmark" if entry is None else str(entry)
     show(wrong, wrong or [f"{what}: as it was frozen" if entry is None else f"{what}: as told"])
     return 1 if wrong else 0
@@ -265,15 +293,15 @@ def verify(entry: Path | None) -> int:
 @JSON
 def table(entries: Sequence[Path]) -> int:
     """Put finished entries side by side: the relative error of each in each task."""
-    from twin.bench import scores_of
+    from twin.bench import beside, rigs_of
 
-    found = {str(each): scores_of(each) for each in entries}
+    found, season = beside(entries)
     tasks = [each["task"] for each in next(iter(found.values()))]
     cells = [
         (name, *(f"{each['error']:.3g} ({each['kept']} kept)" for each in its))
         for name, its in found.items()
     ]
-    show(found, [Table("", ("entry", *tasks), cells, words=(0,))])
+    show(found, [Table(f"On {rigs_of(season)}", ("entry", *tasks), cells, words=(0,))])
     return 0
 
 
