@@ -1,5 +1,6 @@
 """The public benchmark: how it scores, what it refuses, and that what differs is seen."""
 
+import contextlib
 import hashlib
 import json
 import math
@@ -210,6 +211,17 @@ def test_an_entry_that_fails_is_refused_in_a_line(small, tmp_path, monkeypatch, 
     with pytest.raises(LawError, match=words) as caught:
         ran(small, own(tmp_path, line), tmp_path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("runs", "seconds"), [(8, 300.0), (64, 300.0), (192, 900.0)])
+def test_code_has_more_time_for_more_runs(tmp_path, monkeypatch, runs, seconds):
+    def answering(path, about):
+        assert (path, about.seconds) == (tmp_path / "own.py", seconds)
+        return contextlib.nullcontext()
+
+    monkeypatch.setattr(bench, "answering", answering)
+    monkeypatch.setattr(bench, "carry_out", len)
+    assert bench._carried_out(own(tmp_path), tmp_path, [None] * runs) == runs
 
 
 def test_what_is_no_entry_s_is_refused(small, tmp_path):
