@@ -233,7 +233,7 @@ def trace(
     import numpy as np
     import pandas as pd
 
-    from twin.devices.akd.decoding import Conversation, Event, Names
+    from twin.devices.akd.decoding import Conversation, Names, TracedEvent
     from twin.devices.akd.traces import read_trace
     from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
     from twin.scenario.rig import read_rig
@@ -254,7 +254,7 @@ def trace(
         export(log, log_of_trace(said, drives, cams_of(own), home, touch), TRACE_UNITS)
     rows = [(f"{each.time:.6f}", *each[1:]) for each in said.events]
     if out is not None:
-        frame = pd.DataFrame(rows, columns=["time [s]", *Event._fields[1:]])
+        frame = pd.DataFrame(rows, columns=["time [s]", *TracedEvent._fields[1:]])
         write_whole(out, frame.to_csv(index=False, lineterminator="\n"))
     shown = (
         bold(f"{file}: {len(found.frames)} frames on {found.channel} in {said.duration:.3f} s"),
