@@ -264,9 +264,10 @@ class Benchmark:
     def relative(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Rows with ``error``, the part of the reference law's on the same rig and noise.
 
-        A lost ball counts as much as the worst that is possible, ``most``.
+        A lost ball counts as much as the worst that is possible, ``most``, and so does a run that
+        is not among the rows.
         """
-        both = rows.merge(self.known(), on=["task", "rig", "noise"], validate="1:1")
+        both = rows.merge(self.known(), "right", on=["task", "rig", "noise"], validate="1:1")
         part = both[self.about.metric] / both["reference"]
         lost = (both["outcome"] != "finished") | ~np.isfinite(part)
         return both.assign(error=part.clip(upper=self.about.most).mask(lost, self.about.most))
@@ -334,7 +335,8 @@ class Benchmark:
             raise RecordError(f"{folder}: holds no finished entry: {error}") from error
         if not same:
             yield "scores.json: not the scores of runs.parquet"
-        first = rows[rows["rig"] < self.about.replayed].reset_index(drop=True)
+        whole = self.relative(rows)
+        first = whole[whole["rig"] < self.about.replayed].reset_index(drop=True)
         if [each.shape[1:] for each in Replayed.commands] != [(2,)] * len(first):
             yield "commands.npz: not those of every run on the first rigs"
             return
