@@ -378,7 +378,7 @@ def test_an_entry_of_a_season_is_scored_and_verified_on_its_rigs_alone(shipped):
     frozen, ours = runs / "bench-entry", runs / f"bench-entry-{season.season}"
     known = runs / f"bench-lqr-{season.season}"
     assert "on the frozen rigs" in called("run", law, "-j", 1)
-    assert not known.exists()
+    assert not list(runs.glob("season-*"))
     told = json.loads(called("run", law, "--season", KEY, "-j", 1, "--json"))
     # both laws beside each other on these rigs, run by run
     error, reference = (
@@ -390,6 +390,10 @@ def test_an_entry_of_a_season_is_scored_and_verified_on_its_rigs_alone(shipped):
     assert [each["kept"] for each in told] == [3, 3]
     written = json.loads((ours / "scores.json").read_text())
     assert written == {"season": season.season, "scores": told}
+    assert {path.name for path in runs.glob(f"*-{season.season}")} == {
+        ours.name,
+        f"season-{season.season}",
+    }
     for file in shipped.rglob("*"):
         assert file.is_dir() or KEY.encode() not in file.read_bytes()
     assert called("verify", ours, "--season", KEY) == f"{ours}: as told\n"

@@ -246,14 +246,16 @@ class Benchmark:
     def known(self, **how: Any) -> pd.DataFrame:
         """The reference law's error in each run: frozen, or of a season run here once and kept.
 
+        It is kept in runs/season-FINGERPRINT, beside what entries have and say.
+
         Args:
             how: Who carries out what is missing, as for ``carry``.
         """
         if not self.season:
             return pd.read_csv(self.folder / "reference.csv")
-        law = self.about.reference
-        store = Store(self.out(law))
-        return self.as_reference(self.carried_out(self.about.laws[law], self.folder, store, **how))
+        store = Store(Path("runs") / f"season-{self.season}")
+        law = self.about.laws[self.about.reference]
+        return self.as_reference(self.carried_out(law, self.folder, store, **how))
 
     def as_reference(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Runs of the reference law with ``reference``, its error; its worst in a task if lost."""
