@@ -134,10 +134,11 @@ def test_the_reference_law_is_one_everywhere_and_lost_balls_are_the_worst(small)
     for score in small.scores(rows):
         assert (score.error, score.low, score.high, score.worst) == (1.0, 1.0, 1.0, 1.0)
         assert score.kept == RIGS
-    rows.loc[(rows["task"] == "Circle") & (rows["rig"] == 0) & (rows["noise"] == 1), "outcome"] = (
-        "fell"
-    )
+    one = (rows["task"] == "Circle") & (rows["rig"] == 0) & (rows["noise"] == 1)
+    left_out = small.scores(rows[~one])
+    rows.loc[one, "outcome"] = "fell"
     circle, faults = small.scores(rows)
+    assert [each[:-1] for each in left_out] == [circle[:-1], faults[:-1]]
     assert (circle.worst, circle.kept, faults.worst, faults.kept) == (10.0, RIGS - 1, 1.0, RIGS)
     z, n, p = stats.norm.ppf(0.975), RIGS, 1 - 1 / RIGS
     middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
@@ -179,7 +180,13 @@ def test_an_entry_is_replayed_and_what_differs_is_seen(small, tmp_path):
     (folder / "commands.npz").write_bytes(b"PK no zip")
     with pytest.raises(RecordError, match="holds no finished entry"):
         list(small.replayed(folder))
-    np.savez_compressed(folder / "commands.npz", *commands)
+    small.write(folder, entry, tmp_path, rows[1:])  # a run left out, and what it was commanded
+    with np.load(folder / "commands.npz") as kept:
+        np.savez_compressed(folder / "commands.npz", *[kept[f"arr_{i}"] for i in range(1, 8)])
+    assert list(small.replayed(folder)) == [
+        "commands.npz: not those of every run on the first rigs"
+    ]
+    small.write(folder, entry, tmp_path, rows)
     better = rows.assign(rms_distance=rows["rms_distance"] * 0.97)
     better.to_parquet(folder / "runs.parquet", index=False)
     assert len(list(small.replayed(folder))) == 1 + 2 * 2 * 2
@@ -371,7 +378,7 @@ def test_an_entry_of_a_season_is_scored_and_verified_on_its_rigs_alone(shipped):
     frozen, ours = runs / "bench-entry", runs / f"bench-entry-{season.season}"
     known = runs / f"bench-lqr-{season.season}"
     assert "on the frozen rigs" in called("run", law, "-j", 1)
-    assert not known.exists()
+    assert not list(runs.glob("season-*"))
     told = json.loads(called("run", law, "--season", KEY, "-j", 1, "--json"))
     # both laws beside each other on these rigs, run by run
     error, reference = (
@@ -383,6 +390,10 @@ def test_an_entry_of_a_season_is_scored_and_verified_on_its_rigs_alone(shipped):
     assert [each["kept"] for each in told] == [3, 3]
     written = json.loads((ours / "scores.json").read_text())
     assert written == {"season": season.season, "scores": told}
+    assert {path.name for path in runs.glob(f"*-{season.season}")} == {
+        ours.name,
+        f"season-{season.season}",
+    }
     for file in shipped.rglob("*"):
         assert file.is_dir() or KEY.encode() not in file.read_bytes()
     assert called("verify", ours, "--season", KEY) == f"{ours}: as told\n"

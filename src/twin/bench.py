@@ -246,14 +246,16 @@ class Benchmark:
     def known(self, **how: Any) -> pd.DataFrame:
         """The reference law's error in each run: frozen, or of a season run here once and kept.
 
+        It is kept in runs/season-FINGERPRINT, beside what entries have and say.
+
         Args:
             how: Who carries out what is missing, as for ``carry``.
         """
         if not self.season:
             return pd.read_csv(self.folder / "reference.csv")
-        law = self.about.reference
-        store = Store(self.out(law))
-        return self.as_reference(self.carried_out(self.about.laws[law], self.folder, store, **how))
+        store = Store(Path("runs") / f"season-{self.season}")
+        law = self.about.laws[self.about.reference]
+        return self.as_reference(self.carried_out(law, self.folder, store, **how))
 
     def as_reference(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Runs of the reference law with ``reference``, its error; its worst in a task if lost."""
@@ -264,9 +266,10 @@ class Benchmark:
     def relative(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Rows with ``error``, the part of the reference law's on the same rig and noise.
 
-        A lost ball counts as much as the worst that is possible, ``most``.
+        A lost ball counts as much as the worst that is possible, ``most``, and so does a run that
+        is not among the rows.
         """
-        both = rows.merge(self.known(), on=["task", "rig", "noise"], validate="1:1")
+        both = rows.merge(self.known(), "right", on=["task", "rig", "noise"], validate="1:1")
         part = both[self.about.metric] / both["reference"]
         lost = (both["outcome"] != "finished") | ~np.isfinite(part)
         return both.assign(error=part.clip(upper=self.about.most).mask(lost, self.about.most))
@@ -334,7 +337,8 @@ class Benchmark:
             raise RecordError(f"{folder}: holds no finished entry: {error}") from error
         if not same:
             yield "scores.json: not the scores of runs.parquet"
-        first = rows[rows["rig"] < self.about.replayed].reset_index(drop=True)
+        whole = self.relative(rows)
+        first = whole[whole["rig"] < self.about.replayed].reset_index(drop=True)
         if [each.shape[1:] for each in Replayed.commands] != [(2,)] * len(first):
             yield "commands.npz: not those of every run on the first rigs"
             return
