@@ -277,17 +277,18 @@ def test_the_doctor_examines_own_hardware(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("command", "told"), re.findall(r"^\| `(run .*?)` \| (\S+).*\|$", PAGE, re.MULTILINE)
+    ("command", "told"), re.findall(r"^\| `(run .*?)` \| (.*?)(?: %)? \|$", PAGE, re.MULTILINE)
 )
 def test_other_rigs_do_what_their_page_says(command, told, tmp_path):
-    """Errors of the page, in %, or that the ball falls."""
+    """Errors of the page in %, one or the least and most of some seeds, or that the ball falls."""
     code, said = ballplate(tmp_path, *command.split(), "--set", "baseline=false", "--out", "made")
     found = json.loads((tmp_path / "made" / "metrics.json").read_text())
     if told == "falls":
         assert (code, found["outcome"]) == (1, "fell")
     else:
         assert code == 0, said
-        assert found["tracking_error_percent"] == pytest.approx(float(told), abs=0.051)
+        least, most = [float(each) for each in (told.split(" to ") * 2)[:2]]
+        assert least - 0.051 < found["tracking_error_percent"] < most + 0.051
 
 
 @pytest.mark.parametrize(

@@ -47,9 +47,15 @@ EFFECTS = {
     "turned": {"sensors__touch__rotation_deg": 2.0, "sensors__touch__grid": 0},
     "encoders": {"sensors__encoders__counts": 0, "sensors__encoders__variance": [1e-8, 0.0]},
     "limits": {"rig__limits__acceleration": 3.0, "rig__limits__angle_deg": 3.0},
-    "size": {"plant__size": [0.31, 0.47], "sensors__touch__grid": 300},
+    "size": {
+        "plant__size": [0.31, 0.47],
+        "rig__limits__area": [0.15, 0.15],
+        "sensors__touch__grid": 300,
+    },
     "small": {
         "plant__size": [0.3, 0.2],
+        "rig__limits__area": [0.14, 0.09],
+        "reference__amplitude": 0.05,
         "plant__start__x": 0.13,
         "plant__start__x_rate": 0.2,
         "rig__limits__margin": 0.2,
