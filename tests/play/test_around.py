@@ -185,7 +185,7 @@ def test_a_missing_extra_is_one_line(monkeypatch):
 
 @pytest.mark.long
 def test_a_port_that_is_taken_is_one_line_and_starts_nothing(tmp_path):
-    taken = serve._bound("127.0.0.1", 0)
+    taken = serve.bound("127.0.0.1", 0)
     port = taken.getsockname()[1]
     taken.listen()
     try:

@@ -20,7 +20,7 @@ OTHER = {
     "plant.spring.preload": "60.0",
     "plant.servo.torque_limit": "1.0",
     "plant.servo.speed_limit": "0.1",
-    "plant.servo.slew_deg": "2.0",
+    "plant.servo.slew_deg": "0.2",
     "plant.servo.deadband_deg": "0.1",
     "plant.servo.resolution_deg": "0.1",
     "plant.servo.bandwidth_hz": "10.0",
