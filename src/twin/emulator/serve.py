@@ -298,10 +298,11 @@ class PauseWatch:
         cells, own = self._cells, self._own
         if self._waits:
             end = self._waited(end)
-        if end - begin > self.LONG:
+        late = end - begin > self.LONG
+        if late:
             cells[own + 1], cells[own + 2] = begin, end
-        cells[own] = end
-        if end - begin <= self.LONG:
+        cells[own] = end  # last: who sees that one has come round reads what it missed
+        if not late:
             return 0.0
         seen, since, until = (cells[self._other + each] for each in range(3))
         if end - seen <= self.LONG:  # the other goes on already, and has said what it missed

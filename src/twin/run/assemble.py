@@ -99,7 +99,7 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
     plant = ExactPlant(
         rigs=len(scenarios),
         step=scenarios[0].plant.step,
-        size=_size(scenarios),
+        size=per_rig(settings_of(TouchModel)["size"], scenarios),
         **_equations(scenarios),
     )
     return plant, FixedRatio()
@@ -112,10 +112,6 @@ def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
         "friction": build_friction(scenarios),
         "level": per_rig(settings_of(Parts)["level"], scenarios),
     }
-
-
-def _size(scenarios: Sequence[Scenario]) -> Any:
-    return per_rig(settings_of(TouchModel)["size"], scenarios)
 
 
 def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:

@@ -146,12 +146,13 @@ def _arranged(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figu
         for name, (left, low, wide, high) in PLACES.items()
     }
     _outline(panels["plate"], plate)
+    gone = [_gone(motion, plate) for motion in runs.values()]
     for index, (label, motion) in enumerate(runs.items()):
-        _add(panels, motion, label, index, gone=_gone(motion, plate))
+        _add(panels, motion, label, index, gone=gone[index])
     _refer(panels, runs)
     _label(panels)
     shade(panels, runs, COLOURS)
-    if any(_gone(motion, plate) for motion in runs.values()):
+    if any(gone):
         panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
     _place(figure, panels, _legend(figure, panels["plate"], len(runs)), title)
     return figure

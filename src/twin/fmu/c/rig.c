@@ -59,8 +59,9 @@ static int sticking(const double *v) { return v[PLANT_FRICTION_BREAKAWAY_RATIO] 
 /* Relative friction and slope along x and y where the ball is, straight between the grid's points;
    beside the screen its edge counts. */
 static void surface(const double *v, double x, double y, double found[3]) {
-    double along = smaller(larger((x / v[PLANT_SIZE] + 0.5) * (SURFACE_X - 1), 0), SURFACE_X - 1);
-    double across = smaller(larger((y / v[PLANT_SIZE + 1] + 0.5) * (SURFACE_Y - 1), 0), SURFACE_Y - 1);
+    double width = v[PLANT_SIZE], depth = v[PLANT_SIZE + 1];
+    double along = smaller(larger((x / width + 0.5) * (SURFACE_X - 1), 0), SURFACE_X - 1);
+    double across = smaller(larger((y / depth + 0.5) * (SURFACE_Y - 1), 0), SURFACE_Y - 1);
     int i = (int)smaller(floor(along), SURFACE_X - 2);
     int j = (int)smaller(floor(across), SURFACE_Y - 2);
     double s = along - i, t = across - j;
@@ -176,8 +177,8 @@ static double limit(const Rig *rig, const Ball *ball, const Rolling *at, double 
 }
 
 /* Acceleration without resistance. */
-static void free_ball(const double *v, const Ball *ball, const Rolling *at, double x, double vx, double y,
-                      double vy, double a[2]) {
+static void free_ball(const double *v, const Ball *ball, const Rolling *at, double x, double vx,
+                      double y, double vy, double a[2]) {
     a[0] = at->xx * x + at->xy * y + at->turn * vy + at->px;
     a[1] = at->yx * x + at->yy * y - at->turn * vx + at->py;
     if (SLOPING) {
@@ -360,7 +361,8 @@ static void follow(Rig *rig, const double command[2], double mean[2]) {
     const double *v = rig->v;
     double share = 2 * PI * v[PLANT_SERVO_BANDWIDTH_HZ] * PERIOD;
     double left = share > 0 ? exp(-share) : 0, of_mean = share > 0 ? -expm1(-share) / share : 0;
-    int goes_to = v[PLANT_SERVO_SLEW] > 0 || v[PLANT_SERVO_DEADBAND] > 0 || v[PLANT_SERVO_RESOLUTION] > 0;
+    int goes_to = v[PLANT_SERVO_SLEW] > 0 || v[PLANT_SERVO_DEADBAND] > 0 ||
+                  v[PLANT_SERVO_RESOLUTION] > 0;
     for (int i = 0; i < 2; i++) { /* a part that a rig gets while it runs begins at 0 */
         double asked = command[i];
         if (goes_to)
