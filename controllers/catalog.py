@@ -144,8 +144,11 @@ def imported(path: Path) -> ModuleType:
     return module
 
 
-def add(file: Path) -> None:
+def add(file: Path) -> list[str]:
     """Take in the laws, observers and references of a file, in this process and its children.
+
+    Returns:
+        Their names.
 
     Raises:
         ValueError: If it cannot be imported, or has none: the file, its line and what is wrong.
@@ -164,6 +167,7 @@ def add(file: Path) -> None:
         os.environ[ADDED] = before
         forget()
         raise ValueError(wrong)
+    return [cls.name for module in found for cls in _classes(module)]
 
 
 def register(cls: type[Law | Observer | Reference]) -> None:

@@ -410,3 +410,14 @@ def test_of_two_files_with_one_name_of_a_law_both_are_named(ballplate, mine):
     assert (code, err.count("\n")) == (2, 1)
     assert "alice/law.py" in err
     assert "bob/law.py" in err
+
+
+@pytest.mark.parametrize("used", [True, False])
+def test_a_file_given_by_law_of_which_nothing_is_used_is_told(ballplate, mine, used):
+    file = shutil.move(mine, "other.py")
+    forget()
+    chosen = SHORT if used else SHORT[2:]
+    code, _, err = ballplate("run", "circle", "--law", str(file), *chosen)
+    assert code == 0
+    told = "--law other.py: nothing of it is used; --set controller.kind=mine uses it"
+    assert (told in err) is not used

@@ -53,6 +53,8 @@ class Group(Command, click.Group):
 
 
 VARIABLE = "_BALLPLATE_COMPLETE"
+LAWS = "laws"
+"""Where a command keeps the files given by ``--law`` and the names in them."""
 
 
 @click.command(cls=Command, example="completion bash")
@@ -197,15 +199,29 @@ SCHEDULER = click.option(
 )
 
 
-def _add_laws(_: click.Context, __: click.Parameter, laws: tuple[Path, ...]) -> None:
+def _add_laws(context: click.Context, __: click.Parameter, laws: tuple[Path, ...]) -> None:
     if laws:
         from controllers.catalog import add
 
         for file in laws:
             try:
-                add(file)
+                context.meta[LAWS] = {**context.meta.get(LAWS, {}), file: add(file)}
             except ValueError as error:
                 raise ScenarioError(f"--law {error}") from None
+
+
+def unused(scenario: Scenario) -> list[str]:
+    """What to say of files given by ``--law`` of which a run of the scenario takes nothing."""
+    from twin.scenario.schema import KINDS, choices
+
+    kinds = {getattr(scenario, table).kind for table in KINDS}
+    return [
+        f"--law {file}: nothing of it is used; --set {table}.kind={names[0]} uses it"
+        for file, names in click.get_current_context().meta.get(LAWS, {}).items()
+        if kinds.isdisjoint(names)
+        for table in KINDS
+        if names[0] in choices(table)
+    ]
 
 
 LAW = click.option(

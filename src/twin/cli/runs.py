@@ -100,6 +100,8 @@ def run(
         reporter=TERMINAL,
     )
     folder = done.folder or folder
+    for line in options.unused(done.scenario):
+        TERMINAL.warn(line)
     examined = _examined(folder) if viewing.shadow else None
     model = done.baseline
     numbers = {**done.summary(), "verdict": done.verdict}
