@@ -56,7 +56,7 @@ class FmuLaw(Law):
     file: str
     """The FMU, a path; inputs are found by their names, outputs are rates or accelerations."""
     time_limit: Positive = 1.0
-    """Longest time in s that it may take for an answer."""
+    """Longest time in s that it may take for an answer; on a rig in real time at most 0.04."""
 
     def __post_init__(self) -> None:
         """Check the settings."""
@@ -99,7 +99,9 @@ class FmuProcess:
         )
         self._answers: SimpleQueue[bytes] = SimpleQueue()
         heard = self._process.stdout, 16 * rigs, self._answers
-        Thread(target=_read, args=heard, daemon=True).start()
+        self._reader = Thread(target=_read, args=heard, daemon=True)
+        self._reader.start()
+        self._asked = False
         finalize(self, _end, self._process, folder)
         self._hear(START)
 
@@ -111,6 +113,9 @@ class FmuProcess:
         """
         assert self._process.stdin is not None
         with suppress(OSError):  # it has ended: what it said last is still to be read
+            if not self._asked:
+                self._asked = True
+                self._keep_up()
             self._process.stdin.write(np.float64(time).tobytes() + given.tobytes())
             self._process.stdin.flush()
         answer = np.frombuffer(self._hear(self._law.time_limit))
@@ -128,6 +133,12 @@ class FmuProcess:
             ValueError: Always.
         """
         raise ValueError(f"{self._law.file} cannot be put back into a state")
+
+    def _keep_up(self) -> None:
+        """Let what answers a real-time loop come before ordinary processes, too, just after it."""
+        if sys.platform == "linux" and (priority := os.sched_getparam(0).sched_priority):
+            for each in (self._process.pid, self._reader.native_id or 0):
+                os.sched_setscheduler(each, os.SCHED_FIFO, os.sched_param(priority - 1))
 
     def _hear(self, seconds: float) -> bytes:
         try:

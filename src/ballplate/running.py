@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.reporter import Reporter, default, writable
-from twin.errors import RigError, ScenarioError, TwinError
+from twin.errors import LawError, RigError, ScenarioError, TwinError
 from twin.run.files import STREAM, free
 from twin.shipped import find
 from twin.writing import written_alone
@@ -116,8 +116,14 @@ def run(
             tell_timing(real, report)
         clean = None
         if baseline is not None and not done.interrupted:
-            with suppress(KeyboardInterrupt):
+            try:
                 clean = baseline()
+            except LawError as error:
+                if real is None:
+                    raise
+                report.warn(f"{CLEAN}: {error}")  # what was measured is kept
+            except KeyboardInterrupt:
+                pass
         name = Path(scenario).stem
         result = Result.from_run(done, name, label)
         if clean is not None:

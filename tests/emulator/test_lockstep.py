@@ -5,8 +5,11 @@ from types import MethodType
 import numpy as np
 import pytest
 
+from controllers import catalog
+from controllers.interfaces import Law
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import FRAME
+from twin.errors import LawError
 from twin.hal.supervisor import State
 from twin.run.assemble import build_controller
 from twin.run.finished import run
@@ -123,3 +126,29 @@ def test_the_noise_of_a_screen_is_drawn_anew_for_every_frame(scenario):
     assert np.std(x) == pytest.approx(1e-3, rel=0.15)
     for each in (x, y):
         assert abs(np.corrcoef(each[1:], each[:-1])[0, 1]) < 0.2  # four standard deviations
+
+
+class GivesUp(Law):
+    name = "gives_up"
+
+    def control(self, t, x, reference, q):
+        if t >= 0.2:
+            raise ZeroDivisionError("no more ideas")
+        return np.full((*x.shape[:-1], 2), 0.5)
+
+
+def test_a_law_that_raises_on_a_rig_leaves_a_level_plate_and_the_record(scenario):
+    catalog.register(GivesUp)
+    try:
+        chosen = scenario("plant.kind=lagrange", "duration=0.6", "controller.kind=gives_up")
+        rig = LockstepRig(chosen)
+        done = run(chosen, rig=rig)
+        with pytest.raises(LawError, match="no more ideas"):
+            run(chosen)
+    finally:
+        catalog.unregister("gives_up")
+    assert done.outcome == "aborted"
+    assert "no more ideas" in done.metrics["reason"]
+    assert done.rows["time"][-1] == pytest.approx(0.198)
+    assert np.abs(done.rows["measured_phi"]).max() > 0.005
+    assert np.abs(rig.plant.devices.plate()).max() < 0.001

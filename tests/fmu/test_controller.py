@@ -16,6 +16,8 @@ import ballplate as bp
 from ballplate.changes import changes_of, scenario_of
 from controllers import catalog
 from controllers.interfaces import Law
+from twin.devices.akd.decoding import Conversation
+from twin.devices.akd.traces import read_trace
 from twin.errors import LawError, ScenarioError
 from twin.run.assemble import build_reference
 from twin.run.loop import simulate
@@ -161,3 +163,44 @@ def test_files_that_are_no_controller_are_named(tmp_path):
         run(written(tmp_path, inputs=["speed"]))
     with pytest.raises(LawError, match="must have the outputs rate_phi and rate_theta"):
         run(written(tmp_path, outputs=("phi",)))
+
+
+WIRE = {"plant.kind": "mujoco", "duration": 4.0, "controller.kind": "fmu", "baseline": False}
+
+
+def on_the_wire(tmp_path, **faulty):
+    path = written(tmp_path, **faulty)
+    return bp.run(
+        "circle", WIRE | {"controller.file": str(path)}, on="emulated", out=tmp_path / "r"
+    )
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+def test_it_drives_the_emulated_wire_as_it_drives_the_simulated_rig(tmp_path):
+    done = on_the_wire(tmp_path)
+    assert done.metrics["outcome"] == "finished"
+    path = tmp_path / "controller2.fmu"
+    simulated = bp.run("circle", WIRE | {"controller.file": str(path)})
+    seen, own = (each.metrics["tracking_error_percent"] for each in (done, simulated))
+    assert seen == pytest.approx(own, abs=3.0)
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+@pytest.mark.parametrize(
+    ("bad", "words"), [(2, "no answer within 0.04 s"), (3, "process ended"), (1, "no numbers")]
+)
+def test_where_it_fails_on_the_wire_the_plate_is_levelled_and_the_record_whole(
+    tmp_path, bad, words
+):
+    done = on_the_wire(tmp_path, bad=bad, at=2.5)
+    assert done.metrics["outcome"] == "aborted"
+    assert words in done.metrics["reason"]
+    assert done["time"][-1] == pytest.approx(2.5, abs=0.06)
+    heard = Conversation(read_trace(tmp_path / "r" / "trace.log").frames)
+    for node in (1, 2):
+        assert heard.nodes[node].drive[-2:] == ["operation enabled", "switch on disabled"]
+        plate = np.array(heard.series[node, (0x2050, 0)].counts) * 360 / 245760
+        assert np.abs(plate - plate[0]).max() > 0.2
+        assert abs(plate[-1] - plate[0]) < 0.1  # degrees

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack
 from typing import TYPE_CHECKING, Any
 
@@ -64,6 +65,8 @@ class HardwareRig(Rig):
 
     POWER_ON = 1.0
     """Longest time in s from the request for torque to both drives following."""
+    PLANNING = 60.0
+    """Longest time in s that a controller may take to begin."""
     in_real_time = True
     MARGIN = 0.0005
     """Time in s before the end of a period at which waiting for answers ends."""
@@ -138,6 +141,18 @@ class HardwareRig(Rig):
             self.supervisor.report(fault)
         self._exchange()
         self._start_clock()
+
+    def meanwhile(self, work: Callable[[], None]) -> None:
+        """Do what may take long in another thread, while the devices hear and are heard.
+
+        Raises:
+            StartRefusedError: If a device reports what a rig cannot be started with.
+            Exception: What the work raises.
+        """
+        with ThreadPoolExecutor(1) as pool:
+            done = pool.submit(work)
+            self._idle(done.done, self.PLANNING)
+            done.result()
 
     def start(self) -> None:
         """Let the controller move the plate from now on; time starts at zero again."""

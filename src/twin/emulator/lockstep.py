@@ -305,6 +305,10 @@ class LockstepRig(HardwareRig):
         """Let the bus's time pass."""
         self.lockstep.adapter.sleep(seconds)
 
+    def meanwhile(self, work: Callable[[], None]) -> None:
+        """Do it in no time of the bus."""
+        work()
+
     def write(self, rate: Array) -> Array:
         """Command plate rates in rad/s, shape (1, 2); return those applied."""
         if self.asked is not None and self.supervisor.state[0] == State.RUNNING:

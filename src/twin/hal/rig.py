@@ -120,6 +120,10 @@ class Rig:
             self.wait()
             self.read()
 
+    def meanwhile(self, work: Callable[[], None]) -> None:
+        """Do what may take longer than a period, before the controller moves the plate."""
+        work()
+
     def start(self) -> None:
         """Let the controller move the plate from now on."""
         self.supervisor.handle(Event.START)

@@ -375,15 +375,19 @@ def own_errors() -> Iterator[None]:
     except TwinError:
         raise
     except (Exception, SystemExit) as error:
-        line = str(error) if isinstance(error, AnswerError) else blamed(error)
-        if isinstance(error, IndexError) and line:
-            line += " (x is a state of shape (1, 8), or (N, 8) of N rigs: x[..., 4] is its fifth)"
-        line = None if sys.flags.dev_mode else line
-        if line is None:
-            raise
-        raise LawError(line) from error
+        if line := line_of(error):
+            raise LawError(line) from error
+        raise
     finally:
         sys.stdin = stdin
+
+
+def line_of(error: BaseException) -> str:
+    """What came out of a law, observer or reference; empty if it came of something else."""
+    line = str(error) if isinstance(error, AnswerError) else blamed(error)
+    if isinstance(error, IndexError) and line:
+        line += " (x is a state of shape (1, 8), or (N, 8) of N rigs: x[..., 4] is its fifth)"
+    return "" if sys.flags.dev_mode else line or ""
 
 
 def build_controllers(scenarios: Sequence[Scenario]) -> Controller:

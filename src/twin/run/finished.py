@@ -290,7 +290,7 @@ def run(
         rig, controller = assemble.assemble(scenario)
         keeper = Keeper(rig, controller, scenario.duration)
     else:
-        controller = assemble.build_controller(scenario.without_computing_time)
+        controller = assemble.build_controller(scenario.in_real_time)
     period = scenario.rig.period
     ticks, knows = round(scenario.duration / period), controller.observer.knows
     record = Recorder(ticks, 1, period, rig.channels, knows)

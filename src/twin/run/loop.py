@@ -161,7 +161,8 @@ def drive(
     """Run the loop until a time in s and return one outcome per rig.
 
     A rig whose ball fell, was lost or passed a limit has ended; the loop goes on for the others.
-    Ctrl-C ends all of them as aborted, with the plate levelled and the record kept.
+    Ctrl-C ends all of them as aborted, with the plate levelled and the record kept; in real time
+    so does what a law raises.
 
     Args:
         rig: The rigs, not switched on.
@@ -177,11 +178,15 @@ def drive(
     end, reason = Ending.FINISHED, ""
     with rig:
         measurement = rig.read()
-        controller.start(measurement)
-        if rig.in_real_time or controller.timed:
-            # a first command takes longer than a period: plans are laid, memory is touched
-            controller.command(measurement)
+
+        def start() -> None:
             controller.start(measurement)
+            if rig.in_real_time or controller.timed:
+                # a first command takes longer than a period: plans are laid, memory is touched
+                controller.command(measurement)
+                controller.start(measurement)
+
+        rig.meanwhile(start)
         rig.start()
         if begin is not None:
             measurement = begin(measurement)
@@ -203,6 +208,12 @@ def drive(
                         break
         except KeyboardInterrupt:
             end, reason = Ending.ABORTED, INTERRUPTED
+        except (Exception, SystemExit) as error:
+            # what a rig did is not made again: its record is kept
+            reason = assemble.line_of(error) if rig.in_real_time else ""
+            if not reason:
+                raise
+            end = Ending.ABORTED
     return monitor.final(recorder.end, end, reason)
 
 

@@ -458,6 +458,11 @@ class KnownBall(Section):
         return self.kind if given.keys() == {"kind"} else given
 
 
+AWAITED = 0.04
+"""Longest time in s that an answer to a loop in real time may take: a longer silence of the host
+stops the drives, and a plate that they hold no more is not levelled."""
+
+
 class ControllerChoice(Choice):
     """A law, how often it is evaluated, and for which ball it is designed."""
 
@@ -580,9 +585,17 @@ class Scenario(Section):
 
     @property
     def without_computing_time(self) -> Scenario:
-        """The same with a law that computes in no time, or whose time passes by itself."""
+        """The same with a law that computes in no time."""
         controller = self.controller.model_copy(update={"computing_time": 0.0})
         return self.model_copy(update={"controller": controller})
+
+    @property
+    def in_real_time(self) -> Scenario:
+        """The same where time passes by itself, and an FMU is given up before the drives stop."""
+        limit = min(AWAITED, getattr(self.controller, "time_limit", AWAITED))
+        given: dict[str, float] = {"computing_time": 0.0}
+        given |= {"time_limit": limit} if self.controller.kind == "fmu" else {}
+        return self.model_copy(update={"controller": self.controller.model_copy(update=given)})
 
 
 KINDS: dict[str, type[Law] | type[Observer] | type[Reference]] = {
