@@ -116,14 +116,8 @@ def run(
             tell_timing(real, report)
         clean = None
         if baseline is not None and not done.interrupted:
-            try:
+            with suppress(KeyboardInterrupt), _kept(report, real):
                 clean = baseline()
-            except LawError as error:
-                if real is None:
-                    raise
-                report.warn(f"{CLEAN}: {error}")  # what was measured is kept
-            except KeyboardInterrupt:
-                pass
         name = Path(scenario).stem
         result = Result.from_run(done, name, label)
         if clean is not None:
@@ -137,6 +131,17 @@ def run(
             folder = free(folder)  # what is finished is worth more than a beginning
         kept(result, folder, second)
         return result
+
+
+@contextmanager
+def _kept(reporter: Reporter, rig: Rig | None) -> Iterator[None]:
+    """Only tell what a law raises beside what a rig did, which is to be kept."""
+    try:
+        yield
+    except LawError as error:
+        if rig is None:
+            raise
+        reporter.warn(f"{CLEAN}: {error}")
 
 
 FRAMES = 1 << 18
