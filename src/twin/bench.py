@@ -77,8 +77,9 @@ class Entry(Checked):
         knows: What it was told of the rigs beyond the nominal one.
         tuning: On how many seconds of rigs it was tuned.
         computing: How long one of its commands takes, s; 0 for not said.
-        kind: Of what its file has one class.
+        kind: Of what its file has one class, or what its program is.
         file: Its code; none if settings of shipped laws say all.
+        command: A program in another language and its arguments, ``file`` among them.
         set: Overrides ``key=value`` of ``ALLOWED`` tables.
     """
 
@@ -90,6 +91,7 @@ class Entry(Checked):
     computing: Annotated[float, Field(ge=0)] = 0.0
     kind: Literal["law", "observer"] = "law"
     file: str = ""
+    command: tuple[str, ...] = ()
     set: tuple[str, ...] = ()
 
 
@@ -183,9 +185,12 @@ class Benchmark:
         if str(name) in self.about.laws:
             return str(name), self.about.laws[str(name)], self.folder
         if path.suffix == ".py" and path.is_file():
-            return path.stem, Entry(title=path.stem, file=path.name), path.parent
+            table, place = path.with_name("entry.toml"), path.parent.resolve()
+            if table.is_file() and (said := read_model(Entry, table)).file == path.name:
+                return path.stem, said, place
+            return path.stem, Entry(title=path.stem, file=path.name), place
         if (path / "entry.toml").is_file():
-            return path.resolve().name, read_model(Entry, path / "entry.toml"), path
+            return path.resolve().name, read_model(Entry, path / "entry.toml"), path.resolve()
         raise ScenarioError(
             f"entry '{name}': neither a shipped law, a law's file, nor a folder with an entry.toml"
             f"{nearest(str(name), self.about.laws)}"
@@ -224,16 +229,17 @@ class Benchmark:
             LawError: If its code fails: file, line and error.
             ScenarioError: If it sets what is not its own.
         """
-        if entry.file and not (
+        if (entry.file or entry.command) and not (
             Path(entry.file).name == entry.file and (place / entry.file).is_file()
         ):
             raise ScenarioError(f"file: '{entry.file}': must be a file beside the entry.toml")
         text = (place / entry.file).read_bytes().hex() if entry.file else ""
         with entered(entry, place) as (fixed, _):
             listed = self.runs(fixed, rigs=rigs)
-            work = ScenarioRuns((each.scenario for each in listed), mark=digest(text) * bool(text))
-            do = partial(_carried_out, entry, place) if text else None
-            rows = carry(work, store, do=do, **how).to_pandas()
+        mark = digest(" ".join((text, *entry.command))) if text else ""
+        work = ScenarioRuns((each.scenario for each in listed), mark=mark)
+        do = partial(_carried_out, entry, place) if text else None
+        rows = carry(work, store, do=do, **how).to_pandas()
         for reason in rows.loc[rows["outcome"] == "refused", "reason"]:
             raise LawError(f"{entry.title}: {reason}")
         labels = pd.DataFrame([each[:3] for each in listed], columns=list(BenchRun._fields[:3]))
@@ -378,8 +384,9 @@ class Benchmark:
             with path.open("wb") as file:
                 np.savez_compressed(file, *said)
 
-        if entry.file:
-            write_whole(folder / entry.file, (place / entry.file).read_bytes())
+        for name in filter(None, (entry.file, "README.md")):
+            if (place / name).is_file():
+                write_whole(folder / name, (place / name).read_bytes())
         write_whole(folder / "entry.toml", toml(entry.model_dump()))
         write_whole(folder / "runs.parquet", lambda path: rows.to_parquet(path, index=False))
         write_whole(folder / "commands.npz", commands)
@@ -447,9 +454,8 @@ def entered(
     if not entry.file:
         yield entry.set, None
         return
-    about = AnswerTable.model_validate(
-        {**entry.model_dump(include={"kind", "file"}), "seconds": MAY * max(1, runs / CHUNK)}
-    )
+    said = entry.model_dump(include={"kind", "file", "command"})
+    about = AnswerTable.model_validate({**said, "seconds": MAY * max(1, runs / CHUNK)})
     with answering(place / entry.file, about) as process:
         table = "controller" if entry.kind == "law" else "observer"
         yield (*entry.set, f"{table}.kind={NAME}"), process

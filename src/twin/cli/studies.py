@@ -237,8 +237,11 @@ def _counted(title: str, benchmark: Benchmark) -> Iterator[Callable[[int, int], 
 @click.option("--out", type=PATH, help="Folder of the entry [runs/bench-ENTRY].")
 @SEASON
 @PROCESSES
+@options.SCHEDULER
 @JSON
-def run(entry: str, out: Path | None, season: str | None, processes: int | None) -> int:
+def run(
+    entry: str, out: Path | None, season: str | None, processes: int | None, scheduler: str | None
+) -> int:
     """Run an entry: a law's file, a folder with an entry.toml, or a law of ``bench list``.
 
     Code of an entry runs in a process of its own that sees measurements and nothing else. Finished
@@ -246,18 +249,18 @@ def run(entry: str, out: Path | None, season: str | None, processes: int | None)
     reference law is run first, once for all entries.
     """
     from twin.bench import Benchmark, rigs_of
-    from twin.study.experiments import Store
+    from twin.study.experiments import Store, executors
 
     benchmark = Benchmark(key=season)
     name, about, place = benchmark.entry(entry)
     folder = check_writable(out or benchmark.out(name))
-    if season:
-        with _counted("reference law", benchmark) as told:
-            benchmark.known(processes=processes, progress=told)
-    with _counted(about.title, benchmark) as told:
-        rows = benchmark.carried_out(
-            about, place, Store(folder), processes=processes, progress=told
-        )
+    with executors(processes, scheduler) as (executor, count):
+        how = {"executor": executor, "processes": count}
+        if season:
+            with _counted("reference law", benchmark) as told:
+                benchmark.known(progress=told, **how)
+        with _counted(about.title, benchmark) as told:
+            rows = benchmark.carried_out(about, place, Store(folder), progress=told, **how)
     found = benchmark.write(folder, about, place, rows)
     files = "entry.toml, runs.parquet, scores.json, commands.npz"
     shown = _table(f"{about.title}, on {rigs_of(benchmark.season)}", found)

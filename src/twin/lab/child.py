@@ -1,7 +1,8 @@
 """What runs in a student's process: limits first, then their file, then one answer a period.
 
 Run by its path; the arguments are the answer's file, the seconds of a processor it may use, of
-which kind it is and, of a function, its name. It is told on standard input and answers on what was
+which kind it is, of a function its name, and of an answer in another language the program and its
+arguments, which takes the place of this one. It is told on standard input and answers on what was
 its standard output; what the answer prints goes to a file. Nothing of a rig but measurements and
 estimates comes in here, and nothing but numbers and texts goes out.
 """
@@ -85,19 +86,22 @@ def asked(**widths: Sequence[int]) -> Iterator[list[Any]]:
             yield [periodic[first], *struct.unpack("d", text[:8]), *parts]
 
 
-def limit(seconds: int) -> None:
+def limit(seconds: int, program: Sequence[str] = ()) -> None:
     """Leave this process little more than its own thoughts, for good.
 
     Limits of the system, where it has them: processor time, memory, length of files; on Linux,
     another user than root, which files may be read (Landlock), no network and no signals to
     others. A hook of the interpreter, which gives its reasons: no processes, and no import of what
-    simulates.
+    simulates. A program has none, and may have threads.
     """
     bounds = {"CPU": seconds, "FSIZE": MOST_PRINTED, "AS": MEMORY, "NPROC": 0, "CORE": 0}
+    if program:
+        del bounds["NPROC"]  # which counts threads, and those of all processes of this user
     for name, bound in bounds.items():
         resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (bound, bound))
-    be_nobody()
-    shut_in()
+    places = readable(*program[:1])
+    be_nobody(places)
+    shut_in(places)
 
     def refuse(event: str, given: tuple[Any, ...]) -> None:
         if event.startswith(STARTING):
@@ -105,18 +109,19 @@ def limit(seconds: int) -> None:
         if event == "import" and str(given[0]).startswith(CLOSED):
             raise ImportError(f"{given[0]} is the grader's: an answer may not import it")
 
-    sys.addaudithook(refuse)
+    if not program:
+        sys.addaudithook(refuse)
 
 
-def be_nobody() -> None:
+def be_nobody(places: Sequence[str]) -> None:
     """Where root grades, on Linux: go on as a user who owns nothing but this process's own folder.
 
-    Of root's capabilities none is left, or that to read, where what it needs lies in a folder that
-    is closed to others; Landlock narrows it.
+    Of root's capabilities none is left, or that to read, where one of the places that it needs lies
+    in a folder that is closed to others; Landlock narrows it.
     """
     if sys.platform != "linux" or os.geteuid():
         return
-    folders = {folder for each in readable() for folder in Path(each).resolve().parents}
+    folders = {folder for each in places for folder in Path(each).resolve().parents}
     closed = any(not folder.stat().st_mode & 1 for folder in folders)
     libc = ctypes.CDLL(None)
     with suppress(KeyError, OSError):  # no such user, or root may not change: as before
@@ -132,16 +137,16 @@ def be_nobody() -> None:
                 break
 
 
-def readable() -> list[str]:
-    """What this process needs to read: Python, its packages, and ours."""
+def readable(program: str = "") -> list[str]:
+    """What it needs to read: Python, its packages, ours, and what a program lies beside."""
     home, packages = Path(twin.__file__).parent, Path(np.__file__).parents[1]
     ours = (home, home.parent / "ballplate", Path(inspect.getfile(Law)).parent, packages)
     theirs = (sys.prefix, sys.base_prefix, "/usr", "/lib", "/lib64", "/dev/urandom")
-    return [*map(str, ours), *theirs]
+    return [*map(str, ours), *theirs, *([str(Path(program).parent)] if program else [])]
 
 
-def shut_in() -> bool:
-    """Let this process read Python and our packages, write in its own folder, and no more.
+def shut_in(places: Sequence[str]) -> bool:
+    """Let this process read these places, write in its own folder, and no more.
 
     Whether the system can do it: Linux of 2021 or later.
     """
@@ -155,7 +160,7 @@ def shut_in() -> bool:
     # a system that knows fewer rights takes zeros for those to come
     rules = struct.pack("<QQQ", every, 3 if version >= 4 else 0, 3 if version >= 6 else 0)
     ruleset = libc.syscall(444, rules, ctypes.c_size_t(len(rules)), 0)
-    seen = dict.fromkeys(readable(), READ_FILE | READ_FOLDER | EXECUTE)
+    seen = dict.fromkeys(places, READ_FILE | READ_FOLDER | EXECUTE)
     for path, rights in {**seen, ".": every}.items():
         with suppress(OSError):
             place = os.open(path, os.O_PATH)
@@ -253,11 +258,16 @@ def line_of(error: BaseException, file: Path) -> str:
     return line.replace(str(file), file.name)[:1000]
 
 
-def main(file: Path, seconds: int, kind: str, function: str) -> None:
+def main(file: Path, seconds: int, kind: str, function: str, *program: str) -> None:
     """Serve an answer until the grader has no more to ask, or it fails."""
     try:
-        limit(seconds)
-        if function:
+        limit(seconds, program)
+        if program:
+            say(memory=0, needs=(), knows=())
+            os.dup2(_IN, 0)
+            os.dup2(_OUT, 1)
+            os.execv(program[0], program)
+        elif function:
             serve_function(file, function)
         else:
             (serve_law if kind == "law" else serve_observer)(file)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from select import select
 from tempfile import TemporaryDirectory
+from threading import RLock
 from time import monotonic
 from typing import Any, ClassVar
 
@@ -47,6 +48,12 @@ NAME = "answer"
 STRANGE = "it said something else than an answer"
 PICKLED, NUMBERS = b"*", b"="
 """As the process has them."""
+PROGRAM = {"start": 0.0, "command": 1.0, "correct": 1.0, "predict": 2.0}
+"""What a program in any language is asked, as it is told."""
+QUIET = {"OPENBLAS_NUM_THREADS": "1", "OPENSSL_CONF": "none"}
+"""Without which numpy has threads, and Node.js ends because it may not read /etc."""
+ONE_AT_A_TIME = RLock()
+"""Held while a process of this computer's has the name ``answer``: a cluster's may have threads."""
 
 
 @dataclass
@@ -54,12 +61,14 @@ class AnswerProcess:
     """A process that has an answer, and may do little else.
 
     It is asked by pickles and arrays, of the grader's own making, and says lines of JSON and bytes
-    of numbers, which can do nothing here but be read.
+    of numbers, which can do nothing here but be read. A program in any language is asked and says
+    numbers alone: how many there are, then these.
 
     Attributes:
         process: The process.
         prints: File of what it prints.
         name: What the answer's file is called.
+        program: Whether it is a program that does not know Python.
         seconds: Time in s that it may take.
         left: That, and what it took until it was ready, less the time in which it slept.
         end: Until when it must have ended, whatever else the machine does.
@@ -70,6 +79,7 @@ class AnswerProcess:
     process: subprocess.Popen[bytes]
     prints: Path
     name: str
+    program: bool
     seconds: float
     left: float
     end: float
@@ -90,23 +100,39 @@ class AnswerProcess:
                 large.
         """
         both = np.concatenate(given, axis=-1)
-        self.tell(what[:1].encode() + np.float64(time).tobytes() + both.tobytes())
+        self.tell(self.message(what, time, both))
         shape = (*both.shape[:-1], width)
-        said = self.heard(8 * math.prod(shape))
-        if not said.startswith(NUMBERS):
-            self.read(said)
-            raise self.failed(STRANGE)
-        got = np.frombuffer(said[1:]).reshape(shape).copy()
+        count = math.prod(shape)
+        sign = np.float64(count).tobytes() if self.program else NUMBERS
+        said = self.heard(8 * count, sign)
+        if not said.startswith(sign):
+            if said.startswith(b"{"):
+                self.read(said)
+            raise self.failed(f"{STRANGE} of {count} numbers")
+        got = np.frombuffer(said[len(sign) :]).reshape(shape).copy()
         largest = np.abs(got).max(initial=0.0)
         if not largest < LARGEST:
             what = f"is {largest:.3g}" if np.isfinite(largest) else "is not finite"
             raise self.failed(f"a number that it gives {what}; at most {LARGEST:.0e} is allowed")
         return got
 
+    def message(self, what: str, time: float, numbers: Array) -> bytes:
+        """What is asked, the time in s or the period, and the numbers of all rigs, as bytes."""
+        if self.program:
+            return np.array([2 + numbers.size, PROGRAM[what], time]).tobytes() + numbers.tobytes()
+        return what[:1].encode() + np.float64(time).tobytes() + numbers.tobytes()
+
+    def begin(self, x: Array, *others: Any, period: float) -> None:
+        """Begin a run at states x; a program is told these and the period. Errors as of ``ask``."""
+        if self.program:
+            self.tell(self.message("start", period, x))
+        else:
+            self.call("start", x, *others, period)
+
     def call(self, what: str, *given: Any) -> Any:
         """Ask anything else and have its answer; errors as of ``ask``."""
         self.tell(PICKLED + pickle.dumps((what, *given)))
-        said = self.read(self.heard(None))
+        said = self.read(self.heard())
         if "answer" not in said:
             raise self.failed(STRANGE)
         return said["answer"]
@@ -122,21 +148,24 @@ class AnswerProcess:
                 self.wait([], [pipe])
                 rest = rest[os.write(pipe, rest) :]
 
-    def heard(self, size: int | None) -> bytes:
+    def heard(self, size: int = 0, sign: bytes = b"{") -> bytes:
         """A line, or, where so many bytes of numbers are due, these after their sign."""
         assert self.process.stdout is not None
         heard, pipe = b"", self.process.stdout.fileno()
         while True:
             self.wait([pipe], [])
             if not (part := os.read(pipe, 1 << 16)):
-                raise self.failed(f"its process ended by itself ({self.process.wait()})")
+                why = f"its process ended by itself ({self.process.wait()})"
+                lines = self.printed(100)  # of a stack of calls, the line that has the error
+                said = [line for line in lines if "rror" in line] or lines
+                raise self.failed(": ".join([why, *said[-1:]]))
             heard += part
-            if size is not None and heard.startswith(NUMBERS):
-                if len(heard) > size:
+            if size and heard[: len(sign)] == sign[: len(heard)]:
+                if len(heard) >= size + len(sign):
                     break
             elif not heard.startswith(b"{") or b"\n" in heard or len(heard) > LONGEST:
                 return heard
-        if len(heard) != size + 1:
+        if len(heard) != size + len(sign):
             raise self.failed(STRANGE)
         return heard
 
@@ -163,7 +192,7 @@ class AnswerProcess:
     def read(self, line: bytes) -> dict[str, Any]:
         """What a line of JSON says; errors as of ``ask``."""
         try:
-            said = parse_json(line)
+            said = parse_json(line.splitlines()[-1])  # a program that cannot be begun says two
         except DataError:
             said = None
         if not isinstance(said, dict):
@@ -173,10 +202,10 @@ class AnswerProcess:
             raise LawError(self.failure)
         return said
 
-    def printed(self) -> list[str]:
+    def printed(self, most: int = 5) -> list[str]:
         """The last lines that the answer printed."""
         text = self.prints.read_text(encoding="utf-8", errors="replace")
-        return [line[:200] for line in text.splitlines()[-5:]]
+        return [line[:200] for line in text.splitlines() if line.strip()][-most:]
 
     def failed(self, why: str) -> LawError:
         """The error that it did not give what it must; it is asked nothing more."""
@@ -195,11 +224,14 @@ class AnswerLaw(Law):
 
     def start(self, x: Array, reference: Reference, period: float) -> None:
         """Begin a run there."""
-        self.process.call("start", x, self.model, sent(reference), period)
+        self.process.begin(x, self.model, sent(reference), period=period)
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2); the memory's rate comes with them."""
-        both = self.process.ask("command", 2 + self.memory, *now[:6], now.memory)
+        given = [*now[:6], now.memory]
+        if self.process.program:  # it has no reference to ask: position, four derivatives
+            given += [np.broadcast_to(each, now.rate.shape) for each in now.reference(now.time)]
+        both = self.process.ask("command", 2 + self.memory, *given)
         self.process.slope = now.time, both[..., 2:]
         return both[..., :2]
 
@@ -223,7 +255,7 @@ class AnswerObserver(Observer):
     def start(self, x: Array) -> None:
         """Begin at the state x there."""
         super().start(x)
-        self.process.call("start", x, self.model, self.period)
+        self.process.begin(x, self.model, period=self.period)
 
     def correct(self, measurement: Measurement) -> Array:
         """The estimate at a measurement, of which the true state stays here."""
@@ -279,7 +311,7 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
 
     Raises:
         LawError: If it cannot be loaded: its file, its line, the error.
-        ScenarioError: If the system cannot keep a process within limits.
+        ScenarioError: If the system cannot keep a process within limits, or has no such program.
     """
     if sys.platform == "win32":
         raise ScenarioError("answers in Python are judged on Linux or macOS: no limits here")
@@ -290,34 +322,42 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
         here = Path(folder).resolve()
         own, prints = here / about.file, here / "printed.txt"
         shutil.copyfile(file, own)
-        what = (str(int(may) + 5), about.kind, about.function)
-        with prints.open("ab") as to:
+        what = [str(int(may) + 5), about.kind, about.function]
+        if about.command:
+            name, *given = about.command
+            own.chmod(0o755)
+            if not (program := own if Path(name) == Path(about.file) else shutil.which(name)):
+                raise ScenarioError(f"command: '{name}': no such program here")
+            what += [str(Path(program).resolve()), *given]
+        with ONE_AT_A_TIME, prints.open("ab") as to:
             begun = subprocess.Popen(
                 [sys.executable, "-I", "-u", child.__file__, own, *what],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=to,
                 cwd=here,
-                env={"OPENBLAS_NUM_THREADS": "1", "HOME": folder, "LANG": "C.UTF-8"},
+                env={"HOME": folder, "LANG": "C.UTF-8"} | QUIET,
                 start_new_session=True,
             )
-        assert begun.stdin is not None
-        os.set_blocking(begun.stdin.fileno(), False)  # one that reads nothing stops nobody
-        end = monotonic() + MOST_SLOWED * (START + may)
-        process = AnswerProcess(begun, prints, about.file, may, START + may, end)
-        try:
-            said = process.read(process.heard(None))
-            process.left = may + process.at_work()[1]
-            if about.kind != "function":
-                try:
-                    base, fields = known(about.kind, said)
-                except (LookupError, TypeError, ValueError, OverflowError):
-                    raise process.failed(STRANGE) from None
-                fields |= {"name": NAME, "process": process, "__module__": __name__}
-                catalog.register(type("Answer", (base,), fields))
-            yield process
-        finally:
-            catalog.unregister(NAME)
-            with suppress(OSError):  # it has ended, and all that it may have begun
-                os.killpg(begun.pid, signal.SIGKILL)
-            begun.communicate()
+            assert begun.stdin is not None
+            os.set_blocking(begun.stdin.fileno(), False)  # one that reads nothing stops nobody
+            end = monotonic() + MOST_SLOWED * (START + may)
+            process = AnswerProcess(
+                begun, prints, about.file, bool(about.command), may, START + may, end
+            )
+            try:
+                said = process.read(process.heard())
+                process.left = may + process.at_work()[1]
+                if about.kind != "function":
+                    try:
+                        base, fields = known(about.kind, said)
+                    except (LookupError, TypeError, ValueError, OverflowError):
+                        raise process.failed(STRANGE) from None
+                    fields |= {"name": NAME, "process": process, "__module__": __name__}
+                    catalog.register(type("Answer", (base,), fields))
+                yield process
+            finally:
+                catalog.unregister(NAME)
+                with suppress(OSError):  # it has ended, and all that it may have begun
+                    os.killpg(begun.pid, signal.SIGKILL)
+                begun.communicate()

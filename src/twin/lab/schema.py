@@ -51,6 +51,7 @@ class AnswerTable(Checked):
         function: What a function is called.
         asked: Of numbers, in a file or given by a function: name to unit.
         keys: Of parameters: dotted keys of a scenario that may be set, or what they begin with.
+        command: Of a law or observer in another language: the program and its arguments.
     """
 
     kind: Kind
@@ -61,6 +62,7 @@ class AnswerTable(Checked):
     function: str = ""
     asked: Mapping[str, str] = Field({})
     keys: tuple[str, ...] = ()
+    command: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _whole(self) -> AnswerTable:
@@ -69,7 +71,9 @@ class AnswerTable(Checked):
             if bool(getattr(self, key)) != (self.kind in kinds):
                 kind = " or ".join(kinds)
                 raise ValueError(f"{key}: belongs to an answer of kind {kind}, and that needs it")
-        if not self.file.endswith(".toml" if self.data else ".py"):
+        if self.command and self.kind not in ("law", "observer"):
+            raise ValueError("command: belongs to an answer of kind law or observer")
+        if not (self.command or self.file.endswith(".toml" if self.data else ".py")):
             raise ValueError("file: must be .toml for numbers and parameters, else .py")
         return self
 
