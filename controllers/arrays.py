@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import operator
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import cache
 from itertools import repeat
@@ -101,6 +101,21 @@ def elementwise(
         return several
     one = map(formula, repeat(NUMBERS), *[array.tolist()[0] for array in arrays])
     return np.array([list(one)])
+
+
+def components(values: Array) -> Any:
+    """The columns of an array, shape (N, k): k numbers for one rig, else k arrays (N,)."""
+    return values[0].tolist() if len(values) == 1 else values.T.copy()
+
+
+def numbers(values: Array | Mask) -> Any:
+    """A value of each rig: a number for one rig, else an array (N,)."""
+    return values.item() if values.size == 1 else values.reshape(-1)
+
+
+def together(values: Sequence[Any], rigs: int) -> Array:
+    """The reverse, shape (N, k)."""
+    return np.array([values]) if rigs == 1 else np.array(values).T.copy()
 
 
 def square_of(v: Array) -> Array:

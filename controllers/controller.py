@@ -181,7 +181,7 @@ class Controller:
     """Periods that are made up for at most; after longer ones a rig has been levelled."""
 
     def __init__(self, law: Law, observer: Observer, reference: Reference, period: float) -> None:
-        self._needed = needed(law, observer)
+        self._needed = _place(needed(law, observer))
         self.law = law
         self.observer = observer
         if not isinstance(reference, SampledReference):
@@ -223,7 +223,7 @@ class Controller:
             t,
             x,
             seen,
-            further[..., self._needed] if self._needed else further[..., :0],
+            further[..., self._needed],
             self.rate,
             self.requested,
             self.reference,
@@ -307,7 +307,7 @@ class SampledReference(Reference):
         period: Control period in s.
     """
 
-    BLOCK = 512
+    BLOCK = 64
 
     def __init__(self, reference: Callable[[float | Array], Array], period: float) -> None:
         self.original = reference
@@ -352,8 +352,9 @@ class Groups(Generic[Member]):
 
 def _place(rigs: Sequence[int]) -> Place:
     """A slice for neighbours, which numpy takes without a copy; else their numbers."""
-    if rigs[-1] - rigs[0] == len(rigs) - 1:
-        return slice(rigs[0], rigs[-1] + 1)
+    first = rigs[0] if rigs else 0
+    if list(rigs) == list(range(first, first + len(rigs))):
+        return slice(first, first + len(rigs))
     return np.array(rigs)
 
 
@@ -622,6 +623,11 @@ class Smith(Observer):
 
     def _look_back_each(self, periods: Array) -> Array:
         """Estimated ball position a number of periods ago, each rig its own, shape (..., 2)."""
+        if periods.size == 1:  # of one rig numbers do, several times faster
+            back = periods.item()
+            first = math.floor(back + 1e-9)
+            newer, older = (self._past[(self._tick - k) % self._length] for k in (first, first + 1))
+            return np.asarray(newer + (back - first) * (older - newer))
         whole = np.floor(periods + 1e-9).astype(int)
         share = (periods - whole)[..., np.newaxis]
         slots = (self._tick - np.stack([whole, whole + 1])) % self._length

@@ -16,7 +16,17 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask, NotNegative, Positive, square_of
+from controllers.arrays import (
+    ARRAYS,
+    NUMBERS,
+    Array,
+    Mask,
+    NotNegative,
+    Positive,
+    components,
+    square_of,
+    together,
+)
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 
@@ -98,8 +108,9 @@ class MotionPlan(Slices):
     def at(self, t: float) -> DesiredMotion:
         """What is wanted at a time in s that does not lie before the one asked for last."""
         tick = self._tick(t)
-        position, velocity, slope = self._laid
-        return DesiredMotion(position[tick], velocity[tick], Tilts(*(each[tick] for each in slope)))
+        position, velocity, (angle, rate, acceleration) = self._laid
+        slope = Tilts(angle[tick], rate[tick], acceleration[tick])
+        return DesiredMotion(position[tick], velocity[tick], slope)
 
     def _parts(self) -> Sequence[Callable[[], None]]:
         return self._preview.ask, self._preview.go_on, self._lay
@@ -171,7 +182,7 @@ class TwoSided:
         """
         count = self._count
         # every rig by itself, so that it gets the same bits beside others
-        rows = np.moveaxis(w, 0, -2)
+        rows = w.swapaxes(0, -2)
         here = rows[..., : count + 1, :]
         if len(w) == count:
             here = np.concatenate((here, rows[..., -1:, :]), axis=-2)
@@ -182,7 +193,7 @@ class TwoSided:
         p, here = p[..., :count, :], here[..., :count, :]
         a = (p + q) / 2
         slopes = a, self._Z * (q - p) / 2, self._Z**2 * (a - here)
-        return Tilts(*(np.moveaxis(each, -2, 0) for each in slopes))
+        return Tilts(*(each.swapaxes(-2, 0) for each in slopes))
 
 
 SLICE = 25
@@ -262,7 +273,7 @@ class FeasiblePath:
         A, J = self._limits
         kept: Mask = (np.abs(path[2]) <= A).all(axis=(0, -1))
         for limit, each in ((A, path[1]), (J, path[2])):  # a corner has no acceleration
-            step = np.abs(np.diff(each, axis=0))
+            step = np.abs(each[1:] - each[:-1])
             kept = kept & (step <= limit * self._period).all(axis=(0, -1))
         return kept
 
@@ -274,10 +285,12 @@ class FeasiblePath:
             path: What is wished from there on, shape (3, K, ..., 2), at least the time ahead.
         """
         able = self.within(np.concatenate((state[:, None], path), axis=1))
+        slice_: Array = path[:, : self.count]
+        if able.all() and not self._astray.any():
+            return slice_
         arrived = np.tensordot(_integrated(self._period)[0], state, axes=1)
         near = np.abs(arrived - path[:, 0]) < np.array(BACK).reshape(3, *[1] * (state.ndim - 1))
         self._astray = astray = ~able | (self._astray & ~near.all(axis=(0, -1)))
-        slice_: Array = path[:, : self.count]
         if not astray.any():
             self._warm = None
             return slice_
@@ -394,10 +407,10 @@ class Preview:
             if self._feasible is not None:
                 count = -(-self.length // self.count) * self.count + self._further
         times = (self._known + np.arange(count)) * self._period
-        r = self._reference(times)[:3]
+        given = self._reference(times)[:3]
         rigs = self.window.shape[2:-1]
-        r = r.reshape(3, count, *r.shape[2:-1] or [1] * len(rigs), 2)
-        r = np.array(np.broadcast_to(r, (3, count, *rigs, 2)))
+        r = np.empty((3, count, *rigs, 2))
+        r[...] = given.reshape(3, count, *given.shape[2:-1] or [1] * len(rigs), 2)
         if self._spread:
             self._spread_jumps(r, times)
         self._asked = np.concatenate((self._asked, r), axis=1)
@@ -418,18 +431,18 @@ class Preview:
     def _spread_jumps(self, r: Array, times: Array) -> None:
         """Spread the jumps of what was asked for last, shape (3, K, ..., 2), in place."""
         T, count, first = self._period, len(times), self._known == 0
-        position = np.concatenate((self._last[:1], r[0]))
-        velocity = np.concatenate((self._last[1:], r[1]))
-        self._last = np.stack((r[0, -1], r[1, -1]))
-        way = np.diff(position, axis=0)
+        position, velocity = np.concatenate((self._last[:, None], r[:2]), axis=1)
+        self._last = r[:2, -1].copy()
+        way = position[1:] - position[:-1]
         begin = 1 if first else 0
         way[begin:] -= T / 2 * (velocity[begin + 1 :] + velocity[begin:-1])
         far = (np.abs(way) > JUMP).any(axis=-1, keepdims=True)
-        way = np.where(far, way, 0.0)  # what is no jump of this rig's is none beside another's
-        for i in np.flatnonzero(far.reshape(count, -1).any(axis=1)).tolist():
-            length = np.hypot(way[i, ..., :1], way[i, ..., 1:])
-            duration = np.maximum(self._spread * np.sqrt(length / LENGTH), T)
-            self._jumps.append(_Jump(float(times[i]), way[i], duration))
+        if far.any():
+            way = np.where(far, way, 0.0)  # what is no jump of this rig's is none beside another's
+            for i in np.flatnonzero(far.reshape(count, -1).any(axis=1)).tolist():
+                length = np.hypot(way[i, ..., :1], way[i, ..., 1:])
+                duration = np.maximum(self._spread * np.sqrt(length / LENGTH), T)
+                self._jumps.append(_Jump(float(times[i]), way[i], duration))
         for jump in self._jumps:
             r += _left(times - jump.time, jump)
         ended = times[-1]
@@ -556,13 +569,25 @@ class AboutMotion(Law):
 
     def about(self, x: Array, position: Array, velocity: Array, wanted: Tilts) -> Array:
         """Feedback about a motion, rad/s^2, shape (..., 2)."""
-        c2, K = self.model.c2, self.K
-        slope, rate = SIGN * x[..., 2::4] - wanted.angle, SIGN * x[..., 3::4] - wanted.rate
-        eta = x[..., 0::4] - position + c2 * slope
-        eta_rate = x[..., 1::4] - velocity + c2 * rate
-        u = wanted.acceleration - K[0] * eta - K[1] * eta_rate - K[2] * slope - K[3] * rate
-        out: Array = SIGN * u
+        axis = x[..., 0::4], x[..., 1::4], SIGN * x[..., 2::4], SIGN * x[..., 3::4]
+        out: Array = SIGN * self._about(self.K, axis, (position, velocity), wanted)
         return out
+
+    def _about(
+        self, K: Sequence[float] | Array, axis: Sequence[Any], path: Sequence[Any], wanted: Tilts
+    ) -> Any:
+        """Acceleration of the slope, rad/s^2, about a motion.
+
+        Args:
+            K: The gain.
+            axis: Position and velocity of the ball, slope and its rate.
+            path: Position and velocity that are wished.
+            wanted: The slope that is wished.
+        """
+        (x, v, angle, angle_rate), (position, velocity), c2 = axis, path, self.model.c2
+        slope, rate = angle - wanted.angle, angle_rate - wanted.rate
+        eta, eta_rate = x - position + c2 * slope, v - velocity + c2 * rate
+        return wanted.acceleration - K[0] * eta - K[1] * eta_rate - K[2] * slope - K[3] * rate
 
 
 def flat_axis(model: BallPlate) -> tuple[Array, Array]:
@@ -619,27 +644,27 @@ class StableInversion(AboutMotion):
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
-        wanted = now.plan.at(now.time)
-        F, d, gain = now.needed[..., :1], now.needed[..., 1:3], 1 + now.needed[..., 3:]
-        free, drag = wanted.free, self._dragged(wanted, now.x)
-        slope = Tilts(
-            (free.angle + F * drag.angle - d / self.model.k1) / gain,
-            (free.rate + F * drag.rate) / gain,
-            (free.acceleration + F * drag.acceleration) / gain,
-        )
-        return self.about(now.x, wanted.position, wanted.velocity, slope)
-
-    def _dragged(self, wanted: InverseMotion, x: Array) -> Tilts:
-        """Slopes against a friction of 1 m/s^2: as planned, at rest by the ball's own heading."""
-        if not self.resting_speed:
-            return wanted.drag
-        v = x[..., 1::4]
-        share = wanted.pace / self.resting_speed**2
-        planned = share * share / (1 + share * share)
-        length = np.sqrt(square_of(v) + self.smooth**2)
-        own = (1 - planned) * v / (length * self.model.k1)
-        angle, rate, acceleration = wanted.drag
-        return Tilts(planned * angle + own, planned * rate, planned * acceleration)
+        rows, K, k1 = now.x.reshape(-1, 8), self.K.tolist(), self.model.k1
+        x, (F, *known) = components(rows), components(now.needed.reshape(-1, 5))
+        sqrt, vx, vy, asked = (NUMBERS if len(rows) == 1 else ARRAYS).sqrt, x[1], x[5], []
+        length = sqrt(vx * vx + vy * vy + self.smooth**2)
+        for axis, (position, velocity, pace, *slopes) in enumerate(now.plan.along(now.time)):
+            d, gain, sign = known[axis], 1 + known[2 + axis], (1.0, -1.0)[axis]
+            ball, v, phi, phi_rate = x[4 * axis : 4 * axis + 4]
+            angle, rate, acceleration, *drag = slopes
+            planned, own = 1.0, 0.0
+            if self.resting_speed:
+                share = pace / self.resting_speed**2
+                planned = share * share / (1 + share * share)
+                own = (1 - planned) * v / (length * k1)
+            slope = Tilts(
+                (angle + F * (planned * drag[0] + own) - d / k1) / gain,
+                (rate + F * (planned * drag[1])) / gain,
+                (acceleration + F * (planned * drag[2])) / gain,
+            )
+            seen = ball, v, sign * phi, sign * phi_rate
+            asked.append(sign * self._about(K, seen, (position, velocity), slope))
+        return together(asked, len(rows)).reshape(now.rate.shape)
 
 
 class InverseMotion(NamedTuple):
@@ -676,9 +701,14 @@ class InversePlan(Slices):
     def at(self, t: float) -> InverseMotion:
         """What is wanted at a time in s that does not lie before the one asked for last."""
         tick = self._tick(t)
-        laid = self._laid
-        free, drag = (Tilts(*(each[tick] for each in tilts)) for tilts in (laid.free, laid.drag))
-        return InverseMotion(laid.position[tick], laid.velocity[tick], laid.pace[tick], free, drag)
+        position, velocity, pace, *slopes = self._laid[tick]
+        return InverseMotion(position, velocity, pace, Tilts(*slopes[:3]), Tilts(*slopes[3:]))
+
+    def along(self, t: float) -> Any:
+        """The same for either axis: position, velocity, pace, free and drag as nine components."""
+        tick = self._tick(t)
+        laid = self._laid[tick].reshape(9, -1, 2).transpose(2, 0, 1)
+        return laid[..., 0].tolist() if laid.shape[2] == 1 else laid.copy()
 
     def _parts(self) -> Sequence[Callable[[], None]]:
         return self._preview.ask, self._preview.go_on, self._lay_free, self._lay
@@ -692,10 +722,8 @@ class InversePlan(Slices):
         square = square_of(velocity)
         pace = square[:count] + square_of(acceleration[:count])
         speed = np.sqrt(square + self._law.smooth**2)
-        self._next = InverseMotion(
-            position[:count],
-            velocity[:count],
-            pace,
-            self._free_laid,
-            self._drag.lay(velocity / (k1 * speed)),
-        )
+        drag = self._drag.lay(velocity / (k1 * speed))
+        self._next = np.empty((count, 9, *position.shape[1:]))
+        parts = position[:count], velocity[:count], pace, *self._free_laid, *drag
+        for number, each in enumerate(parts):
+            self._next[:, number] = each

@@ -15,9 +15,18 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask, Positive, every, square_of
+from controllers.arrays import (
+    Array,
+    Mask,
+    Positive,
+    column,
+    components,
+    every,
+    numbers,
+    together,
+)
 from controllers.interfaces import Measurement, Quantity
-from controllers.observers.late_ball import Derivatives, LateBall, Tilt, components, together
+from controllers.observers.late_ball import Derivatives, LateBall, LocalState, Tilt
 from controllers.observers.thesis import NOISE
 
 LONGEST = 50
@@ -68,7 +77,7 @@ class DisturbanceObserver(LateBall):
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8), with no disturbance."""
         self._begin_at(x, smooth=1.0, friction=0.0)
-        self._waited = np.zeros(self._rigs, int)
+        self._waited: Any = numbers(np.zeros(self._rigs, int))
 
     @property
     def further(self) -> Array:
@@ -80,20 +89,20 @@ class DisturbanceObserver(LateBall):
         self._s, _ = self._ball.step(self._s, begin, then)
         self._waited = self._waited + 1
 
-    def _take(self, y: Array, age: Array, new: Mask, then: Tilt) -> None:
+    def _take(self, seen: tuple[Any, Any], age: Any, new: Any, then: Tilt) -> None:
         """Correct by a touch sample."""
-        L = self._gains[np.minimum(self._waited, LONGEST) - 1] * new[:, None]
+        L = self._gains[self._by.least(self._waited, LONGEST) - 1].reshape(-1, 3)
         here, velocity = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
         s: list[Any] = list(self._s)
-        position, speed, force = components(L)
-        for axis, seen in enumerate(components(y[:, 0::2])):
+        position, speed, force = (gain * new for gain in components(L))
+        for axis, place in enumerate(seen):
             # the ball was there an age ago: less the way since
-            e = seen - (here[axis] - components(age[:, None])[0] * velocity[axis])
+            e = place - (here[axis] - age * velocity[axis])
             s[axis] = s[axis] + position * e
             s[2 + axis] = s[2 + axis] + speed * e
             s[4 + axis] = s[4 + axis] + force * e
         self._s = s
-        self._waited = np.where(new, 0, self._waited)
+        self._waited = self._by.where(new, 0, self._waited)
 
 
 def gains(pole: float, T: float) -> Array:
@@ -213,20 +222,25 @@ class FrictionKalman(LateBall):
         self._A = np.tile(np.eye(9), (self._rigs, 1, 1))
         for k in range(4):
             self._A[:, k, k + 2] = self.period
-        self._seen: Array = np.full((2, self._rigs, 2), np.nan)
-        self._far = np.zeros((self._rigs, 2))
+        self._seen: Any = None
+        self._far: tuple[Any, Any] = (0.0, 0.0)
 
     @property
     def innovation(self) -> Array:
         """Last innovation in m, shape (..., 2); NaN where no new sample was taken."""
-        seen: Array = self._seen[0]
-        return seen.reshape(*self._shape, 2)
+        return self._of_sample(0)
 
     @property
     def innovation_variance(self) -> Array:
         """What the filter takes for its variance, m^2, alike."""
-        seen: Array = self._seen[1]
-        return seen.reshape(*self._shape, 2)
+        return self._of_sample(1)
+
+    def _of_sample(self, which: int) -> Array:
+        if self._seen is None:
+            return np.full((*self._shape, 2), np.nan)
+        new, *seen = self._seen
+        values = [self._by.where(new, each, np.nan) for each in seen[which]]
+        return together(values, self._rigs).reshape(*self._shape, 2)
 
     @property
     def P(self) -> Array:
@@ -236,15 +250,19 @@ class FrictionKalman(LateBall):
     @property
     def further(self) -> Array:
         """Friction, disturbance, tilt gain and their spreads as ``KNOWN``, shape (..., 8)."""
-        _, _, _, _, dx, dy, kx, ky, friction = self._s
-        sqrt, P = self._by.sqrt, components(self._P[:, (F, 6, 7), (F, 6, 7)])
-        found = together((friction, dx, dy, kx, ky, *map(sqrt, P)), self._rigs)
+        sqrt, (_, _, _, _, dx, dy, kx, ky, friction) = self._by.sqrt, self._now.s
+        along, across, variance = components(diagonal(self._P)[:, 6:])
+        spreads = map(sqrt, (variance + self._varies(), along, across))
+        found = together((friction, dx, dy, kx, ky, *spreads), self._rigs)
         return found.reshape(*self._shape, len(KNOWN))
+
+    def _varies(self) -> Any:
+        """What is added to the variance of the friction where the ball is now."""
+        return 0.0
 
     def _advance(self, begin: Tilt, then: Tilt) -> None:
         """One period of the filter, from one touch sample's time to the next."""
-        s = self._at(self._ball.position(self._s, begin))
-        s, step = self._ball.step(s, begin, then)
+        s, step = self._ball.step(self._there.s, begin, then)
         self._s = [*s[:F], self._s[F]]
         A = self._A
         xx, xy, yy = step.slope
@@ -256,8 +274,9 @@ class FrictionKalman(LateBall):
         if self._at_rest:
             vx, vy = self._ball.velocity(self._s, then)
             rest = 1 / (1 + (vx * vx + vy * vy) / RESTING**2) ** 2
-            Q = Q + np.multiply.outer(rest, self._Q_at_rest)
-        diagonal(P)[...] += Q
+            Q = Q + column(rest) * self._Q_at_rest
+        spread = diagonal(P)
+        spread += Q
 
     def _propagated(self, A: Array, step: Derivatives) -> Array:
         """Covariance a period on, from what the period does to the nine states."""
@@ -266,50 +285,46 @@ class FrictionKalman(LateBall):
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
-        self._seen[...] = np.nan
+        self._seen = None
         return super().correct(measurement)
 
-    def _take(self, y: Array, age: Array, new: Mask, then: Tilt) -> None:
+    def _take(self, seen: tuple[Any, Any], age: Any, new: Any, then: Tilt) -> None:
         """Correct by a touch sample.
 
         With its covariance S = L L', and the factor W = L^-1 H P of what it tells, the covariance
         becomes P - W' W, and the estimate changes by W' L^-1 e.
         """
-        by, P = self._by, self._P
-        age = np.where(new, age, 0.0)
+        by, P, (x, y) = self._by, self._P, seen
+        age = by.where(new, age, 0.0)
         place, way = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
         # the ball was there an age ago: less the way since
-        (late,), back = components(age[:, None]), age[:, None, None]
-        hP = P[:, :2] - back * P[:, 2:4]
-        a, _, b, c = components(np.reshape(hP[:, :, :2] - back * hP[:, :, 2:4], (-1, 4)))
-        a, c = a + self.R[0], c + self.R[1]
-        x, y = components(y[:, ::2])
-        ex, ey = x - place[0] + late * way[0], y - place[1] + late * way[1]
+        hP = P[:, :2] - column(column(age)) * P[:, 2:4]
+        xx, _, xv, _, xy, yy, yv, yw = components(hP[:, :, :4].reshape(-1, 8))
+        a, b, c = xx - age * xv + self.R[0], xy - age * yv, yy - age * yw + self.R[1]
+        ex, ey = x - place[0] + age * way[0], y - place[1] + age * way[1]
         # L^-1, and nothing where there is no new sample
-        (taken,) = components(new[:, None] * 1.0)
+        taken = new * 1.0
         first, second = taken / by.sqrt(a), taken / by.sqrt(c - b * b / a)
         cross = -b / a * second
-        L = together((first, 0.0 * first, cross, second), self._rigs).reshape(-1, 2, 2)
-        W = L @ hP
-        change = together((first * ex, cross * ex + second * ey), self._rigs)
-        far = change * (square_of(change) > UNLIKELY)
-        struck = (far * self._far).sum(axis=1) > 0.0
-        self._far = np.where(new[:, None], far, self._far)
-        change = (change[:, None] @ W)[:, 0]
-        moving = np.reshape(way[0] * way[0] + way[1] * way[1] > self.learning_speed**2, -1)
+        W = together((first, 0.0 * first, cross, second), self._rigs).reshape(-1, 2, 2) @ hP
+        told = first * ex, cross * ex + second * ey
+        unlikely = told[0] * told[0] + told[1] * told[1] > UNLIKELY
+        far = told[0] * unlikely, told[1] * unlikely
+        struck = far[0] * self._far[0] + far[1] * self._far[1] > 0.0
+        self._far = tuple(by.where(new, *each) for each in zip(far, self._far, strict=True))
+        change = (together(told, self._rigs)[:, None] @ W)[:, 0]
+        moving = np.array(way[0] * way[0] + way[1] * way[1] > self.learning_speed**2, ndmin=1)
         if not every(moving):
             change[~moving, LEARNT] = 0.0
         self._reduce(W, moving)
         self._correct_by(change)
-        if struck.any():
-            self._P[struck, :4, :4] += _blow()
-        least, most = by.least, by.most
-        *_, kx, ky, friction = self._s
+        if by.any(struck):
+            self._P[np.reshape(struck, -1), :4, :4] += _blow()
+        least, most, (*_, kx, ky, friction) = by.least, by.most, self._s
         self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[F] = least(most(friction, 0.0), self.most_friction * self._F)
-        seen = together((ex, ey, a, c), self._rigs).reshape(-1, 2, 2)
-        self._seen = np.where(new[:, None], seen.swapaxes(0, 1), np.nan)
+        self._seen = new, (ex, ey), (a, c)
 
     def _reduce(self, W: Array, moving: Mask) -> None:
         """Take from the covariance what a touch sample tells; nothing of F and kappa at rest."""
@@ -333,12 +348,6 @@ def diagonal(P: Array) -> Array:
     """The first nine numbers on the diagonal of covariances, shape (N, 9, n), to be changed."""
     step = P.shape[-1] + 1
     return P.reshape(len(P), -1)[:, : 9 * step : step]
-
-
-FRICTION, SPREAD = (
-    [quantity.name for quantity in KNOWN].index(name) for name in ("friction", "friction_spread")
-)
-"""Where these two stand in what is known."""
 
 
 @dataclass(kw_only=True)
@@ -399,6 +408,7 @@ class FrictionMapKalman(FrictionKalman):
         self._M = np.tile(prior, (rigs, 1, 1))
         """Covariance of the map; of each rig the lower half is kept up to date."""
         self._rows = 0 if rigs == 1 else np.arange(rigs)
+        self._there = self._at(self._ball.position(self._s, self._ball.then))
         self._now = self._at(self._state[0::4])
 
     @property
@@ -416,15 +426,11 @@ class FrictionMapKalman(FrictionKalman):
         F0 = np.reshape(self._s[F], (-1, 1))
         return (F0 + self._m).reshape(*self._shape, n + 1, m + 1)
 
-    @property
-    def further(self) -> Array:
-        """Friction, disturbance, tilt gain and their spreads as ``KNOWN``, shape (..., 8)."""
-        found = super().further.reshape(self._rigs, -1)
-        found[:, FRICTION] = self._now[F]
-        h = self._shares
+    def _varies(self) -> Any:
+        """What the map adds to the variance of the friction where the ball is now."""
+        h = self._now.shares
         with_map = (self._map_times(h) + 2 * self._P[:, F, 9:]) * h
-        found[:, SPREAD] = np.sqrt(self._P[:, F, F] + with_map.sum(axis=-1))
-        return found.reshape(*self._shape, len(KNOWN))
+        return numbers(with_map.sum(axis=-1))
 
     def _shares_at(self, place: Sequence[Any]) -> Array:
         """The share of every point of the map in a place (x, y) in m, shape (N, points)."""
@@ -443,16 +449,17 @@ class FrictionMapKalman(FrictionKalman):
         h[rows, first + m + 1], h[rows, first + m + 2] = a * (1 - b), a * b
         return h
 
-    def _at(self, place: Sequence[Any]) -> Any:
+    def _at(self, place: Sequence[Any]) -> LocalState:
         """The nine states with the friction of a place (x, y) in m, which drives no ball."""
-        self._shares = h = self._shares_at(place)
-        (more,) = components((self._m * h).sum(axis=-1)[:, None])
-        return [*self._s[:F], self._by.most(self._s[F] + more, 0.0)]
+        h = self._shares_at(place)
+        more = numbers((self._m * h).sum(axis=-1))
+        return LocalState([*self._s[:F], self._by.most(self._s[F] + more, 0.0)], h)
 
     def _map_times(self, h: Array) -> Array:
         """The covariance of the map times a vector of each rig, shape (N, points)."""
         product = scipy.linalg.blas.dsymv
-        return np.array([product(1.0, M.T, row) for M, row in zip(self._M, h, strict=True)])
+        found = [product(1.0, M.T, row) for M, row in zip(self._M, h, strict=True)]
+        return found[0][None] if len(found) == 1 else np.array(found)
 
     def _propagated(self, A: Array, step: Derivatives) -> Array:
         """Covariance a period on: the map acts on the velocities as F does, where it was asked.
@@ -460,13 +467,15 @@ class FrictionMapKalman(FrictionKalman):
         With the shares h of the map and the derivatives by of the nine states by the friction,
         they are A s + by h m after it, and the map is what it was.
         """
-        h, P, by = self._shares[:, :, None], self._P, np.zeros((self._rigs, 2, 1))
-        by[:, 0, 0], by[:, 1, 0] = step.friction
+        shares = self._there.shares
+        h, P, by = shares[:, :, None], self._P, together(step.friction, self._rigs)[:, :, None]
         after: Array = A @ P
-        after[:, 2:4, :9] += by * (P[:, :, 9:] @ h).mT
-        after[:, 2:4, 9:] += by * self._map_times(self._shares)[:, None]
+        states, points = after[:, 2:4, :9], after[:, 2:4, 9:]
+        states += by * (P[:, :, 9:] @ h).mT
+        points += by * self._map_times(shares)[:, None]
         own = after[:, :, :9] @ A.mT
-        own[:, :, 2:4] += (after[:, :, 9:] @ h) * by.mT
+        states = own[:, :, 2:4]
+        states += (after[:, :, 9:] @ h) * by.mT
         after[:, :, :9] = own
         return after
 

@@ -17,22 +17,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Positive, some
+from controllers.arrays import ARRAYS, NUMBERS, Array, Positive, components, numbers, together
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import DelayedObserver, Measurement
 
 SUBSTEP = 0.011
 """Longest time in s over which the friction's heading is taken as constant while carried."""
-
-
-def components(values: Array) -> Any:
-    """The columns of an array, shape (N, k): k numbers for one rig, else k arrays (N,)."""
-    return values[0].tolist() if len(values) == 1 else values.T.copy()
-
-
-def together(values: Sequence[Any], rigs: int) -> Array:
-    """The reverse, shape (N, k)."""
-    return np.array([values]) if rigs == 1 else np.array(values).T.copy()
 
 
 def _sin(angle: float) -> float:
@@ -63,6 +53,14 @@ class Tilt(NamedTuple):
     def towards(self, other: Tilt, share: float) -> Tilt:
         """On the straight line to another time."""
         return Tilt(*[a + share * (b - a) for a, b in zip(self, other, strict=True)])
+
+
+class LocalState(NamedTuple):
+    """The filter's state with the friction of one place."""
+
+    s: Any
+    shares: Any = None
+    """The share of every point of a map of the friction in that place, if there is one."""
 
 
 class Derivatives(NamedTuple):
@@ -113,7 +111,8 @@ class RollingBall:
         now = Tilt(phi, theta, phi_rate, theta_rate, none, none, none, none)
         # before the start the plate has been as it is, and the ball at rest
         self._past = deque([now] * (self._back + 2), maxlen=self._back + 2)
-        self._then = now
+        self.then = now
+        """The plate a dead time ago."""
 
     def measured(self, angle: Any, rate: Any, state: Any) -> tuple[Tilt, Tilt]:
         """Take in the plate of now; the plate a dead time ago, and that a period before.
@@ -140,10 +139,10 @@ class RollingBall:
                 last.way_y + T * last.speed_y + sixth * (2 * ay + by),
             )
         )
-        begin, then = self._then, self._past[-1 - self._back]
+        begin, then = self.then, self._past[-1 - self._back]
         if self._share:
             then = then.towards(self._past[-2 - self._back], self._share)
-        self._then = then
+        self.then = then
         return begin, then
 
     def _accelerated(self, angle: Any, rate: Any, u2: Any, state: Any) -> tuple[Any, Any]:
@@ -198,20 +197,21 @@ class RollingBall:
     def carry(self, s: Any) -> tuple[Any, Any, Any, Any]:
         """Eta and eta' of now from the filter's state a dead time ago."""
         ex, ey, vx, vy, dx, dy, kx, ky, F = s
-        kx, ky, c2, begin = 1 + kx, 1 + ky, self._model.c2, self._then
+        kx, ky, c2, heading = 1 + kx, 1 + ky, self._model.c2, self._heading
+        _, _, wy, w8, begun_x, begun_y, gone_x, gone_y = self.then
         for mark, h in zip(self._marks, self._steps, strict=True):
-            end = self._past[-1 - mark]
-            sx, sy = kx * (end.speed_x - begin.speed_x), ky * (end.speed_y - begin.speed_y)
-            hx, hy, _ = self._heading(vx - c2 * begin.phi_rate, vy + c2 * begin.theta_rate)
+            hx, hy, _ = heading(vx - c2 * wy, vy + c2 * w8)
+            _, _, wy, w8, speed_x, speed_y, way_x, way_y = self._past[-1 - mark]
+            sx, sy = kx * (speed_x - begun_x), ky * (speed_y - begun_y)
             # friction along the heading in the middle
             mx = vx + (sx + h * (dx - F * hx)) / 2
             my = vy + (sy + h * (dy - F * hy)) / 2
-            hx, hy, _ = self._heading(mx - c2 * end.phi_rate, my + c2 * end.theta_rate)
+            hx, hy, _ = heading(mx - c2 * wy, my + c2 * w8)
             ax, ay = dx - F * hx, dy - F * hy
-            ex = ex + h * vx + kx * (end.way_x - begin.way_x - h * begin.speed_x) + h * h / 2 * ax
-            ey = ey + h * vy + ky * (end.way_y - begin.way_y - h * begin.speed_y) + h * h / 2 * ay
+            ex = ex + h * vx + kx * (way_x - gone_x - h * begun_x) + h * h / 2 * ax
+            ey = ey + h * vy + ky * (way_y - gone_y - h * begun_y) + h * h / 2 * ay
             vx, vy = vx + sx + h * ax, vy + sy + h * ay
-            begin = end
+            begun_x, begun_y, gone_x, gone_y = speed_x, speed_y, way_x, way_y
         return ex, ey, vx, vy
 
     def equivalent(self, s: Any, state: Any) -> tuple[Any, Any, Any, Any]:
@@ -238,7 +238,7 @@ class RollingBall:
 
 
 class SlowPlate:
-    """Angle and rate of N plates from the commanded rate, with a bias learnt from the encoders.
+    """Angle and rate about one axis from the commanded rate, with a bias learnt from the encoder.
 
     phi' = w + b with the commanded rate w, both corrected by the measured angle with two equal
     poles. The measured rate would feed the resonance of plate and spring (13 and 19 Hz) back; the
@@ -247,30 +247,30 @@ class SlowPlate:
     Args:
         pole: Both poles of the error, as a rate in 1/s.
         period: Control period in s.
-        x: States to begin with, shape (N, 8).
+        angle: To begin with, rad, a component.
+        rate: To begin with, rad/s, a component.
     """
 
-    def __init__(self, pole: float, period: float, x: Array) -> None:
-        self.angle: Array = x[:, 2::4].copy()
-        self.commanded: Array = x[:, 3::4].copy()
-        """Plate rates commanded last, rad/s, shape (N, 2)."""
-        self._bias: Array = 0 * self.angle
+    def __init__(self, pole: float, period: float, angle: Any, rate: Any) -> None:
+        self.angle = angle
+        self.commanded = rate
+        """Plate rate commanded last, rad/s."""
+        self._bias = 0 * angle
         self._period = period
         self._gain = 2 * pole * period, pole * pole * period
 
-    def correct(self, measured: Array) -> tuple[Array, Array]:
-        """Angles in rad and rates in rad/s, shape (N, 2), once the angles have been measured."""
+    def correct(self, measured: Any) -> tuple[Any, Any]:
+        """Angle in rad and rate in rad/s, once the angle has been measured."""
         error = measured - self.angle
         self.angle = self.angle + self._gain[0] * error
         self._bias = self._bias + self._gain[1] * error
         return self.angle, self.commanded + self._bias
 
-    def predict(self, u: Array) -> None:
-        """One period under the applied accelerations in rad/s^2, shape (N, 2)."""
-        before = self.commanded
-        self.commanded = before + self._period * u
-        self.angle = self.angle + self._period * (before + self.commanded) / 2
-        self.angle += self._period * self._bias
+    def predict(self, u: Any) -> None:
+        """One period under the applied acceleration in rad/s^2."""
+        T, before = self._period, self.commanded
+        self.commanded = before + T * u
+        self.angle = self.angle + T * (before + self.commanded) / 2 + T * self._bias
 
 
 @dataclass(kw_only=True)
@@ -303,32 +303,34 @@ class LateBall(DelayedObserver):
         self._rigs = len(rows)
         self._by = NUMBERS if self._rigs == 1 else ARRAYS
         self._ball = RollingBall(self.model, smooth, self.period, self.delay, rows)
-        self._plate = SlowPlate(self.plate_pole, self.period, rows)
+        self._state = state = components(rows)
+        plates = [SlowPlate(self.plate_pole, self.period, *state[k : k + 2]) for k in (2, 6)]
+        self._plates = plates
         c2 = self.model.c2
         s = np.zeros((self._rigs, 9))
         s[:, 0:2] = rows[:, 0::4] + c2 * SIGN * rows[:, 2::4]
         s[:, 2:4] = rows[:, 1::4] + c2 * SIGN * rows[:, 3::4]
         s[:, 8] = friction
         self._s: Any = components(s)
-        self._age = np.full(self._rigs, np.inf)
-        self._state = components(rows)
-        self._now = self._s
+        self._age: Any = numbers(np.full(self._rigs, np.inf))
+        self._there = self._now = LocalState(self._s)
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
-        y = measurement.y.reshape(-1, 4)
-        angle, rate = self._plate.correct(y[:, 1::2])
-        before = self._state
-        commanded = components(self._plate.commanded)
-        begin, then = self._ball.measured(components(y[:, 1::2]), commanded, before)
+        x, phi, y, theta = components(measurement.y.reshape(-1, 4))
+        (along, across), measured = self._plates, (phi, theta)
+        phi, phi_rate = along.correct(phi)
+        theta, theta_rate = across.correct(theta)
+        commanded = along.commanded, across.commanded
+        begin, then = self._ball.measured(measured, commanded, self._state)
         self._advance(begin, then)
-        age, touched = measurement.age.reshape(-1), measurement.touched.reshape(-1)
+        age, touched = numbers(measurement.age), numbers(measurement.touched)
         new = touched & (age < self._age + self.period / 2)
         self._age = age
-        if some(new):
-            self._take(y, age, new, then)
-        ex, ey, vx, vy = self._ball.carry(self._at(self._ball.position(self._s, then)))
-        (phi, theta), (phi_rate, theta_rate) = components(angle), components(rate)
+        if self._by.any(new):
+            self._take((x, y), age, new, then)
+        self._there = self._at(self._ball.position(self._s, then))
+        ex, ey, vx, vy = self._ball.carry(self._there.s)
         c2 = self.model.c2
         self._state = (
             ex - c2 * phi,
@@ -346,24 +348,25 @@ class LateBall(DelayedObserver):
 
     def predict(self, u: Array) -> None:
         """Carry the plate one period ahead; the ball follows when the plate is measured."""
-        self._plate.predict(u.reshape(-1, 2))
+        for plate, acceleration in zip(self._plates, components(u.reshape(-1, 2)), strict=True):
+            plate.predict(acceleration)
 
-    def _at(self, place: Sequence[Any]) -> Any:
+    def _at(self, place: Sequence[Any]) -> LocalState:
         """The filter's state with the friction of a place (x, y) in m: one for all by default."""
-        return self._s
+        return LocalState(self._s)
 
     @abstractmethod
     def _advance(self, begin: Tilt, then: Tilt) -> None:
         """One period of the filter, from one touch sample's time to the next."""
 
     @abstractmethod
-    def _take(self, y: Array, age: Array, new: Mask, then: Tilt) -> None:
+    def _take(self, seen: tuple[Any, Any], age: Any, new: Any, then: Tilt) -> None:
         """Correct by a touch sample that is new in some rig.
 
         Args:
-            y: Measurement, shape (N, 4).
-            age: Seconds since it arrived, shape (N,).
-            new: Where it is new, shape (N,).
+            seen: Measured position (x, y) of the ball, m.
+            age: Seconds since it arrived.
+            new: Where it is new.
             then: The plate a dead time ago.
         """
 
@@ -376,6 +379,6 @@ class LateBall(DelayedObserver):
     def equivalent(self) -> Array:
         """The estimate with friction and disturbance in the plate's angles, shape (..., 8)."""
         x, vx, *_, y, vy, _, _ = self._state
-        phi, phi_rate, theta, theta_rate = self._ball.equivalent(self._now, self._state)
+        phi, phi_rate, theta, theta_rate = self._ball.equivalent(self._now.s, self._state)
         found = (x, vx, phi, phi_rate, y, vy, theta, theta_rate)
         return together(found, self._rigs).reshape(self.x.shape)

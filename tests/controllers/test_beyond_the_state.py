@@ -34,7 +34,7 @@ class Asking(Law):
     """Keeps what it was handed."""
 
     name: ClassVar[str] = "asking"
-    needs: ClassVar[tuple[str, ...]] = ("tilt_gain_y", "friction")
+    needs: ClassVar[tuple[str, ...]] = ("friction", "tilt_gain_x_spread", "disturbance_y")
 
     def start(self, x, reference, period):
         """Laid once, from the future of the reference."""
@@ -57,9 +57,10 @@ def test_a_law_is_handed_what_it_needs_in_its_order_and_its_plan():
     controller.command(seen(0, x=0.02))
     (now,) = controller.plan["seen"]
     known = [quantity.name for quantity in observer.knows]
-    expected = observer.further[:, [known.index("tilt_gain_y"), known.index("friction")]]
+    expected = observer.further[:, [known.index(name) for name in Asking.needs]]
     np.testing.assert_array_equal(now.needed, expected)
-    assert now.needed[0, 1] == pytest.approx(0.6 * 0.18 / 20 * 9.81)
+    assert now.needed[0, 1] == pytest.approx(0.02, rel=1e-5)
+    assert now.needed[0, 0] == pytest.approx(0.6 * 0.18 / 20 * 9.81)
     assert controller.plan["first"][0, 0] == 0.02
     np.testing.assert_array_equal(controller.plan["ahead"], Circle()(np.arange(3) * T))
 

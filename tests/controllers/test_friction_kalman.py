@@ -347,7 +347,7 @@ def test_the_covariance_is_that_of_the_whole_state_written_out():
 
     # no touch: the covariance is only carried on
     t, y = world.measure()[:2]
-    begin = observer._ball._then
+    begin = observer._ball.then
     observer.correct(Measurement(t, y[0], np.zeros(()), np.zeros((), bool)))
     place = np.array(observer._ball.position(s.tolist(), begin))
     unit = np.eye(len(m)).reshape(len(m), *(len(line) for line in world.lines))
@@ -364,7 +364,7 @@ def test_the_covariance_is_that_of_the_whole_state_written_out():
     A[2:4, 8] = -T * h
     A[2:4, 9:] = -T * np.outer(h, share)
     # what the tilt gain does to the speed is the only part taken from the observer
-    then = observer._ball._then
+    then = observer._ball.then
     A[2, 6], A[3, 7] = then.speed_x - begin.speed_x, then.speed_y - begin.speed_y
     Q = np.zeros(9 + len(m))
     Q[:9] = observer._Q
