@@ -17,7 +17,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
@@ -492,13 +492,17 @@ def _referred(scenario: Scenario) -> str:
     return f"{scenario.reference.model_dump_json()} {scenario.rig.limits.area}"
 
 
-def build_reference(scenario: Scenario) -> Reference:
+def build_reference(scenario: Scenario, allowed: ArrayLike | None = None) -> Reference:
     """The reference of a scenario, which must stay within the operating area.
+
+    Args:
+        scenario: Whose.
+        allowed: Operating area |x|, |y| of the rig that it runs on, m; the scenario's by default.
 
     Raises:
         ScenarioError: If it leaves the area or refuses its settings.
     """
-    area = np.asarray(scenario.rig.limits.area)
+    area = np.asarray(scenario.rig.limits.area if allowed is None else allowed)
     times = np.linspace(0, scenario.duration, 2001)
     with np.errstate(over="ignore", invalid="ignore"):
         reference: Reference = _build("reference", scenario.reference)
