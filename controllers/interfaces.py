@@ -44,6 +44,8 @@ class Reference(ABC):
 
     name: ClassVar[str]
     """What a scenario calls the reference."""
+    lengths: ClassVar[tuple[str, ...]] = ()
+    """Settings in m; a rig whose operating area is smaller makes them smaller."""
 
     def __post_init__(self) -> None:
         """Check the ranges of the settings."""

@@ -154,6 +154,7 @@ class Transition(Reference):
     """
 
     name: ClassVar[str] = "transition"
+    lengths: ClassVar[tuple[str, ...]] = ("start", "end")
 
     start: tuple[float, float] = (0.0, 0.0)
     """Position (x, y) up to ``time`` in m, plate axes."""
@@ -192,6 +193,7 @@ class Path(Reference):
     """
 
     name: ClassVar[str] = "path"
+    lengths: ClassVar[tuple[str, ...]] = ("points",)
 
     points: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.15, 0.05), (0.1, -0.1), (-0.1, 0.0))
     """The points (x, y) in order in m, plate axes; two or more, three or more of a closed path."""
@@ -282,6 +284,7 @@ class Hold(Reference):
     """
 
     name: ClassVar[str] = "hold"
+    lengths: ClassVar[tuple[str, ...]] = ("x", "y")
 
     x: float = 0.0
     """Position along x in m, plate axes."""
@@ -306,6 +309,7 @@ class Step(Reference):
     """
 
     name: ClassVar[str] = "step"
+    lengths: ClassVar[tuple[str, ...]] = ("start", "end")
 
     start: tuple[float, float] = (0.0, 0.0)
     """Position (x, y) before the step in m, plate axes."""
@@ -375,6 +379,7 @@ class Sine(Reference):
     """
 
     name: ClassVar[str] = "sine"
+    lengths: ClassVar[tuple[str, ...]] = ("amplitude",)
 
     amplitude: Pair = 0.15
     """Amplitude in m, one for both axes or (x, y)."""
@@ -458,6 +463,7 @@ class Circle(_SoftStarted):
     """
 
     name: ClassVar[str] = "circle"
+    lengths: ClassVar[tuple[str, ...]] = ("amplitude",)
 
     amplitude: Positive = 0.15
     """Radius A in m."""
@@ -478,6 +484,7 @@ class Lissajous(_SoftStarted):
     """
 
     name: ClassVar[str] = "lissajous"
+    lengths: ClassVar[tuple[str, ...]] = ("amplitude",)
 
     amplitude: Pair = (0.2, 0.12)
     """Amplitude in m, one for both axes or (x, y)."""
@@ -512,6 +519,7 @@ class Setpoints(Reference):
     """
 
     name: ClassVar[str] = "setpoints"
+    lengths: ClassVar[tuple[str, ...]] = ("points", "before")
 
     points: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),)
     """The goals (time, x, y): seconds of the run, metres in plate axes."""

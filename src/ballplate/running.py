@@ -349,7 +349,7 @@ def connected(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None
         return
-    from twin.run.assemble import believed
+    from twin.run.assemble import believed, build_reference
     from twin.run.connect import connect
 
     if scenario.sensors.ideal:
@@ -370,6 +370,7 @@ def connected(
     with rig_of(on, scenario, reporter) as (file, virtual):
         if virtual is None:
             real = connect(scenario, file, reset=reset, hear=hear)
+            build_reference(scenario, real.supervisor.limits.area)
             _judge_computer(f"{name} {on}", scenario, reporter)
             yield real
             return

@@ -16,7 +16,7 @@ from twin.run.files import MOVING
 from twin.run.film import WRITTEN, Cut, Film, Stage, moving
 from twin.run.finished import Run, record_run, run
 from twin.run.picture import COLOURS
-from twin.scenario.load import check, load
+from twin.scenario.load import check, load, put
 
 BLUE = np.array(ImageColor.getrgb(COLOURS[0]))
 WHITE = (255, 255, 255)
@@ -30,8 +30,11 @@ TABLES = {
 }
 
 
-def told(ball, tilt=(0.0, 0.0), outcome="finished", **metrics):
-    """A run whose ball was at places in m, (K, 2), 10 ms apart, on a plate of constant tilt."""
+def told(ball, tilt=(0.0, 0.0), outcome="finished", rig=(), **metrics):
+    """A run whose ball was at places in m, (K, 2), 10 ms apart, on a plate of constant tilt.
+
+    ``rig``: what else its plant is.
+    """
     ball = np.asarray(ball, float)
     nothing = np.zeros(len(ball))
     rows = {f"true_{name}": nothing for name in ("x_rate", "y_rate", "phi_rate", "theta_rate")}
@@ -40,7 +43,8 @@ def told(ball, tilt=(0.0, 0.0), outcome="finished", **metrics):
     rows |= {"reference_x": ball[:, 0], "reference_y": ball[:, 1]}
     rows |= {f"applied_{axis}_acc": nothing for axis in ("phi", "theta")}
     rows["time"] = 0.01 * np.arange(len(ball))
-    return Run("told", check(TABLES, "test"), rows, metrics={"outcome": outcome, **metrics})
+    tables = put(TABLES, [(f"plant.{key}", value) for key, value in dict(rig).items()])
+    return Run("told", check(tables, "test"), rows, metrics={"outcome": outcome, **metrics})
 
 
 def frames(one, *others, **cut):
@@ -95,6 +99,18 @@ def test_the_ball_is_seen_where_it_was_recorded(place, size):
         (picture[..., 2] - picture[..., 0] > 90)[top:bottom, left:right]
     )
     assert (right - left, bottom - top) == pytest.approx((0.04 / one,) * 2, abs=1.5)
+
+
+@pytest.mark.parametrize("size", [(0.3, 0.3), (0.6, 0.2)])
+def test_a_plate_of_another_shape_is_not_stretched(size):
+    rig = {"size": size, "ball": {"radius": 0.03, "inertia": 1e-6}}
+    film = Film({"a": told([(0.1, 0.05)] * 30, rig=rig)}, Cut(seconds=0.05))
+    picture = np.asarray(next(iter(film.frames())).convert("RGB")).astype(int)
+    left, top, right, bottom = whole(np.abs(picture[100:390, :520] - BLUE).max(axis=2) <= 4)
+    assert right - left == pytest.approx(bottom - top, abs=1.5)
+    per_metre = min(498 / size[0], 281 / size[1])
+    assert right - left == pytest.approx(0.06 * per_metre, abs=1.5)
+    assert (left + right) / 2 == pytest.approx(16 + 249 + 0.1 * per_metre, abs=1.5)
 
 
 def test_the_ball_moves_from_frame_to_frame_as_recorded():

@@ -18,7 +18,7 @@ from twin.run.picture import (
 from twin.scenario.schema import Dimensions
 
 TIME = np.arange(0.0, 4.0, 0.01)
-PLATE = Dimensions((0.7, 0.395), (0.25, 0.15))
+PLATE = Dimensions((0.7, 0.395), (0.25, 0.15), 0.02)
 
 
 def motion(radius=0.1, error=0.01, time=TIME, effort=0.0):

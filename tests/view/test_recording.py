@@ -1,4 +1,5 @@
 import os
+import re
 import subprocess
 from pathlib import Path
 from runpy import run_path
@@ -79,6 +80,35 @@ def test_a_recording_holds_everything_promised_on_one_time_line(folder, tmp_path
     command = [str(program()), "rrd", "verify", str(tmp_path / "view.rrd")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+MECHANISM = ("motor_phi", "motor_theta", "spring", "wheel_", "cam_", "shaft_", "spring_anchor")
+
+
+def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(tmp_path):
+    from twin.scenario import load
+
+    settings = ("parameters=course", "duration=0.1", "metrics.start=0", "plant.size=[0.3,0.2]")
+    write(tmp_path / "view.rrd", [run(load("circle", settings))])
+
+    def half(entity):
+        """The only half sizes of an entity."""
+        text = printed(tmp_path / "view.rrd", "-vvv", "--entity", f"{root}/{entity}")
+        cells = [line.split("┆") for line in text.splitlines() if re.search("RowId|row_", line)]
+        (numbers,) = (v for name, v in zip(*cells, strict=True) if "half_sizes" in name)
+        return pytest.approx([float(each) for each in re.findall(r"[\d.]+", numbers)], abs=1e-6)
+
+    text = printed(tmp_path / "view.rrd")
+    (root,) = set(re.findall(r"(/\S+)/mechanism/base/base", text))
+    plate = "mechanism/cardan/plate"
+    assert half(f"{plate}/plate") == [0.15, 0.1, 0.005]
+    assert half(f"{plate}/area_front") == [0.12, 0.001, 0.0002]
+    assert half(f"{plate}/area_left") == [0.001, 0.08, 0.0002]
+    assert half("plate_mm/screen") == [150, 100]
+    assert half("plate_mm/operating_area") == [120, 80]
+    assert [each for each in MECHANISM if f"{root}/mechanism/{each}" in text] == []
+    assert [each for each in MECHANISM if f"{root}/{plate}/{each}" in text] == []
+    assert f"{root}/mechanism/base/post" in text
 
 
 def test_several_runs_stand_side_by_side_under_names_of_their_own(folder, tmp_path):

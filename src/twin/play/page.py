@@ -49,13 +49,13 @@ class Plate(Drawn, component="plate.js"):
     """The plate from above.
 
     Args:
-        size: Screen and operating area.
+        size: Screen, operating area and ball.
         goal: Called with the goal's x and y in m while a person drags it.
         push: Called with the push along x and y in m/s.
     """
 
     def __init__(self, size: Dimensions, goal: Moved, push: Moved) -> None:
-        sizes = {"size": size.screen, "area": size.area}
+        sizes = {"size": size.screen, "area": size.area, "ball": [size.ball]}
         millimetres = {name: [1000 * each for each in sides] for name, sides in sizes.items()}
         super().__init__(**millimetres, drives=False)
         self.on("goal", lambda event: _called(goal, event.args))
@@ -205,7 +205,7 @@ class Page:
 
     Args:
         status: How things are.
-        size: Screen and operating area.
+        size: Screen, operating area and ball.
         do: Lets something happen, if this browser drives.
         save: Saves what was driven, if this browser drives.
     """

@@ -29,8 +29,8 @@ export default {
       <polyline ref="ghostTrail" fill="none" stroke="#009e73" stroke-width="1.5" stroke-dasharray="4 4" opacity="0.7"/>
       <polyline ref="trail" fill="none" stroke="#0072b2" stroke-width="2" opacity="0.6"/>
       <line ref="tilt" stroke="#37474f" stroke-width="3" marker-end="url(#tip)"/>
-      <circle ref="ghost" r="20" fill="none" stroke="#009e73" stroke-width="2.5" stroke-dasharray="6 4"/>
-      <circle ref="ball" r="20" fill="#0072b2" fill-opacity="0.85" stroke="#004b78" stroke-width="2" style="cursor:grab"/>
+      <circle ref="ghost" :r="ball[0]" fill="none" stroke="#009e73" stroke-width="2.5" stroke-dasharray="6 4"/>
+      <circle ref="ball" :r="ball[0]" fill="#0072b2" fill-opacity="0.85" stroke="#004b78" stroke-width="2" style="cursor:grab"/>
       <circle ref="desired" r="4" fill="#333"/>
       <g ref="goal" stroke="#d55e00" stroke-width="3" fill="none" style="cursor:move">
         <circle r="13" fill="#d55e00" fill-opacity="0.12"/><path d="M -20 0 H 20 M 0 -20 V 20"/>
@@ -38,7 +38,7 @@ export default {
       <line ref="push" stroke="#c2185b" stroke-width="4" marker-end="url(#tip)" visibility="hidden"/>
       <text ref="pushed" font-size="13" fill="#c2185b" visibility="hidden"></text>
     </svg>`,
-  props: { size: Array, area: Array, columns: Array, drives: Boolean },
+  props: { size: Array, area: Array, ball: Array, columns: Array, drives: Boolean },
   data() {
     return { w: this.size[0], h: this.size[1], box: this.viewBox() };
   },
@@ -107,7 +107,7 @@ export default {
       this.$refs.svg.setPointerCapture(event.pointerId);
       const [x, y] = this.place(event), a = this.at;
       const far = (i, j) => Math.hypot(x - 1000 * this.now[a[i]], y - 1000 * this.now[a[j]]);
-      const onBall = far("x", "y") < 22, onGoal = far("goal_x", "goal_y") < 14;
+      const onBall = far("x", "y") < this.ball[0] + 2, onGoal = far("goal_x", "goal_y") < 14;
       this.held = onBall && !(onGoal && far("goal_x", "goal_y") < far("x", "y")) ? "ball" : "goal";
       this.move(event);
     },

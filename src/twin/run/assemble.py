@@ -14,10 +14,10 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from operator import attrgetter
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
@@ -46,6 +46,9 @@ from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction, SurfaceMap, SurfaceModel
 from twin.sim.plant.interface import BallStart, Parts, Plant
 from twin.sim.sensors import EncoderModel, TouchModel
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 
 def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Plant, Transmission]:
@@ -93,6 +96,13 @@ def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scena
 def _parts(scenarios: Sequence[Scenario]) -> list[Parts]:
     """What of each rig's mechanism differs from the model file."""
     return [changed(Parts, scenario) for scenario in scenarios]
+
+
+def drawn_mechanism(scenario: Scenario) -> MjModel:
+    """The mechanism of a scenario to look at, of another plate only that."""
+    from twin.sim.plant.model import drawn_model  # noqa: PLC0415  heavy: loaded when needed
+
+    return drawn_model(changed(Parts, scenario), *scenario.dimensions[:2])
 
 
 def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
@@ -496,13 +506,17 @@ def _referred(scenario: Scenario) -> str:
     return f"{scenario.reference.model_dump_json()} {scenario.rig.limits.area}"
 
 
-def build_reference(scenario: Scenario) -> Reference:
+def build_reference(scenario: Scenario, allowed: ArrayLike | None = None) -> Reference:
     """The reference of a scenario, which must stay within the operating area.
+
+    Args:
+        scenario: Whose.
+        allowed: Operating area |x|, |y| of the rig that it runs on, m; the scenario's by default.
 
     Raises:
         ScenarioError: If it leaves the area or refuses its settings.
     """
-    area = np.asarray(scenario.rig.limits.area)
+    area = np.asarray(scenario.rig.limits.area if allowed is None else allowed)
     times = np.linspace(0, scenario.duration, 2001)
     with np.errstate(over="ignore", invalid="ignore"):
         reference: Reference = _build("reference", scenario.reference)

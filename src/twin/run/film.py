@@ -28,6 +28,7 @@ from PIL import Image
 
 from controllers.arrays import Array
 from twin.errors import RecordError
+from twin.hal.interface import SCREEN
 from twin.run.files import LEFT
 from twin.run.finished import Run
 from twin.run.picture import COLOURS, LOOK
@@ -45,8 +46,8 @@ PLACES = {
 LEGEND, ROW, TITLE = 478, 40, 48
 """Where the legend begins, height of each of its rows, and of the title above it."""
 CARD, DARK, GREY, PATH, FAINT = "#f0f3f6", "#1f2933", "#5b6772", "#bac3cb", "#d5dbe1"
-BALL, ROUND = 0.02, np.array([(math.cos(0.2 * k), math.sin(0.2 * k)) for k in range(33)]).T
-"""Radius of the ball in m, as drawn; and a circle of radius 1."""
+ROUND = np.array([(math.cos(0.2 * k), math.sin(0.2 * k)) for k in range(33)]).T
+"""A circle of radius 1."""
 RINGS = (1.0, 0.74, 0.5, 0.87, 0.62)
 """Radii of the further runs' rings as shares of that: of balls in one place all are seen."""
 TRAIL, TONES = 36, 6
@@ -169,13 +170,11 @@ class Stage:
         import mujoco  # noqa: PLC0415  heavy, as are the others: a picture from above needs none
 
         from twin.hal.cams import CamTable  # noqa: PLC0415
-        from twin.settings import changed  # noqa: PLC0415
-        from twin.sim.plant.interface import Parts  # noqa: PLC0415
+        from twin.run.assemble import drawn_mechanism  # noqa: PLC0415
         from twin.sim.plant.mechanism import Addresses  # noqa: PLC0415
-        from twin.sim.plant.model import load_model  # noqa: PLC0415
 
         self._gl, self._cams = mujoco, CamTable.packaged()
-        self._model = load_model(parts=changed(Parts, run.scenario))
+        self._model = drawn_mechanism(run.scenario)
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = size
         self._data, self._at = mujoco.MjData(self._model), Addresses.of(self._model)
         self._renderer = _offscreen(self._model, size)
@@ -183,6 +182,7 @@ class Stage:
         mujoco.mjv_defaultFreeCamera(self._model, self._camera)
         for name, value in self.CAMERA.items():
             setattr(self._camera, name, value)
+        self._camera.distance *= max(np.divide(run.scenario.plant.size, SCREEN))
         mujoco.mj_resetDataKeyframe(self._model, self._data, self._at.level)
         self._height = float(self._data.qpos[self._at.ball_pose][2])
 
@@ -265,7 +265,11 @@ class Film:
         self.times = cut.times(min(first for first, _ in spans), max(last for _, last in spans))
         self.count, self.fps = len(self.times), cut.fps
         self._acts = [Act(run, self.times) for run in runs.values()]
-        self._screen = np.array(next(iter(runs.values())).scenario.plant.size)
+        first = next(iter(runs.values())).scenario.dimensions
+        self._screen, self._ball = np.array(first.screen), first.ball
+        room = self._screen / PLACES["plate"][2:]
+        self._shown = self._screen * np.maximum(1, np.round(room[::-1] / room, 2))
+        """What the panel shows, m: as wide and high as the plate where that has its shape."""
         self._columns = len(runs) if len(runs) < 5 else 3
         high = LEGEND + ROW * math.ceil(len(runs) / self._columns) + TITLE
         self._whole = np.array((WIDE, high))
@@ -290,13 +294,16 @@ class Film:
 
     def _lay_out(self) -> None:
         """Say what each panel shows, and draw what no run changes."""
-        (x, y), panels = self._screen / 2, self._panels
+        (x, y), panels = self._shown / 2, self._panels
         thick = x * PLACES["front"][3] / PLACES["front"][2]
         edges = {"plate": (x, y), "front": (x, thick), "right": (thick, y)}
         for name, (width, height) in edges.items():
             panels[name].set(xlim=(-width, width), ylim=(-height, height), xticks=[], yticks=[])
             panels[name].spines[:].set(color=GREY if name == "plate" else FAINT, linewidth=0.7)
         panels["plate"].plot(0, 0, "+", color=FAINT, ms=18)
+        if (self._shown > self._screen).any():
+            corners = np.array([(1, 1, -1, -1, 1), (1, -1, -1, 1, 1)])
+            panels["plate"].plot(*(self._screen[:, None] / 2 * corners), color=GREY, linewidth=0.7)
         panels["front"].axhline(0, color=FAINT, linewidth=1)
         panels["right"].axvline(0, color=FAINT, linewidth=1)
         error, span = panels["error"], self.times[-1] - self.times[0]
@@ -323,10 +330,11 @@ class Film:
             self._moves("plate", at, color=pale, linewidth=thick, zorder=4 - old)
         entry = Line2D([], [], color=colour, marker="o", linestyle="", ms=10)
         if index:  # a ring, not a marker: those jump from pixel to pixel
-            radius, thick = RINGS[index - 1] * BALL, 2.0 if len(self._acts) < 5 else 1.3
+            radius, thick = RINGS[index - 1] * self._ball, 2.0 if len(self._acts) < 5 else 1.3
             entry.set(mfc="none", mew=1.8, ms=12 * RINGS[index - 1])
         else:  # a disc
-            radius, thick = BALL / 2, BALL / self._screen[0] * PLACES["plate"][2] * 0.72
+            radius = self._ball / 2
+            thick = self._ball / self._shown[0] * PLACES["plate"][2] * 0.72
             rod = np.stack((act.goal, act.ball), axis=2)
             self._moves("plate", rod.__getitem__, color=colour, linewidth=1, zorder=4.5)
         look = {"color": colour, "linewidth": thick, "zorder": 5 + index / 10}

@@ -206,7 +206,7 @@ def _same_reference(motion: Motion, longest: Motion) -> bool:
 
 
 def _outline(panel: Axes, plate: Dimensions) -> None:
-    screen, area = plate
+    screen, area, _ = plate
     for (width, height), style in ((screen, "-"), ((2 * area[0], 2 * area[1]), "--")):
         corner = (-500 * width, -500 * height)
         size = (1000 * width, 1000 * height)

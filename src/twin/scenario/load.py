@@ -154,7 +154,8 @@ def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
     """The scenario of a shipped name or a TOML file, with ``key=value`` overrides.
 
     A key ``parameters`` names a shipped rig, or a file of identified parameters; they lie over the
-    scenario's own keys and under the overrides.
+    scenario's own keys and under the overrides. Where that leaves less room to the ball, reference
+    and start become smaller in proportion, and the title says so.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
@@ -177,10 +178,60 @@ def resolved(
             raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
         path = Path(file) if Path(file).suffix else chosen("rig", file, shipped_in("rigs"))
         more = read_tables(path, f"{source}: parameters: {file}")
-        merged = put(laid_over(tables, more), settings)
+        merged = _fitted(tables, more, settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
     return _judged_in_time(tables, merged, settings), source
+
+
+def _fitted(
+    tables: Mapping[str, Any], more: Mapping[str, Any], settings: Collection[tuple[str, Any]]
+) -> Tables:
+    """Tables with those of a parameter file and, over that, settings.
+
+    Where the operating area is then smaller than the one that a scenario was made for, the lengths
+    of its reference, and where the ball starts, become smaller in proportion; the title says so.
+    """
+    merged = put(laid_over(tables, more), settings)
+    known = schema.RigLimitsTable().area
+    try:
+        was, now = (
+            each.get("rig", {}).get("limits", {}).get("area", known) for each in (tables, merged)
+        )
+        share = min(new / old for new, old in zip(now, was, strict=True))
+        if share >= 1:
+            return merged
+        own, kind = tables["reference"], merged["reference"].get("kind")
+        own = own if own.get("kind") == kind else {"kind": kind}
+        found = copy.deepcopy(dict(tables)) | {"reference": _smaller(own, share)}
+        start = found.get("plant", {}).get("start", {})
+        start.update({key: _times(start[key], share) for key in start.keys() & set("xy")})
+    except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError):
+        return merged  # who checks them says what is wrong
+    found = put(laid_over(found, more), settings)
+    if found["reference"] != merged["reference"] and "title" not in dict(settings):
+        found["title"] = f"{found.get('title')}, lengths x {share:.3g}"
+    return found
+
+
+def _smaller(reference: Mapping[str, Any], share: float) -> Tables:
+    """A reference's table with its lengths times a share, those not given by their defaults."""
+    cls = schema.choices("reference").get(reference["kind"])
+    names = cls.lengths if cls else ()
+    known = {name: reference.get(name, getattr(cls, name, None)) for name in names}
+    smaller = {name: _times(value, share) for name, value in known.items()}
+    same = {name for name, value in smaller.items() if value == _times(known[name], 1.0)}
+    return {**reference, **{name: smaller[name] for name in smaller.keys() - same}}
+
+
+def _times(value: Any, share: float) -> Any:
+    """Lengths times a share; of a row of three numbers the first is a time, which stays."""
+    if isinstance(value, Mapping):
+        return _smaller(value, share)
+    if isinstance(value, list | tuple):
+        timed = len(value) == 3 and isinstance(value[0], int | float)
+        return [*value[:timed], *(_times(each, share) for each in value[timed:])]
+    return float(f"{value * share:.12g}") if isinstance(value, int | float) else value
 
 
 def _judged_in_time(

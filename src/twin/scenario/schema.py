@@ -498,10 +498,12 @@ class Dimensions(NamedTuple):
     Attributes:
         screen: Its sides along x and y, m.
         area: Operating area |x|, |y|, m.
+        ball: Radius of the ball, m.
     """
 
     screen: tuple[float, float]
     area: tuple[float, float]
+    ball: float
 
 
 class Scenario(Section):
@@ -580,8 +582,8 @@ class Scenario(Section):
 
     @property
     def dimensions(self) -> Dimensions:
-        """Screen and operating area."""
-        return Dimensions(self.plant.size, self.rig.limits.area)
+        """Screen, operating area and ball."""
+        return Dimensions(self.plant.size, self.rig.limits.area, self.plant.ball.radius)
 
     @property
     def without_computing_time(self) -> Scenario:

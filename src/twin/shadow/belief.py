@@ -212,7 +212,8 @@ def believed(log: Log, overrides: Sequence[str] = ()) -> Belief:
     tables: Mapping[str, Any] = log.scenario or read("circle")[0]
     tables = {key: value for key, value in tables.items() if key != "change"}
     source = log.source if log.scenario else "the twin"
-    found = resolved(tables, source, [setting(text) for text in overrides])
+    followed = [(key, tables[key]) for key in ("title", "reference") if key in tables]  # as it was
+    found = resolved(tables, source, [*followed, *map(setting, overrides)])
     return Belief.of(recorded(*found)[0], log)  # what commands came, not from which law
 
 

@@ -18,16 +18,14 @@ from controllers.arrays import Array
 from twin.identify.logs import read
 from twin.identify.windows import STEP
 from twin.page import Block, Picture, Table, Text, Verdict, html
+from twin.run.assemble import drawn_mechanism
 from twin.run.files import export, run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
-from twin.settings import changed
 from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm
 from twin.shadow.belief import believed
 from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, propose, shadow, written
 from twin.shadow.horizon import AHEAD, DRAWN, Replays
-from twin.sim.plant.interface import Parts
-from twin.sim.plant.model import load_model
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
 from twin.view.scene import Scene, in_view
@@ -60,8 +58,7 @@ class TwinStream:
 
     def __init__(self, name: str, scenario: Scenario) -> None:
         self.root = f"/{rr.escape_entity_path_part(name)}"
-        model = load_model(parts=changed(Parts, scenario))
-        self._scene = Scene(model, f"{self.root}/mechanism")
+        self._scene = Scene(drawn_mechanism(scenario), f"{self.root}/mechanism")
         self._ball = f"{self._scene.plate}/twin_ball"
 
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:

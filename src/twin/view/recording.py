@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -44,7 +45,7 @@ def blueprint(
         groups: Entities of the plots there are, below each root.
         size: Sides of the screen along x and y, m.
     """
-    worlds = [_world(root, len(roots) > 1) for root in roots]
+    worlds = [_world(root, len(roots) > 1, size) for root in roots]
     left = rrb.Vertical(
         rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
         rrb.Horizontal(
@@ -81,7 +82,11 @@ def _plots(
     ]
 
 
-def _world(root: str, several: bool) -> rrb.Spatial3DView:
+EYE = np.array([-0.75, 0.63, 0.32])
+"""From where the mechanism is seen, m; from nearer or farther if its plate has another size."""
+
+
+def _world(root: str, several: bool, size: tuple[float, float]) -> rrb.Spatial3DView:
     title = root.removeprefix("/").replace("\\", "") if several else "mechanism"
     return rrb.Spatial3DView(
         origin=f"{root}/mechanism",
@@ -89,7 +94,9 @@ def _world(root: str, several: bool) -> rrb.Spatial3DView:
         background=rrb.Background(color=SKY),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
-            position=(-0.75, 0.63, 0.32), look_target=(0.0, 0.0, -0.12), eye_up=(0, 0, 1)
+            position=max(np.divide(size, SCREEN)) * EYE,
+            look_target=(0.0, 0.0, -0.12),
+            eye_up=(0, 0, 1),
         ),
     )
 

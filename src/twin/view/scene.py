@@ -49,7 +49,7 @@ def fixed(
     Args:
         root: Entity of the top view.
         path: Reference path in m, shape (K, 2).
-        plate: Screen and operating area.
+        plate: Screen, operating area and ball.
         colour: Of the ball and its trail.
     """
     half = 500 * np.array(plate.screen)
@@ -76,7 +76,7 @@ def fixed(
         rr.LineStrips2D([in_view(path)], colors=[[235, 235, 235]], radii=0.6, draw_order=10.0),
     )
     for name, dot, radius, order in (
-        ("ball", colour, 20.0, 15.0),
+        ("ball", colour, 1000 * plate.ball, 15.0),
         ("measured", (160, 160, 160), 5.0, 20.0),
         ("estimate", (230, 159, 0), 5.0, 21.0),
         ("reference", (255, 255, 255), 5.0, 22.0),
@@ -126,6 +126,10 @@ class Scene:
         """Height of the screen over the cardan joint, m."""
         self.radius = float(ball.size[0])
         self._lift = float(ball.size[2]) if ball.size[2] > 0 else self.radius
+        seen = {int(body) for body in model.geom_bodyid[model.geom_group < VISIBLE_GROUPS]}
+        self._turned = [name for name in TURNED if model.body(name).id in seen]
+        self.has_spring = bool(model.tendon_group[model.tendon("spring").id] < VISIBLE_GROUPS)
+        """Whether a spring is drawn."""
 
     def shapes(self, colour: Colour) -> Iterator[tuple[str, rr.AsComponents]]:
         """What does not change: entity and shape, to be logged once; the trail in a colour."""
@@ -147,7 +151,8 @@ class Scene:
             sizes = wide * np.array([self.radius, self.radius, self._lift])
             look = {"colors": [rgb], "fill_mode": mode, "line_radii": 0.001}
             yield f"{self.ball}/{name}", rr.Ellipsoids3D(half_sizes=[sizes], **look)
-        yield self.spring, rr.LineStrips3D.from_fields(colors=[[26, 115, 64]], radii=[0.006])
+        if self.has_spring:
+            yield self.spring, rr.LineStrips3D.from_fields(colors=[[26, 115, 64]], radii=[0.006])
 
     def _shape(self, i: int) -> rr.AsComponents:
         """A box, a cylinder or a capsule: what else there is is not drawn."""
@@ -183,7 +188,7 @@ class Scene:
         phi, theta = state[:, 2], state[:, 6]
         angle = dict(zip(TURNED, (theta, phi, motor[:, 0], motor[:, 1]), strict=True))
         poses: dict[str, Pose] = {}
-        for name in TURNED:
+        for name in self._turned:
             body = model.body(name)
             axis = model.jnt_axis[int(body.jntadr[0])]
             poses[self._paths[body.id]] = {

@@ -16,12 +16,9 @@ from controllers.interfaces import Reference
 from twin.data_file import read_toml
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
-from twin.run.assemble import build_reference
+from twin.run.assemble import build_reference, drawn_mechanism
 from twin.run.finished import columns, states_of
 from twin.scenario.schema import Scenario
-from twin.settings import changed
-from twin.sim.plant.interface import Parts
-from twin.sim.plant.model import load_model
 from twin.view.scene import Colour, Scene, fixed, in_view, rolled
 
 # Okabe and Ito's colours: told apart with any colour vision; black is white on the dark ground.
@@ -160,8 +157,7 @@ class RunStream:
         self.root = f"/{rr.escape_entity_path_part(name)}"
         self._reference = build_reference(scenario) if reference is None else reference
         self._scenario = scenario
-        model = load_model(parts=changed(Parts, scenario))
-        self.scene = Scene(model, f"{self.root}/mechanism")
+        self.scene = Scene(drawn_mechanism(scenario), f"{self.root}/mechanism")
         self._cams = CamTable.packaged()
         self._turn = np.array([0.0, 0.0, 0.0, 1.0])
         self._last: Array | None = None
@@ -265,8 +261,9 @@ class RunStream:
             motor = self._cams.motor(state[:, 2::4])
         for entity, pose in self.scene.poses(state, motor, turns).items():
             yield Batch(entity, time, rr.Transform3D.columns(**pose))
-        spring = rr.LineStrips3D.columns(strips=self.scene.spring_ends(state))
-        yield Batch(self.scene.spring, time, spring)
+        if self.scene.has_spring:
+            spring = rr.LineStrips3D.columns(strips=self.scene.spring_ends(state))
+            yield Batch(self.scene.spring, time, spring)
 
     def _on_plate(self, rows: Mapping[str, Array], reference: Array) -> Iterator[Batch]:
         time, ball = rows["time"], states_of(rows)[:, 0::4]

@@ -152,6 +152,47 @@ def load_model(
         raise ModelError(f"model {path}: {' '.join(str(error).split())}") from error
 
 
+MECHANISM = ("cam_", "motor_", "shaft_", "spring_", "wheel_")
+"""Beginnings of the names of what moves the plate of the model file, and no other."""
+UNSEEN = 4
+"""A group of geoms and tendons that nobody draws."""
+
+
+def drawn_model(
+    parts: Parts, size: tuple[float, float], area: tuple[float, float]
+) -> mujoco.MjModel:
+    """A mechanism to look at, with the screen and the operating area of a rig.
+
+    Of another plate than that of the model file nobody knows what moves it: only it, its cardan
+    joint and their post are left to be seen.
+
+    Args:
+        parts: What differs from the model file.
+        size: Sides of the screen along x and y, m.
+        area: Operating area |x|, |y|, m.
+
+    Raises:
+        ModelError: If a number is out of range.
+    """
+    model = load_model(parts=parts)
+    screen, (x, y) = model.geom("plate"), area
+    share = np.divide(size, 2 * screen.size[:2])
+    for name, axis, place in (("front", 1, -y), ("rear", 1, y), ("left", 0, -x), ("right", 0, x)):
+        line = model.geom(f"area_{name}")
+        line.pos[axis], line.size[1 - axis] = place, area[1 - axis]
+    if (share == 1).all():
+        return model
+    screen.size[:2] *= share
+    model.geom("screen_back").size[:2] *= share
+    model.geom("base").size[:2] *= np.minimum(share, 1)
+    model.geom_rbound[:] = np.maximum(model.geom_rbound, np.hypot(*size))
+    for geom in map(model.geom, range(model.ngeom)):
+        if geom.name.startswith(MECHANISM):
+            geom.group[:] = UNSEEN
+    model.tendon_group[:] = UNSEEN
+    return model
+
+
 @lru_cache(maxsize=1024)
 def _standing(path: Path, content: bytes, drawn: bool, parts: Parts) -> mujoco.MjModel:
     """A mechanism, levelled once: laws that are compared run on the same ones. Never changed."""

@@ -1,0 +1,86 @@
+"""Every shipped scenario on every shipped rig, its reference as large as that rig has room for."""
+
+import numpy as np
+import pytest
+
+from controllers.references import Circle, Hold, Path, Sine, Step
+from twin.run.assemble import assemble
+from twin.scenario import shipped
+from twin.scenario.load import check, load, read, resolved
+from twin.shipped import shipped_in
+
+RIGS = sorted(shipped_in("rigs"))
+KINDS = {each.name: each for each in (Circle, Hold, Path, Sine, Step)}
+
+
+def farthest(scenario):
+    """Largest |x|, |y| of its reference over the run, m."""
+    reference = KINDS[scenario.reference.kind](**scenario.reference.settings)
+    return np.abs(reference(np.linspace(0, scenario.duration, 5001))[0]).max(axis=0)
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("name", shipped())
+def test_a_scenario_on_a_rig_starts_with_a_reference_in_its_area(name, rig):
+    made_for, now = load(name), load(name, [f"parameters={rig}"])
+    share = min(np.divide(now.rig.limits.area, made_for.rig.limits.area))
+    assert share < 1
+    assert farthest(now) == pytest.approx(share * farthest(made_for), rel=1e-9)
+    assert (farthest(now) <= np.array(now.rig.limits.area) + 1e-9).all()
+    assert (np.array(now.rig.limits.area) < np.array(now.plant.size) / 2).all()
+    held = not farthest(made_for).any()
+    assert now.title == made_for.title + ("" if held else f", lengths x {share:.3g}")
+    if "/" in name and (rig != "hobby" or name.endswith(("_075", "_100"))):
+        return  # the same laws as those that start
+    started, controller = assemble(now)
+    with started:
+        controller.start(started.read())
+        started.start()
+        assert np.isfinite(controller.command(started.read()).rate).all()
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_on_the_rig_of_the_thesis_a_scenario_is_what_its_file_says(name):
+    tables, source = read(name)
+    assert load(name) == check(tables, source)
+    assert load(name, ["rig.limits.area=[0.2,0.15]"]).reference == load(name).reference
+
+
+HOBBY, LARGER = "parameters=hobby", "rig.limits.area=[0.3,0.2]"
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "reference"),
+    [
+        ("circle", [HOBBY, "reference.amplitude=0.05"], {"amplitude": 0.05, "omega": 0.75}),
+        ("circle", [HOBBY, "reference.omega=1"], {"amplitude": 0.06, "omega": 1}),
+        ("circle", [HOBBY, LARGER], {"amplitude": 0.15, "omega": 0.75}),
+        ("circle", [HOBBY, "reference.kind=lissajous"], {"amplitude": [0.08, 0.048]}),
+        (
+            "hold",
+            [HOBBY, "reference.kind=circle", "reference.omega=1"],
+            {"amplitude": 0.06, "omega": 1},
+        ),
+        ("step", [HOBBY, "reference.x=0.01"], {"x": 0.01, "y": 0.06}),
+        ("circle", [HOBBY, 'reference={kind="circle",amplitude=0.03}'], {"amplitude": 0.03}),
+    ],
+)
+def test_what_is_set_stays_and_defaults_become_smaller(name, settings, reference):
+    found = load(name, settings).reference.settings
+    assert found == reference
+    same = "0.4" not in load(name, settings).title
+    assert same == any(key in str(settings) for key in ("amplitude", LARGER))
+
+
+def test_times_of_goals_stay_and_a_start_becomes_smaller():
+    tables, _ = read("hold")
+    tables["plant"] = {"start": {"x": 0.1, "y_rate": 0.2}}
+    goals = [[0.0, 0.1, 0.05], [2.0, -0.2, 0.0], [4.0, 0.0, 0.0]]
+    before = {"kind": "sine", "omega": 2.0}
+    tables["reference"] = {"kind": "setpoints", "points": goals, "before": before}
+    found = check(*resolved(tables, "t", [("parameters", "hobby")]))
+    assert found.plant.start.x == pytest.approx(0.04)
+    assert found.plant.start.y_rate == 0.2
+    settings = found.reference.settings
+    assert settings["points"] == [[0.0, 0.04, 0.02], [2.0, -0.08, 0.0], [4.0, 0.0, 0.0]]
+    assert settings["before"] == {"kind": "sine", "omega": 2.0, "amplitude": 0.06}
