@@ -146,19 +146,19 @@ class PlainProblem(Fitting):
         pairs, which = np.unique(pairs, axis=0, return_inverse=True)
         inputs = np.stack([self.tilt.at(grid - delay, each) for delay, each in pairs], axis=1)
         p, v = starts[0], starts[1]
-        own = level + starts[2] if len(starts) > 2 else level + 0 * p
+        push = gain * inputs[:, which] + (level + starts[2] if len(starts) > 2 else level + 0 * p)
+        # a step of Heun's method is linear in what is pushed, p and v, but for friction
+        given = STEP * ((push[:-1] + push[1:]) / 2 - (STEP / 2) * viscous * push[:-1])
+        by_place = STEP * camber * (1 - (STEP / 2) * viscous)
+        kept = 1 + STEP * ((STEP / 2) * (camber + viscous**2) - viscous)
+        most = STEP * friction
         out = np.empty((steps, *p.shape))
         out[0] = p
-        push = gain * inputs[0][which] + own
         for n in range(steps - 1):
-            ahead = gain * inputs[n + 1][which] + own
-            a = push + camber * p - viscous * v
-            after = v + STEP * a
-            a = (a + ahead + camber * (p + STEP * v) - viscous * after) / 2
-            pull = v / STEP + a
-            after = STEP * (pull - np.clip(pull, -friction, friction))
+            free = given[n] + by_place * p + kept * v
+            after = free - np.maximum(np.minimum(free, most), -most)
             p = p + (STEP / 2) * (v + after)
-            v, push = after, ahead
+            v = after
             out[n + 1] = p
         return out
 

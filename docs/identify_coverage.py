@@ -1,0 +1,251 @@
+"""Makes identify_coverage.md: how often the 95 % intervals of identify hold on simulated rigs.
+
+uv run python docs/identify_coverage.py --rigs 200 --doc docs/identify_coverage.md
+
+Logs of commands alone, one axis moved, of rigs that are simulated without any of the twin's code.
+What has been identified is kept in runs/coverage and used again while the code stays the same.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from pages import filled, kept
+from scipy import stats
+
+from controllers.arrays import Array
+from twin.cli.output import progress
+from twin.identify.any_rig import identify_any
+from twin.identify.logs import read_any, wanted_columns
+from twin.study.work import digest
+from twin.writing import write_whole
+
+SECONDS = 45.0
+"""Length of a log; a third of it is held out, as `identify` does."""
+PLATE = 0.3
+"""A ball that is farther away than this in m has left the plate: its rig is drawn again."""
+DRAWN = {
+    "rate": (30.0, 1000.0),
+    "pixel": (5e-4, 1e-3),
+    "dead_time": (0.02, 0.25),
+    "lag": (0.02, 0.12),
+    "gain": (4.0, 7.0),
+    "level": (-0.1, 0.1),
+    "friction": (0.01, 0.06),
+    "camber": (0.3, 0.4),
+}
+"""Ranges from which rigs are drawn evenly, SI; the rate by its logarithm."""
+COLUMNS = wanted_columns(
+    "time=t:s,measured_x=x:m,command_phi=u:rad,measured_y=y:m,command_theta=v:rad"
+)
+
+
+def drawn(seed: int) -> dict[str, float]:
+    """A rig."""
+    rng = np.random.default_rng([seed, 35])
+    rig = {name: float(rng.uniform(*ends)) for name, ends in DRAWN.items()}
+    low, high = np.log(DRAWN["rate"])
+    rig["rate"] = math.exp(low + (high - low) * rng.uniform())
+    return rig
+
+
+def log_of(seed: int, rig: Mapping[str, float]) -> tuple[Array, Array, Array]:
+    """A log of it, under a controller as fast as its delays allow."""
+    delay = rig["dead_time"] + rig["lag"]
+    slow = 1 / (1 + 4 * delay)
+    fast = min(3.0, 0.3 / delay)
+    stiff = (fast**2 + rig["camber"]) / (rig["gain"] * slow)
+    damped = 1.6 * fast / (rig["gain"] * slow**2)
+    return axis_log(seed, seconds=SECONDS, stiff=stiff, damped=damped, **rig)
+
+
+def axis_log(
+    seed: int,
+    *,
+    seconds: float = 60.0,
+    rate: float = 30.0,
+    gain: float = 6.0,
+    dead_time: float = 0.1,
+    lag: float = 0.08,
+    level: float = 0.05,
+    friction: float = 0.03,
+    camber: float = 0.0,
+    pixel: float = 5e-4,
+    noise: float = 2e-4,
+    jitter: float = 0.1,
+    swing: float = 0.06,
+    excited: bool = True,
+    stiff: float = 0.9,
+    damped: float = 0.45,
+) -> tuple[Array, Array, Array]:
+    """Time in s, position in m and command in rad of one axis under a clumsy controller.
+
+    Forward Euler at 0.25 ms. Half of the dead time lies between command and servo, half in the
+    camera. The controller, PD on noisy readings, follows steps and sines that change with the seed.
+    """
+    rng = np.random.default_rng(seed)
+    h = 2.5e-4
+    steps = round(seconds / h)
+    frames = [0.0]
+    while frames[-1] < seconds:
+        frames.append(frames[-1] + max(0.2, 1 + jitter * rng.standard_normal()) / rate)
+    at = np.round(np.array(frames[:-1]) / h).astype(int)
+    at = np.unique(at[at < steps])
+    before, after = round(dead_time / 2 / h), round(dead_time / h) - round(dead_time / 2 / h)
+    x, v, u = 0.3 * swing * rng.standard_normal(), 0.0, 0.0
+    places, sent = np.zeros(steps), np.zeros(steps)
+    command, reading, last, speed = 0.0, 0.0, 0.0, 0.0
+    target, until = 0.0, 0.0
+    times, readings, commands, frame = [], [], [], 0
+    for k in range(steps):
+        places[k] = x
+        if frame < len(at) and k == at[frame]:
+            seen = places[max(0, k - after)] + noise * rng.standard_normal()
+            reading = round(seen / pixel) * pixel if pixel else seen
+            t = k * h
+            if t >= until:
+                target = swing * rng.uniform(-1, 1)
+                until = t + rng.uniform(0.8, 3.0)
+            dt = (at[frame] - at[frame - 1]) * h if frame else 1 / rate
+            speed += min(1.0, dt / 0.08) * ((reading - last) / dt - speed)
+            last = reading
+            wave = 0.02 * math.sin(2.1 * t) + 0.015 * math.sin(5.3 * t + seed)
+            slow = 1.0 / (1.0 + 4.0 * (dead_time + lag))
+            command = slow * (stiff * (target - reading) - damped * slow * speed) + wave
+            command = float(np.clip(command, -0.14, 0.14)) if excited else 0.0
+            times.append(t)
+            readings.append(reading)
+            commands.append(command)
+            frame += 1
+        sent[k] = command
+        u += h / lag * (sent[max(0, k - before)] - u) if lag else sent[max(0, k - before)] - u
+        a = gain * u + level + camber * x
+        if v == 0.0 and abs(a) <= friction:
+            continue
+        a -= friction * math.copysign(1.0, v if v else a)
+        new = v + h * a
+        v = 0.0 if v * new < 0 else new
+        x += h * v
+    return np.array(times), np.array(readings), np.array(commands)
+
+
+def identified(seed: int) -> dict[str, Any]:
+    """A rig, and what `identify` says of it: parameter to value, ends of its interval, verdict."""
+    for again in range(20):
+        rig = drawn(seed + 10_000 * again)
+        time, ball, command = log_of(seed, rig)
+        if np.abs(ball).max() < PLATE:
+            break
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"rig{seed}.csv"
+        still = np.zeros_like(time)
+        rows = np.column_stack((time, ball, command, 1e-4 * np.sin(time), still))
+        np.savetxt(file, rows, fmt="%.6g", delimiter=",", header="t,x,u,y,v", comments="")
+        found = identify_any([read_any(file, COLUMNS)], 1 / 3)
+    own = (each for each in found.verdicts if each.name.endswith("_x"))
+    told = {each.name[:-2]: (each.value, each.low, each.high, each.word) for each in own}
+    score = found.scores[0]
+    errors = {who: score.median[who][1] for who in ("model", "stays", "goes on")}
+    return {"rig": rig, "told": told, "errors": errors}
+
+
+def known(seed: int) -> dict[str, Any]:
+    """The same, as kept, or found and then kept."""
+    room = sorted(Path(str(files("twin.identify"))).rglob("*.py"))
+    how = " ".join(each.read_text(encoding="utf-8") for each in (Path(__file__), *room))
+    found: dict[str, Any] = kept("coverage", digest(f"{how} {seed}"), lambda: identified(seed))
+    return found
+
+
+def coverage(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of each parameter: rigs with an interval, how many of these hold the truth, and verdicts."""
+    rows = []
+    for name in found[0]["told"] | {"camber": None}:
+        of = [(_truth(each["rig"], name), each["told"].get(name)) for each in found]
+        told = [(truth, *one) for truth, one in of if one is not None and one[1] is not None]
+        held = sum(low <= truth <= high for truth, _, low, high, _ in told)
+        share = stats.binomtest(held, max(len(told), 1)).proportion_ci(method="wilson")
+        off = [abs(value - truth) for truth, value, *_ in told]
+        half = [(high - low) / 2 for _, _, low, high, _ in told]
+        rows.append(
+            {
+                "name": name,
+                "rigs": len(told),
+                "held": held,
+                "low": share.low,
+                "high": share.high,
+                "identified": sum(word == "identified" for *_, word in told),
+                "off": float(np.median(off)) if off else math.nan,
+                "half": float(np.median(half)) if half else math.nan,
+            }
+        )
+    return rows
+
+
+def _truth(rig: Mapping[str, float], name: str) -> float:
+    return rig["dead_time"] + rig["lag"] if name == "delay" else rig[name]
+
+
+UNITS = {"gain": "m/s^2 by rad", "level": "m/s^2", "friction": "m/s^2", "camber": "1/s^2"}
+LABELS = {"delay": "dead time + lag", "dead_time": "dead time"}
+
+
+def page(found: list[dict[str, Any]], command: str) -> str:
+    """The page of what was found."""
+    lines = []
+    for row in coverage(found):
+        within = 100 * row["held"] / max(row["rigs"], 1)
+        cells = (
+            LABELS.get(row["name"], row["name"]),
+            UNITS.get(row["name"], "s"),
+            f"{row['rigs']}",
+            f"{row['identified']}",
+            f"{within:.1f} ({100 * row['low']:.1f} to {100 * row['high']:.1f})",
+            f"{row['half']:.2g}",
+            f"{row['off']:.2g}",
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    errors = {
+        who: 1000 * np.median([each["errors"][who] for each in found])
+        for who in ("model", "stays", "goes on")
+    }
+    ranges = ", ".join(
+        f"{LABELS.get(name, name)} {low:g} to {high:g}" for name, (low, high) in DRAWN.items()
+    )
+    return filled(
+        "identify_coverage",
+        command=command,
+        rigs=len(found),
+        seconds=SECONDS,
+        ranges=ranges,
+        rows="\n".join(lines),
+        errors=errors,
+    )
+
+
+@click.command()
+@click.option("--rigs", default=200, show_default=True)
+@click.option("--first", default=0, show_default=True, help="Seed of the first rig.")
+@click.option("--doc", type=click.Path(path_type=Path))
+def main(rigs: int, first: int, doc: Path | None) -> None:
+    """How often the intervals of identify hold the truth of simulated rigs."""
+    found = []
+    with progress("rigs", rigs) as advance:
+        for seed in range(first, first + rigs):
+            found.append(known(seed))
+            advance(seed - first + 1)
+    for row in coverage(found):
+        click.echo(row)
+    if doc is not None:
+        write_whole(doc, page(found, f"--rigs {rigs} --doc docs/identify_coverage.md"))
+
+
+if __name__ == "__main__":
+    main()
