@@ -20,6 +20,7 @@ from twin.scenario import load
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
+
 @pytest.fixture(scope="module")
 def exact_folder(tmp_path_factory):
     """A run folder of the exact plant, for what is refused before anything is fitted."""
