@@ -84,7 +84,8 @@ def test_a_lag_is_told_from_play_of_any_width(width):
     assert np.degrees(found.play) == pytest.approx(width, abs=0.002)
 
 
-@pytest.mark.parametrize("resonance", [12.5, pytest.param(19.0, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("resonance", [12.5, 19.0])
 def test_the_lag_of_a_plate_that_swings_on_its_drive_train_is_right(resonance):
     part = Resonance(np.array([[resonance]]), np.array([[0.05]]), 0.002)
     found = fit_drives(driven(part, rows=15_000))
