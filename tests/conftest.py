@@ -69,6 +69,22 @@ def quick_pictures():
         yield
 
 
+@pytest.fixture(scope="module")
+def no_pictures():
+    """Nobody looks at the picture that is kept with a run, which takes longer than a short run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("twin.run.picture.png", lambda *_: b"\x89PNG")
+        yield
+
+
+@pytest.fixture
+def unlocked(monkeypatch):
+    """Real time that neither locks nor looks through the memory of all tests: gigabytes."""
+    monkeypatch.setattr("twin.devices.realtime._lock", lambda _: False)
+    for name in ("collect", "unfreeze"):
+        monkeypatch.setattr(gc, name, lambda: None)
+
+
 @pytest.fixture
 def take_in(monkeypatch):
     """Takes a law, observer or reference into the catalog."""

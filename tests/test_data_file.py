@@ -1,4 +1,3 @@
-import json
 import time
 
 import pytest
@@ -98,26 +97,6 @@ def test_an_override_beyond_a_limit_is_one_line_at_once(refused, arguments, expe
 def test_a_damaged_csv_log_is_one_line_at_once(refused, tmp_path, text, expected):
     (tmp_path / "log.csv").write_text(text)
     assert expected in refused("identify", "log.csv")
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        (DEEP, "nested deeper than 32 levels"),
-        (f'{{"plate_rad": [{HUGE}]}}', "an integer beyond 64 bit"),
-        ("[1, 2]", "not a cam table"),
-        ('{"plate_rad": 1, "motor_rad": [], "provenance": {}}', "not a cam table"),
-        ("TABLE", "not a cam table"),
-    ],
-)
-def test_a_damaged_cam_table_is_one_line_at_once(refused, tmp_path, text, expected):
-    from twin.paths import model_path
-
-    if text == "TABLE":
-        text = json.dumps(json.loads(model_path("cams.json").read_text()) | {"provenance": [1]})
-    (tmp_path / "cams.json").write_text(text)
-    (tmp_path / "rig.toml").write_text('cams = "cams.json"\n[touch]\nport = "/dev/null"')
-    assert expected in refused("run", "circle", "--rig", "rig.toml")
 
 
 def test_what_is_within_the_limits_is_read_as_it_stands(tmp_path):

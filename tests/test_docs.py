@@ -408,6 +408,7 @@ def test_the_reference_of_the_page_is_found_and_followed(dropped, scenario):
     assert done.motion.ball[-1] == pytest.approx([0.06, 0.0], abs=0.02)
 
 
+@pytest.mark.long
 def test_the_lines_that_the_architecture_gives_a_layer_are_those_it_has_within_a_tenth():
     lines = script("code_lines")
     text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")

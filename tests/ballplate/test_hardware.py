@@ -30,6 +30,8 @@ from twin.run.connect import ComputingTime
 from twin.run.finished import run
 from twin.scenario.load import load
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 
 class Heard(Reporter):
     """Keeps what it is told."""
@@ -76,6 +78,7 @@ class Busy(Law):
 """
 
 
+@pytest.mark.usefixtures("unlocked")
 def test_a_law_that_computes_for_longer_than_a_period_never_meets_a_rig(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "laws").mkdir()
@@ -226,6 +229,7 @@ def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails
     assert folder.exists() is fails
 
 
+@pytest.mark.usefixtures("unlocked")
 def test_a_run_on_a_rig_never_replaces_one(tmp_path, monkeypatch):
     monkeypatch.setattr("ballplate.running.connected", lambda *_, **__: nullcontext())
     short = {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}

@@ -7,6 +7,8 @@ import pytest
 
 from twin.cli import output
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 QUICK = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
 
 

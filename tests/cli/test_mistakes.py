@@ -62,6 +62,7 @@ LINES = {
     "run foo": "known: circle, cure, cure_afl, cure_backstepping, excite, hold, sine, step; `",
     "run circle --beside crue": "did you mean 'cure'",
     "run circle --plant real": "mujoco",
+    "run circle --rig rig.toml --plant lagrange": "describes a simulated rig",
     "run circle --frobnicate": "--frobnicate",
     "run circle --out /proc/nowhere": "cannot be written",
     "run circle --out=": "--out: names no folder",

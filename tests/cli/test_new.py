@@ -34,7 +34,7 @@ class Mine(Law):
         return 0.0 * x[..., :2]
 """
 
-pytestmark = pytest.mark.usefixtures("own_laws")
+pytestmark = pytest.mark.usefixtures("own_laws", "no_pictures")
 
 
 @pytest.fixture

@@ -21,6 +21,8 @@ from twin.run.metrics import INTERRUPTED
 from twin.view.live_process import LiveProcess
 from twin.writing import written_alone
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 SHORT = ("--set", "duration=0.2", "--set", "plant.kind=lagrange", "--out", "kept")
 
 

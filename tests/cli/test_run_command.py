@@ -8,6 +8,8 @@ import pytest
 
 import twin.run.picture
 
+pytestmark = pytest.mark.usefixtures("quick_pictures")
+
 QUICK = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
 KEYS = {
     "outcome", "outcome_time", "tracking_error_percent", "rms_error", "mean_error",

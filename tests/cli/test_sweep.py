@@ -1,8 +1,12 @@
 import csv
 import json
 
+import pytest
+
 from twin.run.finished import run
 from twin.scenario.load import load, swept
+
+pytestmark = pytest.mark.usefixtures("quick_pictures")
 
 SHORT = ("plant.kind=lagrange", "duration=0.3", "metrics.start=0")
 QUICK = [word for text in SHORT for word in ("--set", text)]

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 import scipy.io
+from command_line import called
 
+from controllers.catalog import forget
 from twin.run.finished import open_run
 from twin.scenario import load
 
@@ -137,11 +139,14 @@ def test_what_the_tutorial_says_before_its_first_command_is_so():
     assert f"takes its {scenario.duration:g} s by the clock" in text
 
 
-def test_the_lines_that_the_tutorial_adds_to_the_law_make_a_setting(tmp_path, monkeypatch):
+@pytest.mark.usefixtures("own_laws")
+def test_the_lines_that_the_tutorial_adds_to_the_law_make_a_setting(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    ballplate("new law mine")
+    called(capsys, "new", "law", "mine")
     added(dict(PARTS.findall(PAGES["tutorial"]))["diff"])
-    assert "controller.push = 0.0 Push against friction" in ballplate("describe mine")
+    forget()
+    _, told, _ = called(capsys, "describe", "mine")
+    assert "controller.push = 0.0 Push against friction" in squeezed(told)
 
 
 @pytest.mark.long

@@ -2,7 +2,6 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -22,6 +21,8 @@ def recursion():
 
     The axis is p' = v, v' = k sin(a), a' = w, w' = u, with k of either sign.
     """
+    import sympy as sp
+
     p, v, a, w, k, u = sp.symbols("p v a w k u")
     c, r = sp.symbols("c1:5"), sp.symbols("r0:6")
     flow = {p: v, v: k * sp.sin(a), a: w, w: u, **dict(pairwise(r))}

@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-import sympy
 
 from controllers.ballplate import BallPlate
 
@@ -19,6 +18,8 @@ def states(count=200, seed=0):
 @pytest.fixture(scope="module")
 def lagrange():
     """Ball accelerations (x'', y'') from the energies (4.14b), (4.16) and R = Rx(theta) Ry(phi)."""
+    import sympy
+
     m, r, J, g, h, t = sympy.symbols("m r J g h t")
     x, y, phi, theta = (sympy.Function(name)(t) for name in ("x", "y", "phi", "theta"))
     R = sympy.rot_axis1(-theta) * sympy.rot_axis2(-phi)

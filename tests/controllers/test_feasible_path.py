@@ -112,6 +112,7 @@ def test_it_is_the_nearest_of_all_paths_of_pieces_of_constant_jerk():
         assert np.abs(a).max() > 0.05 * A
 
 
+@pytest.mark.long
 def test_few_steps_of_the_method_lose_little(monkeypatch):
     short = laid(STEP, (0.0, 0.0), 6.0)[0]
     monkeypatch.setattr(FeasiblePath, "STEPS", 1000)
@@ -130,6 +131,7 @@ def test_a_corner_without_acceleration_is_seen():
     assert feasible.within(corner[:, :50])
 
 
+@pytest.mark.long
 def test_the_cure_keeps_a_ball_on_a_path_that_the_plate_cannot_give():
     cure = [
         "baseline=false",

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from command_line import called
 from own_board import EXAMPLE, VirtualBoard, own_rig
 
 from twin.devices.own import (
@@ -291,12 +292,9 @@ def test_other_rigs_do_what_their_page_says(command, told, tmp_path):
         assert least - 0.051 < found["tracking_error_percent"] < most + 0.051
 
 
-@pytest.mark.parametrize(
-    "what",
-    ["cams", *(pytest.param(each, marks=pytest.mark.long) for each in ("touch", "lost-motion"))],
-)
-def test_calibrations_of_other_devices_say_that_they_are(what, tmp_path):
+@pytest.mark.parametrize("what", ["cams", "touch", "lost-motion"])
+def test_calibrations_of_other_devices_say_that_they_are(what, tmp_path, capsys):
     (tmp_path / "rig.toml").write_text('title = "mine"\nbackend = "mine.py:Mine"\n')
-    code, said = ballplate(tmp_path, "calibrate", what, "--rig", "rig.toml")
+    code, _, said = called(capsys, "calibrate", what, "--rig", tmp_path / "rig.toml")
     assert code == 2
     assert "this rig has a backend, mine.py" in " ".join(said.split())

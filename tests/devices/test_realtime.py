@@ -169,11 +169,6 @@ def test_leaving_real_time_leaves_everything_as_it_was():
     assert done.returncode == 0, done.stderr
 
 
-@pytest.fixture
-def unlocked(monkeypatch):
-    monkeypatch.setattr(realtime, "_lock", lambda _: False)
-
-
 @linux
 @pytest.mark.usefixtures("unlocked")
 def test_a_thread_started_in_real_time_is_an_ordinary_one():
@@ -216,12 +211,12 @@ def test_processors_are_kept_awake_where_the_system_lets_one(monkeypatch, tmp_pa
 
 
 @linux
+@pytest.mark.usefixtures("unlocked")
 def test_what_is_refused_is_said_with_what_to_do(monkeypatch):
     def refuse(*_):
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(realtime.os, "sched_setscheduler", refuse)
-    monkeypatch.setattr(realtime, "_lock", lambda _: False)
     with real_time() as obtained:
         assert obtained.fifo is False
     assert "limits.conf" in obtained.words[0]
@@ -234,6 +229,7 @@ def test_where_the_system_has_no_such_scheduling_the_loop_runs_all_the_same(monk
         monkeypatch.delattr(os, name)
     monkeypatch.setattr(ctypes, "CDLL", None)
     monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setattr(gc, "collect", int)  # of all tests
     with real_time() as obtained:
         assert not gc.isenabled()
     assert gc.isenabled()

@@ -12,7 +12,6 @@ from stepped import SteppedDrives
 
 import ballplate as bp
 from twin.cli.rig import doctor
-from twin.devices import realtime
 from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.doctor import computer as computer_checks
@@ -122,12 +121,8 @@ def test_the_dead_time_of_a_rig_on_the_wire_is_identified_to_5_ms(scenario, late
 
 
 @pytest.fixture
-def brief(monkeypatch):
-    """The computer's checks without the memory of all tests locked, and the timer only glanced at.
-
-    To lock it is to fetch all of it, gigabytes after some hundred tests.
-    """
-    monkeypatch.setattr(realtime, "_lock", lambda _: False)
+def brief(unlocked, monkeypatch):
+    """The computer's timer only glanced at."""
     monkeypatch.setattr(computer_checks, "TIMED", 0.1)
 
 

@@ -8,7 +8,6 @@ from click.testing import CliRunner
 
 from twin.cli.rig import doctor
 from twin.data_file import packaged
-from twin.devices import realtime
 from twin.doctor import computer
 from twin.errors import TwinError
 
@@ -16,9 +15,8 @@ PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text
 
 
 @pytest.fixture
-def found(monkeypatch):
+def found(unlocked):
     """What it says, by what was looked at."""
-    monkeypatch.setattr(realtime, "_lock", lambda _: False)
 
     def look():
         done = CliRunner().invoke(doctor, ["--install", "--json"], standalone_mode=False)

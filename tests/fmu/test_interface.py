@@ -310,7 +310,7 @@ def test_the_sanitizers_find_nothing(library, tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("fmi", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_the_reference_is_an_output_where_it_is_asked_for(tmp_path, fmi, exported):
     path = tmp_path / "rig.fmu"
     bp.fmu("sine", path, duration=1.0, fmi=fmi, wished=True)

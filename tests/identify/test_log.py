@@ -18,6 +18,8 @@ from twin.identify.twin_model import Problem, identify, replayed
 from twin.run.finished import open_run, run, save
 from twin.scenario import load
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 
 @pytest.fixture(scope="module")
 def exact_folder(tmp_path_factory):
@@ -146,7 +148,7 @@ def test_an_unknown_parameter_is_refused_with_those_known():
     assert all(name in str(caught.value) for name in CHOICES)
 
 
-@pytest.mark.parametrize("rate", [50, 200])
+@pytest.mark.parametrize("rate", [50, pytest.param(200, marks=pytest.mark.long)])
 def test_the_ball_that_stays_stays_where_it_was_at_the_last_sample(tmp_path, rate):
     """On a screen of few frames some bins have no sample; a ball on a circle tells by its way."""
     touch = f"sensors.touch.frame_rate={rate}"

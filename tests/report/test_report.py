@@ -19,7 +19,7 @@ from twin.scenario.load import check
 from twin.view.streams import signals
 from twin.writing import write_json
 
-pytestmark = pytest.mark.usefixtures("quick_pictures")
+pytestmark = pytest.mark.usefixtures("quick_pictures", "no_pictures")
 
 TABLES = {
     "title": "sine <&> test",

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from twin.cli import main
+from ballplate.reporter import Reporter
+from ballplate.running import connected
+from twin.errors import ScenarioError
 from twin.hal.cams import CamTable
 from twin.run.connect import connect
 from twin.scenario import load
@@ -35,24 +37,17 @@ def test_the_motors_are_turned_by_the_table_that_the_rig_file_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "changes",
+    "key",
     [
-        ("--plant", "lagrange"),
-        ("--set", "rig.cam_error_percent=[5,5]"),
-        ("--set", "rig.cams=ratio"),
-        ("--set", "plant.friction.rolling_mm=0"),
-        ("--set", "sensors.touch.dead_time=0.05"),
-        ("--set", "disturbance.variance=[0,0]"),
+        "plant.kind",
+        "rig.cam_error_percent",
+        "rig.cams",
+        "plant.friction.rolling_mm",
+        "sensors.touch.dead_time",
+        "disturbance.variance",
     ],
-    ids=lambda changes: changes[1],
 )
-def test_settings_of_a_simulation_are_refused_on_a_real_rig_by_one_line(changes, tmp_path, capsys):
-    file = tmp_path / "rig.toml"
-    file.write_text('[touch]\nport = "/dev/null"\nprotocol = "elo"\n')
-    out = str(tmp_path / "out")
-    with pytest.raises(SystemExit) as ended:
-        main(["run", "circle", "--rig", str(file), *changes, "--out", out])
-    assert ended.value.code == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "describes a simulated rig" in error
+def test_settings_of_a_simulation_are_refused_on_a_real_rig(key):
+    refused = pytest.raises(ScenarioError, match=f"{key} describes a simulated rig")
+    with refused, connected("rig.toml", load("circle"), [key], Reporter(), reset=False):
+        pass

@@ -18,6 +18,8 @@ from twin.shipped import shipped
 from twin.study.work import Builder
 from twin.tune.report import settings, toml
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 SOLID, HOLLOW = 5 / 7 * 9.81, 3 / 5 * 9.81
 """k1 of a solid ball and of a thin shell in m/s^2: g / (1 + J / (m r^2))."""
 STEEL = "plant.ball.kind=steel"

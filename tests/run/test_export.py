@@ -19,6 +19,8 @@ from twin.run.finished import run, save
 from twin.run.record import read_run
 from twin.scenario import load
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):

@@ -86,8 +86,7 @@ def seen(picture, colour=BLUE):
 PLACES = [(0.0, 0.0), (0.21, 0.0), (0.0, 0.12), (-0.25, -0.13), (0.3, 0.1), (0.3017, -0.0503)]
 
 
-@pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize("size", [600, 480])
+@pytest.mark.parametrize(("place", "size"), [*((place, 600) for place in PLACES), (PLACES[1], 480)])
 def test_the_ball_is_seen_where_it_was_recorded(place, size):
     picture = frames(told([place] * 30), size=size, seconds=0.05)[0]  # at rest: without a trail
     left, top, right, bottom = ground(picture)
@@ -139,7 +138,7 @@ def test_a_positive_phi_lowers_the_right_end_and_a_positive_theta_raises_the_far
     assert (last - first) * sign > 0
 
 
-@pytest.mark.parametrize("number", [2, 3, 4, 5, 6])
+@pytest.mark.parametrize("number", [2, 6])
 def test_balls_in_one_place_are_all_seen_in_their_colours(number):
     picture = frames(*[told([(0.1, 0.05)] * 9)] * number, seconds=0.05)[0]
     for colour in COLOURS[1:number]:
@@ -169,11 +168,11 @@ def test_a_ball_that_fell_is_a_cross_where_it_was_seen_last_while_the_others_go_
 def test_where_nothing_is_known_nothing_is_drawn_and_the_rest_is():
     ball = np.full((200, 2), np.nan)
     ball[:50] = ball[150:] = (-0.1, 0.05)
-    shown = frames(told(ball), fps=10)
-    assert len(shown) == 20
+    shown = frames(told(ball), fps=5)
+    assert len(shown) == 10
     assert seen(shown[0])[1] > 300
-    left, top, right, bottom = ground(shown[10])
-    assert not (np.abs(shown[10][top:bottom, left:right] - BLUE).max(axis=2) <= 4).any()
+    left, top, right, bottom = ground(shown[5])
+    assert not (np.abs(shown[5][top:bottom, left:right] - BLUE).max(axis=2) <= 4).any()
     assert seen(shown[-1])[1] > 300
     assert len(frames(told(np.full((30, 2), np.nan)), fps=10)) == 3
 
@@ -187,23 +186,21 @@ def circle():
 
 
 @pytest.mark.parametrize("ending", MOVING)
-@pytest.mark.parametrize("fps", [20, 30])
 def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
-    circle, tmp_path, ending, fps
+    circle, tmp_path, ending
 ):
-    for name in ("one", "two"):
-        moving(tmp_path / f"{name}{ending}", Film({"circle": circle}, Cut(fps=fps, seconds=0.5)))
     one, two = (tmp_path / f"{name}{ending}" for name in ("one", "two"))
+    for file in (one, two):
+        moving(file, Film({"circle": circle}, Cut(fps=30, seconds=0.5)))
+    assert one.read_bytes() == two.read_bytes()
     if ending == ".mp4":
-        assert one.read_bytes() == two.read_bytes()
         with av.open(str(one)) as video:
             shapes = [frame.to_ndarray(format="rgb24").shape for frame in video.decode(video=0)]
-            assert video.streams.video[0].average_rate == fps
-        assert shapes == [(566, 600, 3)] * (fps // 2)
+            assert video.streams.video[0].average_rate == 30
+        assert shapes == [(566, 600, 3)] * 15
         return
-    assert one.read_bytes() == two.read_bytes()
     with Image.open(one) as picture:
-        assert picture.n_frames == fps / 2
+        assert picture.n_frames == 15
         assert picture.info["loop"] == 0
         lasts = []
         for number in range(picture.n_frames):

@@ -11,6 +11,8 @@ from twin.run.finished import described, open_run, run, save
 from twin.run.record import Recorder, read_run, stream, write_run
 from twin.writing import write_json, write_whole
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 
 def test_a_written_record_reads_back_with_units_and_metadata(tmp_path):
     record = Recorder(4, 1, 0.002, ("torque_phi_Nm",))

@@ -10,6 +10,8 @@ from twin.cli import main
 from twin.errors import RecordError
 from twin.run.finished import open_run, open_runs, run, save
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):

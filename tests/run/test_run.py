@@ -9,6 +9,8 @@ from twin.run.assemble import assemble
 from twin.run.finished import run, save
 from twin.run.metrics import Ending
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 
 def test_the_same_seed_gives_the_same_record_to_the_last_bit(scenario):
     first, second = run(scenario()), run(scenario())

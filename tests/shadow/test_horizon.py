@@ -39,7 +39,7 @@ def circled(*settings):
 @pytest.fixture(scope="module")
 def uneven():
     """The same on an uneven screen."""
-    return circled("duration=20", "plant.surface.spread_percent=20")
+    return circled("duration=14", "plant.surface.spread_percent=20")
 
 
 SIZES = {  # of what is believed, before anything is seen

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -148,13 +149,25 @@ def test_a_saved_table_is_read_back(table, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", [None, "not json", "[]", '{"plate_rad": [0, 1], "motor_rad": [], "provenance": {}}']
+    ("text", "words"),
+    [
+        (None, "No such file"),
+        ("not json", "not JSON"),
+        ("[1, 2]", "not a cam table"),
+        ('{"plate_rad": [0, 1], "motor_rad": [], "provenance": {}}', "not a cam table"),
+        ('{"plate_rad": 1, "motor_rad": [], "provenance": {}}', "not a cam table"),
+        (f'{{"plate_rad": [{"9" * 5000}]}}', "an integer beyond 64 bit"),
+        ("[" * 3000 + "]" * 3000, "nested deeper than 32 levels"),
+        ("TABLE", "not a cam table"),
+    ],
 )
-def test_a_file_that_is_no_table_is_refused_in_one_line(tmp_path, text):
+def test_a_file_that_is_no_table_is_refused_in_one_line(tmp_path, text, words):
     path = tmp_path / "cams.json"
+    if text == "TABLE":
+        text = json.dumps(json.loads(model_path("cams.json").read_text()) | {"provenance": [1]})
     if text is not None:
         path.write_text(text, encoding="utf-8")
-    with pytest.raises(ModelError) as caught:
+    with pytest.raises(ModelError, match=words) as caught:
         CamTable.from_file(path)
     assert "\n" not in str(caught.value)
     assert "ballplate calibrate cams" in str(caught.value)

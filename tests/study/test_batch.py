@@ -51,12 +51,12 @@ def test_a_run_gives_the_same_bits_whatever_shares_its_batch(kind: str) -> None:
 
 
 def test_the_cure_gives_the_same_bits_beside_other_references() -> None:
-    short = ["plant.kind=lagrange", "duration=0.8", "metrics.start=0"]
+    short = ["plant.kind=lagrange", "duration=0.5", "metrics.start=0"]
     kinds = (
         ["reference.kind=lissajous", "reference.amplitude=0.12"],
         ["reference.kind=hold", "reference.x=0.1"],
         ["reference.kind=sine", "reference.amplitude=0.12", "reference.omega=2.0"],
-        ["reference.kind=step", "reference.end=[0.1,0.05]", "reference.time=0.4"],
+        ["reference.kind=step", "reference.end=[0.1,0.05]", "reference.time=0.2"],
     )
     rigs = [load("cure", [*short, *each]) for each in kinds]
     assert simulate(rigs) == [simulate([rig])[0] for rig in rigs]

@@ -1,7 +1,6 @@
 """The search on a formula instead of runs: it finds what is known, and keeps what it must."""
 
 import numpy as np
-import optuna
 import pytest
 
 from controllers.analysis import margins, sampled_loop, unstable
@@ -125,6 +124,8 @@ def test_constraints_bound_the_result_and_are_no_part_of_its_cost():
 
 
 def test_optuna_is_told_what_violates_a_constraint_and_what_was_given_up(monkeypatch):
+    import optuna
+
     create, studies = optuna.create_study, []
     monkeypatch.setattr(
         optuna, "create_study", lambda **k: studies.append(create(**k)) or studies[0]

@@ -1,7 +1,7 @@
 """Bytes of a serial line as the manuals lay them out, and random bytes."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.devices.lumio.config import LumioConfig
@@ -123,6 +123,7 @@ def test_a_detector_takes_no_protocol_that_leaves_most_bytes_unexplained(data):
 
 @pytest.mark.parametrize("spoken", PROTOCOLS)
 @pytest.mark.parametrize("set_to", ["auto", "hid-0006", *PROTOCOLS])
+@settings(max_examples=25)
 @given(places=st.lists(st.tuples(SHARE, SHARE), min_size=16, max_size=20), lost=st.integers(0, 9))
 def test_listening_tells_the_protocol_even_from_the_middle_of_a_packet(
     set_to, spoken, places, lost
