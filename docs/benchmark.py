@@ -1,10 +1,11 @@
 """Makes benchmark.md and its picture, and freezes what the benchmark is.
 
 uv run python docs/benchmark.py            # all shipped laws: an hour on two cores
-uv run python docs/benchmark.py --law afl  # one law; no page
-uv run python docs/benchmark.py --finished # a page of the laws that are kept, at once
+uv run python docs/benchmark.py --law afl  # one of them: 11 minutes of a core
+uv run python docs/benchmark.py --page     # only the page, of what was found before
 uv run python docs/benchmark.py --freeze   # draws the rigs and locks, once for a version
-Finished runs are kept in runs/bench and used again while what a run executes stays the same.
+What was found of a law is in data/benchmark/. Finished runs are kept in runs/bench and used again
+while what a run executes stays the same.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 
 import click
 import numpy as np
+import pandas as pd
 from pages import HERE, filled
 
 from twin.bench import FAMILY, LOCKED, MODEL, Benchmark, hashed
@@ -31,6 +33,10 @@ EXPECTED, FIRST = ("lqr", "afl", "cure"), 4
 LEAST = 0.005
 """Least error of the picture."""
 KEPT = HERE.parent / "runs" / "bench"
+FOUND = HERE / "data" / "benchmark"
+"""Of each law a table of its runs, in the order of reference.csv: the error in m, empty where the
+ball was lost, and the RMS plate acceleration in rad/s^2.
+"""
 
 
 def rigs() -> str:
@@ -51,6 +57,24 @@ def measured(bench: Benchmark, law: str) -> Any:
         click.echo(f"{entry.title}: {done} runs, {failed} not finished", err=True)
 
     return bench.carried_out(entry, bench.folder, Store(KEPT), progress=told)
+
+
+def write_found(bench: Benchmark, law: str, rows: pd.DataFrame) -> None:
+    """Write what was found of a law."""
+    rows = bench.known().merge(rows, "left", on=["task", "rig", "noise"], validate="1:1")
+    error = rows[bench.about.metric].where(rows["outcome"] == "finished")
+    table = pd.DataFrame({"error": error, "effort": rows["u_rms"]})
+    text = table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
+    write_whole(FOUND / f"{law}.csv", text)
+
+
+def found_before(bench: Benchmark, law: str) -> pd.DataFrame:
+    """The runs of a law as its table has them."""
+    table = pd.read_csv(FOUND / f"{law}.csv")
+    rows = bench.known()[["task", "rig", "noise"]].copy()
+    outcome = np.where(table["error"].notna(), "finished", "lost")
+    rows["outcome"], rows[bench.about.metric] = outcome, table["error"]
+    return rows.assign(u_rms=table["effort"])
 
 
 def freeze(folder: Any) -> None:
@@ -90,21 +114,19 @@ def picture(bench: Benchmark, errors: dict[str, Any]) -> Any:
 
 @click.command()
 @click.option("--freeze", "freezing", is_flag=True, help="Draw the rigs and lock; no page.")
-@click.option("--finished", is_flag=True, help="A page of the laws whose runs are kept.")
-@click.option("--law", "only", multiple=True, help="Run this law alone; no page.")
-def main(only: tuple[str, ...], *, freezing: bool, finished: bool) -> None:
+@click.option("--page", "only_page", is_flag=True, help="Run nothing.")
+@click.option("--law", "only", multiple=True, help="Run this law alone.")
+def main(only: tuple[str, ...], *, freezing: bool, only_page: bool) -> None:
     """Run what is not kept, then write the page."""
     folder = HERE.parent / "scenarios" / "bench" / "v1"
     if freezing:
         freeze(folder)
         return
     bench = Benchmark(folder)
-    laws = [law for law in bench.about.laws if not finished or bench.finished(law, Store(KEPT))]
-    found = {law: measured(bench, law) for law in only or laws}
-    if only:
-        return
-    if not found:
-        raise click.ClickException("no law is finished")
+    for law in () if only_page else only or bench.about.laws:
+        write_found(bench, law, measured(bench, law))
+    there = [law for law in bench.about.laws if (FOUND / f"{law}.csv").is_file()]
+    found = {law: found_before(bench, law) for law in there}
     scores = {law: bench.scores(rows) for law, rows in found.items()}
     figure = picture(bench, {law: bench.relative(rows) for law, rows in found.items()})
     file = HERE / "figures" / "benchmark.png"

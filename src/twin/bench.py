@@ -245,11 +245,6 @@ class Benchmark:
         labels = pd.DataFrame([each[:3] for each in listed], columns=list(BenchRun._fields[:3]))
         return labels.join(rows[["outcome", self.about.metric, "u_rms"]])
 
-    def finished(self, law: str, store: Store) -> bool:
-        """Whether all runs of a shipped law are in a store."""
-        work = ScenarioRuns(each.scenario for each in self.runs(self.about.laws[law].set))
-        return bool(store.rows([task.key for task in work.tasks]).num_rows == len(work.tasks))
-
     def known(self, **how: Any) -> pd.DataFrame:
         """The reference law's error in each run: frozen, or of a season run here once and kept.
 
