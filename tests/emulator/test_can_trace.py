@@ -5,11 +5,12 @@ import re
 import shutil
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
 from twin.cli import main
-from twin.devices.akd.traces import TraceWriter
+from twin.devices.akd.traces import TraceWriter, read_trace
 from twin.emulator.lockstep import LockstepRig
 from twin.identify.logs import read
 from twin.run.finished import run
@@ -181,3 +182,144 @@ def test_the_page_shows_what_a_trace_of_the_rig_says(said):
     assert len(rows) == 6
     own = [each for each in events if each in rows]
     assert own == rows
+
+
+def change_of(cob_id, at, data, *, times=1):
+    """The frames with those of an identifier, from the one of that number on, said otherwise."""
+
+    def changed(frames):
+        own = [each for each in frames if each.arbitration_id == cob_id][at:][:times]
+        for each in own:
+            each.data = data(bytearray(each.data))
+        return frames
+
+    return changed
+
+
+def lost(cob_id, at, count):
+    def without(frames):
+        gone = [id(each) for each in frames if each.arbitration_id == cob_id][at:][:count]
+        return [each for each in frames if id(each) not in gone]
+
+    return without
+
+
+def added(identifier, data, before=2000):
+    def more(frames):
+        frames.insert(before, can.Message(
+            timestamp=frames[before].timestamp, arbitration_id=identifier, is_extended_id=False,
+            data=data,
+        ))  # fmt: skip
+        return frames
+
+    return more
+
+
+def late(frames):
+    for each in frames:
+        if each.arbitration_id == 0x181 and each.timestamp > frames[-1].timestamp - 0.5:
+            each.timestamp += 0.11
+    return sorted(frames, key=lambda each: each.timestamp)
+
+
+def status(data):
+    data[0] = 0x18  # fault
+    return data
+
+
+def faster(data):
+    rate = int.from_bytes(data[:4], "little", signed=True) + 3000  # 0.31 rad/s
+    data[:4] = rate.to_bytes(4, "little", signed=True)
+    return data
+
+
+def moved(data):
+    place = int.from_bytes(data[3:7], "little", signed=True) + 20000  # 0.12 rad
+    data[3:7] = place.to_bytes(4, "little", signed=True)
+    return data
+
+
+def refused(data):
+    return bytearray((0x80, *data[1:4], 0x22, 0, 0, 8))
+
+
+def again(folder, said, changed, *more):
+    frames = changed(read_trace(folder / "trace.blf").frames)
+    writer = TraceWriter(folder / "changed.blf", "can0")
+    writer.write(frames)
+    writer.close()
+    code, out, err = said("changed.blf", "--replay", "--json", *more)
+    return code, json.loads(out) if out else err, frames
+
+
+def test_emulated_drives_answer_a_trace_of_their_own_the_same(wired, said):
+    code, out, _ = said("trace.log", "--replay", "--rig", "rig.toml")
+    assert code == 0
+    assert "the emulated drives answer the same" in out
+    frames = read_trace(wired[0] / "trace.log").frames
+    own = [each for each in frames if not each.is_rx]
+    assert f"{len(own)} frames of the host sent" in out
+    assert f"{len(frames) - len(own)} frames of drives compared" in " ".join(out.split())
+
+
+@pytest.mark.parametrize(
+    ("changed", "cob_id", "at", "words"),
+    [
+        (change_of(0x181, 150, status, times=99), 0x181, 150, "6041h Status word: fault"),
+        (change_of(0x282, 150, faster, times=12), 0x282, 150, "282h TPDO2: 606Ch Velocity actual"),
+        (change_of(0x181, 150, moved, times=99), 0x181, 150, "181h TPDO1: 6064h Position actual"),
+        (change_of(0x581, 40, refused), 0x601, 40, "refused, code 08000022h"),
+        (lost(0x281, 150, 7), 0x281, 150, "281h TPDO2: "),
+        (lost(0x582, 40, 1), 0x602, 40, "no answer; emulated: "),
+        (change_of(0x702, 3, lambda _: b"\x04", times=9), 0x702, 3, "702h: stopped; emulated: "),
+    ],
+)  # fmt: skip
+def test_the_first_difference_is_told_where_it_is(wired, said, changed, cob_id, at, words):
+    code, found, frames = again(wired[0], said, changed)
+    assert code == 1
+    its = [each for each in frames if each.arbitration_id == cob_id][at]
+    told = found["difference"]
+    assert words in told["text"]
+    assert told["who"].startswith(f"node {cob_id & 0xF}")
+    assert told["time"] == pytest.approx(its.timestamp - frames[0].timestamp, abs=0.04)
+
+
+def test_an_emergency_that_no_emulated_drive_sends_is_told(wired, said):
+    code, found, _ = again(wired[0], said, added(0x081, bytes((0x30, 0x81, 1, 0, 0, 0, 0, 0))))
+    assert code == 1
+    assert found["difference"]["text"].startswith("081h: 8130h heartbeat or life guard")
+    assert found["difference"]["text"].endswith("emulated: nothing")
+
+
+def test_what_a_drive_had_before_the_trace_is_no_difference(wired, said):
+    def current(frames):  # of its motor, which is read once
+        (its,) = (
+            each
+            for each in frames
+            if each.arbitration_id == 0x581 and bytes(each.data[1:4]) == b"\x8e\x35\x00"
+        )
+        its.data[4] ^= 1
+        return frames
+
+    code, found, _ = again(wired[0], said, current)
+    assert code == 0
+    assert found["difference"] is None
+
+
+def test_drives_of_others_are_not_replayed_and_named(wired, said):
+    def vendor(node):
+        def changed(frames):
+            for each in frames:
+                if each.arbitration_id == 0x580 + node and bytes(each.data[1:4]) == b"\x18\x10\x01":
+                    each.data[4] = 0x1A
+            return frames
+
+        return changed
+
+    code, found, _ = again(wired[0], said, vendor(2))
+    assert code == 0
+    assert found["remarks"] == ["node 2: no AKD, its vendor is 1Ah: not replayed"]
+    code, line, _ = again(wired[0], said, lambda frames: vendor(1)(vendor(2)(frames)))
+    assert code == 2
+    assert "node 1: no AKD" in line
+    assert line.count("\n") == 1

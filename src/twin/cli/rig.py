@@ -25,6 +25,9 @@ from twin.run.files import export
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
+    from twin.devices.akd.config import AkdConfig
+    from twin.devices.akd.decoding import Names
+    from twin.devices.akd.traces import Trace
     from twin.doctor.check import Ask, CheckResult
     from twin.emulator.serve import VirtualRig
     from twin.safety.row import FaultRow
@@ -211,6 +214,7 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option("--rig", type=options.PATH, help="Rig file: names, scales and mapping of its drives.")
 @click.option("--eds", type=options.PATH, help="EDS file of the drives: what objects are called.")
 @click.option("--channel", help="Which channel of the trace [the one with most frames].")
+@click.option("--replay", "again", is_flag=True, help="Say it again to emulated drives.")
 @click.option("--out", type=options.PATH, help="Also write the events there, a CSV file.")
 @click.option("--touch", type=options.PATH, help="What the touch screen said, a CSV file.")
 @click.option("--log", type=options.PATH, help="With --rig and --touch: write a log there, .csv.")
@@ -223,12 +227,15 @@ def trace(
     out: Path | None,
     touch: Path | None,
     log: Path | None,
+    *,
+    again: bool,
 ) -> int:
     """Say what the drives and their host said, from a trace of the CAN bus.
 
     FILE is a trace of any program (.log of candump, .asc, .blf, .trc, .csv, also .gz), or the
     folder of a run on the wire. Of PDOs only changes are told. --log makes a log of it, which
     compare, identify and shadow take: encoders, motors and what was commanded, whoever drove.
+    --replay sends what the host said to emulated drives, and tells where they answer otherwise.
     """
     import numpy as np
     import pandas as pd
@@ -244,6 +251,8 @@ def trace(
     found = read_trace(place, channel)
     own = read_rig(rig) if rig else None
     drives = own.servos(0.002) if own else None
+    if again:
+        return _replay(file, found, Names(eds), drives)
     said = Conversation(found.frames, Names(eds), drives)
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
     summary |= said.summary() | {"remarks": found.remarks}
@@ -264,6 +273,29 @@ def trace(
     )
     show({**summary, "events": events}, (*shown, *(f"written: {each}" for each in written)))
     return 0
+
+
+def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) -> int:
+    """Tell where emulated drives answer otherwise than those of a trace."""
+    from twin.emulator.replay import FRAMES, LATE, NEAR, replay
+
+    found = replay(trace.frames, names, drives)
+    first, (place, rate) = found.difference, NEAR.values()
+    told = (
+        f"{file}: {found.sent} frames of the host sent to emulated drives, {found.compared} frames "
+        "of drives compared: states, transfers, emergencies, number of PDOs; "
+        f"within {1e3 * LATE:g} ms and {FRAMES} PDOs, motors within {place:g} rad and {rate:g} "
+        "rad/s; not the plate, which they do not have"
+    )
+    same = "the emulated drives answer the same"
+    shown = f"first difference, at {first.time:.6f} s, {first.who}: {first.text}" if first else same
+    remarks = [*trace.remarks, *found.remarks]
+    difference = first._asdict() if first else None
+    show(
+        {"trace": str(file), **found._asdict(), "remarks": remarks, "difference": difference},
+        (told, *remarks, shown),
+    )
+    return int(first is not None)
 
 
 def _nodes(found: dict[str, Any]) -> list[Table]:

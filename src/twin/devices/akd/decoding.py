@@ -27,7 +27,7 @@ _TOLD = {CONTROL, STATUS, 0x6060, 0x6061, 0x603F, 0x1001, 0x60FD, 0x2001}
 """Objects whose every change in a PDO is told."""
 _POSITIONS = (0x6062, 0x6063, PLACE, 0x607A, 0x60F4)
 _VELOCITIES = (0x606B, SPEED, TARGET)
-_AKD = 0x6A
+AKD = 0x6A
 """Vendor whose drives count velocities in 0.001 rpm."""
 _KINDS = {0x080: "EMCY", 0x580: "SDO", 0x600: "SDO", 0x700: "heartbeat"}
 _IRREGULAR = 0.05
@@ -166,6 +166,7 @@ class Conversation:
         heard: The frames, in the order of their times.
         names: What objects are called.
         rig: Whose drives they are, for names, scales and mappings that the trace does not show.
+        folded: Whether what is read back as it was written is one event.
     """
 
     def __init__(
@@ -173,7 +174,10 @@ class Conversation:
         heard: Sequence[can.Message],
         names: Names | None = None,
         rig: AkdConfig | None = None,
+        *,
+        folded: bool = True,
     ) -> None:
+        self._folded = folded
         self.events: list[TracedEvent] = []
         """What was said, in order; of PDOs the changes."""
         self.nodes: dict[int, Node] = {}
@@ -192,16 +196,18 @@ class Conversation:
         self._axes = {axis.node: axis for axis in rig.axes} if rig else {}
         self._times: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
         self._sdo: dict[int, _Transfer] = {}
-        self._pdos: dict[int, Pdo] = {}
+        self.pdos: dict[int, Pdo] = {}
+        """PDOs by their identifier, as the trace has them at its end."""
         self._last: dict[object, object] = {}
         # what the trace does not show: the standard, the maker's file, the rig's
         known = (
             mappings({int(at, 16): each for at, each in table()["defaults"].items()})
             | self._names.defaults
         )
-        self._values = defaultdict[int, dict[Key, int]](known.copy)
+        self.values = defaultdict[int, dict[Key, int]](known.copy)
+        """What objects of nodes hold at its end, as far as it was read or written."""
         for axis in self._axes.values():
-            self._values[axis.node] |= mappings(protocol.pdo_maps(axis.plate_object))
+            self.values[axis.node] |= mappings(protocol.pdo_maps(axis.plate_object))
         for message in heard:
             self._take(message, message.timestamp - self.begin)
         for node, left in sorted(self._sdo.items()):
@@ -221,7 +227,7 @@ class Conversation:
 
     def scale(self, node: int, key: Key) -> tuple[float, str]:
         """Factor and SI unit of an object of a node; 1 and nothing if they are not known."""
-        axis, values, index = self._axes.get(node), self._values[node], key[0]
+        axis, values, index = self._axes.get(node), self.values[node], key[0]
         turn = values.get((0x608F, 1))
         if axis is not None and key == axis.plate_object:
             return axis.plate.unit, "rad"
@@ -229,7 +235,7 @@ class Conversation:
             return axis.position.unit, "rad"
         if index in _POSITIONS and turn:
             return TURN * values.get((0x608F, 2), 1) / turn, "rad"
-        if index in _VELOCITIES and (axis or values.get((0x1018, 1)) == _AKD):
+        if index in _VELOCITIES and (axis or values.get((0x1018, 1)) == AKD):
             return axis.velocity.unit if axis else 0.001 * RPM, "rad/s"
         return 1.0, ""
 
@@ -249,7 +255,7 @@ class Conversation:
             said = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
         elif of_pdo and maps and sub and value:
             carried, bits = _mapped(value)
-            said = f"{self._object(carried)}, {bits} bits"
+            said = f"{self.object(carried)}, {bits} bits"
         elif index == 0x2001 and sub and value:
             said = protocol.fault_words([value])
         elif unit:
@@ -264,10 +270,10 @@ class Conversation:
                 factor, unit = self.scale(number, key)
                 ends = sorted(factor * each(series.counts) for each in (min, max))
                 its = {"from": ends[0], "to": ends[1], "unit": unit}
-                nodes[f"{number}"]["signals"][self._object(key)] = its
+                nodes[f"{number}"]["signals"][self.object(key)] = its
         pdos = {
-            f"{cob_id:03X}h": pdo._asdict() | {"entries": [self._object(k) for k, _ in pdo.entries]}
-            for cob_id, pdo in self._pdos.items()
+            f"{cob_id:03X}h": pdo._asdict() | {"entries": [self.object(k) for k, _ in pdo.entries]}
+            for cob_id, pdo in self.pdos.items()
         }
         strangers = {f"{each:03X}h": count for each, count in self.strangers.items()}
         return {"begin": self.begin, "duration": self.duration, "nodes": nodes, "pdos": pdos} | {
@@ -275,7 +281,8 @@ class Conversation:
             "strangers": strangers,
         }
 
-    def _object(self, key: Key) -> str:
+    def object(self, key: Key) -> str:
+        """What an object is called."""
         name = self._names[key].name
         return f"{key[0]:04X}h{f':{key[1]}' if key[1] else ''}{f' {name}' if name else ''}"
 
@@ -349,15 +356,15 @@ class Conversation:
         """The PDO of an identifier; None if it is another service's."""
         number = identifier & protocol.NODE_MASK
         first, last = protocol.TPDO1, protocol.SDO_RESPONSE
-        if identifier not in self._pdos and number and first <= identifier < last:
+        if identifier not in self.pdos and number and first <= identifier < last:
             place, receives = divmod(identifier - number - first, 0x100)
             parameters = (0x1400 if receives else 0x1800) + place
-            self._pdos[identifier] = self._assigned(number, parameters)
-        return self._pdos.get(identifier)
+            self.pdos[identifier] = self._assigned(number, parameters)
+        return self.pdos.get(identifier)
 
     def _assigned(self, number: int, parameters: int) -> Pdo:
         """What a PDO of a node carries, as far as it is known now."""
-        mapping, values = parameters + 0x200, self._values[number]
+        mapping, values = parameters + 0x200, self.values[number]
         count = values.get((mapping, 0), 0) & 0xFF
         entries = [_mapped(values.get((mapping, sub), 0)) for sub in range(1, count + 1)]
         name = f"{'T' if parameters >= 0x1800 else 'R'}PDO{(parameters & 0x1FF) + 1}"
@@ -395,7 +402,7 @@ class Conversation:
             self._power(at, pdo.node, value)
         if self._new((pdo.node, key), meaning):
             to = "" if who != HOST else f" to {self.called(pdo.node)}"
-            self._say(at, who, "PDO", f"{self._object(key)}{to}: {words}")
+            self._say(at, who, "PDO", f"{self.object(key)}{to}: {words}")
 
     def _transfer(self, at: float, number: int, data: bytes, *, asks: bool) -> None:
         """Take in what a client asks of a node, or what that answers.
@@ -438,7 +445,7 @@ class Conversation:
             text = bare.decode("latin-1")
             said = f'"{text}"' if text.isprintable() else data.hex(" ")
         else:
-            value = self._values[number][key] = known.decode(data)
+            value = self.values[number][key] = known.decode(data)
             said = self.words(number, key, value)
             if key[0] in protocol.PDOS:
                 self._assign(number, key[0] & ~0x200)
@@ -450,11 +457,11 @@ class Conversation:
 
     def _ended(self, number: int, transfer: _Transfer, how: str, said: str) -> None:
         """Tell a transfer; what is read back as it was just written is part of that."""
-        node, what = self._node(number), self._object(transfer.key)
+        node, what = self._node(number), self.object(transfer.key)
         node.transfers[how] += 1
         written = f"writes {what} to {node.name}: {said}"
         text = written if transfer.writes else f"reads {what} of {node.name}: {said}"
-        if how == "reads" and self.events and self.events[-1].text == written:
+        if how == "reads" and self._folded and self.events and self.events[-1].text == written:
             self.events[-1] = self.events[-1]._replace(text=f"{written}; read back")
         else:
             self._say(transfer.since, HOST, "SDO", text)
@@ -464,9 +471,9 @@ class Conversation:
         base = protocol.RPDO1 if parameters < 0x1800 else protocol.TPDO1
         place = parameters & 0x1FF
         usual = base + 0x100 * place + number if place < 4 else protocol.PDO_INVALID
-        cob_id = self._values[number].get((parameters, 1), usual)
+        cob_id = self.values[number].get((parameters, 1), usual)
         if not cob_id & protocol.PDO_INVALID:
-            self._pdos[cob_id & 0x7FF] = self._assigned(number, parameters)
+            self.pdos[cob_id & 0x7FF] = self._assigned(number, parameters)
 
     def _find_gaps(self) -> None:
         """Find where what comes regularly did not; of PDOs only where SYNC came."""
