@@ -21,10 +21,11 @@ from twin import bench
 from twin.bench import FAMILY, Benchmark, Entry, beside, interquartile, interval
 from twin.cli import ballplate as command
 from twin.errors import LawError, RecordError, ScenarioError, TwinError
-from twin.study.experiments import Store
+from twin.study.experiments import Store, executors
 from twin.study.schema import drawn, read_family
 
 V1 = Benchmark().folder
+EXAMPLES = Path(__file__).parents[1] / "examples"
 RIGS = 4
 KEY, OTHER = "the-key-of-a-season", "the-key-of-another-one"
 SMALL = """
@@ -190,6 +191,90 @@ def test_an_entry_is_replayed_and_what_differs_is_seen(small, tmp_path):
     better = rows.assign(rms_distance=rows["rms_distance"] * 0.97)
     better.to_parquet(folder / "runs.parquet", index=False)
     assert len(list(small.replayed(folder))) == 1 + 2 * 2 * 2
+
+
+PID = """
+import numpy as np
+from controllers.interfaces import Law
+
+
+class Own(Law):
+    name = "own"
+    memory = 2
+
+    def control(self, t, x, reference, q):
+        r = reference(t)
+        e, v = r[0] - x[..., ::4], r[1] - x[..., 1::4]
+        tilt = np.array([1.0, -1.0]) * (r[2] + 4 * e + 4 * v + q) / 7
+        return 400 * (tilt - x[..., 2::4]) - 40 * x[..., 3::4]
+
+    def memory_rate(self, t, x, reference, q):
+        return reference(t)[0] - x[..., ::4]
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("example", "needs"), [("entry_c", "gcc"), ("entry_js", "node")])
+def test_an_entry_in_another_language_has_the_errors_of_the_same_law_in_python(
+    small, tmp_path, example, needs
+):
+    if not shutil.which(needs):
+        pytest.skip(f"no {needs} here")
+    place, folder = tmp_path / example, tmp_path / "entry"
+    shutil.copytree(EXAMPLES / example, place)
+    if needs == "gcc":
+        flags = ["-O2", "-ffp-contract=off", "-o", "law", "law.c"]
+        subprocess.run([needs, *flags], cwd=place, check=True)
+    (tmp_path / "own.py").write_text(PID)
+    wanted = ran(small, Entry(title="Own", file="own.py"), tmp_path)
+    name, entry, where = small.entry(place)
+    assert (name, where) == (example, place)
+    assert entry.authors
+    rows = ran(small, entry, where, Store(folder))
+    assert list(rows["outcome"]) == list(wanted["outcome"])
+    for key in ("rms_distance", "u_rms"):
+        np.testing.assert_allclose(rows[key], wanted[key], rtol=1e-9)
+    small.write(folder, entry, where, rows)
+    assert (folder / "README.md").read_text() == (place / "README.md").read_text()
+    (folder / entry.file).write_text("nothing that runs")  # a verifier runs nothing of it
+    assert list(small.replayed(folder)) == []
+
+
+def test_what_is_said_of_a_law_s_file_in_the_entry_toml_beside_it_stands(small, tmp_path):
+    own(tmp_path)
+    table = tmp_path / "entry.toml"
+    assert small.entry(tmp_path / "own.py")[1] == Entry(title="own", file="own.py")
+    for file, title in (("own.py", "Mine"), ("other.py", "own")):
+        table.write_text(f"title = 'Mine'\nfile = '{file}'\ntuning = 600.0\n")
+        assert small.entry(tmp_path / "own.py")[1].title == title
+    table.write_text("title = 'Mine'\nfile = 'own.py'\ntunning = 600.0\n")
+    with pytest.raises(ScenarioError, match=r"tunning: unknown.*did you mean 'tuning'"):
+        small.entry(tmp_path / "own.py")
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(("processes", "threads"), [(2, 1), (1, 2)])
+def test_rows_of_a_dask_cluster_are_those_of_one_process_to_the_byte(
+    small, tmp_path, processes, threads
+):
+    from distributed import LocalCluster
+
+    entry, written = own(tmp_path), []
+    with LocalCluster(
+        n_workers=processes, threads_per_worker=threads, processes=True, dashboard_address=None
+    ) as running:
+        for scheduler in (None, running.scheduler_address):
+            folder = tmp_path / str(len(written))
+            with executors(2 if scheduler else 1, scheduler) as (executor, count):
+                assert (executor is None) == (scheduler is None)
+                how = {"executor": executor, "processes": count}
+                rows = small.carried_out(entry, tmp_path, Store(folder), **how)
+            small.write(folder, entry, tmp_path, rows)
+            written.append(folder)
+    files = ("runs.parquet", "scores.json", "commands.npz", "entry.toml")
+    here, there = ([(folder / name).read_bytes() for name in files] for folder in written)
+    assert here == there
 
 
 @pytest.mark.long
