@@ -309,10 +309,11 @@ class FeasiblePath:
         tilted = self._tilted @ x
         room = np.concatenate((tilted, np.zeros_like(tilted)), axis=-2)
         z, price = self._warm or (np.zeros_like(room), np.zeros_like(room))
+        least, most = -1 - room, 1 - room
         for _ in range(self.STEPS):
             jerk = self._solved @ (base + self._pull @ (z - price))
             done = self._bounded @ jerk
-            z = np.clip(done + price, -1 - room, 1 - room)
+            z = np.minimum(np.maximum(done + price, least), most)
             price = price + done - z
         kept = self._astray[..., None, None]
         self._warm = kept * _shifted(z), kept * _shifted(price)
