@@ -1,6 +1,7 @@
 """What part of its period each law computes for, and how runs on the virtual rig end, here.
 
 uv run python -m benchmarks.realtime
+uv run python -m benchmarks.realtime --ticks 10
 uv run python -m benchmarks.realtime --wire 20 --beside 2 --ordinary
 uv run python -m benchmarks.realtime --trace 5
 """
@@ -12,6 +13,7 @@ import platform
 import resource
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -23,7 +25,9 @@ import numpy as np
 
 import ballplate as bp
 from controllers.arrays import Array
+from twin.devices.realtime import real_time
 from twin.page import markdown
+from twin.run.assemble import assemble
 from twin.run.connect import ComputingTime
 from twin.scenario.load import load
 
@@ -37,6 +41,14 @@ LAWS = {
         "observer.kind=friction_kalman",
     ),
 }
+COMMANDS = (
+    ("afl, luenberger", "circle", ()),
+    ("stable_inversion, friction_kalman", "circle", LAWS["stable_inversion, friction known"]),
+    ("the cure", "cure", ()),
+)
+FRAMES = (500, 58)
+"""Of the screen in a second: one a control period, and what the known panels give."""
+ROUNDS = 3
 SCENARIOS = ("circle", "cure_afl", "cure")
 ERROR = "tracking_error_percent"
 ALONE = ["baseline=false"]
@@ -194,6 +206,53 @@ def computing() -> str:
     return markdown(("law or scenario", *(f"{1e3 * each:g} ms" for each in PERIODS)), rows)
 
 
+def command_times(scenario: str, changes: Sequence[str], seconds: float) -> Array:
+    """Processor time of each command, observer and law, on the simulated rig, in us.
+
+    Only what this thread computes counts; what interrupts it leaves cold caches, which is in it.
+
+    Args:
+        scenario: Its name.
+        changes: Settings of it, as on the command line.
+        seconds: Simulated time, after a second of it.
+    """
+    rig, controller = assemble(load(scenario, list(changes)))
+    times = []
+    with real_time(), rig:
+        measurement = rig.read()
+        controller.start(measurement)
+        rig.start()
+        for _ in range(round((seconds + 1) / rig.period)):
+            begin = time.thread_time_ns()
+            step = controller.command(measurement)
+            passed = time.thread_time_ns() - begin
+            rate = rig.write(step.rate)
+            begin = time.thread_time_ns()
+            controller.applied(rate)
+            times.append(passed + time.thread_time_ns() - begin)
+            rig.wait()
+            measurement = rig.read()
+    return np.array(times[round(1 / rig.period) :]) / 1e3
+
+
+def command_table(seconds: float) -> str:
+    """The table of the processor time of a command, by law and frames of the screen.
+
+    Runs of one scenario are the same to the last bit: of each command the least of a few counts,
+    which no other process has disturbed.
+    """
+    rows = []
+    for name, scenario, changes in COMMANDS:
+        for rate in FRAMES:
+            screen = f"sensors.touch.frame_rate={rate}"
+            runs = [command_times(scenario, [*changes, screen], seconds) for _ in range(ROUNDS)]
+            found = np.min(runs, axis=0)
+            told = (np.median(found), *np.quantile(found, (0.99, 0.999)), found.max())
+            rows.append([name, f"{rate}", *(f"{each:.0f}" for each in told)])
+    heads = ("law and observer", "frames/s", "median [us]", "p99", "p99.9", "largest")
+    return markdown(heads, rows)
+
+
 def slower() -> str:
     """The table of what a longer control period costs the cure, simulated."""
     rows = []
@@ -205,12 +264,16 @@ def slower() -> str:
 
 
 @click.command()
+@click.option("--ticks", type=float, default=0, help="Seconds of commands timed, by law.")
 @click.option("--wire", type=int, default=0, help="Runs of each scenario on the virtual rig.")
 @click.option("--beside", type=int, default=0, help="Busy processes beside them.")
 @click.option("--ordinary", is_flag=True, help="Without real-time priority.")
 @click.option("--trace", type=int, default=0, help="Runs each with a trace of the bus and without.")
-def main(wire: int, beside: int, trace: int, *, ordinary: bool) -> None:
+def main(ticks: float, wire: int, beside: int, trace: int, *, ordinary: bool) -> None:
     """Print how long laws compute, how runs on the virtual rig end, or what a trace costs."""
+    if ticks:
+        click.echo(command_table(ticks))
+        return
     if trace:
         click.echo(tracing(trace))
         return

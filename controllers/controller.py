@@ -307,7 +307,7 @@ class SampledReference(Reference):
         period: Control period in s.
     """
 
-    BLOCK = 64
+    BLOCK = 32
 
     def __init__(self, reference: Callable[[float | Array], Array], period: float) -> None:
         self.original = reference

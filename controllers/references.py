@@ -446,10 +446,13 @@ class _SoftStarted(Reference):
     def __call__(self, t: float | Array) -> Array:
         """Position and four derivatives at t, shape (5, *shape(t), 2)."""
         if isinstance(t, np.ndarray) and t.ndim:
-            if (t >= self._start).all():
+            early = t < self._start
+            if early.all():
+                return self._opening(t)
+            if not early.any():
                 return self._motion(t)
             opening = self._opening(np.minimum(t, self._start))
-            return np.where((t < self._start)[..., None], opening, self._motion(t))
+            return np.where(early[..., None], opening, self._motion(t))
         return self._opening(t) if t < self._start else self._motion(t)
 
 

@@ -309,10 +309,11 @@ class FeasiblePath:
         tilted = self._tilted @ x
         room = np.concatenate((tilted, np.zeros_like(tilted)), axis=-2)
         z, price = self._warm or (np.zeros_like(room), np.zeros_like(room))
+        least, most = -1 - room, 1 - room
         for _ in range(self.STEPS):
             jerk = self._solved @ (base + self._pull @ (z - price))
             done = self._bounded @ jerk
-            z = np.clip(done + price, -1 - room, 1 - room)
+            z = np.minimum(np.maximum(done + price, least), most)
             price = price + done - z
         kept = self._astray[..., None, None]
         self._warm = kept * _shifted(z), kept * _shifted(price)
@@ -646,36 +647,39 @@ class StableInversion(AboutMotion):
         """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
         rows, K, k1 = now.x.reshape(-1, 8), self.K.tolist(), self.model.k1
         x, (F, *known) = components(rows), components(now.needed.reshape(-1, 5))
-        sqrt, vx, vy, asked = (NUMBERS if len(rows) == 1 else ARRAYS).sqrt, x[1], x[5], []
+        sqrt, vx, vy, u = (NUMBERS if len(rows) == 1 else ARRAYS).sqrt, x[1], x[5], []
         length = sqrt(vx * vx + vy * vy + self.smooth**2)
-        for axis, (position, velocity, pace, *slopes) in enumerate(now.plan.along(now.time)):
+        for axis, wanted in enumerate(now.plan.at(now.time)):
             d, gain, sign = known[axis], 1 + known[2 + axis], (1.0, -1.0)[axis]
-            ball, v, phi, phi_rate = x[4 * axis : 4 * axis + 4]
-            angle, rate, acceleration, *drag = slopes
-            planned, own = 1.0, 0.0
-            if self.resting_speed:
-                share = pace / self.resting_speed**2
+            ball, v, angle, rate = x[4 * axis : 4 * axis + 4]
+            free, drag = wanted.free, wanted.drag
+            if self.resting_speed:  # as planned, at rest by the ball's own heading
+                share = wanted.pace / self.resting_speed**2
                 planned = share * share / (1 + share * share)
                 own = (1 - planned) * v / (length * k1)
+                drag = Tilts(planned * drag[0] + own, planned * drag[1], planned * drag[2])
             slope = Tilts(
-                (angle + F * (planned * drag[0] + own) - d / k1) / gain,
-                (rate + F * (planned * drag[1])) / gain,
-                (acceleration + F * (planned * drag[2])) / gain,
+                (free.angle + F * drag.angle - d / k1) / gain,
+                (free.rate + F * drag.rate) / gain,
+                (free.acceleration + F * drag.acceleration) / gain,
             )
-            seen = ball, v, sign * phi, sign * phi_rate
-            asked.append(sign * self._about(K, seen, (position, velocity), slope))
-        return together(asked, len(rows)).reshape(now.rate.shape)
+            seen = ball, v, sign * angle, sign * rate
+            u.append(sign * self._about(K, seen, (wanted.position, wanted.velocity), slope))
+        return together(u, len(rows)).reshape(now.rate.shape)
 
 
 class InverseMotion(NamedTuple):
-    """What the ball is to do at one tick, and the slopes that the inverse says it takes."""
+    """What the ball is to do along one axis, and the slopes that the inverse says it takes.
 
-    position: Array
-    """Of the ball, m, shape (..., 2)."""
-    velocity: Array
-    """Of the ball, m/s, shape (..., 2)."""
-    pace: Array
-    """Square of its speed, and of what its acceleration adds in a second, (m/s)^2, (..., 1)."""
+    Components: numbers for one rig, else arrays (N,).
+    """
+
+    position: Any
+    """Of the ball, m."""
+    velocity: Any
+    """Of the ball, m/s."""
+    pace: Any
+    """Square of its speed along both, and of what its acceleration adds in a second, (m/s)^2."""
     free: Tilts
     """Slopes that it takes without friction, rad."""
     drag: Tilts
@@ -698,17 +702,12 @@ class InversePlan(Slices):
         self._free, self._drag = (inverse(law.model, preview, period) for _ in range(2))
         super().__init__(preview, period)
 
-    def at(self, t: float) -> InverseMotion:
-        """What is wanted at a time in s that does not lie before the one asked for last."""
+    def at(self, t: float) -> list[InverseMotion]:
+        """What is wanted along x and y at a time in s not before the one asked for last."""
         tick = self._tick(t)
-        position, velocity, pace, *slopes = self._laid[tick]
-        return InverseMotion(position, velocity, pace, Tilts(*slopes[:3]), Tilts(*slopes[3:]))
-
-    def along(self, t: float) -> Any:
-        """The same for either axis: position, velocity, pace, free and drag as nine components."""
-        tick = self._tick(t)
-        laid = self._laid[tick].reshape(9, -1, 2).transpose(2, 0, 1)
-        return laid[..., 0].tolist() if laid.shape[2] == 1 else laid.copy()
+        rows = self._laid[tick].reshape(9, -1, 2).transpose(2, 0, 1)
+        axes = rows[..., 0].tolist() if rows.shape[2] == 1 else rows.copy()
+        return [InverseMotion(*each[:3], Tilts(*each[3:6]), Tilts(*each[6:])) for each in axes]
 
     def _parts(self) -> Sequence[Callable[[], None]]:
         return self._preview.ask, self._preview.go_on, self._lay_free, self._lay

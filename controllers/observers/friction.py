@@ -222,25 +222,18 @@ class FrictionKalman(LateBall):
         self._A = np.tile(np.eye(9), (self._rigs, 1, 1))
         for k in range(4):
             self._A[:, k, k + 2] = self.period
-        self._seen: Any = None
+        self._seen = self._unseen = components(np.full((self._rigs, 4), np.nan))
         self._far: tuple[Any, Any] = (0.0, 0.0)
 
     @property
     def innovation(self) -> Array:
         """Last innovation in m, shape (..., 2); NaN where no new sample was taken."""
-        return self._of_sample(0)
+        return together(self._seen[:2], self._rigs).reshape(*self._shape, 2)
 
     @property
     def innovation_variance(self) -> Array:
         """What the filter takes for its variance, m^2, alike."""
-        return self._of_sample(1)
-
-    def _of_sample(self, which: int) -> Array:
-        if self._seen is None:
-            return np.full((*self._shape, 2), np.nan)
-        new, *seen = self._seen
-        values = [self._by.where(new, each, np.nan) for each in seen[which]]
-        return together(values, self._rigs).reshape(*self._shape, 2)
+        return together(self._seen[2:], self._rigs).reshape(*self._shape, 2)
 
     @property
     def P(self) -> Array:
@@ -285,7 +278,7 @@ class FrictionKalman(LateBall):
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
-        self._seen = None
+        self._seen = self._unseen
         return super().correct(measurement)
 
     def _take(self, seen: tuple[Any, Any], age: Any, new: Any, then: Tilt) -> None:
@@ -324,7 +317,7 @@ class FrictionKalman(LateBall):
         self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[F] = least(most(friction, 0.0), self.most_friction * self._F)
-        self._seen = new, (ex, ey), (a, c)
+        self._seen = [by.where(new, each, math.nan) for each in (ex, ey, a, c)]
 
     def _reduce(self, W: Array, moving: Mask) -> None:
         """Take from the covariance what a touch sample tells; nothing of F and kappa at rest."""
