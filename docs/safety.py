@@ -11,12 +11,14 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import click
+import own_faults
 from pages import filled, write
 
 from twin.cli.options import PROCESSES
 from twin.cli.output import progress
 from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
 from twin.devices.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
+from twin.devices.own import OWN_CONDITIONS
 from twin.devices.realtime import TIMING_CONDITIONS
 from twin.hal.interface import SCREEN, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
@@ -30,11 +32,17 @@ GROUPS: dict[str, Iterable[Condition]] = {
     "The control loop": TIMING_CONDITIONS,
     "The touch screen": SCREEN_CONDITIONS,
     "Drives and bus": DRIVE_CONDITIONS,
+    "Hardware of one's own": OWN_CONDITIONS,
 }
 
 
-def document(rows: Sequence[FaultRow]) -> str:
-    """Both pages, as Markdown: ``safety.template.md`` with what the code says."""
+def document(rows: Sequence[FaultRow], own: Sequence[Sequence[str]] = ()) -> str:
+    """Both pages, as Markdown: ``safety.template.md`` with what the code says.
+
+    Args:
+        rows: The fault matrix.
+        own: Its cells of hardware of one's own.
+    """
     return filled(
         "safety",
         transitions=TRANSITIONS,
@@ -46,6 +54,8 @@ def document(rows: Sequence[FaultRow]) -> str:
         number=len(rows),
         heading=HEADING,
         matrix=map(_cells, rows),
+        own=own,
+        own_heading=own_faults.HEADING,
     )
 
 
@@ -71,7 +81,7 @@ def main(doc: Path, processes: int | None) -> None:
     """Inject every fault, and write the page."""
     with progress("fault matrix", len(CASES)) as advance:
         rows = run_all(processes or cores(), advance)
-    write(doc, document(rows))
+    write(doc, document(rows, [own_faults.carried_out(row) for row in own_faults.ROWS]))
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from own_board import EXAMPLE, VirtualBoard, own_rig
 from twin.devices.own import (
     ASTRAY,
     FAILED,
+    FROZEN,
     LACKING,
     OWN_CONDITIONS,
     REPORTED,
@@ -68,6 +69,12 @@ def blind(hardware):
     hardware.board.ball = [0.5, 0.0]
 
 
+def frozen(hardware):
+    """The camera gives the same picture again and again, of a plate that is tilted."""
+    hardware.board.step = lambda now: ["B 10.0 10.0"]
+    hardware.board.angle = [0.08, 0.0]
+
+
 def reporting(hardware):
     """The board says that it is hot."""
     hardware.words = ("servo too hot",)
@@ -86,7 +93,8 @@ FAULTS = {
     "reports": (reporting, State.FAULT, "servo too hot", 0.004, REPORTED),
     "silent": (silent, State.HOLDING, "measurements ended: none for 0.25 s", 0.27, SILENT),
     "stuck": (stuck, State.FAULT, "deg off for", 1.2, ASTRAY),
-    "blind": (blind, State.HOLDING, "no longer feels the ball", 0.22, BALL_LOST),
+    "frozen": (frozen, State.HOLDING, "the same for 0.50 s", 0.51, FROZEN),
+    "blind": (blind, State.HOLDING, "the ball is no longer detected", 0.22, BALL_LOST),
 }
 
 

@@ -80,7 +80,7 @@ EFFECTS["all"] = {
     )
     for key, value in EFFECTS[each].items()
 }
-FAULTS = ["", "ball at", "plate at", "no longer feels", "too fast"]
+FAULTS = ["", "ball at", "plate at", "no longer detected", "too fast"]
 
 
 def wish(time):

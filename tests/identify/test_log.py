@@ -59,7 +59,7 @@ def shifted_back(time):
         ),
         ({"measured_x": scaled(0.1)}, "measured_x accelerates .* times as much"),
         ({"applied_phi_acc": scaled(57.3)}, "measured_phi moves .* times as far"),
-        ({"touched": scaled(0)}, "never detected the ball"),
+        ({"touched": scaled(0)}, "the ball is never detected"),
         ({"measured_x": scaled(0), "measured_y": scaled(0)}, "too quiet"),
     ],
 )

@@ -3,9 +3,10 @@
 import importlib
 import json
 import pkgutil
-import runpy
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from runpy import run_path
 
 import pytest
 from click.testing import CliRunner
@@ -22,12 +23,12 @@ NUMBER = {case.name: index for index, case in enumerate(CASES)}
 DOCUMENT = Path(__file__).parents[2] / "docs" / "safety.md"
 
 
-def document(rows):
+def document(rows, own=()):
     """Both pages that ``docs/safety.py`` writes of rows, file name to text."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(DOCUMENT.parent)
-        text = runpy.run_path(str(DOCUMENT.with_suffix(".py")))["document"](rows)
-        return runpy.run_path(str(DOCUMENT.parent / "pages.py"))["parts"](DOCUMENT.name, text)
+        text = run_path(str(DOCUMENT.with_suffix(".py")))["document"](rows, own)
+        return run_path(str(DOCUMENT.parent / "pages.py"))["parts"](DOCUMENT.name, text)
 
 
 MATRIX = "## Measured"
@@ -36,10 +37,17 @@ measured = cache(run_case)
 """A row of the matrix; virtual time makes it the same on every run."""
 
 
+OWN = run_path(str(DOCUMENT.with_name("own_faults.py")))
+"""The rows of hardware of one's own."""
+
+own_measured = cache(OWN["carried_out"])
+
+
 def conditions():
     """Every condition of any module of the devices and of what judges them, listed or not.
 
-    Those of hardware of one's own are provoked in ``tests/devices/test_own.py``.
+    Those of hardware of one's own have rows of their own, and are provoked in
+    ``tests/devices/test_own.py``.
     """
     found = {}
     for package in (twin.hal, twin.devices):
@@ -97,8 +105,29 @@ def test_the_document_has_exactly_the_conditions_that_the_code_has():
             each.reaction,
             each.recovery,
         )
-        for each in conditions()
+        for each in (*conditions(), *OWN_CONDITIONS)
     )
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("row", OWN["ROWS"], ids=lambda row: row.name)
+def test_a_fault_of_hardware_of_ones_own_is_detected_in_time_and_ends_level(row):
+    assert own_measured(row)[-1] == "good"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("row", "broken", "words"),
+    [
+        ("The picture is frozen", ("rest", 9.0), "reported, detected"),
+        ("The board says nothing any more", ("silent", 4.0), "reported, detected"),
+    ],
+)
+def test_a_row_of_hardware_of_ones_own_is_bad_without_its_net(row, broken, words, monkeypatch):
+    (chosen,) = (each for each in OWN["ROWS"] if each.name == row)
+    scope = OWN["carried_out"].__globals__
+    monkeypatch.setitem(scope, "CONFIG", replace(OWN["CONFIG"], **dict([broken])))
+    assert words in OWN["carried_out"](chosen)[-1]
 
 
 def test_every_condition_has_a_row_in_the_matrix():
@@ -121,7 +150,7 @@ def test_the_document_in_the_repository_has_the_states_and_conditions_of_the_cod
 @pytest.mark.long
 def test_the_document_in_the_repository_is_the_one_that_the_command_writes():
     rows = [measured(index) for index in range(len(CASES))]
-    for name, page in document(rows).items():
+    for name, page in document(rows, [own_measured(row) for row in OWN["ROWS"]]).items():
         assert DOCUMENT.with_name(name).read_text(encoding="utf-8") == page
 
 

@@ -120,7 +120,7 @@ def sampled(
     """The linear plant as a controller meets it: inputs held for a control period, ball seen late.
 
     Inputs ``phi_acc``, ``theta_acc``; outputs what is measured, ``x``, ``phi``, ``y``, ``theta``.
-    The dead time of the touch screen is delay states, ``x`` and ``y`` of one period ago, two, and
+    The dead time of screen or camera is delay states, ``x`` and ``y`` of one period ago, two, and
     so on (``x_1``, ``y_1``, ``x_2``, ...); what it is more than whole periods, a straight line
     between the last two. ``dt`` is ``rig.period``.
 

@@ -101,6 +101,9 @@ class OwnConfig(Ranged):
         silent: Seconds without a new measurement after which the plate is levelled.
         unseen: Seconds without a ball in the measurements after which it counts as not seen.
         astray_deg: By how much the measured plate may differ from what it was told, deg.
+        rest: Seconds in which a ball is measured in one and the same place, on a plate tilted by
+            more than ``steep_deg``, after which the plate is levelled.
+        steep_deg: Tilt on which no ball rests, deg.
     """
 
     keys = "own."
@@ -109,13 +112,15 @@ class OwnConfig(Ranged):
     silent: float = net(0.25, 0.01, 5)
     unseen: float = net(0.1, 0, 2)
     astray_deg: float = net(3.0, 0.1, 20)
+    rest: float = net(0.5, 0.05, 10)
+    steep_deg: float = net(2.0, 0.2, 20)
 
 
 ASTRAY_FOR = 0.3
 """Seconds for which a plate must be astray until it is a fault."""
 OWN_CONDITIONS = tuple(conditions("twin.devices").values())
 """Every condition that own hardware is watched for, from ``conditions.toml``."""
-FAILED, REPORTED, SILENT, ASTRAY, LACKING = OWN_CONDITIONS
+FAILED, REPORTED, SILENT, ASTRAY, FROZEN, LACKING = OWN_CONDITIONS
 
 
 def load_backend(named: str, config: OwnConfig) -> Hardware:
@@ -176,13 +181,15 @@ class OwnServos:
         self.now = hardware.time
         self._hardware = hardware
         self._file = type(hardware).start.__code__.co_filename
-        self._where = type(hardware).__name__
+        self.where = type(hardware).__name__
         self._limit = float(np.max(limits.angle))
         self._period = period
         self._share = 1 - math.exp(-period / config.plate_lag) if config.plate_lag else 1.0
         self._rate, self._angle, self._model = np.zeros((3, 2))
         self._started = False
         self._astray: float | None = None
+        self._place, self._moved = (math.nan, math.nan), math.inf
+        """Where the ball was seen last, and since when it is seen there on a steep plate."""
         self._reports = FaultReports(math.inf)
 
     def warnings(self) -> tuple[Fault, ...]:
@@ -190,7 +197,7 @@ class OwnServos:
         found = [] if self._hardware.watchdog else ["nothing stops the plate if this program dies"]
         if self.reading is not None and self.reading.phi is None:
             found.append("no encoder shows whether the plate follows")
-        return tuple(Fault(LACKING, self._where, words) for words in found)
+        return tuple(Fault(LACKING, self.where, words) for words in found)
 
     def start(self, *, reset: bool = False) -> None:
         """Let the hardware connect, and read it once.
@@ -205,7 +212,7 @@ class OwnServos:
             self.reading = self._checked(self._hardware.measure())
         except Exception as error:
             self.stop()
-            raise RigError(f"{self._where}: {_told(error, self._file)}") from error
+            raise RigError(f"{self.where}: {_told(error, self._file)}") from error
 
     def stop(self) -> None:
         """Let the hardware stop; idempotent, never raises."""
@@ -292,9 +299,14 @@ class OwnServos:
             return
         if now - reading.at > self.config.silent:
             self._report(SILENT, f"none for {now - reading.at:.2f} s")
+        plate, place = self.plate()[0], (reading.x, reading.y)
+        if place != self._place or np.degrees(np.abs(plate).max()) <= self.config.steep_deg:
+            self._place, self._moved = place, now
+        elif now - self._moved > self.config.rest:
+            self._report(FROZEN, f"the same for {now - self._moved:.2f} s on a tilted plate")
         if reading.phi is None:
             return
-        off = float(np.degrees(np.abs(self.plate()[0] - self._model).max()))
+        off = float(np.degrees(np.abs(plate - self._model).max()))
         if off <= self.config.astray_deg:
             self._astray = None
         elif self._astray is None:
@@ -311,7 +323,7 @@ class OwnServos:
             return None
 
     def _report(self, condition: Condition, detail: str) -> None:
-        self._reports.report(condition, self._where, detail, self.now())
+        self._reports.report(condition, self.where, detail, self.now())
 
 
 class OwnScreen:
@@ -322,7 +334,7 @@ class OwnScreen:
     """
 
     def __init__(self, servos: OwnServos) -> None:
-        self._servos = servos
+        self._servos, self.where = servos, servos.where
         self.start()
 
     def start(self) -> None:

@@ -128,7 +128,7 @@ class HardwareRig(Rig):
             self._idle(lambda: bool(self._screen.read().touched.all()), self._patience)
             if not self._screen.read().touched.all():
                 detail = f"no ball within {self._patience:g} s of switching on"
-                fault = Fault(BALL_LOST, "touch screen", detail)
+                fault = Fault(BALL_LOST, self.screen.where, detail)
                 raise StartRefusedError(fault, f"{fault.where}: {detail}")
             self._on = on.pop_all()
 

@@ -215,7 +215,7 @@ class Supervisor:
             self._judge(PLATE_TILTED, plate, y[:, 1::2], where)
         if not every(touched):
             self._unseen = np.where(touched, 0.0, self._unseen + self._period)
-            self._judge(BALL_LOST, self.lost, y, "screen no longer feels the ball")
+            self._judge(BALL_LOST, self.lost, y, "the ball is no longer detected")
         else:
             self._unseen = 0.0
         self._pace += 1

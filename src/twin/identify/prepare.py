@@ -25,7 +25,7 @@ def check_ranges(log: Log) -> None:
     """
     touched = log.touched & np.isfinite(log.ball).all(axis=-1)
     if not touched.any():
-        raise LogError(f"{log.source}: the screen never detected the ball")
+        raise LogError(f"{log.source}: the ball is never detected")
     for axis, (ball, plate) in enumerate(COLUMNS_OF_AXIS):
         check_reach(log.source, ball, log.ball[touched, axis])
         check_reach(log.source, plate, log.plate[:, axis])
@@ -253,7 +253,7 @@ def prepare(log: Log) -> PreparedLog:
     for first, stop in runs(~log.touched):
         lifted[first:stop] = time[stop - 1] - time[first] >= LIFTED
     if lifted.any():
-        notes.append(f"ball off the screen for {period * lifted.sum():.2f} s: left out")
+        notes.append(f"ball not detected for {period * lifted.sum():.2f} s: left out")
     fresh, sigma = ball_samples(log, period, notes)
     good = ~lifted
     good[:-1] &= ~gap

@@ -232,10 +232,10 @@ class Whiteness:
     def words(self) -> str:
         """The verdict in words."""
         if self.white:
-            return "the residuals look like the screen's noise"
+            return "the residuals look like the sensor's noise"
         return (
             f"the residuals are not white: {self.outside} of {LAGS} lags outside the band, "
-            f"{self.misfit:.2f} times the screen's noise; the log holds motion that the twin "
+            f"{self.misfit:.2f} times the sensor's noise; the log holds motion that the twin "
             "does not explain"
         )
 

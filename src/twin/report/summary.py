@@ -280,7 +280,7 @@ def _limits(run: Run, found: Diagnosis) -> list[Fact]:
     if found.lifted:
         facts.append(Fact(f"a wheel left its cam {found.lifted:.1%} of the time"))
     if found.untouched:
-        facts.append(Fact(f"the screen detected no ball {found.untouched:.1%} of the time"))
+        facts.append(Fact(f"no ball was detected {found.untouched:.1%} of the time"))
     return facts or [Fact(FREE)]
 
 

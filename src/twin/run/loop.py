@@ -80,7 +80,7 @@ class RunMonitor:
             elif supervisor.state[rig] == State.FAULT:
                 self.outcomes[rig] = Outcome(Ending.FAULT, time, reason)
             elif lost[rig] and not supervisor.by_device[rig]:
-                self.outcomes[rig] = Outcome(Ending.LOST, time, "screen no longer feels the ball")
+                self.outcomes[rig] = Outcome(Ending.LOST, time, "the ball is no longer detected")
             elif time - self._stopped[rig] > self.STOP_WATCH:
                 self.outcomes[rig] = self._stop(rig)
 

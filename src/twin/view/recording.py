@@ -107,7 +107,7 @@ def _plate(roots: Sequence[str], size: tuple[float, float]) -> rrb.Spatial2DView
     return rrb.Spatial2DView(
         origin=f"{roots[0]}/plate_mm" if len(roots) == 1 else "/",
         contents=[f"+ {root}/plate_mm/**" for root in roots],
-        name=f"from above [mm]: {ball}, reference white, estimate gold, touch grey",
+        name=f"from above [mm]: {ball}, reference white, estimate gold, measured grey",
         background=GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y]),
     )

@@ -241,7 +241,7 @@ class RunStream:
         self._state = int(state[-1])
         names = [State(value).name.lower() for value in state[changed]]
         events = [(time[k], f"supervisor: {name}") for k, name in zip(changed, names, strict=True)]
-        active = {"ball off the screen's touch": rows.get("touched", np.ones(len(time))) < 0.5}
+        active = {"ball not detected": rows.get("touched", np.ones(len(time))) < 0.5}
         for axis in ("phi", "theta"):
             requested, applied = rows[f"requested_{axis}_acc"], rows[f"applied_{axis}_acc"]
             active[f"{axis} effort limited"] = np.abs(requested - applied) > 0.01

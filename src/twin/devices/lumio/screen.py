@@ -453,6 +453,7 @@ class LumioScreen:
         port: What to read from; that of the configuration by default.
     """
 
+    where = "touch screen"
     WAIT = 0.01
     """Longest time in s that the thread waits for bytes before it looks around."""
     REST = 0.003

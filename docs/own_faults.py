@@ -1,0 +1,354 @@
+"""What becomes of a rig of one's own when something goes wrong, for fault-matrix.md.
+
+The class and the emulated board of ``examples/own_rig``, byte by byte, in virtual time: the same on
+every run. Each fault is done while the ball tracks a circle; then the run goes on to its end.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controllers.arrays import Array
+from controllers.controller import Controller
+from twin.devices import own
+from twin.devices.own import OwnConfig, OwnScreen, OwnServos
+from twin.devices.realtime import RealTimeClock, Scheduling
+from twin.devices.rig import HardwareRig
+from twin.hal import supervisor
+from twin.hal.cams import FixedRatio
+from twin.hal.interface import Condition, Severity
+from twin.hal.supervisor import Supervisor
+from twin.run.assemble import build_controller, build_limits
+from twin.run.connect import narrower
+from twin.run.loop import drive
+from twin.run.metrics import Ending
+from twin.run.record import Recorder
+from twin.scenario.load import load
+from twin.scenario.rig import built, read_rig
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "own_rig"
+BEGIN, AFTER, LEFT = 4.0, 3.0, 1.5
+"""When a fault begins, how long the run goes on from then on, and is watched then, s."""
+LEVEL, STILL = math.radians(0.3), 0.02
+"""Plate angle in rad and rate in rad/s that count as level and standing."""
+
+
+def _example(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"own_rig_{name}", EXAMPLE / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+ARDUINO, BOARD = _example("arduino"), _example("board")
+
+
+class Line:
+    """The port of the board, in virtual time; its attributes are what goes wrong with it."""
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        self.board = BOARD.Board(1)
+        self.board.ball = [0.0, 0.0]
+        self.now, self.steps = 0.0, 0
+        self.waiting, self.rest = b"", b""
+        self.sent: list[tuple[float, bytes]] = []
+        self.silent = self.gone = False
+        self.late, self.lose, self.between = 0.0, 0.0, b""
+        self.says: Callable[[str], str] = lambda text: text
+        self.trace: list[tuple[float, ...]] = []
+        """Time, phi, theta, x, y, and whether the board's watchdog has the plate."""
+
+    def say(self, text: str) -> None:
+        """Send a line to the host."""
+        line = self.between + f"{text}*{sum(text.encode()) % 256:02X}\n".encode()
+        chance = self.board.random.random
+        self.waiting += bytes(each for each in line if not self.lose or chance() >= self.lose)
+
+    def pass_time(self, seconds: float) -> None:
+        """Let board, plate and ball go on."""
+        self.now += seconds + 1e-9
+        while (self.steps + 1) * BOARD.STEP <= self.now:
+            self.steps += 1
+            time = self.steps * BOARD.STEP
+            while self.sent and self.sent[0][0] + self.late <= time:
+                *lines, self.rest = (self.rest + self.sent.pop(0)[1]).split(b"\n")
+                for line in lines:
+                    self.board.hear(line, time)
+            said = self.board.step(time)
+            alone = time - self.board.heard > BOARD.WATCHDOG
+            self.trace.append((time, *self.board.angle, *self.board.ball, alone))
+            for text in [] if self.silent or self.gone else said:
+                self.say(self.says(text))
+
+    def write(self, data: bytes) -> None:
+        """Take bytes of the host; as `serial.Serial`, as are the others."""
+        if self.gone:
+            raise OSError("device disconnected")
+        self.sent.append((self.now, data))
+
+    def read(self, count: int) -> bytes:
+        """What has arrived."""
+        if self.gone:
+            raise OSError("device disconnected")
+        found, self.waiting = self.waiting[:count], self.waiting[count:]
+        return found
+
+    def read_until(self, end: bytes) -> bytes:
+        """A line, waited for."""
+        while end not in self.waiting:
+            self.pass_time(0.001)
+        at = self.waiting.index(end) + 1
+        return self.read(at)
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class Stepped(ARDUINO.Arduino):  # type: ignore[name-defined,misc]
+    """The example's class on such a line."""
+
+    def __init__(self) -> None:
+        super().__init__("emulated")
+        ARDUINO.serial = SimpleNamespace(Serial=Line)
+        self.line = Line()
+        self.levelled = True
+        """Whether the plate had been told to be level before it was told to stop."""
+
+    def stop(self) -> None:
+        """Stop, and keep what was before."""
+        self.levelled = max(map(abs, self.line.board.goal)) < LEVEL
+        super().stop()
+
+    def time(self) -> float:
+        """Time of the line, s."""
+        now: float = self.line.now
+        return now
+
+    def wait(self, seconds: float) -> None:
+        """Let it pass."""
+        self.line.pass_time(seconds)
+
+
+class Row(NamedTuple):
+    """One fault, and what must come of it.
+
+    Attributes:
+        name: What is done, in words.
+        act: Does it.
+        expected: The condition that must be reported; None if nothing may be.
+        more: Time in s that may pass besides that of the condition.
+        by: Who must level the plate; that of the condition's severity by default.
+        begins: From when on it can be seen, of the rows of `Line.trace`; at once by default.
+    """
+
+    name: str
+    act: Callable[[Line], None]
+    expected: Condition | None = None
+    more: float = 0.0
+    by: str = ""
+    begins: Callable[[Array], Any] = lambda trace: np.ones(len(trace), bool)
+
+
+NOBODY, HOST, STOP, WATCHDOG = "nobody", "host's levelling", "`stop`", "board's watchdog"
+
+
+def sets(**values: Any) -> Callable[[Line], None]:
+    """A fault that is attributes of the line."""
+    return lambda line: [setattr(line, name, value) for name, value in values.items()] and None
+
+
+def scaled(factor: float) -> Callable[[str], str]:
+    """Positions in another unit."""
+
+    def says(text: str) -> str:
+        return " ".join(
+            each if each in "B-" else f"{factor * float(each):.1f}" for each in text.split()
+        )
+
+    return says
+
+
+def frozen(line: Line) -> None:
+    """The same picture again and again."""
+    x, y = (1000 * each for each in line.board.ball)
+    line.says = lambda _: f"B {x:.1f} {y:.1f}"
+
+
+def reset(line: Line) -> None:
+    """The board begins anew: the servos go to level."""
+    line.board.goal = [0.0, 0.0]
+    line.say("READY")
+
+
+def brief(line: Line) -> None:
+    """No numbers for three frames."""
+    left = [3]
+
+    def says(text: str) -> str:
+        left[0] -= 1
+        return "B nan nan" if left[0] >= 0 else text
+
+    line.says = says
+
+
+FILE = read_rig(EXAMPLE / "rig.toml")
+CONFIG = built(OwnConfig, FILE.own)
+GIVEN = (
+    *("parameters=hobby", f"duration={BEGIN + AFTER}", "metrics.start=0", "reference.omega=1.2"),
+    "controller.gains=[60,54,30,8]",
+)
+SCENARIO = load("circle", GIVEN)
+LIMITS = narrower(build_limits(SCENARIO.rig.limits), build_limits(FILE.limits))
+PERIOD = SCENARIO.rig.period
+SEEN = BOARD.LATE + BOARD.FRAME + PERIOD
+"""What passes in s until a picture arrives: its age, a frame, a period."""
+EDGE = np.add(LIMITS.area, LIMITS.margin)
+
+
+def outside(trace: Array) -> Any:
+    """Where the ball is out of its area."""
+    return (np.abs(trace[:, 3:5]) > EDGE).any(axis=1)
+
+
+def steep(trace: Array) -> Any:
+    """From where on the plate is so steep for long enough that no ball rests on it."""
+    level = np.abs(trace[:, 1:3]).max(axis=1) <= math.radians(CONFIG.steep_deg)
+    behind = np.append(0, np.cumsum(level))
+    long = round(OwnConfig().rest / BOARD.STEP)
+    return behind[long:] == behind[: len(behind) - long]
+
+
+ROWS = (
+    Row("The board says nothing any more", sets(silent=True), own.SILENT),
+    Row("Of the board's bytes 3 % get lost", sets(lose=0.03)),
+    Row("Lines without sense come between those of the board", sets(between=b"\xff\0*B 1\n")),
+    Row("There are bytes without sense in every line", sets(between=b"\xffB 7"), own.SILENT),
+    Row("The board is reset", reset, own.REPORTED),
+    Row("The cable is pulled", sets(gone=True), own.FAILED, by=WATCHDOG),
+    Row("Commands arrive 15 ms late", sets(late=0.015)),
+    Row("Three pictures have no number", brief),
+    Row(
+        *("No picture has a number any more", sets(says=lambda _: "B nan nan")),
+        *(supervisor.BALL_LOST, CONFIG.unseen + SEEN),
+    ),
+    Row("A picture lacks a number", sets(says=lambda _: "B 10"), own.FAILED, SEEN),
+    Row(
+        *("The camera no longer sees the ball", sets(says=lambda _: "B - -")),
+        *(supervisor.BALL_LOST, CONFIG.unseen + SEEN),
+    ),
+    Row("The picture is frozen", frozen, own.FROZEN, SEEN, begins=steep),
+    Row("Positions come ten times too large", sets(says=scaled(10)), supervisor.BALL_OUTSIDE, SEEN),
+    Row("Positions come ten times too small", sets(says=scaled(0.1))),
+    Row(
+        *("Positions come with the wrong sign", sets(says=scaled(-1))),
+        *(supervisor.BALL_OUTSIDE, SEEN),
+        begins=outside,
+    ),
+    Row("Nothing of the host arrives any more", sets(late=math.inf), by=WATCHDOG),
+)
+"""Every row; ``own.ASTRAY`` needs an encoder, which this rig does not have."""
+
+HEADING = (
+    *("fault", "reported", "detected [ms]", "level [ms]", "tilt [deg]", "ball x, y [mm]"),
+    *("levelled by", "run", "verdict"),
+)
+
+
+def way_to_level(by: str) -> float:
+    """Longest time in s from the detection to a plate that is level and stands.
+
+    The servos' slew and lag; before that the host's braking, its way back and the time in which it
+    takes in a drift, or the board's patience.
+    """
+    angle, rate, acceleration = (
+        float(np.max(each)) for each in (LIMITS.angle, LIMITS.rate, LIMITS.acceleration)
+    )
+    servos = angle / BOARD.SLEW + BOARD.LAG * math.log(angle / min(LEVEL, BOARD.LAG * STILL))
+    host = 2 * rate / acceleration + angle / rate + Supervisor.DRIFT_TIME
+    return servos + {HOST: host, STOP: 2 * PERIOD, WATCHDOG: BOARD.WATCHDOG + PERIOD}.get(by, 0.0)
+
+
+def carried_out(row: Row) -> tuple[str, ...]:
+    """The cells of a row, as measured and judged."""
+    hardware = Stepped()
+    servos = OwnServos(hardware, CONFIG, LIMITS, PERIOD)
+    rig = HardwareRig(
+        servos=servos,
+        screen=OwnScreen(servos),
+        clock=RealTimeClock(PERIOD, spin=0.0, now=hardware.time, sleep=hardware.wait),
+        transmission=FixedRatio(),
+        limits=LIMITS,
+        patience=1.0,
+        scheduling=lambda: nullcontext(Scheduling(False, False, ("virtual time",))),
+    )
+    begun: list[tuple[float, float]] = []
+
+    def watch(time: float, _: object) -> None:
+        if time >= BEGIN and not begun:
+            begun.append((time, hardware.line.now))
+            row.act(hardware.line)
+
+    record = Recorder(round(SCENARIO.duration / PERIOD), 1, PERIOD)
+    record.observers.append(watch)
+    controller: Controller = build_controller(SCENARIO)
+    (outcome,) = drive(rig, controller, SCENARIO.duration, record)
+    hardware.wait(LEFT)
+    (begin, now), after = begun[0], np.array(hardware.line.trace)
+    after = after[after[:, 0] >= now]
+    found = [at for at, note in rig.journal if note.condition is row.expected and at >= begin]
+    serious = [
+        note.condition.name
+        for at, note in rig.journal
+        if at >= begin and note.condition.severity is not Severity.WARNING
+    ]
+    seen = after[np.flatnonzero(row.begins(after))[0], 0] - now
+    rate = np.gradient(after[:, 1:3], after[:, 0], axis=0)
+    tilt = np.abs(after[:, 1:3]).max(axis=1)
+    busy = np.flatnonzero((tilt > LEVEL) | (np.abs(rate).max(axis=1) > STILL))
+    level = after[busy[-1], 0] - now
+    finished = outcome.ending is Ending.FINISHED
+    by = NOBODY
+    if after[busy[-1], 5]:
+        by = WATCHDOG
+    elif not finished:
+        by = HOST if hardware.levelled else STOP
+    severity = row.expected.severity if row.expected else None
+    wanted = row.by or {Severity.LEVEL: HOST, Severity.STOP: STOP}.get(severity, NOBODY)  # type: ignore[arg-type]
+    allowed = row.expected.within + PERIOD + row.more if row.expected else 0.0
+    limit = allowed + way_to_level(wanted) if wanted != NOBODY else math.inf
+    ball = np.abs(after[after[:, 0] <= now + seen + min(limit, AFTER), 3:5]).max(axis=0)
+    told = found[0] - begin - seen if found else math.nan
+    failures = {
+        "reported": bool(found) if row.expected else not serious or row.by == WATCHDOG,
+        "detected": not row.expected or told <= allowed,
+        "level": level - seen <= limit,
+        "levelled by": by == wanted,
+        "ball": bool((ball < EDGE).all()) or row.begins is outside,
+    }
+    bad = [name for name, right in failures.items() if not right]
+    return (
+        row.name,
+        row.expected.name if row.expected else "none",
+        f"{1e3 * told:.0f} of {1e3 * allowed:.0f}" if row.expected else "-",
+        f"{1e3 * (level - seen):.0f} of {1e3 * limit:.0f}" if wanted != NOBODY else "-",
+        f"{math.degrees(tilt.max()):.2f}",
+        ", ".join(f"{1e3 * each:.0f}" for each in ball),
+        by,
+        str(outcome.ending),
+        f"**BAD**: {', '.join(bad)}" if bad else "good",
+    )
+
+
+if __name__ == "__main__":
+    for each in ROWS:
+        print(" | ".join(carried_out(each)))  # noqa: T201
