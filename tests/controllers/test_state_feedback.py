@@ -35,22 +35,6 @@ def test_placement_puts_the_poles_of_each_axis_where_they_are_requested(x, y):
         np.testing.assert_allclose(polynomial(closed[axis, axis]), desired, rtol=1e-7, atol=1e-9)
 
 
-@settings(max_examples=50)
-@given(poles=four_poles)
-def test_the_gains_solve_the_equations_of_the_thesis(poles):
-    ball = BallPlate()
-    c2, c1g = ball.c2, ball.k1
-    (k11, k12, k13, k14), (k21, k22, k23, k24) = (
-        PolePlacement(poles=poles).K[0, :4],
-        PolePlacement(poles=poles).K[1, 4:],
-    )
-    desired = np.poly(poles)[1:]
-    x = (-c2 * k12 + k14, -c2 * k11 + k13, c1g * k12, c1g * k11)
-    y = (c2 * k22 + k24, c2 * k21 + k23, -c1g * k22, -c1g * k21)
-    np.testing.assert_allclose(x, desired, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(y, desired, rtol=1e-9, atol=1e-9)
-
-
 def test_a_pole_may_be_repeated():
     closed = A - B @ PolePlacement(poles=(-3, -3, -3, -3)).K
     np.testing.assert_allclose(polynomial(closed[:4, :4]), np.poly((-3,) * 4), rtol=1e-9)
