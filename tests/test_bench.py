@@ -506,23 +506,3 @@ def test_a_season_is_listed_with_its_fingerprint_and_rigs(shipped):
     listed = json.loads(called("list", "--season", KEY, "--json"))
     assert listed == {"season": season.season, "rigs": season.points, "seeds": season.seeds}
     assert called("list", "--season", KEY) == f"the rigs of season {season.season}\n"
-
-
-@pytest.mark.long
-def test_a_law_that_looks_ahead_has_the_bits_of_a_task_also_beside_other_tasks(tmp_path):
-    """A figure of eight and a ball to be held share a batch: they last as long."""
-    v1 = Benchmark()
-    tasks = {task.name: task for task in v1.about.tasks}
-    short = [
-        tasks[name].model_copy(
-            update={"set": (*tasks[name].set, "duration=2.0", "metrics.start=0")}
-        )
-        for name in ("Lissajous-v1", "Hold-v1")
-    ]
-
-    def errors(*tasks):
-        v1.about = v1.about.model_copy(update={"tasks": tasks})
-        rows = v1.carried_out(v1.about.laws["cure"], v1.folder, Store(None), rigs=2, processes=1)
-        return rows["rms_distance"].tolist()
-
-    assert errors(*short) == [*errors(short[0]), *errors(short[1])]

@@ -22,78 +22,12 @@ ROOT = Path(__file__).parent.parent
 EXTENDING = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 WRITTEN = {
-    "extending.md",
-    "fit.md",
-    "glossary.md",
-    "labs.md",
-    "solvers.md",
-    "studies.md",
-    "tune.md",
-    "whatif.md",
-    "your-rig.md",
-    "regenerate.py",
-    "regenerate.toml",
-    "play_picture.py",
-    "screenshots.py",
-    "settings.py",
-    "settings.template.md",
-    "study_page.py",
-    "study.template.md",
-} | {
-    "bring_up.py",
-    "bring-up.template.md",
-    "benchmark.py",
-    "benchmark.template.md",
-    "cure_demands.py",
-    "cure_demands.template.md",
-    "cure_family.py",
-    "cure_family.template.md",
-    "cure_family.toml",
-    "gallery.py",
-    "gallery.toml",
-    "gallery.template.md",
-    "performance.template.md",
-    "cure.template.md",
-    "cure_attacks.template.md",
-    "tuned.template.md",
-    "shadow.template.md",
-    "safety.py",
-    "safety.template.md",
-    "reproduction.template.md",
-    "experiments.template.md",
-    "pages.py",
-    "code_lines.py",
-    "cure.py",
-    "cure.toml",
-    "cure_floor.py",
-    "cure_attacks.py",
-    "cure_attacks.toml",
-    "shadow.toml",
-    "shadow_trials.py",
-    "tuned.py",
-    "tuned.toml",
-    "claims.py",
-    "claims.template.md",
-    "chapter8.py",
-    "chapter9.py",
-    "explained.md",
-    "index.md",
-    "tutorial.md",
-    "from-matlab.md",
-    "simulink.md",
-    "run.md",
-    "see.md",
-    "law.md",
-    "python.md",
-    "own-rig.md",
-    "wire.md",
-    "can-trace.md",
-    "thesis.md",
-    "installation.md",
-    "build.py",
-    "moving.py",
-    "conf.py",
-}
+    "can-trace.md", "explained.md", "extending.md", "fit.md", "from-matlab.md", "glossary.md",
+    "index.md", "installation.md", "labs.md", "law.md", "own-rig.md", "python.md", "run.md",
+    "see.md", "simulink.md", "solvers.md", "studies.md", "thesis.md", "tune.md", "tutorial.md",
+    "whatif.md", "wire.md", "your-rig.md",
+}  # fmt: skip
+"""Pages without a template that nothing makes."""
 SMOOTH = "plant.friction.rolling_mm=0"
 
 
@@ -315,7 +249,9 @@ def test_every_file_of_docs_is_written_by_hand_or_made_by_one_command(regenerate
     assert len(made) == len(set(made))
     assert all(list(docs.glob(each)) for page in regenerate.PAGES.values() for each in page.files)
     here = {path for path in docs.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
-    assert here - set(made) == {docs / name for name in WRITTEN}
+    left = here - set(made)
+    makers = {each for each in left if each.suffix in {".py", ".toml"} or ".template." in each.name}
+    assert left - makers == {docs / name for name in WRITTEN}
 
 
 def test_no_page_is_longer_than_250_lines():

@@ -3,7 +3,6 @@
 A door is a function from a ``Circle`` to the path of its ball, and a row of ``DOORS``.
 """
 
-import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -16,13 +15,10 @@ import control
 import fmpy
 import gymnasium
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
-import scipy.io
+from exported_files import READERS
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
 import ballplate as bp
 from controllers.interfaces import Measurement
@@ -100,7 +96,7 @@ def by_differential_equations(circle):
 def by_gymnasium(circle):
     """An environment under the scenario's controller, and once more under its actions alone."""
     env = gymnasium.make(
-        "ballplate:ballplate/Track-v0", hold=1, rate=RATE, settings=circle.settings
+        "ballplate.gym:ballplate/Track-v0", hold=1, rate=RATE, settings=circle.settings
     ).unwrapped
     seed = circle.done.scenario.seed
     observation, info = env.reset(seed=seed)
@@ -188,35 +184,6 @@ def as_fmu(tmp_path_factory):
     return file, {each.name: each.unit or "1" for each in about.modelVariables}
 
 
-def from_csv(file):
-    header, *rows = file.read_text(encoding="utf-8").splitlines()
-    heads = [re.fullmatch(r"(\w+) \[(.+)\]", each).groups() for each in header.split(",")]
-    values = np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
-    return dict(zip([name for name, _ in heads], values, strict=True)), dict(heads)
-
-
-def from_mat(file):
-    found = scipy.io.loadmat(file, simplify_cells=True)
-    return {name: found[name] for name in found["units"]}, found["units"]
-
-
-def from_parquet(file):
-    table = pq.read_table(file)
-    units = {each.name: each.metadata[b"unit"].decode() for each in table.schema}
-    return {name: table[name].to_numpy() for name in units}, units
-
-
-def from_mcap(file):
-    with file.open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        told = list(reader.iter_decoded_messages(topics=["/signals"]))
-    units = dict(re.findall(r"^float64 (\w+)  # (.+)$", told[0][0].data.decode(), re.MULTILINE))
-    return {name: [getattr(each[3], name) for each in told] for name in units}, units
-
-
-READERS = {".csv": from_csv, ".mat": from_mat, ".parquet": from_parquet, ".mcap": from_mcap}
-
-
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 @settings(max_examples=8, deadline=None, phases=[Phase.generate])
@@ -256,7 +223,9 @@ def test_every_way_out_gives_the_same_si_numbers_and_units(as_fmu, place, speed,
     first = [done[name][0] for name in true]
     u = np.stack([done["applied_phi_acc"], done["applied_theta_acc"]])
     answer = control.input_output_response(plant, done.time, u, first)
-    env = gymnasium.make("ballplate:ballplate/Track-v0", hold=1, rate=RATE, settings=keys).unwrapped
+    env = gymnasium.make(
+        "ballplate.gym:ballplate/Track-v0", hold=1, rate=RATE, settings=keys
+    ).unwrapped
     states = [env.reset(seed=0)[1]["state"]]
     states += [env.step(rate / RATE)[4]["state"] for rate in rates[:-1]]
     for number, name in enumerate(true):

@@ -30,14 +30,10 @@ FILES = {
 """What lies in the folder, beside a run of the circle in ``made``."""
 
 CIRCLE = {
-    "durration=1": "did you mean 'duration'",
     "controller.gain=[1]": "did you mean 'gains'",
     "amplitude=0.1": "did you mean 'reference.amplitude'",
     "rolling_mm=0": "did you mean 'plant.friction.rolling_mm'",
     "friction=0": "did you mean 'plant.friction.rolling_mm' or",
-    "plant.ball.mass=-1": "greater than 0",
-    "plant.start.y=0.3": "0.1975",
-    "rig.period=0.0013": "multiple of plant.step",
     "controller.computing_time=-1": "must be greater than or equal to 0 or 'measured'",
     "parameters=hoby": "rig 'hoby': not found; did you mean 'hobby'?",
     "rig.limits.angle_deg=20": "the cams reach 10; set plant.kind=lagrange",
@@ -69,6 +65,9 @@ LINES = {
     "run circle --set duration=1 --set duration=2": "given 2 times",
     "run circle --view --serve": "choose one",
     "analyse sign": "not found",
+    "reproduce 8.22": "no table '8.22'; there are 8.1 to 8.21 and 9.1 to 9.9",
+    "study frictoin": "did you mean 'friction'? (known: chapter9,",
+    "study friction --out a_file": "cannot be written: a file is where a folder should be",
     "compare hold --vary duration": "KEY=",
     "compare circle --vary controller.kind=[]": "give at least one value",
     "compare no.csv circle": "no.csv: cannot be read: No such file or directory",

@@ -128,12 +128,6 @@ def test_a_law_of_any_file_is_taken_in_here_and_in_children(mine):
     assert "mine" in json.loads(child.stdout)
 
 
-def test_the_option_takes_a_file_in(ballplate, mine):
-    changes = [item for text in (*SHORT, "controller.kind=mine") for item in ("--set", text)]
-    _, out, _ = ballplate("run", "hold", "--law", "mine.py", *changes, "--json")
-    assert json.loads(out)["outcome"] == "finished"
-
-
 def test_a_name_that_is_taken_is_told_and_the_first_one_stays(mine):
     Path("laws").mkdir()
     Path("laws/afl.py").write_text(LAW.format(name="afl"))

@@ -271,11 +271,23 @@ def test_in_a_study_an_observer_that_gives_no_estimate_is_told(ballplate):
     assert "correct must give the estimate" in " ".join(ballplate("study", "both.toml")[1].split())
 
 
-def test_a_law_that_gives_no_numbers_is_told_before_anything_runs(ballplate, rewrite):
-    rewrite(BEGIN, f"        return np.full((*x.shape[:-1], 2), np.nan)\n{BEGIN}")
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (BEGIN, f"        return x[..., :2] * np.nan\n{BEGIN}", "control must give numbers; of"),
+        (BEGIN, f"        return np.zeros(3)\n{BEGIN}", r"control .*it gave shape \(3,\)"),
+        (BEGIN, f"        return None\n{BEGIN}", "control .*it gave None"),
+        ("reference: Reference, ", "", r"control takes \(self, t, x, reference, q\)"),
+    ],
+    ids=["numbers", "shape", "none", "signature"],
+)
+def test_a_law_that_does_not_answer_is_told_before_anything_runs(
+    ballplate, rewrite, old, new, said
+):
+    rewrite(old, new)
     code, out, err = ballplate("run", "circle", *SHORT)
     assert (code, out) == (2, "")
-    assert re.search(r"laws/mine.py, line \d+: control must give numbers; of a ball at rest", err)
+    assert re.search(rf"laws/mine.py, line \d+: {said}", err)
     assert "no such file" in ballplate("run", "circle", "--law", "laws/none.py")[2]
 
 

@@ -73,14 +73,6 @@ def test_a_run_that_fell_exits_with_one_and_keeps_its_record(ballplate, tmp_path
     assert (tmp_path / "fell" / "run.parquet").is_file()
 
 
-def test_a_rig_unlike_the_clean_model_is_compared_with_it_all_the_same(ballplate, tmp_path):
-    unlike = ("--set", "plant.spring.preload=60.0", "--set", "rig.cams=ratio")
-    code, out, err = ballplate("run", "circle", *QUICK[2:], *unlike, "--out", "unlike")
-    assert code == 0, err
-    assert "clean model" in out
-    assert (tmp_path / "unlike" / "run.parquet").is_file()
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("changes", "more"),

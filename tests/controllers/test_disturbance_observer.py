@@ -66,24 +66,3 @@ def test_the_gains_give_three_equal_poles(T):
     A = np.array([[1, T, T * T / 2], [0, 1, T], [0, 0, 1]])
     closed = A @ (np.eye(3) - np.outer(gains(6.0, T), [1, 0, 0]))
     np.testing.assert_allclose(np.poly(closed), np.poly([np.exp(-6.0 * T)] * 3), atol=1e-12)
-
-
-def test_rigs_whose_frames_come_at_other_times_are_estimated_as_alone():
-    every = np.array([1, 9])
-    together = DisturbanceObserver(delay=0.0)
-    alone = [DisturbanceObserver(delay=0.0) for _ in every]
-    together.start(np.zeros((2, 8)))
-    for observer in alone:
-        observer.start(np.zeros((1, 8)))
-    for tick in range(200):
-        seen = tick - tick % every
-        y = np.zeros((2, 4))
-        y[:, 0::2] = PUSH * ((seen * T) ** 2 / 2)[:, None]
-        age, touched = (tick - seen) * T, np.ones(2, bool)
-        x = together.correct(Measurement(tick * T, y, age, touched))
-        together.predict(np.zeros((2, 2)))
-        for rig, observer in enumerate(alone):
-            own = slice(rig, rig + 1)
-            single = observer.correct(Measurement(tick * T, y[own], age[own], touched[own]))
-            observer.predict(np.zeros((1, 2)))
-            np.testing.assert_allclose(x[own], single, atol=1e-12)

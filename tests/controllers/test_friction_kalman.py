@@ -311,30 +311,6 @@ def test_without_unevenness_it_is_the_filter_with_one_friction():
     np.testing.assert_allclose(mapped.equivalent, plain.equivalent, rtol=1e-7, atol=1e-9)
 
 
-def test_rigs_together_are_as_alone():
-    def make():
-        return FrictionMapKalman(delay=0.042, **COARSE)
-
-    world = World(make(), rigs=3)
-    together, alone = make(), [make() for _ in range(3)]
-    together.start(np.zeros((3, 8)))
-    for observer in alone:
-        observer.start(np.zeros(8))
-    for tick in range(120):
-        t, y = world.measure()[:2]
-        # frames come at their own time in one of them, another is not touched for a while
-        age = np.array([0.0, (tick % 8) * T, 0.0])
-        touched = np.array([True, True, tick % 50 < 40])
-        x = together.correct(Measurement(t, y, age, touched))
-        together.predict(np.zeros((3, 2)))
-        for rig, observer in enumerate(alone):
-            single = observer.correct(Measurement(t, y[rig], age[rig], touched[rig]))
-            observer.predict(np.zeros(2))
-            np.testing.assert_allclose(single, x[rig], rtol=1e-9, atol=1e-12)
-            np.testing.assert_allclose(observer.further, together.further[rig], rtol=1e-7)
-        world.advance()
-
-
 def test_the_covariance_is_that_of_the_whole_state_written_out():
     observer = FrictionMapKalman(**COARSE)
     world = World(FrictionMapKalman(**COARSE), rigs=2)

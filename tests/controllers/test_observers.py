@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from observing import measured
 
+from controllers.controller import Smith
+from controllers.interfaces import Measurement
 from controllers.observers import (
     DisturbanceObserver,
     ExtendedKalman,
@@ -23,6 +25,7 @@ EVERY = pytest.mark.parametrize(
         ExtendedKalman,
         NonlinearLuenberger,
         lambda: NonlinearLuenberger(plate_observer=True),
+        lambda: Smith(observer=Luenberger(), delay=0.042),
         lambda: DisturbanceObserver(delay=0.005),
         lambda: FrictionKalman(delay=0.005),
         lambda: FrictionMapKalman(delay=0.005, map_pitch=0.1, map_length=0.08),
@@ -33,6 +36,7 @@ EVERY = pytest.mark.parametrize(
         "ekf",
         "nonlinear",
         "nonlinear with plate observer",
+        "smith",
         "disturbance_observer",
         "friction_kalman",
         "friction_map_kalman",
@@ -42,22 +46,27 @@ EVERY = pytest.mark.parametrize(
 
 @EVERY
 def test_batch_gives_each_rig_what_it_gets_alone(make):
+    """Balls felt at times, and frames that come every period, every ninth, and late."""
     rng = np.random.default_rng(3)
-    start, u = rng.uniform(-0.2, 0.2, (2, 3, 8)), rng.normal(size=(2, 3, 2))
-    y, touched = start[..., ::2] + 0.01, rng.random((2, 3)) > 0.3
+    start, u = rng.uniform(-0.2, 0.2, (2, 3, 8)), rng.normal(size=(60, 2, 3, 2))
+    y = start[..., ::2] + 0.01 + 1e-3 * rng.normal(size=(60, 2, 3, 4))
+    touched = rng.random((60, 2, 3)) > 0.2
+    ages = [[[0.0, 0.002 * (tick % 9), 0.004]] * 2 for tick in range(60)]
 
     def final(rig):
         observer = make()
         observer.start(start[rig])
-        for _ in range(3):
-            observer.correct(measured(y[rig], touched[rig]))
-            observer.predict(u[rig])
-        return observer.x
+        for tick, age in enumerate(np.array(ages)):
+            now = 0.002 * tick, y[tick][rig].copy(), age[rig], touched[tick][rig]
+            observer.correct(Measurement(*now))
+            np.testing.assert_array_equal(now[1], y[tick][rig])  # it is not written to
+            observer.predict(u[tick][rig])
+        return observer.x, observer.further
 
     together = final(...)
-    assert not touched.all()
     for rig in np.ndindex(2, 3):
-        np.testing.assert_allclose(together[rig], final(rig), rtol=1e-11, atol=1e-14)
+        for one, all_ in zip(final(rig), together, strict=True):
+            np.testing.assert_allclose(all_[rig], one, rtol=1e-7, atol=1e-11)
 
 
 @EVERY

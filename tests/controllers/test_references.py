@@ -94,15 +94,6 @@ def test_an_array_of_times_gives_what_each_time_alone_gives(reference, shape):
         np.testing.assert_allclose(together[(slice(None), *i)], alone, rtol=1e-12, atol=1e-15)
 
 
-def test_the_same_sine_on_both_axes_is_that_of_the_thesis():
-    A, w, t = 0.15, 0.75, np.linspace(0, 25, 101)
-    s, c = np.sin(w * t), np.cos(w * t)
-    expected = A * np.array((s, w * c, -(w**2) * s, -(w**3) * c, w**4 * s))
-    r = Sine(amplitude=A, omega=w)(t)
-    np.testing.assert_allclose(r[..., 0], expected, atol=1e-15)
-    np.testing.assert_allclose(r[..., 1], expected, atol=1e-15)
-
-
 @pytest.mark.parametrize(
     "reference", [Sine(amplitude=0.1, omega=0.5, wave=("sin", "cos")), Circle(amplitude=0.1)]
 )

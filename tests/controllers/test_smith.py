@@ -153,11 +153,3 @@ def test_ball_that_comes_back_is_compared_with_the_estimate_of_then():
         assert np.abs(x - plant.x).max() < 1e-12
         observer.predict(swing(tick))
         plant.advance(swing(tick))
-
-
-def test_measurement_is_not_written_to():
-    observer = Smith(observer=Luenberger())
-    observer.start(np.zeros((2, 8)))
-    y = np.ones((2, 4))
-    observer.correct(Measurement(0.0, y, np.zeros(2), np.ones(2, bool)))
-    np.testing.assert_array_equal(y, 1)

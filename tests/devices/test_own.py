@@ -191,22 +191,6 @@ def test_a_class_that_is_none_is_one_line(named, tmp_path, monkeypatch):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("tables", "words"),
-    [
-        ({}, "touch is missing"),
-        ({"backend": "a.py:A", "touch": {"port": "p"}}, "has none of these"),
-        ({"touch": {"port": "p"}, "own": {"silent": 0.1}}, "it needs backend"),
-        ({"backend": "a.py:A", "own": {"silent": 60.0}}, "own.silent = 60.0: must be"),
-        ({"backend": "a.py:A", "own": {"quiet": 1}}, "own.quiet"),
-    ],
-)
-def test_a_rig_file_that_contradicts_itself_is_one_line(tables, words):
-    with pytest.raises(ScenarioError, match=words) as caught:
-        check_rig(tables, "rig.toml")
-    assert "\n" not in str(caught.value)
-
-
 def test_a_start_that_fails_stops_the_hardware(scenario):
     hardware = VirtualBoard()
     fails("measure")(hardware)

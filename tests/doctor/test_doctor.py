@@ -24,7 +24,6 @@ from twin.doctor.examine import _drives
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.serve import EmulatedPlant
-from twin.errors import TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.paths import model_path
 from twin.run.finished import record_run, run
@@ -140,24 +139,6 @@ def test_what_can_be_said_of_the_computer_and_the_rig_file_is_said(scenario, tmp
     found = by_name(computer(scenario(), check_rig({"touch": {"port": "x"}, **other}, "test")))
     assert [found[name].status for name in names] == ["warn", "warn", "pass"]
     assert "drives.watch.stale = 100" in found["safety nets"].seen
-
-
-@pytest.mark.parametrize(
-    ("tables", "message"),
-    [
-        ({}, "touch is missing"),
-        ({"touch": {"port": "x", "protocl": "elo"}}, "did you mean 'protocol'"),
-        ({"touch": {"port": "x"}, "phi": {"node": 0}}, "phi.node = 0: must be 1 to 126"),
-        ({"touch": {"port": "x"}, "phi": {"node": 2}}, "must differ"),
-        ({"touch": {"port": "x"}, "drives": {"watch": {"stale": "soon"}}}, "drives.watch.stale"),
-        ({"touch": {"port": "x", "transport": "usb"}}, "touch.transport: .*serial.*hidraw"),
-        ({"touch": {"port": "x"}, "bus": {"bitrate": "fast"}}, "bus.bitrate"),
-    ],
-)
-def test_a_wrong_rig_file_is_one_line(tables, message):
-    with pytest.raises(TwinError, match=message) as caught:
-        check_rig(tables, "rig.toml")
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.long

@@ -6,8 +6,6 @@ import pytest
 from twin.emulator.drive import Power
 from twin.emulator.lockstep import LockstepRig, MotionTrace
 
-RPDO1 = 0x201
-
 
 @pytest.fixture
 def rig(scenario):

@@ -1,24 +1,201 @@
+"""Any sequence of events, against the table read as sentences."""
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from twin.hal.interface import Clamp, Limits
-from twin.hal.supervisor import Event, State, Supervisor
+from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
+from twin.devices.common import FaultReports
+from twin.devices.lumio.conditions import BALL_LOST
+from twin.devices.lumio.conditions import CONDITIONS as TOUCH_CONDITIONS
+from twin.hal.interface import Clamp, Condition, Fault, Limits, Severity
+from twin.hal.supervisor import TRANSITIONS, Event, State, Supervisor
 
 PERIOD = 0.002
 LIMITS = Limits()
+MOVING = {State.RUNNING, State.HOLDING}
+numbers = st.floats(-50, 50) | st.sampled_from([np.nan, np.inf, -np.inf])
+pairs = st.tuples(numbers, numbers)
 FELT = np.array([True])
 WISHES = arrays(float, (20, 2, 2), elements=st.floats(-50, 50))
 
 
-def running(rigs=2, limits=LIMITS):
+def fault(severity):
+    return Fault(Condition("test", severity, 0.0, "", ""), "device", "detail")
+
+
+def running(limits=LIMITS, rigs=1):
     supervisor = Supervisor(limits, PERIOD, rigs)
     supervisor.handle(Event.INITIALISE)
     supervisor.powered(np.zeros((rigs, 2)))
     supervisor.handle(Event.START)
     return supervisor
+
+
+class AnyEvents(RuleBasedStateMachine):
+    """What may happen to one rig, in any order, with the promises checked after each step."""
+
+    def __init__(self):
+        super().__init__()
+        self.supervisor = Supervisor(LIMITS, PERIOD)
+        self.rate = np.zeros((1, 2))
+        self.asked = False
+        self.resting = 0
+
+    @property
+    def state(self):
+        return State(self.supervisor.state[0])
+
+    @rule()
+    def initialise(self):
+        self.supervisor.handle(Event.INITIALISE)
+
+    @rule(plate=st.tuples(st.floats(-0.17, 0.17), st.floats(-0.17, 0.17)))
+    def powered(self, plate):
+        if self.state is State.INITIALISING:
+            self.rate = np.zeros((1, 2))
+        self.supervisor.powered(np.array([plate]))
+
+    @rule()
+    def start(self):
+        self.asked = self.asked or self.state is State.READY
+        self.supervisor.handle(Event.START)
+
+    @rule()
+    def switch_off(self):
+        self.supervisor.handle(Event.SWITCH_OFF)
+        self.asked = self.asked and self.state is State.RUNNING
+
+    @rule(severity=st.sampled_from(Severity))
+    def device(self, severity):
+        before = self.state
+        self.supervisor.report(fault(severity))
+        if severity is Severity.STOP and before is not State.OFF:
+            assert self.state is State.FAULT
+            assert not self.supervisor.clamp(np.full((1, 2), 0.01)).any()
+        if severity is Severity.LEVEL and before is State.RUNNING:
+            assert self.state is State.HOLDING
+        if severity is Severity.WARNING:
+            assert self.state is before
+
+    @rule(
+        ball=st.tuples(st.floats(-0.4, 0.4), st.floats(-0.25, 0.25)),
+        plate=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
+        touched=st.booleans(),
+    )
+    def watch(self, ball, plate, touched):
+        y = np.array([[ball[0], plate[0], ball[1], plate[1]]])
+        before = self.state
+        self.supervisor.watch(y, np.array([touched]))
+        outside = abs(ball[0]) > 0.29 or abs(ball[1]) > 0.19
+        if before is State.RUNNING and outside:
+            assert self.state is State.HOLDING
+
+    @rule(wish=pairs, times=st.integers(1, 30))
+    def command(self, wish, times):
+        for _ in range(times):
+            rate = self.supervisor.clamp(np.array([wish]))
+            dead = self.state not in MOVING and self.state is not State.READY
+            if dead:
+                assert not rate.any()
+            else:
+                step = LIMITS.acceleration * PERIOD + 1e-12
+                assert (np.abs(rate - self.rate) <= step).all()
+            assert (np.abs(rate) <= LIMITS.rate + 1e-12).all()
+            self.rate = rate
+
+    @precondition(lambda self: self.state is State.HOLDING)
+    @rule()
+    def hold_long(self):
+        for _ in range(1000):
+            self.rate = self.supervisor.clamp(np.full((1, 2), np.nan))
+        assert np.abs(self.rate).max() < 1e-3
+
+    @invariant()
+    def only_an_asked_for_start_lets_the_controller_move_the_plate(self):
+        if self.state is State.RUNNING:
+            assert self.asked
+
+    @invariant()
+    def the_fast_path_is_taken_only_while_running(self):
+        assert self.supervisor.all_running == (self.state is State.RUNNING)
+
+    @invariant()
+    def a_reason_is_there_whenever_a_rig_was_stopped(self):
+        if self.state is State.FAULT:
+            assert self.supervisor.reason[0]
+
+
+TestAnyEvents = AnyEvents.TestCase
+TestAnyEvents.settings = settings(max_examples=30, stateful_step_count=30)
+
+
+def test_every_state_can_be_left_and_every_one_reached():
+    assert {before for before, _ in TRANSITIONS} == set(State)
+    assert set(TRANSITIONS.values()) == set(State)
+
+
+@pytest.mark.parametrize("state", [State.HOLDING, State.FAULT])
+def test_whoever_was_stopped_can_only_be_switched_off(state):
+    ways = {key[1]: after for key, after in TRANSITIONS.items() if key[0] is state}
+    ways.pop(Event.STOP, None)
+    assert ways == {Event.SWITCH_OFF: State.OFF}
+
+
+def test_a_new_start_forgets_why_the_last_run_was_stopped():
+    supervisor = Supervisor(LIMITS, PERIOD)
+    supervisor.handle(Event.INITIALISE)
+    supervisor.report(fault(Severity.STOP))
+    assert supervisor.reason[0]
+    assert supervisor.by_device[0]
+    supervisor.handle(Event.SWITCH_OFF)
+    supervisor.handle(Event.INITIALISE)
+    assert not supervisor.reason[0]
+    assert not supervisor.by_device[0]
+
+
+@pytest.mark.parametrize("condition", [*TOUCH_CONDITIONS, *DRIVE_CONDITIONS], ids=lambda c: c.name)
+def test_no_behaviour_hangs_on_the_words_of_a_condition(condition):
+    answers = []
+    for each in (condition, condition._replace(name="renamed", recovery="", reaction="")):
+        supervisor = running()
+        supervisor.report(Fault(each, "device", "detail"))
+        reports = FaultReports(repeat=1.0)
+        reports.report(each, "device", "detail", 0.0)
+        answers.append((supervisor.state[0], supervisor.by_device[0], bool(reports.stopping)))
+    assert answers[0] == answers[1]
+    assert not supervisor.by_device[0] or condition is not BALL_LOST
+
+
+def test_an_event_changes_only_the_rigs_it_is_meant_for():
+    supervisor = running(rigs=3)
+    supervisor.report(fault(Severity.STOP), rig=1)
+    assert supervisor.state.tolist() == [State.RUNNING, State.FAULT, State.RUNNING]
+    rate = supervisor.clamp(np.full((3, 2), 0.01))
+    assert rate.tolist() == [[0.01, 0.01], [0.0, 0.0], [0.01, 0.01]]
+
+
+def test_a_ball_no_longer_felt_is_lost_after_a_tenth_of_a_second():
+    supervisor = running()
+    for _ in range(49):
+        supervisor.watch(np.zeros((1, 4)), np.array([False]))
+    assert supervisor.state[0] == State.RUNNING
+    for _ in range(2):
+        supervisor.watch(np.zeros((1, 4)), np.array([False]))
+    assert supervisor.state[0] == State.HOLDING
+    assert supervisor.lost[0]
+
+
+@pytest.mark.parametrize(("speed", "state"), [(1.4, State.RUNNING), (1.6, State.HOLDING)])
+def test_a_ball_faster_than_the_limit_makes_the_rig_hold(speed, state):
+    supervisor = running(Limits(area=(1.0, 1.0)))
+    for tick in range(60):
+        y = np.array([[0.0, 0.0, speed * PERIOD * tick, 0.0]])
+        supervisor.watch(y, np.array([True]))
+    assert supervisor.state[0] == state
 
 
 def measured(ball, plate=(0.0, 0.0)):
@@ -28,7 +205,7 @@ def measured(ball, plate=(0.0, 0.0)):
 @settings(max_examples=60)
 @given(WISHES, st.integers(1, 40))
 def test_whatever_is_requested_the_commands_keep_angle_rate_and_acceleration_limits(wishes, hold):
-    supervisor = running()
+    supervisor = running(rigs=2)
     before = np.zeros((2, 2))
     for wish in wishes:
         for _ in range(hold):
@@ -51,7 +228,7 @@ def test_one_rig_is_clamped_to_the_bits_it_has_among_three(wish, rate, angle):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_wish_that_is_no_number_stops_its_rig_and_only_that(bad):
-    supervisor = running()
+    supervisor = running(rigs=2)
     rate = supervisor.clamp(np.array([[bad, 0.0], [0.01, 0.0]]))
     assert np.isfinite(rate).all()
     assert supervisor.state.tolist() == [State.HOLDING, State.RUNNING]
@@ -63,13 +240,13 @@ def test_a_wish_that_is_no_number_stops_its_rig_and_only_that(bad):
     [((0.291, 0.0), (0.0, 0.0)), ((0.0, -0.191), (0.0, 0.0)), ((0.0, 0.0), (0.0, np.radians(11)))],
 )
 def test_a_ball_or_plate_past_its_limit_stops_the_rig(ball, plate):
-    supervisor = running(1)
+    supervisor = running()
     supervisor.watch(measured(ball, plate), FELT)
     assert supervisor.state[0] == State.HOLDING
 
 
 def test_a_ball_on_the_edge_of_area_and_margin_is_allowed():
-    supervisor = running(1)
+    supervisor = running()
     supervisor.watch(measured((0.29, 0.19)), FELT)
     assert supervisor.state[0] == State.RUNNING
 
@@ -90,7 +267,7 @@ def test_a_stopped_rig_levels_its_plate_whatever_the_controller_says(phi, theta)
 
 
 def test_a_fault_stops_the_plate_at_once_and_a_hold_does_not():
-    supervisor = running()
+    supervisor = running(rigs=2)
     for _ in range(20):
         supervisor.clamp(np.full((2, 2), 0.2))
     supervisor.handle(Event.STOP, np.array([True, False]))

@@ -12,7 +12,7 @@ from twin.errors import ModelError, ScenarioError
 from twin.hal.interface import Limits
 from twin.run.assemble import SHARED, SHARED_EXACT, assemble
 from twin.run.finished import run
-from twin.run.loop import drive, simulate
+from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
 from twin.settings import settings_of
@@ -115,19 +115,6 @@ def test_a_ball_out_of_balance_beside_one_in_balance_is_refused_by_name():
         assemble([load("circle"), load("circle", ["plant.ball.offset_mm=[1, 0, 0]"])])
 
 
-def test_screens_whose_grids_differ_lie_side_by_side_as_alone():
-    usual = ["plant.surface.spread_percent=20", "plant.surface.slope_deg=0.1"]
-    rigs = [[*usual, f"plant.surface.patch_mm={mm}"] for mm in (30, 90)]
-    rigs += [
-        [],
-        ["plant.surface.relative=[[1.0, 1.2], [0.9, 1.0]]"],
-    ]
-    scenarios = [load("circle", [*each, "duration=0.1", "metrics.start=0"]) for each in rigs]
-    alone = [simulate([one])[0] for one in scenarios]
-    assert simulate(scenarios) == alone
-    assert len({each["rms_error"] for each in alone}) == len(alone)
-
-
 def test_the_references_of_a_batch_can_be_asked_ahead():
     members = (
         Circle(amplitude=0.15, omega=1.0),
@@ -159,17 +146,3 @@ def test_the_estimate_of_a_row_is_that_of_its_own_time():
     ball = record["estimate"][late, 0, 0::4] - record["state"][late, 0, 0::4]
     assert np.sqrt((ball**2).mean()) < 1e-6
     assert np.abs(record["state"][late, 0, 1::4]).max() * 0.002 > 1e-4  # a tick shows
-
-
-def test_a_law_with_a_period_of_its_own_holds_what_it_asks_for_beside_one_without():
-    slow, fast = load("circle", [*SHORT, "controller.period=0.01"]), load("circle", SHORT)
-    rig, controller = assemble([slow, fast], threads=1)
-    record = Recorder(60, 2, rig.period)
-    drive(rig, controller, 0.12, record)
-    asked = record["requested"].reshape(12, 5, 2, 2)
-    assert (asked[:, :, 0] == asked[:, :1, 0]).all()
-    assert (np.diff(asked[1:, 0, 0], axis=0) != 0).all()
-    assert (np.diff(record["requested"][5:, 1], axis=0) != 0).all()
-    for number, alone in enumerate((slow, fast)):
-        own = run(alone).record["requested"][:, 0]
-        np.testing.assert_allclose(record["requested"][:, number], own, rtol=1e-9, atol=1e-12)

@@ -11,7 +11,6 @@ import pytest
 import ballplate
 from controllers import catalog
 from controllers.classical import LQR
-from twin.cli import main
 from twin.report.numbers import FIRST, indicators
 from twin.run.assemble import build_controller
 from twin.run.loop import simulate
@@ -113,15 +112,6 @@ def test_what_time_passes_by_itself_takes_none_besides():
     late = load("circle", ["controller.computing_time=0.03"])
     assert late.without_computing_time == load("circle", [])
     assert not hasattr(build_controller(late.without_computing_time).law, "computing_time")
-
-
-@pytest.mark.parametrize("wrong", ["-0.001", '"guessed"', "inf"])
-def test_what_is_no_time_is_refused_in_one_line(wrong, capsys):
-    with pytest.raises(SystemExit) as end:
-        main(["run", "hold", "--set", f"controller.computing_time={wrong}"])
-    assert end.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "controller.computing_time" in line
 
 
 def test_compare_has_a_column_where_a_command_was_late():

@@ -6,7 +6,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from twin.cli import main
 from twin.errors import RecordError
 from twin.run.finished import open_run, open_runs, run, save
 
@@ -114,14 +113,6 @@ def test_a_unit_in_another_encoding_is_no_reason_to_refuse_a_record(rewritten, r
     table = recorded.cast(recorded.schema.set(0, field))
     (replay,) = open_run(rewritten(table))
     assert replay.units["time"] == "\N{REPLACEMENT CHARACTER}"
-
-
-def test_the_report_on_a_damaged_record_is_one_line_and_exit_code_2(rewritten, capsys):
-    folder = rewritten(metrics=[1])
-    with pytest.raises(SystemExit) as caught:
-        main(["report", str(folder)])
-    assert caught.value.code == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_folders_of_runs_and_patterns_lead_to_every_run(rewritten, tmp_path):

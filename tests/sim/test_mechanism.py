@@ -123,17 +123,6 @@ def test_a_rolling_ball_slows_down_with_the_friction_of_its_own_rig():
     )
 
 
-def test_a_second_start_repeats_the_first():
-    plant = Mechanism()
-    runs = []
-    for _ in range(2):
-        plant.start(np.array([[0.1, 0.0, 0.05, 0.0]]))
-        for k in range(100):
-            plant.advance(motion(k * TICK * plant.step)[None], TICK)
-        runs.append(plant.state)
-    assert np.array_equal(*runs)
-
-
 def test_the_servo_does_not_droop_under_the_spring():
     plant = Mechanism()
     plant.start(BESIDE)

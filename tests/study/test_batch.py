@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from controllers.classical import LQR
-from twin.run.finished import run
 from twin.run.loop import alike, simulate
 from twin.scenario import Scenario, load
 from twin.sim.plant.exact import ExactPlant
@@ -60,17 +59,6 @@ def test_the_cure_gives_the_same_bits_beside_other_references() -> None:
     )
     rigs = [load("cure", [*short, *each]) for each in kinds]
     assert simulate(rigs) == [simulate([rig])[0] for rig in rigs]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
-def test_a_batch_agrees_with_single_runs_to_rounding(kind: str) -> None:
-    some = scenarios(kind, 5, 0.24)
-    for scenario, metrics in zip(some, simulate(some), strict=True):
-        alone = run(scenario).metrics
-        for name, value in metrics.items():
-            same = isinstance(value, float)
-            assert value == (pytest.approx(alone[name], rel=1e-6) if same else alone[name])
 
 
 def test_a_ball_that_falls_leaves_its_neighbours_alone() -> None:

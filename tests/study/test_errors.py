@@ -84,23 +84,6 @@ def test_a_mistake_in_a_study_is_one_line_that_says_where_and_what_is_allowed(
     assert not (tmp_path / "runs").exists()
 
 
-def test_an_unknown_study_is_answered_with_the_nearest_and_what_lists_all(capsys) -> None:
-    code, _, err = called(capsys, "study", "frictoin")
-    assert code == 2
-    assert "did you mean 'friction'?" in err
-    assert "`ballplate study` lists all" in err
-
-
-def test_a_folder_that_cannot_be_written_is_found_out_before_the_first_run(study, tmp_path) -> None:
-    (tmp_path / "taken").write_text("a file")
-    code, _, err = study("", "", "--out", "taken")
-    assert code == 2
-    assert (
-        err.strip()
-        == "ballplate: --out taken: cannot be written: a file is where a folder should be"
-    )
-
-
 def test_samples_given_by_option_are_checked_like_those_of_the_file(study) -> None:
     code, _, err = study('"grid"', '"sobol"\nsamples = 16', "--samples", "100")
     assert code == 2

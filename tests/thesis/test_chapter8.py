@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
 from twin.cli.analyse import reproduce
-from twin.errors import ScenarioError, TwinError
+from twin.errors import TwinError
 from twin.run.assemble import build_controller
 from twin.run.metrics import Motion
 from twin.run.picture import COLOURS
@@ -134,11 +134,6 @@ def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
     assert all(c["deviation_percent"] is None for c in cells if c["column"] == "overshoot [%]")
 
 
-def test_an_unknown_table_is_one_line_that_lists_the_known_ones():
-    with pytest.raises(ScenarioError, match=r"no table '8\.22'; there are 8\.1 to 8\.21 and"):
-        call("8.4", "8.22")
-
-
 def test_the_page_has_its_tables_notes_and_figures(steps, tmp_path, monkeypatch):
     docs = Path(__file__).parents[2] / "docs"
     monkeypatch.syspath_prepend(docs)
@@ -159,16 +154,6 @@ def short(monkeypatch, name, seeds=1, **setup):
     rows = [replace(row, seeds=seeds, setup={**row.setup, **about}) for row in table.rows]
     new = {name: replace(table, rows=tuple(rows))}
     monkeypatch.setattr(chapter8, "tables", lambda: new)
-
-
-@pytest.mark.parametrize("way", WAYS[1:])
-def test_a_row_gives_the_same_alone_and_among_others(way, monkeypatch):
-    short(monkeypatch, "8.14", seeds=2)
-    (alone,) = carry_out(ReproductionJob(way, (("8.14", 0),), 1.0))
-    _, among = carry_out(ReproductionJob(way, (("8.14", 1), ("8.14", 0)), 1.0))
-    for column, values in alone.values.items():
-        assert len(set(values)) == 2, "each seed has noise of its own"
-        assert among.values[column] == pytest.approx(values, rel=1e-12)
 
 
 def test_a_run_that_ended_early_has_no_values_and_the_exact_plate_has_no_edge(monkeypatch):

@@ -211,11 +211,6 @@ def test_the_stored_numbers_lie_in_their_ranges_and_every_table_was_left_out():
             assert about.low < value < about.high
 
 
-def test_a_table_that_does_not_exist_is_refused_by_name():
-    result = CliRunner().invoke(command, ["9.10"], standalone_mode=False)
-    assert str(result.exception) == "no table '9.10'; there are 8.1 to 8.21 and 9.1 to 9.9"
-
-
 def test_the_command_prints_one_json_list_with_the_promised_keys(monkeypatch):
     cells = [dict.fromkeys(KEYS, 1.0)]
     monkeypatch.setattr("twin.thesis.chapter9.rows", lambda *_, **__: cells)

@@ -12,8 +12,6 @@ from served_screen import EmulatedScreen
 from twin.devices.lumio.config import LumioConfig, ScreenError
 from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.emulator.screen import Protocol, ScreenLine
-from twin.errors import ScenarioError
-from twin.scenario.rig import check_rig
 
 pytestmark = pytest.mark.real_time
 
@@ -145,17 +143,3 @@ def test_a_port_without_permission_is_said_with_what_to_do(monkeypatch):
         LumioScreen(LumioConfig(port="/dev/hidraw0", transport="hidraw")).start()
     with pytest.raises(ScreenError, match=r"permission denied; add the user"):
         LumioScreen(LumioConfig(port="/dev/ttyUSB0")).start()
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"transport": "usb"}, "touch.transport: .*serial.*hidraw"),
-        ({"protocol": "smart"}, "auto, microtouch, elo"),
-        ({"baud": 0}, "touch.baud = 0: must be 1 to 1e"),
-        ({"transport": "evdev"}, "touch.transport: .*serial.*hidraw"),
-    ],
-)
-def test_a_configuration_that_cannot_be_is_refused_with_what_is_allowed(options, words):
-    with pytest.raises(ScenarioError, match=words):
-        check_rig({"touch": {"port": "/dev/null", **options}}, "test")
