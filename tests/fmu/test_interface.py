@@ -1,6 +1,7 @@
 """An FMU as importers see it: valid, complete, simulated, saved, restored; what it refuses."""
 
 import ctypes
+import json
 import re
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from click.testing import CliRunner
 from fmpy.validation import validate_fmu
 
 import ballplate as bp
+from controllers import fmu as fmu_law
 from twin.cli import ballplate as command
 from twin.errors import RecordError, ScenarioError
 from twin.fmu.description import exponents, parameters
@@ -232,6 +234,31 @@ def test_every_name_on_the_page_about_simulink_is_one_of_the_fmu(fmu):
     names = {each.name for each in listed}
     for quoted in re.findall(r"`([a-z_.]+)`", table.replace("`_", "")):
         assert quoted in names, quoted
+
+
+def test_every_name_of_the_maestro_files_is_one_of_the_fmu_of_the_right_kind(tmp_path):
+    page = (HERE.parents[1] / "docs" / "simulink.md").read_text(encoding="utf-8")
+    files = re.findall(r"^```json\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    model, run = (json.loads(each) for each in files)
+    path = tmp_path / "rig.fmu"
+    bp.fmu("circle", path, wished=True, duration=0.02)
+    about = fmpy.read_model_description(str(path))
+    of_rig = {f"{{rig}}.rig.{each.name}": each for each in about.modelVariables}
+    of_law = {f"{{controller}}.law.{name}": "input" for name in fmu_law.INPUTS}
+    of_law |= {f"{{controller}}.law.{name}": "output" for name in fmu_law.RATES}
+    kinds = {name: each.causality for name, each in of_rig.items()} | of_law
+    ends = [end for each in model["connections"].values() for end in each]
+    assert {kinds[each] for each in model["connections"]} == {"output"}
+    assert {kinds[each] for each in ends} == {"input"}
+    assert len(set(ends)) == len(ends)
+    assert {"{rig}.rig.rate_phi", "{rig}.rig.rate_theta"} <= set(ends)
+    assert {kinds[each] for each in model["parameters"]} == {"parameter"}
+    types = {"Real": float, "Boolean": bool}
+    assert all(type(v) is types[of_rig[n].type] for n, v in model["parameters"].items())
+    (logged,) = model["logVariables"].items()
+    assert {f"{logged[0]}.{name}" for name in logged[1]} <= of_rig.keys()
+    assert set(model["fmus"]) == {"{rig}", "{controller}"}
+    assert run["algorithm"]["size"] == float(of_rig["{rig}.rig.rig.period"].start)
 
 
 @pytest.mark.long

@@ -277,7 +277,7 @@ def trace(
 
 def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) -> int:
     """Tell where emulated drives answer otherwise than those of a trace."""
-    from twin.emulator.replay import FRAMES, LATE, NEAR, replay
+    from twin.doctor.replay import FRAMES, LATE, NEAR, replay
 
     found = replay(trace.frames, names, drives)
     first, (place, rate) = found.difference, NEAR.values()

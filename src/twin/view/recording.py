@@ -18,6 +18,7 @@ from twin.errors import ScenarioError, ViewError
 from twin.hal.interface import SCREEN
 from twin.run.finished import Run
 from twin.scenario.schema import Scenario
+from twin.view import bus
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.streams import (
     PLOTS,
@@ -55,7 +56,11 @@ def blueprint(
         ),
         row_shares=[3, 2],
     )
-    tabs = {name: _plots(roots, groups, titles) for name, titles in PLOTS.items()}
+    tabs: dict[str, list[rrb.View]] = {
+        name: [*_plots(roots, groups, titles)] for name, titles in PLOTS.items()
+    }
+    if tabs["bus"]:
+        tabs["bus"].append(_events(roots, "bus"))
     right = rrb.Tabs(*(rrb.Vertical(*plots, name=name) for name, plots in tabs.items() if plots))
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
@@ -113,9 +118,9 @@ def _plate(roots: Sequence[str], size: tuple[float, float]) -> rrb.Spatial2DView
     )
 
 
-def _events(roots: Sequence[str]) -> rrb.TextLogView:
-    contents = [f"+ {root}/events" for root in roots]
-    return rrb.TextLogView(origin="/", contents=contents, name="events")
+def _events(roots: Sequence[str], entity: str = "events") -> rrb.TextLogView:
+    contents = [f"+ {root}/{entity}" for root in roots]
+    return rrb.TextLogView(origin="/", contents=contents, name=entity)
 
 
 APPLICATION = "ballplate"
@@ -186,12 +191,12 @@ def forward(url: str, runs: Sequence[Run]) -> None:
 
 
 def _plan(
-    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], *, twin: bool = False
+    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], more: Iterable[str] = ()
 ) -> rrb.Blueprint:
-    """How runs are arranged, by rows of each."""
+    """How runs are arranged, by rows of each, and further plots."""
     both = zip(streams, blocks, strict=True)
     groups = {group for each, rows in both for group in each.plots(rows)}
-    groups |= {*TWIN_PLOTS} if twin else set()
+    groups |= {*more}
     return blueprint([each.root for each in streams], groups, streams[0].size)
 
 
@@ -201,11 +206,17 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
         RunStream(run.name, run.scenario, i if together else None, run.followed)
         for i, run in enumerate(runs)
     ]
-    plan = _plan(streams, [run.rows for run in runs])
+    spoken = [bus.conversation(run) for run in runs]
+    plan = _plan(
+        streams, [run.rows for run in runs], more=bus.UNITS.values() if any(spoken) else ()
+    )
     stream.send_blueprint(plan, make_active=True, make_default=True)
-    for each, run in zip(streams, runs, strict=True):
+    for each, run, said in zip(streams, runs, spoken, strict=True):
         fix(stream, (*each.fixed(), *each.styles(run.rows)))
         send(stream, each.batches(run.rows))
+        for batch, style in bus.batches(each.root, run, said) if said else ():
+            fix(stream, [(batch.entity, style)] if style else ())
+            send(stream, [batch])
 
 
 EVERY = 0.08
@@ -263,7 +274,7 @@ def work(
             if not block or not len(block["time"]):
                 continue
             if not begun:
-                plan = _plan([run], [block], twin=twin)
+                plan = _plan([run], [block], TWIN_PLOTS if twin else ())
                 stream.connect_grpc(url, default_blueprint=plan)
                 if twin:  # whose process may have come first, and the viewer made its own plan
                     stream.send_blueprint(plan, make_active=True, make_default=True)

@@ -255,7 +255,7 @@ class Conversation:
             said = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
         elif of_pdo and maps and sub and value:
             carried, bits = _mapped(value)
-            said = f"{self.object(carried)}, {bits} bits"
+            said = f"{self.object_name(carried)}, {bits} bits"
         elif index == 0x2001 and sub and value:
             said = protocol.fault_words([value])
         elif unit:
@@ -270,9 +270,10 @@ class Conversation:
                 factor, unit = self.scale(number, key)
                 ends = sorted(factor * each(series.counts) for each in (min, max))
                 its = {"from": ends[0], "to": ends[1], "unit": unit}
-                nodes[f"{number}"]["signals"][self.object(key)] = its
+                nodes[f"{number}"]["signals"][self.object_name(key)] = its
         pdos = {
-            f"{cob_id:03X}h": pdo._asdict() | {"entries": [self.object(k) for k, _ in pdo.entries]}
+            f"{cob_id:03X}h": pdo._asdict()
+            | {"entries": [self.object_name(k) for k, _ in pdo.entries]}
             for cob_id, pdo in self.pdos.items()
         }
         strangers = {f"{each:03X}h": count for each, count in self.strangers.items()}
@@ -281,7 +282,7 @@ class Conversation:
             "strangers": strangers,
         }
 
-    def object(self, key: Key) -> str:
+    def object_name(self, key: Key) -> str:
         """What an object is called."""
         name = self._names[key].name
         return f"{key[0]:04X}h{f':{key[1]}' if key[1] else ''}{f' {name}' if name else ''}"
@@ -402,7 +403,7 @@ class Conversation:
             self._power(at, pdo.node, value)
         if self._new((pdo.node, key), meaning):
             to = "" if who != HOST else f" to {self.called(pdo.node)}"
-            self._say(at, who, "PDO", f"{self.object(key)}{to}: {words}")
+            self._say(at, who, "PDO", f"{self.object_name(key)}{to}: {words}")
 
     def _transfer(self, at: float, number: int, data: bytes, *, asks: bool) -> None:
         """Take in what a client asks of a node, or what that answers.
@@ -457,7 +458,7 @@ class Conversation:
 
     def _ended(self, number: int, transfer: _Transfer, how: str, said: str) -> None:
         """Tell a transfer; what is read back as it was just written is part of that."""
-        node, what = self._node(number), self.object(transfer.key)
+        node, what = self._node(number), self.object_name(transfer.key)
         node.transfers[how] += 1
         written = f"writes {what} to {node.name}: {said}"
         text = written if transfer.writes else f"reads {what} of {node.name}: {said}"

@@ -214,5 +214,5 @@ def _numbers(
             for k in np.flatnonzero(
                 (y < minimum_filter1d(x, wide) - near) | (y > maximum_filter1d(x, wide) + near)
             )[:1]:
-                text = told(f"{said.object(key)} {x[k]:.6g} {unit}", f"{y[k]:.6g} {unit}")
+                text = told(f"{said.object_name(key)} {x[k]:.6g} {unit}", f"{y[k]:.6g} {unit}")
                 yield TracedEvent(a.time[k], who, "PDO", text)
