@@ -707,7 +707,10 @@ class InversePlan(Slices):
         tick = self._tick(t)
         rows = self._laid[tick].reshape(9, -1, 2).transpose(2, 0, 1)
         axes = rows[..., 0].tolist() if rows.shape[2] == 1 else rows.copy()
-        return [InverseMotion(*each[:3], Tilts(*each[3:6]), Tilts(*each[6:])) for each in axes]
+        return [
+            InverseMotion(x, v, pace, Tilts(*slopes[:3]), Tilts(*slopes[3:]))
+            for x, v, pace, *slopes in axes
+        ]
 
     def _parts(self) -> Sequence[Callable[[], None]]:
         return self._preview.ask, self._preview.go_on, self._lay_free, self._lay

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from benchmarks import exact_plant, figures, measurements
+from benchmarks import exact_plant, figures, measurements, realtime
 from benchmarks.__main__ import TEMPLATE
 from benchmarks.figures import GOALS, Figure, Goal
 from benchmarks.measurements import Measurement
@@ -61,6 +62,12 @@ def test_the_exact_plant_is_measured_against_a_baseline_that_runs():
     rates = exact_plant.commands(2)
     for friction in (None, figures.ROLLING):
         assert exact_plant.plain(friction, rates) > 0 < exact_plant.exact(friction, rates)
+
+
+def test_every_command_after_the_first_second_is_timed():
+    thesis, cure = (realtime.command_times(name, [], 0.1) for name in ("circle", "cure"))
+    assert len(thesis) == len(cure) == 50
+    assert 1 < np.median(thesis) < np.median(cure) < 2000
 
 
 def test_the_page_is_made_of_what_is_kept():
