@@ -108,6 +108,29 @@ def run(scenarios, ticks=300):
     return record
 
 
+@pytest.mark.long
+def test_rigs_of_differing_observers_and_laws_run_side_by_side_as_alone():
+    on = ["plant.kind=lagrange", "plant.step=0.002", "duration=0.6", "metrics.start=0"]
+    jump = 'reference={kind="step",end=[0.1,0.05],time=0.1}'
+    each = [
+        load("circle", on),
+        load("circle", [*on, *CURE]),
+        load("circle", [*on, "observer.kind=friction_kalman", "seed=3"]),
+        load("circle", [*on, *CURE, jump, "sensors.touch.frame_rate=58"]),
+    ]
+    together = run(each)
+    for rig, scenario in enumerate(each):
+        alone = run([scenario])
+        for name in ("state", "estimate", "applied"):
+            # rounding differs: numbers for one rig, arrays for several
+            np.testing.assert_allclose(together[name][:, rig], alone[name][:, 0], atol=1e-7)
+    assert np.isnan(together["further"][:, 0]).all()
+    assert np.isfinite(together["further"][:, 1:]).all()
+    # the jump was known ahead in the batch, too: the plate moves before it
+    before = round(0.08 / T)
+    assert np.abs(together["applied"][:before, 3]).max() > 0.02
+
+
 def written(folder, record):
     write_run(folder, record, {})
     return pq.read_table(folder / "run.parquet")
