@@ -3,13 +3,13 @@
 ``state_feedback_loop`` is the design in continuous time with the full state, as the thesis does it;
 ``sampled_loop`` is what runs: law, observer and predictor once per period, the input held between,
 the ball measured a dead time late. Laws and observers are taken as they are: their own methods are
-asked for the answer to small deviations. At the end stand the thesis's own designs.
+asked for the answer to small deviations.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from functools import lru_cache
 from typing import Any, NamedTuple, cast
@@ -19,12 +19,10 @@ import scipy
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from controllers.ballplate import ACCELERATION, BALL, BallPlate
-from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, PolePlacement
+from controllers.ballplate import ACCELERATION, BALL
 from controllers.controller import HeldLaw, Smith
-from controllers.design import Pole, listed, sample
+from controllers.design import listed, sample
 from controllers.interfaces import Law, Measurement, Observer, Reference
-from controllers.observers import Luenberger
 from controllers.observers.thesis import Ideal
 from controllers.references import Hold
 
@@ -507,45 +505,6 @@ def unstable(z: Complex) -> Complex:
 PlainRow = dict[str, Any]
 """A row of a table as JSON can hold it."""
 
-DEAD_TIME = 0.042
-"""Dead time of the touch screen in s, Table A.2."""
-
-
-def design_rows(
-    model: BallPlate, advance: Callable[[float], None] = lambda _: None
-) -> list[PlainRow]:
-    """Poles and margins of every linear design of the thesis, with the observer of (8.1).
-
-    Args:
-        model: Model of design and plant.
-        advance: Told the number of designs done.
-    """
-    observer = Luenberger(model=model)
-    rows = []
-    for done, design in enumerate(linear_designs(model)):
-        law, full = design.law, state_feedback_loop(design.law)
-        sampled = sampled_loop(law, observer)
-        late = sampled_loop(law, observer, dead_time=DEAD_TIME)
-        rows.append(
-            {
-                "table": design.source,
-                "controller": law.name,
-                "settings": design.settings,
-                "thesis_poles": None if design.poles is None else pairs(design.poles),
-                "thesis_model": "flat" if design.flat else "linear",
-                "poles_flat_model": pairs(state_feedback_loop(law, flat=True).poles()),
-                "poles_linear_model": pairs(full.poles()),
-                "slowest_pole_with_observer_and_dead_time": pairs(late.poles())[0],
-                "margins": {
-                    "full_state_at_u1": margin_row(margins(full, "u1")),
-                    "observer_at_u1": margin_row(margins(sampled, "u1")),
-                    "observer_at_ball": margin_row(margins(sampled, "x")),
-                },
-            }
-        )
-        advance(done + 1)
-    return rows
-
 
 def loop_row(law: Law, observer: Observer, dead_time: float) -> PlainRow:
     """Poles and margins of one sampled loop, or under ``reason`` why there are none.
@@ -590,60 +549,3 @@ def pairs(poles: Iterable[complex]) -> list[list[float]]:
 def number(value: float | None) -> float | None:
     """The value, or None for one that is not finite."""
     return float(value) if value is not None and math.isfinite(value) else None
-
-
-class LinearDesign(NamedTuple):
-    """A controller with the gains of the thesis.
-
-    Attributes:
-        source: Table or chapter.
-        settings: What was chosen, in words.
-        law: The controller.
-        poles: Poles of an axis in 1/s as designed, or None where the thesis gives weights or gains.
-        flat: Whether they are poles of the flat model (6.44) rather than of (5.35).
-    """
-
-    source: str
-    settings: str
-    law: Law
-    poles: tuple[Pole, ...] | None = None
-    flat: bool = False
-
-
-PLACED = ((-1, -1.5, -2, -2.5), (-2, -2.5, -3.5, -4), (-1, -2, -5, -6))
-WEIGHTS = (("8.2, 9.1", 100, 0.1), ("8.2", 300, 0.1), ("8.2", 1000, 0.1), ("8.3", 300, 0.3))
-TRACKING = ((-1, -1.5, -2, -2.5), (-2, -2.5, -3.5, -4), (-3, -4, -5, -6))
-INTEGRAL = ((-0.5, -1, -1.5, -2, -2.5), (-1, -1.5, -2, -2.5, -3), (-2, -2.5, -3.5, -4, -5))
-STEPS = ((0.1, 1, 1.5, 2), (1, 2, 2.5, 3), (1, 4, 5, 6))
-
-
-def linear_designs(model: BallPlate | None = None) -> list[LinearDesign]:
-    """Every design of chapters 8 and 9 that has a linearisation: all but the sliding mode.
-
-    Chapter 9 gives gains without poles; those beside them follow from its gains and the flat model.
-    Feed-forward with LQR has the loop of the LQR.
-
-    Args:
-        model: The model the laws are designed on.
-    """
-    m = model or BallPlate()
-    return [
-        *(LinearDesign("8.1", f"{p}", PolePlacement(model=m, poles=p), p) for p in PLACED),
-        *(LinearDesign(n, f"ρ={r}, κ={k}", LQR(model=m, rho=r, kappa=k)) for n, r, k in WEIGHTS),
-        *(LinearDesign("8.4", f"{p}", AFL(model=m, poles=p), p, flat=True) for p in TRACKING),
-        LinearDesign(
-            "9.2", "p=(180, 162, 66, 13)", AFL(model=m, gains=(180, 162, 66, 13)), flat=True
-        ),
-        *(
-            LinearDesign("8.6", f"{p}", AFLIntegral(model=m, poles=p), p, flat=True)
-            for p in INTEGRAL
-        ),
-        LinearDesign(
-            "9.4",
-            "p=(200, 132, 51, 12), p_I=4",
-            AFLIntegral(model=m, gains=(200, 132, 51, 12, 4)),
-            flat=True,
-        ),
-        *(LinearDesign("8.8", f"c={c}", Backstepping(model=m, c=c), flat=True) for c in STEPS),
-        LinearDesign("9.6", "c=(2, 3, 4, 5.5)", Backstepping(model=m, c=(2, 3, 4, 5.5)), flat=True),
-    ]

@@ -6,8 +6,9 @@ import pytest
 
 import ballplate as bp
 from ballplate.systems import DESIRED, INPUTS
-from controllers.analysis import linear_designs, margins, sampled_loop, state_feedback_loop
+from controllers.analysis import margins, sampled_loop, state_feedback_loop
 from controllers.ballplate import STATES
+from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, PolePlacement
 from twin.run.assemble import build_controller
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.mechanism import Mechanism
@@ -59,13 +60,26 @@ def test_every_signal_has_a_unit_and_a_column_of_the_record():
         assert {*each.input_labels, *each.output_labels} <= set(bp.systems.UNITS)
 
 
-@pytest.mark.parametrize("design", linear_designs(), ids=lambda d: f"{d.source} {d.settings}")
-def test_poles_and_margins_of_every_design_of_the_thesis(design):
-    law = bp.systems.law("circle", controller=design.law)
-    loop = state_feedback_loop(design.law)
+@pytest.mark.parametrize(
+    "design",
+    [
+        *(PolePlacement(poles=p) for p in ((-1, -1.5, -2, -2.5), (-1, -2, -5, -6))),
+        *(LQR(rho=rho, kappa=0.1) for rho in (100, 300, 1000)),
+        LQR(rho=300, kappa=0.3),
+        *(AFL(poles=p) for p in ((-2, -2.5, -3.5, -4), (-3, -4, -5, -6))),
+        AFL(gains=(180, 162, 66, 13)),
+        *(AFLIntegral(poles=p) for p in ((-0.5, -1, -1.5, -2, -2.5), (-2, -2.5, -3.5, -4, -5))),
+        AFLIntegral(gains=(200, 132, 51, 12, 4)),
+        *(Backstepping(c=c) for c in ((0.1, 1, 1.5, 2), (1, 4, 5, 6), (2, 3, 4, 5.5))),
+    ],
+    ids=lambda law: str(law)[:60],
+)
+def test_poles_and_margins_of_designs_of_the_thesis(design):
+    law = bp.systems.law("circle", controller=design)
+    loop = state_feedback_loop(design)
     # a pole of a multiplicity beyond one is found to the root of the rounding
     assert matched(controlled(law).poles(), loop.poles()) < 1e-4
-    if design.poles and not design.flat:
+    if design.name == "pole_placement":
         assert matched(controlled(law).poles(), design.poles) < 1e-4
     found = margins(loop, "u1")
     if law.nstates:
@@ -75,7 +89,7 @@ def test_poles_and_margins_of_every_design_of_the_thesis(design):
     assert found.phase == pytest.approx(abs(phase), rel=1e-3)
     if found.gain_down is not None or found.gain_up is not None:
         assert min(abs(gain / each - 1) for each in found[:2] if each is not None) < 1e-3
-    if design.law.name == "lqr":
+    if design.name == "lqr":
         assert found.crossover == pytest.approx(crossover, rel=1e-3)
 
 

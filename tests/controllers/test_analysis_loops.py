@@ -6,7 +6,6 @@ import pytest
 
 from controllers.analysis import (
     instability,
-    linear_designs,
     linear_law,
     margins,
     sampled_loop,
@@ -45,14 +44,25 @@ def same(found, expected, rtol=1e-6):
     return not found
 
 
-POLES = [design for design in linear_designs() if design.poles]
+PLACED = (-1, -1.5, -2, -2.5), (-2, -2.5, -3.5, -4), (-1, -2, -5, -6)
+TRACKING = (*PLACED[:2], (-3, -4, -5, -6))
+INTEGRAL = (-0.5, -1, -1.5, -2, -2.5), (-1, -1.5, -2, -2.5, -3), (-2, -2.5, -3.5, -4, -5)
+"""The poles of Tables 8.1, 8.4 and 8.6."""
 
 
-@pytest.mark.parametrize("design", POLES, ids=lambda design: f"{design[:2]}")
-def test_every_design_has_the_poles_the_thesis_asks_for_on_its_own_model(design):
-    poles = state_feedback_loop(design.law, flat=design.flat).poles()
+@pytest.mark.parametrize(
+    "law",
+    [
+        *(PolePlacement(poles=poles) for poles in PLACED),
+        *(AFL(poles=poles) for poles in TRACKING),
+        *(AFLIntegral(poles=poles) for poles in INTEGRAL),
+    ],
+    ids=lambda law: f"{law.name} {law.poles}",
+)
+def test_every_design_has_the_poles_the_thesis_asks_for_on_its_own_model(law):
+    poles = state_feedback_loop(law, flat=law.name != PolePlacement.name).poles()
     # Poles are roots: an error e in a coefficient moves a near-double one by the root of e.
-    assert same(poles, [*design.poles, *design.poles], rtol=1e-5)
+    assert same(poles, [*law.poles, *law.poles], rtol=1e-5)
 
 
 @pytest.mark.parametrize(

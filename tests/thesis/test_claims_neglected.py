@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from controllers.ballplate import BallPlate
-from twin.thesis.chapter8 import size, terms
+from twin.thesis.chapter8 import terms
 
 MODEL = BallPlate()
 STATES = arrays(float, (3, 8), elements=st.floats(-1, 1))
@@ -28,16 +28,3 @@ def test_main_and_neglected_terms_are_those_of_6_42_and_all_are_the_exact_accele
     for part, expected in zip(found, (main, neglected, unlisted), strict=True):
         assert np.allclose(part, np.transpose(expected), atol=1e-12)
     assert np.allclose(sum(found), m.derivative(x, u)[:, [1, 5]] / m.c1, atol=1e-12)
-
-
-def test_sizes_of_sines_are_their_amplitudes_and_root_mean_squares():
-    t = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
-    main = np.transpose([4 * np.sin(t), 2 * np.cos(t)])
-    found = size(np.transpose([np.sin(t), np.ones_like(t)]), main)
-    assert np.allclose(found["max"], 1, atol=1e-5)
-    assert np.allclose(found["peak_ratio"], [1 / 4, 1 / 2], atol=1e-5)
-    assert np.allclose(found["rms_ratio"], [1 / 4, 1 / np.sqrt(2)], atol=1e-9)
-
-
-def test_a_ratio_to_nothing_is_no_number():
-    assert np.isnan(size(np.zeros((5, 2)), np.zeros((5, 2)))["rms_ratio"]).all()

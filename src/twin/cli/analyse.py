@@ -1,4 +1,4 @@
-"""The commands analyse and reproduce: the thesis's designs and tables computed again."""
+"""The commands analyse and reproduce: a scenario's loop; the thesis's tables computed again."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from twin.errors import ScenarioError
 from twin.page import Table, digits
 
 if TYPE_CHECKING:
-    from controllers.ballplate import BallPlate
     from twin.scenario import Scenario
     from twin.thesis.chapter8 import Results, SimulatedTable, ThesisCell
     from twin.thesis.chapter9 import Row
@@ -24,13 +23,6 @@ if TYPE_CHECKING:
 Numbers = dict[str, Any]
 """A part of what ``--json`` prints."""
 
-CUTS = {
-    "full_state_at_u1": "full state, continuous, cut at u1",
-    "observer_at_u1": "Luenberger observer (8.1) at 2 ms, cut at u1",
-    "observer_at_ball": "Luenberger observer (8.1) at 2 ms, cut at the ball's measurement",
-}
-TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' and the like"}
-
 
 @click.command(cls=Command, example="analyse circle --set controller.kind=lqr")
 @SCENARIO(default="sine")
@@ -38,42 +30,13 @@ TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' a
 @SETTING
 @JSON
 def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
-    """Analyse loops, the thesis's and a scenario's own: poles, margins, neglected terms.
+    """Analyse the loop of a scenario: poles and margins of law, observer and predictor.
 
-    SCENARIO [sine] gives the motion for which the neglected terms are computed, and a loop to
-    analyse.
+    SCENARIO [sine] gives the controller and the dead time of its screen.
     """
-    from controllers.analysis import design_rows, linear_designs
-    from controllers.ballplate import BallPlate
-
     chosen = scenario_of(scenario, changes_of(overrides, {}))
-    model = BallPlate()
-    with progress("analysis", len(linear_designs(model)) + 1) as advance:
-        rows = design_rows(model, advance)
-        neglected = _neglected(chosen, model)
-        loop = _loop(chosen)
-    numbers = {"scenario": chosen.title, "designs": rows, "neglected": neglected, "loop": loop}
-    margins = (_margins_of(rows, cut, title) for cut, title in CUTS.items())
-    thesis = (*_pole_table(rows), *margins)
-    shown = (*_told(loop), _neglected_terms(neglected, chosen.title), *thesis)
-    show(numbers, shown)
-
-
-def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
-    """Terms of (6.42) along the scenario's motion on the clean exact model."""
-    from twin.run.finished import run as run_scenario
-    from twin.scenario.load import clean
-    from twin.thesis.chapter8 import neglected_rows
-
-    record = run_scenario(clean(scenario)).record
-    assert record is not None
-    x, u = record["state"][:, 0], record["applied"][:, 0]
-    steady = record.time >= scenario.metrics.start - 1e-9
-    return {
-        "from": scenario.metrics.start,
-        "whole": neglected_rows(model, x, u),
-        "steady": neglected_rows(model, x[steady], u[steady]) if steady.any() else [],
-    }
+    loop = _loop(chosen)
+    show({"scenario": chosen.title, "loop": loop}, _told(loop))
 
 
 def _loop(scenario: Scenario) -> Numbers:
@@ -92,49 +55,6 @@ def _loop(scenario: Scenario) -> Numbers:
     }
 
 
-def _pole_table(rows: Sequence[Numbers]) -> tuple[Shown, ...]:
-    from controllers.analysis import DEAD_TIME
-
-    late = f"slowest, observer, {1000 * DEAD_TIME:g} ms late"
-    lines = []
-    for row in rows:
-        slowest = row["slowest_pole_with_observer_and_dead_time"]
-        four = (
-            row["thesis_poles"] or [],
-            row["poles_flat_model"],
-            row["poles_linear_model"],
-            [[slowest[0], abs(slowest[1])]],
-        )
-        lines.append((row["table"], _name(row), *map(_poles, four)))
-    title = "Closed-loop poles in 1/s about the level plate, full state"
-    heads = ("table", "", "thesis", "flat (6.44)", "linear (5.35)", late)
-    where = "The thesis places those of 8.1 on (5.35), those of 8.4 and 8.6 on (6.44)."
-    return Table(title, heads, lines, words=range(6)), where
-
-
-def _margins_of(rows: Sequence[Numbers], cut: str, title: str) -> Table:
-    lines = [(row["table"], _name(row), *_margins(row["margins"][cut])) for row in rows]
-    return Table(f"Margins: {title}", ("table", "", *MARGINS), lines, words=(0, 1))
-
-
-def _neglected_terms(found: Numbers, title: str) -> Table:
-    columns = ("eq.", "terms", "when", "main, max m/s²", "max m/s²", "peak ratio %", "RMS ratio %")
-    title = f"Terms the flat model leaves out, Figure 8.6: {title}, clean model"
-    whens = {"whole": "whole run", "steady": f"from {found['from']:g} s on"}
-    lines = [
-        (
-            f"({row['equation']})",
-            TERMS[row["terms"]],
-            label,
-            *(_shown(row[key]) for key in ("main_max", "max")),
-            *(_shown(row[key], 100) for key in ("peak_ratio", "rms_ratio")),
-        )
-        for when, label in whens.items()
-        for row in found[when]
-    ]
-    return Table(title, columns, lines, words=range(3))
-
-
 def _told(found: Numbers) -> Iterator[Shown]:
     """The scenario's own loop in words and a table."""
     parts = [found["controller"], found["observer"]]
@@ -147,7 +67,7 @@ def _told(found: Numbers) -> Iterator[Shown]:
         return
     lines = [(cut, *_margins(row)) for cut, row in found["margins"].items()]
     yield Table(title, ("cut at", *MARGINS), lines)
-    yield f"poles in 1/s, slowest first: {_poles(found['poles'], 10)}"
+    yield f"poles in 1/s, slowest first: {_poles(found['poles'])}"
     if not found["stable"]:
         yield bold("this loop is unstable")
     if found["hold_left_out"]:
@@ -165,15 +85,15 @@ def _margins(row: Numbers | None) -> list[str]:
     return [gain, *(_shown(row[key], scale) for key, scale in rest)]
 
 
-def _name(row: Numbers) -> str:
-    return f"{row['controller']} {row['settings']}"
+SLOWEST = 10
+"""Poles that are printed."""
 
 
-def _poles(pairs: Sequence[Sequence[float]], most: int = 5) -> str:
+def _poles(pairs: Sequence[Sequence[float]]) -> str:
     """Poles for people: conjugate ones as a±bj."""
     upper = [(real, imag) for real, imag in pairs if imag > -1e-6]
-    shown = [f"{re:.3g}±{im:.3g}j" if im > 1e-4 else f"{re:.3g}" for re, im in upper[:most]]
-    return ", ".join(shown) + (", ..." if len(upper) > most else "")
+    shown = [f"{re:.3g}±{im:.3g}j" if im > 1e-4 else f"{re:.3g}" for re, im in upper[:SLOWEST]]
+    return ", ".join(shown) + (", ..." if len(upper) > SLOWEST else "")
 
 
 def _shown(value: float | None, scale: float = 1.0) -> str:

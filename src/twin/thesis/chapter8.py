@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.analysis import PlainRow, number
 from controllers.arrays import Array, Mask
 from controllers.ballplate import ACCELERATION, BallPlate
 from controllers.interfaces import Measurement
@@ -651,43 +650,3 @@ def terms(model: BallPlate, x: Array, u: Array) -> Terms:
     gravity = main.copy()
     gravity[..., 0] *= np.cos(x[..., 6])
     return Terms(main, drift - gravity, exact - main - (drift - gravity))
-
-
-def size(part: Array, main: Array) -> dict[str, Array]:
-    """Compare a part of the acceleration with the main term, for x and y, shape (2,) each.
-
-    ``max`` is its largest magnitude in m/s^2, ``peak_ratio`` that over the largest of the main
-    term, ``rms_ratio`` its root mean square over that of the main term. The ratio at each instant,
-    as (6.42) reads, has no bound: both sides pass through zero, and not together. A ratio to a main
-    term of zero is infinite or nan.
-
-    Args:
-        part: Along a motion, shape (K, 2).
-        main: The same, shape (K, 2).
-    """
-    peak, squares = np.abs(part).max(axis=0), (part**2).mean(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return {
-            "max": peak,
-            "peak_ratio": peak / np.abs(main).max(axis=0),
-            "rms_ratio": np.sqrt(squares / (main**2).mean(axis=0)),
-        }
-
-
-def neglected_rows(model: BallPlate, x: Array, u: Array) -> list[PlainRow]:
-    """Terms the flat model leaves out beside the main ones along a motion, (6.42).
-
-    Args:
-        model: The exact model.
-        x: States, shape (K, 8).
-        u: Plate accelerations in rad/s^2, shape (K, 2).
-    """
-    parts = terms(model, x, u)
-    peaks = np.abs(parts.main).max(axis=0)
-    sizes = {name: size(getattr(parts, name), parts.main) for name in ("neglected", "unlisted")}
-    return [
-        {"equation": equation, "terms": name, "main_max": number(peaks[axis])}
-        | {key: number(values[axis]) for key, values in found.items()}
-        for axis, equation in enumerate(("6.42a", "6.42b"))
-        for name, found in sizes.items()
-    ]
