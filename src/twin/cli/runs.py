@@ -61,7 +61,7 @@ def list_scenarios() -> None:
 @click.option(
     "--trace",
     type=options.PATH,
-    help="Of a rig: keep what is said on its CAN bus there; .log, .asc, .blf, .trc, .csv, also .gz "
+    help="Of a rig: keep what is said on its CAN bus there: .blf, or .log, .asc, .trc, .csv, .gz "
     "[trace.log in the run folder].",
 )
 @options.VIEWING

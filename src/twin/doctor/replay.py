@@ -77,20 +77,17 @@ def replay(frames: Sequence[can.Message], names: Names, rig: AkdConfig | None) -
     if not drives:
         raise LogError("; ".join(remarks) or "no drive says anything: there is nothing to replay")
     _prepare(drives, frames)
-    own = {each + number for each in _SENT.values() for number in drives}
-    own |= {each for each, pdo in said.pdos.items() if pdo.node in drives and pdo.name[0] == "T"}
-    strange = [each for each in frames if each.is_error_frame or each.is_extended_id]
-    if strange:
-        remarks.append(f"error frames and 29-bit identifiers: {len(strange)}, not sent")
     told = [each for each in frames if not each.is_error_frame and not each.is_extended_id]
-    sent = [each for each in told if each.arbitration_id not in own]
-    theirs = [each for each in told if each.arbitration_id in own]
-    first = {each.arbitration_id & protocol.NODE_MASK: each for each in reversed(theirs)}
-    boots = {n: first[n].timestamp for n in drives if first[n].data == b"\0"}
-    heard = _answered(drives, boots, sent, frames[0].timestamp)
+    theirs = {each + number for each in _SENT.values() for number in said.nodes} - {
+        protocol.HEARTBEAT + number for number, node in said.nodes.items() if not node.transfers
+    }
+    theirs |= {each for each, pdo in said.pdos.items() if pdo.name[0] == "T"}
+    sent = [each for each in told if each.arbitration_id not in theirs]
+    heard = _answered(drives, sent, frames[0].timestamp)
     answered = Conversation(heard, names, rig, folded=False)
     found = [*_events(said, answered, drives, remarks), *_numbers(said, answered, drives)]
-    return Replay(len(sent), len(theirs), remarks, min(found, default=None))
+    compared = sum(sum(said.nodes[each].frames.values()) for each in drives)
+    return Replay(len(sent), compared, remarks, min(found, default=None))
 
 
 def _prepare(drives: dict[int, EmulatedDrive], frames: Sequence[can.Message]) -> None:
@@ -111,14 +108,11 @@ def _prepare(drives: dict[int, EmulatedDrive], frames: Sequence[can.Message]) ->
 
 
 def _answered(
-    drives: dict[int, EmulatedDrive],
-    boots: dict[int, float],
-    sent: Sequence[can.Message],
-    begin: float,
+    drives: dict[int, EmulatedDrive], sent: Sequence[can.Message], begin: float
 ) -> list[can.Message]:
-    """What the host sent, and what emulated drives, of which some boot later, answer."""
-    bus = EmulatedBus([each for number, each in drives.items() if number not in boots])
-    bus.step(STEP)  # these are on already
+    """What the host sent, and what emulated drives answer, which are on already."""
+    bus = EmulatedBus(list(drives.values()))
+    bus.step(STEP)
     bus.to_host()
     heard, off = list[can.Message](), begin - bus.time
 
@@ -130,9 +124,6 @@ def _answered(
     for frame in sent:
         while (left := frame.timestamp - off - bus.time) > 1e-9:
             bus.step(min(left, STEP))
-            for number in [each for each, at in boots.items() if at <= bus.time + off]:
-                del boots[number]
-                bus.drives.append(drives[number])
             take()
         heard.append(frame)
         bus.from_host(Frame(frame.arbitration_id, bytes(frame.data), frame.is_remote_frame))
@@ -177,7 +168,8 @@ def _streams(
             stream = found[int(node[1]), event.kind]
             if event.kind == "heartbeat" and stream and event.time - stream[-1].time < LATE:
                 stream.pop()  # a state that is short is seen or not, as heartbeats come
-            stream.append(event)
+            if stream or event.text != protocol.nmt_words(0):  # it is on when the trace begins
+                stream.append(event)
     return found
 
 
@@ -185,34 +177,28 @@ def _numbers(
     said: Conversation, answered: Conversation, drives: Collection[int]
 ) -> Iterator[TracedEvent]:
     """Where PDOs are missing, or say something else of the motor."""
-    sent = ((cob_id, pdo) for cob_id, pdo in said.pdos.items() if pdo.name[0] == "T")
-    for cob_id, pdo in sent:
-        for key, _ in pdo.entries if pdo.node in drives else ():
-            a, b = (each.series[pdo.node, key] for each in (said, answered))
-            count = min(len(a.time), len(b.time))
-            factor, unit = said.scale(pdo.node, key)
-            told = f"{cob_id:03X}h {pdo.name}: {{}}; emulated: {{}}".format
-            who = said.called(pdo.node)
-            if abs(len(a.time) - len(b.time)) > FRAMES:
-                off = np.abs(
-                    np.subtract(a.time[:count], b.time[:count]) + said.begin - answered.begin
-                )
-                usual = np.median(np.diff(b.time)) if count > 1 else 0.0
-                place = np.flatnonzero(off < usual / 2)[-1:]
-                since = a.time[int(place[0])] if len(place) else 0.0
-                text = told(f"{len(a.time)} in all", f"{len(b.time)}")
-                yield TracedEvent(since, who, "PDO", text)
-            if key[0] not in NEAR or not unit or not count:
-                continue
-            x, y = (
-                factor * np.unwrap(np.array(each.counts[:count], float), period=2.0**32)
-                for each in (a, b)
+    sent = ((at, pdo, key) for at, pdo in said.pdos.items() for key, _ in pdo.entries)
+    for cob_id, pdo, key in sent:
+        if pdo.node not in drives or pdo.name[0] == "R":
+            continue
+        a, b = (each.series[pdo.node, key] for each in (said, answered))
+        count, (factor, unit) = min(len(a.time), len(b.time)), said.scale(pdo.node, key)
+        found: list[tuple[int, str, str]] = []
+        if abs(len(a.time) - len(b.time)) > FRAMES:
+            off = np.subtract(a.time[:count], b.time[:count]) + said.begin - answered.begin
+            usual = np.median(np.diff(b.time)) if count > 1 else 0.0
+            last = np.flatnonzero(np.abs(off) < usual / 2)[-1:]
+            found.append((int(last.sum()), f"{len(a.time)} in all", f"{len(b.time)}"))
+        if key[0] in NEAR and unit and count:
+            both = (
+                np.unwrap(np.array(each.counts[:count], float), period=2.0**32) for each in (a, b)
             )
-            if key[0] == PLACE:
-                x, y = x - x[0], y - y[0]
+            x, y = (factor * (each - (key[0] == PLACE) * each[0]) for each in both)
             near, wide = NEAR[key[0]], 2 * FRAMES + 1
-            for k in np.flatnonzero(
-                (y < minimum_filter1d(x, wide) - near) | (y > maximum_filter1d(x, wide) + near)
-            )[:1]:
-                text = told(f"{said.object_name(key)} {x[k]:.6g} {unit}", f"{y[k]:.6g} {unit}")
-                yield TracedEvent(a.time[k], who, "PDO", text)
+            low, high = minimum_filter1d(x, wide) - near, maximum_filter1d(x, wide) + near
+            for k in np.flatnonzero((y < low) | (y > high))[:1].tolist():
+                own = f"{said.object_name(key)} {x[k]:.6g} {unit}"
+                found.append((k, own, f"{y[k]:.6g} {unit}"))
+        for k, own, other in found:
+            text = f"{cob_id:03X}h {pdo.name}: {own}; emulated: {other}"
+            yield TracedEvent(a.time[k] if a.time else 0.0, said.called(pdo.node), "PDO", text)

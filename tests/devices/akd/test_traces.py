@@ -60,7 +60,7 @@ def test_a_frame_comes_back_from_its_numbers(message):
     assert again.timestamp == message.timestamp
 
 
-@pytest.mark.parametrize("ending", [*WRITTEN, ".log.gz", ".asc.gz"])
+@pytest.mark.parametrize("ending", [*WRITTEN, ".log.gz", ".asc.gz", ".csv.gz", ".trc.gz"])
 def test_what_is_written_in_a_format_is_read_again(tmp_path, ending):
     found = read_trace(written(tmp_path / f"a{ending}"))
     assert not found.remarks
@@ -188,7 +188,7 @@ def test_a_bus_that_is_traced_tells_every_frame_once():
     assert 0 <= heard[1].timestamp - heard[0].timestamp < 1
 
 
-@pytest.mark.parametrize("name", ["a.mf4", "a.db", "a", "a.gz", "a.txt"])
+@pytest.mark.parametrize("name", ["a.mf4", "a.db", "a", "a.gz", "a.txt", "a.blf.gz"])
 def test_an_ending_that_is_not_written_is_refused(tmp_path, name):
     with pytest.raises(LogError, match=r"\.blf"):
         check_ending(tmp_path / name)

@@ -69,7 +69,7 @@ class TracedBus(can.BusABC):
 PART = 20_000_000
 """Bytes of a part of a bounded trace: about two minutes of two drives at 500 Hz."""
 WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
-"""Endings of traces that are written; each may be followed by ``.gz``."""
+"""Endings of traces that are written; each but .blf, packed already, may be followed by .gz."""
 _DISORDER = 0.01
 """Time in s by which frames of two clocks may lie in a wrong order."""
 _ERROR, _REMOTE, _EXTENDED, _SENT = 1 << 29, 1 << 30, 1 << 31, 1 << 32
@@ -91,9 +91,10 @@ def check_ending(file: Path) -> None:
     Raises:
         LogError: If its ending is none that is known.
     """
-    if _format(file) not in WRITTEN:
+    if _format(file) not in WRITTEN or file.name.endswith(".blf.gz"):
+        endings = ", ".join(WRITTEN)
         raise LogError(
-            f"--trace {file}: its ending must be one of {', '.join(WRITTEN)}, or with .gz"
+            f"--trace {file}: its ending must be one of {endings}, all but .blf also with .gz"
         )
 
 
