@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -114,8 +114,12 @@ class Symbolic:
             ca.Function("y", [z, self.p], [seen], ["z", "p"], ["y"]),
         )
 
-    def do_mpc(self) -> Any:
-        """The continuous model of do-mpc, set up; names of p with ``_`` for dots and brackets."""
+    def do_mpc(self, path: Sequence[str] = ()) -> Any:
+        """The continuous model of do-mpc, set up; names of p with ``_`` for dots and brackets.
+
+        Args:
+            path: Names of what is told anew for every step, as where the ball is to be.
+        """
         import casadi as ca
         from do_mpc.model import Model
 
@@ -124,10 +128,23 @@ class Symbolic:
             [model.set_variable(f"_{kind}", re.sub(r"\W+", "_", name)) for name in self.names[kind]]
             for kind in ("x", "u", "p")
         ]
+        for name in path:
+            model.set_variable("_tvp", name)
         rates = ca.vertsplit(self.f(*(ca.vertcat(*group) for group in each)))
         for name, rate in zip(self.names["x"], rates, strict=True):
             model.set_rhs(name, rate)
         model.setup()
+        return model
+
+    def acados(self, name: str = "ballplate") -> Any:
+        """The model of acados, explicit and implicit, its parameters those of ``p``."""
+        import casadi as ca
+        from acados_template import AcadosModel
+
+        model = AcadosModel()
+        model.name, model.x, model.u, model.p = name, self.x, self.u, self.p
+        model.xdot = ca.SX.sym("xdot", 8)
+        model.f_expl_expr, model.f_impl_expr = self.xdot, model.xdot - self.xdot
         return model
 
 

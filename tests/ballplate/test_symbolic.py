@@ -144,7 +144,7 @@ class StandIn:
 
     def __init__(self, kind, symbols):
         assert (kind, symbols) == ("continuous", "SX")
-        self.symbols, self.rates, self.made = {"_x": {}, "_u": {}, "_p": {}}, {}, False
+        self.symbols, self.rates, self.made = {"_x": {}, "_u": {}, "_p": {}, "_tvp": {}}, {}, False
 
     def set_variable(self, kind, name):
         return self.symbols[kind].setdefault(name, ca.SX.sym(name))
@@ -161,8 +161,9 @@ def test_the_model_of_do_mpc_has_the_same_equations(model, monkeypatch):
     """With do-mpc 5.1.2 itself its simulator is 5e-10 from ``F`` after 20 ms."""
     monkeypatch.setitem(sys.modules, "do_mpc", SimpleNamespace())
     monkeypatch.setitem(sys.modules, "do_mpc.model", SimpleNamespace(Model=StandIn))
-    made = model.do_mpc()
+    made = model.do_mpc(("wished_x",))
     assert made.made
+    assert [*made.symbols["_tvp"]] == ["wished_x"]
     assert [*made.symbols["_x"]] == [*made.rates] == list(model.names["x"])
     assert "plant_friction_rolling" in made.symbols["_p"]
     given = [ca.vertcat(*made.symbols[kind].values()) for kind in ("_x", "_u", "_p")]
@@ -170,6 +171,21 @@ def test_the_model_of_do_mpc_has_the_same_equations(model, monkeypatch):
     for x, u in zip(STATES, INPUTS, strict=True):
         wanted = model.f(x, u, model.nominal).full()
         np.testing.assert_array_equal(rates(x, u, model.nominal).full(), wanted)
+
+
+def test_the_model_of_acados_has_the_same_equations(model, monkeypatch):
+    """With acados itself the example's solver was made of it, compiled and run."""
+    stand_in = SimpleNamespace(AcadosModel=SimpleNamespace)
+    monkeypatch.setitem(sys.modules, "acados_template", stand_in)
+    made = model.acados("ball")
+    assert made.name == "ball"
+    given = [made.x, made.u, made.p]
+    explicit = ca.Function("f", given, [made.f_expl_expr])
+    implicit = ca.Function("g", [*given, made.xdot], [made.f_impl_expr])
+    for x, u in zip(STATES, INPUTS, strict=True):
+        wanted = model.f(x, u, model.nominal)
+        np.testing.assert_array_equal(explicit(x, u, model.nominal).full(), wanted.full())
+        assert implicit(x, u, model.nominal, wanted).is_zero()
 
 
 @pytest.mark.parametrize("wrong", [{"period": 0.0}, {"width": -1.0}, {"period": math.nan}])

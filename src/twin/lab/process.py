@@ -68,22 +68,22 @@ class AnswerProcess:
         process: The process.
         prints: File of what it prints.
         name: What the answer's file is called.
-        program: Whether it is a program that does not know Python.
         seconds: Time in s that it may take.
         left: That, and what it took until it was ready, less the time in which it slept.
         end: Until when it must have ended, whatever else the machine does.
         failure: Why it ended, in one line.
+        program: Whether it is a program that is told numbers alone.
         slope: The last time in s of a command, and the rate of the law's memory then.
     """
 
     process: subprocess.Popen[bytes]
     prints: Path
     name: str
-    program: bool
     seconds: float
     left: float
     end: float
     failure: str | None = None
+    program: bool = False
     slope: tuple[float, Array] = (np.nan, np.zeros(0))
 
     def ask(self, what: str, width: int, time: float, *given: Array) -> Array:
@@ -342,9 +342,8 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
             assert begun.stdin is not None
             os.set_blocking(begun.stdin.fileno(), False)  # one that reads nothing stops nobody
             end = monotonic() + MOST_SLOWED * (START + may)
-            process = AnswerProcess(
-                begun, prints, about.file, bool(about.command), may, START + may, end
-            )
+            process = AnswerProcess(begun, prints, about.file, may, START + may, end)
+            process.program = bool(about.command)
             try:
                 said = process.read(process.heard())
                 process.left = may + process.at_work()[1]
