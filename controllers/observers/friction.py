@@ -243,9 +243,10 @@ class FrictionKalman(LateBall):
     @property
     def further(self) -> Array:
         """Friction, disturbance, tilt gain and their spreads as ``KNOWN``, shape (..., 8)."""
-        sqrt, (_, _, _, _, dx, dy, kx, ky, friction) = self._by.sqrt, self._now.s
+        by, (_, _, _, _, dx, dy, kx, ky, friction) = self._by, self._now.s
         along, across, variance = components(diagonal(self._P)[:, 6:])
-        spreads = map(sqrt, (variance + self._varies(), along, across))
+        variance = by.most(variance + self._varies(), 0.0)  # a map is rounded
+        spreads = map(by.sqrt, (variance, along, across))
         found = together((friction, dx, dy, kx, ky, *spreads), self._rigs)
         return found.reshape(*self._shape, len(KNOWN))
 
