@@ -471,6 +471,8 @@ IDLE = 1e-6
 def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str | None:
     """One line with the poles outside the stable region, or None.
 
+    Of a ball that is seen late it also says how late the loop can bear it to be seen, to a period.
+
     None as well for a law or observer without linearisation, about which nothing can be said. A
     memory that moves neither plate nor ball, as an integrator with gain 0, is no part of the loop.
 
@@ -479,13 +481,16 @@ def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str 
         observer: Any observer, or a Smith predictor around one.
         dead_time: Of the ball's measurement in s.
     """
+
+    def poles_outside(late: float) -> Complex:
+        z, v = np.linalg.eig(sampled_loop(law, observer, dead_time=late).A)
+        moving = np.linalg.norm(v[:STATE], axis=0) > IDLE
+        return unstable(z[moving].astype(complex))
+
     try:
-        loop = sampled_loop(law, observer, dead_time=dead_time)
+        outside = poles_outside(dead_time)
     except ValueError:
         return None
-    z, v = np.linalg.eig(loop.A)
-    moving = np.linalg.norm(v[:STATE], axis=0) > IDLE
-    outside = unstable(z[moving].astype(complex))
     if len(outside) == 0:
         return None
     if (np.abs(outside - 1) < IDLE).all():
@@ -494,7 +499,15 @@ def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str 
             f"{len(outside)} poles at 0 1/s, so nothing brings the ball back"
         )
     poles = np.unique((np.log(outside) / observer.period).round(3))
-    return f"the sampled loop is unstable about the level plate: poles {listed(poles.tolist())} 1/s"
+    line = f"the sampled loop is unstable about the level plate: poles {listed(poles.tolist())} 1/s"
+    held, lost = -1, round(dead_time / observer.period)
+    while lost - held > 1:
+        middle = (held + lost) // 2
+        held, lost = (
+            (held, middle) if len(poles_outside(middle * observer.period)) else (middle, lost)
+        )
+    late = f"{1e3 * held * observer.period:.0f} ms late, not {1e3 * dead_time:.0f} ms"
+    return f"{line}; it holds a ball that is seen {late}" if held > 0 else line
 
 
 def unstable(z: Complex) -> Complex:

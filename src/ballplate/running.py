@@ -248,9 +248,10 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
 
     with own_errors():
         controller = build_controller(scenario)
-    dead_time = scenario.sensors.touch.dead_time
+    touch = scenario.sensors.touch
+    late = touch.dead_time + (0.5 / touch.frame_rate if touch.frame_rate else 0.0)  # in the middle
     for danger in (
-        instability(controller.law, controller.observer, dead_time=dead_time),
+        instability(controller.law, controller.observer, dead_time=late),
         slow_observer(controller.law, controller.observer),
     ):
         if danger:

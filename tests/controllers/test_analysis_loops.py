@@ -1,3 +1,4 @@
+import re
 from dataclasses import dataclass
 
 import control
@@ -219,3 +220,20 @@ class Secretive(Luenberger):
 def test_an_observer_with_hidden_memory_is_refused_rather_than_misjudged():
     with pytest.raises(ValueError, match="cannot be linearised"):
         sampled_loop(LQR(), Secretive())
+
+
+def test_how_late_a_ball_may_be_seen_is_where_powers_of_the_loop_begin_to_grow():
+    law, observer = LQR(), Luenberger()
+    told = instability(law, observer, dead_time=0.4)
+    (held,) = map(int, re.findall(r"holds a ball that is seen (\d+) ms late, not 400 ms$", told))
+
+    def grown(late):
+        """Norm of the loop's matrix to the power of 2^22, more than two hours."""
+        A = sampled_loop(law, observer, dead_time=late).A
+        for _ in range(22):
+            A = A @ A
+            A = A / max(1.0, np.linalg.norm(A) / 1e100)
+        return np.linalg.norm(A)
+
+    assert grown(held / 1000) < 1
+    assert grown(held / 1000 + observer.period) > 1e6

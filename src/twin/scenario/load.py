@@ -216,7 +216,7 @@ def _fitted(
 
 def _smaller(reference: Mapping[str, Any], share: float) -> Tables:
     """A reference's table with its lengths times a share, those not given by their defaults."""
-    cls = schema.choices("reference").get(reference["kind"])
+    cls: Any = schema.choices("reference").get(reference["kind"])
     names = cls.lengths if cls else ()
     known = {name: reference.get(name, getattr(cls, name, None)) for name in names}
     smaller = {name: _times(value, share) for name, value in known.items()}
