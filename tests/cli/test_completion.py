@@ -45,19 +45,6 @@ def test_runs_are_offered_once_they_are_made(tmp_path, monkeypatch):
     assert "runs/study-x" not in offered("view", "runs/")
 
 
-def test_offering_scenarios_and_runs_imports_nothing_heavy():
-    code = (
-        "import sys; from twin.cli import ballplate; from click.shell_completion import *\n"
-        f"shell = BashComplete(ballplate, {{}}, 'ballplate', '{VARIABLE}')\n"
-        "for command in ('run', 'compare', 'report', 'view', 'sweep', 'export'):\n"
-        "    shell.get_completions([command], 'x')\n"
-        "print(*{name.partition('.')[0] for name in sys.modules})"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    heavy = {"numpy", "scipy", "matplotlib", "pydantic", "rerun", "mujoco", "pyarrow"}
-    assert not heavy & set(done.stdout.split())
-
-
 @pytest.mark.skipif(not shutil.which("bash"), reason="there is no bash here")
 def test_the_script_for_bash_completes_in_bash(tmp_path):
     program = tmp_path / "ballplate"

@@ -77,6 +77,20 @@ def test_help_lists_and_mistakes_need_no_numerical_library_whatever_the_command(
     assert not list(tmp_path.iterdir())
 
 
+OFFERED = """
+from click.shell_completion import BashComplete
+from twin.cli import ballplate
+shell = BashComplete(ballplate, {}, "ballplate", "_BALLPLATE_COMPLETE")
+for command in sys.argv[1:]:
+    shell.get_completions([command], "x")
+"""
+
+
+def test_offering_scenarios_and_runs_imports_nothing_heavy(tmp_path):
+    commands = ("run", "compare", "report", "view", "sweep", "export")
+    assert not modules(tmp_path, OFFERED, *commands)[1] & HEAVY
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("run", "unused"),

@@ -9,12 +9,12 @@ import pytest
 from controllers.analysis import loop_row
 from controllers.ballplate import BallPlate
 from controllers.controller import Controller, HeldLaw, PerRigLaw, PerRigReference
-from controllers.interfaces import Law, Measurement, Observer
+from controllers.interfaces import Law, Measurement, Observer, Quantity
 from controllers.observers import Ideal
 from controllers.references import Hold
 
 T = 0.002
-A, B, C = BallPlate().linear()
+A, B, _ = BallPlate().linear()
 PLANT = control.ss(A, B, np.eye(8), 0)
 FIRST = np.array([0.05, 0.0, 0.01, 0.0, -0.03, 0.1, 0.0, 0.02])
 
@@ -83,6 +83,40 @@ def test_rigs_side_by_side_have_each_their_laws_period():
     for rig, closed, count in ((0, slow, 30), (1, fast, 300)):
         found = np.linalg.matrix_power(closed, count) @ FIRST
         np.testing.assert_allclose(path[300, rig], found, atol=1e-9)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Needing(Law):
+    """Commands what it needs."""
+
+    needs: tuple[str, ...]
+    control = None
+
+    def command(self, now):
+        return now.needed
+
+
+class Knowing(Told):
+    """Knows three things, which the ball's position tells."""
+
+    knows = tuple(Quantity(name, "1") for name in "abc")
+
+    @property
+    def further(self):
+        return self.x[:, :1] + [1.0, 2.0, 3.0]
+
+
+def test_laws_side_by_side_are_each_given_what_they_need():
+    law = PerRigLaw(
+        [Needing(needs=("c", "a")), Needing(needs=("b", "c")), Needing(needs=("a", "b"))]
+    )
+    controller = Controller(law, Knowing(), PerRigReference([Hold()] * 3, T), T)
+    x = np.zeros((3, 8))
+    x[:, 0] = 10, 20, 30
+    now = Measurement(0.0, x[:, 0::2], np.zeros(3), np.ones(3, bool), x)
+    controller.start(now)
+    u = controller.command(now).rate / T
+    np.testing.assert_allclose(u, [[13, 11], [22, 23], [31, 32]])
 
 
 def test_a_tick_that_is_missed_delays_the_law_but_takes_no_period_from_it():

@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import pickle
 import tomllib
 
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 
 from twin.errors import ScenarioError
 from twin.scenario import load, shipped
-from twin.scenario.load import check, put, read, setting
+from twin.scenario.load import check, comparison, parsed, put, read, setting, variants
 
 
 def override(tables, overrides):
@@ -129,3 +131,76 @@ def test_a_date_is_no_text():
     with pytest.raises(ScenarioError, match="2026-01-01 is a date or a time") as told:
         override(read("circle")[0], ["title=2026-01-01"])
     assert "\n" not in str(told.value)
+
+
+def names(*vary):
+    return [variant.name for variant in variants(parsed(vary))]
+
+
+def test_tables_are_values_with_the_shortest_name_that_tells_them_apart():
+    two = variants(parsed(['controller=[{kind="afl"}, {kind="lqr", rho=100}]']))
+    assert [variant.name for variant in two] == ["afl", "lqr"]
+    assert two[1].settings == (("controller", {"kind": "lqr", "rho": 100}),)
+    alike = 'controller=[{kind="lqr", rho=100}, {kind="lqr", rho=300}, {kind="afl"}]'
+    assert names(alike) == ["lqr rho=100", "lqr rho=300", "afl"]
+
+
+def test_values_may_be_written_without_brackets_and_combine():
+    assert names("controller.kind=afl,lqr", "duration=[5, 10.0]") == [
+        "afl duration=5",
+        "afl duration=10.0",
+        "lqr duration=5",
+        "lqr duration=10.0",
+    ]
+    labels = [variant.label for variant in variants(parsed(["seed=[1,2]"]))]
+    assert labels == ["seed=1", "seed=2"]
+    assert variants({})[0].settings == ()
+
+
+def test_a_comparison_is_titled_by_what_ran():
+    assert comparison("Circle", ["controller.kind"], ["duration=5"]) == (
+        "Circle over controller.kind (duration=5)"
+    )
+    assert comparison("Mine", [], ["title=Mine"]) == "Mine"
+
+
+@pytest.mark.parametrize(
+    "text", ["duration", "=5", "duration=", "a..b=[1]", "seed=[1, 2", "seed=1]"]
+)
+def test_what_is_no_variation_is_one_line(text):
+    with pytest.raises(ScenarioError):
+        parsed([text])
+
+
+# Parameter files, as identification writes them and scenarios name them
+
+
+def test_a_parameter_file_may_stand_in_the_scenario_file(tmp_path):
+    (tmp_path / "rig.toml").write_text("[plant.friction]\nrolling_mm = 0.3\n", encoding="utf-8")
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text(
+        f'title = "mine"\nduration = 1.0\nparameters = "{tmp_path / "rig.toml"}"\n'
+        '[controller]\nkind = "afl"\n[reference]\nkind = "hold"\n'
+        "[plant.friction]\nrolling_mm = 0.1\nbreakaway_ratio = 1.5\n",
+        encoding="utf-8",
+    )
+    friction = load(str(scenario)).plant.friction
+    assert (friction.rolling_mm, friction.breakaway_ratio) == (0.3, 1.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "cannot be read: No such file"),
+        ("[plant", "not a TOML file"),
+        ("[plant.friction]\nrollling_mm = 1\n", "did you mean 'rolling_mm'"),
+    ],
+)
+def test_a_parameter_file_that_is_wrong_is_named_in_one_line(tmp_path, text, says):
+    file = tmp_path / "rig.toml"
+    if text is not None:
+        file.write_text(text, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=says) as caught:
+        load("circle", (f"parameters={file}",))
+    assert "rig.toml" in str(caught.value)
+    assert "\n" not in str(caught.value)

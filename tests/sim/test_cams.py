@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+from math import factorial
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import RectBivariateSpline
+from scipy.interpolate import RectBivariateSpline, make_interp_spline
 from scipy.optimize import fsolve
 
 from twin.errors import ModelError
-from twin.hal.cams import CamTable, FixedRatio
+from twin.hal.cams import CamTable, FixedRatio, cubic
 from twin.paths import model_path
 from twin.sim.calibration import static_error, sweep_cams
 from twin.sim.plant.mechanism import Mechanism
@@ -177,3 +178,17 @@ def test_direct_transmission_only_multiplies():
     plate = np.array([[0.1, -0.2]])
     assert np.array_equal(FixedRatio().motor(plate), plate)
     assert np.array_equal(FixedRatio(5.0).motor(plate), 5 * plate)
+
+
+# Cubic pieces against scipy's spline with the same ends, and against what they must reproduce
+
+
+@settings(max_examples=25)
+@given(n=st.integers(4, 40), seed=st.integers(0, 2**32 - 1))
+def test_pieces_are_those_of_scipys_spline(n, seed):
+    random = np.random.default_rng(seed)
+    grid = np.cumsum(random.uniform(0.3, 2.0, n))
+    values = random.normal(size=(n, 2, 3))
+    spline = make_interp_spline(grid, values, k=3)
+    expected = [spline(grid[:-1], nu=power) / factorial(power) for power in range(4)]
+    assert cubic(grid, values) == pytest.approx(np.array(expected), rel=1e-9, abs=1e-9)

@@ -7,13 +7,16 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.cams import CamTable
 from twin.paths import model_path
 from twin.sim.plant.friction import Friction
-from twin.sim.plant.interface import Parts
+from twin.sim.plant.interface import Parts, ball_in_plate
 from twin.sim.plant.mechanism import Mechanism
 
 BALL = BallPlate()
@@ -288,3 +291,88 @@ def test_dry_friction_of_the_plates_joints_is_lost_motion_that_presses_the_wheel
     lever, stiffness = 0.16, 8e4
     expected = math.degrees(2 * torque / (stiffness * lever**2))
     assert width[1] - width[0] == pytest.approx(expected, rel=0.03)
+
+
+ANGLES = st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2))
+
+
+def turned(phi, theta):
+    """R = Rx(theta) Ry(phi) (4.5), by scipy."""
+    return Rotation.from_euler("XY", [theta, phi])
+
+
+@settings(max_examples=50)
+@given(ANGLES, ANGLES)
+def test_the_rate_of_a_ball_fixed_in_the_world_is_that_of_its_turning_coordinates(plate, rate):
+    ball, h = np.array([0.1, -0.05, 0.14]), 1e-6
+    before, after = (
+        turned(*(np.array(plate) + sign * h * np.array(rate))).inv().apply(ball)
+        for sign in (-0.5, 0.5)
+    )
+    columns = (np.array(vector)[:, None] for vector in (plate, rate, ball, np.zeros(3)))
+    seen = ball_in_plate(*columns)[:, 0]
+    assert seen[:3] == pytest.approx(turned(*plate).inv().apply(ball), abs=1e-12)
+    assert seen[3:] == pytest.approx((after - before) / h, abs=1e-8)
+
+
+def test_many_rigs_are_seen_as_the_engines_own_sensors_see_one():
+    rate = np.array([0.9, -0.6])
+    one, many = Mechanism(rigs=1), Mechanism(rigs=20)
+    for plant in (one, many):
+        plant.start(np.tile([0.1, 0.05, -0.05, 0.1], (plant.rigs, 1)))
+        for _ in range(200):
+            plant.advance(np.tile(rate, (plant.rigs, 1)), 2)
+    assert many.state[7] == pytest.approx(one.state[0], abs=1e-12)
+    assert many.on_plate.all()
+
+
+def test_a_ball_that_rolls_over_the_edge_is_off_the_plate_for_one_rig_and_for_many():
+    for rigs in (1, 20):
+        plant = Mechanism(rigs=rigs)
+        plant.start(np.tile([0.34, 0.5, 0.0, 0.0], (rigs, 1)))
+        assert plant.on_plate.all()
+        plant.advance(np.zeros((rigs, 2)), 40)
+        assert not plant.on_plate.any()
+
+
+# Why a law must not be fed the true plate rate: the plate's resonance answers
+
+
+PERIOD = 0.002
+GAINS = (72.0, 150.0, 70.0, 20.0)
+"""Of position, speed, plate angle and plate rate; stable by the ball-and-plate model alone."""
+
+
+def ringing(true_rate):
+    """Largest plate rate in rad/s in the last second of six under a full state feedback."""
+    plant = Mechanism()
+    plant.start(np.array([[0.05, 0.0, -0.05, 0.0]]))
+    table = CamTable.from_file(model_path("cams.json"))
+    angle = rate = np.zeros((1, 2))
+    motor = table.motor(angle)
+    k1, sign = BallPlate().k1, np.array([1, -1])
+    position, speed, tilt, damping = GAINS
+    last = []
+    for _ in range(round(6 / PERIOD)):
+        x = plant.state
+        ball = (position * x[:, [0, 4]] + speed * x[:, [1, 5]]) / k1 * sign
+        plate_rate = x[:, [3, 7]] if true_rate else rate
+        u = np.clip(-ball - tilt * x[:, [2, 6]] - damping * plate_rate, -7, 7)
+        rate = rate + PERIOD * u
+        angle = np.clip(angle + PERIOD * rate, -0.17, 0.17)
+        after = table.motor(angle)
+        plant.advance((after - motor) / PERIOD, 2)
+        motor = after
+        last.append(np.abs(plant.state[0, [3, 7]]).max())
+    return max(last[-round(1 / PERIOD) :])
+
+
+def test_the_gains_are_stable_by_the_model_without_a_mechanism():
+    position, speed, tilt, damping = GAINS
+    poles = np.roots([1, damping, tilt, speed, position])
+    assert poles.real.max() < 0
+
+
+def test_feedback_of_the_true_plate_rate_excites_the_resonance_and_of_the_commanded_does_not():
+    assert ringing(true_rate=True) > 0.1
+    assert ringing(true_rate=False) < 0.02

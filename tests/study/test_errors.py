@@ -55,6 +55,13 @@ def study(capsys, tmp_path: Path, monkeypatch):
         (VALUES, "values = [1e400]", "rolling_mm"),
         ('["rms_error"]', '["rms_eror"]', "no 'rms_eror'; did you mean 'rms_error'?"),
         ('"grid"', '"gird"', "method"),
+        (
+            '"grid"',
+            '"grid"\nfamily = "uncertian"',
+            "family 'uncertian': not found; did you",
+        ),
+        ('"grid"', '"grid"\nfamily = 3', "family: must be a valid string, got 3"),
+        (f'[parameters."{KEY}"]\n{VALUES}', "", "parameters: name at least one"),
         ('"hold"', '"holt"', "scenario 'holt': not found; did you mean 'hold'"),
         ('"grid"', '"sobol"', "sobol needs a distribution"),
         ("duration=0.1", "duration", "override 'duration': write key=value"),

@@ -101,24 +101,6 @@ def test_a_study_over_the_family_runs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('"uncertain"', '"uncertian"', "short.toml: family 'uncertian': not found; did you mean"),
-        ('"montecarlo"', '"morris"', "morris needs a distribution"),
-        ('family = "uncertain"', "family = 3", "family: must be a valid string, got 3"),
-        ('family = "uncertain"', "", "parameters: name at least one"),
-    ],
-)
-def test_a_mistake_about_the_family_is_one_line(tmp_path, old, new, message):
-    file = tmp_path / "short.toml"
-    file.write_text(STUDY.replace(old, new))
-    result = CliRunner().invoke(command, [str(file)])
-    assert isinstance(result.exception, ScenarioError)
-    assert message in str(result.exception)
-    assert "\n" not in str(result.exception)
-
-
-@pytest.mark.parametrize(
     ("text", "message"),
     [
         ('title = "t"\n[parameters]\n', "family.toml: parameters: name at least one"),
