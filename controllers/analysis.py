@@ -329,11 +329,6 @@ class Loop(NamedTuple):
     cuts: tuple[str, ...]
     period: float
 
-    def eigenvalues(self) -> Complex:
-        """Eigenvalues of A, largest first; a sampled loop is stable with all in the unit circle."""
-        found: Complex = np.linalg.eigvals(self.A).astype(complex)
-        return found[np.argsort(-np.abs(found))]
-
     def poles(self) -> Complex:
         """Closed-loop poles in 1/s, slowest first: in a sampled loop log(z) / period of each z.
 
@@ -535,18 +530,17 @@ def loop_row(law: Law, observer: Observer, dead_time: float) -> PlainRow:
         return {"reason": str(error), "hold_left_out": isinstance(law, HeldLaw)}
     poles = loop.poles()
     cuts = [cut for cut in ("u1", "u2", "x", "y") if cut in loop.cuts]
+    found = {cut: margins(loop, cut) for cut in cuts}
     return {
         "reason": None,
         "hold_left_out": isinstance(law, HeldLaw),
         "stable": len(unstable(np.exp(poles * loop.period))) == 0,
         "poles": pairs(poles),
-        "margins": {cut: margin_row(margins(loop, cut)) for cut in cuts},
+        "margins": {
+            cut: each and {name: number(value) for name, value in each._asdict().items()}
+            for cut, each in found.items()
+        },
     }
-
-
-def margin_row(found: Margins | None) -> PlainRow | None:
-    """Margins by name; None for an unstable loop."""
-    return None if found is None else {k: number(v) for k, v in found._asdict().items()}
 
 
 def pairs(poles: Iterable[complex]) -> list[list[float]]:

@@ -18,7 +18,6 @@ from twin.explain.attribution import (
     attempt,
     attribute,
     changed,
-    exact,
     explain,
     plan,
     present,
@@ -174,12 +173,6 @@ def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):
     assert found.contributions[0].share is None
     assert found.rest is None
     assert summary(found)["effects"]["friction"]["without"]["outcome"] == "fell at 1.0 s"
-
-
-def test_on_the_exact_equations_nothing_mechanical_is_left(full):
-    scenario = exact(without(full, EFFECTS))
-    assert scenario.plant.kind == "lagrange"
-    assert not any(effect.mechanical for effect in present(scenario))
 
 
 @pytest.mark.long

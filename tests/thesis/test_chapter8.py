@@ -17,7 +17,6 @@ from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
 from twin.cli.analyse import reproduce
-from twin.errors import TwinError
 from twin.run.assemble import build_controller
 from twin.run.metrics import Motion
 from twin.run.picture import COLOURS
@@ -32,7 +31,6 @@ from twin.thesis.chapter8 import (
     carry_out,
     compare,
     judge,
-    row_results,
     stored,
     tables,
     terms,
@@ -169,13 +167,6 @@ def test_a_run_that_ended_early_has_no_values_and_the_exact_plate_has_no_edge(mo
     assert not any(ends["mujoco"].values.values())
     assert ends["sampled"].ended == ""
     assert all(ends["sampled"].values.values())
-
-
-@pytest.mark.parametrize("processes", [1, pytest.param(2, marks=pytest.mark.long)])
-def test_a_failing_job_ends_in_one_line_that_names_it(processes):
-    broken = ReproductionJob("sampled", (("8.1", 99),), 1.0)
-    with pytest.raises(TwinError, match=r"^table 8\.1, sampled: IndexError: [^\n]*$"):
-        list(row_results([broken] * processes, processes))
 
 
 def judged(column, x, bands=(5.0,)):

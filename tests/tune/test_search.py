@@ -196,7 +196,7 @@ def test_the_least_margin_of_all_cuts_counts_and_the_loop_bears_that_much():
 
     def stable(more):
         loop = sampled_loop(law, observer, dead_time=0.042 + more)
-        return not len(unstable(loop.eigenvalues()))
+        return not len(unstable(np.linalg.eigvals(loop.A)))
 
     # further dead time comes in where the ball is measured; at the input less is borne
     assert stable(0.98 * at_ball)

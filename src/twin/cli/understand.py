@@ -84,13 +84,8 @@ def _effects(found: Explanation) -> Iterator[Shown]:
         if share is not None:
             rows.append((label, "", "", percentage(share)))
     yield Table("", ("effect", "all but this", "this alone", "share"), rows)
-    for label, case in (
-        ("all effects", found.whole),
-        ("none of them", found.none),
-        ("none, on the exact equations", found.exact),
-    ):
-        if case is not None:
-            yield f"{label}: {told(case)}"
+    yield f"all effects: {told(found.whole)}"
+    yield f"none of them: {told(found.none)}"
     has = present(found.scenario)
     lacking = [effect.label for effect in EFFECTS if effect not in has]
     if lacking:

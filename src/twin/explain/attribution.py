@@ -106,13 +106,7 @@ def without(scenario: Scenario, effects: Iterable[Effect]) -> Scenario:
     return changed(scenario, [effect.off for effect in effects])
 
 
-def exact(scenario: Scenario) -> Scenario:
-    """The scenario on the exact equations, without what only the mechanism has."""
-    mechanical: dict[str, None] = dict.fromkeys(f"plant.{key}" for key in MECHANISM_ONLY)
-    return changed(scenario, [mechanical, {"plant.kind": "lagrange", "rig.cams": None}])
-
-
-ALL, NONE, EXACT = "all", "none", "exact"
+ALL, NONE = "all", "none"
 """Names of the cases that belong to no effect."""
 
 
@@ -159,7 +153,6 @@ class Explanation:
         scenario: What was explained.
         whole: With all effects.
         none: With every effect switched off, on the scenario's plant.
-        exact: None of them on the exact equations either; None if they are the scenario's plant.
         contributions: One per effect, the largest share first.
         base: Share of what is left with every effect off, dimensionless.
         rest: Share that cannot be given to single effects, because they act on one another.
@@ -168,7 +161,6 @@ class Explanation:
     scenario: Scenario
     whole: EffectCase
     none: EffectCase
-    exact: EffectCase | None
     contributions: tuple[Contribution, ...]
     base: float | None
     rest: float | None
@@ -185,7 +177,7 @@ class Explanation:
 
 
 def plan(scenario: Scenario) -> dict[str, Scenario]:
-    """The runs that explain a scenario, by name: ``all``, ``none``, ``exact``, ``-e``, ``+e``.
+    """The runs that explain a scenario, by name: ``all``, ``none``, ``-e``, ``+e``.
 
     Raises:
         ScenarioError: If the scenario changes its plant while it runs.
@@ -195,10 +187,7 @@ def plan(scenario: Scenario) -> dict[str, Scenario]:
             "change: explain compares effects that last the whole run; leave [[change]] out"
         )
     effects = present(scenario)
-    none = without(scenario, effects)
-    cases = {ALL: scenario, NONE: none}
-    if scenario.plant.kind == "mujoco":
-        cases[EXACT] = exact(none)
+    cases = {ALL: scenario, NONE: without(scenario, effects)}
     for effect in effects:
         others = [other for other in effects if other is not effect]
         cases[f"-{effect.name}"] = without(scenario, [effect])
@@ -268,7 +257,6 @@ def attribute(scenario: Scenario, cases: Mapping[str, EffectCase]) -> Explanatio
         scenario=scenario,
         whole=whole,
         none=none,
-        exact=cases.get(EXACT),
         contributions=tuple(sorted(contributions, key=lambda each: -(each.share or 0.0))),
         base=base,
         rest=1 - sum(known) if len(known) == len(shares) else None,
@@ -288,9 +276,7 @@ def _along(whole: EffectCase, case: EffectCase, other: EffectCase | None) -> flo
 def summary(explanation: Explanation) -> dict[str, Any]:
     """The numbers of an explanation, for ``--json``."""
 
-    def numbers(case: EffectCase | None) -> dict[str, Any] | None:
-        if case is None:
-            return None
+    def numbers(case: EffectCase) -> dict[str, Any]:
         return {
             "outcome": case.outcome,
             "tracking_error_percent": case.percent,
@@ -301,7 +287,6 @@ def summary(explanation: Explanation) -> dict[str, Any]:
         "scenario": explanation.scenario.title,
         "all": numbers(explanation.whole),
         "none": numbers(explanation.none),
-        "exact": numbers(explanation.exact),
         "share_left_with_none": explanation.base,
         "share_not_additive": explanation.rest,
         "effects": {

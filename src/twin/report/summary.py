@@ -184,7 +184,6 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
     told = [
         _ending(run),
-        *_by_hand(run),
         f"{_size(run, found)}.",
     ]
     if found.held:
@@ -302,17 +301,11 @@ def _shaped(run: Run) -> list[Fact]:
 
 def _resting(run: Run, found: Diagnosis, away: float) -> Fact:
     """A ball that lies still away from its reference: by what, and what would free it."""
-    plant = run.scenario.plant
-    arm = plant.friction.rolling_mm
     simulated = "true_x" in run.rows
-    holds = math.degrees(
-        math.atan(arm * plant.friction.breakaway_ratio / (1000 * plant.ball.radius))
-    )
-    known = f"; its friction holds it up to {holds:.2g} deg" if arm > 0 and simulated else ""
+    rubs = run.scenario.plant.friction.rolling_mm > 0 or not simulated
     return Fact(
-        f"at the end the ball lay stuck{' by friction' if arm > 0 or not simulated else ''} "
-        f"{1000 * away:.3g} mm away",
-        f" from its reference, on a plate tilted by {math.degrees(found.tilt):.2g} deg{known}. "
+        f"at the end the ball lay stuck{' by friction' if rubs else ''} {1000 * away:.3g} mm away",
+        f" from its reference, on a plate tilted by {math.degrees(found.tilt):.2g} deg. "
         "A law with integral action or a higher gain, or a reference that keeps moving, would "
         "free it",
     )
@@ -326,17 +319,6 @@ def _ending(run: Run) -> str:
     told = f"{ending} after {end:.4g} s{f': {reason}' if reason else ''}."
     late = blamed(run.ledger) if outcome == "fault" and run.ledger else ""
     return f"{late[0].upper()}{late[1:]}. {told}" if late else told
-
-
-def _by_hand(run: Run) -> list[str]:
-    """Of a run that a person drove: what they did."""
-    if not run.driven:
-        return []
-    driven = run.driven
-    return [
-        f"It was driven by hand: goals {driven['goals']}, pushes {len(driven['pushes'])}, changes "
-        f"of the rig {driven['changes']}, of the controller {len(driven['controllers']) - 1}."
-    ]
 
 
 def _mm(distance: float) -> str:

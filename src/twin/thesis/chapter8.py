@@ -25,7 +25,6 @@ from controllers.arrays import Array, Mask
 from controllers.ballplate import ACCELERATION, BallPlate
 from controllers.interfaces import Measurement
 from twin.data_file import packaged
-from twin.errors import TwinError
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import Transmission
 from twin.jobs import cores, results
@@ -307,11 +306,6 @@ def plan(wanted: Iterable[SimulatedTable]) -> list[ReproductionJob]:
     return sorted(jobs, key=lambda job: -job.cost)
 
 
-WORTH_PROCESSES = 1000.0
-"""Simulated seconds from which starting further processes saves time."""
-MOST_PROCESSES = 8
-
-
 def row_results(
     jobs: Sequence[ReproductionJob],
     processes: int | None = None,
@@ -321,31 +315,17 @@ def row_results(
 
     Args:
         jobs: What to do, the longest first.
-        processes: On how many processors; None for all, or for one if there is little to do.
+        processes: On how many processors; None for all.
         progress: Called with the cost of what is done so far.
 
     Raises:
         TwinError: If a job fails.
     """
-    if processes is None:
-        few = sum(job.cost for job in jobs) < WORTH_PROCESSES
-        processes = 1 if few else min(cores(), MOST_PROCESSES, len(jobs))
-    done = 0.0
-    for cost, found in results(_tried, ((job.cost, job) for job in jobs), processes):
+    done, count = 0.0, min(processes or cores(), max(1, len(jobs)))
+    for cost, found in results(carry_out, ((job.cost, job) for job in jobs), count):
         done += cost
         progress(done)
         yield from found
-
-
-def _tried(job: ReproductionJob) -> list[RowResult]:
-    """The job's results, or one line that says which job failed."""
-    try:
-        return carry_out(job)
-    except TwinError:
-        raise
-    except Exception as error:
-        where = ", ".join(sorted({table for table, _ in job.places}))
-        raise TwinError(f"table {where}, {job.way}: {type(error).__name__}: {error}") from error
 
 
 def carry_out(job: ReproductionJob, period: float = PERIOD) -> list[RowResult]:

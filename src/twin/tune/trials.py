@@ -217,7 +217,7 @@ def loop_margins(law: Law, observer: Observer, *, dead_time: float) -> NominalLo
 
 
 def _least(loop: Loop) -> NominalLoop:
-    if len(unstable(loop.eigenvalues())):
+    if len(unstable(np.linalg.eigvals(loop.A).astype(complex))):
         return NominalLoop(0.0, 0.0)
     found = [margins(loop, cut, points=150) for cut in ("u1", "u2", "x", "y")]
     known = [each for each in found if each is not None]

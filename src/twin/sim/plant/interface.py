@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -249,31 +249,15 @@ class Parts:
     @property
     def compiled(self) -> Parts:
         """Those of ball and plate, with which a mechanism has to be compiled."""
-        return Parts(
-            mass=self.mass,
-            radius=self.radius,
-            inertia=self.inertia,
-            offset=self.offset,
-            oval=self.oval,
-            plate_centre=self.plate_centre,
-        )
+        names = ("mass", "radius", "inertia", "offset", "oval", "plate_centre")
+        return Parts(**{name: getattr(self, name) for name in names})
 
     @property
     def balanced(self) -> bool:
         """Whether the mechanism's balance on a level base is that of the file."""
-        other = replace(
-            self,
-            inertia=None,
-            offset=None,
-            sliding=None,
-            spinning=None,
-            damping_ratio=None,
-            joint_friction=None,
-            torque=None,
-            speed=None,
-            level=None,
-        )
-        return other == Parts()
+        size = self.mass, self.radius, self.oval
+        weighs = *size, self.stiffness, self.preload, self.plate_centre
+        return all(each is None for each in weighs)
 
 
 def tilted_gravity(level: ArrayLike, gravity: float) -> Array:
