@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask, NotNegative, Positive, square_of
+from controllers.arrays import Array, Mask, NotNegative, Positive, some, square_of
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 
@@ -560,9 +560,14 @@ class AboutMotion(Law):
         slope, rate = SIGN * x[..., 2::4] - wanted.angle, SIGN * x[..., 3::4] - wanted.rate
         eta = x[..., 0::4] - position + c2 * slope
         eta_rate = x[..., 1::4] - velocity + c2 * rate
-        u = wanted.acceleration - K[0] * eta - K[1] * eta_rate - K[2] * slope - K[3] * rate
+        pull = self._pull(eta, eta_rate)
+        u = wanted.acceleration - K[0] * pull - K[1] * eta_rate - K[2] * slope - K[3] * rate
         out: Array = SIGN * u
         return out
+
+    def _pull(self, eta: Array, rate: Array) -> Array:
+        """What of the error of eta in m is fed back, from it and its rate in m/s, (..., 2)."""
+        return eta
 
 
 def flat_axis(model: BallPlate) -> tuple[Array, Array]:
@@ -570,6 +575,10 @@ def flat_axis(model: BallPlate) -> tuple[Array, Array]:
     A, B = np.eye(4, k=1), np.eye(4)[:, 3:]
     A[1, 2] = model.k1
     return A, B
+
+
+LEAVING, RETURNING = 0.01, 0.05
+"""Errors of eta in m that are fed back at most while they grow, and while they shrink."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -588,6 +597,12 @@ class StableInversion(AboutMotion):
         a'' = a*'' - K (eta - r - c2 a*, eta' - r' - c2 a*', a - a*, a' - a*')
 
     with K of the linear-quadratic regulator of eta'' = k1 a. Jumps of the reference are spread.
+
+    A ball that was pushed far from its path is braked first and brought back then: the error of eta
+    is fed back as ``LEAVING`` at most while it grows, for the slope that it would ask for besides
+    comes too late to stop the ball, and moves it outwards as it comes; and as ``RETURNING`` at
+    most while it shrinks, for a ball that is drawn back harder is too fast for a plate that turns
+    at a limited rate, and leaves on the other side.
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
@@ -628,6 +643,13 @@ class StableInversion(AboutMotion):
             (free.acceleration + F * drag.acceleration) / gain,
         )
         return self.about(now.x, wanted.position, wanted.velocity, slope)
+
+    def _pull(self, eta: Array, rate: Array) -> Array:
+        """The error of eta within bounds; the same bits where it does not reach them."""
+        if not some(np.abs(eta) > LEAVING):
+            return eta
+        most = np.where(eta * rate > 0, LEAVING, RETURNING)
+        return np.minimum(np.maximum(eta, -most), most)
 
     def _dragged(self, wanted: InverseMotion, x: Array) -> Tilts:
         """Slopes against a friction of 1 m/s^2: as planned, at rest by the ball's own heading."""
