@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask, NotNegative, Positive, some, square_of
+from controllers.arrays import Array, Mask, NotNegative, Positive, square_of
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 
@@ -556,7 +556,7 @@ class AboutMotion(Law):
 
     def about(self, x: Array, position: Array, velocity: Array, wanted: Tilts) -> Array:
         """Feedback about a motion, rad/s^2, shape (..., 2)."""
-        c2, K = self.model.c2, self.K
+        c2, K = self.model.c2, self.K.tolist()
         slope, rate = SIGN * x[..., 2::4] - wanted.angle, SIGN * x[..., 3::4] - wanted.rate
         eta = x[..., 0::4] - position + c2 * slope
         eta_rate = x[..., 1::4] - velocity + c2 * rate
@@ -646,7 +646,7 @@ class StableInversion(AboutMotion):
 
     def _pull(self, eta: Array, rate: Array) -> Array:
         """The error of eta within bounds; the same bits where it does not reach them."""
-        if not some(np.abs(eta) > LEAVING):
+        if not any(abs(each) > LEAVING for each in eta.ravel().tolist()):
             return eta
         most = np.where(eta * rate > 0, LEAVING, RETURNING)
         return np.minimum(np.maximum(eta, -most), most)
