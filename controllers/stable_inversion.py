@@ -577,8 +577,10 @@ def flat_axis(model: BallPlate) -> tuple[Array, Array]:
     return A, B
 
 
+FAR = 0.025
+"""Error of eta in m from which on a ball has been pushed: no start on a path has as much."""
 LEAVING, RETURNING = 0.01, 0.05
-"""Errors of eta in m that are fed back at most while they grow, and while they shrink."""
+"""Errors of eta in m that are fed back at most: of a larger one than ``FAR`` that grows, of any."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -598,11 +600,11 @@ class StableInversion(AboutMotion):
 
     with K of the linear-quadratic regulator of eta'' = k1 a. Jumps of the reference are spread.
 
-    A ball that was pushed far from its path is braked first and brought back then: the error of eta
-    is fed back as ``LEAVING`` at most while it grows, for the slope that it would ask for besides
-    comes too late to stop the ball, and moves it outwards as it comes; and as ``RETURNING`` at
-    most while it shrinks, for a ball that is drawn back harder is too fast for a plate that turns
-    at a limited rate, and leaves on the other side.
+    A ball that was pushed is braked first and brought back then. Of an error of eta that grows
+    beyond ``FAR`` no more than ``LEAVING`` is fed back: the slope that the rest would ask for comes
+    too late to stop the ball, and moves it outwards as it comes. Of one that shrinks it is
+    ``RETURNING`` at most: a ball that is drawn back harder is too fast for a plate that turns at
+    a limited rate, and leaves on the other side.
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
@@ -646,9 +648,9 @@ class StableInversion(AboutMotion):
 
     def _pull(self, eta: Array, rate: Array) -> Array:
         """The error of eta within bounds; the same bits where it does not reach them."""
-        if not any(abs(each) > LEAVING for each in eta.ravel().tolist()):
+        if not any(abs(each) > FAR for each in eta.ravel().tolist()):
             return eta
-        most = np.where(eta * rate > 0, LEAVING, RETURNING)
+        most = np.where((eta * rate > 0) & (np.abs(eta) > FAR), LEAVING, RETURNING)
         return np.minimum(np.maximum(eta, -most), most)
 
     def _dragged(self, wanted: InverseMotion, x: Array) -> Tilts:
