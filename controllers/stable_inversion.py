@@ -588,7 +588,12 @@ class AboutMotion(Law):
         (x, v, angle, angle_rate), (position, velocity), c2 = axis, path, self.model.c2
         slope, rate = angle - wanted.angle, angle_rate - wanted.rate
         eta, eta_rate = x - position + c2 * slope, v - velocity + c2 * rate
-        return wanted.acceleration - K[0] * eta - K[1] * eta_rate - K[2] * slope - K[3] * rate
+        pull = self._pull(eta, eta_rate)
+        return wanted.acceleration - K[0] * pull - K[1] * eta_rate - K[2] * slope - K[3] * rate
+
+    def _pull(self, eta: Any, rate: Any) -> Any:
+        """What of the error of eta in m is fed back, from it and its rate in m/s."""
+        return eta
 
 
 def flat_axis(model: BallPlate) -> tuple[Array, Array]:
@@ -596,6 +601,12 @@ def flat_axis(model: BallPlate) -> tuple[Array, Array]:
     A, B = np.eye(4, k=1), np.eye(4)[:, 3:]
     A[1, 2] = model.k1
     return A, B
+
+
+FAR = 0.025
+"""Error of eta in m from which on a ball has been pushed: no start on a path has as much."""
+LEAVING, RETURNING = 0.01, 0.05
+"""Errors of eta in m that are fed back at most: of a larger one than ``FAR`` that grows, of any."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -614,6 +625,12 @@ class StableInversion(AboutMotion):
         a'' = a*'' - K (eta - r - c2 a*, eta' - r' - c2 a*', a - a*, a' - a*')
 
     with K of the linear-quadratic regulator of eta'' = k1 a. Jumps of the reference are spread.
+
+    A ball that was pushed is braked first and brought back then. Of an error of eta that grows
+    beyond ``FAR`` no more than ``LEAVING`` is fed back: the slope that the rest would ask for comes
+    too late to stop the ball, and moves it outwards as it comes. Of one that shrinks it is
+    ``RETURNING`` at most: a ball that is drawn back harder is too fast for a plate that turns at
+    a limited rate, and leaves on the other side.
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
@@ -666,6 +683,14 @@ class StableInversion(AboutMotion):
             seen = ball, v, sign * angle, sign * rate
             u.append(sign * self._about(K, seen, (wanted.position, wanted.velocity), slope))
         return together(u, len(rows)).reshape(now.rate.shape)
+
+    def _pull(self, eta: Any, rate: Any) -> Any:
+        """The error of eta within bounds; the same bits where it does not reach them."""
+        far = abs(eta) > FAR
+        if far is False or not np.any(far):
+            return eta
+        most = np.where(far & (eta * rate > 0), LEAVING, RETURNING)
+        return np.minimum(np.maximum(eta, -most), most)
 
 
 class InverseMotion(NamedTuple):

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Reference
@@ -121,7 +122,7 @@ def test_a_ball_at_rest_has_friction_fed_forward_along_its_own_heading():
     for path, own in ((Hold(), True), (Circle(amplitude=0.15, omega=1.0), False)):
         plan = law.start(np.zeros((1, 8)), path, T)
         t = 6.0
-        plan.at(t)
+        x[0, 0::4] = [each.position for each in plan.at(t)]
         with_, without = (
             law.command(feedback(t, x, path, plan, (F, *known[1:])))[0] for F in (0.05, 0.0)
         )
@@ -153,3 +154,47 @@ def test_a_ball_that_starts_beside_its_path_is_led_to_it():
     for t, place in ((0.0, [0.1, -0.05]), (1.5, [0.0, 0.0])):
         found = [each.position for each in plan.at(t)]
         np.testing.assert_allclose(found, place, atol=1e-6 if t == 0.0 else 1e-9)
+
+
+ANGLE, RATE, ACCELERATION = math.radians(10), math.radians(35), 7.0
+
+
+def pushed(law, speed, ticks=1000):
+    """Position along y of a ball at rest that gets a speed, on a plate with limits; (5.35)."""
+    plan, x, rate, found = law.start(np.zeros((1, 8)), Hold(), T), np.zeros(8), 0.0, []
+    eta, eta_rate, slope = 0.0, speed, 0.0
+    for k in range(ticks):
+        x[4], x[5] = eta - MODEL.c2 * slope, eta_rate - MODEL.c2 * rate
+        x[6], x[7] = -slope, -rate
+        found.append(x[4])
+        u = -law.command(feedback(k * T, x[None], Hold(), plan, (0.0,) * 5))[0, 1]
+        before = rate
+        wished = rate + T * u
+        left = max(ANGLE - slope * np.sign(wished), 0.0)
+        most = min(RATE, math.sqrt(2 * ACCELERATION * left))
+        wished = min(max(wished, -most), most)
+        rate += min(max(wished - rate, -ACCELERATION * T), ACCELERATION * T)
+        eta, eta_rate = eta + T * eta_rate, eta_rate + T * MODEL.k1 * slope
+        slope += T * (before + rate) / 2
+    return np.array(found)
+
+
+def furthest_at_best(speed, step=0.01, steps=120):
+    """The least that the largest x can be, by linear programming."""
+    rate = step * np.tri(steps)
+    slope = step * np.tri(steps) @ (rate - step / 2 * np.eye(steps))
+    back = step * step * np.tri(steps, k=-1) @ np.tri(steps) @ slope * MODEL.k1 - MODEL.c2 * slope
+    one = np.ones((steps, 1))
+    A = np.block([[back, -one], *([s * m, 0 * one] for m in (rate, slope) for s in (1, -1))])
+    free = speed * step * np.arange(1, steps + 1)
+    b = np.concatenate((-free, np.full(2 * steps, RATE), np.full(2 * steps, ANGLE)))
+    bounds = [(-ACCELERATION, ACCELERATION)] * steps + [(None, None)]
+    return scipy.optimize.linprog([*[0] * steps, 1], A, b, bounds=bounds).fun
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.3])
+def test_a_pushed_ball_is_stopped_almost_as_soon_as_can_be_and_comes_back_without_passing(speed):
+    x = pushed(StableInversion(Q=(8e5, 7e4, 3e4, 300.0)), speed)
+    assert x.max() < furthest_at_best(speed) + 0.006
+    assert x.min() > -0.001
+    assert x[-1] < 0.01
