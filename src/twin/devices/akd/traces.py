@@ -259,6 +259,8 @@ def _library(file: Path, remarks: list[str]) -> Iterator[can.Message]:
             for message in reader:
                 number += 1
                 yield message
+            if getattr(reader, "file_size", 0) > file.stat().st_size:  # as the head of a .blf says
+                remarks.append(f"{file.name}: cut off, ends after frame {number}")
     except Exception as error:  # noqa: BLE001  readers raise whatever a broken file makes them
         remarks.append(f"{file.name}: cannot be read on after frame {number}: {one_line(error)}")
 
