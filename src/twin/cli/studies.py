@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -255,7 +255,7 @@ def run(
     name, about, place = benchmark.entry(entry)
     folder = check_writable(out or benchmark.out(name))
     with executors(processes, scheduler) as (executor, count):
-        how = {"executor": executor, "processes": count}
+        how: dict[str, Any] = {"executor": executor, "processes": count}
         if season:
             with _counted("reference law", benchmark) as told:
                 benchmark.known(progress=told, **how)

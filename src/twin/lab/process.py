@@ -228,7 +228,7 @@ class AnswerLaw(Law):
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2); the memory's rate comes with them."""
-        given = [*now[:6], now.memory]
+        given: list[Any] = [*now[:6], now.memory]
         if self.process.program:  # it has no reference to ask: position, four derivatives
             given += [np.broadcast_to(each, now.rate.shape) for each in now.reference(now.time)]
         both = self.process.ask("command", 2 + self.memory, *given)
