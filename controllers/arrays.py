@@ -108,14 +108,14 @@ def components(values: Array) -> Any:
     return values[0].tolist() if len(values) == 1 else values.T.copy()
 
 
-def numbers(values: Array | Mask) -> Any:
-    """A value of each rig: a number for one rig, else an array (N,)."""
-    return values.item() if values.size == 1 else values.reshape(-1)
-
-
 def together(values: Sequence[Any], rigs: int) -> Array:
     """The reverse, shape (N, k)."""
     return np.array([values]) if rigs == 1 else np.array(values).T.copy()
+
+
+def numbers(values: Array | Mask) -> Any:
+    """A value of each rig, shape (...,): a number for one rig, else an array (N,)."""
+    return values.item() if values.size == 1 else values.reshape(-1)
 
 
 def square_of(v: Array) -> Array:

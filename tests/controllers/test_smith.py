@@ -75,12 +75,13 @@ def test_perfect_model_without_noise_takes_the_dead_time_away_entirely(kind, del
     assert follow(observer, plant, delay, 150).max() < 1e-12
 
 
-def test_position_waiting_for_the_next_frame_is_taken_for_as_old_as_it_is():
-    observer, plant = Smith(observer=Luenberger()), Plant(Luenberger(), start(3))
+@pytest.mark.parametrize("rigs", [1, 3])
+def test_position_waiting_for_the_next_frame_is_taken_for_as_old_as_it_is(rigs):
+    observer, plant = Smith(observer=Luenberger()), Plant(Luenberger(), start(rigs))
     observer.start(plant.x)
 
     def age(tick):
-        return (np.array([0.0, 0.003, 0.0123]) + tick * T) % (1 / 58)
+        return (np.array([0.0, 0.003, 0.0123])[:rigs] + tick * T) % (1 / 58)
 
     assert follow(observer, plant, 0.042, 300, age).max() < 1e-12
 
