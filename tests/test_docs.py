@@ -57,6 +57,7 @@ WRITTEN = {
     "cure_attacks.template.md",
     "tuned.template.md",
     "shadow.template.md",
+    "own_faults.py",
     "safety.py",
     "safety.template.md",
     "reproduction.template.md",
