@@ -9,6 +9,7 @@ asked for the answer to small deviations.
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from functools import lru_cache
@@ -495,13 +496,9 @@ def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str 
         )
     poles = np.unique((np.log(outside) / observer.period).round(3))
     line = f"the sampled loop is unstable about the level plate: poles {listed(poles.tolist())} 1/s"
-    held, lost = -1, round(dead_time / observer.period)
-    while lost - held > 1:
-        middle = (held + lost) // 2
-        held, lost = (
-            (held, middle) if len(poles_outside(middle * observer.period)) else (middle, lost)
-        )
-    late = f"{1e3 * held * observer.period:.0f} ms late, not {1e3 * dead_time:.0f} ms"
+    T = observer.period
+    held = bisect(range(round(dead_time / T)), 0, key=lambda n: len(poles_outside(n * T))) - 1
+    late = f"{1e3 * held * T:.0f} ms late, not {1e3 * dead_time:.0f} ms"
     return f"{line}; it holds a ball that is seen {late}" if held > 0 else line
 
 

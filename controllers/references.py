@@ -522,7 +522,7 @@ class Setpoints(Reference):
     """
 
     name: ClassVar[str] = "setpoints"
-    lengths: ClassVar[tuple[str, ...]] = ("points", "before")
+    lengths: ClassVar[tuple[str, ...]] = ("points",)
 
     points: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),)
     """The goals (time, x, y): seconds of the run, metres in plate axes."""

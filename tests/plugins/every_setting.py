@@ -1,7 +1,7 @@
 """A list that more than one test goes through."""
 
 OTHER = {
-    "plant.size": "[0.3, 0.3]",
+    "plant.size": "[0.6, 0.32]",
     "plant.friction.rolling_mm": "0.3",
     "plant.friction.breakaway_ratio": "2.0",
     "plant.friction.stribeck_speed": "0.01",

@@ -43,7 +43,8 @@ def told(ball, tilt=(0.0, 0.0), outcome="finished", rig=(), **metrics):
     rows |= {"reference_x": ball[:, 0], "reference_y": ball[:, 1]}
     rows |= {f"applied_{axis}_acc": nothing for axis in ("phi", "theta")}
     rows["time"] = 0.01 * np.arange(len(ball))
-    tables = put(TABLES, [(f"plant.{key}", value) for key, value in dict(rig).items()])
+    room = [("rig.limits.area", [0.1, 0.1])] if rig else []
+    tables = put(TABLES, [*room, *((f"plant.{key}", value) for key, value in dict(rig).items())])
     return Run("told", check(tables, "test"), rows, metrics={"outcome": outcome, **metrics})
 
 

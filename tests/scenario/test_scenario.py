@@ -46,7 +46,7 @@ def test_every_shipped_scenario_is_valid(name):
         (["plant.ball.mass=-0.1"], ["plant.ball.mass", "greater than 0", "-0.1"]),
         (["plant.kind=real"], ["plant.kind", "mujoco", "lagrange"]),
         (["plant.start.x=0.4"], ["plant.start.x", "0.35"]),
-        (["rig.limits.area=[0.25,0.2]"], ["rig.limits.area", "half along y is 0.1975 m, got 0.2"]),
+        (["rig.limits.area=[0.25,0.2]"], ["rig.limits.area", "the plate's half is 0.35, 0.1975 m"]),
         (["metrics.start=2"], ["metrics.start", "duration"]),
         (["rig.period=0.0015"], ["rig.period", "0.001", "multiple"]),
         (["controller.period=0.003"], ["controller.period", "0.003", "multiple of rig.period"]),

@@ -155,10 +155,6 @@ def _told(error: BaseException, file: str) -> str:
     return failed_line(error, {file}) or error_words(error)
 
 
-def _pair(values: Array) -> tuple[float, float]:
-    return float(values[0]), float(values[1])
-
-
 class OwnServos:
     """Own hardware as two servo axes; the methods are those of `AkdServos`.
 
@@ -178,12 +174,10 @@ class OwnServos:
         self.reading: Reading | None = None
         """The newest measurement that is one."""
         self.enabled = False
-        self.now = hardware.time
-        self._hardware = hardware
+        self._hardware, self.now = hardware, hardware.time
         self._file = type(hardware).start.__code__.co_filename
         self.where = type(hardware).__name__
-        self._limit = float(np.max(limits.angle))
-        self._period = period
+        self._limit, self._period = float(np.max(limits.angle)), period
         self._share = 1 - math.exp(-period / config.plate_lag) if config.plate_lag else 1.0
         self._rate, self._angle, self._model = np.zeros((3, 2))
         self._started = False
@@ -244,7 +238,8 @@ class OwnServos:
         rates = (self._angle - before) / self._period
         self._model = self._model + self._share * (self._angle - self._model)
         if self._started:
-            self._asked(lambda: self._hardware.command(_pair(rates), _pair(self._angle)))
+            pairs: Any = (tuple(rates.tolist()), tuple(self._angle.tolist()))
+            self._asked(lambda: self._hardware.command(*pairs))
 
     def settle(self, limit: float) -> None:
         """Nothing is waited for."""

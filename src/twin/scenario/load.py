@@ -193,17 +193,18 @@ def _fitted(
     of its reference, and where the ball starts, become smaller in proportion; the title says so.
     """
     merged = put(laid_over(tables, more), settings)
-    known = schema.RigLimitsTable().area
     try:
-        was, now = (
-            each.get("rig", {}).get("limits", {}).get("area", known) for each in (tables, merged)
-        )
+        limits = (each.get("rig", {}).get("limits", {}) for each in (tables, merged))
+        was, now = (each.get("area", schema.RigLimitsTable().area) for each in limits)
         share = min(new / old for new, old in zip(now, was, strict=True))
         if share >= 1:
             return merged
         own, kind = tables["reference"], merged["reference"].get("kind")
         own = own if own.get("kind") == kind else {"kind": kind}
-        found = copy.deepcopy(dict(tables)) | {"reference": _smaller(own, share)}
+        cls: Any = schema.choices("reference")[kind]
+        known = {name: own.get(name, getattr(cls, name, None)) for name in cls.lengths}
+        smaller = {name: _times(value, share) for name, value in known.items() if np.any(value)}
+        found = copy.deepcopy(dict(tables)) | {"reference": {**own, **smaller}}
         start = found.get("plant", {}).get("start", {})
         start.update({key: _times(start[key], share) for key in start.keys() & set("xy")})
     except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError):
@@ -214,20 +215,8 @@ def _fitted(
     return found
 
 
-def _smaller(reference: Mapping[str, Any], share: float) -> Tables:
-    """A reference's table with its lengths times a share, those not given by their defaults."""
-    cls: Any = schema.choices("reference").get(reference["kind"])
-    names = cls.lengths if cls else ()
-    known = {name: reference.get(name, getattr(cls, name, None)) for name in names}
-    smaller = {name: _times(value, share) for name, value in known.items()}
-    same = {name for name, value in smaller.items() if value == _times(known[name], 1.0)}
-    return {**reference, **{name: smaller[name] for name in smaller.keys() - same}}
-
-
 def _times(value: Any, share: float) -> Any:
     """Lengths times a share; of a row of three numbers the first is a time, which stays."""
-    if isinstance(value, Mapping):
-        return _smaller(value, share)
     if isinstance(value, list | tuple):
         timed = len(value) == 3 and isinstance(value[0], int | float)
         return [*value[:timed], *(_times(each, share) for each in value[timed:])]

@@ -197,7 +197,7 @@ def _plan(
     both = zip(streams, blocks, strict=True)
     groups = {group for each, rows in both for group in each.plots(rows)}
     groups |= {*more}
-    return blueprint([each.root for each in streams], groups, streams[0].size)
+    return blueprint([each.root for each in streams], groups, streams[0].scenario.plant.size)
 
 
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:

@@ -156,7 +156,7 @@ class RunStream:
         self._colour = RUNS[(among or 0) % len(RUNS)]
         self.root = f"/{rr.escape_entity_path_part(name)}"
         self._reference = build_reference(scenario) if reference is None else reference
-        self._scenario = scenario
+        self.scenario = scenario
         self.scene = Scene(drawn_mechanism(scenario), f"{self.root}/mechanism")
         self._cams = CamTable.packaged()
         self._turn = np.array([0.0, 0.0, 0.0, 1.0])
@@ -166,20 +166,15 @@ class RunStream:
         self._state = -1
         self._marks: dict[str, bool] = {}
 
-    @property
-    def size(self) -> tuple[float, float]:
-        """Sides of the run's screen along x and y, m."""
-        return self._scenario.dimensions.screen
-
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
         """What does not change over the run: shapes, top view of the plate, reference path."""
         yield from self.scene.shapes(self._colour)
-        times = np.linspace(0, self._scenario.duration, 2000)
+        times = np.linspace(0, self.scenario.duration, 2000)
         path = self._reference(times)[0]
         yield from fixed(
             f"{self.root}/plate_mm",
             path,
-            self._scenario.dimensions,
+            self.scenario.dimensions,
             colour=self._colour,
         )
         lifted = np.column_stack((path, np.full(len(path), self.scene.surface + 0.001)))
@@ -212,7 +207,7 @@ class RunStream:
     def plots(self, rows: Mapping[str, Array]) -> dict[str, dict[str, Signal]]:
         """The lines of the time plots: group to name to signal."""
         reference = self._reference(rows["time"])[0]
-        dead_time = self._scenario.sensors.touch.dead_time
+        dead_time = self.scenario.sensors.touch.dead_time
         plots = signals(rows, reference, dead_time)
         if self._among is None:
             return plots
