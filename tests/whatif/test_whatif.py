@@ -314,3 +314,21 @@ def test_without_touches_nothing_is_known():
     place, speed = path(np.arange(3.0), (np.zeros(0), np.zeros((0, 2))))
     assert np.isnan(place).all()
     assert np.isnan(speed).all()
+
+
+def test_a_log_of_commands_and_slow_frames_is_gone_on_with(tmp_path):
+    """A camera of 30 frames/s and commanded angles; the future is what the run itself did."""
+    run = recorded(tmp_path / "run", "duration=4.0")
+    k = np.arange(0, len(run["time"]), 17)
+    tilt = [
+        np.cumsum(np.cumsum(run[f"applied_{axis}_acc"])) * 0.002**2 for axis in ("phi", "theta")
+    ]
+    cells = np.column_stack([run[name][k] for name in ("time", "measured_x", "measured_y")])
+    file = tmp_path / "rig.txt"
+    head = "t x y a b"
+    np.savetxt(file, np.column_stack((cells, *(u[k] for u in tilt))), header=head, comments="")
+    columns = "time=t,measured_x=x,measured_y=y,command_phi=a,command_theta=b"
+    moment = moment_of(file, 2.0, "circle", ("plant.kind=lagrange",), columns)
+    assert not moment.exact
+    assert moment.before_mm < POOR
+    assert one(moment, lasting=1.5).max_difference < 5e-3
