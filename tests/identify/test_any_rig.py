@@ -343,7 +343,7 @@ def test_a_coverage_counts_what_lies_within_and_leaves_out_what_has_no_interval(
     none = (None, None, None, "not identifiable")
     told = ({"gain": one, "delay": (0.15, 0.14, 0.16, "identified")} for one in (inside, outside))
     found = [{"rig": rig, "told": each} for each in (*told, {"gain": none, "delay": none})]
-    gain, delay, camber = coverage([{**e, "rig": {**rig, "camber": 0.3}} for e in found])
+    gain, delay, camber = coverage(found)
     assert (gain["rigs"], gain["held"], gain["identified"]) == (2, 1, 1)
     assert (gain["low"], gain["high"]) == pytest.approx(
         (0.0945, 0.9055), abs=1e-3
