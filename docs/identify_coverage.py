@@ -190,7 +190,7 @@ def coverage(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _truth(rig: Mapping[str, float], name: str) -> float:
-    return rig["dead_time"] + rig["lag"] if name == "delay" else rig[name]
+    return rig["dead_time"] + rig["lag"] if name == "delay" else rig.get(name, 0.0)
 
 
 UNITS = {"gain": "m/s^2 by rad", "level": "m/s^2", "friction": "m/s^2", "camber": "1/s^2"}
@@ -212,10 +212,10 @@ def page(found: list[dict[str, Any]], command: str) -> str:
             f"{row['off']:.2g}",
         )
         lines.append(f"| {' | '.join(cells)} |")
-    errors = {
-        who: 1000 * np.median([each["errors"][who] for each in found])
+    model, stays, on = (
+        f"{1000 * np.median([each['errors'][who] for each in found]):.2g}"
         for who in ("model", "stays", "goes on")
-    }
+    )
     ranges = ", ".join(
         f"{LABELS.get(name, name)} {low:g} to {high:g}" for name, (low, high) in DRAWN.items()
     )
@@ -226,7 +226,9 @@ def page(found: list[dict[str, Any]], command: str) -> str:
         seconds=SECONDS,
         ranges=ranges,
         rows="\n".join(lines),
-        errors=errors,
+        model=model,
+        stays=stays,
+        on=on,
     )
 
 

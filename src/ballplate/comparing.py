@@ -157,6 +157,8 @@ def compare(
     settings: Settings = (),
     out: str | Path | None = None,
     processes: int | None = None,
+    columns: str | None = None,
+    separator: str | None = None,
     reporter: Reporter | None = None,
     **changes: Unpack[Changes],
 ) -> Comparison:
@@ -174,6 +176,8 @@ def compare(
         settings: What is changed of all scenarios.
         out: Folder to save in as the runs come; see ``Comparison.save`` for later.
         processes: Processes to use; all processors by default.
+        columns: Of logs of any rig, as ``identify`` takes them.
+        separator: Between these.
         reporter: Who is told progress and warnings.
         changes: What is changed of all scenarios, by tables.
 
@@ -202,7 +206,7 @@ def compare(
         if not isinstance(each, Result):
             raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
     opened = [*map(Result.from_run, found), *results]
-    recorded, fitted = measured(logs, names, opened, base)
+    recorded, fitted = measured(logs, names, opened, base, (columns, separator), report.warn)
     finished = labelled([*map(Result.from_run, recorded), *opened])
     cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
     listed = ", ".join((*names, *finished))
@@ -254,26 +258,50 @@ def _warn(scenarios: Mapping[str, Scenario], reporter: Reporter) -> None:
 
 
 def measured(
-    logs: Sequence[Path], names: Sequence[str], finished: Sequence[Run], base: Sequence[KeyChange]
+    logs: Sequence[Path],
+    names: Sequence[str],
+    finished: Sequence[Run],
+    base: Sequence[KeyChange],
+    told: tuple[str | None, str | None],
+    tell: Callable[[str], None],
 ) -> tuple[list[Run], list[KeyChange]]:
-    """Logs as runs, and what their prediction is to be changed to."""
+    """Logs as runs, and what their prediction is to be changed to.
+
+    Args:
+        logs: Files.
+        names: Of scenarios; the first one's reference is the logs'.
+        finished: Runs beside them, whose reference it is without any.
+        base: What is changed of the scenario.
+        told: The columns of logs of any rig, None of other logs, and what separates these.
+        tell: Is told what was left out of them.
+    """
+    from twin.identify.logs import read_any, wanted_columns
     from twin.run.logs import fitting, log_run, read_log
 
     runs: list[Run] = []
     fitted: list[KeyChange] = []
+    columns, separator = told
+    if columns is not None and not logs:
+        raise ScenarioError("columns: are of a log; name one, as in run.csv")
     for path in logs:
-        rows = read_log(path)
-        if names:
-            own = changes_of(fitting(rows, scenario_of(names[0], base, titled=False)), {})
-            fitted = fitted or own
-            scenario = scenario_of(names[0], [*own, *base], titled=False)
-        elif finished:
-            scenario = finished[0].scenario
-        else:
+        if not (names or finished):
             raise ScenarioError(
                 f"{path}: a log has no reference; name the scenario it was recorded with, as in: "
                 f"ballplate compare {path} circle"
             )
+        known = scenario_of(names[0], base, titled=False) if names else finished[0].scenario
+        if columns is None:
+            rows = read_log(path)
+        else:
+            log = read_any(path, wanted_columns(columns), separator)
+            rows = log.on(known).columns
+            for note in log.notes:
+                tell(f"{path.name}: {note}")
+        scenario = known
+        if names:
+            own = changes_of(fitting(rows, known), {})
+            fitted = fitted or own
+            scenario = scenario_of(names[0], [*own, *base], titled=False)
         name = numbered(path.stem, [run.name for run in runs])
         runs.append(log_run(rows, scenario, name))
     return runs, fitted

@@ -229,12 +229,7 @@ def _log(file: Path) -> Log:
     from twin.identify import logs
 
     log = logs.read(file)
-    columns = {"time": log.time, "measured_x": log.ball[:, 0], "measured_y": log.ball[:, 1]}
-    columns |= {"measured_phi": log.plate[:, 0], "measured_theta": log.plate[:, 1]}
-    columns |= {"age": log.age, "touched": log.touched.astype(float)}
-    if log.command is not None:
-        columns |= dict(zip(logs.RATES, log.command.T, strict=True))
-    return Log(log.source, columns, {name: logs.COLUMNS[name] for name in columns})
+    return Log(log.source, log.columns, {name: logs.COLUMNS[name] for name in log.columns})
 
 
 HOLD_OUT = 1 / 3

@@ -11,7 +11,7 @@ import pytest
 from twin.identify.logs import COLUMNS
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
-axis_log_of = importlib.import_module("identify_coverage").axis_log
+identify_coverage = importlib.import_module("identify_coverage")
 sys.path.pop(0)
 
 
@@ -63,4 +63,10 @@ def broken():
 @pytest.fixture(scope="session")
 def axis_log():
     """Gives logs of a rig that is simulated without any of the twin's code."""
-    return axis_log_of
+    return identify_coverage.axis_log
+
+
+@pytest.fixture(scope="session")
+def coverage():
+    """Counts how often intervals hold."""
+    return identify_coverage.coverage

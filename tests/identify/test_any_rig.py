@@ -14,7 +14,14 @@ from twin.cli.understand import identify as command
 from twin.errors import LogError
 from twin.identify.any_rig import _chosen, _verdicts, identify_any
 from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, score
-from twin.identify.logs import AxisLog, ball_factor, read_any, unit_factor, wanted_columns
+from twin.identify.logs import (
+    AnyLog,
+    AxisLog,
+    ball_factor,
+    read_any,
+    unit_factor,
+    wanted_columns,
+)
 from twin.identify.plain_model import (
     PlainProblem,
     TiltHistory,
@@ -239,7 +246,6 @@ def test_the_commands_of_the_page_work_on_logs_of_these_names(axis_of, tmp_path,
 def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     log = axis_of(2, seconds=30)
     other = np.random.default_rng(1).normal(0, 0.05, len(log.tilt))
-    from twin.identify.logs import AnyLog
     from twin.identify.report import sentences
 
     wrong = AnyLog("wrong", {"x": replace(log, tilt=other)}, {"x": "rad"}, ())
@@ -288,3 +294,59 @@ def test_a_real_log_gives_the_gain_of_its_ball_and_says_what_it_is_worth():
     gain = fit.value("gain") / fit.problem.tilt.scale
     assert gain == pytest.approx(0.6 * 9.81, rel=0.2)  # its README: 1.00 times
     assert fit.value("dead_time") + fit.value("lag") == pytest.approx(0.27, abs=0.08)
+
+
+ON_TWIN = ("plant.kind=lagrange", "plant.servo.bandwidth_hz=2.0", "rig.cam_error_percent=[10,0]")
+
+
+def frames(tilt, **about):
+    """A log of 30 frames/s of a ball at 10 and -30 mm, with a command in rad along x."""
+    time = np.arange(0.0, 3.0, 1 / 30)
+    still = np.full_like(time, 0.01)
+    axes = {
+        "x": AxisLog(time, tilt(time), True, time, still),
+        "y": AxisLog(time, 0 * time, True, time, -3 * still),
+    }
+    return AnyLog("rig.csv", axes, {"x": "rad", "y": "rad", **about}, ())
+
+
+def test_a_log_of_commands_becomes_one_of_the_plate_that_the_twins_drives_make():
+    """A step behind a lag: 1 - exp(-t / T), taken too far by what the scenario says."""
+    log = frames(lambda time: np.where(time >= 1.0, 0.05, 0.0)).on(load("circle", ON_TWIN))
+    assert np.diff(log.time) == pytest.approx(0.002)
+    since = log.time - 1.0
+    turned = np.where(since > 0, 1 - np.exp(-2 * np.pi * 2.0 * np.maximum(since, 0)), 0.0)
+    assert log.plate[:, 0] == pytest.approx(0.05 * 1.1 * turned, abs=2e-3)
+    assert log.plate[:, 1] == pytest.approx(0.0)
+    # what was commanded is what the rates add up to, by the next command
+    assert 0.002 * log.command[:, 0].sum() == pytest.approx(0.05)
+    assert log.ball[100] == pytest.approx([0.01, -0.03])
+    assert (log.age >= -1e-9).all()
+    assert log.age.max() < 1 / 30 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("about", "settings", "says"),
+    [
+        ({"x": "count"}, (), "command_phi: in counts"),
+        ({}, ("plant.size=[0.1,0.05]", "rig.limits.area=[0.01,0.01]"), "measured_y: reaches 0.03"),
+    ],
+)
+def test_a_log_that_is_not_of_the_scenarios_rig_is_refused(about, settings, says):
+    with pytest.raises(LogError, match=says):
+        frames(np.sin, **about).on(load("hold", (*ON_TWIN, *settings)))
+
+
+def test_a_coverage_counts_what_lies_within_and_leaves_out_what_has_no_interval(coverage):
+    rig = {"gain": 6.0, "dead_time": 0.1, "lag": 0.05}
+    inside, outside = (6.1, 5.9, 6.3, "identified"), (6.5, 6.4, 6.6, "bounded")
+    none = (None, None, None, "not identifiable")
+    told = ({"gain": one, "delay": (0.15, 0.14, 0.16, "identified")} for one in (inside, outside))
+    found = [{"rig": rig, "told": each} for each in (*told, {"gain": none, "delay": none})]
+    gain, delay, camber = coverage(found)
+    assert (gain["rigs"], gain["held"], gain["identified"]) == (2, 1, 1)
+    assert (gain["low"], gain["high"]) == pytest.approx(
+        (0.0945, 0.9055), abs=1e-3
+    )  # Wilson, 1 of 2
+    assert (delay["rigs"], delay["held"]) == (2, 2)
+    assert camber["rigs"] == 0

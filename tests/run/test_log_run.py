@@ -5,9 +5,10 @@ import csv
 import numpy as np
 import pytest
 
-from twin.errors import LogError
+from ballplate import compare
+from twin.errors import LogError, ScenarioError
 from twin.run.finished import run
-from twin.run.logs import apart, distances, fitting, log_run, read_log
+from twin.run.logs import AXES, apart, distances, fitting, log_run, read_log
 from twin.scenario.load import load
 
 CHANGES = (
@@ -90,3 +91,29 @@ def test_a_log_that_cannot_be_meant_is_refused(tmp_path, header, factor, words):
     else:
         with pytest.raises(LogError, match=words):
             read_log(path)
+
+
+def test_a_log_of_commands_in_columns_of_any_name_lies_on_the_run_it_was_taken_from(made, tmp_path):
+    """A camera of 50 frames/s that sees half millimetres, and the angles that were commanded."""
+    rows, period = made.rows, 0.002
+    k = np.arange(0, len(rows["time"]), 10)
+    tilt = [np.cumsum(np.cumsum(rows[f"applied_{axis}_acc"])) * period**2 for axis in AXES]
+    seen = [np.round(2000 * rows[f"measured_{axis}"][k]) / 2 for axis in ("x", "y")]
+    cells = np.column_stack((1000 * rows["time"][k], *seen, *(np.degrees(u[k]) for u in tilt)))
+    file = tmp_path / "rig.txt"
+    np.savetxt(file, cells, fmt="%.6g", delimiter=";", header="millis;X;Y;a;b", comments="")
+    columns = "time=millis:ms,measured_x=X:mm,measured_y=Y:mm,command_phi=a:deg,command_theta=b:deg"
+    found = compare(str(file), "circle", settings=CHANGES, columns=columns)
+    log, twin = found["rig"], found["circle"]
+    assert found.logs == ("rig",)
+    assert apart(log, twin.motion) < 1.5e-3
+    expected = twin.metrics["tracking_error_percent"]
+    assert log.metrics["tracking_error_percent"] == pytest.approx(expected, rel=0.05)
+    both = log.motion.time[:-500]  # the plate of the log is where the twin's was measured
+    measured = np.interp(both, rows["time"], rows["measured_phi"])
+    assert np.abs(log.motion.plate[: len(both), 0] - measured).max() < np.radians(0.3)
+
+
+def test_columns_without_a_log_are_refused():
+    with pytest.raises(ScenarioError, match="columns: are of a log"):
+        compare("circle", columns="time=t,measured_x=x,command_phi=u")

@@ -113,7 +113,7 @@ def test_a_run_beside_its_twin_leaves_what_the_twin_says_of_it_afterwards(folder
     again = CliRunner().invoke(shadow_command, [str(path), "--json", "--out", str(tmp_path)])
     afterwards = json.loads(again.stdout[again.stdout.index("{") :])
     differing = {name for name in said if said[name] != afterwards[name]}
-    assert differing <= {"proposal", "log"}  # the proposal names its file
+    assert differing <= {"log"}
     first, second = (pq.read_table(where / "shadow.parquet") for where in (path, tmp_path))
     assert first.equals(second)
     assert (path / "shadow.html").is_file()

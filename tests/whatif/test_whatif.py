@@ -19,7 +19,7 @@ from twin.run.finished import open_run, open_runs
 from twin.run.metrics import INTERRUPTED
 from twin.scenario.load import load
 from twin.whatif.futures import POOR, agreement, branches_of, futures, moment_of
-from twin.whatif.moment import FEWEST, HALF, path
+from twin.whatif.moment import FEWEST, FRAMES, HALF, path
 
 AT = 1.2
 LATE = 2.2
@@ -300,8 +300,9 @@ def test_the_path_is_the_parabola_of_least_squares_through_the_touches_about_it(
     ball = np.stack((np.sin(3 * known), known**2), axis=1) + noise.normal(0, 1e-3, (60, 2))
     time = np.linspace(known[0] - 0.05, known[-1] + 0.05, 90)
     place, speed = path(time, (known, ball))
+    half = max(HALF, FRAMES * float(np.median(np.diff(known))))
     for row, now in enumerate(time):
-        near = (known >= now - HALF) & (known < now + HALF)
+        near = (known >= now - half) & (known < now + half)
         if near.sum() < FEWEST or known[near][0] > now or known[near][-1] < now:
             assert np.isnan(place[row]).all()
             continue
@@ -314,3 +315,21 @@ def test_without_touches_nothing_is_known():
     place, speed = path(np.arange(3.0), (np.zeros(0), np.zeros((0, 2))))
     assert np.isnan(place).all()
     assert np.isnan(speed).all()
+
+
+def test_a_log_of_commands_and_slow_frames_is_gone_on_with(tmp_path):
+    """A camera of 30 frames/s and commanded angles; the future is what the run itself did."""
+    run = recorded(tmp_path / "run", "duration=4.0")
+    k = np.arange(0, len(run["time"]), 17)
+    tilt = [
+        np.cumsum(np.cumsum(run[f"applied_{axis}_acc"])) * 0.002**2 for axis in ("phi", "theta")
+    ]
+    cells = np.column_stack([run[name][k] for name in ("time", "measured_x", "measured_y")])
+    file = tmp_path / "rig.txt"
+    head = "t x y a b"
+    np.savetxt(file, np.column_stack((cells, *(u[k] for u in tilt))), header=head, comments="")
+    columns = "time=t,measured_x=x,measured_y=y,command_phi=a,command_theta=b"
+    moment = moment_of(file, 2.0, "circle", KEYS, columns)
+    assert not moment.exact
+    assert moment.before_mm < POOR
+    assert one(moment, lasting=1.5).max_difference < 5e-3

@@ -174,6 +174,19 @@ def SETTING(command: Any) -> Any:  # noqa: N802 - an option, as the others
     return _SET(_ON(command))
 
 
+_COLUMNS = click.option(
+    "--columns",
+    metavar="ROLE=NAME:UNIT,...",
+    help="Columns of a log of any rig: time, measured_x, measured_y, command_phi, command_theta.",
+)
+_SEPARATOR = click.option("--separator", help="Between its columns, as ; or tab [found].")
+
+
+def COLUMNS(command: Any) -> Any:  # noqa: N802 - an option, as the others
+    """The options that tell what a log of any rig holds."""
+    return _COLUMNS(_SEPARATOR(command))
+
+
 PLANT = click.option(
     "--plant",
     type=click.Choice(["mujoco", "lagrange"]),

@@ -157,6 +157,7 @@ def _examined(folder: Path) -> Shadow | None:
 @options.VARY
 @click.option("--out", type=options.PATH, help="Folder [runs/compare-SOURCES-CHANGES].")
 @options.PROCESSES
+@options.COLUMNS
 @options.ALL
 @options.JSON
 def compare(
@@ -165,6 +166,8 @@ def compare(
     vary: tuple[str, ...],
     out: Path | None,
     processes: int | None,
+    columns: str | None,
+    separator: str | None,
     *,
     everything: bool,
 ) -> int:
@@ -183,6 +186,8 @@ def compare(
         settings=overrides,
         out=out or named,
         processes=processes,
+        columns=columns,
+        separator=separator,
         reporter=TERMINAL,
     )
     from twin.run.logs import distances

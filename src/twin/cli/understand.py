@@ -107,12 +107,7 @@ PARAMETERS = (
     metavar="SHARE|LOG",
     help=f"Share of the log held out from the fit [{1 - SHARE:.2f}]; with --columns also a log.",
 )
-@click.option(
-    "--columns",
-    metavar="ROLE=NAME:UNIT,...",
-    help="Columns of a log of any rig: time, measured_x, measured_y, command_phi, command_theta.",
-)
-@click.option("--separator", help="Between its columns, as ; or tab [found].")
+@options.COLUMNS
 @click.option("--ball", metavar="BALL", help="hollow, solid, or its share of gravity [hollow].")
 @click.option("--out", type=options.PATH, help="Folder [runs/identify-LOG].")
 @options.JSON
@@ -223,31 +218,38 @@ def fit(
 @options.command(example="shadow runs/circle")
 @click.argument("log", type=options.PATH)
 @options.SETTING
-@click.option("--no-proposal", is_flag=True, help="Identify nothing, propose nothing.")
+@options.COLUMNS
 @click.option("--out", type=options.PATH, help="Folder [RUN, or runs/shadow-LOG].")
 @options.JSON
 def shadow(
     log: Path,
     overrides: tuple[str, ...],
+    columns: str | None,
+    separator: str | None,
     out: Path | None,
-    *,
-    no_proposal: bool,
 ) -> int:
     """Let the twin run beside a recorded run: is it still right, since when not, and why.
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns and what was commanded.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
-    identified ones). Writes shadow.html, shadow.json and shadow.parquet, and parameters-N.toml if
-    another twin proves better. Exit code 1 after an alarm.
+    identified ones: it learns for 20 s then, before it judges). Writes shadow.html, shadow.json and
+    shadow.parquet. Exit code 1 after an alarm.
     """
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)
-    from twin.shadow.report import FILES, advice, examine
+    from twin.shadow.report import FILES, examine, sentences
 
     folder = check_writable(out or (log.parent if is_record(log) else ROOT / f"shadow-{name}"))
     with progress(f"the twin beside {name}", 1.0) as advance:
-        found = examine(log, folder, overrides, proposing=not no_proposal, progress=advance)
-    show(found.as_dict(), advice(found), folder, FILES)
+        found = examine(
+            log,
+            folder,
+            overrides,
+            columns=columns,
+            separator=separator,
+            progress=advance,
+        )
+    show(found.as_dict(), sentences(found), folder, FILES)
     return int(bool(found.alarms))
 
 
@@ -268,6 +270,8 @@ FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; rep
     help="How long it goes on, s.",
 )
 @click.option("--scenario", help="What ran, for a log that does not say: a name or a TOML file.")
+@click.option("--on", metavar="RIG", help="On which rig, or a file of identified parameters.")
+@options.COLUMNS
 @click.option("--out", type=options.PATH, help="Folder [runs/whatif-RUN].")
 @options.JSON
 def whatif(
@@ -277,6 +281,9 @@ def whatif(
     branches: tuple[str, ...],
     lasting: float,
     scenario: str | None,
+    on: str | None,
+    columns: str | None,
+    separator: str | None,
     out: Path | None,
 ) -> int:
     """Simulate other futures from a moment of a run: what would have happened.
@@ -291,7 +298,8 @@ def whatif(
 
     with SecondProcess(wanted=cores() > 1) as beside:
         beside.begin(load_drawing)
-        moment = moment_of(run, at, scenario)
+        rig = () if on is None else (f"parameters={on}",)
+        moment = moment_of(run, at, scenario, rig, columns, separator)
         found = futures(moment, lasting, branches_of(settings, branches))
         if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none

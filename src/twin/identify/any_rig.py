@@ -27,6 +27,8 @@ PAYS = 0.9
 """Share of the error across the halves of the log that is left with a parameter that pays."""
 SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and how a level along them is a tilt of the base."""
+MOST_TURNED = 0.2
+"""How much too far or too little a command may tilt the twin's plate."""
 PAUSE = 10.0
 """Time in s between two logs that are fitted as one."""
 
@@ -56,6 +58,11 @@ class PlainIdentification(judged.Identification):
         push = self.factor * ball.gravity
         inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
         lines = {"plant.ball.inertia": f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"}
+        gain = known.get("gain", {})
+        turned = [gain.get(axis, sign * push) * sign / push for axis, sign in SIGNS]
+        if gain and not any(map(_another, turned)):
+            errors = ", ".join(f"{100 * (each - 1):.6g}" for each in turned)
+            lines["rig.cam_error_percent"] = f"[{errors}]  # how much too far a command tilts"
         if "friction" in mean:
             rolling = 1000 * mean["friction"] * ball.radius / push
             lines["plant.friction.rolling_mm"] = f"{rolling:.6g}  # for a ball of 20 mm radius"
@@ -153,8 +160,24 @@ def _share(axis: str, fit: AxisFit, factor: float) -> str:
     return (
         f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball does that "
         f"takes {factor:.3g} of gravity: only this product of the plate's tilt per command and the "
-        "ball's share of gravity is told."
+        f"ball's share of gravity is told.{_told(axis, share)}"
     )
+
+
+def _told(axis: str, share: float) -> str:
+    """What a command is to be multiplied by where the twin's is another, in a sentence."""
+    turned = dict(SIGNS)[axis] * share
+    return (
+        f" For compare, shadow and whatif tell the command times {turned:.3g} (a - before its name "
+        "turns the sign, a factor stands before its unit)."
+        if _another(turned)
+        else ""
+    )
+
+
+def _another(turned: float) -> bool:
+    """Whether a tilt per command is beyond what `rig.cam_error_percent` takes."""
+    return abs(turned - 1) > MOST_TURNED
 
 
 def _parts(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, AxisLog]]:

@@ -6,6 +6,7 @@ third, ``command_theta=-servo2:0.24deg`` with its sign turned and a factor.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,12 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
+from scipy.signal import lfilter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.run.files import is_record, log_file
 from twin.run.logs import NEEDED, SCALES, UNITS, read_columns, split_unit
+from twin.scenario.schema import Scenario
 
 MORE_COLUMNS = ("age", "touched", "applied_phi_acc", "applied_theta_acc", "lateness")
 RATES = ("applied_phi_rate", "applied_theta_rate")
@@ -78,6 +81,16 @@ class Log:
             raise LogError(f"{self.source}: --ball: a run knows its ball")
         inertia = self.model.mass * self.model.radius**2 * (1 / factor - 1)
         return replace(self, model=replace(self.model, inertia=inertia))
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """Its columns by their names in ``COLUMNS``, shape (K,) each."""
+        pairs = {NEEDED[1::2]: self.ball, NEEDED[2::2]: self.plate, RATES: self.command}
+        found = {"time": self.time, "age": self.age, "touched": self.touched.astype(float)}
+        for names, values in pairs.items():
+            if values is not None:
+                found |= dict(zip(names, values.T, strict=True))
+        return found
 
     def rows(self, chosen: Mask | NDArray[np.intp] | slice) -> Log:
         """Some of its rows."""
@@ -248,6 +261,69 @@ class AnyLog:
     axes: Mapping[str, AxisLog]
     unit: Mapping[str, str]
     notes: tuple[str, ...]
+
+    def on(self, scenario: Scenario, later: float = 0.0) -> Log:
+        """As the rig of a scenario would have recorded it, a row every control period.
+
+        The plate is where its drives take it of what was commanded, or as it was measured; an axis
+        without columns stays at zero.
+
+        Args:
+            scenario: The rig: its period, ball, plate, drives, and tilt per command.
+            later: Time in s by which the plate is to come later.
+
+        Raises:
+            LogError: If a command is in counts, or the ball was off that rig's plate.
+        """
+        if counted := [axis for axis, unit in self.unit.items() if unit != "rad"]:
+            role = f"command_{AXES[counted[0]][1]}"
+            raise LogError(
+                f"{self.source}: {role}: in counts; the twin needs the plate's angle, a count's as "
+                f"{role}=NAME:0.24deg"
+            )
+        half = np.divide(scenario.dimensions.screen, 2)
+        first = next(iter(self.axes.values()))
+        period = scenario.rig.period
+        begin = max(float(first.sampled[0]), *(float(own.time[0]) for own in self.axes.values()))
+        time = np.arange(math.ceil(begin / period), int(first.sampled[-1] / period) + 1) * period
+        newest = np.searchsorted(first.sampled, time, side="right") - 1
+        ball, plate, rate = np.zeros((3, len(time), 2))
+        for axis, own in self.axes.items():
+            k = list(AXES).index(axis)
+            far = float(np.percentile(np.abs(own.ball), 99))
+            if far > half[k]:
+                raise LogError(
+                    f"{self.source}: {AXES[axis][0]}: reaches {far:.3g} m, the plate ends at "
+                    f"{half[k]:.3g} m: another unit, or another rig (--on, plant.size)"
+                )
+            ball[:, k] = own.ball[newest]
+            if own.held:
+                sent = own.tilt[np.maximum(np.searchsorted(own.time, time - later, "right") - 1, 0)]
+                corner = scenario.plant.servo.bandwidth_hz
+                stay = math.exp(-2 * math.pi * corner * period) if corner else 0.0
+                behind = lfilter([1 - stay], [1, -stay], sent, zi=[stay * sent[0]])[0]
+                plate[:, k] = (1 + scenario.rig.cam_error_percent[k] / 100) * behind
+                # a drive that is told rates gets from one command to the next in their time
+                count = max(1, round(float(np.median(np.diff(own.time))) / period))
+                asked = lfilter(np.full(count, 1 / count), [1.0], sent - sent[0])
+            else:
+                asked = plate[:, k] = np.interp(time - later, own.time, own.tilt)
+            rate[:, k] = np.diff(asked, append=asked[-1:]) / period
+        age = time - first.sampled[newest]
+        seen = age < GAP / 2
+        ball[~seen] = np.nan
+        return Log(
+            source=self.source,
+            time=time,
+            ball=ball,
+            plate=plate,
+            age=age,
+            touched=seen,
+            command=rate,
+            model=scenario.plant.ball.model,
+            own_lag=0.0,
+            grips=(0.0,),
+        )
 
 
 def ball_factor(text: str | float) -> float:

@@ -177,6 +177,8 @@ def _records(folder: Path) -> Iterator[Path]:
         yield from filter(Path.exists, map(record_in, folder.glob("*/")))
 
 
+TEXTS = {".csv", ".txt", ".tsv", ".dat", ".log"}
+"""What logs are called."""
 IGNORED = {".png", ".json", ".html", ".pdf", ".tex", ".rrd", ".svg", ".md"}
 """Endings of files that lie beside runs, as a pattern finds them."""
 
@@ -207,7 +209,7 @@ def sorted_out(arguments: Sequence[str]) -> Sources:
         path = Path(text)
         if text in known or not (path.exists() or is_last(path) or path.suffix in OURS):
             scenarios.append(text)
-        elif path.suffix == ".csv":
+        elif path.suffix in TEXTS:
             logs.append(path)
         elif is_last(path) or path.suffix in OURS or (path.is_dir() and run_folders(path)):
             runs.append(path)

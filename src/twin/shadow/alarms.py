@@ -336,6 +336,11 @@ class SequentialTests:
         at_end = standing(self._limited, self._late, self.soft.end[count:])
         self.delayed = np.concatenate((self.delayed, at_end))
 
+    def forget(self) -> None:
+        """Let what was taken in so far raise no alarm; it still tells what the rig is like."""
+        for ratio in (self.ratio, self.delayed, self._late):
+            ratio[:] = 0.0
+
     @property
     def crossings(self) -> list[int]:
         """Windows at which a test comes to exceed its threshold, both having been far below it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,14 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.data_file import read_toml
 from twin.errors import LogError
-from twin.identify.logs import Log, of_columns
+from twin.identify.logs import AnyLog, Log, of_columns
+from twin.identify.prepare import prepare
 from twin.identify.twin_model import Problem
 from twin.identify.windows import Windows
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
-from twin.scenario.load import read, recorded, resolved, setting
+from twin.scenario.load import check, put, read, recorded, resolved, setting
 from twin.scenario.schema import Scenario
 from twin.settings import filled
 from twin.sim.plant.friction import Friction
@@ -54,6 +55,8 @@ CONSTANT, CHANGING, STOPPING, DRIFT = (
 to the next while the ball rolls, and where it stops; of what changes in minutes: rolling relative,
 else SI."""
 
+OPEN = np.array([TABLES["parameters"][name]["open"] for name in PARAMETERS])
+"""Standard deviations of what a log may leave open of a twin."""
 CAUSES: dict[str, dict[str, float]] = TABLES["causes"]
 """What each may change, by how much (standard deviation, rolling friction relative, else SI)."""
 UNEVEN_DELAY, UNEVEN_GAIN = 0.05, 0.15
@@ -109,12 +112,12 @@ class Belief:
     sloped: float
 
     @classmethod
-    def of(cls, scenario: Scenario, log: Log) -> Belief:
+    def of(cls, scenario: Scenario, log: Log | Belief) -> Belief:
         """The twin that a scenario describes, for a log.
 
         Args:
             scenario: The belief.
-            log: Gives what of the plant is known by its kind alone.
+            log: Gives what of the plant is known by its kind alone; another twin of it does, too.
         """
         friction = filled(Friction, [scenario])
         touch, encoders = filled(TouchModel, [scenario]), filled(EncoderModel, [scenario])
@@ -172,6 +175,11 @@ class Belief:
         )
 
     @property
+    def grips(self) -> tuple[float, ...]:
+        """As a log has them."""
+        return (self.grip,)
+
+    @property
     def changes(self) -> Array:
         """Covariance of what each cause changes, shape (H, P, P)."""
         sizes = np.array([[sizes.get(p, 0.0) for p in PARAMETERS] for sizes in CAUSES.values()])
@@ -215,6 +223,31 @@ def believed(log: Log, overrides: Sequence[str] = ()) -> Belief:
     followed = [(key, tables[key]) for key in ("title", "reference") if key in tables]  # as it was
     found = resolved(tables, source, [*followed, *map(setting, overrides)])
     return Belief.of(recorded(*found)[0], log)  # what commands came, not from which law
+
+
+LATEST = 0.1
+"""Longest dead time in s of the twin beside a log of any rig: what is more is the plate's."""
+
+
+def beside(log: AnyLog, overrides: Sequence[str] = ()) -> tuple[Log, Belief]:
+    """A log of any rig as a twin of it sees it, and that twin.
+
+    Args:
+        log: With commands or angles of the plate.
+        overrides: ``KEY=VALUE`` each over the rig as the project describes it, as
+            ``parameters=FILE`` of what ``identify`` found.
+
+    Raises:
+        TwinError: If a key or value is wrong, or the log is not of this rig.
+    """
+    found = resolved(read("circle")[0], "the twin", [setting(text) for text in overrides])
+    scenario = recorded(*found)[0]
+    dead_time = scenario.sensors.touch.dead_time
+    later = max(0.0, dead_time - LATEST)
+    tables = put(scenario.model_dump(mode="json"), [("sensors.touch.dead_time", dead_time - later)])
+    own = replace(log.on(scenario, later), command=None)
+    belief = Belief.of(check(tables, "the twin"), own)
+    return own, replace(belief, screen=prepare(own).sigma ** 2)
 
 
 def logs(pairs: Sequence[tuple[Scenario, Scenario]]) -> list[Log]:

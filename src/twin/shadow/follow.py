@@ -10,28 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.data_file import parse_toml
 from twin.errors import LogError
-from twin.identify.judged import IDENTIFIED, REJECTED
 from twin.identify.logs import COLUMNS, Log, of_columns
-from twin.identify.parameters import SHARE
-from twin.identify.prepare import PreparedLog, check_ranges, prepare
-from twin.identify.report import parameters
-from twin.identify.twin_model import identify
+from twin.identify.prepare import SHORTEST, PreparedLog, prepare
 from twin.identify.windows import Windows
-from twin.report.numbers import flat
 from twin.run.logs import NEEDED
-from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import LOOKBACKS, Alarm, SequentialTests, baseline, onset, weigh
-from twin.shadow.belief import Belief, check_commands
+from twin.shadow.belief import Belief
 from twin.shadow.evidence import (
     NONE,
     Evidence,
@@ -42,49 +33,7 @@ from twin.shadow.evidence import (
     plate_evidence,
 )
 from twin.shadow.horizon import AHEAD, BAND, Replays, replays
-from twin.writing import write_whole
-
-RECENT = 180.0
-"""Seconds at the end of a log that are fitted and held out."""
-LEAST_GAIN = 0.05
-"""Share by which the replay error on what was held out must fall."""
-OFTEN = 0.25
-"""Seconds between the starts of its replays."""
-FITTED = (IDENTIFIED, REJECTED)
-"""Verdicts on parameters that may be proposed: what was held out decides, not their intervals."""
-PROPOSED = ("rolling", "breakaway", "delay", "servo", "level")
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """What came of an identification on the last minutes.
-
-    Attributes:
-        text: The parameter file; empty if nothing is proposed.
-        changed: Key to what is believed and what is proposed.
-        before: Median replay error in m of the belief on what was held out; None if unknown.
-        after: The same of the proposed twin.
-        why: In words.
-        file: Where it was written.
-    """
-
-    text: str
-    changed: dict[str, tuple[Any, Any]]
-    before: float | None
-    after: float | None
-    why: str
-    file: Path | None = None
-
-    def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
-        return {
-            "file": None if self.file is None else str(self.file),
-            "changed": {key: list(pair) for key, pair in self.changed.items()},
-            "held_out_error_before_mm": None if self.before is None else 1000 * self.before,
-            "held_out_error_after_mm": None if self.after is None else 1000 * self.after,
-            "why": self.why,
-        }
-
+from twin.shadow.learning import LEARNING, learned, taught
 
 LEAST_TOLD = 5.0
 """Seconds of motion without which nothing is said of the rig's health."""
@@ -120,9 +69,9 @@ class Shadow:
         told: Seconds in which the ball moved.
         source: What the log is called.
         length: Usable seconds of what was looked at last.
+        taught: What the twin learned before it judged, in a sentence.
         notes: What had to be left out of it, in words.
         gaps: Begin and end in s of what is missing or late in it, shape (G, 2).
-        proposal: A better twin of it, if one was looked for.
     """
 
     tests: SequentialTests
@@ -131,9 +80,9 @@ class Shadow:
     told: float = 0.0
     source: str = ""
     length: float = 0.0
+    taught: str = ""
     notes: tuple[str, ...] = ()
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    proposal: Proposal | None = None
 
     @property
     def verdict(self) -> str:
@@ -171,24 +120,24 @@ class Shadow:
             "alarms": [each.as_dict() for each in self.alarms],
             "told_seconds": self.told,
             "gaps": self.gaps.tolist(),
+            "taught": self.taught,
             "notes": list(self.notes),
-            "proposal": None if self.proposal is None else self.proposal.as_dict(),
         }
 
 
-def shadow(log: Log, belief: Belief) -> Shadow:
+def shadow(log: Log, belief: Belief, *, learning: bool = False) -> Shadow:
     """Let the twin run beside a log.
 
     Args:
         log: What was recorded.
         belief: The twin.
+        learning: Whether it was identified from a log, so that it learns from the beginning of
+            this one what that left open; what is said is of the rest.
 
     Raises:
         LogError: If the log is broken, too short, or does not say what was commanded.
     """
-    check_ranges(log)
-    check_commands(log)
-    follower = Follower(belief)
+    follower = Follower(belief, learning=learning)
     follower.judge(log, whole=True)
     said = follower.said
     if not len(said.tests.soft) and not len(said.gaps):
@@ -196,77 +145,17 @@ def shadow(log: Log, belief: Belief) -> Shadow:
     return said
 
 
-def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
-    """Identify the last minutes of a log, and compare on the part held out.
-
-    Args:
-        log: What was recorded.
-        belief: The twin so far.
-        since: Time in s before which the rig was another.
-    """
-    begin = max(since, float(np.nanmax(log.time)) - LAST)
-    last = replace(log, model=belief.model).rows(log.time >= begin)
-    try:
-        found = identify(last, PROPOSED, SHARE)
-        text = parameters(found, FITTED)
-        settings = flat(parse_toml(text))
-        _, held_out = prepare(last).split(SHARE)
-    except LogError as error:
-        return Proposal("", {}, None, None, f"No proposal: {error}")
-    if not settings or not held_out.segments:
-        return Proposal("", {}, None, None, "No proposal: the last minutes identify nothing")
-    tables = belief.scenario.model_dump(mode="json")
-    known = flat(tables)
-    better = Belief.of(check(put(tables, settings.items()), "the proposal"), last)
-    errors = []
-    for twin in (belief, better):
-        run = replays(held_out, twin, gaps(last, held_out.period), OFTEN)
-        if run is None or not run.counted.any():
-            return Proposal("", {}, None, None, "No proposal: too little was held out")
-        errors.append(float(np.median(np.hypot(*run.error[run.counted].T))))
-    before, after = errors
-    changed = {key: (known.get(key, {}), value) for key, value in settings.items()}
-    gain = 1 - after / before
-    numbers = f"{1000 * before:.2f} to {1000 * after:.2f} mm on what was held out"
-    if gain < LEAST_GAIN:
-        why = f"No proposal: the replay error would go from {numbers}, a gain below 5 %"
-        return Proposal("", {}, before, after, why)
-    names = dict.fromkeys(each.about.key for each in found.verdicts if each.word in FITTED)
-    believed = ", ".join(f"{key} = {known.get(key, {})}" for key in names)
-    why = f"the replay error falls from {numbers} ({100 * gain:.0f} %)"
-    head = [
-        f"# Proposed by `ballplate shadow`: {why}.",
-        f"# parent: {log.source}'s own twin, with {believed}",
-        f"# data: {log.source}, {last.time[0]:.2f} to {last.time[-1]:.2f} s, the last "
-        f"{100 * (1 - SHARE):.0f} % held out",
-        f"# version: ballplate {version('ballplate')}",
-    ]
-    return Proposal("\n".join([*head, text]), changed, before, after, why)
-
-
-def written(proposal: Proposal, folder: Path) -> Proposal:
-    """A proposal written as ``parameters-N.toml``, N being the first number that is free.
-
-    Raises:
-        RecordError: If it cannot be written.
-    """
-    taken = [path.stem.rpartition("-")[2] for path in folder.glob("parameters-*.toml")]
-    number = 1 + max((int(text) for text in taken if text.isdecimal()), default=0)
-    file = folder / f"parameters-{number}.toml"
-    write_whole(file, proposal.text)
-    return replace(proposal, file=file)
-
-
 class Follower:
     """Judges a log, whole or as it grows.
 
     Args:
         belief: The twin.
+        learning: Whether it learns at first what an identification left open.
     """
 
-    def __init__(self, belief: Belief) -> None:
+    def __init__(self, belief: Belief, *, learning: bool = False) -> None:
         self.said = Shadow(SequentialTests(belief))
-        self._belief = belief
+        self._belief, self._learning = belief, learning
         self._windows: Windows | None = None
         self._ball = self._other = NONE
         self._unsettled: dict[int, int] = {}
@@ -291,9 +180,26 @@ class Follower:
         said = self.said
         said.source, said.length, said.notes = usable.source, usable.length, usable.notes
         said.gaps = gaps(log, usable.period)
+        if self._learning:
+            self._learn(usable, now)
         self._replay(usable, until)
         first = self._add(usable, until)
         return self._alarms(first, now, whole=whole)
+
+    def _learn(self, log: PreparedLog, now: float) -> None:
+        """Have the twin learn from the beginning, which is not judged."""
+        until = float(log.segments[0].time[0]) + LEARNING
+        if now < until + MARGIN:
+            raise LogError(f"{log.source}: the twin still learns, for {LEARNING:g} s")
+        parts = (each.between(-np.inf, until) for each in log.segments)
+        first = replace(log, segments=tuple(p for p in parts if p.length > SHORTEST))
+        before, self._belief = self._belief, learned(first, self._belief, self.said.gaps)
+        self.said.taught = taught(before, self._belief)
+        self.said.tests = SequentialTests(self._belief)
+        self._add(first, np.inf)
+        self.said.tests.forget()
+        self.said.told, self._learning = 0.0, False
+        self._since["replays"] = until
 
     def _of_late(self, log: PreparedLog, now: float) -> PreparedLog:
         """The part of the log that has not been looked at yet, and what leads to it."""

@@ -15,16 +15,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from controllers.arrays import Array
-from twin.identify.logs import read
+from twin.identify.logs import read, read_any, wanted_columns
+from twin.identify.prepare import check_ranges
 from twin.identify.windows import STEP
-from twin.page import Block, Picture, Table, Text, Verdict, html
+from twin.page import Block, Picture, Text, Verdict, html
 from twin.run.assemble import drawn_mechanism
 from twin.run.files import export, run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm
-from twin.shadow.belief import believed
-from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, propose, shadow, written
+from twin.shadow.belief import believed, beside, check_commands
+from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import AHEAD, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
@@ -196,6 +197,7 @@ def sentences(found: Shadow) -> list[str]:
             f"Cannot tell: the ball moved for {told:.0f} of {length:.0f} s, and a ball at rest "
             "shows neither friction nor level nor dead time. That is no sign of health."
         )
+    words += [found.taught] if found.taught else []
     words += [f"Reality has left the model. Alarm at {alarm.words}." for alarm in found.alarms]
     score, inside, error = found.score_median, found.inside_band, found.error_1s
     if found.replays is not None and score is not None:
@@ -210,14 +212,11 @@ def sentences(found: Shadow) -> list[str]:
         words.append(
             f"{len(found.gaps)} gaps of {missing:.2f} s in all are in the log; they are shown grey."
         )
-    if found.proposal is not None:
-        words.append(f"{'Proposal: ' if found.proposal.text else ''}{found.proposal.why}.")
     return words
 
 
 def page(found: Shadow) -> str:
     """The report as one HTML file."""
-    proposal = found.proposal
     blocks: list[Block] = [
         Verdict(sentences(found), found.verdict == "healthy"),
         Picture(
@@ -232,9 +231,6 @@ def page(found: Shadow) -> str:
             "are not named.",
         ),
     ]
-    if proposal is not None and proposal.changed:
-        changed = [(key, *map(str, pair)) for key, pair in proposal.changed.items()]
-        blocks.append(Table("Proposal", ("key", "believed", "proposed"), changed, (0, 1, 2)))
     if found.notes:
         blocks.append(Text(found.notes, "The log"))
     return html(f"The twin beside {found.source}", blocks)
@@ -283,36 +279,35 @@ def examine(
     folder: Path,
     overrides: Sequence[str] = (),
     *,
-    proposing: bool = True,
+    columns: str | None = None,
+    separator: str | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Shadow:
     """Let the twin run beside a recorded run, and write what it says.
 
     Args:
         log: Run folder, ``run.parquet`` or CSV file.
-        folder: Where ``FILES`` go, and ``parameters-N.toml`` if a better twin is proposed.
+        folder: Where ``FILES`` go.
         overrides: ``KEY=VALUE`` each, over what the run was simulated with or believed.
-        proposing: Whether a better twin is looked for after an alarm.
+        columns: Of a log of any rig, as ``identify`` takes them.
+        separator: Between these.
         progress: Called with the share of the work done.
 
     Raises:
         TwinError: If the log cannot be used, an override is wrong, or a file cannot be written.
     """
-    recorded = replace(read(log), source=run_name(log))
-    belief = believed(recorded, overrides)
-    found = shadow(recorded, belief)
-    progress(0.5)
-    if found.alarms and proposing:
-        proposal = propose(recorded, belief, found.alarms[-1].since)
-        found.proposal = written(proposal, folder) if proposal.text else proposal
+    if columns is not None:
+        told = read_any(log, wanted_columns(columns), separator)
+        recorded, belief = beside(told, overrides)
+    else:
+        recorded = replace(read(log), source=run_name(log))
+        check_ranges(recorded)
+        check_commands(recorded)
+        belief = believed(recorded, overrides)
+    identified = any(text.partition("=")[0].strip() == "parameters" for text in overrides)
+    found = shadow(recorded, belief, learning=identified or columns is not None)
     write(found, folder)
     return found
-
-
-def advice(found: Shadow) -> list[str]:
-    """The verdict in words, and how to try what is proposed."""
-    file = None if found.proposal is None else found.proposal.file
-    return [*sentences(found), *([] if file is None else [f"try it: --set parameters={file}"])]
 
 
 EVERY = 0.2

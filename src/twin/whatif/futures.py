@@ -11,10 +11,11 @@ import numpy as np
 
 from controllers.interfaces import Measurement
 from twin.errors import RecordError, ScenarioError
-from twin.identify.logs import read
+from twin.identify.logs import read, read_any, wanted_columns
+from twin.identify.prepare import check_ranges
 from twin.jobs import SecondProcess
 from twin.run.assemble import assemble
-from twin.run.files import WHATIF, forget, free, record_of, short_key, slug
+from twin.run.files import WHATIF, forget, free, is_record, record_of, short_key, slug
 from twin.run.finished import Run, drawn, open_run, record_run, versions
 from twin.run.loop import drive
 from twin.run.metrics import Motion
@@ -171,25 +172,43 @@ def branches_of(settings: Sequence[str], more: Sequence[str]) -> list[tuple[str,
     return [(*settings, *own) for own in each or [()]]
 
 
-def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
+def moment_of(
+    path: Path,
+    at: float,
+    scenario: str | None = None,
+    settings: Sequence[str] = (),
+    columns: str | None = None,
+    separator: str | None = None,
+) -> Moment:
     """A moment of a run or a log.
 
     Args:
         path: Run folder, its Parquet file, or a CSV log.
         at: The moment, s; taken to the nearest control period.
         scenario: What ran, for a log that does not say.
+        settings: ``key=value`` each, what was changed of it.
+        columns: Of a log of any rig, as ``identify`` takes them.
+        separator: Between these.
 
     Raises:
         TwinError: If there is no such run or moment, or nothing can go on from it.
     """
-    if path.suffix == ".csv":
+    if path.suffix == ".csv" or (columns is not None and not is_record(path)):
         if scenario is None:
             raise RecordError(f"{path}: a log does not say what ran; give --scenario NAME")
-        chosen = load(scenario)
+        chosen = load(scenario, settings)
         at, rounded = _nearest(at, chosen)
-        return _noted(estimated(path.stem, judge(read(path), chosen, at), chosen, at), rounded)
-    if scenario is not None:
-        raise RecordError(f"--scenario: {path} is a record and says itself what ran; leave it out")
+        if columns is None:
+            log = read(path)
+            check_ranges(log)
+        else:
+            log = read_any(path, wanted_columns(columns), separator).on(chosen)
+        return _noted(estimated(path.stem, judge(log, chosen, at), chosen, at), rounded)
+    told = {"scenario": scenario, "on": settings, "columns": columns}
+    if given := [name for name, value in told.items() if value]:
+        raise RecordError(
+            f"--{given[0]}: {path} is a record and says itself what ran; leave it out"
+        )
     (run,) = open_run(path)
     file = record_of(path)
     if run.branch:
@@ -204,7 +223,9 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
         if run.versions.get(name) != version
     ]
     if "true_x" not in run.rows or "lateness" in run.rows or other:
-        log = judge(read(file), run.scenario, at)
+        whole = read(file)
+        check_ranges(whole)
+        log = judge(whole, run.scenario, at)
         moment = estimated(run.name, log, run.scenario, at)
         note = f"recorded with {', '.join(other)}: gone on with from its estimated state"
         return _noted(moment, (note,) if other else (), later)

@@ -18,7 +18,7 @@ from controllers.controller import Controller
 from controllers.interfaces import Measurement
 from twin.errors import RecordError
 from twin.identify.logs import Log
-from twin.identify.prepare import check_ranges, interpolated
+from twin.identify.prepare import interpolated
 from twin.run.assemble import assemble, build_controller, build_reference
 from twin.run.finished import Run
 from twin.run.loop import drive
@@ -28,8 +28,8 @@ from twin.run.state import Snapshot, restore, snapshots_of
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedRig
 
-HALF = 0.08
-"""Half of the time in s over which a parabola is fitted."""
+HALF, FRAMES = 0.08, 5
+"""Half of the time in s over which a parabola is fitted; of a slow camera, so many frames."""
 FEWEST = 5
 """Touches that a parabola needs."""
 
@@ -59,20 +59,26 @@ def path(time: Array, samples: tuple[Array, Array]) -> tuple[Array, Array]:
         samples: Times in s, shape (K,), and positions in m, shape (K, 2).
     """
     known, ball = samples
+    half = max(HALF, FRAMES * frame(known))
     found = np.full((len(time), 2, 2), np.nan)
-    first, last = np.searchsorted(known, time - HALF), np.searchsorted(known, time + HALF)
+    first, last = np.searchsorted(known, time - half), np.searchsorted(known, time + half)
     enough = np.flatnonzero(last - first >= FEWEST)
     about = known[first[enough]] <= time[enough], known[last[enough] - 1] >= time[enough]
     rows = enough[about[0] & about[1]]
     at = first[rows, None] + np.arange(np.max(last - first, initial=0))
     there = at < last[rows, None]
     at = np.minimum(at, len(known) - 1)
-    s = np.where(there, (known[at] - time[rows, None]) / HALF, 0.0)
+    s = np.where(there, (known[at] - time[rows, None]) / half, 0.0)
     powers = there[..., None] * s[..., None] ** np.arange(3)
     flipped = powers.swapaxes(1, 2)
     fitted = np.linalg.solve(flipped @ powers, flipped @ ball[at])
-    found[rows, 0], found[rows, 1] = fitted[:, 0], fitted[:, 1] / HALF
+    found[rows, 0], found[rows, 1] = fitted[:, 0], fitted[:, 1] / half
     return found[:, 0], found[:, 1]
+
+
+def frame(time: Array) -> float:
+    """Usual time in s from one touch to the next, 0 of none."""
+    return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 
 LOOK_BACK = 1.0
@@ -205,7 +211,8 @@ MISSED = 0.05
 """Time in s from one row to the next from which on there is a gap; a loop that is late for less
 leaves the last command in force, which is known."""
 UNSEEN = 0.1
-"""Time in s between two touches from which on the ball's path has a gap."""
+"""Time in s between two touches from which on the ball's path has a gap; of a slow camera so many
+``FRAMES`` frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,12 +278,11 @@ def judge(log: Log, scenario: Scenario, at: float) -> Usable:
     kept, period = log.rows(whole), scenario.rig.period
     time = kept.time
     _check_rows(log, time, period)
-    check_ranges(kept)
     if not time[0] - period / 2 <= at <= time[-1] + period / 2:
         raise RecordError(f"--at {at:g}: {log.source} goes from {time[0]:g} to {time[-1]:g} s")
     samples = touches(log, scenario.sensors.touch.dead_time)
-    missing, unseen = _between(time, MISSED), _between(samples[0], UNSEEN)
-    gaps = _joined([*missing, *unseen])
+    unseen = max(UNSEEN, FRAMES * frame(samples[0]))
+    gaps = _joined([*_between(time, MISSED), *_between(samples[0], unseen)])
     for begin, end in gaps:
         if begin < at < end:
             raise RecordError(f"--at {at:g}: {log.source} has a gap from {begin:g} to {end:g} s")
