@@ -285,7 +285,7 @@ def test_other_rigs_do_what_their_page_says(command, told, tmp_path):
 
 
 @pytest.mark.parametrize("what", ["cams", "touch", "lost-motion"])
-def test_calibrations_of_other_devices_say_that_they_are(what, tmp_path, capsys):
+def test_calibrations_of_other_devices_say_that_they_are(what, tmp_path, capsys, unlocked):
     (tmp_path / "rig.toml").write_text('title = "mine"\nbackend = "mine.py:Mine"\n')
     code, _, said = called(capsys, "calibrate", what, "--rig", tmp_path / "rig.toml")
     assert code == 2
