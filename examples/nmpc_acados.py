@@ -44,7 +44,7 @@ class Acados(bp.laws.Law):
         r = now.reference(now.time + STEP * np.arange(N + 1)).reshape(5, N + 1, 2)
         for k, wished in enumerate(np.hstack([r[0], r[1]])):
             solver.set(k, "yref", np.append(wished, [0, 0])[: 6 if k < N else 4])
-        return solver.solve_for_x0(x, fail_on_nonzero_status=False).reshape(1, 2)
+        return solver.solve_for_x0(x).reshape(1, 2)
 
 
 # %% In no time, with a time as a number, and with the time it takes here

@@ -68,7 +68,7 @@ class AcadosOcpSolver:
         assert field == "yref"
         self.told[step] = len(value)
 
-    def solve_for_x0(self, x, fail_on_nonzero_status):
+    def solve_for_x0(self, x):
         assert self.told == {k: 6 if k < self.steps else 4 for k in range(self.steps + 1)}
         print("asked")
         return -40 * x[[3, 7]] - 400 * x[[2, 6]]
