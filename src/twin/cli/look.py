@@ -227,7 +227,7 @@ def _further(path: Path, first: Run) -> list[Run]:
 
     check_no_scenario(path)
     if path.suffix == ".csv":
-        return measured([path], (), [first], ())[0]
+        return measured([path], (), [first], (), (None, None), warn)[0]
     return open_runs((path,), warn)
 
 

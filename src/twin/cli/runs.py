@@ -124,10 +124,10 @@ def run(
     if rig is not None and spoken.is_file():  # own hardware has no CAN bus
         shown.append(dim(f"what was said on the CAN bus: ballplate trace {spoken}"))
     if examined is not None:
-        from twin.shadow.report import advice
+        from twin.shadow.report import sentences
 
         numbers["shadow"] = examined.as_dict()
-        shown += advice(examined)
+        shown += sentences(examined)
         files += ", shadow.html, shadow.json, shadow.parquet"
     shown.append(
         dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")

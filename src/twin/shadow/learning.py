@@ -65,7 +65,7 @@ def _on_screen(belief: Belief, percent: float) -> Belief:
 
 def _fitted(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, float]:
     """The twin put where a log puts it, and the logarithm of how likely that makes the log."""
-    likelihood, covariance = 0.0, np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    likelihood, covariance = 0.0, belief.uncertainty
     for _ in range(ROUNDS):
         windows, _ends = ball_windows(log, belief, gaps)
         ball = NONE if windows is None else ball_evidence(windows, belief)
