@@ -84,13 +84,16 @@ def references(number: int) -> list[Run]:
 
 
 def pushes(number: int) -> list[Run]:
-    """Blows of up to 0.5 m/s in any direction, on hold, circle and line by turns."""
+    """Blows of up to 0.5 m/s in any direction, on hold, circle and line by turns.
+
+    Those of draw 3 were looked at when the cure's bounds were chosen.
+    """
     paths = (
         'reference={kind="hold"}',
         "reference.omega=0.75",
         'reference={kind="sine",amplitude=[0.15,0.0],omega=0.5}',
     )
-    rng, found = np.random.default_rng(3), []
+    rng, found = np.random.default_rng(4), []
     for turn in range(number):
         speed, angle = rng.uniform(0.05, 0.5), rng.uniform(0, 2 * np.pi)
         blow = speed * np.cos(angle), speed * np.sin(angle)
