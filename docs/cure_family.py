@@ -1,7 +1,7 @@
 """Makes cure_family.md: the cure on many rigs of the family, the worst by name, and why.
 
-uv run python docs/cure_family.py              # what cure_family.toml says: half an hour
-uv run python docs/cure_family.py --rigs 300   # more: two hours
+uv run python docs/cure_family.py              # what cure_family.toml says: 40 minutes of a core
+uv run python docs/cure_family.py --rigs 50    # fewer: ten minutes
 Finished batches are kept in runs/cure and used again while scenarios and code stay the same.
 """
 
