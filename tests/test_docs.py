@@ -57,6 +57,8 @@ WRITTEN = {
     "cure_attacks.template.md",
     "tuned.template.md",
     "shadow.template.md",
+    "identify_coverage.template.md",
+    "identify_coverage.py",
     "safety.py",
     "safety.template.md",
     "reproduction.template.md",
