@@ -339,14 +339,17 @@ def test_a_log_that_is_not_of_the_scenarios_rig_is_refused(about, settings, says
 
 def test_a_coverage_counts_what_lies_within_and_leaves_out_what_has_no_interval(coverage):
     rig = {"gain": 6.0, "dead_time": 0.1, "lag": 0.05}
-    inside, outside = (6.1, 5.9, 6.3, "identified"), (6.5, 6.4, 6.6, "bounded")
+    inside, above = (6.1, 5.9, 6.3, "identified"), (6.5, 6.4, 6.6, "bounded")
+    below = (5.5, 5.4, 5.6, "bounded")
     none = (None, None, None, "not identifiable")
-    told = ({"gain": one, "delay": (0.15, 0.14, 0.16, "identified")} for one in (inside, outside))
+    told = (
+        {"gain": one, "delay": (0.15, 0.14, 0.16, "identified")} for one in (inside, above, below)
+    )
     found = [{"rig": rig, "told": each} for each in (*told, {"gain": none, "delay": none})]
     gain, delay, camber = coverage(found)
-    assert (gain["rigs"], gain["held"], gain["identified"]) == (2, 1, 1)
+    assert (gain["rigs"], gain["held"], gain["identified"]) == (3, 1, 1)
     assert (gain["low"], gain["high"]) == pytest.approx(
-        (0.0945, 0.9055), abs=1e-3
+        (0.0615, 0.7923), abs=1e-3
     )  # Wilson, 1 of 2
-    assert (delay["rigs"], delay["held"]) == (2, 2)
+    assert (delay["rigs"], delay["held"]) == (3, 3)
     assert camber["rigs"] == 0
