@@ -350,6 +350,6 @@ def test_a_coverage_counts_what_lies_within_and_leaves_out_what_has_no_interval(
     assert (gain["rigs"], gain["held"], gain["identified"]) == (3, 1, 1)
     assert (gain["low"], gain["high"]) == pytest.approx(
         (0.0615, 0.7923), abs=1e-3
-    )  # Wilson, 1 of 2
+    )  # Wilson, 1 of 3
     assert (delay["rigs"], delay["held"]) == (3, 3)
     assert camber["rigs"] == 0
