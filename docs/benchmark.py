@@ -102,7 +102,8 @@ def picture(bench: Benchmark, errors: dict[str, Any]) -> Any:
             for law, rows in errors.items():
                 its = np.sort(rows.loc[rows["task"] == task.name, "error"])
                 share = 100 * np.arange(1, len(its) + 1) / len(its)
-                panel.step([LEAST, *its], [0, *share], where="post", label=law)
+                own = {"color": "black"} if law == bench.about.reference else {}
+                panel.step([LEAST, *its], [0, *share], where="post", label=law, **own)
             panel.set(title=task.name, xscale="log", xlim=(LEAST, bench.about.most), ylim=(0, 100))
         for panel in panels[3:]:
             panel.set_xlabel(f"error beside {bench.about.reference}, same rig and noise")
