@@ -15,6 +15,7 @@ from controllers.interfaces import Law
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 trials = importlib.import_module("shadow_trials")
+identified = importlib.import_module("shadow_identified")
 sys.path.pop(0)
 CALIBRATED, INJECTED, JUDGED = trials.CALIBRATED, trials.INJECTED, trials.JUDGED
 HEALTHY, KINDS, LAWS, UNDER_LAWS = trials.HEALTHY, [*trials.KINDS], trials.LAWS, trials.UNDER_LAWS
@@ -139,3 +140,44 @@ def test_what_has_been_tried_is_kept_whole_and_only_for_the_same_job(monkeypatch
     again = [trials.known(job) for job in (*jobs, jobs[0])]
     assert asked == jobs
     assert again == 3 * [found]
+
+
+def told(number, place, learning, alarm=None, causes=(), **more):
+    """What a twin said of a run of a rig."""
+    about = identified.watched(number)[place]._asdict()
+    about |= {"learning": learning, "alarm": alarm, "causes": [*causes]}
+    return {**about, "identified": ["rolling"], "score": 1.5, "why": "", **more}
+
+
+def test_the_page_of_identified_twins_counts_alarms_and_hides_no_rig():
+    found = [
+        told(0, 0, True), told(0, 0, False, 3.0, score=7.0),
+        told(1, 0, True, 33.3, ("cams",)), told(1, 0, False, 5.0),
+        told(2, 0, True, identified=[], score=2.5), told(2, 0, False, 4.0),
+        told(4, 0, True, score=None, why="too short"),
+        told(0, 1, True, 25.0, ("another ball", "rolling friction")),
+        told(3, 1, True, 49.0, ("cams",)),  # a ramp is complete at 30 s
+        told(6, 1, True, 41.0, ("dead time",)),
+    ]  # fmt: skip
+    text = identified.page(found, "shadow_identified.py")
+    # Wilson: (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n) with z = 1.96
+    assert "| learning | 1 of 3 (6 to 79 %) | 1.50 | 1.50 to 2.50 |" in text
+    assert "| the same runs without learning | 3 of 3 (44 to 100 %) | 1.50 | 1.50 to 7.00 |" in text
+    assert "| learning, nothing was identified | 0 of 1 (0 to 79 %) | 2.50 |" in text
+    assert "| 1 | circle | 33.3 | cams |" in text
+    assert "1 rigs gave no verdict" in text
+    timely = "Of the others in time: 2 of 3 (21 to 94 %); of these with the right cause: 1 of 2"
+    assert timely in text
+    assert "| 0 | rolling | rolling friction +30 % | 5.0 | yes |" in text
+    assert "| 3 | rolling | level 0.1 deg, along a ramp | 29.0 | yes | cams | no |" in text
+
+
+def test_whatever_happens_to_a_rig_of_the_family_can_be_simulated():
+    rigs = identified.drawn(identified.read_family(identified.FAMILY), identified.DRAW, 1)
+    true = identified._whole(rigs[0].point)
+    for kind in identified.HAPPENS:
+        run = identified.Watched(identified.FIRST, "excite", kind)
+        belief, truth = identified.simulated(true, run, 1)
+        assert not belief.change
+        assert len(truth.change) == 1
+        assert belief.plant.friction.rolling_mm != truth.plant.friction.rolling_mm
