@@ -20,8 +20,7 @@ from twin.scenario import load
 from twin.shadow.alarms import THRESHOLD, Before, weigh
 from twin.shadow.belief import PARAMETERS, Belief, believed, logs
 from twin.shadow.evidence import NONE, Evidence, log_evidence, posterior, whitened
-from twin.shadow.follow import shadow
-from twin.shadow.learning import LEARNING
+from twin.shadow.follow import LEARNING, shadow
 from twin.shadow.report import page
 
 ROLLING = '"plant.friction.rolling_mm"=0.234'

@@ -96,14 +96,12 @@ def indicators(
 
 def as_csv(runs: Sequence[Run]) -> str:
     """The table as comma-separated values with a header line."""
-    text: str = _frame(runs).set_index(["indicator", "unit"]).to_csv(lineterminator="\n")
-    return text
+    return str(_frame(runs).set_index(["indicator", "unit"]).to_csv(lineterminator="\n"))
 
 
 def as_latex(runs: Sequence[Run]) -> str:
     """The table for a paper, with rules of LaTeX's booktabs."""
-    text: str = _frame(runs).to_latex(index=False, escape=True)
-    return text
+    return str(_frame(runs).to_latex(index=False, escape=True))
 
 
 def _frame(runs: Sequence[Run]) -> pd.DataFrame:
