@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from pages import filled, write
 from PIL import Image
 
-from controllers.ballplate import BallPlate
+from controllers.arrays import Array
+from controllers.ballplate import ACCELERATION, BallPlate
 from twin.page import markdown
 from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis import chapter8
-from twin.thesis.chapter8 import COLUMNS, Excerpt, Results, SimulatedTable, ThesisCell, terms
+from twin.thesis.chapter8 import COLUMNS, Excerpt, Results, SimulatedTable, ThesisCell
 from twin.writing import write_whole
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
@@ -82,6 +83,37 @@ def draw_observer(path: Path, table: SimulatedTable, index: int, found: Results)
                 panel.set_ylabel(f"{names[axis][state]} [{unit}]")
             panels[4, axis].plot(shown.time, shown.u[:, axis], color=COLOURS[0])
             panels[4, axis].set_ylabel(f"{names[axis][2]}″ [rad/s²]")
+
+
+class Terms(NamedTuple):
+    """Accelerations over c1 along a motion, each of shape (..., 2) for x and y, in m/s^2.
+
+    Attributes:
+        main: g sin(phi) and -g sin(theta), the right of (6.42).
+        neglected: Centrifugal and gyroscopic terms, the left of (6.42).
+        unlisted: What (6.44) leaves out and (6.42) does not name: the plate accelerations and
+            cos(theta) beside sin(phi).
+    """
+
+    main: Array
+    neglected: Array
+    unlisted: Array
+
+
+def terms(model: BallPlate, x: Array, u: Array) -> Terms:
+    """Split the ball's acceleration along a motion.
+
+    Args:
+        model: The exact model.
+        x: States, shape (..., 8).
+        u: Plate accelerations in rad/s^2, shape (..., 2).
+    """
+    exact = model.derivative(x, u)[..., ACCELERATION] / model.c1
+    main = model.flat(x, u)[..., ACCELERATION] / model.c1
+    drift = model.f(x)[..., ACCELERATION] / model.c1
+    gravity = main.copy()
+    gravity[..., 0] *= np.cos(x[..., 6])
+    return Terms(main, drift - gravity, exact - main - (drift - gravity))
 
 
 def draw_neglected(path: Path, table: SimulatedTable, found: Results) -> None:

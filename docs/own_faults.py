@@ -139,6 +139,14 @@ class Stepped(ARDUINO.Arduino):  # type: ignore[name-defined,misc]
         self.line.pass_time(seconds)
 
 
+class Rig(HardwareRig):
+    """A rig whose time is virtual: none passes while a controller begins."""
+
+    def meanwhile(self, work: Callable[[], None]) -> None:
+        """Do it at once."""
+        work()
+
+
 class Row(NamedTuple):
     """One fault, and what must come of it.
 
@@ -282,7 +290,7 @@ def carried_out(row: Row) -> tuple[str, ...]:
     """The cells of a row, as measured and judged."""
     hardware = Stepped()
     servos = OwnServos(hardware, CONFIG, LIMITS, PERIOD)
-    rig = HardwareRig(
+    rig = Rig(
         servos=servos,
         screen=OwnScreen(servos),
         clock=RealTimeClock(PERIOD, spin=0.0, now=hardware.time, sleep=hardware.wait),

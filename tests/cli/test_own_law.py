@@ -431,5 +431,5 @@ def test_a_file_given_by_law_of_which_nothing_is_used_is_told(ballplate, mine, u
     chosen = SHORT if used else SHORT[2:]
     code, _, err = ballplate("run", "circle", "--law", str(file), *chosen)
     assert code == 0
-    told = "--law other.py: nothing of it is used; --set controller.kind=mine uses it"
+    told = "--law other.py: nothing of it is used; name it, as --set controller.kind=mine"
     assert (told in err) is not used

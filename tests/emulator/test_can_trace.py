@@ -17,7 +17,7 @@ from twin.identify.logs import read
 from twin.run.finished import open_run, run, save
 from twin.run.logs import read_log
 from twin.scenario.load import check, put, setting
-from twin.view import bus, viewer
+from twin.view import streams, viewer
 from twin.view.recording import write
 
 TURN = 2 * np.pi
@@ -332,10 +332,10 @@ def test_drives_of_others_are_not_replayed_and_named(wired, said):
 def test_the_view_has_what_was_said_on_the_bus_at_the_times_of_the_record(wired):
     folder, rows, _ = wired
     (opened,) = open_run(folder / "run")
-    said = bus.conversation(opened)
+    said = streams.conversation(opened)
     for node, name in ((1, "measured_phi"), (2, "measured_theta")):
         counts = said.series[node, (0x2050, 0)]
-        time = bus.on_record(said, opened, np.asarray(counts.time))
+        time = streams.on_record(said, opened, np.asarray(counts.time))
         newest = np.searchsorted(time, rows["time"] - 1e-6) - 1  # what had come before each row
         angle = TURN / 245760 * np.asarray(counts.counts)[newest]
         np.testing.assert_allclose(np.diff(angle), np.diff(rows[name]), atol=1e-12)
@@ -366,4 +366,4 @@ def test_a_run_without_a_trace_has_none_in_its_view(wired, tmp_path):
     shutil.copytree(wired[0] / "run", tmp_path / "run")
     (tmp_path / "run" / "trace.log").unlink()
     (opened,) = open_run(tmp_path / "run")
-    assert bus.conversation(opened) is None
+    assert streams.conversation(opened) is None

@@ -148,7 +148,7 @@ def test_gaps_missing_numbers_spikes_and_lift_offs_are_left_out_and_said(
     notes = " ".join(again.notes)
     for words in (
         "1 gaps of 1.00 s",
-        "off the screen for 0.40 s",
+        "ball not detected for 0.40 s",
         "10 rows without ball",
         "far off",
     ):

@@ -12,12 +12,10 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 import pytest
 
 from twin.lab.grade import candidates
-from twin.lab.pages import discrimination, of_class
+from twin.lab.pages import of_class
 from twin.lab.schema import Lab, deal, filled, hand_out, read
 
 MINI = Path(__file__).parent / "mini"
@@ -129,13 +127,3 @@ def test_the_page_of_a_class_counts_what_became_of_each_check(tmp_path: Path) ->
     row = next(row for row in cells if row and row[0] == "2 the ball is brought to the middle")
     assert row[1:5] == ["3", "0", "0", "1"]
     assert row[5] == "3 of 4"
-
-
-def test_a_check_tells_good_from_weak_as_a_correlation_says() -> None:
-    draw = np.random.default_rng(1)
-    points = draw.uniform(0, 4, (40, 3))
-    others = points[:, 1] + points[:, 2]
-    own = points[:, 0]
-    by_hand = ((own - own.mean()) * (others - others.mean())).mean() / own.std() / others.std()
-    assert discrimination(pd.DataFrame(points), 0) == pytest.approx(by_hand)
-    assert np.isnan(discrimination(pd.DataFrame(np.ones((9, 2))), 0))

@@ -18,10 +18,9 @@ from twin.identify.logs import MECHANISM_LAG, read
 from twin.run.finished import run, save
 from twin.scenario import load
 from twin.shadow.alarms import THRESHOLD, Before, weigh
-from twin.shadow.belief import PARAMETERS, Belief, believed, logs
+from twin.shadow.belief import PARAMETERS, Belief, believed, check_commands, logs
 from twin.shadow.evidence import NONE, Evidence, log_evidence, posterior, whitened
-from twin.shadow.follow import shadow
-from twin.shadow.learning import LEARNING
+from twin.shadow.follow import LEARNING, shadow
 from twin.shadow.report import page
 
 ROLLING = '"plant.friction.rolling_mm"=0.234'
@@ -163,7 +162,7 @@ def test_lost_motion_may_have_gone_where_there_was_some(believed_play, named):
 def test_a_log_without_commands_is_refused_by_one_line(recorded):
     log = replace(recorded["healthy"], command=None)
     with pytest.raises(LogError, match="no columns applied_phi_acc"):
-        shadow(log, believed(log))
+        check_commands(log)
 
 
 @pytest.mark.long

@@ -33,7 +33,6 @@ from twin.thesis.chapter8 import (
     judge,
     stored,
     tables,
-    terms,
 )
 
 
@@ -263,8 +262,16 @@ STATES = arrays(float, (3, 8), elements=st.floats(-1, 1))
 INPUTS = arrays(float, (3, 2), elements=st.floats(-7, 7))
 
 
-@given(STATES, INPUTS)
-def test_main_and_neglected_terms_are_those_of_6_42_and_all_are_the_exact_acceleration(x, u):
+@pytest.fixture(scope="module")
+def terms():
+    """What the page of the chapter splits the ball's acceleration by."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(CHAPTER_8.parent)
+        return run_path(str(CHAPTER_8))["terms"]
+
+
+@given(x=STATES, u=INPUTS)
+def test_main_and_neglected_terms_are_those_of_6_42_and_all_are_the_exact_acceleration(terms, x, u):
     x1, x2, x3, x4, x5, x6, x7, x8 = x.T
     m, s, c, (u1, u2) = MODEL, np.sin(x3), np.cos(x3), u.T
     main = m.gravity * s, -m.gravity * np.sin(x7)

@@ -225,15 +225,11 @@ def _add_laws(context: click.Context, __: click.Parameter, laws: tuple[Path, ...
 
 def unused(scenario: Scenario) -> list[str]:
     """What to say of files given by ``--law`` of which a run of the scenario takes nothing."""
-    from twin.scenario.schema import KINDS, choices
-
-    kinds = {getattr(scenario, table).kind for table in KINDS}
+    used = {scenario.controller.kind, scenario.observer.kind, scenario.reference.kind}
     return [
-        f"--law {file}: nothing of it is used; --set {table}.kind={names[0]} uses it"
+        f"--law {file}: nothing of it is used; name it, as --set controller.kind={names[0]}"
         for file, names in click.get_current_context().meta.get(LAWS, {}).items()
-        if kinds.isdisjoint(names)
-        for table in KINDS
-        if names[0] in choices(table)
+        if used.isdisjoint(names)
     ]
 
 

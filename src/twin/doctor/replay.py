@@ -66,7 +66,7 @@ def replay(frames: Sequence[can.Message], names: Names, rig: AkdConfig | None) -
     Raises:
         LogError: If no drive of it can be emulated.
     """
-    said = Conversation(frames, names, rig, folded=False)
+    said = Conversation(frames, names, rig)
     remarks, drives = list[str](), dict[int, EmulatedDrive]()
     for number, node in said.nodes.items():
         vendor = said.values[number].get((0x1018, 1), AKD)
@@ -84,7 +84,7 @@ def replay(frames: Sequence[can.Message], names: Names, rig: AkdConfig | None) -
     theirs |= {each for each, pdo in said.pdos.items() if pdo.name[0] == "T"}
     sent = [each for each in told if each.arbitration_id not in theirs]
     heard = _answered(drives, sent, frames[0].timestamp)
-    answered = Conversation(heard, names, rig, folded=False)
+    answered = Conversation(heard, names, rig)
     found = [*_events(said, answered, drives, remarks), *_numbers(said, answered, drives)]
     compared = sum(sum(said.nodes[each].frames.values()) for each in drives)
     return Replay(len(sent), compared, remarks, min(found, default=None))

@@ -393,21 +393,15 @@ def write(found: FitResult, folder: Path) -> None:
         (*(digits(cell[key]) for key in values), f"{cell['residual']:+.2f}")
         for cell in numbers["cells"]
     ]
-    names = list(found.table.parameters)
-    related = [
-        (name, *(f"{value:+.2f}" for value in line))
-        for name, line in zip(names, found.correlation.tolist(), strict=True)
-    ]
     good = any(each.verdict == "seen" for each in found.estimates)
     note = (
-        "As data: fit.json beside this page. A residual is computed less measured in standard "
-        "uncertainties; of an indicator that a run does not have it is 10. Held out: fitted "
-        "without the group that a number belongs to."
+        "As data, with the correlations of parameters: fit.json beside this page. A residual is "
+        "computed less measured in standard uncertainties; of an indicator that a run does not "
+        "have it is 10. Held out: fitted without the group that a number belongs to."
     )
     blocks: list[Block] = [
         Verdict(sentences(found), good),
         Table("Parameters", HEADS, [row(each) for each in found.estimates], words=(0, 4, 5)),
-        Table("Correlation", ("", *names), related),
         Table("Every measured number", CELLS, cells, words=(0, 1, 2), note=note),
     ]
     page.write(folder / "report.html", found.table.title, blocks)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
 import shutil
@@ -155,8 +154,6 @@ def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | Non
         shutil.copy(wheel, inner)
 
 
-WEAK = 0.2
-"""Correlation with the other points below which a check tells good answers from others badly."""
 ENDS = ("all points", "some", "none", "skipped")
 """What became of a check."""
 
@@ -229,15 +226,10 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
                 *(str(ends.count(end)) for end in ENDS),
                 f"{digits(points[at].mean(), places=2)} of {check.points:g}",
                 *(digits(each, places=3) for each in spread),
-                digits(discrimination(points, at), places=2),
             )
         )
-    heads = ("check", *ENDS, "mean points", "median", "from", "to", "tells")
-    note = (
-        "median, from, to: the number that is judged, over the class. tells: correlation of a "
-        f"check's points with those of all others; below {WEAK:g} it does not tell good answers "
-        "from weak ones, and - where all have the same."
-    )
+    heads = ("check", *ENDS, "mean points", "median", "from", "to")
+    note = "median, from, to: the number that is judged, over the class."
     marks = [
         (
             link(each["student"], folder),
@@ -269,12 +261,6 @@ def ending(check: Mapping[str, Any]) -> str:
     if check["passed"] is None:
         return "skipped"
     return "all points" if check["passed"] else "some" if check["score"] else "none"
-
-
-def discrimination(points: pd.DataFrame, at: int) -> float:
-    """Correlation of a check's points, a column, with those of all others; NaN if all have one."""
-    own, others = points[at], points.drop(columns=at).sum(axis=1)
-    return own.corr(others) if own.nunique() > 1 and others.nunique() > 1 else math.nan
 
 
 def link(student: str, folder: Path) -> str:

@@ -22,7 +22,7 @@ from controllers.arrays import Array
 from twin.errors import TwinError, ViewError
 from twin.jobs import SecondProcess, let_go, settle, undisturbed
 from twin.play.driven import Part, save_driven
-from twin.play.session import COLUMNS, End, Errors, Event, Pause, Save, Session, Status, Told
+from twin.play.session import COLUMNS, End, Event, Pause, Save, Session, Status, Told
 from twin.run.files import free, slug
 from twin.scenario.schema import Scenario
 from twin.view.live_process import SharedRingBuffer
@@ -353,7 +353,6 @@ class Server:
         self.kept, self.lost = "", False
         self._pages: dict[str, Any] = {}
         self._audience = Audience(monotonic)
-        self._errors = Errors()
         try:
             self._simulation = Simulation(scenario)
         except BaseException:
@@ -458,7 +457,6 @@ class Server:
 
     def _hand_on(self) -> None:
         rows = self._simulation.pictures().tolist()
-        self._errors.add(rows)
         for status in self._simulation.news():
             self._status = status
         driver, others = self._audience.driver, len(self._audience) - 1
@@ -466,7 +464,7 @@ class Server:
             with page.plate.client:
                 page.say(self._status, drives=who == driver, others=others)
                 if rows:
-                    page.show(rows, self._errors)
+                    page.show(rows)
 
 
 def folder_of(scenario: str) -> Path:

@@ -140,31 +140,6 @@ COLUMNS = tuple(PAGE["columns"])
 since the picture before; ``factor`` is the simulated seconds a second of the clock."""
 
 
-class Errors:
-    """Root mean square distances of rig and clean model from where the ball shall be, so far."""
-
-    def __init__(self) -> None:
-        self._sums: list[tuple[float, float, float]] = []
-
-    def add(self, rows: Sequence[Sequence[float]]) -> None:
-        """Take pictures in, oldest first; one before the last one forgets what followed it."""
-        for row in rows:
-            now = dict(zip(COLUMNS, row, strict=True))
-            while self._sums and self._sums[-1][0] >= now["time"]:
-                self._sums.pop()
-            _, rig, clean = self._sums[-1] if self._sums else (0.0, 0.0, 0.0)
-            squares = now["error"] ** 2, now["ghost_error"] ** 2
-            self._sums.append((now["time"], rig + squares[0], clean + squares[1]))
-
-    @property
-    def rms(self) -> tuple[float, float]:
-        """Of rig and clean model in m; NaN of a ball that has left the plate."""
-        if not self._sums:
-            return 0.0, 0.0
-        _, rig, clean = self._sums[-1]
-        return math.sqrt(rig / len(self._sums)), math.sqrt(clean / len(self._sums))
-
-
 class Status(NamedTuple):
     """What the page says in words; sent when it changes.
 

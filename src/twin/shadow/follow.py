@@ -4,6 +4,11 @@ A recorded run is looked at as a whole. Of a run in progress the rows of late ar
 few seconds as a whole log would be, and what lies far enough from their end is kept. Its scores
 differ from those of the whole log by what only that tells: the noise of the screen, estimated from
 the rows so far, at most those of the last minute.
+
+What an identification left open is learned from the beginning of a log before it is judged: a log
+shows friction, dead time, level and drives with some error, and of the screen's patches, play and
+cams nothing. The first seconds are held against the twin with so much room; it is put where they
+put it, expanded again there, and its screen is taken as uneven as their residuals ask for.
 """
 
 from __future__ import annotations
@@ -17,23 +22,28 @@ import numpy as np
 from controllers.arrays import Array, Mask
 from twin.errors import LogError
 from twin.identify.logs import COLUMNS, Log, of_columns
+from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import SHORTEST, PreparedLog, prepare
 from twin.identify.windows import Windows
 from twin.run.logs import NEEDED
+from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import LOOKBACKS, Alarm, SequentialTests, baseline, onset, weigh
-from twin.shadow.belief import Belief
+from twin.shadow.belief import BALL, OPEN, PARAMETERS, Belief
 from twin.shadow.evidence import (
+    GAPS,
     NONE,
     Evidence,
     ball_evidence,
     ball_windows,
     gaps,
+    log_evidence,
     noise_evidence,
     plate_evidence,
+    posterior,
+    unknown_motion,
 )
 from twin.shadow.horizon import AHEAD, BAND, Replays, replays
-from twin.shadow.learning import LEARNING, learned, taught
 
 LEAST_TOLD = 5.0
 """Seconds of motion without which nothing is said of the rig's health."""
@@ -55,6 +65,14 @@ STRADDLING = 2.0
 """Seconds after the most likely time of a change in which it may still lie,"""
 ENOUGH = 2
 """which are left out where at least so many windows come after."""
+LEARNING = 20.0
+"""Seconds from which a twin learns."""
+ROUNDS = 3
+"""How often it is expanded again where they put it."""
+LEAST = 0.2
+"""Least share of its friction that is left of a twin in a round."""
+UNEVEN = (10.0, 20.0, 5.0, 2.0, 0.0)
+"""Percent by which the screen's friction may differ from place to place."""
 
 
 @dataclass
@@ -360,3 +378,87 @@ def _median(found: Replays | None, of: Callable[[Replays], Array]) -> float | No
     if found is None or not found.counted.any():
         return None
     return float(np.median(of(found)[found.counted]))
+
+
+def learned(log: PreparedLog, belief: Belief, gaps: Array) -> Belief:
+    """The twin after the beginning of a log.
+
+    Args:
+        log: That beginning.
+        belief: As it was identified.
+        gaps: Of the log.
+    """
+    tried: list[tuple[float, Belief]] = []
+    for percent in UNEVEN:
+        belief, likelihood = _fitted(log, _on_screen(belief, percent), gaps)
+        tried.append((likelihood, belief))
+    return max(tried, key=lambda each: each[0])[1]
+
+
+def _on_screen(belief: Belief, percent: float) -> Belief:
+    """The same twin on a screen that is uneven by so much."""
+    tables = belief.scenario.model_dump(mode="json")
+    new = [("plant.surface.spread_percent", percent)]
+    own = Belief.of(check(put(tables, new), "the twin"), belief)
+    keep = ("values", "lag", "play", "turned", "screen", "encoders", "disturbance", "unit")
+    return replace(own, **{name: getattr(belief, name) for name in keep})
+
+
+def _fitted(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, float]:
+    """The twin put where a log puts it, and the logarithm of how likely that makes the log."""
+    likelihood, covariance = 0.0, belief.uncertainty
+    for _ in range(ROUNDS):
+        windows, _ends = ball_windows(log, belief, gaps)
+        ball = NONE if windows is None else ball_evidence(windows, belief)
+        others = [plate_evidence(log, belief, gaps), noise_evidence(log, belief, gaps)]
+        soft, open_to = ball.softened(belief.changing), np.diag((belief.unit * OPEN) ** 2)
+        every = Evidence.beside([soft, Evidence.join(others).softened(belief.changing)])
+        own, sums = (
+            (each.information.sum(axis=0), each.score.sum(axis=0)) for each in (soft, every)
+        )
+        likelihood = float(soft.height.sum() + log_evidence(*own, open_to))
+        if windows is not None:
+            pushed = unknown_motion(windows, belief.values["delay"])
+            size = float(np.hypot(belief.rough, belief.sloped))
+            within = np.eye(pushed.shape[-1]) + size**2 * np.swapaxes(pushed, -1, -2) @ pushed
+            likelihood -= float(np.linalg.slogdet(within)[1].sum()) / 2
+        mean, covariance = posterior(*sums, open_to)
+        belief = moved(belief, mean)
+    unsure = np.sqrt(belief.constant**2 + np.diag(covariance))
+    return replace(belief, constant=unsure), likelihood
+
+
+def taught(before: Belief, after: Belief) -> str:
+    """What a twin has learned, in a sentence."""
+    old, new = before.values, after.values
+    level = np.degrees([new[name] - old[name] for name in ("level_phi", "level_theta")])
+    return (
+        f"The first {LEARNING:g} s taught the twin what its identification left open (rolling "
+        f"friction {100 * (new['rolling'] / old['rolling'] - 1):+.0f} %, dead time "
+        f"{1000 * (new['delay'] - old['delay']):+.0f} ms, level {level[0]:+.2f} and "
+        f"{level[1]:+.2f} deg, tilt gain {100 * (new['gain'] / old['gain'] - 1):+.0f} %, a screen "
+        f"uneven by {after.scenario.plant.surface.spread_percent:g} %); the rest is judged."
+    )
+
+
+def moved(belief: Belief, by: Array) -> Belief:
+    """The twin with other parameters.
+
+    Args:
+        belief: The twin.
+        by: What is added to ``PARAMETERS``, shape (P,).
+    """
+    off = dict(zip(PARAMETERS, by.tolist(), strict=True))
+    values = dict(belief.values)
+    for name in BALL:
+        least = LEAST * values[name] if name == "rolling" else BOUNDS[name].least
+        values[name] = float(np.clip(values[name] + off[name], least, BOUNDS[name].most))
+    gap = off["narrow_play"] * GAPS[0] + off["wide_play"] * GAPS[1]
+    return replace(
+        belief,
+        values=values,
+        lag=max(0.0, belief.lag + off["lag"]),
+        play=max(0.0, belief.play + gap),
+        turned=belief.turned + off["transmission"],
+        screen=belief.screen * np.exp(2 * off["noise"]),
+    )

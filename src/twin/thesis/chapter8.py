@@ -4,8 +4,7 @@ A row is a scenario: what the data files say is laid over ``IDEAL``. *sampled* r
 equations, *mujoco* on the mechanism without rolling friction, both at 2 ms through the seam.
 *exact* is the same under continuous control, integrated once by commit eda4a26 and kept as data:
 full state feedback by LSODA at a relative tolerance of 1e-9; plant, observer in continuous time,
-dead time and held noise together by RK4 at 10 ms. At the end: how large the terms are that the
-flat model (6.44) leaves out, (6.42) and Figure 8.6.
+dead time and held noise together by RK4 at 10 ms.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from controllers.ballplate import ACCELERATION, BallPlate
 from controllers.interfaces import Measurement
 from twin.data_file import packaged
 from twin.hal.cams import FixedRatio
@@ -599,34 +597,3 @@ def sentence(cells: Sequence[ThesisCell]) -> str:
         return f"{text}."
     where = f"Table {worst.table}, {worst.row}, {COLUMNS[worst.column].name}"
     return f"{text}; the worst that agrees: {worst.deviation_percent:+.2f} % ({where})."
-
-
-class Terms(NamedTuple):
-    """Accelerations over c1 along a motion, each of shape (..., 2) for x and y, in m/s^2.
-
-    Attributes:
-        main: g sin(phi) and -g sin(theta), the right of (6.42).
-        neglected: Centrifugal and gyroscopic terms, the left of (6.42).
-        unlisted: What (6.44) leaves out and (6.42) does not name: the plate accelerations and
-            cos(theta) beside sin(phi).
-    """
-
-    main: Array
-    neglected: Array
-    unlisted: Array
-
-
-def terms(model: BallPlate, x: Array, u: Array) -> Terms:
-    """Split the ball's acceleration along a motion.
-
-    Args:
-        model: The exact model.
-        x: States, shape (..., 8).
-        u: Plate accelerations in rad/s^2, shape (..., 2).
-    """
-    exact = model.derivative(x, u)[..., ACCELERATION] / model.c1
-    main = model.flat(x, u)[..., ACCELERATION] / model.c1
-    drift = model.f(x)[..., ACCELERATION] / model.c1
-    gravity = main.copy()
-    gravity[..., 0] *= np.cos(x[..., 6])
-    return Terms(main, drift - gravity, exact - main - (drift - gravity))

@@ -18,15 +18,17 @@ from twin.errors import ScenarioError, ViewError
 from twin.hal.interface import SCREEN
 from twin.run.finished import Run
 from twin.scenario.schema import Scenario
-from twin.view import bus
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.streams import (
+    BUS_UNITS,
     PLOTS,
     TIMELINE,
     TWIN_PLOTS,
     TWIN_RANGE,
     Batch,
     RunStream,
+    bus_batches,
+    conversation,
 )
 from twin.view.viewer import environment
 from twin.writing import write_whole
@@ -206,15 +208,15 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
         RunStream(run.name, run.scenario, i if together else None, run.followed)
         for i, run in enumerate(runs)
     ]
-    spoken = [bus.conversation(run) for run in runs]
+    spoken = [conversation(run) for run in runs]
     plan = _plan(
-        streams, [run.rows for run in runs], more=bus.UNITS.values() if any(spoken) else ()
+        streams, [run.rows for run in runs], more=BUS_UNITS.values() if any(spoken) else ()
     )
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run, said in zip(streams, runs, spoken, strict=True):
         fix(stream, (*each.fixed(), *each.styles(run.rows)))
         send(stream, each.batches(run.rows))
-        for batch, style in bus.batches(each.root, run, said) if said else ():
+        for batch, style in bus_batches(each.root, run, said) if said else ():
             fix(stream, [(batch.entity, style)] if style else ())
             send(stream, [batch])
 

@@ -166,7 +166,6 @@ class Conversation:
         heard: The frames, in the order of their times.
         names: What objects are called.
         rig: Whose drives they are, for names, scales and mappings that the trace does not show.
-        folded: Whether what is read back as it was written is one event.
     """
 
     def __init__(
@@ -174,10 +173,7 @@ class Conversation:
         heard: Sequence[can.Message],
         names: Names | None = None,
         rig: AkdConfig | None = None,
-        *,
-        folded: bool = True,
     ) -> None:
-        self._folded = folded
         self.events: list[TracedEvent] = []
         """What was said, in order; of PDOs the changes."""
         self.nodes: dict[int, Node] = {}
@@ -462,7 +458,7 @@ class Conversation:
         node.transfers[how] += 1
         written = f"writes {what} to {node.name}: {said}"
         text = written if transfer.writes else f"reads {what} of {node.name}: {said}"
-        if how == "reads" and self._folded and self.events and self.events[-1].text == written:
+        if how == "reads" and self.events and self.events[-1].text == written:
             self.events[-1] = self.events[-1]._replace(text=f"{written}; read back")
         else:
             self._say(transfer.since, HOST, "SDO", text)
