@@ -289,17 +289,16 @@ def measured(
                 f"{path}: a log has no reference; name the scenario it was recorded with, as in: "
                 f"ballplate compare {path} circle"
             )
-        known = scenario_of(names[0], base, titled=False) if names else finished[0].scenario
+        scenario = scenario_of(names[0], base, titled=False) if names else finished[0].scenario
         if columns is None:
             rows = read_log(path)
         else:
             log = read_any(path, wanted_columns(columns), separator)
-            rows = log.on(known).columns
+            rows = log.on(scenario).columns
             for note in log.notes:
                 tell(f"{path.name}: {note}")
-        scenario = known
         if names:
-            own = changes_of(fitting(rows, known), {})
+            own = changes_of(fitting(rows, scenario), {})
             fitted = fitted or own
             scenario = scenario_of(names[0], [*own, *base], titled=False)
         name = numbered(path.stem, [run.name for run in runs])

@@ -433,3 +433,10 @@ def test_a_file_given_by_law_of_which_nothing_is_used_is_told(ballplate, mine, u
     assert code == 0
     told = "--law other.py: nothing of it is used; name it, as --set controller.kind=mine"
     assert (told in err) is not used
+
+
+def test_how_an_observer_of_such_a_file_would_be_used_is_told_as_of_an_observer(ballplate):
+    Path("odd.py").write_text(OBSERVER.replace("ANSWER", "self.x"))
+    code, _, err = ballplate("run", "circle", "--law", "odd.py", *SHORT[2:])
+    assert code == 0
+    assert "--law odd.py: nothing of it is used; name it, as --set observer.kind=odd" in err

@@ -1,6 +1,7 @@
 import os
 import re
 import subprocess
+import sys
 from pathlib import Path
 from runpy import run_path
 
@@ -231,3 +232,11 @@ def test_every_plot_of_columns_has_a_title_and_its_columns_are_those_of_records(
     assert phi == pytest.approx(np.degrees(opened.rows["true_phi"]))
     torque = found["torque_Nm"]["torque_theta"].values
     assert np.array_equal(torque, opened.rows["torque_theta_Nm"])
+
+
+def test_runs_without_a_bus_are_drawn_without_the_library_that_reads_one():
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys, twin.view.recording; print('can' in sys.modules)"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.strip() == "False"

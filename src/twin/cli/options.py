@@ -53,8 +53,6 @@ class Group(Command, click.Group):
 
 
 VARIABLE = "_BALLPLATE_COMPLETE"
-LAWS = "laws"
-"""Where a command keeps the files given by ``--law`` and the names in them."""
 
 
 @click.command(cls=Command, example="completion bash")
@@ -218,18 +216,22 @@ def _add_laws(context: click.Context, __: click.Parameter, laws: tuple[Path, ...
 
         for file in laws:
             try:
-                context.meta[LAWS] = {**context.meta.get(LAWS, {}), file: add(file)}
+                context.meta.setdefault("laws", {})[file] = add(file)
             except ValueError as error:
                 raise ScenarioError(f"--law {error}") from None
 
 
 def unused(scenario: Scenario) -> list[str]:
     """What to say of files given by ``--law`` of which a run of the scenario takes nothing."""
-    used = {scenario.controller.kind, scenario.observer.kind, scenario.reference.kind}
+    from twin.scenario.schema import KINDS, choices
+
+    used = {getattr(scenario, table).kind for table in KINDS}
     return [
-        f"--law {file}: nothing of it is used; name it, as --set controller.kind={names[0]}"
-        for file, names in click.get_current_context().meta.get(LAWS, {}).items()
+        f"--law {file}: nothing of it is used; name it, as --set {table}.kind={names[0]}"
+        for file, names in click.get_current_context().meta.get("laws", {}).items()
         if used.isdisjoint(names)
+        for table in KINDS
+        if names[0] in choices(table)
     ]
 
 

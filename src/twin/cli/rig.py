@@ -290,11 +290,8 @@ def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) ->
     same = "the emulated drives answer the same"
     shown = f"first difference, at {first.time:.6f} s, {first.who}: {first.text}" if first else same
     remarks = [*trace.remarks, *found.remarks]
-    difference = first._asdict() if first else None
-    show(
-        {"trace": str(file), **found._asdict(), "remarks": remarks, "difference": difference},
-        (told, *remarks, shown),
-    )
+    numbers = {"trace": str(file), **found._asdict(), "remarks": remarks}
+    show(numbers | {"difference": first and first._asdict()}, (told, *remarks, shown))
     return int(first is not None)
 
 

@@ -174,10 +174,12 @@ class OwnServos:
         self.reading: Reading | None = None
         """The newest measurement that is one."""
         self.enabled = False
-        self._hardware, self.now = hardware, hardware.time
+        self.now = hardware.time
+        self._hardware = hardware
         self._file = type(hardware).start.__code__.co_filename
         self.where = type(hardware).__name__
-        self._limit, self._period = float(np.max(limits.angle)), period
+        self._limit = float(np.max(limits.angle))
+        self._period = period
         self._share = 1 - math.exp(-period / config.plate_lag) if config.plate_lag else 1.0
         self._rate, self._angle, self._model = np.zeros((3, 2))
         self._started = False

@@ -209,9 +209,8 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
         for i, run in enumerate(runs)
     ]
     spoken = [conversation(run) for run in runs]
-    plan = _plan(
-        streams, [run.rows for run in runs], more=BUS_UNITS.values() if any(spoken) else ()
-    )
+    more = BUS_UNITS.values() if any(spoken) else ()
+    plan = _plan(streams, [run.rows for run in runs], more)
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run, said in zip(streams, runs, spoken, strict=True):
         fix(stream, (*each.fixed(), *each.styles(run.rows)))

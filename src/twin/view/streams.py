@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from controllers.arrays import Array
 from controllers.interfaces import Reference
 from twin.data_file import read_toml
-from twin.devices.akd import TRACE
-from twin.devices.akd.decoding import TARGET, Conversation
-from twin.devices.akd.traces import read_trace
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism
 from twin.run.finished import Run, columns, states_of
 from twin.scenario.schema import Scenario
 from twin.view.scene import Colour, Scene, fixed, in_view, rolled
+
+if TYPE_CHECKING:
+    from twin.devices.akd.decoding import Conversation
 
 # Okabe and Ito's colours: told apart with any colour vision; black is white on the dark ground.
 BLUE, VERMILION, GREEN, PINK = (0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167)
@@ -318,8 +318,12 @@ PAUSED = 1.0
 
 def conversation(run: Run) -> Conversation | None:
     """What was said in a run; None where no trace lies in its folder."""
-    trace = run.folder and run.folder / TRACE
-    return Conversation(read_trace(trace).frames) if trace and trace.is_file() else None
+    from twin.devices.akd import TRACE, decoding, traces  # noqa: PLC0415  heavy, and seldom there
+
+    file = run.folder and run.folder / TRACE
+    return (
+        decoding.Conversation(traces.read_trace(file).frames) if file and file.is_file() else None
+    )
 
 
 def on_record(said: Conversation, run: Run, time: Array) -> Array:
@@ -327,6 +331,8 @@ def on_record(said: Conversation, run: Run, time: Array) -> Array:
 
     The first command that is not zero is the same in both, and each row has a SYNC.
     """
+    from twin.devices.akd.decoding import TARGET  # noqa: PLC0415  loaded with what was said
+
     begun = [s.time[k] for (_, key), s in said.series.items() if key[0] == TARGET
              for k in np.flatnonzero(s.counts)[:1]]  # fmt: skip
     moves = [np.flatnonzero(run.rows[f"applied_{axis}_acc"])[:1] for axis in ("phi", "theta")]
@@ -339,8 +345,7 @@ def on_record(said: Conversation, run: Run, time: Array) -> Array:
     alike = np.abs(rows - rows[0] - (sync - sync[0])) < PAUSED
     last = len(rows) if alike.all() else int(np.argmin(alike))
     at = np.clip(np.searchsorted(sync, time, side="right") - 1, 0, last - 1)
-    found: Array = rows[at] + time - sync[at]
-    return found
+    return np.asarray(rows[at] + time - sync[at])
 
 
 def bus_batches(
@@ -352,9 +357,8 @@ def bus_batches(
         if unit in BUS_UNITS:
             entity = f"{root}/{BUS_UNITS[unit]}/node_{node}_{key[0]:04X}"
             shown = rr.Scalars.columns(scalars=factor * np.asarray(series.counts))
-            style = line(
-                RUNS[number % len(RUNS)], 1.0, f"{said.called(node)} {said.object_name(key)}"
-            )
+            named = f"{said.called(node)} {said.object_name(key)}"
+            style = line(RUNS[number % len(RUNS)], 1.0, named)
             yield Batch(entity, on_record(said, run, np.asarray(series.time)), shown), style
     times = on_record(said, run, np.array([each.time for each in said.events]))
     lines = rr.TextLog.columns(
