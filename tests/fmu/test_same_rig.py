@@ -160,6 +160,7 @@ def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
         "plant__surface__spread_percent": 30.0,
         "plant__surface__slope_deg": 0.1,
         "plant__surface__seed": 3,
+        "plant__camber": [0.4, -0.3],
         "plant__size": [0.5, 0.3],
     }
     library = made(tmp_path, duration=0.02, **uneven)

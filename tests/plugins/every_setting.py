@@ -45,6 +45,7 @@ OTHER = {
     "plant.surface.seed": "3",
     "plant.surface.relative": "[[1.0, 1.2], [0.9, 1.0]]",
     "plant.surface.height_um": "[[0.0, 90.0], [50.0, 0.0]]",
+    "plant.camber": "[0.4, 0.3]",
     "disturbance.variance": "[1e-3, 1e-3]",
     "sensors.noise_hold": "0.01",
     "sensors.touch.dead_time": "0.0307",
