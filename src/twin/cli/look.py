@@ -41,19 +41,14 @@ def _opened(paths: tuple[Path, ...]) -> list[Run]:
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
 @click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording, open no viewer.")
 @SERVE
-@click.option("--connect", metavar="ADDRESS", help="Send to the viewer at HOST:PORT.")
-def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None, connect: str | None) -> int:
+def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None) -> int:
     """Open run folders in the Rerun viewer, several side by side on one time line.
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
     opened = _opened(runs)
-    from twin.view.recording import address, forward, reach, write  # heavy: a wrong name was told
+    from twin.view.recording import write  # heavy: a wrong name was told
 
-    if connect is not None:
-        forward(reach(address(connect)), opened)
-        say(f"sent to {connect}")
-        return 0
     if rrd is not None:
         write(rrd, opened)
         say(f"written to {rrd}")
