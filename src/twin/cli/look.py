@@ -80,24 +80,20 @@ ENDINGS = {"html": ".html", "png": ".png", "pdf": ".pdf", "csv": ".csv", "latex"
 """Format to the ending of its file."""
 
 
-def _contents(kind: str, runs: list[Run]) -> dict[str, str | bytes]:
-    """What is added to the stem of each file of a format, and the file's content."""
+def _content(kind: str, runs: list[Run]) -> str | bytes:
+    """The content of a file of a format."""
+    from twin.page import encoded
+    from twin.report.html import html, overview
     from twin.report.numbers import as_csv, as_latex
 
     match kind:
         case "png" | "pdf":
-            from twin.page import encoded
-            from twin.report.html import details, overview
-
-            figures = {"": overview, "-details": details}
-            return {more: encoded(make(runs), kind, dpi=150) for more, make in figures.items()}
+            return encoded(overview(runs), kind, dpi=150)
         case "csv":
-            return {"": as_csv(runs)}
+            return as_csv(runs)
         case "latex":
-            return {"": as_latex(runs)}
-    from twin.report.html import html
-
-    return {"": html(runs)}
+            return as_latex(runs)
+    return html(runs)
 
 
 def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
@@ -115,7 +111,7 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
 )
 @click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
 def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
-    """Report on one run folder, or compare several: a page, pictures, a table.
+    """Report on one run folder, or compare several: a page, a picture, a table.
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
@@ -128,10 +124,9 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
     for name in formats:
-        for more, content in _contents(name, opened).items():
-            path = stem.with_name(f"{stem.name}{more}{ENDINGS[name]}")
-            write_whole(path, content)
-            say(f"written to {path}")
+        path = stem.with_name(f"{stem.name}{ENDINGS[name]}")
+        write_whole(path, _content(name, opened))
+        say(f"written to {path}")
     return 0
 
 
