@@ -514,7 +514,7 @@ def _observer(scenario: Scenario) -> Observer:
     observer: Observer = _build("observer", choice, model=model, period=period)
     if predictor is None:
         return observer
-    return Smith(observer=observer, delay=delay, model=model, period=period)
+    return Smith(observer=observer, delay=delay + predictor.wait, model=model, period=period)
 
 
 def _referred(scenario: Scenario) -> str:

@@ -366,6 +366,8 @@ class _Rig(Section):
     cams: Literal["table", "per_axis", "ratio"] = "table"
     """The calibrated table over both plate angles, which of a linkage is all its lengths, one table
     per axis, or a plain ratio."""
+    plate_lag: Annotated[float, Field(ge=0, le=2)] = 0.0
+    """Time constant in s with which the plate follows its command, as law and observer believe."""
 
 
 class _Touch(Section):
@@ -493,6 +495,9 @@ class Predictor(Section):
     dead time itself."""
     delay: Annotated[float, Field(ge=0, le=1)] = 0.042
     """Dead time in s that it, or such an observer, assumes."""
+    wait: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Mean time in s from frame to use, which the Smith predictor assumes besides; such an observer
+    knows how old each frame is."""
 
 
 class Dimensions(NamedTuple):
@@ -585,7 +590,7 @@ class Scenario(Section):
         known = self.controller.model
         ball: BallPlate = BallPlate() if known.kind == "nominal" else self.plant.ball.model
         given = known.model_dump(exclude={"kind"}, exclude_none=True)
-        return dataclasses.replace(ball, **given)
+        return dataclasses.replace(ball, lag=self.rig.plate_lag, **given)
 
     @property
     def law_ticks(self) -> int:
