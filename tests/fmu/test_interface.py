@@ -202,6 +202,7 @@ def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
     known = (
         "plant.surface.",
         "plant.camber",
+        "plant.shape",
         "plant.kind",
         "plant.ball.kind",
         "plant.step",

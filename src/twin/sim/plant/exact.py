@@ -239,6 +239,7 @@ class ExactPlant:
         level: Tilt (phi, theta) in rad of the base the plate angles are measured against, shape
             (2,) or (N, 2).
         size: Sides of the screen along x and y in m, shape (2,) or (N, 2).
+        rounded: Whether it is round, with the first side as its diameter, shape () or (N,).
     """
 
     ratio = 1.0
@@ -253,8 +254,11 @@ class ExactPlant:
         friction: Friction | None = None,
         level: ArrayLike = (0.0, 0.0),
         size: ArrayLike = SCREEN,
+        rounded: ArrayLike = False,
     ) -> None:
         self.rigs = rigs
+        self._rounded = np.broadcast_to(np.asarray(rounded, bool), (rigs,))
+        self._round = bool(self._rounded.any())
         self.step = step
         self._edges = np.broadcast_to(np.divide(size, 2), (rigs, 2)).T
         self._equip(model or BallPlate(), friction, level)
@@ -336,6 +340,8 @@ class ExactPlant:
         (phi, theta), (phi_rate, theta_rate) = _turned(plate, period)
         self._x = self._state(x, vx, phi, phi_rate, y, vy, theta, theta_rate)
         off = (abs(x) > self._half[0]) | (abs(y) > self._half[1])
+        if self._round:
+            off = off | (self._rounded & (x * x + y * y > self._half[0] * self._half[0]))
         if self._balls.by.any(off):
             self._fallen |= off
 
