@@ -104,6 +104,13 @@ def test_what_a_batch_has_only_once_is_refused_by_name(overrides, key):
         assemble([load("circle"), load("circle", overrides)])
 
 
+def test_rigs_with_other_linkages_do_not_run_side_by_side():
+    course = load("circle", ["parameters=course"])
+    other = load("circle", ["parameters=course", "plant.linkage.rod_mm=[95, 90]"])
+    with pytest.raises(ScenarioError, match=r"plant\.linkage\.rod_mm: rigs that run side by side"):
+        assemble([course, other])
+
+
 @pytest.mark.parametrize("key", SHARED_EXACT)
 def test_balls_on_the_exact_equations_are_alike(key):
     exact = "plant.kind=lagrange"

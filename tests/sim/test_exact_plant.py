@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from controllers.ballplate import BallPlate
 from twin.hal.interface import SCREEN
+from twin.hal.linkage import Linkage
 from twin.run.assemble import build_friction, build_plant, start_plant
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant, rolling
@@ -28,6 +29,52 @@ def test_a_driven_plate_matches_an_adaptive_integration_of_the_same_equations():
         plant.advance(command, 2)
     state = plant.state[0]
     assert state == pytest.approx(expected, abs=1e-9)
+
+
+LINKAGE = Linkage(crank=(0.04, 0.03), rod=(0.09, 0.1), arm=(0.1, 0.07), distance=(0.05, 0.045))
+
+
+def test_cranks_that_ramp_take_the_plate_where_the_linkage_does_without_drift():
+    plant = ExactPlant(step=0.001, linkage=LINKAGE)
+    rate = before = crank = np.zeros(2)
+    for tick in range(3000):
+        rate = np.array([0.5, -0.4]) * np.sin(0.004 * tick * np.array([1.0, 1.3]))
+        plant.advance(rate[None], 2)
+        crank = crank + 0.002 * (before + rate) / 2
+        before = rate
+        assert plant.state[0, 2::4] == pytest.approx(LINKAGE.plate(crank), abs=1e-11)
+    assert plant.motor[0] == pytest.approx(crank, abs=1e-11)
+    nudged = [LINKAGE.plate(crank + side * rate) for side in (1e-6, -1e-6)]
+    assert plant.state[0, 3::4] == pytest.approx((nudged[0] - nudged[1]) / 2e-6, abs=1e-7)
+
+
+def test_on_rods_the_ball_moves_as_on_a_plate_that_is_told_the_same_motion_in_small_steps():
+    plant, told = ExactPlant(step=0.001, linkage=LINKAGE), ExactPlant(step=0.0001)
+    for each in (plant, told):
+        each.start(np.array([[0.05, 0.05, -0.03, 0.1]]))
+    crank = before = np.zeros(2)
+    for tick in range(120):
+        rate = np.radians(200) * np.sin(tick * np.array([0.03, 0.04]))
+        plant.advance(rate[None], 2)
+        for part in (np.arange(20) + 1) / 20:
+            there = crank + 0.002 * part * (before + part / 2 * (rate - before))
+            now = before + part * (rate - before)
+            told.advance(LINKAGE.plate_rate(LINKAGE.plate(there), there, now)[None], 1)
+        crank, before = there, rate
+    assert np.abs(plant.state[0, 2::4]).min() > 0.03
+    assert plant.state == pytest.approx(told.state, abs=1e-6)
+
+
+@pytest.mark.parametrize("linkage", [None, LINKAGE])
+def test_plates_side_by_side_turn_to_the_bit_as_alone(linkage):
+    commands = np.random.default_rng(9).uniform(-0.3, 0.3, (20, 3, 2))
+    together = ExactPlant(rigs=3, linkage=linkage)
+    alone = [ExactPlant(linkage=linkage) for _ in range(3)]
+    for command in commands:
+        together.advance(command, 2)
+        for plant, own in zip(alone, command, strict=True):
+            plant.advance(own[None], 2)
+    assert together.state.tolist() == [plant.state[0].tolist() for plant in alone]
 
 
 def test_a_ball_that_left_the_screen_has_fallen_for_good():

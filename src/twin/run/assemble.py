@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Number
 from controllers.ballplate import BallPlate
 from controllers.catalog import AnswerError, blamed, wrong_answer
 from controllers.controller import (
@@ -36,6 +36,7 @@ from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.errors import LawError, ModelError, ScenarioError, TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Limits, Transmission
+from twin.hal.linkage import Linkage
 from twin.hal.rig import Rig
 from twin.scenario import schema
 from twin.scenario.load import at_time, times
@@ -68,7 +69,7 @@ def believed(scenario: Scenario) -> Transmission:
         ModelError: If the mechanism or its cam table cannot be used.
     """
     if scenario.plant.kind == "mujoco" and scenario.rig.cams != "ratio":
-        return mistaken(_cams(scenario.rig.cams, 1.0), [scenario])
+        return mistaken(_known([scenario], 1.0), [scenario])
     return build_plant([scenario])[1]
 
 
@@ -106,15 +107,23 @@ def drawn_mechanism(scenario: Scenario) -> MjModel:
     return drawn_model(changed(Parts, scenario), screen, area, rounded=rounded)
 
 
+def linkage_of(scenario: Scenario) -> Linkage | None:
+    """The linkage of a scenario's plant, if it has one."""
+    lengths = filled(Linkage, [scenario])
+    return lengths if lengths.given else None
+
+
 def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
+    linkage = linkage_of(scenarios[0])
     plant = ExactPlant(
         rigs=len(scenarios),
         step=scenarios[0].plant.step,
         size=per_rig(settings_of(TouchModel)["size"], scenarios),
         rounded=[scenario.plant.shape == "round" for scenario in scenarios],
+        linkage=linkage,
         **_equations(scenarios),
     )
-    return plant, FixedRatio()
+    return plant, FixedRatio() if linkage is None else _known(scenarios, plant.ratio)
 
 
 def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
@@ -136,11 +145,20 @@ def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Tran
         friction=_friction(scenarios),
         parts=_parts(scenarios),
     )
+    return plant, _known(scenarios, plant.ratio)
+
+
+def _known(scenarios: Sequence[Scenario], ratio: Number) -> Transmission:
+    """What the rigs know of their linkages, or cams, of a ratio at level."""
+    linkage = linkage_of(scenarios[0])
     kinds = [scenario.rig.cams for scenario in scenarios]
-    cams = {kind: _cams(kind, plant.ratio) for kind in set(kinds)}
-    if len(cams) == 1:
-        return plant, cams[kinds[0]]
-    return plant, simulated.PerRigTransmission([cams[kind] for kind in kinds])
+    known: dict[str, Transmission] = {
+        kind: FixedRatio(ratio) if kind == "ratio" else linkage or _table(kind)
+        for kind in set(kinds)
+    }
+    if len(known) == 1:
+        return known[kinds[0]]
+    return simulated.PerRigTransmission([known[kind] for kind in kinds])
 
 
 def _stays(plant: Any, *_: Any) -> None:
@@ -198,10 +216,8 @@ def register(name: str, kind: PlantKind) -> None:
 
 
 @lru_cache(maxsize=8)
-def _cams(kind: str, ratio: float) -> Transmission:
+def _table(kind: str) -> Transmission:
     """What a rig knows of its cams."""
-    if kind == "ratio":
-        return FixedRatio(ratio)
     table = CamTable.packaged()
     return table.per_axis() if kind == "per_axis" else table
 
@@ -542,8 +558,12 @@ def _build(table: str, choice: schema.Choice, **given: object) -> Any:
         raise ScenarioError(f"{table}: {error}") from error
 
 
-SHARED = ("plant.kind", "plant.step", "rig.period", "duration", "sensors.ideal")
-"""Keys in which the rigs of a batch must agree: engine, time base, whether the truth is seen."""
+SHARED = (
+    *("plant.kind", "plant.step", "rig.period", "duration", "sensors.ideal"),
+    *(about.key for about in settings_of(Linkage).values()),
+)
+"""Keys in which the rigs of a batch must agree: engine, time base, whether the truth is seen, and
+what tilts the plate."""
 SHARED_EXACT = ("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia")
 """The same of rigs on the exact equations, besides."""
 
