@@ -112,6 +112,24 @@ def test_a_plate_of_another_shape_is_not_stretched(size):
     assert (left + right) / 2 == pytest.approx(16 + 249 + 0.1 * per_metre, abs=1.5)
 
 
+def test_a_round_plate_is_a_circle_and_a_fallen_ball_lies_at_its_rim():
+    rig = {"size": (0.3, 0.3), "shape": "round", "ball": {"radius": 0.005, "inertia": 1e-7}}
+    rolls = told([(0.10, 0.10), (0.12, 0.12)], rig=rig, outcome="fell")
+    longer = told([(0.0, 0.0)] * 60, rig=rig)
+    picture = frames(rolls, longer, since=0.0, until=0.5)[-1]
+    per_metre = 281 / 0.3
+    _, columns = np.nonzero(np.abs(picture[90:373, 20:510] - BLUE).max(axis=2) <= 60)
+    x = (columns.mean() + 20 - (16 + 249)) / per_metre
+    assert x == pytest.approx((0.15 - 0.013) / np.sqrt(2), abs=3e-3)
+    # the rim cuts each row of the panel where the circle does
+    panel = picture[91:372, 17:513]
+    middle, dark = panel.shape[0] / 2, (panel.max(axis=2) < 190) & (np.ptp(panel, axis=2) < 30)
+    for up in (30, 80, 120):
+        (at,) = np.nonzero(dark[round(middle + up)])
+        half = np.sqrt((0.15 * per_metre) ** 2 - up**2)
+        assert np.ptp(at) == pytest.approx(2 * half, abs=5)
+
+
 def test_the_ball_moves_from_frame_to_frame_as_recorded():
     time = 0.01 * np.arange(301)
     way = np.stack((0.2 * np.sin(2 * time), 0.1 * np.cos(time)), axis=1)

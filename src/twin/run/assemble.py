@@ -103,7 +103,8 @@ def drawn_mechanism(scenario: Scenario) -> MjModel:
     """The mechanism of a scenario to look at, of another plate only that."""
     from twin.sim.plant.model import drawn_model  # noqa: PLC0415  heavy: loaded when needed
 
-    return drawn_model(changed(Parts, scenario), *scenario.dimensions[:2])
+    screen, area, _, rounded = scenario.dimensions
+    return drawn_model(changed(Parts, scenario), screen, area, rounded=rounded)
 
 
 def linkage_of(scenario: Scenario) -> Linkage | None:
@@ -118,6 +119,7 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
         rigs=len(scenarios),
         step=scenarios[0].plant.step,
         size=per_rig(settings_of(TouchModel)["size"], scenarios),
+        rounded=[scenario.plant.shape == "round" for scenario in scenarios],
         linkage=linkage,
         **_equations(scenarios),
     )
