@@ -208,14 +208,12 @@ def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: f
     """
     problem = Problem(model, windows, names, grip)
     guesses = _scan_breakaway(problem, _fit_rolling(problem))
-    found = search.minimise(problem, guesses, search.begun(problem, guesses, 3), 12)
+    found = search.minimise(problem, guesses, search.begun(problem, guesses, 3), 12, 4)
     sizes = FIRST_SIZES
     for _ in range(ROUNDS):
         problem = problem.whitened(found.ahead(1), sizes)
-        found = search.minimise(problem, found.theta, found.starts, 12).ahead(1)
+        found = search.minimise(problem, found.theta, found.starts, 15, 4).ahead(1)
         sizes = problem.likeliest(found)
-    problem = problem.whitened(found, sizes)
-    found = search.minimise(problem, found.theta, found.starts, 12)
     while True:
         best = found.ahead(1)
         misfit = problem.misfit(best.linearisation.r)[0]
@@ -223,7 +221,7 @@ def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: f
         if kept.all() or kept.sum() < max(3, len(windows) / 2):
             break
         problem = replace(problem, windows=problem.windows.take(kept))
-        found = search.minimise(problem, found.theta, found.starts[:, :, kept], 12)
+        found = search.minimise(problem, found.theta, found.starts[:, :, kept], 15, 4)
     creeping = _creeping(problem, best.theta, best.starts)
     if creeping.any():
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
@@ -418,8 +416,6 @@ def _servo(drives: Drives | None) -> judged.ParameterVerdict:
     value, high = judged.corner_frequency(lag), judged.corner_frequency(lag - half)
     good = half <= max(SERVO.tolerance, SERVO.relative * lag)
     why = "" if good else f"its interval is too wide; {SERVO.experiment}"
-    if not drives.agree:
-        why = "angles and rates of the plate do not give the same: the interval holds both"
     word = judged.IDENTIFIED if good else judged.NOT
     return replace(found, value=value, low=low, high=high, word=word, why=why)
 
