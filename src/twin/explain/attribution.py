@@ -16,10 +16,11 @@ from controllers.arrays import Array
 from twin.data_file import packaged
 from twin.errors import ScenarioError
 from twin.jobs import cores, results
+from twin.run.assemble import linkage_of
 from twin.run.finished import run
 from twin.run.metrics import Ending
 from twin.run.picture import COLOURS, drawn
-from twin.scenario.schema import MECHANISM_ONLY, Scenario
+from twin.scenario.schema import CAMS_ONLY, MECHANISM_ONLY, Scenario
 from twin.writing import write_whole
 
 Overrides = Mapping[str, Any]
@@ -81,7 +82,12 @@ def changed(scenario: Scenario, overrides: Iterable[Overrides]) -> Scenario:
 def possible(scenario: Scenario) -> tuple[Effect, ...]:
     """The effects that a scenario's plant can have."""
     exact = scenario.plant.kind == "lagrange"
-    return tuple(effect for effect in EFFECTS if not (exact and effect.mechanical))
+    lacks = CAMS_ONLY if linkage_of(scenario) else ()
+    return tuple(
+        effect
+        for effect in EFFECTS
+        if not ((exact and effect.mechanical) or effect.off.keys() & {*lacks})
+    )
 
 
 def present(scenario: Scenario) -> tuple[Effect, ...]:

@@ -185,6 +185,11 @@ def _known(kind: str) -> str:
     return kind
 
 
+CAMS_ONLY = (
+    *("plant.wheels.stiffness", "plant.wheels.damping_ratio"),
+    *("plant.spring.preload", "plant.plate.offset_mm"),
+)
+"""Keys of the mechanism with cams."""
 CAMS_DEG = 10.0
 """How far the cams tilt the plate either way, deg; thesis chapter 3."""
 LEAST_ROLLING_MM = 0.01
@@ -283,8 +288,11 @@ class PlantKeys(Section):
                 if value_of(self, key) != DEFAULTS[f"plant.{key}"]:
                     return f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
         mechanism = self.kind == "mujoco"
-        if mechanism and inner["size"] != SCREEN:
-            return "plant.size: the mechanism's plate is 0.7 m x 0.395 m; set plant.kind=lagrange"
+        if mechanism and inner["size"] != SCREEN and not any(inner["linkage"].crank_mm):
+            return (
+                "plant.size: the mechanism's plate on cams is 0.7 m x 0.395 m; set plant.kind="
+                "lagrange, or give plant.linkage"
+            )
         for axis, side in zip("xy", inner["size"], strict=True):
             if abs(vars(inner["start"])[axis]) > side / 2:
                 return f"plant.start.{axis}: the plate's half is {side / 2:g} m"
@@ -557,13 +565,14 @@ class Scenario(Section):
         linkage, most = filled(Linkage, [self]), self.rig.limits.angle_deg
         if problem := linkage.problem(math.radians(most)):
             yield problem
+        for key in CAMS_ONLY if linkage.given else ():
+            if value_of(self, key) is not None:
+                yield f"{key}: a plate on rods has none"
         if linkage.given and self.rig.cams == "per_axis":
             yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"
-        if linkage.given and self.plant.kind == "mujoco":
-            yield "plant.linkage: the mechanism has cams; set plant.kind=lagrange"
         if self.plant.kind == "lagrange" and self.rig.cams != "table" and not linkage.given:
             yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
-        if self.plant.kind == "mujoco" and most > CAMS_DEG:
+        if self.plant.kind == "mujoco" and most > CAMS_DEG and not linkage.given:
             yield f"rig.limits.angle_deg: the cams reach {CAMS_DEG:g}; set plant.kind=lagrange"
         (x, y), area = self.plant.size, self.rig.limits.area
         if 2 * area[0] > x or 2 * area[1] > y:
