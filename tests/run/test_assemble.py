@@ -31,6 +31,8 @@ BESIDE = {
     "plant.servo.resonance_damping": ["plant.servo.resonance_hz=15.0"],
     "plant.surface.patch_mm": ["plant.surface.spread_percent=20.0"],
     "plant.surface.seed": ["plant.surface.spread_percent=20.0"],
+    "sensors.touch.jitter": ["sensors.touch.frame_rate=100.0"],
+    "sensors.touch.lost": ["sensors.touch.frame_rate=100.0"],
     "plant.friction.spinning_mm": ["plant.start.spin=20.0"],
     "controller.rho": ["controller.kind=lqr", "controller.kappa=0.3"],
     "plant.ball.offset_mm": ["plant.ball.offset_mm=[0.5, 0, 0]"],

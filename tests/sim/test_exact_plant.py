@@ -6,6 +6,8 @@ from scipy.spatial.transform import Rotation
 from controllers.ballplate import BallPlate
 from twin.hal.interface import SCREEN
 from twin.hal.linkage import Linkage
+from twin.run.assemble import build_friction, build_plant, start_plant
+from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant, rolling
 from twin.sim.plant.friction import Friction, SurfaceMap
 from twin.sim.plant.interface import tilted_gravity
@@ -183,6 +185,43 @@ def test_a_ball_rolls_down_where_the_surface_slopes(rigs):
     plant.advance(np.zeros((rigs, 2)), 500)
     assert plant.state[:, 0] == pytest.approx(-MODEL.k1 * rise * 0.5**2 / 2)
     assert plant.state[:, 4].tolist() == [0.0] * rigs
+
+
+CAMBER = ("plant.camber=[0.35,-0.5]", "plant.start.x=0.05", "plant.start.y=-0.1")
+SMOOTH = ("plant.friction.rolling_mm=0", "plant.step=0.001")
+
+
+@pytest.mark.parametrize("ball", ["hollow", "steel"])
+@pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
+def test_on_a_level_plate_with_camber_the_ball_moves_as_a_hyperbolic_cosine(kind, ball):
+    chosen = (f"plant.kind={kind}", f"plant.ball.kind={ball}", *CAMBER, *SMOOTH)
+    others = [(*chosen, f"plant.camber={camber}") for camber in ("[-2,0]", "[0,0]")]
+    scenarios = [load("hold", each) for each in (chosen, *others)]
+    plant, _ = build_plant(scenarios)
+    start_plant(plant, scenarios)
+    plant.advance(np.zeros((3, 2)), 1000)
+    x, y, given = plant.state[:, 0] - 0.05, plant.state[:, 4] + 0.1, plant.state[2, 0::4]
+    cosines = [np.cosh(np.sqrt(0.35)), np.cos(np.sqrt(2.0)), np.cos(np.sqrt(0.5))]
+    far = np.multiply((0.05, 0.05, -0.1), np.subtract(cosines, 1))
+    # the mechanism's plate gives way under the ball, which moves it without camber, too
+    gives = np.abs(given - (0.05, -0.1)) + 1e-10
+    within = 1e-8 if kind == "lagrange" else 5e-3
+    assert x[:2] - x[2] == pytest.approx(far[:2], abs=gives[0], rel=within)
+    assert y[:2] - y[2] == pytest.approx([far[2], 0.0], abs=gives[1], rel=within)
+
+
+def test_camber_comes_on_top_of_what_a_surface_has_and_a_rig_beside_has_none():
+    uneven = ("plant.kind=lagrange", "plant.surface.spread_percent=20", "plant.surface.slope_deg=1")
+    places = np.random.default_rng(0).uniform(-0.19, 0.19, (50, 2))
+    flat, bowed = (
+        build_friction([load("hold", (*uneven, f"plant.camber={camber}"))]).map
+        for camber in ("[0,0]", "[0.35,0]")
+    )
+    push = MODEL.c1 * MODEL.gravity
+    for before, after in ((flat(places), bowed(places)),):
+        assert after[0].tolist() == before[0].tolist()
+        assert (before[1] - after[1])[:, 0] == pytest.approx(0.35 / push * places[:, 0])
+        assert (before[1] - after[1])[:, 1] == pytest.approx(np.zeros(50), abs=1e-12)
 
 
 @pytest.mark.long

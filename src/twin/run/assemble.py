@@ -231,7 +231,7 @@ def _table(kind: str) -> Transmission:
 def build_friction(scenarios: Sequence[Scenario]) -> Friction | None:
     """The resistance of N balls on their screens; None if all are level and without friction."""
     surfaces = SurfaceMap.stacked(
-        [_drawn(_surface(scenario), scenario.plant.size) for scenario in scenarios]
+        [_drawn(_surface(each), each.plant.size, each.plant.ball.model) for each in scenarios]
     )
     friction = filled(Friction, scenarios, map=surfaces)
     return None if friction.absent.all() and friction.map is None else friction
@@ -246,12 +246,11 @@ _surface = attrgetter(*(about.key for about in settings_of(SurfaceModel).values(
 
 
 @lru_cache(maxsize=4096)
-def _drawn(said: tuple[Any, ...], size: tuple[float, float]) -> SurfaceMap | None:
+def _drawn(said: tuple[Any, ...], size: tuple[float, float], ball: BallPlate) -> SurfaceMap | None:
     """The map of a surface, drawn once: rigs that go on are asked for theirs again and again."""
     given = zip(settings_of(SurfaceModel).items(), said, strict=True)
-    return SurfaceModel(**{name: about.unit.to_si(value) for (name, about), value in given}).map(
-        size
-    )
+    values = {name: about.unit.to_si(value) for (name, about), value in given}
+    return SurfaceModel(**values).map(size, ball)
 
 
 Act = Callable[[Sequence[Scenario], Sequence[Scenario]], None]

@@ -185,11 +185,8 @@ def _known(kind: str) -> str:
     return kind
 
 
-CAMS_ONLY = (
-    *("plant.wheels.stiffness", "plant.wheels.damping_ratio"),
-    *("plant.spring.preload", "plant.plate.offset_mm"),
-)
-"""Keys of the mechanism with cams."""
+CAMS_ONLY = "wheels.stiffness", "wheels.damping_ratio", "spring.preload", "plate.offset_mm"
+"""Keys of ``plant`` that are of the mechanism with cams."""
 CAMS_DEG = 10.0
 """How far the cams tilt the plate either way, deg; thesis chapter 3."""
 LEAST_ROLLING_MM = 0.01
@@ -566,8 +563,8 @@ class Scenario(Section):
         if problem := linkage.problem(math.radians(most)):
             yield problem
         for key in CAMS_ONLY if linkage.given else ():
-            if value_of(self, key) is not None:
-                yield f"{key}: a plate on rods has none"
+            if value_of(self.plant, key) is not None:
+                yield f"plant.{key}: a plate on rods has none"
         if linkage.given and self.rig.cams == "per_axis":
             yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"
         if self.plant.kind == "lagrange" and self.rig.cams != "table" and not linkage.given:
