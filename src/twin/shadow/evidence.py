@@ -36,10 +36,9 @@ from twin.identify.windows import (
     moving_spans,
     unknown_motion,
 )
-from twin.settings import changed
+from twin.run.assemble import parts_of
 from twin.shadow.belief import BALL, DRIVES, PARAMETERS, Belief
 from twin.sim.calibration import STATES, linear_mechanism
-from twin.sim.plant.interface import Parts
 
 
 @dataclass(frozen=True)
@@ -501,14 +500,15 @@ def _mechanism(belief: Belief, period: float) -> list[tuple[Array, Array]]:
     """
     plant = belief.scenario.plant
     # what a ball off its middle or oval does to the plate is left out
-    parts = replace(changed(Parts, belief.scenario), offset=None, oval=None)
+    parts = replace(parts_of(belief.scenario), offset=None, oval=None)
     steps = max(1, round(period / plant.step))
     A, B, _, ratio = linear_mechanism(parts, period / steps)  # noqa: N806
+    B = ratio * B  # noqa: N806
     found = []
     for axis, name in enumerate(("phi", "theta")):
         own = (name, f"{name}_rate", f"motor_{name}", f"motor_{name}_rate", f"servo_{name}")
         keep = [STATES.index(each) for each in own]
-        once, pushed = A[np.ix_(keep, keep)], ratio * B[keep, axis, None]
+        once, pushed = A[np.ix_(keep, keep)], B[keep, axis, None]
         powers = [np.linalg.matrix_power(once, k) for k in range(steps + 1)]
         top, bottom = ss2tf(powers[-1], sum(powers[:-1]) @ pushed, np.eye(1, len(keep)), [[0.0]])
         found.append((top[0], bottom))
