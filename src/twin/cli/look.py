@@ -137,7 +137,7 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     "--beside",
     multiple=True,
     type=click.Path(path_type=Path),
-    metavar="RUN_OR_LOG",
+    metavar="RUN",
     help="Of a moving picture: show this one as well; may be repeated.",
     shell_complete=tab.runs,
 )
@@ -185,7 +185,6 @@ def export(
         raise RecordError(f"{file}: --fmi, --reference and --set are of a scenario's rig: .fmu")
     from ballplate.comparing import labelled
     from ballplate.results import Result
-    from twin.run.finished import open_run
 
     given = {name: value for name, value in cut.items() if value is not None}
     moving = file.suffix in MOVING
@@ -194,31 +193,18 @@ def export(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
             "pictures: .webp, .gif, .mp4"
         )
-    check_no_scenario(run)
-    (opened,) = open_run(run)
-    if opened.lacking:
-        warn(opened.lacking)
+    opened = [each for path in (run, *beside) for each in _opened((path,))]
     if not moving:
-        opened.export(file)
-        say(f"written to {file}: {len(opened.time)} rows of {len(opened)} columns")
+        if len(opened) > 1:
+            raise RecordError(f"{run}: holds {len(opened)} runs; name one of them")
+        opened[0].export(file)
+        say(f"written to {file}: {len(opened[0].time)} rows of {len(opened[0])} columns")
         return 0
-    shown = [opened, *(other for path in beside for other in _further(path, opened))]
-    (name, first), *others = labelled([Result.from_run(each) for each in shown]).items()
+    (name, first), *others = labelled([Result.from_run(each) for each in opened]).items()
     first.label, first.beside = name, dict(others)
     first.export(file, **given, reporter=TERMINAL)
     say(f"written to {file}{'' if file.suffix else '/'}")
     return 0
-
-
-def _further(path: Path, first: Run) -> list[Run]:
-    """The runs of a path, or a log that followed the first run's reference."""
-    from ballplate.comparing import measured
-    from twin.run.finished import open_runs
-
-    check_no_scenario(path)
-    if path.suffix == ".csv":
-        return measured([path], (), [first], (), (None, None), warn)[0]
-    return open_runs((path,), warn)
 
 
 @click.command(cls=Command, example="docs")

@@ -102,14 +102,10 @@ def settings(_: click.Context, __: click.Parameter, incomplete: str) -> list[Com
 
 
 def names(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """What can be described: keys, tables and kinds."""
+    """Keys, which can be described."""
     from twin.scenario.load import every_key
-    from twin.scenario.schema import KINDS, choices
 
-    known = dict.fromkeys(every_key())
-    tables = {".".join(key.split(".")[:n]) for key in known for n in range(1, key.count(".") + 1)}
-    kinds = [kind for table in KINDS for kind in choices(table)]
-    return _offered(incomplete, (*sorted(tables), *kinds, *known), files=False)
+    return _offered(incomplete, every_key(), files=False)
 
 
 def _offered(incomplete: str, known: Iterable[str], *, files: bool = True) -> list[CompletionItem]:
