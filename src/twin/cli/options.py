@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -315,19 +315,13 @@ class Viewing:
             folder: Its folder, after which the view names it.
         """
         with ExitStack() as running:
-            observers: list[LiveProcess] = []
-
-            def begun(observer: LiveProcess) -> LiveProcess:
-                running.callback(observer.close)
-                observers.append(observer)
-                return observer
-
             view = self._open(scenario, folder.name)
-            shown = view and begun(view)
-            shadow = begun(self._twin(scenario, folder.name)) if self.shadow else None
+            shown = view and running.enter_context(closing(view))
+            twin = self._twin(scenario, folder.name) if self.shadow else None
+            shadow = twin and running.enter_context(closing(twin))
 
             def watch(recorder: Recorder) -> None:
-                for each in observers:
+                for each in filter(None, (shown, shadow)):
                     each.watch(recorder)
 
             yield watch
