@@ -400,11 +400,12 @@ def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:
 
     If one of them ended the run while the computer was late, that comes first.
     """
+    from twin.devices.realtime import blamed
     from twin.hal.interface import Severity
 
     mild = Severity.WARNING
     stopped = any(entry.note.condition.severity is not mild for entry in rig.journal)
-    if stopped and (line := rig.clock.timing.blame()):
+    if stopped and (line := blamed(rig.clock.timing.as_dict())):
         reporter.note(line, weighty=True)
     for line in (*rig.scheduling, *rig.clock.timing.text()):
         reporter.note(line)

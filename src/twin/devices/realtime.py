@@ -127,10 +127,6 @@ class TimingLog:
             "pauses_us": [round(1e6 * pause) for pause in self.pauses],
         }
 
-    def blame(self) -> str:
-        """What to do if it was the computer that failed a run; empty if it was in time."""
-        return blamed(self.as_dict())
-
     def text(self) -> list[str]:
         """The statistics in a few lines, for the end of a run."""
         due = max(1, self.ticks + self.missed)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import os
-import re
 import time
 from collections.abc import Iterator
-from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import version
 from math import degrees
 from pathlib import Path
 
 from serial.tools import list_ports
 
-from twin.data_file import packaged
 from twin.devices.akd.config import AkdConfig, unconfirmed
 from twin.devices.akd.protocol import table
 from twin.devices.realtime import RealTimeClock, TimingLog, real_time
@@ -115,28 +112,10 @@ def _cams(rig: RigFile) -> CheckResult:
 def examine_installation() -> Iterator[CheckResult]:
     """What an installation can do, and what it takes to do more."""
     yield passed("packages", f"ballplate {version('ballplate')}")
-    for extra, purpose in packaged("twin.doctor", "extras.toml").items():
-        missing = [name for name in _packages(extra) if not _is_here(name)]
-        what, command = f"extra {extra} ({purpose})", f"pip install 'ballplate[{extra}]'"
-        seen = f"{', '.join(missing)} missing" if missing else "installed"
-        yield noted(what, seen, command if missing else "")
     yield from _pictures()
     with real_time() as obtained:
         yield from scheduled(obtained)
     yield from _ports()
-
-
-def _packages(extra: str) -> list[str]:
-    """The packages that an extra asks for."""
-    marked = (line.partition(";") for line in requires("ballplate") or ())
-    found = (re.match(r"[\w.-]+", line) for line, _, mark in marked if extra in mark)
-    return [match.group() for match in found if match]
-
-
-def _is_here(package: str) -> bool:
-    with suppress(PackageNotFoundError):
-        return bool(version(package))
-    return False
 
 
 def _pictures() -> Iterator[CheckResult]:

@@ -35,7 +35,7 @@ def turn(servos: AkdServos, start: Array, end: Array, seconds: float = 1.0) -> b
 def enable(servos: AkdServos) -> None:
     """Ask for torque, and exchange until both drives have it, at most for a second."""
     servos.enable()
-    until(servos, lambda: servos.enabled, 1.0)
+    exchange(servos, 1.0, lambda: servos.enabled)
 
 
 def hold_level(servos: AkdServos, cams: Transmission) -> Array:
@@ -51,17 +51,12 @@ def stopped_by(servos: AkdServos) -> str:
     return next((str(f) for f in servos.faults() if f.condition.severity != "warning"), "")
 
 
-def until(servos: AkdServos, done: Callable[[], bool], limit: float) -> None:
-    """Exchange until something is done, at most for a time in s."""
-    end = servos.now() + limit
-    while not done() and servos.now() < end:
-        exchange(servos, servos.config.period)
-
-
-def exchange(servos: AkdServos, seconds: float) -> None:
-    """Exchange with the drives for a time, one period after the other."""
+def exchange(servos: AkdServos, seconds: float, done: Callable[[], bool] = lambda: False) -> None:
+    """Go on in real time for a time in s, at least one period, or until something is done."""
     period = servos.config.period
     for _ in range(max(1, round(seconds / period))):
+        if done():
+            return
         begin = servos.now()
         servos.receive()
         servos.send()
@@ -123,7 +118,7 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     servos.heartbeat = False
     begin = servos.now()
     silence = servos.config.silence
-    until(servos, lambda: not servos.enabled, silence + 0.2)
+    exchange(servos, silence + 0.2, lambda: not servos.enabled)
     took = servos.now() - begin
     if servos.enabled:
         advice = "do not run: set the heartbeat consumer (1016h) and its fault reaction"

@@ -33,7 +33,7 @@ from twin.emulator.drive_objects import Frame
 from twin.errors import RigError
 
 Bytes = Callable[[bytes], bytes]
-Ids = int | Iterable[int] | None
+Ids = int | Iterable[int]
 
 
 class Towards(Flag):
@@ -49,20 +49,20 @@ class Rule:
     """One kind of damage to some frames for some time.
 
     Attributes:
-        cob_ids: Which frames; None for every one.
+        cob_ids: Which frames.
+        added: Bus time in s at which it was added.
         change: New bytes for the frame's, or None to lose the frame.
         delays: One copy per delay, in s after the frame; (0,) is the frame itself.
-        added: Bus time in s at which it was added.
         after: When it begins, s from then.
         lasting: For how long, s.
         share: Probability with which each of these frames is hit.
         towards: Which way.
     """
 
-    cob_ids: frozenset[int] | None
-    change: Bytes | None
-    delays: tuple[float, ...]
+    cob_ids: frozenset[int]
     added: float
+    change: Bytes | None = bytes
+    delays: tuple[float, ...] = (0.0,)
     after: float = 0.0
     lasting: float = math.inf
     share: float = 1.0
@@ -70,17 +70,16 @@ class Rule:
 
     def hits(self, frame: Frame, towards: Towards, time: float) -> bool:
         """Whether a frame is one of those, chance aside."""
-        known = self.cob_ids is None or frame.cob_id in self.cob_ids
-        begins = self.added + self.after
+        known, begins = frame.cob_id in self.cob_ids, self.added + self.after
         return known and bool(towards & self.towards) and begins <= time < begins + self.lasting
 
 
 class BusFaults:
     """Damage that is in force now or later; every method adds to it, ``clear`` ends all.
 
-    All take the same keywords: ``cob_id`` (one, several, or None for every frame), ``after`` and
-    ``lasting`` in s from now, ``share`` (probability of each frame), ``towards``. So
-    ``faults.drop(0x181, lasting=0.05)`` loses TPDO1 of node 1 for 50 ms.
+    All take ``cob_id`` (one or several), ``after`` and ``lasting`` in s from now, ``share``
+    (probability of each frame) and ``towards``. So ``faults.drop(0x181, lasting=0.05)`` loses
+    TPDO1 of node 1 for 50 ms.
 
     Args:
         seed: Of everything random.
@@ -100,26 +99,26 @@ class BusFaults:
         self._rules.clear()
         self.bus_off = self.error_passive = False
 
-    def drop(self, cob_id: Ids = None, **when: Any) -> None:
+    def drop(self, cob_id: Ids, **when: Any) -> None:
         """Lose frames."""
-        self._add(cob_id, None, **when)
+        self._add(cob_id, change=None, **when)
 
-    def delay(self, cob_id: Ids = None, *, by: float, **when: Any) -> None:
+    def delay(self, cob_id: Ids, *, by: float, **when: Any) -> None:
         """Deliver frames later by a time in s."""
         self._add(cob_id, delays=(by,), **when)
 
-    def duplicate(self, cob_id: Ids = None, *, apart: float = 0.0, **when: Any) -> None:
-        """Deliver frames twice, a time in s apart."""
-        self._add(cob_id, delays=(0.0, apart), **when)
+    def duplicate(self, cob_id: Ids, **when: Any) -> None:
+        """Deliver frames twice."""
+        self._add(cob_id, delays=(0.0, 0.0), **when)
 
-    def truncate(self, cob_id: Ids = None, *, to: int, **when: Any) -> None:
+    def truncate(self, cob_id: Ids, *, to: int, **when: Any) -> None:
         """Cut frames to some bytes."""
-        self._add(cob_id, lambda data: data[:to], **when)
+        self._add(cob_id, change=lambda data: data[:to], **when)
 
     def overwrite(self, cob_id: Ids, *, at: int, data: bytes, **when: Any) -> None:
         """Put other bytes into a part of frames, from byte ``at`` on."""
         end = at + len(data)
-        self._add(cob_id, lambda old: old[:at] + data + old[end:], **when)
+        self._add(cob_id, change=lambda old: old[:at] + data + old[end:], **when)
 
     def silence(self, node: int, **when: Any) -> None:
         """Lose everything a node says."""
@@ -144,16 +143,9 @@ class BusFaults:
                 ]
         return copies
 
-    def _add(
-        self,
-        cob_id: Ids,
-        change: Bytes | None = bytes,
-        delays: tuple[float, ...] = (0.0,),
-        **when: Any,
-    ) -> None:
+    def _add(self, cob_id: Ids, **rule: Any) -> None:
         ids = [cob_id] if isinstance(cob_id, int) else cob_id
-        chosen = None if ids is None else frozenset(ids)
-        self._rules.append(Rule(chosen, change, delays, self.time, **when))
+        self._rules.append(Rule(frozenset(ids), self.time, **rule))
 
 
 _REPORTS = ((0x040, bytes(8)), (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0))))

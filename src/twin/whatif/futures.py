@@ -236,7 +236,8 @@ def moment_of(
 
 def _nearest(at: float, scenario: Scenario) -> float:
     """The beginning in s of the control period nearest to a time."""
-    return scenario.rig.period * round(at / scenario.rig.period)
+    period = float(scenario.rig.period)
+    return period * round(at / period)
 
 
 def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]]) -> list[Future]:

@@ -2,7 +2,6 @@ import os
 import select
 from contextlib import contextmanager
 
-import can
 import pytest
 from can.interfaces.slcan import slcanBus
 
@@ -60,16 +59,6 @@ def test_the_prompt_bus_writes_all_frames_of_a_period_in_one_piece(serial_line):
         assert [(f.condition, f.detail) for f in reports.take()] == [
             (GARBLED, "3 lines cannot be read")
         ]
-
-
-@pytest.mark.parametrize("kind", ["is_extended_id", "is_remote_frame", "is_fd"])
-def test_a_frame_of_a_kind_that_the_prompt_bus_does_not_know_is_refused(serial_line, kind):
-    with slcan(PromptSlcanBus, serial_line) as bus:
-        with pytest.raises(can.CanOperationError):
-            bus.send(can.Message(arbitration_id=1, **{"is_extended_id": False, kind: True}))
-        bus.send_queued()
-        with pytest.raises(BlockingIOError):
-            os.read(serial_line[0], 100)
 
 
 def test_a_second_opener_of_an_adapter_is_refused_before_it_sends_a_byte(serial_line):

@@ -69,8 +69,22 @@ class PromptSlcanBus(slcanBus):
             raise
 
     def _write(self, string: str) -> None:
+        """Write a command; a frame, as ``send`` writes it, waits for the next command or period."""
+        self._unsent.append(string)
+        if not string.startswith("t"):
+            self.send_queued()
+
+    def send_queued(self) -> None:
+        """Write what waits in one piece: one transfer for all frames of a period.
+
+        Raises:
+            CanOperationError: If the adapter does not take every byte at once.
+        """
+        if not self._unsent:
+            return
         # Not through pyserial, whose write waits, and times out even for bytes it has written.
-        data = string.encode("ascii") + self.LINE_TERMINATOR
+        data = b"".join(line.encode("ascii") + self.LINE_TERMINATOR for line in self._unsent)
+        self._unsent.clear()
         try:
             written = os.write(self.serialPortOrig.fileno(), data)
         except OSError as error:
@@ -78,31 +92,10 @@ class PromptSlcanBus(slcanBus):
         if written < len(data):
             raise CanOperationError("adapter takes no more bytes")
 
-    def send(self, msg: Message, timeout: float | None = None) -> None:
-        """Queue a frame for the next ``send_queued`` or ``recv``.
-
-        Raises:
-            CanOperationError: If it is no classic data frame with an 11-bit identifier.
-        """
-        if msg.is_extended_id or msg.is_remote_frame or msg.is_fd or msg.is_error_frame:
-            raise CanOperationError(f"not a data frame with an 11-bit identifier: {msg}")
-        self._unsent.append(f"t{msg.arbitration_id:03X}{msg.dlc}{msg.data.hex().upper()}")
-
-    def send_queued(self) -> None:
-        """Write all queued frames in one piece: one transfer for all frames of a period.
-
-        Raises:
-            CanOperationError: If the adapter does not take every byte at once.
-        """
-        if self._unsent:
-            lines, self._unsent = "\r".join(self._unsent), []
-            self._write(lines)
-
     def shutdown(self) -> None:
         """Close the channel and the port; an adapter that has gone is let go."""
         BusABC.shutdown(self)
         with suppress(CanOperationError):
-            self.send_queued()
             self._write("C")
         self.serialPortOrig.close()
         self._claim.close()

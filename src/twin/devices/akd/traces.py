@@ -6,8 +6,6 @@ bounded size. Candump's text is read line by line, so that a broken line costs o
 
 from __future__ import annotations
 
-import gzip
-import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -113,13 +111,10 @@ def from_row(time: float, mark: float, length: float, low: float, high: float) -
     return _frame(time, int(mark), data[: int(length)], int(length))
 
 
-def _frame(
-    time: float, mark: int, data: bytes, length: int | None = None, channel: str | None = None
-) -> can.Message:
+def _frame(time: float, mark: int, data: bytes, length: int) -> can.Message:
     """A frame of its identifier with flags; as long as its data unless that is said."""
     return can.Message(
         timestamp=time,
-        channel=channel,
         arbitration_id=mark & (_ERROR - 1),
         is_extended_id=bool(mark & _EXTENDED),
         is_remote_frame=bool(mark & _REMOTE),
@@ -202,20 +197,11 @@ class Trace:
     remarks: list[str]
 
 
-_CANDUMP = re.compile(
-    r"\s*\((?P<time>\d+\.\d+)\)\s+(?P<channel>\S+)\s+(?:(?P<way>[RT]X)\s+\S\s+\S\s+)?"
-    r"(?P<id>[0-9A-F]{3,8})(?:#(?P<data>(?:[0-9A-F]{2})*|R\d?)(?:\s+(?P<end>[RT]))?"
-    r"|\s+\[(?P<length>\d)\]\s*(?P<bytes>remote request|(?:[0-9A-F]{2}(?:\s+|$))*)(?:'.*')?)\s*",
-    re.IGNORECASE,
-)
-"""A line of ``candump -L``, with or without direction, or of what candump prints, also with -x."""
-
-
 def read_trace(path: Path, channel: str | None = None) -> Trace:
     """The frames of a trace.
 
     Args:
-        path: A file of a format that python-can reads, or of candump's text.
+        path: A file that python-can reads; of other endings it is what ``candump -L`` writes.
         channel: Which channel; the one with most frames by default.
 
     Raises:
@@ -227,8 +213,7 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
     if not files:
         raise LogError(f"{path}: no such trace")
     for file in files:
-        known = _format(file) in {".asc", ".blf", ".csv", ".db", ".mf4", ".trc"}
-        frames.extend((_library if known else _candump)(file, remarks))
+        frames.extend(_read(file, remarks))
     if not frames:
         why = f": {remarks[0]}" if remarks else ""
         raise LogError(f"{path}: no frame can be read{why}")
@@ -251,45 +236,31 @@ def _name(message: can.Message) -> str:
     return str(message.channel if message.channel is not None else "can")
 
 
-def _library(file: Path, remarks: list[str]) -> Iterator[can.Message]:
-    """Frames as python-can reads them, up to what it cannot read."""
-    number = 0
+def _read(file: Path, remarks: list[str]) -> Iterator[can.Message]:
+    """Frames as python-can reads them: past a line that it cannot read, in other files up to it."""
+    number = bad = 0
+    known = _format(file) in {".asc", ".blf", ".csv", ".db", ".log", ".mf4", ".trc"}
     try:
-        with can.LogReader(file) as reader:
-            for message in reader:
-                number += 1
-                yield message
+        with can.LogReader(file) if known else can.CanutilsLogReader(file) as reader:
+            whole = False
+            while not whole:
+                try:
+                    for message in reader:
+                        if message.is_fd or len(message.data) > message.dlc:  # or half a byte
+                            bad += 1
+                            continue
+                        number += 1
+                        yield message
+                    whole = True
+                except ValueError:
+                    if not isinstance(reader, can.CanutilsLogReader):
+                        raise
+                    bad += 1  # a line, and the reader begins with the next one
             if getattr(reader, "file_size", 0) > file.stat().st_size:  # as the head of a .blf says
                 remarks.append(f"{file.name}: cut off, ends after frame {number}")
     except Exception as error:  # noqa: BLE001  readers raise whatever a broken file makes them
         remarks.append(f"{file.name}: cannot be read on after frame {number}: {one_line(error)}")
-
-
-def _candump(file: Path, remarks: list[str]) -> Iterator[can.Message]:
-    """Frames of lines that candump wrote; others are counted."""
-    bad: list[str] = []
-    opened = gzip.open if file.suffix == ".gz" else open
-    try:
-        with opened(file, "rt", encoding="utf-8", errors="replace") as lines:
-            for number, line in enumerate(lines, 1):
-                if found := _CANDUMP.fullmatch(line):
-                    yield _of_line(found)
-                elif line.strip():
-                    bad.append(f"{number}")
-    except (OSError, EOFError) as error:
-        remarks.append(f"{file.name}: cannot be read on: {error}")
     if bad:
-        some = ", ".join(bad[:5]) + (", ..." if len(bad) > 5 else "")
         remarks.append(
-            f"{file.name}: lines that are no classic frame of candump: {len(bad)} (line {some})"
+            f"{file.name}: left out: {bad} lines that are no classic frame of candump -L"
         )
-
-
-def _of_line(found: re.Match[str]) -> can.Message:
-    identifier, data = found["id"], (found["data"] or found["bytes"] or "").strip()
-    remote = data[:1].upper() == "R"
-    sent = (found["end"] or found["way"] or "R")[0].upper() == "T"
-    mark = int(identifier, 16) & (_REMOTE - 1) | (len(identifier) > 3) * _EXTENDED
-    mark |= remote * _REMOTE | sent * _SENT
-    content = b"" if remote else bytes.fromhex(data)[:8]
-    return _frame(float(found["time"]), mark, content, channel=found["channel"])
