@@ -103,7 +103,7 @@ def test_what_the_observer_made_of_friction_is_drawn():
     measured = {f"measured_{axis}": np.zeros(10000) for axis in "xy"}
     one = made(rest, **known, **measured)
     plots = signals(one.rows, one.motion.reference)
-    assert plots["friction_mm_per_s2"]["friction"].values[0] == pytest.approx(53)
+    assert plots["friction_mm_per_s2"]["friction"][0] == pytest.approx(53)
     silent = made(rest, **measured)
     assert "friction_mm_per_s2" not in signals(silent.rows, silent.motion.reference)
 
