@@ -16,7 +16,7 @@ from rich.text import Text
 
 from ballplate.reporter import Advance, Reporter, counted, now_and_then
 from twin.page import Table, terminal
-from twin.report.numbers import EVERY, FIRST
+from twin.report.numbers import EVERY, FIRST, by_run
 from twin.report.numbers import indicators as table_of
 from twin.shipped import shipped_in
 from twin.shipped import titles as titles_of
@@ -105,17 +105,13 @@ def indicators(
         runs: Heading to summary.
         everything: Whether every indicator is asked for, or those that come first.
     """
-    whole = table_of("", runs, EVERY if everything else FIRST)
-    if len(runs) <= SIDE_BY_SIDE:
-        yield whole
-    elif everything:
-        names = list(runs)
-        for some in range(0, len(names), SIDE_BY_SIDE):
-            its = {name: runs[name] for name in names[some : some + SIDE_BY_SIDE]}
-            yield table_of("", its, EVERY)
-    else:
-        heads = ("", *(f"{row[0]} [{row[-1]}]" for row in whole.rows))
-        yield Table("", heads, list(zip(runs, *(row[1:-1] for row in whole.rows), strict=True)))
+    if len(runs) > SIDE_BY_SIDE and not everything:
+        yield by_run(runs)
+        return
+    names = list(runs)
+    for some in range(0, len(names), SIDE_BY_SIDE):
+        its = {name: runs[name] for name in names[some : some + SIDE_BY_SIDE]}
+        yield table_of("", its, EVERY if everything else FIRST)
 
 
 def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:

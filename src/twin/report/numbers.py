@@ -94,6 +94,18 @@ def indicators(
     return Table(title, ("", *runs, "unit"), found, words=(0, -1), note=note)
 
 
+def by_run(runs: Mapping[str, Mapping[str, Any]], what: str = "") -> Table:
+    """The indicators that come first, a line per run, for more runs than a table has columns for.
+
+    Args:
+        runs: Heading to summary.
+        what: What the headings are.
+    """
+    rows = indicators("", runs, FIRST).rows
+    heads = (what, *(f"{row[0]} [{row[-1]}]" for row in rows))
+    return Table("", heads, list(zip(runs, *(row[1:-1] for row in rows), strict=True)))
+
+
 def as_csv(runs: Sequence[Run]) -> str:
     """The table as comma-separated values with a header line."""
     return str(_frame(runs).set_index(["indicator", "unit"]).to_csv(lineterminator="\n"))
