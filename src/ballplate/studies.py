@@ -95,10 +95,11 @@ class Sweep:
         return pd.DataFrame(lines)
 
     def table(self) -> Table:
-        """The indicators that come first, a line per run."""
-        runs = {
-            ", ".join(map(named, at)): row for at, row in zip(self.points, self.rows, strict=True)
-        }
+        """The indicators that come first, a line per run; of one that ended early how it did."""
+        runs = {}
+        for at, row in zip(self.points, self.rows, strict=True):
+            early = {"outcome": f"{row['outcome']} at {row['outcome_time']:.3g} s"}
+            runs[", ".join(map(named, at))] = row if row["outcome"] == "finished" else early
         return by_run(runs, ", ".join(self.keys))
 
     def csv(self) -> str:
