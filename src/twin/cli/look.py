@@ -76,56 +76,41 @@ def _show(recording: Path, serve: int | None) -> int:
     return 0
 
 
-ENDINGS = {"html": ".html", "png": ".png", "pdf": ".pdf", "csv": ".csv", "latex": ".tex"}
-"""Format to the ending of its file."""
-
-
-def _content(kind: str, runs: list[Run]) -> str | bytes:
-    """The content of a file of a format."""
-    from twin.page import encoded
-    from twin.report.html import html, overview
-    from twin.report.numbers import as_csv, as_latex
-
-    match kind:
-        case "png" | "pdf":
-            return encoded(overview(runs), kind, dpi=150)
-        case "csv":
-            return as_csv(runs)
-        case "latex":
-            return as_latex(runs)
-    return html(runs)
+FORMATS = ("html", "png", "pdf")
 
 
 def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
     """The formats in a list with commas between."""
     names = [name.strip() for name in listed.split(",")]
-    if wrong := [name for name in names if name not in ENDINGS]:
-        raise click.BadParameter(f"no format '{wrong[0]}' (known: {', '.join(ENDINGS)})")
+    if wrong := [name for name in names if name not in FORMATS]:
+        raise click.BadParameter(f"no format '{wrong[0]}' (known: {', '.join(FORMATS)})")
     return names
 
 
 @click.command(cls=Command, example="report runs/circle --format html,png")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
-@click.option(
-    "--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,csv,latex"
-)
+@click.option("--format", "formats", callback=_formats, default="html", metavar="html,png,pdf")
 @click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
 def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
-    """Report on one run folder, or compare several: a page, a picture, a table.
+    """Report on one run folder, or compare several: a page, a picture.
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
     opened = _opened(runs)
+    from twin.page import encoded  # heavy: a wrong name was told
+    from twin.report.html import html, overview
+
     folder = opened[0].folder
     assert folder is not None
     stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
-    if stem.suffix in ENDINGS.values():
+    if stem.suffix.removeprefix(".") in FORMATS:
         stem = stem.with_suffix("")
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
     for name in formats:
-        path = stem.with_name(f"{stem.name}{ENDINGS[name]}")
-        write_whole(path, _content(name, opened))
+        path = stem.with_name(f"{stem.name}.{name}")
+        page = html(opened) if name == "html" else encoded(overview(opened), name, dpi=150)
+        write_whole(path, page)
         say(f"written to {path}")
     return 0
 
