@@ -271,11 +271,10 @@ def test_more_runs_than_colours_are_refused(circle):
         Film({str(i): circle for i in range(7)}, Cut())
 
 
-def test_a_run_and_a_log_are_shown_beside_a_run(circle, tmp_path, ballplate):
+def test_a_run_is_shown_beside_a_run(circle, tmp_path, ballplate):
     record_run(circle, tmp_path / "runs" / "circle")
-    assert ballplate("export", "runs/circle", "log.csv")[0] == 0
     code, out, _ = ballplate(
-        "export", "last", "a.webp", "--beside", "runs/circle", "--beside", "log.csv",
+        "export", "last", "a.webp", "--beside", "runs/circle",
         "--from", "0.2", "--to", "0.4", "--fps", "10", "--size", "300",
     )  # fmt: skip
     assert (code, out) == (0, "written to a.webp\n")
@@ -297,6 +296,7 @@ def test_what_export_cannot_do_is_one_line_and_writes_nothing(circle, tmp_path, 
         "a.webp --from 3": "must be within 0 to 0.598 s",
         "a.webp --beside no": "no: no such record",
         "a.webp --beside cure": "cure is a scenario, not a run",
+        "a.webp --beside log.csv": "log.csv: a log, not a run",
         "made/run.parquet/a.webp": "a file is where a folder should be",
     }.items():
         code, out, err = ballplate("export", "made", *line.split())
