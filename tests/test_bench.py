@@ -305,6 +305,25 @@ def test_an_entry_that_fails_is_refused_in_a_line(small, tmp_path, monkeypatch, 
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("each", [0.01, 3.0])
+def test_the_time_of_all_runs_is_told_by_that_of_their_beginnings(small, monkeypatch, each):
+    clock, brief = [100.0], []
+
+    def simulate(scenarios):
+        lasts = scenarios[0].duration
+        assert len(scenarios) == 2 * RIGS
+        assert scenarios[0].metrics.start == 0
+        brief.append(lasts)
+        clock[0] += 7.0 + each * lasts * len(scenarios)
+
+    monkeypatch.setattr(bench, "simulate", simulate)
+    monkeypatch.setattr(bench.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(bench, "ENOUGH", 12.0)
+    told = small.processor_time(small.about.laws["lqr"], small.folder)
+    assert told == pytest.approx(each * (2.0 + 0.8) * 2 * RIGS)  # no share of the set-up
+    assert brief == [0.05, 0.25, 1.0][: 3 if each < 1 else 2]
+
+
 @pytest.mark.parametrize(("runs", "seconds"), [(8, 300.0), (64, 300.0), (192, 900.0)])
 def test_code_has_more_time_for_more_runs(tmp_path, monkeypatch, runs, seconds):
     def answering(path, about):

@@ -254,7 +254,7 @@ def rig(
 EXACT = {"plant.kind": "lagrange"}
 QUIET = {
     f"{key}.variance": [0, 0] for key in ("sensors.touch", "sensors.encoders", "disturbance")
-} | {"sensors.touch.dead_time_spread": 0}
+} | {f"sensors.touch.{key}": 0 for key in ("dead_time_spread", "jitter", "lost")}
 """Without any noise; a vibration that is random is left out, too."""
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,7 +33,7 @@ from twin.lab.process import NAME, AnswerProcess, answering
 from twin.lab.schema import AnswerTable, toml
 from twin.paths import model_path
 from twin.run.loop import simulate
-from twin.scenario.schema import ControllerChoice, Scenario
+from twin.scenario.schema import ControllerChoice, MetricsTable, Scenario
 from twin.shipped import folder as scenarios_folder
 from twin.study.experiments import CHUNK, Store, carry
 from twin.study.schema import Point, drawn, read_family
@@ -49,6 +51,10 @@ STRATA = "sensors.touch.frame_rate"
 """The rigs with equal values of this key are drawn among themselves."""
 FAMILY = "uncertain"
 """The family that all rigs are drawn from."""
+TIMED = (0.05, 0.25, 1.0)
+"""Of how many seconds of a run the time that all runs take is told beforehand."""
+ENOUGH = 1.0
+"""Seconds after which no longer beginning is timed."""
 SEASON = 64
 """Rigs of a season."""
 KEY = re.compile("[!-~]{16,}")
@@ -244,6 +250,32 @@ class Benchmark:
             raise LawError(f"{entry.title}: {reason}")
         labels = pd.DataFrame([each[:3] for each in listed], columns=list(BenchRun._fields[:3]))
         return labels.join(rows[["outcome", self.about.metric, "u_rms"]])
+
+    def processor_time(self, entry: Entry, place: Path) -> float:
+        """About how long all runs take a processor, s: the first moments of some are timed.
+
+        Args:
+            entry: Whose runs.
+            place: Where its file lies.
+
+        Raises:
+            LawError: If its code fails.
+        """
+        took, lasts = [0.0], [0.0]
+        with entered(entry, place) as (fixed, _):
+            listed = self.runs(fixed, rigs=math.ceil(CHUNK / self.about.seeds))
+            some = [each.scenario for each in listed if each.task == listed[0].task]
+            for duration in TIMED:
+                lasts.append(duration)
+                brief = {"duration": duration, "metrics": MetricsTable(start=0.0)}
+                begin = time.perf_counter()
+                simulate([each.model_copy(update=brief) for each in some])
+                took.append(time.perf_counter() - begin)
+                if took[-1] > ENOUGH:
+                    break
+        rate = (took[-1] - took[-2]) / (lasts[-1] - lasts[-2])
+        whole = sum({each.task: each.scenario.duration for each in listed}.values())
+        return rate * whole * len(self.points) * self.about.seeds / len(some)
 
     def known(self, **how: Any) -> pd.DataFrame:
         """The reference law's error in each run: frozen, or of a season run here once and kept.

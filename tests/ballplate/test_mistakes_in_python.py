@@ -76,6 +76,7 @@ CALLS = {
     "hold: must divide the 5000 control periods": [env(hold=7)],
     "rate: must be more than 0": [env(rate=0.0)],
     "preview: must be times": [env(preview=(-1.0,))],
+    "autoreset_mode: must be NextStep or Disabled": [env(autoreset_mode="SameStep")],
 }
 """Words of what is told to calls that are told it."""
 

@@ -48,7 +48,6 @@ CHANGES = {
     "plant.friction.rolling_mm=-1": "must be greater than or equal",
 }
 """The same of a run that goes on from a moment."""
-ADDRESSES = ("viewer", "host:", ":9876", "host:99999", "http://a:1/b")
 VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=[]", "a=1:2:3:4")
 NAMES = ("My-Law", "lambda", "../x")
 LINES = {
@@ -78,7 +77,6 @@ LINES = {
     "report foreign.parquet": "not a record of ballplate",
     "report log.csv": "a log, not a run; ballplate compare log.csv SCENARIO",
     "report": "no run in runs/ yet",
-    "view made --connect 127.0.0.1:1": "no viewer there",
     "identify german.csv": "columns are separated by ';'",
     "identify twice.csv": "measured_x: two columns",
     "new law afl": "law 'afl': the name is taken by controllers.classical",
@@ -97,7 +95,6 @@ LINES = {
     **{f"run circle --set {change}": words for change, words in CIRCLE.items()},
     **{f"whatif made --at 0.05 --set {change}": words for change, words in CHANGES.items()},
     "calibrate touch --rig rig.toml": "/dev/null: not a serial port",
-    **{f"view made --connect {each}": "write HOST:PORT" for each in ADDRESSES},
     **{f"sweep circle {each}": "FIRST:LAST:NUMBER" for each in VALUES},
     **{f"new law {name}": "must be small letters, digits and _" for name in NAMES},
 }

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from twin.cli.understand import explain as command
+from twin.data_file import read_toml
 from twin.explain.attribution import (
     ALL,
     EFFECTS,
@@ -22,7 +24,6 @@ from twin.explain.attribution import (
     plan,
     present,
     summary,
-    with_typical,
     without,
 )
 from twin.scenario import Scenario, load
@@ -50,10 +51,19 @@ def clean():
     return changed(scenario, [{"predictor": None}])
 
 
+TYPICAL = {
+    name: {key: None if value == "default" else value for key, value in about.items()}
+    for name, about in read_toml(Path(__file__).with_name("typical.toml")).items()
+}
+"""Effect to settings of a size that a real rig may have."""
+
+
 @pytest.fixture
 def full():
-    """The circle with every effect at a size a real rig may have."""
-    return with_typical(load("circle"))
+    """The circle with every effect that it lacks at such a size."""
+    circle = load("circle")
+    has = {effect.name for effect in present(circle)}
+    return changed(circle, [each for name, each in TYPICAL.items() if name not in has])
 
 
 @cache
@@ -88,7 +98,7 @@ def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, ful
         alone, none = (changed(s, [{"plant.friction.rolling_mm": 0.18}]) for s in (alone, none))
     if effect.name == "spread":
         none = changed(none, [{"sensors.touch.dead_time": 0.042}])
-        alone = changed(none, [effect.typical])
+        alone = changed(none, [TYPICAL[effect.name]])
     one, other = (tried(changed(s, SHORT).model_dump_json()) for s in (alone, none))
     assert np.abs(one.error - other.error).max() > 1e-9
 

@@ -178,6 +178,7 @@ def counted(rig, seed):
         (devices._encoders, "_noise", 2, tick),
         (devices, "_disturbance", 4, tick),
         (devices._screen, "_spread", 6, tick),
+        (devices._screen, "_clock", 11, tick),
         (vibration, "_noise", 7, lambda: vibration._tick - 1),
     ):
         setattr(owner, name, CountedNoise(getattr(owner, name), count, seed, stream))

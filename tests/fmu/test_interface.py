@@ -185,6 +185,11 @@ def test_what_cannot_be_done_is_said_in_a_line(library):
     assert rig.said == said
 
 
+def test_a_rig_with_a_linkage_is_refused(tmp_path):
+    with pytest.raises(ScenarioError, match=r"crank_mm=\[0,0\] and rig\.cams=table"):
+        bp.fmu("circle", tmp_path / "rig.fmu", {"parameters": "course"})
+
+
 def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
     keys = {key.key: key for key in described()}
     factor = {"": 1.0, "_mm": 1e-3, "_um": 1e-6, "_deg": np.pi / 180, "_percent": 0.01}
@@ -199,8 +204,8 @@ def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
         np.testing.assert_allclose(values, said * factor[key.removeprefix(base)], rtol=1e-15)
         named.add(key)
     rest = {key for key, its in keys.items() if not its.plants} - named
-    known = ("plant.surface.", "plant.kind", "plant.ball.kind", "plant.step", "rig.period")
-    known += ("rig.cams", "sensors.ideal", "sensors.noise_hold")
+    known = ("plant.surface.", "plant.camber", "plant.kind", "plant.ball.kind", "plant.step")
+    known += ("plant.linkage.", "rig.period", "rig.cams", "sensors.ideal", "sensors.noise_hold")
     ours = {key for key in rest if key.startswith(("plant.", "rig.", "sensors.", "disturbance"))}
     assert [key for key in ours if not key.startswith(known)] == []
 

@@ -44,6 +44,13 @@ EFFECTS = {
         "sensors__touch__dead_time_spread": 0.002,
         "sensors__touch__dead_time": 0.0413,
     },
+    "camera": {
+        "sensors__touch__frame_rate": 47.0,
+        "sensors__touch__jitter": 0.008,
+        "sensors__touch__lost": 0.3,
+    },
+    "hidden": {"sensors__touch__hidden": [0.05, -0.2, 0.08, 0.2], "plant__start__x": 0.03},
+    "begins_hidden": {"sensors__touch__hidden": [-0.01, -0.01, 0.01, 0.01]},
     "turned": {"sensors__touch__rotation_deg": 2.0, "sensors__touch__grid": 0},
     "encoders": {"sensors__encoders__counts": 0, "sensors__encoders__variance": [1e-8, 0.0]},
     "limits": {"rig__limits__acceleration": 3.0, "rig__limits__angle_deg": 3.0},
@@ -153,6 +160,7 @@ def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
         "plant__surface__spread_percent": 30.0,
         "plant__surface__slope_deg": 0.1,
         "plant__surface__seed": 3,
+        "plant__camber": [0.4, -0.3],
         "plant__size": [0.5, 0.3],
     }
     library = made(tmp_path, duration=0.02, **uneven)

@@ -20,7 +20,13 @@ QUIET = (
 )
 
 
-SIMULATED = ("lagrange", "mujoco")
+LINKAGE = "plant.linkage={crank_mm=[40,30],rod_mm=[90,100],arm_mm=[100,70],distance_mm=[50,45]}"
+PLANTS = {
+    "lagrange": ("plant.kind=lagrange",),
+    "mujoco": ("plant.kind=mujoco",),
+    "lagrange, rods": ("plant.kind=lagrange", LINKAGE),
+}
+SIMULATED = tuple(PLANTS)
 OWN = ("own hardware", "own hardware without encoder")
 OWN_SET = {"plate_lag": 0.004}
 
@@ -30,7 +36,7 @@ def build(kind, scenario):
     if kind in OWN:
         return own_rig(VirtualBoard(encoder=kind == OWN[0], friction=0.002), scenario(), **OWN_SET)
     if kind != "emulated":
-        return assemble([scenario(f"plant.kind={kind}", *QUIET)] * 2).rig
+        return assemble([scenario(*PLANTS[kind], *QUIET)] * 2).rig
     return LockstepRig(scenario("plant.kind=mujoco", *QUIET))
 
 

@@ -225,6 +225,18 @@ def test_an_axis_that_nobody_moved_is_not_blamed_and_the_other_is_identified(axi
 
 
 @pytest.mark.long
+def test_a_camber_that_is_found_is_one_of_the_twin(axis_of, tmp_path):
+    log = AnyLog("rig.csv", {"x": axis_of(3, seconds=50, camber=0.35)}, {"x": "rad"}, ())
+    found = identify_any([log], 1 / 3, ("friction", "camber"))
+    written = "\n".join(f"{key} = {value}" for key, value in found.settings({IDENTIFIED}).items())
+    (tmp_path / "parameters.toml").write_text(written, encoding="utf-8")
+    twin = load("hold", [f"parameters={tmp_path / 'parameters.toml'}", "plant.kind=lagrange"])
+    (told,) = [each.value for each in found.verdicts if each.name == "camber_x"]
+    assert twin.plant.camber == (pytest.approx(told, rel=1e-5), 0.0)
+    assert told == pytest.approx(0.35, abs=0.05)
+
+
+@pytest.mark.long
 def test_the_commands_of_the_page_work_on_logs_of_these_names(axis_of, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for seed in (1, 2):

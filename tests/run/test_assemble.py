@@ -31,6 +31,8 @@ BESIDE = {
     "plant.servo.resonance_damping": ["plant.servo.resonance_hz=15.0"],
     "plant.surface.patch_mm": ["plant.surface.spread_percent=20.0"],
     "plant.surface.seed": ["plant.surface.spread_percent=20.0"],
+    "sensors.touch.jitter": ["sensors.touch.frame_rate=100.0"],
+    "sensors.touch.lost": ["sensors.touch.frame_rate=100.0"],
     "plant.friction.spinning_mm": ["plant.start.spin=20.0"],
     "controller.rho": ["controller.kind=lqr", "controller.kappa=0.3"],
     "plant.ball.offset_mm": ["plant.ball.offset_mm=[0.5, 0, 0]"],
@@ -100,6 +102,13 @@ def test_what_a_batch_has_only_once_is_refused_by_name(overrides, key):
     assert key in SHARED
     with pytest.raises(ScenarioError, match=f"{key}: rigs that run side by side must agree"):
         assemble([load("circle"), load("circle", overrides)])
+
+
+def test_rigs_with_other_linkages_do_not_run_side_by_side():
+    course = load("circle", ["parameters=course"])
+    other = load("circle", ["parameters=course", "plant.linkage.rod_mm=[95, 90]"])
+    with pytest.raises(ScenarioError, match=r"plant\.linkage\.rod_mm: rigs that run side by side"):
+        assemble([course, other])
 
 
 @pytest.mark.parametrize("key", SHARED_EXACT)

@@ -26,6 +26,14 @@ OF_THE_RIG = {
 }
 """Every other key that makes the rig another one, and a value it does not have by default."""
 
+LINKAGE = {
+    "plant.linkage.crank_mm": "[40, 30]",
+    "plant.linkage.rod_mm": "[90, 100]",
+    "plant.linkage.arm_mm": "[100, 70]",
+    "plant.linkage.distance_mm": "[50, 45]",
+}
+"""Keys that only together make another rig."""
+
 
 def keys(table, prefix):
     for name, value in table.items():
@@ -43,7 +51,7 @@ def test_every_key_of_plant_sensors_and_disturbance_is_either_dropped_or_kept():
         for key in keys(dumped[table], f"{table}.")
     }
     dropped = {key for key in OF_THE_RIG if not key.startswith("rig.")}
-    assert found == KEPT | dropped | BALL.keys()
+    assert found == KEPT | dropped | BALL.keys() | LINKAGE.keys()
     assert {f"plant.{key}" for key in MECHANISM_ONLY} <= OF_THE_RIG.keys()
 
 
@@ -51,6 +59,12 @@ def test_every_key_of_plant_sensors_and_disturbance_is_either_dropped_or_kept():
 def test_another_rig_has_the_same_clean_model(key, value):
     other = load("circle", (f"{key}={value}",))
     assert other != load("circle")
+    assert clean(other) == clean(load("circle"))
+
+
+def test_the_clean_model_has_no_linkage():
+    lengths = [f"{key}={value}" for key, value in LINKAGE.items()]
+    other = load("circle", ["plant.kind=lagrange", *lengths, "rig.cams=ratio"])
     assert clean(other) == clean(load("circle"))
 
 

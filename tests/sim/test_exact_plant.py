@@ -5,6 +5,9 @@ from scipy.spatial.transform import Rotation
 
 from controllers.ballplate import BallPlate
 from twin.hal.interface import SCREEN
+from twin.hal.linkage import Linkage
+from twin.run.assemble import build_friction, build_plant, start_plant
+from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant, rolling
 from twin.sim.plant.friction import Friction, SurfaceMap
 from twin.sim.plant.interface import tilted_gravity
@@ -26,6 +29,52 @@ def test_a_driven_plate_matches_an_adaptive_integration_of_the_same_equations():
         plant.advance(command, 2)
     state = plant.state[0]
     assert state == pytest.approx(expected, abs=1e-9)
+
+
+LINKAGE = Linkage(crank=(0.04, 0.03), rod=(0.09, 0.1), arm=(0.1, 0.07), distance=(0.05, 0.045))
+
+
+def test_cranks_that_ramp_take_the_plate_where_the_linkage_does_without_drift():
+    plant = ExactPlant(step=0.001, linkage=LINKAGE)
+    rate = before = crank = np.zeros(2)
+    for tick in range(3000):
+        rate = np.array([0.5, -0.4]) * np.sin(0.004 * tick * np.array([1.0, 1.3]))
+        plant.advance(rate[None], 2)
+        crank = crank + 0.002 * (before + rate) / 2
+        before = rate
+        assert plant.state[0, 2::4] == pytest.approx(LINKAGE.plate(crank), abs=1e-11)
+    assert plant.motor[0] == pytest.approx(crank, abs=1e-11)
+    nudged = [LINKAGE.plate(crank + side * rate) for side in (1e-6, -1e-6)]
+    assert plant.state[0, 3::4] == pytest.approx((nudged[0] - nudged[1]) / 2e-6, abs=1e-7)
+
+
+def test_on_rods_the_ball_moves_as_on_a_plate_that_is_told_the_same_motion_in_small_steps():
+    plant, told = ExactPlant(step=0.001, linkage=LINKAGE), ExactPlant(step=0.0001)
+    for each in (plant, told):
+        each.start(np.array([[0.05, 0.05, -0.03, 0.1]]))
+    crank = before = np.zeros(2)
+    for tick in range(120):
+        rate = np.radians(200) * np.sin(tick * np.array([0.03, 0.04]))
+        plant.advance(rate[None], 2)
+        for part in (np.arange(20) + 1) / 20:
+            there = crank + 0.002 * part * (before + part / 2 * (rate - before))
+            now = before + part * (rate - before)
+            told.advance(LINKAGE.plate_rate(LINKAGE.plate(there), there, now)[None], 1)
+        crank, before = there, rate
+    assert np.abs(plant.state[0, 2::4]).min() > 0.03
+    assert plant.state == pytest.approx(told.state, abs=1e-6)
+
+
+@pytest.mark.parametrize("linkage", [None, LINKAGE])
+def test_plates_side_by_side_turn_to_the_bit_as_alone(linkage):
+    commands = np.random.default_rng(9).uniform(-0.3, 0.3, (20, 3, 2))
+    together = ExactPlant(rigs=3, linkage=linkage)
+    alone = [ExactPlant(linkage=linkage) for _ in range(3)]
+    for command in commands:
+        together.advance(command, 2)
+        for plant, own in zip(alone, command, strict=True):
+            plant.advance(own[None], 2)
+    assert together.state.tolist() == [plant.state[0].tolist() for plant in alone]
 
 
 def test_a_ball_that_left_the_screen_has_fallen_for_good():
@@ -136,6 +185,43 @@ def test_a_ball_rolls_down_where_the_surface_slopes(rigs):
     plant.advance(np.zeros((rigs, 2)), 500)
     assert plant.state[:, 0] == pytest.approx(-MODEL.k1 * rise * 0.5**2 / 2)
     assert plant.state[:, 4].tolist() == [0.0] * rigs
+
+
+CAMBER = ("plant.camber=[0.35,-0.5]", "plant.start.x=0.05", "plant.start.y=-0.1")
+SMOOTH = ("plant.friction.rolling_mm=0", "plant.step=0.001")
+
+
+@pytest.mark.parametrize("ball", ["hollow", "steel"])
+@pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
+def test_on_a_level_plate_with_camber_the_ball_moves_as_a_hyperbolic_cosine(kind, ball):
+    chosen = (f"plant.kind={kind}", f"plant.ball.kind={ball}", *CAMBER, *SMOOTH)
+    others = [(*chosen, f"plant.camber={camber}") for camber in ("[-2,0]", "[0,0]")]
+    scenarios = [load("hold", each) for each in (chosen, *others)]
+    plant, _ = build_plant(scenarios)
+    start_plant(plant, scenarios)
+    plant.advance(np.zeros((3, 2)), 1000)
+    x, y, given = plant.state[:, 0] - 0.05, plant.state[:, 4] + 0.1, plant.state[2, 0::4]
+    cosines = [np.cosh(np.sqrt(0.35)), np.cos(np.sqrt(2.0)), np.cos(np.sqrt(0.5))]
+    far = np.multiply((0.05, 0.05, -0.1), np.subtract(cosines, 1))
+    # the mechanism's plate gives way under the ball, which moves it without camber, too
+    gives = np.abs(given - (0.05, -0.1)) + 1e-10
+    within = 1e-8 if kind == "lagrange" else 5e-3
+    assert x[:2] - x[2] == pytest.approx(far[:2], abs=gives[0], rel=within)
+    assert y[:2] - y[2] == pytest.approx([far[2], 0.0], abs=gives[1], rel=within)
+
+
+def test_camber_comes_on_top_of_what_a_surface_has_and_a_rig_beside_has_none():
+    uneven = ("plant.kind=lagrange", "plant.surface.spread_percent=20", "plant.surface.slope_deg=1")
+    places = np.random.default_rng(0).uniform(-0.19, 0.19, (50, 2))
+    flat, bowed = (
+        build_friction([load("hold", (*uneven, f"plant.camber={camber}"))]).map
+        for camber in ("[0,0]", "[0.35,0]")
+    )
+    push = MODEL.c1 * MODEL.gravity
+    for before, after in ((flat(places), bowed(places)),):
+        assert after[0].tolist() == before[0].tolist()
+        assert (before[1] - after[1])[:, 0] == pytest.approx(0.35 / push * places[:, 0])
+        assert (before[1] - after[1])[:, 1] == pytest.approx(np.zeros(50), abs=1e-12)
 
 
 @pytest.mark.long

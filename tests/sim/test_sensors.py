@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -118,3 +120,107 @@ def test_a_screen_mounted_turned_reports_the_ball_in_its_own_axes():
     # its axes are those of the plate turned by the angle: a vector's parts along them
     along = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     assert screen.read().position[0] == pytest.approx(along @ [0.1, 0.05])
+
+
+def camera(**about):
+    return TouchModel(dead_time=0.03, frame_rate=50.0, grid=0, **about)
+
+
+def frames_of(model, seconds=60, rigs=1, where=0):
+    """Of each frame that came: the time at which it had come, s, and how old it was then."""
+    screen = SimulatedScreen(model, PERIOD, seeds(rigs))
+    shown, found = np.nan, []
+    for tick in range(round(seconds / PERIOD)):
+        screen.see(np.full((rigs, 2), tick * PERIOD), np.ones(rigs, bool))
+        sample = screen.read()
+        if sample.position[where, 0] != shown:
+            shown = sample.position[where, 0]
+            found.append((tick * PERIOD, sample.age[where], shown))
+    return np.array(found[5:])
+
+
+def test_frames_of_a_jittering_clock_scatter_as_said_and_show_what_was_there():
+    found = frames_of(camera(jitter=0.002))
+    came = found[:, 0] - found[:, 1]
+    off = np.mod(came - came[0] + 0.01, 0.02)
+    assert len(found) == pytest.approx(60 * 50, abs=8)
+    # a normal law's standard deviation, estimated from n: to 4 of its own errors
+    assert off.std() == pytest.approx(0.002, abs=4 * 0.002 / np.sqrt(2 * len(off)))
+    assert (found[:, 1] >= -1e-12).all()
+    assert (found[:, 1] < PERIOD).all()
+    assert found[:, 2] == pytest.approx(came - 0.03, abs=1e-9)
+    steps = np.diff(came)
+    assert np.corrcoef(steps[1:], steps[:-1])[0, 1] == pytest.approx(-0.5, abs=0.06)
+
+
+def test_the_clock_that_jitters_most_still_shows_frames_in_their_order():
+    found = frames_of(camera(jitter=0.1), seconds=40)
+    assert (np.diff(found[:, 2]) > 0).all()
+    assert np.diff(found[:, 2]).max() < 2 * 0.02 + PERIOD
+
+
+def test_of_the_frames_the_share_that_is_said_is_lost_each_by_itself():
+    found = frames_of(camera(lost=0.25))
+    steps = np.rint(np.diff(found[:, 0] - found[:, 1]) / 0.02).astype(int)
+    share = 1 - len(found) / (steps.sum() + 1)
+    assert share == pytest.approx(0.25, abs=4 * np.sqrt(0.25 * 0.75 / 3000))
+    # lost each by itself: gaps are geometric
+    for length in (1, 2, 3):
+        wanted = 0.75 * 0.25 ** (length - 1)
+        error = 4 * np.sqrt(wanted * (1 - wanted) / len(steps))
+        assert (steps == length).mean() == pytest.approx(wanted, abs=error)
+
+
+def test_in_a_batch_a_camera_has_the_frames_that_it_has_alone():
+    rows = np.array([0.0, 50.0, 50.0, 31.0]), np.array([0.0, 0.0, 0.004, 0.01])
+    model = TouchModel(frame_rate=rows[0], jitter=rows[1], lost=np.array([0.5, 0.0, 0.3, 0.2]))
+    screen = SimulatedScreen(model, PERIOD, seeds(4))
+    alone = [
+        SimulatedScreen(
+            TouchModel(frame_rate=rows[0][k], jitter=rows[1][k], lost=model.lost[k]),
+            PERIOD,
+            seeds(4)[k : k + 1],
+        )
+        for k in range(4)
+    ]
+    for tick in range(1000):
+        ball, felt = np.full((4, 2), 0.1 * np.sin(3 * tick * PERIOD)), np.ones(4, bool)
+        screen.see(ball, felt)
+        together = screen.read()
+        for k, one in enumerate(alone):
+            one.see(ball[:1], felt[:1])
+            sample = one.read()
+            assert sample.position[0].tolist() == together.position[k].tolist()
+            assert sample.age[0] == together.age[k]
+
+
+def seen(model, rigs, first=0):
+    """Position (K, N) along x and whether felt (K, N), of balls that go along x at 0.1 m/s."""
+    screen = SimulatedScreen(model, PERIOD, seeds(2)[first : first + rigs])
+    found = []
+    for tick in range(500):
+        screen.see(np.tile([0.1 * tick * PERIOD, 0.0], (rigs, 1)), np.ones(rigs, bool))
+        sample = screen.read()
+        found.append((sample.position[:, 0].copy(), sample.touched.copy()))
+    return map(np.array, zip(*found, strict=True))
+
+
+def test_a_ball_behind_something_is_not_seen_and_stays_where_it_was_seen_last():
+    model = TouchModel(
+        dead_time=0.01, grid=0, variance=(0.0, 0.0), hidden=(0.0201, -0.01, 0.0501, 0.01)
+    )
+    position, felt = seen(model, rigs=2)
+    true = 0.1 * np.maximum(PERIOD * np.arange(500) - 0.01, 0.0)
+    behind = (true > 0.0201) & (true < 0.0501)
+    assert felt.tolist() == np.stack((~behind, ~behind), axis=1).tolist()
+    assert position[:, 1] == pytest.approx(np.where(behind, 0.02, true), abs=1e-12)
+    beside = replace(model, hidden=(0.0201, 0.001, 0.0501, 0.01))
+    assert all(felt.all() for felt in list(seen(beside, rigs=1))[1:])
+
+
+def test_of_two_rigs_the_one_with_nothing_before_it_sees_its_ball_as_alone():
+    hidden = np.array([[0.0, -1.0, 1.0, 1.0], [0.0] * 4])
+    position, felt = seen(TouchModel(hidden=hidden), rigs=2)
+    alone, _ = seen(TouchModel(), rigs=1, first=1)
+    assert position[:, 1].tolist() == alone[:, 0].tolist()
+    assert felt.tolist() == [[tick < 22, True] for tick in range(500)]

@@ -328,8 +328,8 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         of_task: Arguments of ``Task``: scenario, settings, family, hold, rate, preview,
             computing_time.
         num_envs: How many rigs.
-        autoreset_mode: Whether a rig whose episode is over begins the next one in the next step, in
-            the same step, or when it is reset; until then it gets nothing.
+        autoreset_mode: Whether a rig whose episode is over begins the next one in the next step, or
+            when it is reset; until then it gets nothing.
         threads: Threads of the engine; 0 for one per processor. Bits do not depend on them.
         render_mode: None are known.
         more: Those of ``Task`` that are named.
@@ -351,6 +351,8 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             raise TwinError(f"num_envs: must be at least 1, got {num_envs}")
         task = Task(*of_task, **more)
         self.mode = AutoresetMode(autoreset_mode)
+        if self.mode is AutoresetMode.SAME_STEP:
+            raise TwinError("autoreset_mode: must be NextStep or Disabled, got SameStep")
         self.metadata = {"render_modes": [], "autoreset_mode": self.mode}
         self.num_envs, self.render_mode = num_envs, render_mode
         self.single_observation_space = task.observation_space
@@ -403,19 +405,8 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         if self.mode is AutoresetMode.NEXT_STEP and due.any():
             terminated, truncated = terminated & ~due, truncated & ~due
             self._begin(due)
-        over = terminated | truncated
+        self._over = terminated | truncated
         info = self._told(self.rigs.info(), everyone) | self._reasons(terminated)
-        if self.mode is AutoresetMode.SAME_STEP and over.any():
-            final = np.full(self.num_envs, None, dtype=object)
-            last = self.rigs.observation()
-            for rig in np.flatnonzero(over).tolist():
-                final[rig] = last[rig].copy()
-            told = self._told(self.rigs.info(), over) | self._reasons(terminated)
-            self._begin(over)
-            info = self._told(self.rigs.info(), everyone)
-            info |= {"final_obs": final, "_final_obs": over.copy()}
-            info |= {"final_info": told, "_final_info": over.copy()}
-        self._over = over
         return self.rigs.observation(), reward, terminated, truncated, info
 
     def _begin(self, which: Mask, seeds: Sequence[int | None] | None = None) -> None:

@@ -214,7 +214,8 @@ def exact(
     that has rested long.
 
     In: the ball, all of ``plant.friction``, the surface, a tilted base, ``plant.step``,
-    ``rig.period``. Out: drives, limits, sensors, where the ball starts, and the edge of the screen.
+    ``rig.period``. Out: linkage, drives, limits, sensors, where the ball starts, and the edge of
+    the screen.
 
     Args and errors are those of ``linear``, but a scenario must be named.
     """
@@ -226,6 +227,7 @@ def exact(
     chosen = scenario_of(scenario, [*changes_of(settings, changes), *changes_of(EXACT, {})])
     plant, _ = build_plant([chosen])
     assert isinstance(plant, ExactPlant)
+    plant.linkage = None
     period, steps = chosen.rig.period, round(chosen.rig.period / plant.step)
     states = STATES if plant.age is None else (*STATES, AGE)
 

@@ -41,19 +41,14 @@ def _opened(paths: tuple[Path, ...]) -> list[Run]:
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
 @click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording, open no viewer.")
 @SERVE
-@click.option("--connect", metavar="ADDRESS", help="Send to the viewer at HOST:PORT.")
-def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None, connect: str | None) -> int:
+def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None) -> int:
     """Open run folders in the Rerun viewer, several side by side on one time line.
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
     opened = _opened(runs)
-    from twin.view.recording import address, forward, reach, write  # heavy: a wrong name was told
+    from twin.view.recording import write  # heavy: a wrong name was told
 
-    if connect is not None:
-        forward(reach(address(connect)), opened)
-        say(f"sent to {connect}")
-        return 0
     if rrd is not None:
         write(rrd, opened)
         say(f"written to {rrd}")
@@ -85,24 +80,20 @@ ENDINGS = {"html": ".html", "png": ".png", "pdf": ".pdf", "csv": ".csv", "latex"
 """Format to the ending of its file."""
 
 
-def _contents(kind: str, runs: list[Run]) -> dict[str, str | bytes]:
-    """What is added to the stem of each file of a format, and the file's content."""
+def _content(kind: str, runs: list[Run]) -> str | bytes:
+    """The content of a file of a format."""
+    from twin.page import encoded
+    from twin.report.html import html, overview
     from twin.report.numbers import as_csv, as_latex
 
     match kind:
         case "png" | "pdf":
-            from twin.page import encoded
-            from twin.report.html import details, overview
-
-            figures = {"": overview, "-details": details}
-            return {more: encoded(make(runs), kind, dpi=150) for more, make in figures.items()}
+            return encoded(overview(runs), kind, dpi=150)
         case "csv":
-            return {"": as_csv(runs)}
+            return as_csv(runs)
         case "latex":
-            return {"": as_latex(runs)}
-    from twin.report.html import html
-
-    return {"": html(runs)}
+            return as_latex(runs)
+    return html(runs)
 
 
 def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
@@ -120,7 +111,7 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
 )
 @click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
 def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
-    """Report on one run folder, or compare several: a page, pictures, a table.
+    """Report on one run folder, or compare several: a page, a picture, a table.
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
@@ -133,10 +124,9 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
     for name in formats:
-        for more, content in _contents(name, opened).items():
-            path = stem.with_name(f"{stem.name}{more}{ENDINGS[name]}")
-            write_whole(path, content)
-            say(f"written to {path}")
+        path = stem.with_name(f"{stem.name}{ENDINGS[name]}")
+        write_whole(path, _content(name, opened))
+        say(f"written to {path}")
     return 0
 
 

@@ -282,7 +282,6 @@ SERVE = click.option(
 WATCHING = (
     click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes."),
     click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
-    click.option("--connect", metavar="HOST:PORT", help="Watch in a viewer already running."),
     SERVE,
 )
 
@@ -293,7 +292,6 @@ class Viewing:
 
     Args:
         window: In a viewer window.
-        connect: In the viewer at HOST:PORT.
         serve: In a browser, at this port.
         shadow: Whether its twin runs beside it.
 
@@ -302,14 +300,13 @@ class Viewing:
     """
 
     window: bool
-    connect: str | None
     serve: int | None
     shadow: bool
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
-        if sum((self.window, self.connect is not None, self.serve is not None)) > 1:
-            raise ScenarioError("--view, --connect and --serve: choose one")
+        if self.window and self.serve is not None:
+            raise ScenarioError("--view and --serve: choose one")
         self._opened: Opened | None = None
         self._url, self._recording = "", str(uuid4())
 
@@ -364,25 +361,21 @@ class Viewing:
 
     def _open(self, scenario: Scenario, name: str) -> LiveProcess | None:
         """Start the view that was asked for; None if none was, or it cannot start."""
-        if not (self.window or self.connect or self.serve):
+        if not (self.window or self.serve):
             return None
         from twin.view import recording, viewer
         from twin.view.live_process import LiveProcess
 
-        url = recording.address(self.connect) if self.connect is not None else ""
         try:
-            if url:
-                recording.reach(url)
-            else:
-                self._opened = viewer.page(self.serve) if self.serve else viewer.window()
-                url = self._opened.url
+            self._opened = viewer.page(self.serve) if self.serve else viewer.window()
         except ViewError as error:
             warn(f"{error}; the run goes on without a view")
             return None
-        if self._opened is not None and self._opened.page:
+        if self._opened.page:
             click.echo(f"open {self._opened.page} in a browser", err=True)
-        self._url = url
-        return LiveProcess(recording.work, (scenario, name, url, self._recording, self.shadow))
+        self._url = self._opened.url
+        shown = (scenario, name, self._url, self._recording, self.shadow)
+        return LiveProcess(recording.work, shown)
 
 
 def VIEWING(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  an option, like JSON

@@ -259,6 +259,8 @@ def run(
         if season:
             with _counted("reference law", benchmark) as told:
                 benchmark.known(progress=told, **how)
+        minutes = max(1, round(benchmark.processor_time(about, place) / count / 60))
+        TERMINAL.note(f"{about.title}: all runs take about {minutes} min, {count} side by side")
         with _counted(about.title, benchmark) as told:
             rows = benchmark.carried_out(about, place, Store(folder), progress=told, **how)
     found = benchmark.write(folder, about, place, rows)

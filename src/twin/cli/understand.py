@@ -28,29 +28,17 @@ if TYPE_CHECKING:
 @options.SCENARIO()
 @options.LAW
 @options.SETTING
-@click.option(
-    "--typical",
-    is_flag=True,
-    help="Add the effects that the scenario lacks, at the size a real rig may have.",
-)
 @click.option("--out", type=options.PATH, help="Folder [runs/explain-SCENARIO].")
 @options.PROCESSES
 @options.JSON
 def explain(
-    scenario: str,
-    overrides: tuple[str, ...],
-    out: Path | None,
-    processes: int | None,
-    *,
-    typical: bool,
+    scenario: str, overrides: tuple[str, ...], out: Path | None, processes: int | None
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
-    from twin.explain.attribution import draw, plan, summary, with_typical
+    from twin.explain.attribution import draw, plan, summary
     from twin.explain.attribution import explain as explain_scenario
 
     chosen = scenario_of(scenario, changes_of(overrides, {}))
-    if typical:
-        chosen = with_typical(chosen)
     named = run_folder(scenario, overrides)
     folder = check_writable(out or named.with_name(f"explain-{named.name}"))
     runs = len({case.model_dump_json() for case in plan(chosen).values()})

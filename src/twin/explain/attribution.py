@@ -34,29 +34,19 @@ class Effect:
         name: One word.
         label: What tables and pictures call it.
         off: Overrides that switch it off.
-        typical: Overrides that give it a size a real rig may have.
-        source: Where that size comes from.
     """
 
     name: str
     label: str
     off: Overrides
-    typical: Overrides
-    source: str
-
-    @property
-    def mechanical(self) -> bool:
-        """Whether only the mechanism has it, not the exact equations."""
-        return any(key.removeprefix("plant.") in MECHANISM_ONLY for key in self.off)
-
-
-def _overrides(table: Mapping[str, Any]) -> Overrides:
-    """Overrides as the file gives them: ``default`` for None."""
-    return {key: None if value == "default" else value for key, value in table.items()}
 
 
 EFFECTS = tuple(
-    Effect(name=name, **about | {key: _overrides(about[key]) for key in ("off", "typical")})
+    Effect(
+        name=name,
+        label=about["label"],
+        off={key: None if value == "default" else value for key, value in about["off"].items()},
+    )
     for name, about in packaged("twin.explain", "effects.toml").items()
 )
 """Every effect that can be switched alone."""
@@ -78,27 +68,16 @@ def changed(scenario: Scenario, overrides: Iterable[Overrides]) -> Scenario:
     return Scenario.model_validate(tables, strict=False)
 
 
-def possible(scenario: Scenario) -> tuple[Effect, ...]:
-    """The effects that a scenario's plant can have."""
-    exact = scenario.plant.kind == "lagrange"
-    return tuple(effect for effect in EFFECTS if not (exact and effect.mechanical))
-
-
 def present(scenario: Scenario) -> tuple[Effect, ...]:
-    """The effects that a scenario has."""
+    """The effects that a scenario has; the exact equations have none of the mechanism's own."""
     now = scenario.model_dump()
+    other = MECHANISM_ONLY if scenario.plant.kind == "lagrange" else ()
     return tuple(
         effect
-        for effect in possible(scenario)
-        if changed(scenario, [effect.off]).model_dump() != now
+        for effect in EFFECTS
+        if not any(key.removeprefix("plant.") in other for key in effect.off)
+        and changed(scenario, [effect.off]).model_dump() != now
     )
-
-
-def with_typical(scenario: Scenario) -> Scenario:
-    """The scenario with every effect it lacks at the size a real rig may have."""
-    has = present(scenario)
-    lacking = [effect.typical for effect in possible(scenario) if effect not in has]
-    return changed(scenario, lacking)
 
 
 def without(scenario: Scenario, effects: Iterable[Effect]) -> Scenario:

@@ -21,7 +21,7 @@ import pandas as pd
 from controllers.arrays import Array
 from twin.errors import ScenarioError, TwinError
 from twin.fmu.description import TEMPLATES, Variable, c_source, model_description, variables
-from twin.run.assemble import assemble, build_friction, build_reference, own_errors
+from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
 from twin.scenario.schema import Scenario
 from twin.writing import write_whole
 
@@ -51,13 +51,18 @@ def export(
         Why there is no binary in it, in words; empty if there is one.
 
     Raises:
-        TwinError: If the scenario changes while it runs or cannot be assembled, or the file cannot
-            be written.
+        TwinError: If the scenario changes while it runs, has a linkage or cannot be assembled, or
+            the file cannot be written.
     """
     if fmi not in {2, 3}:
         raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
     if scenario.change:
         raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
+    if linkage_of(scenario):
+        raise ScenarioError(
+            "plant.linkage: the servos of an FMU turn the plate itself; set "
+            "plant.linkage.crank_mm=[0,0] and rig.cams=table"
+        )
     held = variables(scenario, frame_phase(scenario), path=wished)
     source, token = sources(scenario, held, fmi)
     compiled = [name for name in source if name.endswith(".c")]

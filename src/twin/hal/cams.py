@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Number
 from twin.data_file import parse_json
 from twin.errors import ModelError
 from twin.paths import model_path
@@ -67,8 +67,8 @@ _REMEDY = "run `ballplate calibrate cams --out"
 class FixedRatio:
     """Motors turn the plate's own axes, through a plain ratio."""
 
-    ratio: float = 1.0
-    """Motor angle per plate angle, dimensionless."""
+    ratio: Number = 1.0
+    """Motor angle per plate angle, dimensionless; also (2,) or (N, 2)."""
 
     def motor(self, plate: Array) -> Array:
         """Motor angles in rad for plate angles in rad, both (..., 2)."""

@@ -71,6 +71,8 @@ class PlainIdentification(judged.Identification):
             lines["sensors.touch.dead_time"] = f"{dead_time}  # all of it, commands' too"
         if "lag" in mean:
             lines["plant.servo.bandwidth_hz"] = f"{judged.corner_frequency(mean['lag']):.6g}"
+        if camber := known.get("camber"):
+            lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
         if level := known.get("level"):
             tilts = [math.degrees(sign * level.get(axis, 0.0) / push) for axis, sign in SIGNS]
             lines["plant.level_deg"] = f"[{tilts[0]:.6g}, {tilts[1]:.6g}]"

@@ -9,10 +9,10 @@ import multiprocessing
 import secrets
 from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
-from threading import Thread
 from time import monotonic
 from typing import Any
 from urllib.parse import urlsplit
@@ -132,10 +132,11 @@ class Simulation:
 def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -> None:
     """The body of the process."""
     settle()
-    said: SimpleQueue[Status | Failure | None] = SimpleQueue()
-    speaker = Thread(target=_speak, args=(said, pipe), daemon=True)
-    speaker.start()
     ring = SharedRingBuffer(*address)
+
+    def tell(said: Status | Failure) -> None:
+        with suppress(OSError):  # nobody is there any more: the next look for events ends it
+            pipe.send(said)
 
     def show(numbers: tuple[float, ...]) -> None:
         ring.slot()[: len(COLUMNS)] = numbers
@@ -170,29 +171,18 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
                 scenario,
                 inbox=inbox,
                 show=show,
-                tell=said.put,
+                tell=tell,
                 write=lambda part, folder: writers.submit(saved, part, folder),
                 paused=True,
             ).run()
             writers.shutdown()
             for message, wrong in news():
-                said.put(Status({}, message=message, wrong=wrong))
+                tell(Status({}, message=message, wrong=wrong))
     except TwinError as error:
-        said.put(Failure(error))
+        tell(Failure(error))
     except Exception as error:  # noqa: BLE001 - a law of one's own may raise anything
-        said.put(Failure(catalog.blamed(error) or f"the simulation failed: {error!r}"))
-    said.put(None)
-    speaker.join(1.0)
+        tell(Failure(catalog.blamed(error) or f"the simulation failed: {error!r}"))
     ring.close()
-
-
-def _speak(said: SimpleQueue[Status | Failure | None], pipe: Connection) -> None:
-    """Send what is said, however long the other side lets it wait."""
-    while (each := said.get()) is not None:
-        try:
-            pipe.send(each)
-        except OSError:
-            return
 
 
 App = Callable[[Any, Any, Any], Awaitable[None]]

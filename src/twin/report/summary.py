@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -135,22 +134,6 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
     return lag, *fit(lag)
 
 
-def spectrum(run: Run) -> tuple[Array, Array]:
-    """Amplitude of the tracking error over frequency: Hz (F,), m (F, 2) for x and y.
-
-    A Hann window from ``metrics.start`` on, scaled so that a sine of amplitude a reads a.
-    """
-    motion = run.motion
-    late = motion.time >= run.scenario.metrics.start - 1e-9
-    error = motion.error[late] if late.sum() >= 8 else motion.error
-    window = np.hanning(len(error))
-    weight = 2 / max(window.sum(), 1e-12)
-    level = error - error.mean(axis=0)
-    amplitude: Array = weight * np.abs(np.fft.rfft(window[:, None] * level, axis=0))
-    period = float(np.median(np.diff(motion.time))) if len(motion.time) > 1 else 1.0
-    return np.fft.rfftfreq(len(error), period), amplitude
-
-
 def _accelerations(rows: Mapping[str, Array], kind: str) -> Array:
     return np.stack([rows[f"{kind}_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
 
@@ -189,7 +172,7 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
     if found.held:
         share = f"{found.held:.1%} of the whole run's time"
         told.append(f"Friction held the ball at rest {share} (shaded).")
-    told += [fact.sentence for fact in _limits(run, found)]
+    told += [f"{fact[0].upper()}{fact[1:]}." for fact in _limits(run, found)]
     if (off := found.estimation) is not None and off >= LEAST:
         size = "large" if off > 0.5 * found.rms else "small"
         told.append(
@@ -197,7 +180,7 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
             "part of it."
         )
     remarks = () if "controller" in run.absent else build_law(run.scenario).remarks
-    return [*told, *_known(run), *remarks]
+    return [*told, *remarks]
 
 
 def judged(run: Run, clean: float | None = None) -> str:
@@ -217,8 +200,8 @@ def verdict(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     """
     if run.metrics.get("outcome") != "finished":
         return _ending(run)
-    limits = [fact.words for fact in _limits(run, found)]
-    limits = [words for words in limits if words != FREE] or limits
+    limits = _limits(run, found)
+    limits = [words for words in limits if not words.startswith(FREE)] or [FREE]
     return f"{_size(run, found, clean)}: {'; '.join(limits)}."
 
 
@@ -233,57 +216,42 @@ def _size(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     return f"{share}{_mm(found.rms)} RMS over x and y{since}"
 
 
-class Fact(NamedTuple):
-    """Something that limited a run: in half a sentence, and what the report says besides."""
-
-    words: str
-    more: str = ""
-
-    @property
-    def sentence(self) -> str:
-        """Both as a sentence."""
-        return f"{self.words[0].upper()}{self.words[1:]}{self.more}."
-
-
-def _limits(run: Run, found: Diagnosis) -> list[Fact]:
-    """What limited a run, the weightiest first."""
+def _limits(run: Run, found: Diagnosis) -> list[str]:
+    """What limited a run, the weightiest first, in half a sentence each."""
     facts = _shaped(run)
-    if found.stuck is not None:
-        facts.append(_resting(run, found, found.stuck))
-    if found.lag is not None and found.gain is not None and found.rest is not None:
+    if (away := found.stuck) is not None:
+        simulated = "true_x" in run.rows
+        rubs = run.scenario.plant.friction.rolling_mm > 0 or not simulated
+        facts.append(
+            f"at the end the ball lay stuck{' by friction' if rubs else ''} {1000 * away:.3g} mm "
+            f"away from its reference, on a plate tilted by {math.degrees(found.tilt):.2g} deg: "
+            "integral action, a higher gain, or a reference that keeps moving would free it"
+        )
+    elif found.lag is not None and found.gain is not None and found.rest is not None:
         way = "behind" if found.lag >= 0 else "ahead of"
         size = "smaller" if found.gain <= 1 else "larger"
-        share = "most of the error" if found.rest < 0.5 * found.rms else "a part of the error"
-        behind = Fact(
-            f"the ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
-            f"{abs(1 - found.gain):.1%} {size}",
-            f"; this is {share}: without both, {1000 * found.rest:.2g} mm (RMS) would be left",
-        )
-        facts += [behind] if found.stuck is None and found.rms > SMALL else []
+        if found.rms > SMALL:
+            facts.append(
+                f"the ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
+                f"{abs(1 - found.gain):.1%} {size}, without which {_mm(found.rest)} would be left"
+            )
     if found.cut is not None and found.cut > CUT:
         facts.append(
-            Fact(
-                f"a limit of rate, acceleration or angle cut the effort {found.cut:.1%} of the time"
-            )
+            f"a limit of rate, acceleration or angle cut the effort {found.cut:.1%} of the time"
         )
     limit = run.scenario.rig.limits.angle_deg
-    used = found.angle * limit
     if found.angle > STEEP:
-        facts.append(Fact("the plate reached its angle limit", f": {used:.3g} of {limit:g} deg"))
+        facts.append(f"the plate reached its angle limit of {limit:g} deg")
     if found.cut is not None and found.cut <= CUT and found.angle <= STEEP:
-        facts.append(
-            Fact(
-                FREE, f": the effort was never cut, and the plate used {used:.2g} of {limit:g} deg"
-            )
-        )
+        facts.append(f"{FREE}, of the plate's {limit:g} deg {found.angle:.0%} were used")
     if found.lifted:
-        facts.append(Fact(f"a wheel left its cam {found.lifted:.1%} of the time"))
+        facts.append(f"a wheel left its cam {found.lifted:.1%} of the time")
     if found.untouched:
-        facts.append(Fact(f"no ball was detected {found.untouched:.1%} of the time"))
-    return facts or [Fact(FREE)]
+        facts.append(f"no ball was detected {found.untouched:.1%} of the time")
+    return facts or [FREE]
 
 
-def _shaped(run: Run) -> list[Fact]:
+def _shaped(run: Run) -> list[str]:
     """A reference that the plate cannot give, if the law laid another path for that reason."""
     if "laid_x" not in run.rows:
         return []
@@ -291,24 +259,9 @@ def _shaped(run: Run) -> list[Fact]:
     away = np.nanmax(np.hypot(*(laid - run.followed(time)[0]).T))
     seconds = np.isfinite(laid[:, 0]).mean() * (time[-1] - time[0])
     return [
-        Fact(
-            "the plate cannot give this reference: the path laid instead was up to "
-            f"{_mm(away)} away from it",
-            f", for {seconds:.3g} s in all",
-        )
+        f"the plate cannot give this reference: the path laid instead was up to {_mm(away)} away "
+        f"from it, for {seconds:.3g} s in all"
     ]
-
-
-def _resting(run: Run, found: Diagnosis, away: float) -> Fact:
-    """A ball that lies still away from its reference: by what, and what would free it."""
-    simulated = "true_x" in run.rows
-    rubs = run.scenario.plant.friction.rolling_mm > 0 or not simulated
-    return Fact(
-        f"at the end the ball lay stuck{' by friction' if rubs else ''} {1000 * away:.3g} mm away",
-        f" from its reference, on a plate tilted by {math.degrees(found.tilt):.2g} deg. "
-        "A law with integral action or a higher gain, or a reference that keeps moving, would "
-        "free it",
-    )
 
 
 def _ending(run: Run) -> str:
@@ -324,21 +277,3 @@ def _ending(run: Run) -> str:
 def _mm(distance: float) -> str:
     """A distance in m, in words; nothing that no rig could tell from none."""
     return f"{1000 * distance:.3g} mm" if distance >= LEAST else f"below {1000 * LEAST:g} mm"
-
-
-def _known(run: Run) -> list[str]:
-    """What the observer made of friction and tilt gain, where it estimates them."""
-    rows = run.rows
-    if "estimated_friction_spread" not in rows:
-        return []
-    friction, spread = (1000 * rows[f"estimated_friction{end}"][-1] for end in ("", "_spread"))
-    gains = [
-        f"{100 * rows[f'estimated_tilt_gain_{axis}'][-1]:+.2g} ± "
-        f"{100 * rows[f'estimated_tilt_gain_{axis}_spread'][-1]:.2g} %"
-        for axis in "xy"
-    ]
-    return [
-        f"At the end the observer took friction to slow the ball by {friction:.3g} ± "
-        f"{spread:.2g} mm/s² (one standard deviation), and the tilt to act by "
-        f"{gains[0]} along x and {gains[1]} along y more than nominal."
-    ]

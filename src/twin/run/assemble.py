@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Number
 from controllers.ballplate import BallPlate
 from controllers.catalog import AnswerError, blamed, wrong_answer
 from controllers.controller import (
@@ -36,6 +36,7 @@ from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.errors import LawError, ModelError, ScenarioError, TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Limits, Transmission
+from twin.hal.linkage import Linkage
 from twin.hal.rig import Rig
 from twin.scenario import schema
 from twin.scenario.load import at_time, times
@@ -68,7 +69,7 @@ def believed(scenario: Scenario) -> Transmission:
         ModelError: If the mechanism or its cam table cannot be used.
     """
     if scenario.plant.kind == "mujoco" and scenario.rig.cams != "ratio":
-        return mistaken(_cams(scenario.rig.cams, 1.0), [scenario])
+        return mistaken(_known([scenario], 1.0), [scenario])
     return build_plant([scenario])[1]
 
 
@@ -105,14 +106,22 @@ def drawn_mechanism(scenario: Scenario) -> MjModel:
     return drawn_model(changed(Parts, scenario), *scenario.dimensions[:2])
 
 
+def linkage_of(scenario: Scenario) -> Linkage | None:
+    """The linkage of a scenario's plant, if it has one."""
+    lengths = filled(Linkage, [scenario])
+    return lengths if lengths.given else None
+
+
 def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
+    linkage = linkage_of(scenarios[0])
     plant = ExactPlant(
         rigs=len(scenarios),
         step=scenarios[0].plant.step,
         size=per_rig(settings_of(TouchModel)["size"], scenarios),
+        linkage=linkage,
         **_equations(scenarios),
     )
-    return plant, FixedRatio()
+    return plant, FixedRatio() if linkage is None else _known(scenarios, plant.ratio)
 
 
 def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
@@ -134,11 +143,20 @@ def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Tran
         friction=_friction(scenarios),
         parts=_parts(scenarios),
     )
+    return plant, _known(scenarios, plant.ratio)
+
+
+def _known(scenarios: Sequence[Scenario], ratio: Number) -> Transmission:
+    """What the rigs know of their linkages, or cams, of a ratio at level."""
+    linkage = linkage_of(scenarios[0])
     kinds = [scenario.rig.cams for scenario in scenarios]
-    cams = {kind: _cams(kind, plant.ratio) for kind in set(kinds)}
-    if len(cams) == 1:
-        return plant, cams[kinds[0]]
-    return plant, simulated.PerRigTransmission([cams[kind] for kind in kinds])
+    known: dict[str, Transmission] = {
+        kind: FixedRatio(ratio) if kind == "ratio" else linkage or _table(kind)
+        for kind in set(kinds)
+    }
+    if len(known) == 1:
+        return known[kinds[0]]
+    return simulated.PerRigTransmission([known[kind] for kind in kinds])
 
 
 def _stays(plant: Any, *_: Any) -> None:
@@ -196,10 +214,8 @@ def register(name: str, kind: PlantKind) -> None:
 
 
 @lru_cache(maxsize=8)
-def _cams(kind: str, ratio: float) -> Transmission:
+def _table(kind: str) -> Transmission:
     """What a rig knows of its cams."""
-    if kind == "ratio":
-        return FixedRatio(ratio)
     table = CamTable.packaged()
     return table.per_axis() if kind == "per_axis" else table
 
@@ -207,7 +223,7 @@ def _cams(kind: str, ratio: float) -> Transmission:
 def build_friction(scenarios: Sequence[Scenario]) -> Friction | None:
     """The resistance of N balls on their screens; None if all are level and without friction."""
     surfaces = SurfaceMap.stacked(
-        [_drawn(_surface(scenario), scenario.plant.size) for scenario in scenarios]
+        [_drawn(_surface(each), each.plant.size, each.plant.ball.model) for each in scenarios]
     )
     friction = filled(Friction, scenarios, map=surfaces)
     return None if friction.absent.all() and friction.map is None else friction
@@ -222,12 +238,11 @@ _surface = attrgetter(*(about.key for about in settings_of(SurfaceModel).values(
 
 
 @lru_cache(maxsize=4096)
-def _drawn(said: tuple[Any, ...], size: tuple[float, float]) -> SurfaceMap | None:
+def _drawn(said: tuple[Any, ...], size: tuple[float, float], ball: BallPlate) -> SurfaceMap | None:
     """The map of a surface, drawn once: rigs that go on are asked for theirs again and again."""
     given = zip(settings_of(SurfaceModel).items(), said, strict=True)
-    return SurfaceModel(**{name: about.unit.to_si(value) for (name, about), value in given}).map(
-        size
-    )
+    values = {name: about.unit.to_si(value) for (name, about), value in given}
+    return SurfaceModel(**values).map(size, ball)
 
 
 Act = Callable[[Sequence[Scenario], Sequence[Scenario]], None]
@@ -541,8 +556,12 @@ def _build(table: str, choice: schema.Choice, **given: object) -> Any:
         raise ScenarioError(f"{table}: {error}") from error
 
 
-SHARED = ("plant.kind", "plant.step", "rig.period", "duration", "sensors.ideal")
-"""Keys in which the rigs of a batch must agree: engine, time base, whether the truth is seen."""
+SHARED = (
+    *("plant.kind", "plant.step", "rig.period", "duration", "sensors.ideal"),
+    *(about.key for about in settings_of(Linkage).values()),
+)
+"""Keys in which the rigs of a batch must agree: engine, time base, whether the truth is seen, and
+what tilts the plate."""
 SHARED_EXACT = ("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia")
 """The same of rigs on the exact equations, besides."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import typing
 from collections.abc import Collection, Iterator, Mapping
 from functools import cache
@@ -16,7 +17,8 @@ from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.hal.interface import SCREEN, Limits
-from twin.settings import Setting, settings_of, value_of
+from twin.hal.linkage import Linkage
+from twin.settings import Setting, filled, settings_of, value_of
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError
@@ -171,7 +173,7 @@ def dataclass_of(hint: Any) -> type | None:
     return None
 
 
-SETTINGS = (Friction, SurfaceModel, DriveModel, Parts, BallStart)
+SETTINGS = (Friction, SurfaceModel, DriveModel, Linkage, Parts, BallStart)
 """Dataclasses whose settings are keys of ``plant``."""
 PLANTS = ["mujoco", "lagrange"]
 """What ``kind`` may name; ``twin.run.assemble.register`` adds to it."""
@@ -357,12 +359,13 @@ MOST_PERIODS = 10_000_000
 
 
 class _Rig(Section):
-    """How often the rig is controlled, and what it knows of its cams."""
+    """How often the rig is controlled, and what it knows of its cams or linkage."""
 
     period: Positive = 0.002
     """Control period in s."""
     cams: Literal["table", "per_axis", "ratio"] = "table"
-    """The calibrated table over both plate angles, one table per axis, or a plain ratio."""
+    """The calibrated table over both plate angles, which of a linkage is all its lengths, one table
+    per axis, or a plain ratio."""
 
 
 class _Touch(Section):
@@ -551,9 +554,16 @@ class Scenario(Section):
             )
         if problem := self.plant.problem():
             yield problem
-        if self.plant.kind == "lagrange" and self.rig.cams != "table":
+        linkage, most = filled(Linkage, [self]), self.rig.limits.angle_deg
+        if problem := linkage.problem(math.radians(most)):
+            yield problem
+        if linkage.given and self.rig.cams == "per_axis":
+            yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"
+        if linkage.given and self.plant.kind == "mujoco":
+            yield "plant.linkage: the mechanism has cams; set plant.kind=lagrange"
+        if self.plant.kind == "lagrange" and self.rig.cams != "table" and not linkage.given:
             yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
-        if self.plant.kind == "mujoco" and self.rig.limits.angle_deg > CAMS_DEG:
+        if self.plant.kind == "mujoco" and most > CAMS_DEG:
             yield f"rig.limits.angle_deg: the cams reach {CAMS_DEG:g}; set plant.kind=lagrange"
         (x, y), area = self.plant.size, self.rig.limits.area
         if 2 * area[0] > x or 2 * area[1] > y:

@@ -367,7 +367,7 @@ class SimulatedDrives:
     Args:
         model: The imperfections; its disturbance is the rig's to add.
         period: Control period in s.
-        ratio: Motor angle per plate angle, dimensionless.
+        ratio: Motor angle per plate angle at level, dimensionless; also (2,) or (N, 2).
         seeds: One seed sequence per rig.
     """
 
@@ -375,7 +375,7 @@ class SimulatedDrives:
         self,
         model: DriveModel,
         period: float,
-        ratio: float,
+        ratio: Number,
         seeds: Sequence[np.random.SeedSequence],
     ) -> None:
         self._period, self._ratio, self._rigs = period, ratio, len(seeds)

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, column, constant, put
 from twin.hal.interface import SCREEN, Touch
-from twin.settings import Unit, ramp, setting
+from twin.settings import Unit, jump, ramp, setting
 
 Rigs = NDArray[np.integer]
 """Numbers of some rigs of a batch, shape (k,)."""
@@ -176,12 +177,20 @@ class TouchModel:
         variance: Noise variance of x and y in m^2; Table B.1.
         spread: Standard deviation in s of the dead time from sample to sample; Table 7.2 has
             0.00187.
+        jitter: Standard deviation in s of when a frame is taken, and so arrives, about its clock;
+            at most half a frame either way. Without frames it does nothing.
+        lost: Share of the frames that never arrive, each by itself. Without frames it does nothing.
+        hidden: Where the ball is not seen: least x and y, largest x and y of a rectangle of the
+            plate, m; none where the largest are not larger.
         rotation: Angle in rad by which the screen is mounted turned about the plate's normal.
     """
 
     size: tuple[float, float] | Array = setting("plant.size", SCREEN, ge=0.05, le=5)
     dead_time: Number = ramp("sensors.touch.dead_time", 0.042, ge=0, le=1)
     spread: Number = setting("sensors.touch.dead_time_spread", 0.0, ge=0, le=0.1)
+    jitter: Number = ramp("sensors.touch.jitter", 0.0, ge=0, le=0.1)
+    lost: Number = ramp("sensors.touch.lost", 0.0, ge=0, le=0.9)
+    hidden: tuple[float, float, float, float] | Array = jump("sensors.touch.hidden", (0.0,) * 4)
     rotation: Number = setting("sensors.touch.rotation_deg", 0.0, Unit.DEG, ge=-45, le=45)
     frame_rate: Number = setting("sensors.touch.frame_rate", 0.0, ge=0, le=10_000)
     grid: Number = setting("sensors.touch.grid", 4096, ge=0)
@@ -221,12 +230,16 @@ class SimulatedScreen:
         # Streams of their own, beside those spawned: with and without spread, all else is the same.
         apart = [np.random.SeedSequence(s.entropy, spawn_key=(*s.spawn_key, 1000)) for s in seeds]
         self._spread = Noise(each(model.spread)[:, None] ** 2, apart, hold)
+        clocks = [np.random.SeedSequence(s.entropy, spawn_key=(*s.spawn_key, 1001)) for s in seeds]
+        self._clock = Noise(np.ones(2), clocks)
+        """Of each frame when it is taken, and whether it is lost; drawn in every period."""
         self._equip(model)
         self._wait(each(model.dead_time), each(model.spread))
         self._begun = np.zeros(rigs, int)
         self._rows = np.arange(rigs)
         self._fresh = np.zeros(rigs)
-        self._shown = np.full(rigs, np.nan)
+        self._frame_times = np.full((4, rigs), np.nan)
+        """Number of the newest frame, when it and the one before arrive, and the one shown did."""
         self._tick = -1
         self._past: Array = np.empty((0, rigs, 2))
         self._felt: Mask = np.empty((0, rigs), bool)
@@ -246,6 +259,11 @@ class SimulatedScreen:
         self._gridded, self._mixed = bool(grid.any()), bool(self._continuous.any())
         self._pitch = np.divide(model.size, np.where(self._continuous, 1.0, grid))
         self._turn = (np.cos(rotation), np.sin(rotation)) if rotation.any() else None
+        self._out_of_sight = np.split(np.asarray(model.hidden, float), 2, axis=-1)
+        self._hides = bool((self._out_of_sight[1] > self._out_of_sight[0]).all(axis=-1).any())
+        self._jitter = np.broadcast_to(np.asarray(model.jitter, float), rate.shape)
+        self._early = np.where(self._jitter > 0, self._frame / 2, 0.0)
+        self._lost = scipy.special.ndtri(np.broadcast_to(np.asarray(model.lost, float), rate.shape))
 
     def _wait(self, delay: Array, spread: Array) -> None:
         """Let samples take dead times in s, shape (N,), and a spread of them."""
@@ -286,17 +304,28 @@ class SimulatedScreen:
         """Let some rigs go on as others that have just begun and are equipped alike."""
         self._noise.adopt(rigs, other._noise)
         self._spread.adopt(rigs, other._spread)
+        self._clock.adopt(rigs, other._clock)
         self._offset = put(self._offset, rigs, other._offset)
         self._phase = self._offset * self._frame
         self._begun[rigs] = self._tick
-        self._shown = put(self._shown, rigs, other._shown)
+        self._frame_times[:, rigs] = other._frame_times
         # they have been where they are all the time
         self._past[:, rigs], self._felt[:, rigs] = other._past[0], other._felt[0]
         for mine, theirs in zip(self._held, other._held, strict=True):
             mine[rigs] = theirs
 
     def see(self, position: Array, touching: Mask) -> None:
-        """Take in the true ball positions (N, 2) of a new control period."""
+        """Take in the true ball positions (N, 2) of a new control period.
+
+        A ball out of sight is where it was seen last, or began.
+        """
+        if self._hides:
+            low, high = self._out_of_sight
+            hidden: Mask = ((position > low) & (position < high)).all(axis=-1)
+            touching = touching & ~hidden
+            if self._tick >= 0:
+                last = self._past[self._tick % self._length]
+                position = np.where(hidden[:, None], last, position)
         if self._tick < 0:
             self._past = np.tile(position, (self._length, 1, 1))
             self._felt = np.tile(touching, (self._length, 1))
@@ -327,10 +356,18 @@ class SimulatedScreen:
         """Frames arrive on their clock; how old what they show is may spread from one to next."""
         lag = (self._tick - self._begun) * self._period - self._delay - self._phase
         length = np.where(self._framed, self._frame, self._period)
-        frame = np.floor(lag / length)
-        age = np.where(self._framed, lag - frame * length, 0.0)
-        new = ~self._framed | (frame != self._shown)
-        self._shown = frame
+        newest, due, before, shown = self._frame_times
+        frame = np.floor((lag + self._early) / length)
+        drawn, first = self._clock.draw().T, np.isnan(newest)
+        come = (frame != newest) & (first | (drawn[1] >= self._lost))
+        shift = np.clip(self._jitter * drawn[0], -self._early, self._early)
+        before = np.where(come, due, before)
+        due = np.where(come, frame * length + np.where(first, -self._early, shift), due)
+        # of frames that come as they like the newest may be on its way
+        last = np.where((due <= lag) | (self._early == 0), due, before)
+        age = np.where(self._framed, lag - last, 0.0)
+        new = ~self._framed | (last != shown)
+        self._frame_times = np.array((frame, due, before, last))
         late = self._delay if self._spread.silent else self._drawn_delay()
         position, touched = self._look_back(*self._periods(late + age))
         position = self._imperfect(position)

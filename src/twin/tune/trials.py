@@ -155,25 +155,20 @@ def read(name: str, **given: Any) -> Tune:
     path = chosen("tune", name, shipped_in("tunes"))
     more = tuple(given.pop("set", None) or ())
     instead = {key: value for key, value in given.items() if value is not None}
-    tune = read_model(Tune, path, **(_taken_over(path) | instead))
+    tune = read_model(Tune, path, **(_tables(path) | instead))
     return tune.model_copy(update={"set": (*tune.set, *more)})
 
 
-def _taken_over(path: Path) -> dict[str, Any]:
-    """The keys that a tune takes from the one it is like."""
-    own, seen = read_tables(path), {path.resolve()}
-    found: dict[str, Any] = {}
-    other, source = own.get("like"), path.name
-    while isinstance(other, str) and other:
-        file = chosen(f"{source}: like: tune", other, shipped_in("tunes"))
-        if file.resolve() in seen:
-            raise ScenarioError(f"{path.name}: like: '{other}' is like this one itself")
-        seen.add(file.resolve())
-        tables = read_tables(file)
-        found = {key: value for key, value in tables.items() if key not in own} | found
-        other, source = tables.get("like"), file.name
-    found.pop("like", None)
-    return found
+def _tables(path: Path, *before: Path) -> dict[str, Any]:
+    """The keys of a tune over those of the one it is like; ``before`` are those like it."""
+    own = read_tables(path)
+    other = own.get("like")
+    if not isinstance(other, str) or not other:
+        return own
+    file = chosen(f"{path.name}: like: tune", other, shipped_in("tunes"))
+    if file.resolve() in (line := (*before, path.resolve())):
+        raise ScenarioError(f"{path.name}: like: '{other}' is like this one itself")
+    return _tables(file, *line) | own
 
 
 class NominalLoop(NamedTuple):

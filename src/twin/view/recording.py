@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-import socket
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -14,7 +12,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from controllers.arrays import Array
-from twin.errors import ScenarioError, ViewError
 from twin.hal.interface import SCREEN
 from twin.run.finished import Run
 from twin.scenario.schema import Scenario
@@ -153,45 +150,6 @@ def send(stream: rr.RecordingStream, batches: Iterable[Batch]) -> None:
         rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
 
 
-def write(path: Path, runs: Sequence[Run]) -> None:
-    """Write runs side by side on one time line into an ``.rrd`` file.
-
-    Raises:
-        RecordError: If the file cannot be written.
-        TwinError: If a run's scenario cannot be assembled.
-    """
-    write_whole(path, encoded(runs))
-
-
-def encoded(runs: Sequence[Run]) -> bytes:
-    """The content of an ``.rrd`` file of runs side by side.
-
-    Made in memory, because the library's own file writer only logs that a disk is full.
-    """
-    stream = new_stream(runs[0].name)
-    memory = stream.memory_recording()
-    _send_all(stream, runs)
-    stream.flush()
-    content: bytes = memory.drain_as_bytes()
-    stream.disconnect()
-    return content
-
-
-def forward(url: str, runs: Sequence[Run]) -> None:
-    """Send runs to the viewer that listens at an address.
-
-    Raises:
-        ViewError: If it does not take them.
-    """
-    stream = new_stream("view")
-    stream.connect_grpc(url, default_blueprint=None)
-    try:
-        _send_all(stream, runs)
-        stream.flush(timeout_sec=30.0)
-    except (RuntimeError, ValueError) as error:
-        raise ViewError(f"the viewer at {url} does not answer: {error}") from error
-
-
 def _plan(
     streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], more: Iterable[str] = ()
 ) -> rrb.Blueprint:
@@ -202,8 +160,17 @@ def _plan(
     return blueprint([each.root for each in streams], groups, streams[0].scenario.plant.size)
 
 
-def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
-    together = len(runs) > 1
+def write(path: Path, runs: Sequence[Run]) -> None:
+    """Write runs side by side on one time line into an ``.rrd`` file.
+
+    Made in memory, because the library's own file writer only logs that a disk is full.
+
+    Raises:
+        RecordError: If the file cannot be written.
+        TwinError: If a run's scenario cannot be assembled.
+    """
+    stream, together = new_stream(runs[0].name), len(runs) > 1
+    memory = stream.memory_recording()
     streams = [
         RunStream(run.name, run.scenario, i if together else None, run.followed)
         for i, run in enumerate(runs)
@@ -218,39 +185,15 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
         for batch, style in bus_batches(each.root, run, said) if said else ():
             fix(stream, [(batch.entity, style)] if style else ())
             send(stream, [batch])
+    stream.flush()
+    write_whole(path, memory.drain_as_bytes())
+    stream.disconnect()
 
 
 EVERY = 0.08
 """Seconds between two looks for new rows."""
 MOST = 2000
 """Rows sent at a time, so that a view that is behind a fast run still moves."""
-
-
-def address(text: str) -> str:
-    """The address of a viewer in the viewer's own form, from HOST:PORT or that form itself.
-
-    Raises:
-        ScenarioError: If the text is neither.
-    """
-    host = r"[\w.\-]+|\[[0-9a-fA-F:]+\]"
-    found = re.fullmatch(rf"(?:rerun\+http://)?({host}):(\d{{1,5}})(?:/proxy)?", text)
-    if found is None or not 0 < int(found[2]) < 65536:
-        raise ScenarioError(f"--connect '{text}': write HOST:PORT, as in 127.0.0.1:9876")
-    return f"rerun+http://{found[1]}:{found[2]}/proxy"
-
-
-def reach(url: str) -> str:
-    """The address itself, if somebody listens there.
-
-    Raises:
-        ViewError: If nobody does.
-    """
-    host, _, port = url.removeprefix("rerun+http://").removesuffix("/proxy").rpartition(":")
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=2.0).close()
-    except OSError as error:
-        raise ViewError(f"{host}:{port}: no viewer there ({error.strerror or error})") from error
-    return url
 
 
 def work(

@@ -127,7 +127,7 @@ def window(*files: Path) -> Opened:
         ViewError: If there is no display, or no viewer.
     """
     if not has_display():
-        raise ViewError("no display for a viewer window; use --rrd FILE, --serve or --connect")
+        raise ViewError("no display for a viewer window; use --rrd FILE or --serve")
     return started(*files or ("--expect-data-soon",))
 
 

@@ -197,13 +197,13 @@ def moment_of(
         if scenario is None:
             raise RecordError(f"{path}: a log does not say what ran; give --scenario NAME")
         chosen = load(scenario, settings)
-        at, rounded = _nearest(at, chosen)
+        at = _nearest(at, chosen)
         if columns is None:
             log = read(path)
             check_ranges(log)
         else:
             log = read_any(path, wanted_columns(columns), separator).on(chosen)
-        return _noted(estimated(path.stem, judge(log, chosen, at), chosen, at), rounded)
+        return estimated(path.stem, judge(log, chosen, at), chosen, at)
     told = {"scenario": scenario, "on": settings, "columns": columns}
     if given := [name for name, value in told.items() if value]:
         raise RecordError(
@@ -214,8 +214,7 @@ def moment_of(
     if run.branch:
         raise RecordError(f"{file}: a branch itself; branch off from the run that it came from")
     run.require()
-    at, rounded = _nearest(at, run.scenario)
-    later = (*rounded, *_not_repeated(run, at))
+    at = _nearest(at, run.scenario)
     run = replace(run, scenario=run.controlled(at))
     other = [
         f"{name} {run.versions.get(name, 'unknown')} (here {version})"
@@ -228,37 +227,17 @@ def moment_of(
         log = judge(whole, run.scenario, at)
         moment = estimated(run.name, log, run.scenario, at)
         note = f"recorded with {', '.join(other)}: gone on with from its estimated state"
-        return _noted(moment, (note,) if other else (), later)
+        return replace(moment, notes=(*moment.notes, note)) if other else moment
     first, last = run.rows["time"][[0, -1]]
     if not first - 1e-9 <= at <= last + 1e-9:
         raise RecordError(f"--at {at:g}: {file} goes from {first:g} to {last:g} s")
-    return _noted(exact(run, file, at), later)
+    return exact(run, file, at)
 
 
-def _nearest(at: float, scenario: Scenario) -> tuple[float, tuple[str, ...]]:
-    """The control period nearest to a time in s, and in a sentence that it is another time."""
-    period = scenario.rig.period
-    found = period * round(at / period)
-    if abs(found - at) < 1e-9:
-        return found, ()
-    return found, (f"--at {at:.12g}: goes on from {found:.12g} s, where a control period begins",)
-
-
-def _noted(moment: Moment, *notes: tuple[str, ...]) -> Moment:
-    """A moment with more that should be known of it."""
-    return replace(moment, notes=sum(notes, moment.notes))
-
-
-def _not_repeated(run: Run, at: float) -> tuple[str, ...]:
-    """What a person did after a time in s that no future repeats."""
-    pushes = sum(push[0] > at for push in run.driven.get("pushes", ()))
-    controllers = sum(each["since"] > at for each in run.driven.get("controllers", ()))
-    if not (pushes or controllers):
-        return ()
-    return (
-        f"driven by hand: {pushes} pushes and {controllers} changes of the controller after "
-        f"{at:g} s are not repeated",
-    )
+def _nearest(at: float, scenario: Scenario) -> float:
+    """The beginning in s of the control period nearest to a time."""
+    period = float(scenario.rig.period)
+    return period * round(at / period)
 
 
 def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]]) -> list[Future]:

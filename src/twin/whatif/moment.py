@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from controllers.arrays import Array
 from controllers.controller import Controller
@@ -207,12 +208,9 @@ def _simulated_again(
     return kept[0], record.time[:-1], record["state"][:-1, 0, 0::4]
 
 
-MISSED = 0.05
-"""Time in s from one row to the next from which on there is a gap; a loop that is late for less
-leaves the last command in force, which is known."""
 UNSEEN = 0.1
-"""Time in s between two touches from which on the ball's path has a gap; of a slow camera so many
-``FRAMES`` frames."""
+"""Time in s between two touches from which on a log has a gap; of a slow camera so many ``FRAMES``
+frames. A loop that is late for less leaves the last command in force, which is known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,7 +222,8 @@ class Usable(Log):
     Attributes:
         command: Commanded plate rates in rad/s from each row on, shape (K, 2).
         samples: When the ball was where: times in s, (M,), and positions in m, (M, 2).
-        gaps: Beginning and end in s of where the log has nothing.
+        gaps: Beginning and end in s of where the ball's path is not known: its last touch, and when
+            the next one has arrived.
     """
 
     command: Array
@@ -236,9 +235,8 @@ class Usable(Log):
         """The gaps in a sentence; none without gaps."""
         if not self.gaps:
             return ()
-        spans = ", ".join(f"{begin:.3f} to {end:.3f} s" for begin, end in self.gaps[:3])
-        more = f" and {len(self.gaps) - 3} more" if len(self.gaps) > 3 else ""
-        return (f"{self.source}: gaps, which nothing is put into: {spans}{more}",)
+        spans = ", ".join(f"{begin:.3f} to {end:.3f} s" for begin, end in self.gaps)
+        return (f"{self.source}: gaps, which nothing is put into: {spans}",)
 
     def unbroken_since(self, at: float) -> float:
         """Time in s from which on there is no gap before a moment."""
@@ -282,7 +280,10 @@ def judge(log: Log, scenario: Scenario, at: float) -> Usable:
         raise RecordError(f"--at {at:g}: {log.source} goes from {time[0]:g} to {time[-1]:g} s")
     samples = touches(log, scenario.sensors.touch.dead_time)
     unseen = max(UNSEEN, FRAMES * frame(samples[0]))
-    gaps = _joined([*_between(time, MISSED), *_between(samples[0], unseen)])
+    gaps = tuple(
+        (float(samples[0][k]), float(samples[0][k + 1] + scenario.sensors.touch.dead_time))
+        for k in np.flatnonzero(np.diff(samples[0]) > unseen)
+    )
     for begin, end in gaps:
         if begin < at < end:
             raise RecordError(f"--at {at:g}: {log.source} has a gap from {begin:g} to {end:g} s")
@@ -308,29 +309,14 @@ def _check_rows(log: Log, time: Array, period: float) -> None:
         )
 
 
-def _between(time: Array, longest: float) -> list[tuple[float, float]]:
-    """Where two neighbouring times are too far apart."""
-    wide = np.flatnonzero(np.diff(time) > longest)
-    return [(float(time[row]), float(time[row + 1])) for row in wide.tolist()]
-
-
-def _joined(gaps: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Gaps in the order of time, those that overlap as one."""
-    found: list[tuple[float, float]] = []
-    for begin, end in sorted(gaps):
-        if found and begin <= found[-1][1]:
-            found[-1] = found[-1][0], max(end, found[-1][1])
-        else:
-            found.append((begin, end))
-    return tuple(found)
-
-
 LED = 0.6
 """Time in s for which the twin is led along the log before it is let go."""
 CATCH_UP = 0.3
 """Time in s of it within which the plate gets from level to where the log has it."""
 DRAWN = 0.1
 """Time constant in s with which the plate is kept on the log's angles."""
+COUNTED = 21
+"""Rows over which the angles that encoders count are smoothed."""
 WARMED = 8.0
 """Longest time in s for which an observer is warmed; a law with a memory sees the whole log."""
 
@@ -389,7 +375,8 @@ def _led(log: Usable, at: float, rig: SimulatedRig, led: float = LED) -> Measure
     begin = at - ticks * period
     rig.devices.begin_at(begin)
     times = begin + period * np.arange(ticks + 1)
-    angle = _counted_less(interpolated(times, log.time, log.plate))
+    smooth = savgol_filter(log.plate, min(COUNTED, len(log.plate)), 1, axis=0)
+    angle = interpolated(times, log.time, smooth)
     rate = log.commanded(times)
     share = np.minimum(1.0, (times - begin) / min(CATCH_UP, max(led / 2, period)))
     blend = share**2 * (3 - 2 * share)
@@ -413,14 +400,6 @@ def _led(log: Usable, at: float, rig: SimulatedRig, led: float = LED) -> Measure
     rig.devices.place(state[ticks : ticks + 1])
     rig.supervisor.rate = log.commanded(np.array([at - period]))
     return rig.read()
-
-
-def _counted_less(angle: Array, rows: int = 10) -> Array:
-    """Angles of encoders, shape (K, 2), as means over some rows on both sides."""
-    padded = np.pad(angle, ((rows, rows), (0, 0)), mode="reflect", reflect_type="odd")
-    total = np.cumsum(np.concatenate((np.zeros((1, 2)), padded)), axis=0)
-    mean: Array = (total[2 * rows + 1 :] - total[: -2 * rows - 1]) / (2 * rows + 1)
-    return mean
 
 
 def _apart(log: Usable, scenario: Scenario, at: float) -> float | None:

@@ -22,7 +22,9 @@ enum Stream {
     SHAKE_PHI,
     SHAKE_THETA,
     DELAY,
-    WANDER /* and the three after it */
+    WANDER, /* and the three after it */
+    JITTER = WANDER + 4,
+    LOST
 };
 
 static uint64_t mixed(uint64_t z) {
@@ -428,6 +430,13 @@ static void imperfect(const Rig *rig, double seen[2]) {
     }
 }
 
+/* A normal number of this period, 0 without noise. */
+static double irregular(const Rig *rig, int stream) {
+    if (!rig->v[NOISE])
+        return 0;
+    return noise((uint64_t)rig->v[SEED], (uint64_t)stream, (uint64_t)rig->tick);
+}
+
 /* The newest touch: a fresh sample every period, or the newest frame, which arrive on a clock. */
 static void touch(Rig *rig, double seen[2], double *age, int *felt) {
     const double *v = rig->v;
@@ -441,12 +450,24 @@ static void touch(Rig *rig, double seen[2], double *age, int *felt) {
     double length = 1 / frames;
     double lag = (double)rig->tick * PERIOD - v[SENSORS_TOUCH_DEAD_TIME] -
                  v[SENSORS_TOUCH_FRAME_PHASE] * length;
-    double frame = floor(lag / length);
-    *age = lag - frame * length;
-    if (frame != rig->shown) {
+    /* a frame may come up to half of one early or late, or not at all; the first one comes */
+    double jitter = v[SENSORS_TOUCH_JITTER], early = jitter > 0 ? length / 2 : 0;
+    double frame = floor((lag + early) / length);
+    if (frame != rig->frame) {
+        int first = isnan(rig->frame);
+        double shift = jitter * irregular(rig, JITTER), other = irregular(rig, LOST);
+        rig->frame = frame;
+        if (first || !(v[NOISE] && erfc(-other / sqrt(2)) / 2 < v[SENSORS_TOUCH_LOST])) {
+            rig->last_due = rig->due;
+            rig->due = frame * length + (first ? -early : smaller(larger(shift, -early), early));
+        }
+    }
+    double last = rig->due <= lag || early == 0 ? rig->due : rig->last_due;
+    *age = lag - last;
+    if (last != rig->shown) {
         look_back(rig, delay(rig) + *age, rig->held, &rig->held_felt);
         imperfect(rig, rig->held);
-        rig->shown = frame;
+        rig->shown = last;
     }
     memcpy(seen, rig->held, sizeof rig->held);
     *felt = rig->held_felt;
@@ -533,12 +554,22 @@ static void command(Rig *rig, double rate[2]) {
 
 /* ---- The rig ----------------------------------------------------------------------------------- */
 
+/* Whether the ball is where nobody sees it. */
+static int hidden(const Rig *rig) {
+    const double *low = rig->v + SENSORS_TOUCH_HIDDEN, *high = low + 2;
+    return rig->x > low[0] && rig->y > low[1] && rig->x < high[0] && rig->y < high[1];
+}
+
 static void measure(Rig *rig) {
     double *v = rig->v, ball[2], plate[2], age;
-    int felt, slot = (int)(rig->tick % RING);
-    rig->past[slot][0] = rig->x;
-    rig->past[slot][1] = rig->y;
-    rig->felt[slot] = !rig->fallen;
+    int felt, slot = (int)(rig->tick % RING), unseen = hidden(rig);
+    if (unseen && rig->tick > 0) { /* it is where it was seen last */
+        memcpy(rig->past[slot], rig->past[(slot + RING - 1) % RING], sizeof *rig->past);
+    } else {
+        rig->past[slot][0] = rig->x;
+        rig->past[slot][1] = rig->y;
+    }
+    rig->felt[slot] = !rig->fallen && !unseen;
     touch(rig, ball, &age, &felt);
     encoders(rig, plate);
     if (rig->tick == 0) /* the drives hold the plate where it is measured */
@@ -605,10 +636,10 @@ const char *rig_begin(Rig *rig) {
     for (int i = 0; i < RING; i++) {
         rig->past[i][0] = rig->x;
         rig->past[i][1] = rig->y;
-        rig->felt[i] = 1;
+        rig->felt[i] = !hidden(rig);
     }
-    rig->held_felt = 1;
-    rig->shown = NAN;
+    rig->held_felt = !hidden(rig);
+    rig->frame = rig->shown = NAN;
     rig->before[0] = rig->before[1] = NAN;
     measure(rig);
     rig->running = 1;

@@ -63,7 +63,8 @@ typedef struct {
     /* touch screen */
     double past[RING][2];
     int felt[RING];
-    double shown; /* number of the frame that is shown */
+    double frame;              /* number of the newest frame */
+    double due, last_due, shown; /* when it, the one before and the one shown come, s */
     double held[2];
     int held_felt;
 

@@ -16,6 +16,7 @@ from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Number, put
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
+from twin.hal.linkage import Linkage
 from twin.sim.plant.friction import Friction, resisted
 from twin.sim.plant.interface import tilted_gravity
 
@@ -226,7 +227,9 @@ class ExactPlant:
 
     The servos are ideal: within one call of ``advance`` each plate rate runs linearly from its
     present value to the commanded one, so the plate acceleration is constant over a control period
-    and the plate's motion is known in closed form.
+    and the plate's motion is known in closed form. Servos with cranks turn those so; the plate's
+    angles and rates are then those of the linkage at each end of the period, and between them the
+    cubic that joins these.
 
     One formula is calculated with arrays for several rigs and, where nothing depends on the ball's
     place or past, with plain numbers for one: several times faster and the same to the last bit.
@@ -239,9 +242,9 @@ class ExactPlant:
         level: Tilt (phi, theta) in rad of the base the plate angles are measured against, shape
             (2,) or (N, 2).
         size: Sides of the screen along x and y in m, shape (2,) or (N, 2).
+        linkage: Cranks and rods between servos and plate; None for servos on the plate's axes.
     """
 
-    ratio = 1.0
     channels: tuple[str, ...] = ()
 
     def __init__(
@@ -253,8 +256,11 @@ class ExactPlant:
         friction: Friction | None = None,
         level: ArrayLike = (0.0, 0.0),
         size: ArrayLike = SCREEN,
+        linkage: Linkage | None = None,
     ) -> None:
         self.rigs = rigs
+        self.ratio: Number = 1.0 if linkage is None else linkage.ratio
+        self.linkage = linkage
         self.step = step
         self._edges = np.broadcast_to(np.divide(size, 2), (rigs, 2)).T
         self._equip(model or BallPlate(), friction, level)
@@ -329,15 +335,28 @@ class ExactPlant:
         to_phi, to_theta = self._components(motor_rate)
         period, half = steps * self.step, self.step / 2
         u = (to_phi - phi_rate) / period, (to_theta - theta_rate) / period
-        plate = (phi, theta), (phi_rate, theta_rate), u
+        jerk = 0.0, 0.0
+        if self.linkage is not None:
+            u, jerk = map(self._components, self._through(self.linkage, motor_rate, period))
+        plate = (phi, theta), (phi_rate, theta_rate), u, jerk
         equations = self._along(plate, [half * i for i in range(2 * steps + 1)])
         for i in range(0, 2 * steps, 2):
             x, vx, y, vy = self._balls.step((x, vx, y, vy), *equations[i : i + 3])
-        (phi, theta), (phi_rate, theta_rate) = _turned(plate, period)
+        (phi, theta), (phi_rate, theta_rate), _ = _turned(plate, period)
         self._x = self._state(x, vx, phi, phi_rate, y, vy, theta, theta_rate)
         off = (abs(x) > self._half[0]) | (abs(y) > self._half[1])
         if self._balls.by.any(off):
             self._fallen |= off
+
+    def _through(self, linkage: Linkage, rate: Array, period: float) -> tuple[Array, Array]:
+        """Acceleration to begin with, and jerk, of plates whose cranks ramp to rates in rad/s."""
+        angle, before = self._x[:, 2::4], self._x[:, 3::4]
+        motor = linkage.motor(angle)
+        motor = motor + period / 2 * (linkage.motor_rate(angle, motor, before) + rate)
+        there = linkage.plate(motor)
+        after, mean = linkage.plate_rate(there, motor, rate), (there - angle) / period
+        acceleration = (6 * mean - 4 * before - 2 * after) / period
+        return acceleration, 6 * (before + after - 2 * mean) / period**2
 
     @property
     def state(self) -> Array:
@@ -346,8 +365,9 @@ class ExactPlant:
 
     @property
     def motor(self) -> Array:
-        """Plate angles (phi, theta): the ideal servos turn the plate itself, shape (N, 2)."""
-        return self._x[:, 2::4]
+        """Angles of the cranks; without, of the plate, which the servos turn itself, (N, 2)."""
+        angle = self._x[:, 2::4]
+        return angle if self.linkage is None else self.linkage.motor(angle)
 
     @property
     def on_plate(self) -> Mask:
@@ -376,25 +396,30 @@ class ExactPlant:
     def _along(self, plate: Any, times: list[float]) -> list[Rolling]:
         """The ball's equations at each time of the plate's (angles, rates, accelerations)."""
         if not self._single:
-            angle, rate = _turned(plate, np.array(times)[:, None])
-            table = rolling(self.model, np.sin(angle), np.cos(angle), rate, plate[2], self._gravity)
+            angle, rate, u = _turned(plate, np.array(times)[:, None])
+            table = rolling(self.model, np.sin(angle), np.cos(angle), rate, u, self._gravity)
             return [Rolling(*each) for each in zip(*table, strict=True)]
-        angles, rates = zip(*(_turned(plate, time) for time in times), strict=True)
+        angles, rates, u = zip(*(_turned(plate, time) for time in times), strict=True)
         # numpy's sine here too: the math module's need not have the same last bits
         all_angles = np.array(angles)
-        trig = zip(np.sin(all_angles).tolist(), np.cos(all_angles).tolist(), rates, strict=True)
-        return [rolling(self.model, *each, plate[2], self._gravity) for each in trig]
+        sines, cosines = np.sin(all_angles).tolist(), np.cos(all_angles).tolist()
+        moving = zip(sines, cosines, rates, u, strict=True)
+        return [rolling(self.model, *each, self._gravity) for each in moving]
 
 
-def _turned(plate: Any, time: Any) -> tuple[Any, Any]:
-    """Plate angles and rates, each of (phi, theta), after a time of constant acceleration.
+def _turned(plate: Any, time: Any) -> tuple[Any, Any, Any]:
+    """Plate angles, rates and accelerations, each of (phi, theta), after a time of constant jerk.
 
     Args:
-        plate: Angles, rates and accelerations of (phi, theta) to begin with.
+        plate: Angles, rates, accelerations and jerks of (phi, theta) to begin with.
         time: In s.
     """
-    (phi, theta), (wy, w7), (u1, u2) = plate
+    (phi, theta), (wy, w7), (u1, u2), (j1, j2) = plate
     return (
-        (phi + time * (wy + time / 2 * u1), theta + time * (w7 + time / 2 * u2)),
-        (wy + time * u1, w7 + time * u2),
+        (
+            phi + time * (wy + time / 2 * (u1 + time / 3 * j1)),
+            theta + time * (w7 + time / 2 * (u2 + time / 3 * j2)),
+        ),
+        (wy + time * (u1 + time / 2 * j1), w7 + time * (u2 + time / 2 * j2)),
+        (u1 + time * j1, u2 + time * j2),
     )

@@ -33,6 +33,8 @@ class SurfaceMap:
         relative: Rolling friction relative to the friction's own, shape (..., n, m), not negative.
         height: Height of the surface in m, shape (..., n, m); only its slope matters.
         size: Sides of the screen along x and y in m, shape (2,) or (rigs, 2).
+        bow: By how much the slope along x and y falls per length on that way, 1/m: above 0 the
+            middle is the highest place, as of a ball of that curvature.
 
     Raises:
         ModelError: If a grid has fewer than two lines a side, the two differ in shape, or a number
@@ -42,6 +44,7 @@ class SurfaceMap:
     relative: Array | None = None
     height: Array | None = None
     size: tuple[float, float] | Array = SCREEN
+    bow: tuple[float, float] = (0.0, 0.0)
     grids: Array = field(init=False, repr=False)
     """Relative friction, slope along x and along y as one array, shape (N, n, m, 3)."""
     _steps: NDArray[np.integer] = field(init=False, repr=False)
@@ -70,6 +73,13 @@ class SurfaceMap:
             across = [side / (lines - 1) for side, lines in zip(self.size, shape[-2:], strict=True)]
             slopes = np.gradient(np.asarray(self.height, float), *across, axis=(-2, -1))
             grids[..., 1], grids[..., 2] = slopes
+        if any(self.bow):
+            x, y = (
+                np.linspace(-side / 2, side / 2, lines)
+                for side, lines in zip(self.size, shape[-2:], strict=True)
+            )
+            grids[..., 1] -= self.bow[0] * x[:, None]
+            grids[..., 2] -= self.bow[1] * y
         object.__setattr__(self, "grids", grids.reshape(-1, *shape[-2:], 3))
         steps = np.subtract(shape[-2:], 1)
         object.__setattr__(self, "_steps", np.tile(steps, (len(self.grids), 1)))
@@ -107,6 +117,7 @@ class SurfaceMap:
         spread: float = 0.0,
         slope: float = 0.0,
         size: tuple[float, float] = SCREEN,
+        bow: tuple[float, float] = (0.0, 0.0),
     ) -> SurfaceMap:
         """A screen drawn at random: patches of differing friction, and waves.
 
@@ -116,16 +127,17 @@ class SurfaceMap:
             spread: Standard deviation of the logarithm of the relative friction, dimensionless.
             slope: Root mean square of the local slope in rad.
             size: Sides of the screen along x and y in m.
+            bow: How it is bowed as a whole along x and y, 1/m.
         """
         lines = [max(2, round(side / patch) + 1) for side in size]
         rng = np.random.default_rng(seed)
         relative = np.exp(spread * rng.standard_normal(lines) - spread**2 / 2)
         if slope == 0:
-            return cls(relative=relative, size=size)
+            return cls(relative=relative, size=size, bow=bow)
         waves = cls(height=rng.standard_normal(lines), size=size)
         scale = slope / np.sqrt((waves.grids[..., 1:] ** 2).mean())
         assert waves.height is not None
-        return cls(relative=relative, height=scale * waves.height, size=size)
+        return cls(relative=relative, height=scale * waves.height, size=size, bow=bow)
 
     @classmethod
     def stacked(cls, maps: Sequence[SurfaceMap | None]) -> SurfaceMap | None:
@@ -163,6 +175,8 @@ class SurfaceModel:
         relative: Friction relative to that of the ball; rows along x, columns along y, both from
             the negative edge to the positive one; empty for none.
         height: Height in m over the same grid; empty for none.
+        camber: Acceleration per length in 1/s^2 by which the ball of the scenario rolls off the
+            middle of the level plate, along x and along y: x'' = camber x. Below 0 it rolls back.
     """
 
     spread: float = jump("plant.surface.spread_percent", 0.0, Unit.PERCENT, ge=0, le=100)
@@ -171,18 +185,26 @@ class SurfaceModel:
     seed: int = jump("plant.surface.seed", 0, ge=0)
     relative: Grid = jump("plant.surface.relative", (), type=Grid)
     height: Grid = jump("plant.surface.height_um", (), Unit.UM, type=Grid)
+    camber: tuple[float, float] = jump("plant.camber", (0.0, 0.0), ge=-20, le=20)
 
-    def map(self, size: tuple[float, float] = SCREEN) -> SurfaceMap | None:
-        """The surface of a screen with sides in m; None if it is even and level."""
-        if self.relative or self.height:
-            return SurfaceMap(
-                relative=np.array(self.relative) if self.relative else None,
-                height=np.array(self.height) if self.height else None,
-                size=size,
-            )
+    def map(self, size: tuple[float, float], model: BallPlate) -> SurfaceMap | None:
+        """The surface of a screen with sides in m under a ball; None if it is even and level."""
+        push = model.c1 * model.gravity
+        bow = self.camber[0] / push, self.camber[1] / push
+        if self.relative or self.height or (any(bow) and not (self.spread or self.slope)):
+            relative = np.array(self.relative) if self.relative else None
+            height = np.array(self.height) if self.height else None
+            if relative is None and height is None:
+                relative = np.ones((2, 2))
+            return SurfaceMap(relative=relative, height=height, size=size, bow=bow)
         if self.spread or self.slope:
             return SurfaceMap.random(
-                seed=self.seed, patch=self.patch, spread=self.spread, slope=self.slope, size=size
+                seed=self.seed,
+                patch=self.patch,
+                spread=self.spread,
+                slope=self.slope,
+                size=size,
+                bow=bow,
             )
         return None
 

@@ -44,13 +44,13 @@ class Plant(Protocol):
     Attributes:
         rigs: Number N of mechanisms.
         step: Physics step in s.
-        ratio: Motor angle per plate angle about level, dimensionless.
+        ratio: Motor angle per plate angle about level, dimensionless; also (2,) or (N, 2).
         channels: Names of the columns of ``telemetry``, each ending in its unit.
     """
 
     rigs: int
     step: float
-    ratio: float
+    ratio: Number
     channels: tuple[str, ...]
 
     def start(self, ball: Array, spin: Number = 0.0) -> None:

@@ -241,7 +241,7 @@ class Mechanism:
         self._models = RigModels(path, rigs, one, step, disabled)
         model = self._models.first
         self.step = float(model.opt.timestep)
-        self.ratio = cam_ratio(model)
+        self.ratio: Number = cam_ratio(model)
         # persistent: each rig goes on from the stages `advance` has computed, instead of again
         self._batch = self._models.batch(threads, persistent=self._sensing)
         self._at = Addresses.of(model)

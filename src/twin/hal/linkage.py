@@ -1,0 +1,154 @@
+"""Cranks and rods between two servos and a plate on a universal joint, in closed form.
+
+The arm of axis phi lies on the plate's -x axis and that of theta on its +y axis, so that a crank
+that turns up tilts its axis to positive angles, as a cam does. With c = cos(theta) for phi and 1
+for theta, a rod of length l joins, seen from the servo's axis, the end of its crank (r cos m,
+r sin m) and the end of the arm a: p = a cos(angle) - d outwards, q = a c sin(angle) + h up, and
+beside the crank's plane what is left of a. At level crank and arm are horizontal, which gives the
+depth h.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.settings import Unit, setting
+
+Pair = tuple[float, float] | Array
+
+SPARE = 1.1
+"""How much further than the plate may be tilted its linkage has to take it."""
+STANDS = 1e-6
+"""By how much the cosine is short of 1 where a linkage locks; what is off beyond, rad."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linkage:
+    """The lengths of both linkages for (phi, theta), shape (2,) or (N, 2); 0 for none.
+
+    As a transmission it knows its own lengths and that phi needs a little more crank the further
+    theta is tilted; theta does not depend on phi.
+
+    Attributes:
+        crank: From the servo's axis to the rod, m; horizontal and outwards at level.
+        rod: Between its two ball joints, m.
+        arm: From the universal joint to the rod along the plate, m.
+        distance: From the universal joint to the servo's axis, horizontally, m.
+    """
+
+    crank: Pair = setting("plant.linkage.crank_mm", (0.0, 0.0), Unit.MM, ge=0, le=1000)
+    rod: Pair = setting("plant.linkage.rod_mm", (0.0, 0.0), Unit.MM, ge=0, le=2000)
+    arm: Pair = setting("plant.linkage.arm_mm", (0.0, 0.0), Unit.MM, ge=0, le=1000)
+    distance: Pair = setting("plant.linkage.distance_mm", (0.0, 0.0), Unit.MM, ge=0, le=1000)
+
+    @property
+    def given(self) -> bool:
+        """Whether there is one at all."""
+        return bool(np.any(self.crank))
+
+    @property
+    def ratio(self) -> Array:
+        """Crank angle per plate angle at level, dimensionless, shape (2,) or (N, 2)."""
+        return np.divide(self.arm, self.crank)
+
+    @property
+    def lean(self) -> Array:
+        """How far crank and arm end apart horizontally at level, m."""
+        return np.subtract(self.arm, self.distance) - self.crank
+
+    @property
+    def depth(self) -> Array:
+        """How far the servos' axes lie below the universal joint, m."""
+        return np.sqrt(np.square(self.rod) - self.lean**2)
+
+    def motor(self, plate: Array) -> Array:
+        """Crank angles in rad that hold plate angles (phi, theta) in rad, both (..., 2)."""
+        a, r = np.asarray(self.arm), np.asarray(self.crank)
+        p, q = a * np.cos(plate) - self.distance, a * _beside(plate) * np.sin(plate) + self.depth
+        across = a**2 * (1 - _beside(plate) ** 2) * np.sin(plate) ** 2
+        reach = (p**2 + q**2 + across + r**2 - np.square(self.rod)) / (2 * r)
+        return np.arctan2(q, p) - _arccos(reach / np.hypot(p, q))
+
+    def plate(self, motor: Array) -> Array:
+        """Plate angles in rad where the cranks are at angles in rad, both (..., 2)."""
+        u, v = self._ends(motor)
+        reach = (np.square(self.arm) + u**2 + v**2 - np.square(self.rod)) / (
+            2 * np.asarray(self.arm)
+        )
+        level = np.zeros_like(u)
+        for _ in range(2):  # theta first; then phi, which depends on it
+            down = _beside(level) * v
+            level = _arccos(reach / np.hypot(u, down)) - np.arctan2(down, u)
+        return level
+
+    def plate_rate(self, plate: Array, motor: Array, rate: Array) -> Array:
+        """Rates of the plate in rad/s for those of the cranks, where they are; all (..., 2)."""
+        by_crank, by_plate, by_other = self._slopes(plate, motor)
+        theta = -by_crank[..., 1] * rate[..., 1] / by_plate[..., 1]
+        phi = -(by_crank[..., 0] * rate[..., 0] + by_other * theta) / by_plate[..., 0]
+        return np.stack((phi, theta), axis=-1)
+
+    def motor_rate(self, plate: Array, motor: Array, rate: Array) -> Array:
+        """Rates of the cranks in rad/s for those of the plate, where they are; all (..., 2)."""
+        by_crank, by_plate, by_other = self._slopes(plate, motor)
+        turned = by_plate * rate
+        turned[..., 0] += by_other * rate[..., 1]
+        return -turned / by_crank
+
+    def _ends(self, motor: Array) -> tuple[Array, Array]:
+        """Ends of the cranks from the universal joint: outwards and down, m."""
+        r = np.asarray(self.crank)
+        return self.distance + r * np.cos(motor), self.depth - r * np.sin(motor)
+
+    def _slopes(self, plate: Array, motor: Array) -> tuple[Array, Array, Array]:
+        """Derivatives of u cos - c v sin - reach by crank and plate; of phi's by theta, too."""
+        (u, v), r, c = self._ends(motor), np.asarray(self.crank), _beside(plate)
+        du, dv = -r * np.sin(motor), -r * np.cos(motor)
+        sine, cosine = np.sin(plate), np.cos(plate)
+        by_crank = du * cosine - c * dv * sine - (u * du + v * dv) / np.asarray(self.arm)
+        by_other = v[..., 0] * sine[..., 0] * sine[..., 1]
+        return by_crank, -u * sine - c * v * cosine, by_other
+
+    def problem(self, tilt: float) -> str:
+        """What is wrong with one pair of linkages, in one line; empty if nothing is.
+
+        Args:
+            tilt: How far the plate may be tilted either way, rad.
+        """
+        if not self.given:
+            return ""
+        if not all(np.all(each) for each in (self.crank, self.rod, self.arm)):
+            return "plant.linkage: crank_mm, rod_mm and arm_mm must be above 0 for both axes"
+        if np.any(np.abs(self.lean) >= self.rod):
+            return (
+                f"plant.linkage.rod_mm: crank and arm end {_mm(self.lean)} mm apart horizontally "
+                f"at level; must be longer, got {_mm(self.rod)}"
+            )
+        for most in np.linspace(0, SPARE * tilt, 111):
+            plate = np.stack(np.meshgrid((-most, 0, most), (-most, 0, most)), axis=-1)
+            off = np.abs(self.plate(self.motor(plate)) - plate).max(axis=(0, 1))
+            if off.max() > STANDS:
+                return (
+                    f"plant.linkage: {('phi', 'theta')[off.argmax()]} locks at "
+                    f"{np.degrees(most):.3g} deg; rig.limits.angle_deg = {np.degrees(tilt):.3g} "
+                    f"needs {SPARE:g} times that"
+                )
+        return ""
+
+
+def _beside(plate: Array) -> Array:
+    """Share of an arm's height that is left where theta turns it aside, shape (..., 2)."""
+    return np.stack((np.cos(plate[..., 1]), np.ones_like(plate[..., 1])), axis=-1)
+
+
+def _arccos(cosine: Array) -> Array:
+    """The angle; where a linkage locks the one at which it stands."""
+    return np.arccos(np.minimum(np.maximum(cosine, STANDS - 1), 1 - STANDS))
+
+
+def _mm(pair: Any) -> str:
+    return " and ".join(f"{1000 * each:g}" for each in pair)
