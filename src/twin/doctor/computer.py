@@ -82,6 +82,7 @@ def _scheduling(period: float) -> Iterator[CheckResult]:
     clock = RealTimeClock(period, timing)
     with real_time() as obtained:
         yield from scheduled(obtained)
+        clock.start()
         for _ in range(round(TIMED / period)):
             clock.wait()
     late = timing.lateness.quantile(0.99)

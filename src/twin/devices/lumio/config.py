@@ -73,14 +73,11 @@ def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
             _, vendor, product = (int(part, 16) for part in told["HID_ID"].split(":"))
             if vendor == VENDOR:
                 name = f"{vendor:04x}:{product:04x} {told.get('HID_NAME', '')}".rstrip()
-                found.append(Interface(f"/dev/{folder.name}", name, _readable(folder)))
+                layout = None
+                with suppress(OSError, DescriptorError):
+                    layout = _layout(folder)
+                found.append(Interface(f"/dev/{folder.name}", name, layout))
     return found
-
-
-def _readable(folder: Path) -> TouchLayout | None:
-    with suppress(OSError, DescriptorError):
-        return _layout(folder)
-    return None
 
 
 def _layout(folder: Path) -> TouchLayout | None:

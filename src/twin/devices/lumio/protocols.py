@@ -465,7 +465,8 @@ class HidDecoder(Decoder):
             if not (0 <= x <= 1 and 0 <= y <= 1):
                 self.stats.outside += 1
                 return None
-            contacts.append(Contact(x, y, bool(place.tip.value(report)), _name(place, report)))
+            name = 1 if place.identifier is None else place.identifier.value(report)
+            contacts.append(Contact(x, y, bool(place.tip.value(report)), name))
         return tuple(contacts)
 
     def _used(self, report: int) -> tuple[ContactFields, ...]:
@@ -481,10 +482,6 @@ class HidDecoder(Decoder):
         if len(places) == 1:
             return places
         return tuple(place for place in places if place.tip.value(report))
-
-
-def _name(place: ContactFields, report: int) -> int:
-    return place.identifier.value(report) if place.identifier is not None else 1
 
 
 def decoder_of(protocol: str) -> Decoder:
