@@ -111,18 +111,8 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
         yield file, _ask if virtual is None else virtual.tell
 
 
-def _ask(word: str) -> str:
-    from twin.doctor.drives import EDGES
-
-    if word == "edge":
-        question = "which edges of the plate dipped, the short or the long ones?"
-        return click.prompt(question, type=click.Choice(list(EDGES)), err=True)
-    if word == "watch":
-        ready = "lift the ball off and watch the edges of the plate; Enter when you are ready"
-        click.prompt(ready, default="", show_default=False, err=True)
-        return ""
+def _ask(word: str) -> None:
     click.echo(f"please {request(word)} now", err=True)
-    return ""
 
 
 def request(word: str) -> str:

@@ -64,9 +64,8 @@ class CheckResult(NamedTuple):
         return dict(zip(("what", "verdict", "seen", "advice"), map(str, self), strict=True))
 
 
-Ask = Callable[[str], str]
-"""Asks a person, or an emulated rig, to do something: ``lift`` or ``put`` the ball, ``touch X Y``
-in mm, ``watch`` the plate; or for an answer: which ``edge`` of it dipped, ``short`` or ``long``."""
+Ask = Callable[[str], object]
+"""Asks a person, or an emulated rig, to ``lift`` or ``put`` the ball, or to ``touch X Y`` in mm."""
 
 
 def passed(what: str, seen: str) -> CheckResult:
