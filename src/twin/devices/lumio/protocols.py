@@ -44,15 +44,13 @@ class DecoderStats:
     Attributes:
         bytes: Bytes fed.
         reports: Packets with contacts.
-        cut: Bytes before the first packet that may end one whose beginning was not heard.
-        skipped: Other bytes that belong to no packet.
+        skipped: Bytes that belong to no packet, from the first packet on.
         checksum: Packets whose checksum is wrong.
         outside: Packets refused for a coordinate beyond the protocol's range.
     """
 
     bytes: int = 0
     reports: int = 0
-    cut: int = 0
     skipped: int = 0
     checksum: int = 0
     outside: int = 0
@@ -104,7 +102,7 @@ class StreamDecoder(Decoder):
         while at < len(self._buffer):
             packet = self._buffer[at : at + self.size]
             if not self._fits(packet):
-                self._leave_out()
+                self.stats.skipped += self._joined
                 at += 1
                 continue
             if len(packet) < self.size:
@@ -118,17 +116,9 @@ class StreamDecoder(Decoder):
         return reports
 
     def reset(self) -> None:
-        """Give up on the beginning of a packet that has not been completed."""
-        for _ in self._buffer:
-            self._leave_out()
+        """Skip half a packet, as after a pause."""
+        self.stats.skipped += self._joined * len(self._buffer)
         self._buffer.clear()
-
-    def _leave_out(self) -> None:
-        """Count a byte that belongs to no packet, or to one that began before the port was open."""
-        if self._joined or self.stats.cut == self.size - 1:
-            self.stats.skipped += 1
-        else:
-            self.stats.cut += 1
 
     @abstractmethod
     def _fits(self, packet: bytearray) -> bool:
