@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from twin.errors import TwinError
-
-if TYPE_CHECKING:
-    from twin.devices.realtime import Scheduling
 
 
 def next_step(found: Sequence[CheckResult], rig: str, *, move: bool) -> str:
@@ -86,13 +83,6 @@ def failed(what: str, seen: str, advice: str) -> CheckResult:
 def noted(what: str, seen: str, advice: str) -> CheckResult:
     """As it must be where there is no advice; else it works, with reservations."""
     return warned(what, seen, advice) if advice else passed(what, seen)
-
-
-def scheduled(obtained: Scheduling) -> Iterator[CheckResult]:
-    """What the operating system allowed a real-time loop."""
-    for words in obtained.words[:2]:
-        seen, _, advice = words.partition(": ")
-        yield noted("real-time priority" if "priority" in seen else "memory", seen, advice)
 
 
 def reported(
