@@ -321,7 +321,7 @@ class SimulatedScreen:
         """
         if self._hides:
             low, high = self._out_of_sight
-            hidden: Mask = ((position > low) & (position < high)).all(axis=-1)
+            hidden = np.all((position > low) & (position < high), axis=-1)
             touching = touching & ~hidden
             if self._tick >= 0:
                 last = self._past[self._tick % self._length]
