@@ -112,6 +112,26 @@ def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(tmp_p
     assert f"{root}/mechanism/base/post" in text
 
 
+def test_a_round_plate_is_drawn_round(tmp_path):
+    from twin.scenario import load
+
+    settings = ("parameters=hobby", "duration=0.1", "metrics.start=0", "plant.shape=round")
+    write(tmp_path / "view.rrd", [run(load("circle", settings))])
+    text = printed(tmp_path / "view.rrd")
+    (root,) = set(re.findall(r"(/\S+)/mechanism/base/base", text))
+
+    def numbers(entity, part):
+        text = printed(tmp_path / "view.rrd", "-vvv", "--entity", f"{root}/{entity}")
+        cells = [line.split("┆") for line in text.splitlines() if re.search("RowId|row_", line)]
+        (found,) = (v for name, v in zip(*cells, strict=True) if part in name)
+        return [float(each) for each in re.findall(r"-?[\d.]+", found)]
+
+    assert numbers("mechanism/cardan/plate/plate", "radii") == pytest.approx([0.15])
+    assert numbers("mechanism/cardan/plate/plate", "lengths") == pytest.approx([0.01])
+    rim = np.reshape(numbers("plate_mm/screen", "strips")[:8], (-1, 2))  # the rest is cut short
+    assert np.hypot(*rim.T) == pytest.approx(np.full(len(rim), 150), abs=1e-3)
+
+
 def test_several_runs_stand_side_by_side_under_names_of_their_own(folder, tmp_path):
     runs = open_runs((folder, folder / "run.parquet"))
     assert [each.name for each in runs] == ["circle", "circle~2"]

@@ -145,7 +145,7 @@ def export(
 ) -> int:
     """Export the signals of a run to a .csv, .mat, .parquet or .mcap file, or the run as it moved.
 
-    A picture that moves is a .webp, .gif or, by the extra video, .mp4:
+    A picture that moves is a .webp or .gif:
     ballplate export runs/circle circle.webp --beside runs/cure --seconds 8
 
     In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
@@ -171,7 +171,7 @@ def export(
     if not moving and (given or beside):
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size are of moving pictures: "
-            ".webp, .gif, .mp4"
+            ".webp, .gif"
         )
     opened = [each for path in (run, *beside) for each in _opened((path,))]
     if not moving:

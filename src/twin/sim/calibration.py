@@ -12,13 +12,13 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from controllers import ballplate
-from controllers.arrays import Array
+from controllers.arrays import Array, Number
 from twin.errors import ModelError
 from twin.hal.cams import CamTable, model_hash
 from twin.paths import model_path
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.mechanism import Mechanism, free_dimension
-from twin.sim.plant.model import cam_ratio, load_model
+from twin.sim.plant.model import load_model, motor_ratio
 from twin.sim.sensors import COUNTS
 
 _BALL_OFF = (0.6, 0.0, 0.0, 0.0)
@@ -118,13 +118,13 @@ class LinearMechanism(NamedTuple):
         A: Shape (16, 16), states as ``STATES`` says.
         B: Shape (16, 2), from motor rates (phi, theta) in rad/s.
         step: Physics step in s.
-        ratio: Motor angle per plate angle about level, dimensionless.
+        ratio: Motor angle per plate angle about level, dimensionless; of rods (phi, theta).
     """
 
     A: Array
     B: Array
     step: float
-    ratio: float
+    ratio: Number
 
 
 def linear_mechanism(parts: Parts | None = None, step: float | None = None) -> LinearMechanism:
@@ -166,7 +166,7 @@ def linear_mechanism(parts: Parts | None = None, step: float | None = None) -> L
         )
     servos = [model.actuator(f"servo_{axis}").id for axis in ("phi", "theta")]
     B = (T @ B)[:n, servos]
-    return LinearMechanism(A[:n, :n], B, float(model.opt.timestep), cam_ratio(model))
+    return LinearMechanism(A[:n, :n], B, float(model.opt.timestep), motor_ratio(model))
 
 
 def _kept(model: mujoco.MjModel, C: Array) -> Array:

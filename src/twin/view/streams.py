@@ -15,7 +15,7 @@ from controllers.interfaces import Reference
 from twin.data_file import read_toml
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
-from twin.run.assemble import build_reference, drawn_mechanism
+from twin.run.assemble import build_reference, drawn_mechanism, linkage_of
 from twin.run.finished import Run, columns, states_of
 from twin.scenario.schema import Scenario
 from twin.view.scene import Colour, Scene, fixed, in_view, rolled
@@ -136,7 +136,7 @@ class RunStream:
         self._reference = build_reference(scenario) if reference is None else reference
         self.scenario = scenario
         self.scene = Scene(drawn_mechanism(scenario), f"{self.root}/mechanism")
-        self._cams = CamTable.packaged()
+        self._cams = linkage_of(scenario) or CamTable.packaged()
         self._turn = np.array([0.0, 0.0, 0.0, 1.0])
         self._last: Array | None = None
         self._trail = np.empty((0, 3))
@@ -236,9 +236,8 @@ class RunStream:
             motor = self._cams.motor(state[:, 2::4])
         for entity, pose in self.scene.poses(state, motor, turns).items():
             yield Batch(entity, time, rr.Transform3D.columns(**pose))
-        if self.scene.has_spring:
-            spring = rr.LineStrips3D.columns(strips=self.scene.spring_ends(state))
-            yield Batch(self.scene.spring, time, spring)
+        for entity, ends in self.scene.lines(state, motor).items():
+            yield Batch(entity, time, rr.LineStrips3D.columns(strips=ends))
 
     def _on_plate(self, rows: Mapping[str, Array], reference: Array) -> Iterator[Batch]:
         time, ball = rows["time"], states_of(rows)[:, 0::4]
