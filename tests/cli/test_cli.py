@@ -98,7 +98,7 @@ def test_the_help_of_a_command_begins_with_an_example_that_can_be_typed(ballplat
 def test_progress_says_what_is_done_of_how_much(monkeypatch, terminal):
     said = io.StringIO()
     monkeypatch.setattr(output, "errors", Console(file=said, force_terminal=terminal, width=100))
-    monkeypatch.setattr(output, "LINE_EVERY", -1.0)
+    monkeypatch.setattr("ballplate.reporter.LINE_EVERY", -1.0)
     monkeypatch.setattr(output.click, "echo", lambda line, err: said.write(f"{line}\n"))
     with output.progress("study", 120, "runs") as advance:
         advance(30, "1 failed")

@@ -111,7 +111,8 @@ def drawn_mechanism(scenario: Scenario) -> MjModel:
     """The mechanism of a scenario to look at, of another plate only that."""
     from twin.sim.plant.model import drawn_model  # noqa: PLC0415  heavy: loaded when needed
 
-    return drawn_model(parts_of(scenario), *scenario.dimensions[:2])
+    screen, area, _, rounded = scenario.dimensions
+    return drawn_model(parts_of(scenario), screen, area, rounded=rounded)
 
 
 def linkage_of(scenario: Scenario) -> Linkage | None:
@@ -126,6 +127,7 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
         rigs=len(scenarios),
         step=scenarios[0].plant.step,
         size=per_rig(settings_of(TouchModel)["size"], scenarios),
+        rounded=[scenario.plant.shape == "round" for scenario in scenarios],
         linkage=linkage,
         **_equations(scenarios),
     )
@@ -522,7 +524,7 @@ def _observer(scenario: Scenario) -> Observer:
     observer: Observer = _build("observer", choice, model=model, period=period)
     if predictor is None:
         return observer
-    return Smith(observer=observer, delay=delay, model=model, period=period)
+    return Smith(observer=observer, delay=delay + predictor.wait, model=model, period=period)
 
 
 def _referred(scenario: Scenario) -> str:

@@ -140,8 +140,7 @@ class Act:
         self.gone = np.full_like(self.ball, np.nan)
         seen = motion.ball[np.isfinite(motion.ball).all(axis=1)]
         if run.outcome in LEFT and len(seen):
-            edge = np.array(run.scenario.plant.size) / 2 - 0.013
-            self.gone[over[TRAIL:]] = np.clip(seen[-1], -edge, edge)
+            self.gone[over[TRAIL:]] = run.scenario.dimensions.within(seen[-1], 0.013)
 
 
 class Film:
@@ -168,7 +167,7 @@ class Film:
         self.count, self.fps = len(self.times), cut.fps
         self._acts = [Act(run, self.times) for run in runs.values()]
         first = next(iter(runs.values())).scenario.dimensions
-        self._screen, self._ball = np.array(first.screen), first.ball
+        self._screen, self._ball, self._round = np.array(first.screen), first.ball, first.round
         room = self._screen / PLACES["plate"][2:]
         self._shown = self._screen * np.maximum(1, np.round(room[::-1] / room, 2))
         """What the panel shows, m: as wide and high as the plate where that has its shape."""
@@ -198,8 +197,10 @@ class Film:
             panels[name].set(xlim=(-width, width), ylim=(-height, height), xticks=[], yticks=[])
             panels[name].spines[:].set(color=GREY if name == "plate" else FAINT, linewidth=0.7)
         panels["plate"].plot(0, 0, "+", color=FAINT, ms=18)
-        if (self._shown > self._screen).any():
+        if self._round or (self._shown > self._screen).any():
+            turn = np.linspace(0, 2 * np.pi, 181)
             corners = np.array([(1, 1, -1, -1, 1), (1, -1, -1, 1, 1)])
+            corners = np.array((np.cos(turn), np.sin(turn))) if self._round else corners
             panels["plate"].plot(*(self._screen[:, None] / 2 * corners), color=GREY, linewidth=0.7)
         panels["front"].axhline(0, color=FAINT, linewidth=1)
         panels["right"].axvline(0, color=FAINT, linewidth=1)
@@ -362,14 +363,14 @@ WRITTEN: dict[str, dict[str, Any]] = {
     ".webp": {"lossless": True, "quality": 20, "method": 2, "kmin": 9999, "kmax": 10000},
     ".gif": {},
 }
-"""How Pillow writes each kind of moving picture; ``.mp4`` is another's."""
+"""How Pillow writes each kind of moving picture."""
 
 
 def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _: None) -> None:
     """Write a moving picture; the same runs give the same bytes.
 
     Args:
-        path: ``.webp``, ``.gif`` or ``.mp4`` (by the extra ``video``).
+        path: ``.webp`` or ``.gif``.
         film: Its frames.
         progress: Is told how many of them are drawn.
 
@@ -377,37 +378,17 @@ def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _:
         RecordError: If nothing can be written there.
     """
 
-    def frames() -> Iterator[Image.Image]:
-        for number, frame in enumerate(film.frames(), 1):
-            progress(number)
-            yield frame
-
     def write(target: Path) -> None:
-        if path.suffix == ".mp4":
-            return _video(target, film, frames())
-        first, *others = frames()
+        frames = []
+        for frame in film.frames():
+            frames.append(frame)
+            progress(len(frames))
+        first, *others = frames
         # in whole ms, of a .gif in 10 ms, that add up without drifting
         unit = 10 if path.suffix == ".gif" else 1
         ends = [round(1000 * k / (unit * film.fps)) * unit for k in range(film.count + 1)]
         lasting = [end - begin for begin, end in pairwise(ends)]
         how = {"append_images": others, "duration": lasting, "loop": 0, **WRITTEN[path.suffix]}
-        return first.save(target, path.suffix[1:].upper(), save_all=True, **how)
+        first.save(target, path.suffix[1:].upper(), save_all=True, **how)
 
     write_whole(path, write)
-
-
-def _video(target: Path, film: Film, frames: Iterator[Image.Image]) -> None:
-    """Write frames as H.264, which takes an even number of pixels along x and y."""
-    try:
-        import av  # noqa: PLC0415  an extra
-    except ImportError as error:
-        raise RecordError(".mp4: needs the extra video: pip install 'ballplate[video]'") from error
-    wide, high = (side - side % 2 for side in film.size)
-    with av.open(str(target), "w", format="mp4") as file:
-        stream = file.add_stream("libx264", rate=film.fps)
-        stream.options = {"x264-params": "mbtree=0"}  # which gives other bytes now and then
-        stream.width, stream.height, stream.pix_fmt = wide, high, "yuv420p"
-        for frame in frames:
-            image = frame.convert("RGB").crop((0, 0, wide, high))
-            file.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(image))))
-        file.mux(stream.encode(None))

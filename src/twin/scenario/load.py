@@ -130,6 +130,7 @@ def clean(scenario: Scenario) -> Scenario:
             "kind": "lagrange",
             "step": scenario.plant.step,
             "size": scenario.plant.size,
+            "shape": scenario.plant.shape,
             "ball": ball,
             "friction": {"rolling_mm": 0.0},
             "start": scenario.plant.start.model_dump() | {"spin": 0.0},

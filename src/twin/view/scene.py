@@ -58,7 +58,12 @@ def fixed(
         ("operating_area", 1000 * np.array(plate.area), (120, 170, 200), 0.7, 2.0),
     ):
         look = {"colors": [dot], "radii": thick, "draw_order": order}
-        yield f"{root}/{name}", rr.Boxes2D(centers=[[0, 0]], half_sizes=[sides], **look)
+        outline: rr.AsComponents = rr.Boxes2D(centers=[[0, 0]], half_sizes=[sides], **look)
+        if plate.round and name == "screen":
+            turn = np.linspace(0, 2 * np.pi, 121)
+            rim = half * np.column_stack((np.cos(turn), np.sin(turn)))
+            outline = rr.LineStrips2D([rim], **look)
+        yield f"{root}/{name}", outline
     corner = 0.9 * np.array([-0.5, -0.5]) * plate.screen
     tips = in_view(np.array([[0.06, 0.0], [0.0, 0.06]]))
     yield (

@@ -166,7 +166,7 @@ UNSEEN = 4
 
 
 def drawn_model(
-    parts: Parts, size: tuple[float, float], area: tuple[float, float]
+    parts: Parts, size: tuple[float, float], area: tuple[float, float], *, rounded: bool = False
 ) -> mujoco.MjModel:
     """A mechanism to look at, with the screen and the operating area of a rig.
 
@@ -177,6 +177,7 @@ def drawn_model(
         parts: What differs from the model file.
         size: Sides of the screen along x and y, m.
         area: Operating area |x|, |y|, m.
+        rounded: Whether the screen is round.
 
     Raises:
         ModelError: If a number is out of range.
@@ -191,6 +192,9 @@ def drawn_model(
         return model
     screen.size[:2] *= share
     model.geom("screen_back").size[:2] *= share
+    for each in map(model.geom, ("plate", "screen_back") if rounded else ()):
+        each.type = mujoco.mjtGeom.mjGEOM_CYLINDER
+        each.size[1] = each.size[2]
     model.geom("base").size[:2] *= np.minimum(share, 1)
     model.geom_rbound[:] = np.maximum(model.geom_rbound, np.hypot(*size))
     for geom in map(model.geom, range(model.ngeom)):
