@@ -8,9 +8,9 @@ from click.testing import CliRunner
 from twin.cli.look import report as command
 from twin.devices.realtime import TimingLog
 from twin.errors import RecordError
-from twin.report.html import html
+from twin.report.html import details, html
 from twin.report.numbers import LABELS, TIMES
-from twin.report.summary import Diagnosis, summary, verdict
+from twin.report.summary import Diagnosis, spectrum, summary, verdict
 from twin.run.files import UNITS
 from twin.run.finished import Run, open_run, open_runs, run, save
 from twin.scenario.load import check
@@ -174,6 +174,15 @@ def test_a_fault_of_a_late_computer_is_put_down_to_it_first():
     assert told(0.003, fell).startswith("The ball fell")
 
 
+def test_the_spectrum_of_a_sine_reads_its_amplitude_at_its_frequency():
+    frequency, amplitude = spectrum(
+        made(lambda t: reference(t) - on_x(0.003 * np.sin(20 * np.pi * t)))
+    )
+    at = int(np.argmax(amplitude[:, 0]))
+    assert frequency[at] == pytest.approx(10.0, abs=0.05)
+    assert amplitude[at, 0] == pytest.approx(0.003, rel=0.01)
+
+
 class Links(HTMLParser):
     """Collects what a page would load, and checks that every tag is closed."""
 
@@ -230,7 +239,9 @@ def test_every_format_is_written_beside_the_run(scenario, tmp_path):
     starts = {
         "report.html": b"<!DOCTYPE html>",
         "report.png": b"\x89PNG",
+        "report-details.png": b"\x89PNG",
         "report.pdf": b"%PDF",
+        "report-details.pdf": b"%PDF",
     }
     for name, start in starts.items():
         assert (tmp_path / name).read_bytes().startswith(start), name
@@ -253,6 +264,15 @@ def test_of_many_runs_each_is_told_in_a_sentence(page, runs):
     assert "<h3>run_1</h3>" in page
     assert "<h3>" not in many
     assert many.count("run_1: Tracking error e_tt") == 4
+
+
+def test_where_nobody_knows_the_truth_no_error_of_the_estimate_is_drawn(runs):
+    one = runs[0]
+    real = {name: rows for name, rows in one.rows.items() if not name.startswith("true")}
+    for shown, panels in ((runs, 3), ([replace(one, rows=real)], 2)):
+        titles = [panel.get_title() for panel in details(shown).axes]
+        assert len(titles) == panels
+        assert any("estimated" in title for title in titles) == (panels == 3)
 
 
 def test_an_unknown_format_names_the_known_ones(tmp_path):

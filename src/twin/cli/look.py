@@ -92,13 +92,13 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
 @click.option("--format", "formats", callback=_formats, default="html", metavar="html,png,pdf")
 @click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
 def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
-    """Report on one run folder, or compare several: a page, a picture.
+    """Report on one run folder, or compare several: a page, pictures.
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
     opened = _opened(runs)
     from twin.page import encoded  # heavy: a wrong name was told
-    from twin.report.html import html, overview
+    from twin.report.html import details, html, overview
 
     folder = opened[0].folder
     assert folder is not None
@@ -108,10 +108,11 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
     for name in formats:
-        path = stem.with_name(f"{stem.name}.{name}")
-        page = html(opened) if name == "html" else encoded(overview(opened), name, dpi=150)
-        write_whole(path, page)
-        say(f"written to {path}")
+        figures = {"": overview, "-details": details} if name != "html" else {"": html}
+        for more, make in figures.items():
+            path, made = stem.with_name(f"{stem.name}{more}.{name}"), make(opened)
+            write_whole(path, made if isinstance(made, str) else encoded(made, name, dpi=150))
+            say(f"written to {path}")
     return 0
 
 
