@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
+from twin.hal.interface import SCREEN
 from twin.hal.linkage import Linkage
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
@@ -29,8 +30,8 @@ def plants(kind, friction, slopes=(0.0,), **start):
     if kind == "exact":
         plant = ExactPlant(rigs=rigs, step=STEP, friction=friction, level=np.array(tilts))
     else:
-        linkage = LINKAGE if kind == "rods" else None
-        parts = [Parts(level=tilt if any(tilt) else None, linkage=linkage) for tilt in tilts]
+        rods = {"linkage": LINKAGE, "size": SCREEN} if kind == "rods" else {}
+        parts = [Parts(level=tilt if any(tilt) else None, **rods) for tilt in tilts]
         plant = Mechanism(rigs=rigs, step=STEP, threads=1, friction=friction, parts=parts)
     ball = np.zeros((rigs, 4))
     ball[:, 0], ball[:, 1] = start.get("x", 0.0), start.get("x_rate", 0.0)
