@@ -203,18 +203,25 @@ def seen(points, noise=5e-4):
     return np.array([screen.screen(*(point + dice.normal(0, noise, 2))) for point in points])
 
 
-def test_a_point_touched_elsewhere_is_named_in_one_line():
+@pytest.mark.parametrize("wrong", range(9))
+def test_a_point_touched_elsewhere_is_named_in_one_line(wrong):
     points = np.array(usual_points())
     said = seen(points)
-    said[5] = seen(points + np.array([0.0, 0.03]))[5]
-    with pytest.raises(CalibrationError, match=r"point 6, x \+280, y \+0 mm, .* (29|30|31)\.\d mm"):
+    said[wrong] = seen(points + np.array([0.0, 0.03]))[wrong]
+    with pytest.raises(CalibrationError, match=rf"do not fit together: {wrong + 1}, x .* order"):
         judged(said, points)
 
 
-def test_points_touched_in_another_order_do_not_fit_together():
-    points = np.array(usual_points())
-    with pytest.raises(CalibrationError, match=r"do not fit together .* in the order"):
-        judged(seen(points)[[3, 7, 1, 0, 8, 2, 6, 4, 5]], points)
+def test_points_touched_by_hand_are_seldom_refused():
+    points, dice = np.array(usual_points()), np.random.default_rng(1)
+    screen, refused = Calibration.nominal(), 0
+    for _ in range(100):
+        said = [screen.screen(*(point + dice.normal(0, 1e-3, 2))) for point in points]
+        try:
+            judged(np.array(said), points)
+        except CalibrationError:
+            refused += 1
+    assert refused < 10
 
 
 def test_the_fewest_points_that_are_taken_leave_something_to_judge_by():

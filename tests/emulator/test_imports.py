@@ -6,11 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 import twin.devices
 import twin.emulator
-from twin.cli.rig import emulate
 from twin.emulator.can_bus import EmulatedBus, PseudoTerminal, SlcanPort
 from twin.emulator.serve import Emulator, PauseWatch, emulated
 from twin.errors import RigError
@@ -63,15 +61,6 @@ def test_a_rig_in_another_process_is_not_even_started_without_ports(scenario, mo
     monkeypatch.setattr("multiprocessing.get_context", lambda kind: pytest.fail("started"))
     with pytest.raises(RigError, match="pseudo-terminals"), emulated(scenario()):
         pass
-
-
-def test_the_command_that_needs_a_port_ends_with_that_line(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "pty", None)
-    file = tmp_path / "rig.toml"
-    arguments = ["--set", "plant.kind=lagrange", "--write", str(file)]
-    with pytest.raises(RigError, match="pseudo-terminals"):
-        CliRunner().invoke(emulate, arguments, standalone_mode=False, catch_exceptions=False)
-    assert not file.exists()
 
 
 def test_a_rig_whose_process_has_ended_says_so_in_a_line():

@@ -222,22 +222,6 @@ LINES = st.one_of(
 )
 
 
-@given(st.lists(LINES, max_size=12))
-@settings(max_examples=40)
-def test_our_host_reads_what_python_can_s_own_reads(lines):
-    data = b"".join(lines) + b"t7FF0\r"
-    with Adapter() as adapter:
-        ours = [as_frame(each) for each in adapter.play(data) if not each.is_error_frame]
-        assert adapter.bus.unreadable_lines == 0
-    loop = slcanBus("loop://", sleep_after_open=0.0)
-    loop.serialPortOrig.reset_input_buffer()
-    loop.serialPortOrig.write(data)
-    heard = [loop.recv(0) for _ in range(len(lines) + 1)]
-    theirs = [as_frame(each) for each in heard if each is not None]
-    loop.shutdown()
-    assert ours == theirs
-
-
 @given(st.lists(st.binary(max_size=40), max_size=6))
 @settings(max_examples=40)
 def test_our_host_takes_any_bytes_of_an_adapter(chunks):

@@ -66,15 +66,3 @@ def test_what_is_done_to_a_drive_is_told_from_what_it_does(rig):
         (0, 235, True),
         (1, 602, False),
     ]
-
-
-def test_a_host_that_hangs_does_nothing_for_that_time_once(rig):
-    with rig:
-        turn(rig, 0.02)
-        begin, rig.hang = rig.now(), 0.05
-        rig.wait()
-        assert rig.now() - begin > 0.049
-        begin = rig.now()
-        rig.wait()
-        assert rig.now() - begin < 0.005
-        turn(rig, 0.02)

@@ -78,11 +78,6 @@ def never(_: Sequence[Job]) -> list[Row]:
     raise AssertionError
 
 
-def test_a_finished_study_runs_nothing_again(tmp_path) -> None:
-    first = carried(study(), tmp_path)
-    assert carried(study(), tmp_path, do=never) == first
-
-
 def test_a_changed_study_runs_only_what_changed(tmp_path) -> None:
     carried(study(), tmp_path)
     ran: list[Job] = []

@@ -13,7 +13,7 @@ from twin.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, run, save
 from twin.view import viewer
 from twin.view.recording import blueprint, write
-from twin.view.streams import BLACK, BLUE, LINES, ORANGE, PLOTS, Signal, signals, tinted
+from twin.view.streams import LINES, PLOTS, signals, telling
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
@@ -223,9 +223,8 @@ def views(plan):
 
 
 def test_of_several_runs_a_plot_has_what_tells_them_apart():
-    position = {"ball": Signal(np.zeros(2), BLUE), "estimate": Signal(np.zeros(2), ORANGE)}
-    position["reference"] = Signal(np.zeros(2), BLACK)
-    assert [[*tinted(position, run)] for run in (0, 1)] == [["ball", "reference"], ["ball"]]
+    position = dict.fromkeys(("ball", "estimate", "reference"), np.zeros(2))
+    assert [[*telling(position, run)] for run in (0, 1)] == [["ball", "reference"], ["ball"]]
 
 
 def test_plots_have_legends_and_everything_drawn_brings_its_own_ground():
@@ -248,9 +247,9 @@ def test_every_plot_of_columns_has_a_title_and_its_columns_are_those_of_records(
     found = signals(opened.rows, np.zeros((len(opened.rows["time"]), 2)))
     further = {"friction_mm_per_s2", "tilt_gain_percent", "timing_ms"}  # of other observers, rigs
     assert LINES.keys() - further <= found.keys()
-    phi = found["angle_deg"]["phi"].values
+    phi = found["angle_deg"]["phi"]
     assert phi == pytest.approx(np.degrees(opened.rows["true_phi"]))
-    torque = found["torque_Nm"]["torque_theta"].values
+    torque = found["torque_Nm"]["torque_theta"]
     assert np.array_equal(torque, opened.rows["torque_theta_Nm"])
 
 

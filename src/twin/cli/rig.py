@@ -54,7 +54,6 @@ COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FA
 @click.option("--move", is_flag=True, help="Enable the drives and tilt the plate by a degree.")
 @click.option("--reset", is_flag=True, help="Reset faults found in the drives.")
 @click.option("--udev", is_flag=True, help="Only print the udev rules for a touch panel on USB.")
-@click.option("--install", is_flag=True, help="Only say what this installation lacks for what.")
 @options.SETTING
 @options.JSON
 def doctor(
@@ -65,7 +64,6 @@ def doctor(
     move: bool,
     reset: bool,
     udev: bool,
-    install: bool,
 ) -> int:
     """Check everything that a rig needs before it is brought up, and say what to do."""
     if udev:
@@ -73,14 +71,9 @@ def doctor(
 
         click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
         return 0
-    from twin.doctor.computer import examine_installation
     from twin.doctor.examine import examine
     from twin.scenario import load
 
-    if install:
-        found = _told(examine_installation())
-        show([each.as_dict() for each in found], ())
-        return 0
     chosen = load(scenario, overrides)
     with rig_file(rig, chosen) as (file, ask):
         found = _told(examine(chosen, file, ask, move=move, reset=reset))
@@ -111,18 +104,8 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
         yield file, _ask if virtual is None else virtual.tell
 
 
-def _ask(word: str) -> str:
-    from twin.doctor.drives import EDGES
-
-    if word == "edge":
-        question = "which edges of the plate dipped, the short or the long ones?"
-        return click.prompt(question, type=click.Choice(list(EDGES)), err=True)
-    if word == "watch":
-        ready = "lift the ball off and watch the edges of the plate; Enter when you are ready"
-        click.prompt(ready, default="", show_default=False, err=True)
-        return ""
+def _ask(word: str) -> None:
     click.echo(f"please {request(word)} now", err=True)
-    return ""
 
 
 def request(word: str) -> str:

@@ -223,60 +223,50 @@ class RealTimeClock:
     ) -> None:
         self.period = period
         self.timing = timing or TimingLog(period)
+        self._spin = spin
+        self._allowed = allowed
+        self._paused = paused
+        self._now = now
+        self._sleep = sleep
+        self._faults: list[Fault] = []
+        self.start()
+
+    def start(self) -> None:
+        """Let the first period begin now."""
+        self._start = self._round = self._now()
         self.tick = 0
         """Periods since the start, missed ones included."""
         self.lateness = 0.0
         """How late the current period began, s."""
-        self._spin = spin
-        self._allowed = allowed
-        self._paused = paused
-        self._round = now()
-        self._now = now
-        self._sleep = sleep
-        self._start: float | None = None
-        self._owed = 0
-        self._faults: list[Fault] = []
-
-    def start(self) -> None:
-        """Let the first period begin now; the first ``time`` or ``wait`` does it otherwise."""
-        self._start = self._round = self._now()
-        self.tick = 0
-        self.lateness = 0.0
         self._owed = 0
 
     @property
     def time(self) -> float:
         """When the current period was due to begin, s since the start."""
-        if self._start is None:
-            self.start()
         return self.tick * self.period
 
     @property
     def left(self) -> float:
         """Seconds until the next period begins that has not begun yet."""
-        now = self._now()
-        passed = now - (now if self._start is None else self._start)
+        passed = self._now() - self._start
         return (max(self.tick, int(passed / self.period)) + 1) * self.period - passed
 
     def since_start(self, at: float | None) -> float:
         """Seconds from the start to a time of the clock's own, or to now."""
-        start = self._now() if self._start is None else self._start
-        return (self._now() if at is None else at) - start
+        return (self._now() if at is None else at) - self._start
 
     def wait(self) -> None:
         """Return at the beginning of the next period that has not begun yet."""
-        if self._start is None:
-            self.start()
-        start, now = self._waited_for()
+        now = self._waited_for()
         # The period that contains this moment has begun: of those in between none can be kept.
-        missed = max(0, int((now - start) / self.period) - self.tick)
+        missed = max(0, int((now - self._start) / self.period) - self.tick)
         self.tick += missed + 1
-        deadline = start + self.tick * self.period
+        deadline = self._start + self.tick * self.period
         pause = deadline - now - self._spin
         if pause > 0:
             self._sleep(pause)
-            start, now = self._waited_for()
-            deadline = start + self.tick * self.period
+            now = self._waited_for()
+            deadline = self._start + self.tick * self.period
         while now < deadline:
             now = self._now()
         self._count(now - deadline, missed)
@@ -286,15 +276,14 @@ class RealTimeClock:
         faults, self._faults = tuple(self._faults), []
         return faults
 
-    def _waited_for(self) -> tuple[float, float]:
-        """The start of the periods, put off by what was paused since last asked; now. In s."""
+    def _waited_for(self) -> float:
+        """Now, s; the start of the periods is put off by what was paused since last asked."""
         pause = self._paused(self._round, self._now())  # which may wait for the virtual rig
         self._round = now = self._now()
-        start = self._start or 0.0
         if pause:
-            self._start = start = start + pause
+            self._start += pause
             self.timing.pauses.append(pause)
-        return start, now
+        return now
 
     def _count(self, lateness: float, missed: int) -> None:
         self.lateness = lateness

@@ -20,7 +20,6 @@ from twin.devices.lumio.config import (
     LumioConfig,
     PlausibilityLimits,
     fit,
-    outlier,
 )
 from twin.devices.lumio.screen import LumioScreen, Sample, TouchState
 from twin.doctor.check import Ask
@@ -215,8 +214,6 @@ STILL = 0.003
 """Spread of these, in sides of the screen, beyond which the touch is still settling or moving."""
 SLIP = 0.003
 """Distance in m by which a finger or a ball misses a mark at most (assumed)."""
-SCATTER = 0.005
-"""Root mean square in m from which the points cannot be those that were asked for."""
 SCREEN_UNITS = Calibration(((1.0, 0.0), (0.0, 1.0)), (0.0, 0.0))
 
 
@@ -270,20 +267,15 @@ def judged(seen: Array, points: Array) -> CalibrationFit:
         points: Where they are, m, shape (K, 2).
 
     Raises:
-        CalibrationError: They do not fit together; one that does not fit the others is named.
+        CalibrationError: They do not fit together; the one farthest off is named.
     """
-    wrong = outlier(seen, points)
-    if wrong is not None and wrong[1] > SLIP:
-        index, distance = wrong
-        raise CalibrationError(
-            f"calibration: point {index + 1}, {place(points[index])}, was touched "
-            f"{1e3 * distance:.1f} mm from where the others put it; begin again"
-        )
     found = fit(seen, points)
-    if found.rms > SCATTER:
+    worst = int(found.distances.argmax())
+    if found.distances[worst] > SLIP:
         raise CalibrationError(
-            f"calibration: the points do not fit together ({1e3 * found.rms:.1f} mm RMS, at most "
-            f"{1e3 * SCATTER:g}); touch them in the order in which they are asked for"
+            f"calibration: the points do not fit together: {worst + 1}, {place(points[worst])}, is "
+            f"{1e3 * found.distances[worst]:.1f} mm off, at most {1e3 * SLIP:g}; touch them in the "
+            "order in which they are asked for"
         )
     return found
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from twin.errors import TwinError
-
-if TYPE_CHECKING:
-    from twin.devices.realtime import Scheduling
 
 
 def next_step(found: Sequence[CheckResult], rig: str, *, move: bool) -> str:
@@ -64,9 +61,8 @@ class CheckResult(NamedTuple):
         return dict(zip(("what", "verdict", "seen", "advice"), map(str, self), strict=True))
 
 
-Ask = Callable[[str], str]
-"""Asks a person, or an emulated rig, to do something: ``lift`` or ``put`` the ball, ``touch X Y``
-in mm, ``watch`` the plate; or for an answer: which ``edge`` of it dipped, ``short`` or ``long``."""
+Ask = Callable[[str], object]
+"""Asks a person, or an emulated rig, to ``lift`` or ``put`` the ball, or to ``touch X Y`` in mm."""
 
 
 def passed(what: str, seen: str) -> CheckResult:
@@ -87,13 +83,6 @@ def failed(what: str, seen: str, advice: str) -> CheckResult:
 def noted(what: str, seen: str, advice: str) -> CheckResult:
     """As it must be where there is no advice; else it works, with reservations."""
     return warned(what, seen, advice) if advice else passed(what, seen)
-
-
-def scheduled(obtained: Scheduling) -> Iterator[CheckResult]:
-    """What the operating system allowed a real-time loop."""
-    for words in obtained.words[:2]:
-        seen, _, advice = words.partition(": ")
-        yield noted("real-time priority" if "priority" in seen else "memory", seen, advice)
 
 
 def reported(

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
-from importlib.metadata import version
 from math import degrees
 from pathlib import Path
-
-from serial.tools import list_ports
 
 from twin.devices.akd.config import AkdConfig, unconfirmed
 from twin.devices.akd.protocol import table
 from twin.devices.realtime import RealTimeClock, TimingLog, real_time
-from twin.doctor.check import CheckResult, failed, noted, passed, scheduled, warned
+from twin.doctor.check import CheckResult, failed, noted, passed, warned
 from twin.errors import TwinError
 from twin.hal.cams import CamTable
 from twin.paths import model_path
@@ -22,7 +18,6 @@ from twin.run.assemble import build_limits
 from twin.run.connect import ComputingTime, narrower
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
-from twin.view.viewer import has_display, program
 
 TIMED = 1.0
 """Seconds that the timer is watched."""
@@ -81,7 +76,10 @@ def _scheduling(period: float) -> Iterator[CheckResult]:
     timing = TimingLog(period)
     clock = RealTimeClock(period, timing)
     with real_time() as obtained:
-        yield from scheduled(obtained)
+        for words in obtained.words[:2]:
+            seen, _, advice = words.partition(": ")
+            yield noted("real-time priority" if "priority" in seen else "memory", seen, advice)
+        clock.start()
         for _ in range(round(TIMED / period)):
             clock.wait()
     late = timing.lateness.quantile(0.99)
@@ -98,44 +96,12 @@ def _cams(rig: RigFile) -> CheckResult:
         if not rig.cams:
             table.check(model_path())
     except TwinError as error:
-        on = " --rig FILE" if rig.cams else ""
-        return failed("cam table", str(error), f"run `ballplate calibrate cams{on} --out {file}`")
+        own = rig.cams or "cams.json"
+        advice = f"run `ballplate calibrate cams --rig FILE --out {own}`"
+        return failed("cam table", str(error), advice)
     days = (time.time() - file.stat().st_mtime) / 86400
     seen = f"{file.name}: ratio {table.ratio:.2f}, {days:.0f} days old"
     if not rig.cams:
         advice = "name a table measured on this rig as 'cams' in the rig file"
         return warned("cam table", f"{seen}, computed from the model", advice)
     return noted("cam table", seen, "measure it again" if days > OLD else "")
-
-
-def examine_installation() -> Iterator[CheckResult]:
-    """What an installation can do, and what it takes to do more."""
-    yield passed("packages", f"ballplate {version('ballplate')}")
-    yield from _pictures()
-    with real_time() as obtained:
-        yield from scheduled(obtained)
-    yield from _ports()
-
-
-def _pictures() -> Iterator[CheckResult]:
-    """What shows a run."""
-    try:
-        program()
-    except (ImportError, TwinError) as error:
-        yield warned("viewer", str(error), "pip install rerun-sdk; or view RUN --rrd FILE")
-    else:
-        window = "opens a window" if has_display() else "no display: view RUN --serve, in a browser"
-        yield passed("viewer", window)
-
-
-def _ports() -> Iterator[CheckResult]:
-    """Serial ports, to which CAN adapters and touch screens are connected."""
-    found = sorted(port.device for port in list_ports.comports())
-    if not found:
-        yield warned(
-            "serial ports", "none", "connect adapter or screen; the virtual rig needs none"
-        )
-    for port in found:
-        permitted = os.access(port, os.R_OK | os.W_OK)
-        seen = port if permitted else f"{port}: not permitted"
-        yield noted("serial ports", seen, "" if permitted else "add yourself to group dialout")

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise
 from math import degrees, radians
 
 import numpy as np
@@ -15,7 +13,7 @@ from twin.devices.akd.conditions import INTERNAL_LIMIT, RUNAWAY, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.protocol import DriveState, StatusBit, fault_words
 from twin.devices.akd.servos import AkdServos
-from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, warned
+from twin.doctor.check import CheckResult, CheckStatus, failed, noted, passed, warned
 from twin.hal.interface import Severity, Transmission
 
 
@@ -64,6 +62,9 @@ def exchange(servos: AkdServos, seconds: float, done: Callable[[], bool] = lambd
         servos.sleep(max(0.0, begin + period - servos.now()))
 
 
+LOOKS = {"phi": "the end at larger x goes down", "theta": "the end at larger y goes up"}
+"""What is to be seen of a positive angle. A drive and its encoder change places together, and the
+cams are alike: no measurement without a ball tells phi from theta, but anybody who looks does."""
 TILT = radians(1.0)
 """How far an axis is tilted to see its encoder's direction and scale."""
 SCALE = 0.2
@@ -172,7 +173,8 @@ def _encoder(name: str, seen: float) -> CheckResult:
             "little too far or too short may be lost motion (calibrate lost-motion)"
         )
         return failed(what, text, advice)
-    return passed(what, text)
+    look = f"{LOOKS[name]}, did it? if another end did, exchange phi.node and theta.node"
+    return passed(what, f"{text}: {look}")
 
 
 RATE, RAMP = 1.2, 50.0
@@ -256,54 +258,3 @@ def _limit(name: str, times: Array, rates: Array) -> CheckResult:
         advice = f"set {name}.acceleration_unit to what a count of 6083h means"
         return failed(what, f"{text}, set {RAMP:g}", advice)
     return passed(what, text)
-
-
-ROCK = radians(3.0)
-"""How far the plate is rocked about phi, either way."""
-TIMES = 2
-EDGES = ("short", "long")
-"""Edges that dip when the plate is tilted about phi, and about theta: x lies along the length."""
-
-
-def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckResult]:
-    """Rock the plate about phi alone and ask which edges dipped.
-
-    A drive and its plate encoder change places together when two nodes are exchanged, and the cams
-    are alike: no measurement without a ball tells phi from theta, but anybody who looks does.
-
-    Args:
-        servos: The drives, without torque; they are stopped while somebody is asked.
-        cams: Plate angles to motor angles.
-        ask: Asked for ``watch`` before and ``edge`` after; the answer is one of ``EDGES``.
-    """
-    servos.stop()
-    _answer(ask, "watch")
-    servos.start()
-    level = hold_level(servos, cams)
-    there: Array = np.array([[ROCK, 0.0]])
-    for start, end in pairwise([level, *(there, -there) * TIMES, level]):
-        if not turn(servos, cams.motor(start), cams.motor(end)):
-            why = stopped_by(servos) or "the drives went off"
-            yield failed("which drive is phi", why, "see the fault")
-            return
-    servos.quick_stop()
-    exchange(servos, 0.1)
-    servos.stop()
-    yield _which(_answer(ask, "edge"))
-
-
-def _answer(ask: Ask, word: str) -> str:
-    """What the person says, empty if there is nobody to ask."""
-    with suppress(Exception):  # of whatever kind: there is no answer
-        return ask(word).strip().lower()
-    return ""
-
-
-def _which(edge: str) -> CheckResult:
-    what = "which drive is phi"
-    if edge == EDGES[0]:
-        return passed(what, "the short edges dipped when phi was moved")
-    if edge == EDGES[1]:
-        seen = "the long edges dipped when phi was moved: the drives are exchanged"
-        return failed(what, seen, "exchange phi.node and theta.node in the rig file")
-    return warned(what, "not answered with short or long", "watch the plate and answer")

@@ -62,7 +62,7 @@ def examine(
     servos = AkdServos(rig.servos(scenario.rig.period))
     try:
         with real_time():
-            yield from _drives(servos, rig, ask, move=move, reset=reset)
+            yield from _drives(servos, rig, move=move, reset=reset)
     finally:
         servos.stop()
     if not move:
@@ -70,9 +70,7 @@ def examine(
         yield warned("torque, heartbeat, encoders", "not tested", advice)
 
 
-def _drives(
-    servos: AkdServos, rig: RigFile, ask: Ask, *, move: bool, reset: bool
-) -> Iterator[CheckResult]:
+def _drives(servos: AkdServos, rig: RigFile, *, move: bool, reset: bool) -> Iterator[CheckResult]:
     good = yield from reported(drives.bus(servos.config, servos), "CAN bus")
     if reset and servos.axes:
         servos.start(reset=True)
@@ -84,7 +82,6 @@ def _drives(
         ("torque", drives.torque(servos)),
         ("limits in the drives", drives.limits(servos)),
         ("motion", drives.motion(servos, cams)),
-        ("which drive is phi", drives.swapped(servos, cams, ask)),
     ):
         if not (yield from reported(check, what)):
             return
@@ -272,9 +269,7 @@ def _measures(seen: list[Reading]) -> Iterator[CheckResult]:
 
 def _tilts(real: HardwareRig, servos: OwnServos) -> Iterator[CheckResult]:
     """Whether each axis goes where it is told, and back."""
-    for axis, (angle, look) in enumerate(
-        (("phi", "the end at larger x goes down"), ("theta", "the end at larger y goes up"))
-    ):
+    for axis, (angle, look) in enumerate(drives.LOOKS.items()):
         rates = TILT / 0.5 * (np.arange(2) == axis)
         before = servos.plate()[0, axis]
         _watched(real, servos, 0.5, rates), _watched(real, servos, 0.5)

@@ -73,7 +73,6 @@ class EmulatedPlant:
         self.shoved = np.zeros(2)
         """Rates in rad/s by which somebody turns the motor shafts besides the drives."""
         self._owed = 0.0
-        self._dipped = np.zeros(2)
         self._drives: Sequence[EmulatedDrive] = ()
 
     transmission: Transmission
@@ -117,19 +116,12 @@ class EmulatedPlant:
         x, y = self._touch.position[0].tolist()
         return ((x, y),)
 
-    def edge(self) -> str:
-        """Which edges of the plate dipped most since the last call: ``short`` or ``long``."""
-        phi, theta = self._dipped
-        self._dipped = np.zeros(2)
-        return "short" if phi > theta else "long"
-
     def _sense(self) -> None:
         # sensors are read once a tick, however seldom a screen looks: their noise is drawn by it
         self._touch, plate = self.devices.read(), self.devices.plate()[0]
         motor = self.devices.motor()[0].tolist()
         for drive, shaft, angle in zip(self._drives, motor, plate.tolist(), strict=True):
             drive.motor.sense(shaft, angle)
-        self._dipped = np.maximum(self._dipped, np.abs(plate))
 
 
 STARVED = 0.001
@@ -193,18 +185,13 @@ class VirtualRig:
         """Do something to it while it runs: press its STO button, take the ball away, ...
 
         Args:
-            word: sto, release, lift, put, unplug, plug, or touch and where, in mm; lag; watch and
-                edge: the ball is lifted, and which edges of the plate dipped since, short or long.
+            word: sto, release, lift, put, unplug, plug, or touch and where, in mm; lag.
 
         Returns:
             What was done or seen, or for an unknown word what can be.
         """
         if word == "lag":
             return self.lag
-        if word in {"watch", "edge"}:
-            with self.server.lock:
-                self.plant.present = False
-                return self.plant.edge()
         known: dict[str, tuple[str, Callable[[], None]]] = {
             "sto": ("STO open: both drives without torque", partial(self._close_sto, False)),
             "release": ("STO closed; reset the faults to go on", partial(self._close_sto, True)),

@@ -1,23 +1,57 @@
-"""The report as one HTML file that needs nothing else, and its picture."""
+"""The report as one HTML file that needs nothing else, and its pictures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
+from twin.data_file import read_toml
 from twin.page import Block, Code, Picture, Table, Text, Verdict
 from twin.page import html as html_of
 from twin.report.numbers import differing, in_json, indicators
-from twin.report.summary import Diagnosis, summary, verdict
-from twin.run.finished import Run
-from twin.run.picture import picture
+from twin.report.summary import Diagnosis, spectrum, summary, verdict
+from twin.run.finished import Run, columns
+from twin.run.picture import drawn, picture, style
+
+DETAILS = read_toml(Path(__file__).with_name("details.toml"))
+"""Of each panel title, labels, and where its axis begins and ends if that is known."""
+MOST = 12
+"""Runs that a legend within a panel has room for."""
 
 
 def overview(runs: Sequence[Run]) -> Figure:
     """Path on the plate, positions, error, angles and effort."""
     return picture({run.name: run.motion for run in runs}, "", runs[0].scenario.dimensions)
+
+
+def details(runs: Sequence[Run]) -> Figure:
+    """Error spectrum, distribution of the error and, where the truth is known, estimation error."""
+    known = any("true_x" in run.rows for run in runs)
+    names = ["spectrum", "share", *(["estimate"] if known else [])]
+    with drawn(12, 3.4) as figure:
+        panels = dict(zip(names, figure.subplots(1, len(names)), strict=True))
+        for index, run in enumerate(runs):
+            frequency, amplitude = spectrum(run)
+            level = np.maximum(1000 * np.sqrt((amplitude**2).mean(axis=1)), 1e-6)
+            look = {**style(index), "lw": 1}
+            panels["spectrum"].loglog(frequency[1:], level[1:], label=run.name, **look)
+            distance = np.sort(1000 * np.hypot(*run.motion.error.T))
+            share = 100 * np.arange(1, len(distance) + 1) / len(distance)
+            panels["share"].plot(distance, share, **look)
+            if "true_x" in run.rows:
+                wrong = 1000 * (columns(run.rows, "estimated")[:, 0::4] - run.motion.ball)
+                panels["estimate"].plot(run.motion.time, np.hypot(*wrong.T), **look)
+        for name, panel in panels.items():
+            panel.set(**DETAILS[name]["words"])
+            panel.set_ylim(**DETAILS[name]["limits"])
+        if 1 < len(runs) <= MOST:
+            entries = panels["spectrum"].get_legend_handles_labels()
+            figure.legend(*entries, loc="outside lower center", ncols=4, fontsize=9)
+    return figure
 
 
 LISTED = 40
@@ -47,6 +81,7 @@ def html(runs: Sequence[Run]) -> str:
     blocks += [
         indicators("Numbers", {run.name: run.metrics for run in runs}, note=NOTE),
         Picture("Motion", overview(runs)),
+        Picture("Error and estimation", details(runs)),
     ]
     timing = [(run.name, *line) for run in runs for line in _timing(run.ledger)]
     if timing:
@@ -87,13 +122,9 @@ def _sources(runs: Sequence[Run]) -> list[tuple[str, str, str]]:
 
 
 def _title(runs: Sequence[Run]) -> str:
-    """What all have in common, that of a what-if, or how many are compared."""
-    if len({run.scenario.title for run in runs}) == 1 and not runs[0].branch:
-        return runs[0].scenario.title
-    moments = {(run.branch.get("of"), run.branch.get("at")) for run in runs}
-    if len(moments) == 1 and all(run.branch for run in runs):
-        return f"What if: {runs[0].branch['of']} from {runs[0].branch['at']:g} s on"
-    return f"Comparison of {len(runs)} runs"
+    """What all have in common, or how many are compared."""
+    same = len({run.scenario.title for run in runs}) == 1
+    return runs[0].scenario.title if same else f"Comparison of {len(runs)} runs"
 
 
 def _timing(ledger: Mapping[str, Any]) -> list[tuple[str, ...]]:

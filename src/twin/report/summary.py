@@ -134,6 +134,22 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
     return lag, *fit(lag)
 
 
+def spectrum(run: Run) -> tuple[Array, Array]:
+    """Amplitude of the tracking error over frequency: Hz (F,), m (F, 2) for x and y.
+
+    A Hann window from ``metrics.start`` on, scaled so that a sine of amplitude a reads a.
+    """
+    motion = run.motion
+    late = motion.time >= run.scenario.metrics.start - 1e-9
+    error = motion.error[late] if late.sum() >= 8 else motion.error
+    window = np.hanning(len(error))
+    weight = 2 / max(window.sum(), 1e-12)
+    level = error - error.mean(axis=0)
+    amplitude: Array = weight * np.abs(np.fft.rfft(window[:, None] * level, axis=0))
+    period = float(np.median(np.diff(motion.time))) if len(motion.time) > 1 else 1.0
+    return np.fft.rfftfreq(len(error), period), amplitude
+
+
 def _accelerations(rows: Mapping[str, Array], kind: str) -> Array:
     return np.stack([rows[f"{kind}_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
 

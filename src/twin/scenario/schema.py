@@ -187,6 +187,8 @@ def _known(kind: str) -> str:
     return kind
 
 
+CAMS_ONLY = "wheels.stiffness", "wheels.damping_ratio", "spring.preload", "plate.offset_mm"
+"""Keys of ``plant`` that are of the mechanism with cams."""
 CAMS_DEG = 10.0
 """How far the cams tilt the plate either way, deg; thesis chapter 3."""
 LEAST_ROLLING_MM = 0.01
@@ -290,9 +292,13 @@ class PlantKeys(Section):
             if value_of(self, key) != DEFAULTS[f"plant.{key}"]:
                 yield f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
         (x, y), start, disc = inner["size"], inner["start"], self.shape == "round"
-        if mechanism and ((x, y) != SCREEN or disc):
-            key = "shape" if (x, y) == SCREEN else "size"
-            yield f"plant.{key}: the mechanism's plate is 0.7 m x 0.395 m; set plant.kind=lagrange"
+        if mechanism and disc:
+            yield "plant.shape: the mechanism's plate is a rectangle; set plant.kind=lagrange"
+        if mechanism and (x, y) != SCREEN and not any(inner["linkage"].crank_mm):
+            yield (
+                "plant.size: the mechanism's plate on cams is 0.7 m x 0.395 m; set plant.kind="
+                "lagrange, or give plant.linkage"
+            )
         if disc and x != y:
             yield f"plant.size: of a round plate its diameter twice, got {x:g} and {y:g}"
         for axis, side in zip("xy", (x, y), strict=True):
@@ -379,6 +385,8 @@ class _Rig(Section):
     cams: Literal["table", "per_axis", "ratio"] = "table"
     """The calibrated table over both plate angles, which of a linkage is all its lengths, one table
     per axis, or a plain ratio."""
+    plate_lag: Annotated[float, Field(ge=0, le=2)] = 0.0
+    """Time constant in s with which the plate follows its command, as law and observer believe."""
 
 
 class _Touch(Section):
@@ -506,6 +514,9 @@ class Predictor(Section):
     dead time itself."""
     delay: Annotated[float, Field(ge=0, le=1)] = 0.042
     """Dead time in s that it, or such an observer, assumes."""
+    wait: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Mean time in s from frame to use, which the Smith predictor assumes besides; such an observer
+    knows how old each frame is."""
 
 
 class Dimensions(NamedTuple):
@@ -576,17 +587,7 @@ class Scenario(Section):
             )
         if problem := self.plant.problem():
             yield problem
-        linkage, most = filled(Linkage, [self]), self.rig.limits.angle_deg
-        if problem := linkage.problem(math.radians(most)):
-            yield problem
-        if linkage.given and self.rig.cams == "per_axis":
-            yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"
-        if linkage.given and self.plant.kind == "mujoco":
-            yield "plant.linkage: the mechanism has cams; set plant.kind=lagrange"
-        if self.plant.kind == "lagrange" and self.rig.cams != "table" and not linkage.given:
-            yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
-        if self.plant.kind == "mujoco" and most > CAMS_DEG:
-            yield f"rig.limits.angle_deg: the cams reach {CAMS_DEG:g}; set plant.kind=lagrange"
+        yield from self._transmission_problems()
         (x, y), area = self.plant.size, self.rig.limits.area
         if 2 * area[0] > x or 2 * area[1] > y:
             yield f"rig.limits.area: the plate's half is {x / 2:g}, {y / 2:g} m"
@@ -602,6 +603,21 @@ class Scenario(Section):
                 f"duration = {self.duration:g} s"
             )
 
+    def _transmission_problems(self) -> Iterator[str]:
+        """What does not go together between servos and plate, a line each."""
+        linkage, most = filled(Linkage, [self]), self.rig.limits.angle_deg
+        if problem := linkage.problem(math.radians(most)):
+            yield problem
+        for key in CAMS_ONLY if linkage.given else ():
+            if value_of(self.plant, key) is not None:
+                yield f"plant.{key}: a plate on rods has none"
+        if linkage.given and self.rig.cams == "per_axis":
+            yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"
+        if self.plant.kind == "lagrange" and self.rig.cams != "table" and not linkage.given:
+            yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
+        if self.plant.kind == "mujoco" and most > CAMS_DEG and not linkage.given:
+            yield f"rig.limits.angle_deg: the cams reach {CAMS_DEG:g}; set plant.kind=lagrange"
+
     @property
     def designed_on(self) -> BallPlate:
         """Ball and plate as the designer of law, observer and predictor knows them.
@@ -613,7 +629,7 @@ class Scenario(Section):
         known = self.controller.model
         ball: BallPlate = BallPlate() if known.kind == "nominal" else self.plant.ball.model
         given = known.model_dump(exclude={"kind"}, exclude_none=True)
-        return dataclasses.replace(ball, **given)
+        return dataclasses.replace(ball, lag=self.rig.plate_lag, **given)
 
     @property
     def law_ticks(self) -> int:

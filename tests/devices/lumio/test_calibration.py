@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binom
 
 from twin.devices.lumio.config import (
-    DOUBT,
     Calibration,
     CalibrationError,
     Mounting,
     fit,
-    outlier,
     read_calibration,
 )
 
@@ -86,34 +83,6 @@ def test_too_few_points_or_a_line_are_refused_in_words(points, words):
 def test_a_calibration_without_an_area_is_refused():
     with pytest.raises(CalibrationError, match="cover an area"):
         Calibration(((1.0, 2.0), (0.5, 1.0)), (0.0, 0.0))
-
-
-def seen(calibration, noise, seed):
-    """What the screen says of the points when they are touched with an error, m."""
-    points = POINTS + np.random.default_rng(seed).normal(0, noise, POINTS.shape)
-    return np.array([calibration.screen(*point) for point in points])
-
-
-@pytest.mark.parametrize("wrong", range(9))
-def test_a_point_touched_elsewhere_is_found_among_points_touched_by_hand(wrong):
-    said = seen(Calibration.nominal(), 1e-3, wrong)
-    said[wrong] += [0.02 / 0.7, 0.0]
-    index, distance = outlier(said, POINTS)
-    assert index == wrong
-    assert distance == pytest.approx(0.02, abs=0.004)
-
-
-def test_points_touched_rightly_are_suspected_as_seldom_as_stated():
-    runs = 150
-    alarms = sum(
-        outlier(seen(Calibration.nominal(), 1e-3, s), POINTS) is not None for s in range(runs)
-    )
-    assert alarms <= binom.ppf(0.999, runs, DOUBT)
-
-
-def test_a_point_that_alone_keeps_the_others_from_a_line_is_not_judged():
-    points = np.array([(0.0, 0), (0.1, 0), (0.2, 0), (0.3, 0), (0.15, 0.1)])
-    assert outlier(points, points) is None
 
 
 @given(way=MOUNTED)

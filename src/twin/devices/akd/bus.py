@@ -61,7 +61,9 @@ class PromptSlcanBus(slcanBus):
         self._polled = 0.0
         self._refused = 0
         # Claimed before the library opens it: its first bytes would close another one's channel.
-        self._claim = _claimed(channel)
+        self._claim, path = ExitStack(), channel.partition("@")[0]
+        if "://" not in path:
+            self._claim.callback(os.close, claim(path, os.O_RDWR))
         try:
             super().__init__(channel, bitrate=bitrate, timeout=0, **options)
         except BaseException:
@@ -164,18 +166,6 @@ class PromptSlcanBus(slcanBus):
         if flags & _FLAG_PASSIVE:
             return _message(*ERROR_PASSIVE_FRAME, error=True)
         return _message(*BUS_ERROR_FRAME, error=True) if flags & _FLAG_BUS_ERROR else None
-
-
-def _claimed(channel: str) -> ExitStack:
-    """Keeps the port for this process until it is closed; nothing where a channel is no file.
-
-    Raises:
-        OSError: If it cannot be opened, or another program has claimed it.
-    """
-    path, kept = channel.partition("@")[0], ExitStack()
-    if "://" not in path:
-        kept.callback(os.close, claim(path, os.O_RDWR))
-    return kept
 
 
 def _message(identifier: int, data: bytes, *, error: bool = False) -> Message:

@@ -141,8 +141,6 @@ class AkdServos:
         self._transport: CanTransport | None = None
         """The bus, between ``start`` and ``stop``."""
         self._reports = FaultReports(config.watch.repeat)
-        self._polling = SdoPolling(config, self._reports, 0.0)
-        self._cycle, self._synced, self._beat = 0, 0.0, 0.0
 
     def start(self, *, reset: bool = False) -> None:
         """Open the bus and take both drives to operational, monitored and without torque.

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from controllers.arrays import Array
@@ -73,14 +72,11 @@ def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
             _, vendor, product = (int(part, 16) for part in told["HID_ID"].split(":"))
             if vendor == VENDOR:
                 name = f"{vendor:04x}:{product:04x} {told.get('HID_NAME', '')}".rstrip()
-                found.append(Interface(f"/dev/{folder.name}", name, _readable(folder)))
+                layout = None
+                with suppress(OSError, DescriptorError):
+                    layout = _layout(folder)
+                found.append(Interface(f"/dev/{folder.name}", name, layout))
     return found
-
-
-def _readable(folder: Path) -> TouchLayout | None:
-    with suppress(OSError, DescriptorError):
-        return _layout(folder)
-    return None
 
 
 def _layout(folder: Path) -> TouchLayout | None:
@@ -298,12 +294,6 @@ def read_calibration(path: Path) -> Calibration:
         raise CalibrationError(f"{path}: not a calibration ({error}); {_REMEDY}") from error
 
 
-UNKNOWNS = 6
-"""Numbers of an affine map of the plane."""
-DOUBT = 0.01
-"""Chance at which points that were all touched rightly are told to have a wrong one among them."""
-
-
 @dataclass(frozen=True)
 class CalibrationFit:
     """A calibration, and what it leaves.
@@ -373,34 +363,6 @@ def fit(screen: ArrayLike, plate: ArrayLike) -> CalibrationFit:
     (a, c), (b, d), origin = solution.tolist()
     calibration = Calibration(((a, b), (c, d)), (origin[0], origin[1]))
     return CalibrationFit(calibration, true, system @ solution - true)
-
-
-def outlier(screen: Array, plate: Array) -> tuple[int, float] | None:
-    """The point that does not fit the others, if there is one, and how far it is off, in m.
-
-    Each point is compared with the calibration of the others: the square of its distance from
-    where they put it, over their own scatter, follows an F distribution if it is one of them. Both
-    follow from the fit to all points and the diagonal of its projection. With fewer than five
-    points the others leave no scatter to compare with.
-
-    Args:
-        screen: What the screen said, screen units, shape (K, 2).
-        plate: Where the points are, m, shape (K, 2).
-    """
-    count = len(plate)
-    freedom = 2 * (count - 1) - UNKNOWNS
-    if freedom < 1:
-        return None
-    system = _system(screen)
-    projection = system @ np.linalg.pinv(system)
-    alone = 1 - np.diag(projection)
-    alone[alone < 1e-6] = np.inf  # nothing but this point keeps the others from a line: not judged
-    squares = ((plate - projection @ plate) ** 2).sum(axis=1)
-    scatter = (squares.sum() - squares / alone) / freedom
-    ratios = squares / alone / 2 / np.maximum(scatter, 1e-30)
-    worst = int(np.argmax(ratios))
-    chance = count * float(scipy.special.fdtrc(2, freedom, ratios[worst]))
-    return (worst, float(np.sqrt(squares[worst]) / alone[worst])) if chance < DOUBT else None
 
 
 def _system(points: Array) -> Array:

@@ -44,15 +44,13 @@ class DecoderStats:
     Attributes:
         bytes: Bytes fed.
         reports: Packets with contacts.
-        cut: Bytes before the first packet that may end one whose beginning was not heard.
-        skipped: Other bytes that belong to no packet.
+        skipped: Bytes that belong to no packet, from the first packet on.
         checksum: Packets whose checksum is wrong.
         outside: Packets refused for a coordinate beyond the protocol's range.
     """
 
     bytes: int = 0
     reports: int = 0
-    cut: int = 0
     skipped: int = 0
     checksum: int = 0
     outside: int = 0
@@ -104,7 +102,7 @@ class StreamDecoder(Decoder):
         while at < len(self._buffer):
             packet = self._buffer[at : at + self.size]
             if not self._fits(packet):
-                self._leave_out()
+                self.stats.skipped += self._joined
                 at += 1
                 continue
             if len(packet) < self.size:
@@ -118,17 +116,9 @@ class StreamDecoder(Decoder):
         return reports
 
     def reset(self) -> None:
-        """Give up on the beginning of a packet that has not been completed."""
-        for _ in self._buffer:
-            self._leave_out()
+        """Skip half a packet, as after a pause."""
+        self.stats.skipped += self._joined * len(self._buffer)
         self._buffer.clear()
-
-    def _leave_out(self) -> None:
-        """Count a byte that belongs to no packet, or to one that began before the port was open."""
-        if self._joined or self.stats.cut == self.size - 1:
-            self.stats.skipped += 1
-        else:
-            self.stats.cut += 1
 
     @abstractmethod
     def _fits(self, packet: bytearray) -> bool:
@@ -465,7 +455,8 @@ class HidDecoder(Decoder):
             if not (0 <= x <= 1 and 0 <= y <= 1):
                 self.stats.outside += 1
                 return None
-            contacts.append(Contact(x, y, bool(place.tip.value(report)), _name(place, report)))
+            name = 1 if place.identifier is None else place.identifier.value(report)
+            contacts.append(Contact(x, y, bool(place.tip.value(report)), name))
         return tuple(contacts)
 
     def _used(self, report: int) -> tuple[ContactFields, ...]:
@@ -481,10 +472,6 @@ class HidDecoder(Decoder):
         if len(places) == 1:
             return places
         return tuple(place for place in places if place.tip.value(report))
-
-
-def _name(place: ContactFields, report: int) -> int:
-    return place.identifier.value(report) if place.identifier is not None else 1
 
 
 def decoder_of(protocol: str) -> Decoder:

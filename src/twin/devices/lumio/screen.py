@@ -96,10 +96,6 @@ class Tracker:
         self.calibration = calibration
         """Screen units to plate axes."""
         self._report_fault = report_fault
-        self.forget()
-
-    def forget(self) -> None:
-        """Start again, as before the first touch."""
         self.sample: Sample | None = None
         self._id = 0
         self._live: dict[int, float] = {}
@@ -354,21 +350,9 @@ class TouchStream:
         if decoder is None:
             return
         self.decoder, self._detector = decoder, None
-        self._seen = replace(decoder.stats)
         self.extent = decoder.extent
         if self._config.calibration is None and self.extent is not None:
             self.tracker.calibration = Calibration.nominal(self.extent)
-
-    def forget(self) -> None:
-        """Forget the ball and half a packet, as after the port was reopened."""
-        self.tracker.forget()
-        self._deaf = None
-        self.heard = 0
-        self.looks_like = ""
-        self._detector = Detector()
-        if self.decoder:
-            self.decoder.reset()
-            self._seen = replace(self.decoder.stats)
 
     def take(self, time: float, data: bytes) -> None:
         """Take in the bytes that arrived at a time in s, if any did."""
@@ -499,7 +483,7 @@ class LumioScreen:
 
     def _begin(self) -> None:
         """Open the port, take over what it says of itself, and know nothing of what was before."""
-        self.stream.forget()
+        self.stream = TouchStream(self.config)
         self._port.open()
         try:
             self.stream.begin(self._port.decoder())
