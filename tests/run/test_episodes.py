@@ -14,6 +14,7 @@ EVERYTHING = (
     "plant.servo.hysteresis_deg=0.1", "plant.servo.resonance_hz=15.0", "plant.servo.vibration=1.0",
     "plant.servo.vibration_wander=0.5", "disturbance.variance=[1e-4, 1e-4]",
     "sensors.touch.dead_time_spread=0.002", "sensors.touch.rotation_deg=1.0",
+    "sensors.touch.jitter=0.003", "sensors.touch.lost=0.2", "sensors.touch.frame_rate=70",
 )  # fmt: skip
 """What the shipped family leaves out of what has a past."""
 BEGUN = np.array([0, 2])

@@ -224,3 +224,25 @@ def test_of_two_rigs_the_one_with_nothing_before_it_sees_its_ball_as_alone():
     alone, _ = seen(TouchModel(), rigs=1, first=1)
     assert position[:, 1].tolist() == alone[:, 0].tolist()
     assert felt.tolist() == [[tick < 22, True] for tick in range(500)]
+
+
+def test_a_camera_that_begins_to_lose_frames_does_so_alike_alone_and_beside_others():
+    def after(lost):
+        return TouchModel(frame_rate=50.0, jitter=0.003, lost=lost)
+
+    together = SimulatedScreen(after(np.array([0.3, 0.0])), PERIOD, seeds(2))
+    alone = SimulatedScreen(after(0.0), PERIOD, seeds(2)[1:])
+    ages = []
+    for tick in range(1500):
+        if tick == 500:
+            together.change(after(np.array([0.3, 0.4])))
+            alone.change(after(0.4))
+        ball = np.full((2, 2), 0.1 * np.sin(3 * tick * PERIOD))
+        together.see(ball, np.ones(2, bool))
+        alone.see(ball[:1], np.ones(1, bool))
+        both, one = together.read(), alone.read()
+        assert both.position[1].tolist() == one.position[0].tolist()
+        ages.append(one.age[0])
+        assert both.age[1] == one.age[0]
+    assert max(ages[100:500]) < 0.04
+    assert max(ages[500:]) > 0.05
