@@ -66,6 +66,9 @@ class BallPlate:
     """Gravitational acceleration in m/s^2, thesis A.2."""
     height: NotNegative = 0.122
     """Distance d_cs from the cardan joint up to the surface in m, thesis A.2."""
+    lag: NotNegative = 0.0
+    """Time constant in s with which the drives follow a commanded plate rate; 0 for at once. No
+    part of the equations of motion: laws and observers that know of it say so."""
 
     d: float = field(init=False, repr=False)
     """Height of the ball's centre above the cardan joint in m, (4.6)."""

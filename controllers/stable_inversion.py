@@ -24,6 +24,7 @@ from controllers.arrays import (
     NotNegative,
     Positive,
     components,
+    numbers,
     square_of,
     together,
 )
@@ -153,7 +154,7 @@ class TwoSided:
     """
 
     def __init__(self, Z: float, period: float, count: int, length: int) -> None:
-        self._Z, self._count = Z, count
+        self._Z, self._count, self._period = Z, count, period
         step = Z * period
         decay = math.exp(-step)
         # weights of the two ends of a straight line, the nearer one first
@@ -171,6 +172,8 @@ class TwoSided:
         self._forward, self._backward = forward, backward
         self._begun = decay ** np.arange(count + 1)[:, None]
         self._p: Array | None = None
+        self.jerk: Array = np.empty(0)
+        """Third derivative of a in the slice laid last, shape (count, ...)."""
 
     def lay(self, w: Array) -> Tilts:
         """a, a' and a'' of a slice, each shape (count, ...), from a window that begins with it.
@@ -190,9 +193,11 @@ class TwoSided:
         p = self._forward @ here + self._begun * begin
         q = self._backward @ rows
         self._p = p[..., count:, :]
+        change = (here[..., 1:, :] - here[..., :count, :]) / self._period
         p, here = p[..., :count, :], here[..., :count, :]
         a = (p + q) / 2
         slopes = a, self._Z * (q - p) / 2, self._Z**2 * (a - here)
+        self.jerk = (self._Z**2 * (slopes[1] - change)).swapaxes(-2, 0)
         return Tilts(*(each.swapaxes(-2, 0) for each in slopes))
 
 
@@ -626,6 +631,10 @@ class StableInversion(AboutMotion):
 
     with K of the linear-quadratic regulator of eta'' = k1 a. Jumps of the reference are spread.
 
+    Drives with a lag T that is known (``BallPlate.lag``) turn the plate at a rate a' that follows
+    the commanded one w, a'' = (w - a') / T. The regulator is then that of (eta, eta', a, a', w)
+    under w', about w* = a*' + T a*''.
+
     A ball that was pushed is braked first and brought back then. Of an error of eta that grows
     beyond ``FAR`` no more than ``LEAVING`` is fed back: the slope that the rest would ask for comes
     too late to stop the ball, and moves it outwards as it comes. Of one that shrinks it is
@@ -656,20 +665,31 @@ class StableInversion(AboutMotion):
     moved: friction is then fed forward along the ball's own heading, there being no other. 0 for
     never."""
 
+    def _gain(self) -> Array:
+        """K, shape (4,); for drives with a lag (5,)."""
+        lag = self.model.lag
+        if not lag:
+            return super()._gain()
+        A, B = np.eye(5, k=1), np.eye(5)[:, 4:]
+        A[1, 2], A[3, 3:] = self.model.k1, (-1 / lag, 1 / lag)
+        P = scipy.linalg.solve_continuous_are(A, B, np.diag((*self.Q, 0.0)), np.eye(1))
+        gain: Array = P[4]
+        return gain
+
     def start(self, x: Array, reference: Reference, period: float) -> InversePlan:
         """The motion of ball and plate, its first slice laid."""
         return InversePlan(self, x, reference, period)
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
-        rows, K, k1 = now.x.reshape(-1, 8), self.K.tolist(), self.model.k1
+        rows, K, k1, lag = now.x.reshape(-1, 8), self.K.tolist(), self.model.k1, self.model.lag
         x, (F, *known) = components(rows), components(now.needed.reshape(-1, 5))
         sqrt, vx, vy, u = (NUMBERS if len(rows) == 1 else ARRAYS).sqrt, x[1], x[5], []
         length = sqrt(vx * vx + vy * vy + self.smooth**2)
         for axis, wanted in enumerate(now.plan.at(now.time)):
             d, gain, sign = known[axis], 1 + known[2 + axis], (1.0, -1.0)[axis]
             ball, v, angle, rate = x[4 * axis : 4 * axis + 4]
-            free, drag = wanted.free, wanted.drag
+            free, drag, planned = wanted.free, wanted.drag, 1.0
             if self.resting_speed:  # as planned, at rest by the ball's own heading
                 share = wanted.pace / self.resting_speed**2
                 planned = share * share / (1 + share * share)
@@ -681,7 +701,13 @@ class StableInversion(AboutMotion):
                 (free.acceleration + F * drag.acceleration) / gain,
             )
             seen = ball, v, sign * angle, sign * rate
-            u.append(sign * self._about(K, seen, (wanted.position, wanted.velocity), slope))
+            asked = self._about(K, seen, (wanted.position, wanted.velocity), slope)
+            if lag:
+                commanded = sign * numbers(now.rate[..., axis])
+                jerk = (wanted.jerk[0] + F * planned * wanted.jerk[1]) / gain
+                ahead = commanded - slope.rate - lag * slope.acceleration
+                asked = asked + lag * jerk - K[4] * ahead
+            u.append(sign * asked)
         return together(u, len(rows)).reshape(now.rate.shape)
 
     def _pull(self, eta: Any, rate: Any) -> Any:
@@ -709,6 +735,8 @@ class InverseMotion(NamedTuple):
     """Slopes that it takes without friction, rad."""
     drag: Tilts
     """Slopes that a friction of 1 m/s^2 takes besides, rad per m/s^2."""
+    jerk: tuple[Any, Any]
+    """Third derivatives of both."""
 
 
 class InversePlan(Slices):
@@ -730,11 +758,11 @@ class InversePlan(Slices):
     def at(self, t: float) -> list[InverseMotion]:
         """What is wanted along x and y at a time in s not before the one asked for last."""
         tick = self._tick(t)
-        rows = self._laid[tick].reshape(9, -1, 2).transpose(2, 0, 1)
+        rows = self._laid[tick].reshape(11, -1, 2).transpose(2, 0, 1)
         axes = rows[..., 0].tolist() if rows.shape[2] == 1 else rows.copy()
         return [
-            InverseMotion(x, v, pace, Tilts(*slopes[:3]), Tilts(*slopes[3:]))
-            for x, v, pace, *slopes in axes
+            InverseMotion(x, v, pace, Tilts(*slopes[:3]), Tilts(*slopes[3:6]), (free, drag))
+            for x, v, pace, *slopes, free, drag in axes
         ]
 
     def _parts(self) -> Sequence[Callable[[], None]]:
@@ -750,7 +778,8 @@ class InversePlan(Slices):
         pace = square[:count] + square_of(acceleration[:count])
         speed = np.sqrt(square + self._law.smooth**2)
         drag = self._drag.lay(velocity / (k1 * speed))
-        self._next = np.empty((count, 9, *position.shape[1:]))
-        parts = position[:count], velocity[:count], pace, *self._free_laid, *drag
+        self._next = np.empty((count, 11, *position.shape[1:]))
+        jerks = self._free.jerk, self._drag.jerk
+        parts = position[:count], velocity[:count], pace, *self._free_laid, *drag, *jerks
         for number, each in enumerate(parts):
             self._next[:, number] = each

@@ -13,7 +13,7 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -240,21 +240,23 @@ class RollingBall:
 class SlowPlate:
     """Angle and rate about one axis from the commanded rate, with a bias learnt from the encoder.
 
-    phi' = w + b with the commanded rate w, both corrected by the measured angle with two equal
-    poles. The measured rate would feed the resonance of plate and spring (13 and 19 Hz) back; the
-    commanded one alone drifts, as disturbances of the motors add up.
+    phi' = w + b with the commanded rate w, as the drives follow it, both corrected by the measured
+    angle with two equal poles. The measured rate would feed the resonance of plate and spring (13
+    and 19 Hz) back; the commanded one alone drifts, as disturbances of the motors add up.
 
     Args:
         pole: Both poles of the error, as a rate in 1/s.
         period: Control period in s.
+        lag: Time constant in s with which drives follow the commanded rate; 0 for at once.
         angle: To begin with, rad, a component.
         rate: To begin with, rad/s, a component.
     """
 
-    def __init__(self, pole: float, period: float, angle: Any, rate: Any) -> None:
+    def __init__(self, pole: float, period: float, lag: float, angle: Any, rate: Any) -> None:
         self.angle = angle
-        self.commanded = rate
-        """Plate rate commanded last, rad/s."""
+        self.commanded = self._told = rate
+        """Plate rate commanded last, as far as the drives have followed it, rad/s."""
+        self._left = math.exp(-period / lag) if lag else 0.0
         self._bias = 0 * angle
         self._period = period
         self._gain = 2 * pole * period, pole * pole * period
@@ -269,7 +271,8 @@ class SlowPlate:
     def predict(self, u: Any) -> None:
         """One period under the applied acceleration in rad/s^2."""
         T, before = self._period, self.commanded
-        self.commanded = before + T * u
+        self._told = self._told + T * u
+        self.commanded = self._told + self._left * (before - self._told)
         self.angle = self.angle + T * (before + self.commanded) / 2 + T * self._bias
 
 
@@ -288,6 +291,9 @@ class LateBall(DelayedObserver):
 
     plate_pole: Positive = 10.0
     """Both poles of the plate's estimate, as a rate in 1/s."""
+    plate: Literal["measured", "modelled"] = "measured"
+    """Whether its angles are measured; modelled ones, for a rig without encoders, are what was
+    commanded as drives with the lag that is known follow it."""
 
     def _begin_at(self, x: Array, smooth: float, friction: float) -> None:
         """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time.
@@ -304,7 +310,10 @@ class LateBall(DelayedObserver):
         self._by = NUMBERS if self._rigs == 1 else ARRAYS
         self._ball = RollingBall(self.model, smooth, self.period, self.delay, rows)
         self._state = state = components(rows)
-        plates = [SlowPlate(self.plate_pole, self.period, *state[k : k + 2]) for k in (2, 6)]
+        plates = [
+            SlowPlate(self.plate_pole, self.period, self.model.lag, *state[k : k + 2])
+            for k in (2, 6)
+        ]
         self._plates = plates
         c2 = self.model.c2
         s = np.zeros((self._rigs, 9))
@@ -318,7 +327,10 @@ class LateBall(DelayedObserver):
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
         x, phi, y, theta = components(measurement.y.reshape(-1, 4))
-        (along, across), measured = self._plates, (phi, theta)
+        along, across = self._plates
+        if self.plate == "modelled":
+            phi, theta = along.angle, across.angle
+        measured = phi, theta
         phi, phi_rate = along.correct(phi)
         theta, theta_rate = across.correct(theta)
         commanded = along.commanded, across.commanded

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from html import escape
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol
@@ -21,8 +20,8 @@ if TYPE_CHECKING:
 
 OWN = ("ballplate", "twin", "contextlib")
 """Packages whose lines a warning is not about."""
-PICTURES = 0.2
-"""Seconds between two pictures of a notebook's progress."""
+LINE_EVERY = 10.0
+"""Seconds between two lines of progress where there is no terminal."""
 
 
 class BallplateWarning(UserWarning):
@@ -63,28 +62,31 @@ class Reporter:
 
 
 class Notebook(Reporter):
-    """Shows progress as a bar below the cell of a notebook, gone when the work is done."""
+    """Tells progress below the cell of a notebook, a line now and then."""
 
-    @contextmanager
-    def progress(self, what: str, total: float, unit: str = "") -> Iterator[Advance]:
-        """A bar while the work goes on."""
-        from IPython import display
+    def progress(self, what: str, total: float, unit: str = "") -> AbstractContextManager[Advance]:
+        """Lines while the work goes on."""
+        return nullcontext(now_and_then(what, total, unit, print))
 
-        shown: Any = display.display(display.HTML(_bar(what, 0.0, "")), display_id=True)
-        last = monotonic()
 
-        def advance(done: float, note: str = "", /) -> None:
-            nonlocal last
-            if monotonic() - last < PICTURES:
-                return
+def now_and_then(what: str, total: float, unit: str, say: Callable[[str], object]) -> Advance:
+    """Progress that is said in a line every ``LINE_EVERY`` seconds; what, total and unit as there.
+
+    Args:
+        what: Label of the work.
+        total: What ``done`` is when all is done.
+        unit: What is counted.
+        say: Is given the lines.
+    """
+    last = monotonic()
+
+    def line(done: float, note: str = "", /) -> None:
+        nonlocal last
+        if monotonic() - last > LINE_EVERY:
+            say(f"{what}: {counted(done, total, unit, note)}")
             last = monotonic()
-            words = counted(done, total, unit, note)
-            shown.update(display.HTML(_bar(what, done / total, words)))
 
-        try:
-            yield advance
-        finally:
-            shown.update(display.HTML(""))
+    return line
 
 
 def counted(done: float, total: float, unit: str, note: str) -> str:
@@ -105,11 +107,6 @@ def writable(out: str | Path | None, reporter: Reporter) -> Path | None:
 def default() -> Reporter:
     """The reporter of where this program runs: a notebook has its own."""
     return Notebook() if hasattr(shell(), "kernel") else Reporter()
-
-
-def _bar(what: str, share: float, words: str) -> str:
-    bar = f'<progress value="{share:.3f}" max="1"></progress>'
-    return f"<div>{escape(what)} {bar} {escape(words)}</div>"
 
 
 def _outside() -> int:

@@ -15,7 +15,7 @@ from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.systems import INPUTS, UNITS
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED, STATES, constants
-from twin.errors import ScenarioError, TwinError
+from twin.errors import ScenarioError, extra
 from twin.fmu.description import parameters
 from twin.run.assemble import build_limits
 from twin.sim.plant.exact import rolling
@@ -168,12 +168,8 @@ def symbolic(
     Raises:
         TwinError: If there is no such scenario, a number is out of range, or CasADi is lacking.
     """
-    try:
+    with extra("casadi", "symbolic"):
         import casadi as ca
-    except ImportError as error:
-        raise TwinError("symbolic: needs the extra casadi: pip install 'ballplate[casadi]'") from (
-            error
-        )
     chosen = scenario_of(scenario, changes_of(settings, changes))
     period = chosen.law_ticks * chosen.rig.period if period is None else period
     for name, value in (("period", period), ("width", width)):

@@ -13,8 +13,8 @@ from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, 
 from ballplate.comparing import attempt, carried_out, cases_of
 from ballplate.reporter import Reporter, default, png, showable, writable
 from twin.errors import LawError, ScenarioError, nearest
-from twin.page import Picture, Table, Text, digits, fragment
-from twin.report.numbers import FIRST, LABELS
+from twin.page import Picture, Table, Text, fragment
+from twin.report.numbers import LABELS, by_run
 from twin.run.files import UNITS
 from twin.shipped import find
 from twin.writing import write_whole
@@ -95,25 +95,12 @@ class Sweep:
         return pd.DataFrame(lines)
 
     def table(self) -> Table:
-        """The first indicator that applies over the first key for each curve, or all of one."""
-        keys = [key for key in FIRST if any(each.get(key) is not None for each in self.rows)]
-        curves = self.curves
-        several = len(curves) > 1
-        chosen = keys[:1] if several else keys
-        words = [f"{FIRST[key][0]} [{FIRST[key][1]}]" for key in chosen]
-
-        def cell(run: Mapping[str, Any], key: str) -> str:
-            if run["outcome"] == "finished":
-                return digits(run.get(key), FIRST[key][1])
-            when = f" at {run['outcome_time']:.3g} s" if run["outcome_time"] else ""
-            return f"{run['outcome']}{when}"
-
-        lines = [
-            [named(value), *(cell(runs[at], key) for runs in curves.values() for key in chosen)]
-            for at, value in enumerate(self.values)
-        ]
-        heads = curves if several and keys else words
-        return Table(", ".join(words) if several else "", (self.keys[0], *heads), lines, words=())
+        """The indicators that come first, a line per run; of one that ended early how it did."""
+        runs = {}
+        for at, row in zip(self.points, self.rows, strict=True):
+            early = {"outcome": f"{row['outcome']} at {row['outcome_time']:.3g} s"}
+            runs[", ".join(map(named, at))] = row if row["outcome"] == "finished" else early
+        return by_run(runs, ", ".join(self.keys))
 
     def csv(self) -> str:
         """A line per run: values of the keys, every indicator with its unit in the header."""

@@ -13,7 +13,8 @@ TwinError
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class TwinError(Exception):
@@ -46,6 +47,20 @@ class LogError(TwinError, ValueError):
 
 class RigError(TwinError, ConnectionError):
     """A rig, or one of its devices, cannot be brought up."""
+
+
+@contextmanager
+def extra(name: str, what: str) -> Iterator[None]:
+    """Import what an extra brings; where it is lacking, the error says who needs it.
+
+    Raises:
+        TwinError: If it is not installed.
+    """
+    try:
+        yield
+    except ImportError as error:
+        where = f"pip install 'ballplate[{name}]'"
+        raise TwinError(f"{what}: needs the extra {name}: {where}") from error
 
 
 def nearest(name: object, known: Iterable[str]) -> str:

@@ -8,7 +8,7 @@ from base64 import b64encode
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from markupsafe import Markup
 
@@ -28,7 +28,6 @@ class Text:
         note: Below them.
     """
 
-    kind: ClassVar = "text"
     lines: Sequence[str]
     title: str = ""
     note: str = ""
@@ -44,7 +43,6 @@ class Verdict:
         title: Above them.
     """
 
-    kind: ClassVar = "verdict"
     lines: Sequence[str]
     good: bool
     title: str = ""
@@ -63,7 +61,6 @@ class Table:
         folded: What a page shows in its place until it is asked for; empty for no.
     """
 
-    kind: ClassVar = "table"
     title: str
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -87,7 +84,6 @@ class Picture:
         note: Below it.
     """
 
-    kind: ClassVar = "picture"
     title: str
     content: Figure | Markup | bytes
     note: str = ""
@@ -111,7 +107,6 @@ class Code:
         note: Below it.
     """
 
-    kind: ClassVar = "code"
     title: str
     text: str
     note: str = ""
@@ -141,9 +136,7 @@ def _template() -> Template:
     return pages.get_template("page.html.j2")
 
 
-def encoded(
-    figure: Figure, kind: Literal["svg", "png", "pdf"], dpi: float | Literal["figure"] = "figure"
-) -> bytes:
+def encoded(figure: Figure, kind: str, dpi: float | Literal["figure"] = "figure") -> bytes:
     """A figure as a file's content; the same figure gives the same bytes."""
     import matplotlib as mpl  # noqa: PLC0415  heavy: a page may show no figure
 

@@ -8,11 +8,7 @@ from click.testing import CliRunner
 from twin.cli.calibrate import touch
 from twin.cli.rig import request
 from twin.devices.lumio.config import UDEV_RULES
-from twin.hal.cams import CamTable
-from twin.paths import model_path
 from twin.scenario.rig import read_rig
-from twin.sim import calibration
-from twin.sim.calibration import StaticError
 
 
 def test_the_udev_rules_are_printed_and_nothing_else_is_done(ballplate, tmp_path):
@@ -42,16 +38,3 @@ def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(tmp_path, monke
     rig = tmp_path / "rig.toml"
     rig.write_text(f'[touch]\nport = "x"\ncalibration_file = "{file}"\n')
     assert read_rig(rig).screen().calibration.plate(0.5, 0.5) == pytest.approx((0, 0), abs=2e-4)
-
-
-def test_a_cam_table_is_written_where_it_is_asked_for_and_nowhere_else(
-    ballplate, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(calibration, "sweep_cams", CamTable.packaged)
-    monkeypatch.setattr(calibration, "static_error", lambda _: StaticError(0.0, 0.0, 1))
-    before = model_path("cams.json").stat()
-    code, out, _ = ballplate("calibrate", "cams")
-    assert (code, "not written: --out FILE" in out) == (0, True)
-    assert ballplate("calibrate", "cams", "--out", tmp_path / "cams.json")[0] == 0
-    assert model_path("cams.json").stat() == before
-    CamTable.from_file(tmp_path / "cams.json").check(model_path())

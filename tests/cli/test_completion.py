@@ -27,7 +27,7 @@ def offered(*words):
         (("sweep", "circle", "controller.rho"), ["controller.rho="]),
         (("run", "x", "--set", "controller.kind=afl_"), ["controller.kind=afl_integral"]),
         (("study", "fric"), ["friction"]),
-        (("describe", "plant.fric"), ["plant.friction"]),
+        (("describe", "plant.friction.rol"), ["plant.friction.rolling_mm"]),
     ],
 )
 def test_commands_scenarios_studies_and_keys_are_offered(words, expected):

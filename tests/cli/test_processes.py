@@ -22,7 +22,8 @@ QUICK = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start
 def test_ctrl_c_a_kill_and_a_closed_terminal_end_a_run_in_order(tmp_path):
     def ended_by(number):
         place = tmp_path / number.name
-        code = "from twin.cli import main, output; output.LINE_EVERY = 0.2; main()"
+        code = "from ballplate import reporter; reporter.LINE_EVERY = 0.2\n"
+        code += "from twin.cli import main; main()"
         arguments = ["run", "hold", *QUICK[:2], "--set", "duration=3600", "--out", str(place)]
         with subprocess.Popen(
             [sys.executable, "-c", code, *arguments], stderr=subprocess.PIPE, text=True
@@ -89,7 +90,7 @@ def test_a_comparison_writes_the_same_bytes_on_one_process_and_on_two(ballplate,
 @pytest.mark.real_time
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no process groups")
 def test_ctrl_c_ends_a_comparison_on_two_processes_and_keeps_what_is_done(tmp_path):
-    code = "from twin.cli import main, output; output.LINE_EVERY = 0.0\n"
+    code = "from ballplate import reporter; reporter.LINE_EVERY = 0.0; from twin.cli import main\n"
     code += "if __name__ == '__main__': main()"
     arguments = ["compare", "hold", *QUICK[:2], "--vary", "duration=[1,3600]", "-j", "2"]
     with subprocess.Popen(

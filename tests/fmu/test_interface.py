@@ -204,8 +204,16 @@ def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
         np.testing.assert_allclose(values, said * factor[key.removeprefix(base)], rtol=1e-15)
         named.add(key)
     rest = {key for key, its in keys.items() if not its.plants} - named
-    known = ("plant.surface.", "plant.camber", "plant.kind", "plant.ball.kind", "plant.step")
-    known += ("plant.linkage.", "rig.period", "rig.cams", "sensors.ideal", "sensors.noise_hold")
+    known = ("plant.surface.", "plant.camber", "plant.shape", "plant.kind", "plant.step")
+    known += (
+        "plant.ball.kind",
+        "plant.linkage.",
+        "rig.period",
+        "rig.cams",
+        "rig.plate_lag",
+        "sensors.ideal",
+        "sensors.noise_hold",
+    )
     ours = {key for key in rest if key.startswith(("plant.", "rig.", "sensors.", "disturbance"))}
     assert [key for key in ours if not key.startswith(known)] == []
 

@@ -166,6 +166,22 @@ def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
     library = made(tmp_path, duration=0.02, **uneven)
     twin, ours, _ = both(exact(**uneven), CRig(library), 700)
     np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    round_one = {
+        "plant__shape": "round",
+        "plant__size": [0.3, 0.3],
+        "rig__limits__area": [0.1, 0.1],
+        "rig__limits__margin": 0.2,
+        "reference__amplitude": 0.05,
+        "plant__start__x": 0.09,
+        "plant__start__y": 0.09,
+        "plant__start__y_rate": 0.2,
+        "plant__start__x_rate": 0.2,
+    }
+    (tmp_path / "round").mkdir()
+    disc = CRig(made(tmp_path / "round", duration=0.02, **round_one))
+    fell = both(exact(**round_one), disc, 200)
+    np.testing.assert_allclose(fell[1], fell[0], rtol=0, atol=1e-11)
+    assert disc.get("true_on_plate")[0] == 0
     flat = both(exact(), CRig(library), 700)[0]
     assert abs(flat - ours).max() > 1e-3
 

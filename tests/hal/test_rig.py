@@ -25,6 +25,7 @@ PLANTS = {
     "lagrange": ("plant.kind=lagrange",),
     "mujoco": ("plant.kind=mujoco",),
     "lagrange, rods": ("plant.kind=lagrange", LINKAGE),
+    "mujoco, rods": ("plant.kind=mujoco", LINKAGE),
 }
 SIMULATED = tuple(PLANTS)
 OWN = ("own hardware", "own hardware without encoder")

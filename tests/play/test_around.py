@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.rig import play
-from twin.errors import ViewError
+from twin.errors import TwinError
 from twin.play import serve
 from twin.play.page import PLANT, complete, gains, moved, shown_by
 from twin.play.serve import Audience, guarded, is_loopback
@@ -163,7 +163,7 @@ def test_gains_are_called_by_their_key_and_told_what_they_are():
 
 def test_a_missing_extra_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "nicegui", None)
-    with pytest.raises(ViewError, match=r"needs the extra play: pip install 'ballplate\[play\]'"):
+    with pytest.raises(TwinError, match=r"needs the extra play: pip install 'ballplate\[play\]'"):
         serve.library()
 
 
@@ -176,7 +176,7 @@ def test_a_port_that_is_taken_is_one_line_and_starts_nothing(tmp_path):
         done = CliRunner().invoke(play, ["hold", "--port", str(port), "--out", str(tmp_path / "x")])
     finally:
         taken.close()
-    assert isinstance(done.exception, ViewError)
+    assert isinstance(done.exception, TwinError)
     assert str(done.exception) == (
         f"address 127.0.0.1, port {port}: Address already in use; choose another"
     )

@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 
 from twin.run.picture import COLOURS
 from twin.view.recording import GROUND, SKY
-from twin.view.streams import BLACK, GREY, RUNS, Signal, tinted
+from twin.view.streams import BLACK, GREY, RUNS, shade
 
 LEAST = 3.0
 WHITE = np.ones(3)
@@ -62,7 +62,6 @@ def test_lines_of_pictures_differ_from_each_other_on_a_dark_page_too():
 
 @pytest.mark.parametrize("ground", [GROUND, SKY])
 def test_lines_of_the_viewer_are_seen_on_the_ground_that_they_bring(ground):
-    lines = {"phi": Signal(np.zeros(1), RUNS[0]), "theta": Signal(np.zeros(1), RUNS[0])}
-    shades = [s.colour for run in range(len(RUNS)) for s in tinted(lines, run).values()]
+    shades = [shade(run, number) for run in range(len(RUNS)) for number in (0, 1)]
     for colour in (*RUNS, GREY, BLACK, *shades):
         assert contrast(np.array(colour) / 255, np.array(ground) / 255) > LEAST

@@ -107,6 +107,24 @@ def test_a_plate_of_another_shape_is_not_stretched(size):
     assert (left + right) / 2 == pytest.approx(16 + 249 + 0.1 * per_metre, abs=1.5)
 
 
+def test_a_round_plate_is_a_circle_and_a_fallen_ball_lies_at_its_rim():
+    rig = {"size": (0.3, 0.3), "shape": "round", "ball": {"radius": 0.005, "inertia": 1e-7}}
+    rolls = told([(0.10, 0.10), (0.12, 0.12)], rig=rig, outcome="fell")
+    longer = told([(0.0, 0.0)] * 60, rig=rig)
+    picture = frames(rolls, longer, since=0.0, until=0.5)[-1]
+    per_metre = 281 / 0.3
+    _, columns = np.nonzero(np.abs(picture[90:373, 20:510] - BLUE).max(axis=2) <= 60)
+    x = (columns.mean() + 20 - (16 + 249)) / per_metre
+    assert x == pytest.approx((0.15 - 0.013) / np.sqrt(2), abs=3e-3)
+    # the rim cuts each row of the panel where the circle does
+    panel = picture[91:372, 17:513]
+    middle, dark = panel.shape[0] / 2, (panel.max(axis=2) < 190) & (np.ptp(panel, axis=2) < 30)
+    for up in (30, 80, 120):
+        (at,) = np.nonzero(dark[round(middle + up)])
+        half = np.sqrt((0.15 * per_metre) ** 2 - up**2)
+        assert np.ptp(at) == pytest.approx(2 * half, abs=5)
+
+
 def test_the_ball_moves_from_frame_to_frame_as_recorded():
     time = 0.01 * np.arange(301)
     way = np.stack((0.2 * np.sin(2 * time), 0.1 * np.cos(time)), axis=1)
@@ -222,11 +240,10 @@ def test_more_runs_than_colours_are_refused(circle):
         Film({str(i): circle for i in range(7)}, Cut())
 
 
-def test_a_run_and_a_log_are_shown_beside_a_run(circle, tmp_path, ballplate):
+def test_a_run_is_shown_beside_a_run(circle, tmp_path, ballplate):
     record_run(circle, tmp_path / "runs" / "circle")
-    assert ballplate("export", "runs/circle", "log.csv")[0] == 0
     code, out, _ = ballplate(
-        "export", "last", "a.webp", "--beside", "runs/circle", "--beside", "log.csv",
+        "export", "last", "a.webp", "--beside", "runs/circle",
         "--from", "0.2", "--to", "0.4", "--fps", "10", "--size", "300",
     )  # fmt: skip
     assert (code, out) == (0, "written to a.webp\n")
@@ -248,6 +265,7 @@ def test_what_export_cannot_do_is_one_line_and_writes_nothing(circle, tmp_path, 
         "a.webp --from 3": "must be within 0 to 0.598 s",
         "a.webp --beside no": "no: no such record",
         "a.webp --beside cure": "cure is a scenario, not a run",
+        "a.webp --beside log.csv": "log.csv: a log, not a run",
         "made/run.parquet/a.webp": "a file is where a folder should be",
     }.items():
         code, out, err = ballplate("export", "made", *line.split())

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
 
 from twin.run.metrics import Motion
 from twin.run.picture import (
@@ -169,3 +170,16 @@ def test_a_ball_that_left_the_plate_ends_in_a_cross():
         assert ("X" in ended) == ("left the plate" in words(figure)) == (name == "left")
     assert "X" in ends["left"] - ends["stays"]
     assert "s" in ends["stays"] - ends["left"]
+
+
+def test_from_a_round_plate_a_ball_has_gone_beyond_its_circle():
+    disc = Dimensions((0.3, 0.3), (0.1, 0.1), 0.02, round=True)
+    for reach, gone in ((0.149, True), (0.146, False)):
+        ball = motion().ball.copy()
+        ball[-1] = reach * np.array([np.cos(0.7), -np.sin(0.7)])
+        with mock.patch.object(Figure, "draw_without_rendering"):
+            figure = picture({"one": replace(motion(), ball=ball)}, "", disc)
+        assert ("left the plate" in words(figure)) == gone
+    (panel,) = (each for each in figure.axes if each.get_title().startswith("Ball on the screen"))
+    (rim,) = (each for each in panel.patches if isinstance(each, Ellipse))
+    assert (rim.width, rim.height, *rim.center) == (300, 300, 0, 0)

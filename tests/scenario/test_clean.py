@@ -15,7 +15,7 @@ BALL = {
     "plant.ball.inertia": "5e-6",
 }
 """Keys of the ball, for which a controller is designed unless it is told of another."""
-KEPT = {"plant.kind", "plant.step", "plant.size", "sensors.ideal"} | {
+KEPT = {"plant.kind", "plant.step", "plant.size", "plant.shape", "sensors.ideal"} | {
     f"plant.start.{name}" for name in ("x", "y", "x_rate", "y_rate")
 }
 OF_THE_RIG = {

@@ -17,6 +17,10 @@ def override(tables, overrides):
     return put(tables, map(setting, overrides))
 
 
+ROUND = (
+    *("plant.kind=lagrange", "plant.shape=round", "plant.size=[0.3,0.3]"),
+    "rig.limits.area=[0.1,0.1]",
+)
 MINIMAL = {
     "title": "t",
     "duration": 1.0,
@@ -47,6 +51,13 @@ def test_every_shipped_scenario_is_valid(name):
         (["plant.kind=real"], ["plant.kind", "mujoco", "lagrange"]),
         (["plant.start.x=0.4"], ["plant.start.x", "0.35"]),
         (["rig.limits.area=[0.25,0.2]"], ["rig.limits.area", "the plate's half is 0.35, 0.1975 m"]),
+        (["plant.shape=round"], ["plant.shape: the mechanism's plate is a rectangle"]),
+        ([*ROUND, "plant.size=[0.3,0.2]"], ["plant.size", "its diameter twice, got 0.3 and 0.2"]),
+        ([*ROUND, "plant.start.x=0.11", "plant.start.y=-0.11"], ["plant.start", "radius is 0.15"]),
+        (
+            [*ROUND, "rig.limits.area=[0.14,0.07]"],
+            ["corners must lie on the round plate of radius 0.15 m", "[0.134, 0.0671]"],
+        ),
         (["metrics.start=2"], ["metrics.start", "duration"]),
         (["rig.period=0.0015"], ["rig.period", "0.001", "multiple"]),
         (["controller.period=0.003"], ["controller.period", "0.003", "multiple of rig.period"]),

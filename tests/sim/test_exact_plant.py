@@ -187,6 +187,19 @@ def test_a_ball_rolls_down_where_the_surface_slopes(rigs):
     assert plant.state[:, 4].tolist() == [0.0] * rigs
 
 
+@pytest.mark.parametrize("rounded", [[True], [True, False, True]])
+def test_from_a_round_plate_the_ball_falls_where_the_circle_ends(rounded):
+    rigs = len(rounded)
+    plant = ExactPlant(rigs=rigs, size=(0.3, 0.3), rounded=rounded)
+    there = np.array([0.1, 0.1, 0.1, 0.1])  # 141 mm from the middle, outwards at 141 mm/s
+    plant.start(np.tile(there, (rigs, 1)))
+    for tick in range(100):
+        plant.advance(np.zeros((rigs, 2)), 2)
+        past = np.hypot(0.1, 0.1) * (1 + 0.002 * (tick + 1)) > 0.15
+        assert plant.on_plate.tolist() == [not (past and disc) for disc in rounded]
+    assert past
+
+
 CAMBER = ("plant.camber=[0.35,-0.5]", "plant.start.x=0.05", "plant.start.y=-0.1")
 SMOOTH = ("plant.friction.rolling_mm=0", "plant.step=0.001")
 

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from scipy import stats
 
 from twin.cli.studies import tune as command
-from twin.errors import ScenarioError
+from twin.errors import ScenarioError, TwinError
 from twin.scenario import load
 from twin.shipped import shipped_in
 from twin.study.experiments import Store
@@ -272,7 +272,7 @@ def test_a_task_without_its_indicator_is_refused(tmp_path):
 def test_a_tune_without_optuna_says_what_to_install(file, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "optuna", None)
     result = CliRunner().invoke(command, [str(file), "--processes", "1"])
-    assert isinstance(result.exception, ScenarioError)
+    assert isinstance(result.exception, TwinError)
     assert "pip install 'ballplate[tune]'" in str(result.exception)
 
 

@@ -13,7 +13,7 @@ from twin.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, run, save
 from twin.view import viewer
 from twin.view.recording import blueprint, write
-from twin.view.streams import BLACK, BLUE, LINES, ORANGE, PLOTS, Signal, signals, tinted
+from twin.view.streams import LINES, PLOTS, signals, telling
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
@@ -112,6 +112,26 @@ def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(tmp_p
     assert f"{root}/mechanism/base/post" in text
 
 
+def test_a_round_plate_is_drawn_round(tmp_path):
+    from twin.scenario import load
+
+    settings = ("parameters=hobby", "duration=0.1", "metrics.start=0", "plant.shape=round")
+    write(tmp_path / "view.rrd", [run(load("circle", settings))])
+    text = printed(tmp_path / "view.rrd")
+    (root,) = set(re.findall(r"(/\S+)/mechanism/base/base", text))
+
+    def numbers(entity, part):
+        text = printed(tmp_path / "view.rrd", "-vvv", "--entity", f"{root}/{entity}")
+        cells = [line.split("┆") for line in text.splitlines() if re.search("RowId|row_", line)]
+        (found,) = (v for name, v in zip(*cells, strict=True) if part in name)
+        return [float(each) for each in re.findall(r"-?[\d.]+", found)]
+
+    assert numbers("mechanism/cardan/plate/plate", "radii") == pytest.approx([0.15])
+    assert numbers("mechanism/cardan/plate/plate", "lengths") == pytest.approx([0.01])
+    rim = np.reshape(numbers("plate_mm/screen", "strips")[:8], (-1, 2))  # the rest is cut short
+    assert np.hypot(*rim.T) == pytest.approx(np.full(len(rim), 150), abs=1e-3)
+
+
 def test_several_runs_stand_side_by_side_under_names_of_their_own(folder, tmp_path):
     runs = open_runs((folder, folder / "run.parquet"))
     assert [each.name for each in runs] == ["circle", "circle~2"]
@@ -203,9 +223,8 @@ def views(plan):
 
 
 def test_of_several_runs_a_plot_has_what_tells_them_apart():
-    position = {"ball": Signal(np.zeros(2), BLUE), "estimate": Signal(np.zeros(2), ORANGE)}
-    position["reference"] = Signal(np.zeros(2), BLACK)
-    assert [[*tinted(position, run)] for run in (0, 1)] == [["ball", "reference"], ["ball"]]
+    position = dict.fromkeys(("ball", "estimate", "reference"), np.zeros(2))
+    assert [[*telling(position, run)] for run in (0, 1)] == [["ball", "reference"], ["ball"]]
 
 
 def test_plots_have_legends_and_everything_drawn_brings_its_own_ground():
@@ -228,9 +247,9 @@ def test_every_plot_of_columns_has_a_title_and_its_columns_are_those_of_records(
     found = signals(opened.rows, np.zeros((len(opened.rows["time"]), 2)))
     further = {"friction_mm_per_s2", "tilt_gain_percent", "timing_ms"}  # of other observers, rigs
     assert LINES.keys() - further <= found.keys()
-    phi = found["angle_deg"]["phi"].values
+    phi = found["angle_deg"]["phi"]
     assert phi == pytest.approx(np.degrees(opened.rows["true_phi"]))
-    torque = found["torque_Nm"]["torque_theta"].values
+    torque = found["torque_Nm"]["torque_theta"]
     assert np.array_equal(torque, opened.rows["torque_theta_Nm"])
 
 

@@ -5,12 +5,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from twin.hal.linkage import Linkage
 from twin.sim.plant.friction import Friction
+from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import load_model
 from twin.view.scene import Scene, plate_to_rig, rolled
 
 ANGLE = st.floats(-0.17, 0.17)
 MODEL = load_model()
+LINKAGE = Linkage(crank=(0.04, 0.03), rod=(0.09, 0.1), arm=(0.1, 0.07), distance=(0.05, 0.045))
+RODS = load_model(parts=Parts(linkage=LINKAGE))
 
 
 def forward(phi, theta, motor_phi, motor_theta):
@@ -62,11 +66,19 @@ def test_every_drawn_part_lies_where_the_engine_puts_it(phi, theta, motor_phi, m
 @given(ANGLE, ANGLE)
 def test_the_spring_hangs_between_its_two_sites(phi, theta):
     data = forward(phi, theta, 0, 0)
-    scene = Scene(MODEL, "/m")
-    ((low, high),) = scene.spring_ends(np.array([[0, 0, phi, 0, 0, 0, theta, 0.0]]))
+    state = np.array([[0, 0, phi, 0, 0, 0, theta, 0.0]])
+    ((high, low),) = Scene(MODEL, "/m").lines(state, np.zeros((1, 2)))["/m/spring"]
     assert low == pytest.approx(data.site("spring_base").xpos)
     assert high == pytest.approx(data.site("spring_plate").xpos, abs=1e-9)
     assert np.linalg.norm(high - low) == pytest.approx(data.ten_length[0])
+
+
+@given(ANGLE, ANGLE)
+def test_rods_join_cranks_and_arms(phi, theta):
+    state = np.array([[0, 0, phi, 0, 0, 0, theta, 0.0]])
+    motor = LINKAGE.motor(state[:, 2::4])
+    for axis, ends in enumerate(Scene(RODS, "/m").lines(state, motor).values()):
+        assert np.linalg.norm(ends[0, 1] - ends[0, 0]) == pytest.approx(LINKAGE.rod[axis], rel=1e-5)
 
 
 def test_the_ball_touches_the_tilted_screen():

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from twin.cli import ballplate
 from twin.errors import TwinError
-from twin.report.html import html
 from twin.run import finished
 from twin.run.files import export
 from twin.run.finished import open_run, open_runs
@@ -218,7 +217,6 @@ def test_the_command_writes_a_picture_and_a_run_folder_for_each_future(run, tmp_
     changed = "plant.level_deg=1.0,0.0-observer=kalman"
     assert list(shown) == ["unchanged", changed]  # as in the picture
     assert shown[changed].rows["time"][0] == pytest.approx(AT)
-    assert "What if: " in html(list(shown.values()))
     assert invoke(out / "unchanged", "--at", AT + 0.1).exit_code != 0
     assert invoke(run, "--at", AT, "--for", 0.1, "--out", out).exit_code == 0
     assert {each.name for each in open_runs((out,))} == {"unchanged"}

@@ -23,12 +23,10 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from twin.errors import TwinError
+from twin.errors import extra
 
-try:
+with extra("gym", "ballplate.gym"):
     from gymnasium.envs.registration import register, registry
-except ImportError as error:
-    raise TwinError("ballplate.gym: needs the extra gym: pip install 'ballplate[gym]'") from error
 
 if TYPE_CHECKING:
     from ballplate.gym.environments import RigEnv, RigVectorEnv

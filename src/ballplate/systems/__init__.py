@@ -148,21 +148,20 @@ def mechanism(
     ``servo_phi``, ``servo_theta`` in rad, and the ball's own turning ``ball_turn_x``,
     ``ball_turn_y`` in rad/s.
 
-    In: what ``plant`` says of ball, wheels, spring, servos' limits and plate; ``plant.step``,
-    ``rig.period``, ``sensors.touch.dead_time``. Out: friction of ball and joints, a tilted base,
-    what drives and sensors do besides, limits, and that the rig compares its plate angle with the
-    encoders every 20 ms.
+    In: what ``plant`` says of ball, wheels, spring or linkage, servos' limits and plate;
+    ``plant.step``, ``rig.period``, ``sensors.touch.dead_time``. Out: friction of ball and joints, a
+    tilted base, what drives and sensors do besides, limits, and that the rig compares its plate
+    angle with the encoders every 20 ms.
 
     Args and errors are those of ``linear``, but a scenario must be named, and a ball that is oval
     or out of balance is refused: its attitude would have to be states, too.
     """
-    from twin.settings import changed
+    from twin.run.assemble import parts_of
     from twin.sim.calibration import STATES as MOVING
     from twin.sim.calibration import linear_mechanism
-    from twin.sim.plant.interface import Parts
 
     chosen = scenario_of(scenario, changes_of(settings, changes))
-    parts, period = changed(Parts, chosen), chosen.rig.period
+    parts, period = parts_of(chosen), chosen.rig.period
     A, B, step, ratio = linear_mechanism(parts, chosen.plant.step)
     A, B = _over(round(period / step), A, ratio * B)
     n = len(A)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,9 +15,8 @@ from twin.cli import options
 from twin.cli.output import Shown, progress, show
 from twin.cli.rig import rig_file
 from twin.page import Table
-from twin.paths import model_path
 from twin.run.files import log_file
-from twin.writing import check_writable, write_whole
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from ballplate.reporter import Advance
@@ -121,7 +120,7 @@ FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 """Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""
 
 
-@click.group(cls=options.Group, example="calibrate cams --check")
+@click.group(cls=options.Group, example="calibrate cams --lines 4")
 def calibrate() -> None:
     """Calibrate cam table, level and touch screen of a rig; measure its lost motion."""
 
@@ -130,57 +129,39 @@ calibrate.add_command(touch)
 calibrate.add_command(lost_motion)
 
 
-@calibrate.command(cls=options.Command, example="calibrate cams --check")
+@calibrate.command(cls=options.Command, example="calibrate cams --lines 4")
+@options.EMPTY_RIG
 @click.option(
     "--out",
     type=options.PATH,
-    help="Write the table to this file; without it, it is only tried.",
+    default=Path("cams-of-rig.json"),
+    help="File of the table [cams-of-rig.json].",
 )
-@click.option("--check", is_flag=True, help="Only check the table of the model, or of --out.")
-@click.option("--rig", metavar="FILE", help="Rig file, or `emulated`; ball off, plate level.")
 @click.option(
     "--reach",
     type=click.FloatRange(0.5, 8),
     default=6.0,
     callback=_radians,
-    help="With --rig: largest angle, deg [6].",
+    help="Largest angle, deg [6].",
 )
-@click.option(
-    "--lines", type=click.IntRange(4, 33), default=9, help="With --rig: points per axis [9]."
-)
+@click.option("--lines", type=click.IntRange(4, 33), default=9, help="Points per axis [9].")
 @options.JSON
-def cams(out: Path | None, rig: str | None, *, check: bool, **grid: Any) -> None:
-    """Measure the cam table by a sweep of the mechanism, and print the error that remains."""
+def cams(rig: str, out: Path, reach: float, lines: int) -> None:
+    """Measure the cam table of a rig: what its motors must turn for angles of the plate."""
+    from twin.doctor.calibration import measure_cams
     from twin.hal.cams import CamTable
-    from twin.sim.calibration import static_error, sweep_cams
+    from twin.scenario import load
 
-    if rig is not None:
-        _on_rig(rig, out or Path("cams-of-rig.json"), **grid)
-        return
-    path = out or model_path("cams.json")
-    if out is not None and not check:
-        check_writable(out.parent, "--out")
-    with progress("measuring the cams", 2) as advance:
-        if check:
-            table = CamTable.from_file(path)
-            table.check(model_path())
-        else:
-            table = sweep_cams()
-            if out is not None:
-                write_whole(out, table.save)
-        advance(1)
-        left = static_error(table)
-        advance(2)
-    named = str(path) if check or out is not None else None
-    shown = (
-        f"static plate-angle error over {left.poses} poses: at most {left.max_deg:.4f} deg, "
-        f"{left.rms_deg:.4f} deg RMS",
-        "not written: --out FILE"
-        if named is None
-        else f"{'checked' if check else 'written to'} {path}",
+    with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, tell):
+        found = measure_cams(servos, CamTable.packaged(), reach=reach, lines=lines, progress=tell)
+    write_whole(out, found.save)
+    told = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}
+    words = (
+        f"{told['points']} points: the table of the model is off by up to {told['before_deg']:.3f} "
+        f"deg, the measured one by {told['rms_deg']:.3f} deg RMS",
+        f'written to {out}; name it in the rig file: cams = "{out}"',
     )
-    residual = {"max_deg": left.max_deg, "rms_deg": left.rms_deg}
-    show({"table": named, "residual": {"two-dimensional table": residual}}, shown)
+    show({"table": str(out), **told}, words)
 
 
 @calibrate.command(cls=options.Command, example="calibrate level runs/excite")
@@ -224,21 +205,3 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
     rise = 1000 * math.tan(math.radians(abs(found.value)))
     side = lower if found.value > 0 else upper
     return f"{known}: raise the {side} side by {rise:.2f} mm per metre along {along}"
-
-
-def _on_rig(rig: str, path: Path, reach: float, lines: int) -> None:
-    """Measure the cams of a rig."""
-    from twin.doctor.calibration import measure_cams
-    from twin.hal.cams import CamTable
-    from twin.scenario import load
-
-    with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, tell):
-        found = measure_cams(servos, CamTable.packaged(), reach=reach, lines=lines, progress=tell)
-    write_whole(path, found.save)
-    told = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}
-    words = (
-        f"{told['points']} points: the table of the model is off by up to {told['before_deg']:.3f} "
-        f"deg, the measured one by {told['rms_deg']:.3f} deg RMS",
-        f'written to {path}; name it in the rig file: cams = "{path}"',
-    )
-    show({"table": str(path), **told}, words)

@@ -76,56 +76,41 @@ def _show(recording: Path, serve: int | None) -> int:
     return 0
 
 
-ENDINGS = {"html": ".html", "png": ".png", "pdf": ".pdf", "csv": ".csv", "latex": ".tex"}
-"""Format to the ending of its file."""
-
-
-def _content(kind: str, runs: list[Run]) -> str | bytes:
-    """The content of a file of a format."""
-    from twin.page import encoded
-    from twin.report.html import html, overview
-    from twin.report.numbers import as_csv, as_latex
-
-    match kind:
-        case "png" | "pdf":
-            return encoded(overview(runs), kind, dpi=150)
-        case "csv":
-            return as_csv(runs)
-        case "latex":
-            return as_latex(runs)
-    return html(runs)
+FORMATS = ("html", "png", "pdf")
 
 
 def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
     """The formats in a list with commas between."""
     names = [name.strip() for name in listed.split(",")]
-    if wrong := [name for name in names if name not in ENDINGS]:
-        raise click.BadParameter(f"no format '{wrong[0]}' (known: {', '.join(ENDINGS)})")
+    if wrong := [name for name in names if name not in FORMATS]:
+        raise click.BadParameter(f"no format '{wrong[0]}' (known: {', '.join(FORMATS)})")
     return names
 
 
 @click.command(cls=Command, example="report runs/circle --format html,png")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
-@click.option(
-    "--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,csv,latex"
-)
+@click.option("--format", "formats", callback=_formats, default="html", metavar="html,png,pdf")
 @click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
 def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
-    """Report on one run folder, or compare several: a page, a picture, a table.
+    """Report on one run folder, or compare several: a page, a picture.
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
     opened = _opened(runs)
+    from twin.page import encoded  # heavy: a wrong name was told
+    from twin.report.html import html, overview
+
     folder = opened[0].folder
     assert folder is not None
     stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
-    if stem.suffix in ENDINGS.values():
+    if stem.suffix.removeprefix(".") in FORMATS:
         stem = stem.with_suffix("")
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
     for name in formats:
-        path = stem.with_name(f"{stem.name}{ENDINGS[name]}")
-        write_whole(path, _content(name, opened))
+        path = stem.with_name(f"{stem.name}.{name}")
+        page = html(opened) if name == "html" else encoded(overview(opened), name, dpi=150)
+        write_whole(path, page)
         say(f"written to {path}")
     return 0
 
@@ -137,7 +122,7 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     "--beside",
     multiple=True,
     type=click.Path(path_type=Path),
-    metavar="RUN_OR_LOG",
+    metavar="RUN",
     help="Of a moving picture: show this one as well; may be repeated.",
     shell_complete=tab.runs,
 )
@@ -180,7 +165,6 @@ def export(
         raise RecordError(f"{file}: --fmi, --reference and --set are of a scenario's rig: .fmu")
     from ballplate.comparing import labelled
     from ballplate.results import Result
-    from twin.run.finished import open_run
 
     given = {name: value for name, value in cut.items() if value is not None}
     moving = file.suffix in MOVING
@@ -189,31 +173,18 @@ def export(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size are of moving pictures: "
             ".webp, .gif"
         )
-    check_no_scenario(run)
-    (opened,) = open_run(run)
-    if opened.lacking:
-        warn(opened.lacking)
+    opened = [each for path in (run, *beside) for each in _opened((path,))]
     if not moving:
-        opened.export(file)
-        say(f"written to {file}: {len(opened.time)} rows of {len(opened)} columns")
+        if len(opened) > 1:
+            raise RecordError(f"{run}: holds {len(opened)} runs; name one of them")
+        opened[0].export(file)
+        say(f"written to {file}: {len(opened[0].time)} rows of {len(opened[0])} columns")
         return 0
-    shown = [opened, *(other for path in beside for other in _further(path, opened))]
-    (name, first), *others = labelled([Result.from_run(each) for each in shown]).items()
+    (name, first), *others = labelled([Result.from_run(each) for each in opened]).items()
     first.label, first.beside = name, dict(others)
     first.export(file, **given, reporter=TERMINAL)
     say(f"written to {file}{'' if file.suffix else '/'}")
     return 0
-
-
-def _further(path: Path, first: Run) -> list[Run]:
-    """The runs of a path, or a log that followed the first run's reference."""
-    from ballplate.comparing import measured
-    from twin.run.finished import open_runs
-
-    check_no_scenario(path)
-    if path.suffix == ".csv":
-        return measured([path], (), [first], (), (None, None), warn)[0]
-    return open_runs((path,), warn)
 
 
 @click.command(cls=Command, example="docs")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,14 +102,10 @@ def settings(_: click.Context, __: click.Parameter, incomplete: str) -> list[Com
 
 
 def names(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """What can be described: keys, tables and kinds."""
+    """Keys, which can be described."""
     from twin.scenario.load import every_key
-    from twin.scenario.schema import KINDS, choices
 
-    known = dict.fromkeys(every_key())
-    tables = {".".join(key.split(".")[:n]) for key in known for n in range(1, key.count(".") + 1)}
-    kinds = [kind for table in KINDS for kind in choices(table)]
-    return _offered(incomplete, (*sorted(tables), *kinds, *known), files=False)
+    return _offered(incomplete, every_key(), files=False)
 
 
 def _offered(incomplete: str, known: Iterable[str], *, files: bool = True) -> list[CompletionItem]:
@@ -319,19 +315,13 @@ class Viewing:
             folder: Its folder, after which the view names it.
         """
         with ExitStack() as running:
-            observers: list[LiveProcess] = []
-
-            def begun(observer: LiveProcess) -> LiveProcess:
-                running.callback(observer.close)
-                observers.append(observer)
-                return observer
-
             view = self._open(scenario, folder.name)
-            shown = view and begun(view)
-            shadow = begun(self._twin(scenario, folder.name)) if self.shadow else None
+            shown = view and running.enter_context(closing(view))
+            twin = self._twin(scenario, folder.name) if self.shadow else None
+            shadow = twin and running.enter_context(closing(twin))
 
             def watch(recorder: Recorder) -> None:
-                for each in observers:
+                for each in filter(None, (shown, shadow)):
                     each.watch(recorder)
 
             yield watch

@@ -6,23 +6,20 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import click
 from rich.console import Console
 from rich.text import Text
 
-from ballplate.reporter import Advance, Reporter, counted
+from ballplate.reporter import Advance, Reporter, counted, now_and_then
 from twin.page import Table, terminal
-from twin.report.numbers import EVERY, FIRST
+from twin.report.numbers import EVERY, FIRST, by_run
 from twin.report.numbers import indicators as table_of
 from twin.shipped import shipped_in
 from twin.shipped import titles as titles_of
-
-LINE_EVERY = 10.0
-"""Seconds between two lines of progress where there is no terminal."""
 
 SIDE_BY_SIDE = 4
 """Runs that a table has columns for."""
@@ -108,17 +105,13 @@ def indicators(
         runs: Heading to summary.
         everything: Whether every indicator is asked for, or those that come first.
     """
-    whole = table_of("", runs, EVERY if everything else FIRST)
-    if len(runs) <= SIDE_BY_SIDE:
-        yield whole
-    elif everything:
-        names = list(runs)
-        for some in range(0, len(names), SIDE_BY_SIDE):
-            its = {name: runs[name] for name in names[some : some + SIDE_BY_SIDE]}
-            yield table_of("", its, EVERY)
-    else:
-        heads = ("", *(f"{row[0]} [{row[-1]}]" for row in whole.rows))
-        yield Table("", heads, list(zip(runs, *(row[1:-1] for row in whole.rows), strict=True)))
+    if len(runs) > SIDE_BY_SIDE and not everything:
+        yield by_run(runs)
+        return
+    names = list(runs)
+    for some in range(0, len(names), SIDE_BY_SIDE):
+        its = {name: runs[name] for name in names[some : some + SIDE_BY_SIDE]}
+        yield table_of("", its, EVERY if everything else FIRST)
 
 
 def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -146,17 +139,10 @@ class Terminal(Reporter):
             total: What ``done`` is when all is done.
             unit: What is counted, as ``runs``; without one the share done is shown.
         """
-        last = monotonic()
         if not errors.is_terminal:
-            click.echo(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...", err=True)
-
-            def line(done: float, note: str = "", /) -> None:
-                nonlocal last
-                if monotonic() - last > LINE_EVERY:
-                    click.echo(f"{what}: {counted(done, total, unit, note)}", err=True)
-                    last = monotonic()
-
-            yield line
+            say_line = partial(click.echo, err=True)
+            say_line(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...")
+            yield now_and_then(what, total, unit, say_line)
             return
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -327,6 +327,8 @@ def new(kind: str, name: str, like: str | None) -> int:
     if not NAME.fullmatch(name) or keyword.iskeyword(name):
         allowed = "small letters, digits and _, no word of Python, as in my_law"
         raise ScenarioError(f"NAME '{name[:60]}': must be {allowed}")
+    from twin.scenario.schema import KINDS, choices
+
     start = STARTS[kind]
     if like is not None:
         if kind != "law":
@@ -335,8 +337,9 @@ def new(kind: str, name: str, like: str | None) -> int:
     file = Path("laws") / f"{name}.py" if start.called[0] else Path(f"{name}.toml")
     if file.exists():
         raise ScenarioError(f"{file}: exists; nothing was written")
-    if start.called[0]:
-        _require_free(kind, name)
+    for table in KINDS if start.called[0] else ():
+        if taken := choices(table).get(name):
+            raise ScenarioError(f"{kind} '{name}': the name is taken by {taken.__module__}")
     text = (STARTS_IN / start.source).read_text(encoding="utf-8")
     words = name.replace("_", " ").capitalize()
     class_name = "".join(part.capitalize() for part in name.split("_"))
@@ -348,17 +351,3 @@ def new(kind: str, name: str, like: str | None) -> int:
     write_whole(file, text)
     say(f"written to {file}; try: ballplate {start.then.format(name=name, file=file)}")
     return 0
-
-
-def _require_free(kind: str, name: str) -> None:
-    """Make sure that no other class has the name.
-
-    Raises:
-        ScenarioError: If one has.
-    """
-    from twin.scenario.schema import KINDS, choices
-
-    for table in KINDS:
-        taken = choices(table).get(name)
-        if taken is not None:
-            raise ScenarioError(f"{kind} '{name}': the name is taken by {taken.__module__}")

@@ -12,7 +12,6 @@ import click
 from ballplate.changes import changes_of, scenario_of
 from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, indicators, listed, progress, show, warn
-from twin.errors import LogError
 from twin.identify.parameters import CHOICES, DEFAULT, PLAIN, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
 from twin.page import Table
@@ -118,7 +117,7 @@ def identify(
     if columns is None:
         chosen_parameters(names)  # a wrong name is told before anything heavy is imported
     files = [log_file(log) for log in logs]
-    share = _share(held)
+    hold_out = _held_out(held)
     from ballplate.results import identify as identify_log
     from twin.identify.judged import IDENTIFIED
     from twin.identify.report import HEADS, rows
@@ -127,7 +126,7 @@ def identify(
     done = identify_log(
         files,
         names or (),
-        hold_out=[log_file(Path(each)) for each in held] if share is None else share,
+        hold_out=hold_out,
         columns=columns,
         separator=separator,
         ball=ball,
@@ -148,15 +147,13 @@ def identify(
     return int(none)
 
 
-def _share(held: tuple[str, ...]) -> float | None:
-    """The share that is held out; None if it is logs."""
+def _held_out(held: tuple[str, ...]) -> float | list[Path]:
+    """The share that is held out, or the logs that are."""
     try:
-        shares = [float(each) for each in held] or [round(1 - SHARE, 2)]
+        (share,) = map(float, held or (round(1 - SHARE, 2),))
     except ValueError:
-        return None
-    if len(shares) > 1 or not 0 <= shares[0] <= 0.8:
-        raise LogError(f"--hold-out {' '.join(held)}: give one share from 0 to 0.8, or logs")
-    return shares[0]
+        return [log_file(Path(each)) for each in held]
+    return share
 
 
 @options.command(example="fit friction_of_two_series")

@@ -96,8 +96,9 @@ def _cams(rig: RigFile) -> CheckResult:
         if not rig.cams:
             table.check(model_path())
     except TwinError as error:
-        on = " --rig FILE" if rig.cams else ""
-        return failed("cam table", str(error), f"run `ballplate calibrate cams{on} --out {file}`")
+        own = rig.cams or "cams.json"
+        advice = f"run `ballplate calibrate cams --rig FILE --out {own}`"
+        return failed("cam table", str(error), advice)
     days = (time.time() - file.stat().st_mtime) / 86400
     seen = f"{file.name}: ratio {table.ratio:.2f}, {days:.0f} days old"
     if not rig.cams:

@@ -16,10 +16,11 @@ from controllers.arrays import Array
 from twin.data_file import packaged
 from twin.errors import ScenarioError
 from twin.jobs import cores, results
+from twin.run.assemble import linkage_of
 from twin.run.finished import run
 from twin.run.metrics import Ending
 from twin.run.picture import COLOURS, drawn
-from twin.scenario.schema import MECHANISM_ONLY, Scenario
+from twin.scenario.schema import CAMS_ONLY, MECHANISM_ONLY, Scenario
 from twin.writing import write_whole
 
 Overrides = Mapping[str, Any]
@@ -69,9 +70,10 @@ def changed(scenario: Scenario, overrides: Iterable[Overrides]) -> Scenario:
 
 
 def present(scenario: Scenario) -> tuple[Effect, ...]:
-    """The effects that a scenario has; the exact equations have none of the mechanism's own."""
+    """The effects that a scenario has; exact equations and rods have not all of the cams' own."""
     now = scenario.model_dump()
-    other = MECHANISM_ONLY if scenario.plant.kind == "lagrange" else ()
+    on_rods = CAMS_ONLY if linkage_of(scenario) else ()
+    other = MECHANISM_ONLY if scenario.plant.kind == "lagrange" else on_rods
     return tuple(
         effect
         for effect in EFFECTS

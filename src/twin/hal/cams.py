@@ -60,7 +60,7 @@ def cubic(grid: Array, values: Array) -> Array:
 
 
 _ORDER = 3
-_REMEDY = "run `ballplate calibrate cams --out"
+_REMEDY = "run `ballplate calibrate cams --rig FILE --out"
 
 
 @dataclass(frozen=True)
@@ -193,8 +193,8 @@ class CamTable:
         """
         if self.provenance.get("model_sha256") != model_hash(model):
             raise ModelError(
-                f"cam table was made with another {model.name} than {model}; "
-                f"{_REMEDY} {model.with_name('cams.json')}`"
+                f"cam table was made with another {model.name} than {model}; make it again: "
+                "twin.sim.calibration.sweep_cams().save(file)"
             )
 
 

@@ -247,6 +247,21 @@ class Fitting:
         about = [self.about[name] for name in self.names]
         return np.array([each.least for each in about]), np.array([each.most for each in about])
 
+    @property
+    def known(self) -> tuple[Array, Array]:
+        """What is believed of the parameters before: mean and precision, shapes (P,)."""
+        about = [self.about[name] for name in self.names]
+        return np.array([e.start for e in about]), np.array([e.spread**-2.0 for e in about])
+
+    def between(self, slopes: Array) -> Array | float:
+        """Covariance of the sum of scores by what windows share, shape (P, P).
+
+        Args:
+            slopes: By the parameters, weighed, shape (W, M, P).
+        """
+        del slopes
+        return 0.0
+
     def initial_starts(self) -> Array:
         """First guesses of the starts, S numbers of each window, shape (S, 1, W)."""
         raise NotImplementedError
@@ -443,8 +458,9 @@ def minimise(
         polish: Steps by which starts are fitted to the parameters of a step before it is judged.
     """
     least, most = problem.bounds
+    mean, precision = problem.known
     current = problem.linearise(theta, starts)
-    cost = problem.cost(current.r)
+    cost = problem.cost(current.r) + (theta - mean) ** 2 @ precision
     damping = np.full(len(theta), 1e-2)
     eye = np.eye(len(problem.names))
     rejected, decrease = np.zeros(len(theta), dtype=int), np.zeros(len(theta))
@@ -456,7 +472,8 @@ def minimise(
         free, follow = current.eliminate_starts(np.maximum(damping - 1.0, 0.0))
         r, J = free[..., 0], free[..., 1:]  # noqa: N806
         weighted = np.swapaxes(J * problem.weights(current.r)[..., None, None], -1, -2)
-        normal, slope = (weighted @ J).sum(axis=1), (weighted @ r[..., None]).sum(axis=1)
+        normal = (weighted @ J).sum(axis=1) + np.diag(precision)
+        slope = (weighted @ r[..., None]).sum(axis=1) + (precision * (theta - mean))[..., None]
         # what stands at a bound and would go beyond stays there, and the others know it
         held = ((theta <= least) & (slope[..., 0] > 0)) | ((theta >= most) & (slope[..., 0] < 0))
         slope = np.where(held[..., None], 0.0, slope)
@@ -470,7 +487,7 @@ def minimise(
         if polish:
             shifted = fit_starts(problem, moved, shifted, polish)
         trial = problem.linearise(moved, shifted)
-        trial_cost = problem.cost(trial.r)
+        trial_cost = problem.cost(trial.r) + (moved - mean) ** 2 @ precision
         better = trial_cost < cost
         gained = better & (cost - trial_cost >= TOLERANCE * cost)
         theta = np.where(better[:, None], moved, theta)
@@ -510,9 +527,14 @@ class Fit:
         free, _ = line.eliminate_starts()
         r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
         weight = self.problem.weights(line.r)[0]
+        theta, (mean, precision) = self.found.theta[0], self.problem.known
+        # what is believed before counts as one window more
+        information = np.einsum("wmi,wmj,w->wij", J, J, weight)
+        score = np.einsum("wmi,wm,w->wi", J, r, weight)
+        noise = np.einsum("wmi,wmj,w->ij", J, J, weight**2) + np.diag(precision)
         return estimate(
-            self.found.theta[0],
-            np.einsum("wmi,wmj,w->wij", J, J, weight),
-            np.einsum("wmi,wm,w->wi", J, r, weight),
-            np.einsum("wmi,wmj,w->ij", J, J, weight**2),
+            theta,
+            np.concatenate((information, np.diag(precision)[None])),
+            np.concatenate((score, (precision * (theta - mean))[None])),
+            noise + self.problem.between(J * weight[:, None, None]),
         )

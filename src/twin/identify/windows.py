@@ -219,11 +219,17 @@ class Windows(SampleWindows):
         resting: Whether the ball rests at the beginning, shape (W,).
         paces: Speeds of the ball over the last seconds before, ``PACE`` apart, m/s, shape (W, K).
         field: What accelerates the ball.
+        white: What makes residuals white that hold unknown motion, shape (W, M, M); None where
+            there is none.
+        shared: What a screen's patches, which several windows cross, make of white residuals, in
+            standard deviations of each of K patches, shape (W, M, K).
     """
 
     resting: Mask
     paces: Array
     field: AccelerationField
+    white: Array | None = None
+    shared: Array | None = None
     by_window = (*SampleWindows.by_window, "resting", "paces")
 
     @classmethod
@@ -261,7 +267,10 @@ class Windows(SampleWindows):
     def take(self, which: Mask) -> Windows:
         """Some of the windows."""
         field = AccelerationField(*(values[..., which] for values in self.field))
-        return replace(super().take(which), field=field)
+        white, shared = (
+            None if each is None else each[which] for each in (self.white, self.shared)
+        )
+        return replace(super().take(which), field=field, white=white, shared=shared)
 
     @classmethod
     def join(cls, parts: Sequence[Windows]) -> Windows:
@@ -298,6 +307,84 @@ class Windows(SampleWindows):
         square, cube = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
         place = p0 + s * (v0 + s * (square + s * cube))
         return place, (v0 + s * (2 * square + 3 * s * cube)) / STEP
+
+
+STRETCH = 0.3
+"""Seconds in which an unknown force stays the same: a ball crosses a patch of a screen in some."""
+
+
+def edges_of(windows: Windows) -> Array:
+    """When each acceleration begins, and the last ends, s from the begin of the windows."""
+    steps, each = len(windows.field.push) - 1, round(STRETCH / STEP)
+    return STEP * np.arange(0, steps + each, each)
+
+
+def unknown_motion(windows: Windows, delay: float) -> Array:
+    """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
+
+    Small forces on the ball that nobody knows (patches of the screen, its waves, the plate's
+    errors) are taken as white along its way: one acceleration for every ``STRETCH`` of time, each
+    axis its own, drawn at random. What they may have moved the ball by is left out of a window's
+    likelihood (generalised least squares), so that a window may be long enough to show a dead time
+    without showing a rough screen as one.
+
+    Args:
+        windows: W windows of B samples.
+        delay: Dead time of the screen in s.
+
+    Returns:
+        Shape (W, 2 B, 2 S), samples as a ``Linearisation`` has them.
+    """
+    count, samples = windows.time.shape
+    edges = edges_of(windows)
+    since = np.maximum((windows.time - delay)[..., None] - edges, 0.0)
+    twice = since**2 / 2
+    moved = twice[..., :-1] - twice[..., 1:]
+    both = np.einsum("wbs,wba,ac->wbasc", moved, windows.weight, np.eye(2))
+    return np.asarray(both.reshape(count, 2 * samples, 2 * moved.shape[-1]))
+
+
+PATCH = 0.05
+"""Distance in m of the points of a map of the friction."""
+
+
+def patches(
+    windows: Windows, model: BallPlate, rolling: float, replayed: tuple[Array, Array], delay: float
+) -> Array:
+    """What friction that differs from place to place moves the samples by, in their deviations.
+
+    To first order: the relative friction of a map's points, straight between them, brakes a ball
+    on its way; the points are those that any window comes near.
+
+    Args:
+        windows: W windows of B samples.
+        model: The ball.
+        rolling: Its rolling resistance arm in m.
+        replayed: Places and speeds of the ball in them in m and m/s, shape (N, 2, W).
+        delay: Dead time of the screen in s.
+
+    Returns:
+        Shape (W, 2 B, K), samples as a ``Linearisation`` has them.
+    """
+    places, speeds = replayed
+    at = places / PATCH
+    lines = [np.arange(np.floor(at[:, k].min()), np.ceil(at[:, k].max()) + 1) for k in (0, 1)]
+    near = [np.maximum(0.0, 1 - np.abs(at[:, k, :, None] - lines[k])) for k in (0, 1)]
+    share = (near[0][..., None] * near[1][..., None, :]).reshape(*at[:, 0].shape, -1)
+    share = share[..., share.any(axis=(0, 1))]
+    pace = np.hypot(*np.moveaxis(speeds, 1, 0))
+    brakes = (model.c1 / model.radius) * rolling * windows.field.normal[:, 0]
+    heading = np.where(pace > 0, -brakes / np.where(pace > 0, pace, 1.0), 0.0)[:, None] * speeds
+    moved = heading[..., None] * share[:, None]
+    for _ in range(2):
+        moved = STEP * np.cumsum(moved, axis=0)
+    when = np.maximum(windows.time - delay, 0.0) / STEP
+    step = np.minimum(when.astype(int), len(moved) - 2)
+    which, part = np.arange(len(windows))[:, None], (when - step)[..., None, None]
+    found = (1 - part) * moved[step, :, which] + part * moved[step + 1, :, which]
+    return np.asarray(
+        (found * windows.weight[..., None]).reshape(len(windows), -1, found.shape[-1])
+    )
 
 
 def cut(

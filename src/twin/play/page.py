@@ -56,7 +56,7 @@ class Plate(Drawn, component="plate.js"):
     def __init__(self, size: Dimensions, goal: Moved, push: Moved) -> None:
         sizes = {"size": size.screen, "area": size.area, "ball": [size.ball]}
         millimetres = {name: [1000 * each for each in sides] for name, sides in sizes.items()}
-        super().__init__(**millimetres, drives=False)
+        super().__init__(**millimetres, round=size.round, drives=False)
         self.on("goal", lambda event: _called(goal, event.args))
         self.on("push", lambda event: _called(push, event.args))
 

@@ -13,7 +13,7 @@ export default {
         <marker id="tip" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="4" markerHeight="4"
                 orient="auto-start-reverse"><path d="M0 0 L10 5 L0 10 z" fill="context-stroke"/></marker>
       </defs>
-      <rect :x="-w/2" :y="-h/2" :width="w" :height="h" rx="6" fill="#f4f6f8" stroke="#5b6770" stroke-width="2"/>
+      <rect :x="-w/2" :y="-h/2" :width="w" :height="h" :rx="round ? w/2 : 6" fill="#f4f6f8" stroke="#5b6770" stroke-width="2"/>
       <rect :x="-area[0]" :y="-area[1]" :width="2*area[0]" :height="2*area[1]" fill="#ffffff"
             stroke="#9fb0bd" stroke-width="1" stroke-dasharray="6 5"/>
       <text :x="-area[0]+6" :y="-area[1]+14" font-size="11" fill="#7b8a96">goals stay within this area</text>
@@ -38,7 +38,7 @@ export default {
       <line ref="push" stroke="#c2185b" stroke-width="4" marker-end="url(#tip)" visibility="hidden"/>
       <text ref="pushed" font-size="13" fill="#c2185b" visibility="hidden"></text>
     </svg>`,
-  props: { size: Array, area: Array, ball: Array, columns: Array, drives: Boolean },
+  props: { size: Array, area: Array, ball: Array, round: Boolean, columns: Array, drives: Boolean },
   data() {
     return { w: this.size[0], h: this.size[1], box: this.viewBox() };
   },

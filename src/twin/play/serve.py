@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 
 from controllers import catalog
 from controllers.arrays import Array
-from twin.errors import TwinError, ViewError
+from twin.errors import TwinError, extra
 from twin.jobs import SecondProcess, let_go, settle, undisturbed
 from twin.play.driven import Part, save_driven
 from twin.play.session import COLUMNS, End, Event, Pause, Save, Session, Status, Told
@@ -293,19 +293,16 @@ PICTURES = 1 / 32
 RECONNECT = 15.0
 """Seconds for which a browser that does not answer, on a busy machine, is waited for; one that is
 closed is gone at once."""
-MISSING = "play: needs the extra play: pip install 'ballplate[play]'"
 
 
 def library() -> None:
     """Make sure that the extra is installed.
 
     Raises:
-        ViewError: If it is not.
+        TwinError: If it is not.
     """
-    try:
-        import nicegui  # noqa: F401, PLC0415 - an extra
-    except ImportError as error:
-        raise ViewError(MISSING) from error
+    with extra("play", "play"):
+        import nicegui  # noqa: F401, PLC0415
 
 
 class Server:

@@ -87,13 +87,9 @@ def _sources(runs: Sequence[Run]) -> list[tuple[str, str, str]]:
 
 
 def _title(runs: Sequence[Run]) -> str:
-    """What all have in common, that of a what-if, or how many are compared."""
-    if len({run.scenario.title for run in runs}) == 1 and not runs[0].branch:
-        return runs[0].scenario.title
-    moments = {(run.branch.get("of"), run.branch.get("at")) for run in runs}
-    if len(moments) == 1 and all(run.branch for run in runs):
-        return f"What if: {runs[0].branch['of']} from {runs[0].branch['at']:g} s on"
-    return f"Comparison of {len(runs)} runs"
+    """What all have in common, or how many are compared."""
+    same = len({run.scenario.title for run in runs}) == 1
+    return runs[0].scenario.title if same else f"Comparison of {len(runs)} runs"
 
 
 def _timing(ledger: Mapping[str, Any]) -> list[tuple[str, ...]]:

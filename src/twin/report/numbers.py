@@ -1,4 +1,4 @@
-"""The indicators of runs side by side: a table for HTML, CSV and LaTeX."""
+"""The indicators of runs side by side, as tables."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from twin.page import Table, digits
 from twin.run.files import INDICATORS
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from twin.run.finished import Run
 
 TIMES = ("judged_from", "real_time_factor")
@@ -94,19 +92,13 @@ def indicators(
     return Table(title, ("", *runs, "unit"), found, words=(0, -1), note=note)
 
 
-def as_csv(runs: Sequence[Run]) -> str:
-    """The table as comma-separated values with a header line."""
-    return str(_frame(runs).set_index(["indicator", "unit"]).to_csv(lineterminator="\n"))
+def by_run(runs: Mapping[str, Mapping[str, Any]], what: str = "") -> Table:
+    """The indicators that come first, a line per run, for more runs than a table has columns for.
 
-
-def as_latex(runs: Sequence[Run]) -> str:
-    """The table for a paper, with rules of LaTeX's booktabs."""
-    return str(_frame(runs).to_latex(index=False, escape=True))
-
-
-def _frame(runs: Sequence[Run]) -> pd.DataFrame:
-    """Indicator, one text per run, unit."""
-    import pandas as pd  # noqa: PLC0415  heavy: only files need it
-
-    table = indicators("", {run.name: run.metrics for run in runs})
-    return pd.DataFrame(table.rows, columns=["indicator", *table.heads[1:]])
+    Args:
+        runs: Heading to summary.
+        what: What the headings are.
+    """
+    rows = indicators("", runs, FIRST).rows
+    heads = (what, *(f"{row[0]} [{row[-1]}]" for row in rows))
+    return Table("", heads, list(zip(runs, *(row[1:-1] for row in rows), strict=True)))

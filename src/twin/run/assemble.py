@@ -12,6 +12,7 @@ import io
 import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -96,14 +97,22 @@ def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scena
 
 def _parts(scenarios: Sequence[Scenario]) -> list[Parts]:
     """What of each rig's mechanism differs from the model file."""
-    return [changed(Parts, scenario) for scenario in scenarios]
+    return [parts_of(scenario) for scenario in scenarios]
+
+
+def parts_of(scenario: Scenario) -> Parts:
+    """The same of one rig."""
+    linkage = linkage_of(scenario)
+    size = None if linkage is None else scenario.plant.size
+    return replace(changed(Parts, scenario), linkage=linkage, size=size)
 
 
 def drawn_mechanism(scenario: Scenario) -> MjModel:
     """The mechanism of a scenario to look at, of another plate only that."""
     from twin.sim.plant.model import drawn_model  # noqa: PLC0415  heavy: loaded when needed
 
-    return drawn_model(changed(Parts, scenario), *scenario.dimensions[:2])
+    screen, area, _, rounded = scenario.dimensions
+    return drawn_model(parts_of(scenario), screen, area, rounded=rounded)
 
 
 def linkage_of(scenario: Scenario) -> Linkage | None:
@@ -118,6 +127,7 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
         rigs=len(scenarios),
         step=scenarios[0].plant.step,
         size=per_rig(settings_of(TouchModel)["size"], scenarios),
+        rounded=[scenario.plant.shape == "round" for scenario in scenarios],
         linkage=linkage,
         **_equations(scenarios),
     )
@@ -514,7 +524,7 @@ def _observer(scenario: Scenario) -> Observer:
     observer: Observer = _build("observer", choice, model=model, period=period)
     if predictor is None:
         return observer
-    return Smith(observer=observer, delay=delay, model=model, period=period)
+    return Smith(observer=observer, delay=delay + predictor.wait, model=model, period=period)
 
 
 def _referred(scenario: Scenario) -> str:

@@ -140,8 +140,7 @@ class Act:
         self.gone = np.full_like(self.ball, np.nan)
         seen = motion.ball[np.isfinite(motion.ball).all(axis=1)]
         if run.outcome in LEFT and len(seen):
-            edge = np.array(run.scenario.plant.size) / 2 - 0.013
-            self.gone[over[TRAIL:]] = np.clip(seen[-1], -edge, edge)
+            self.gone[over[TRAIL:]] = run.scenario.dimensions.within(seen[-1], 0.013)
 
 
 class Film:
@@ -168,7 +167,7 @@ class Film:
         self.count, self.fps = len(self.times), cut.fps
         self._acts = [Act(run, self.times) for run in runs.values()]
         first = next(iter(runs.values())).scenario.dimensions
-        self._screen, self._ball = np.array(first.screen), first.ball
+        self._screen, self._ball, self._round = np.array(first.screen), first.ball, first.round
         room = self._screen / PLACES["plate"][2:]
         self._shown = self._screen * np.maximum(1, np.round(room[::-1] / room, 2))
         """What the panel shows, m: as wide and high as the plate where that has its shape."""
@@ -198,8 +197,10 @@ class Film:
             panels[name].set(xlim=(-width, width), ylim=(-height, height), xticks=[], yticks=[])
             panels[name].spines[:].set(color=GREY if name == "plate" else FAINT, linewidth=0.7)
         panels["plate"].plot(0, 0, "+", color=FAINT, ms=18)
-        if (self._shown > self._screen).any():
+        if self._round or (self._shown > self._screen).any():
+            turn = np.linspace(0, 2 * np.pi, 181)
             corners = np.array([(1, 1, -1, -1, 1), (1, -1, -1, 1, 1)])
+            corners = np.array((np.cos(turn), np.sin(turn))) if self._round else corners
             panels["plate"].plot(*(self._screen[:, None] / 2 * corners), color=GREY, linewidth=0.7)
         panels["front"].axhline(0, color=FAINT, linewidth=1)
         panels["right"].axvline(0, color=FAINT, linewidth=1)

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Ellipse, Patch, Rectangle
 from matplotlib.transforms import offset_copy
 
 from twin.data_file import read_toml
@@ -76,8 +76,8 @@ LEGEND = 150
 """Characters in a line of the legend."""
 SAME = 1e-4
 """Distance in m below which two references are one."""
-EDGE = 3.0
-"""Distance in mm from the edge of the screen within which a ball that fell was seen last."""
+EDGE = 0.003
+"""Distance in m from the edge of the screen within which a ball that fell was seen last."""
 LEAST_ERROR = 0.1
 """Least height of the axis of the tracking error in mm: less than the screen can tell."""
 DPI = 110
@@ -206,11 +206,14 @@ def _same_reference(motion: Motion, longest: Motion) -> bool:
 
 
 def _outline(panel: Axes, plate: Dimensions) -> None:
-    screen, area, _ = plate
+    screen, area = plate.screen, plate.area
     for (width, height), style in ((screen, "-"), ((2 * area[0], 2 * area[1]), "--")):
-        corner = (-500 * width, -500 * height)
         size = (1000 * width, 1000 * height)
-        panel.add_patch(Rectangle(corner, *size, fill=False, ec="0.55", ls=style, lw=1))
+        edge: Patch = Rectangle((-500 * width, -500 * height), *size)
+        if plate.round and style == "-":
+            edge = Ellipse((0, 0), *size)
+        edge.set(fill=False, ec="0.55", ls=style, lw=1)
+        panel.add_patch(edge)
     panel.text(-490 * screen[0], 471 * screen[1], "screen", color="0.4", va="top", fontsize=8)
     panel.text(-990 * area[0], 985 * area[1], "operating area", color="0.4", va="top", fontsize=8)
     panel.set(aspect="equal")
@@ -240,7 +243,7 @@ def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, 
 
 def _gone(motion: Motion, plate: Dimensions) -> bool:
     """Whether the ball was seen last at the edge of the screen: it left the plate."""
-    return bool((1000 * np.abs(motion.ball[-1]) > 500 * np.array(plate.screen) - EDGE).any())
+    return bool((plate.within(motion.ball[-1], EDGE) != motion.ball[-1]).any())
 
 
 def _label(panels: Mapping[str, Axes]) -> None:

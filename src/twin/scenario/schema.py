@@ -10,9 +10,11 @@ from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
+import numpy as np
 import pydantic
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
@@ -185,6 +187,8 @@ def _known(kind: str) -> str:
     return kind
 
 
+CAMS_ONLY = "wheels.stiffness", "wheels.damping_ratio", "spring.preload", "plate.offset_mm"
+"""Keys of ``plant`` that are of the mechanism with cams."""
 CAMS_DEG = 10.0
 """How far the cams tilt the plate either way, deg; thesis chapter 3."""
 LEAST_ROLLING_MM = 0.01
@@ -261,6 +265,8 @@ class PlantKeys(Section):
     """The mechanism in MuJoCo, or the exact equations (5.9)."""
     step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
     """Time step of the simulation in s; for the mechanism at most 0.002."""
+    shape: Literal["rectangle", "round"] = "rectangle"
+    """Of the plate: a rectangle, or round with the diameter plant.size = [d, d]."""
 
     @model_validator(mode="after")
     def _kind_of_ball(self) -> PlantKeys:
@@ -277,26 +283,39 @@ class PlantKeys(Section):
 
     def problem(self) -> str:
         """What is wrong with it as a whole, in one line; empty if nothing is."""
+        return next(filter(None, self._problems()), "")
+
+    def _problems(self) -> Iterator[str]:
         inner: Any = vars(self)
-        if self.kind == "lagrange":
-            for key, what in MECHANISM_ONLY.items():
-                if value_of(self, key) != DEFAULTS[f"plant.{key}"]:
-                    return f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
         mechanism = self.kind == "mujoco"
-        if mechanism and inner["size"] != SCREEN:
-            return "plant.size: the mechanism's plate is 0.7 m x 0.395 m; set plant.kind=lagrange"
-        for axis, side in zip("xy", inner["size"], strict=True):
-            if abs(vars(inner["start"])[axis]) > side / 2:
-                return f"plant.start.{axis}: the plate's half is {side / 2:g} m"
+        for key, what in MECHANISM_ONLY.items() if self.kind == "lagrange" else ():
+            if value_of(self, key) != DEFAULTS[f"plant.{key}"]:
+                yield f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
+        (x, y), start, disc = inner["size"], inner["start"], self.shape == "round"
+        if mechanism and disc:
+            yield "plant.shape: the mechanism's plate is a rectangle; set plant.kind=lagrange"
+        if mechanism and (x, y) != SCREEN and not any(inner["linkage"].crank_mm):
+            yield (
+                "plant.size: the mechanism's plate on cams is 0.7 m x 0.395 m; set plant.kind="
+                "lagrange, or give plant.linkage"
+            )
+        if disc and x != y:
+            yield f"plant.size: of a round plate its diameter twice, got {x:g} and {y:g}"
+        for axis, side in zip("xy", (x, y), strict=True):
+            if abs(vars(start)[axis]) > side / 2:
+                yield f"plant.start.{axis}: the plate's half is {side / 2:g} m"
+        if disc and math.hypot(start.x, start.y) > x / 2:
+            yield f"plant.start: the round plate's radius is {x / 2:g} m"
         if mechanism and self.step > 0.002:
-            return f"plant.step: must be at most 0.002 s for the mechanism, got {self.step:g}"
+            yield f"plant.step: must be at most 0.002 s for the mechanism, got {self.step:g}"
         rolling = inner["friction"].rolling_mm
         if mechanism and 0 < rolling < LEAST_ROLLING_MM:
-            return (
+            yield (
                 f"plant.friction.rolling_mm: must be 0 or at least {LEAST_ROLLING_MM:g} for the "
                 f"mechanism, got {rolling:g}"
             )
-        return inner["ball"].problem() or str(inner["surface"].problem())
+        yield inner["ball"].problem()
+        yield inner["surface"].problem()
 
 
 DEFAULTS = {about.key: about.default for cls in SETTINGS for about in settings_of(cls).values()}
@@ -366,6 +385,8 @@ class _Rig(Section):
     cams: Literal["table", "per_axis", "ratio"] = "table"
     """The calibrated table over both plate angles, which of a linkage is all its lengths, one table
     per axis, or a plain ratio."""
+    plate_lag: Annotated[float, Field(ge=0, le=2)] = 0.0
+    """Time constant in s with which the plate follows its command, as law and observer believe."""
 
 
 class _Touch(Section):
@@ -493,6 +514,9 @@ class Predictor(Section):
     dead time itself."""
     delay: Annotated[float, Field(ge=0, le=1)] = 0.042
     """Dead time in s that it, or such an observer, assumes."""
+    wait: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Mean time in s from frame to use, which the Smith predictor assumes besides; such an observer
+    knows how old each frame is."""
 
 
 class Dimensions(NamedTuple):
@@ -502,11 +526,20 @@ class Dimensions(NamedTuple):
         screen: Its sides along x and y, m.
         area: Operating area |x|, |y|, m.
         ball: Radius of the ball, m.
+        round: Whether the screen is round.
     """
 
     screen: tuple[float, float]
     area: tuple[float, float]
     ball: float
+    round: bool = False
+
+    def within(self, place: Array, margin: float) -> Array:
+        """A place (2,) in m, or where it is nearest to on the screen without a margin in m."""
+        edge = np.array(self.screen) / 2 - margin
+        if self.round:
+            return place * min(1.0, float(edge[0] / max(np.hypot(*place), 1e-9)))
+        return np.clip(place, -edge, edge)
 
 
 class Scenario(Section):
@@ -554,25 +587,36 @@ class Scenario(Section):
             )
         if problem := self.plant.problem():
             yield problem
-        linkage, most = filled(Linkage, [self]), self.rig.limits.angle_deg
-        if problem := linkage.problem(math.radians(most)):
-            yield problem
-        if linkage.given and self.rig.cams == "per_axis":
-            yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"
-        if linkage.given and self.plant.kind == "mujoco":
-            yield "plant.linkage: the mechanism has cams; set plant.kind=lagrange"
-        if self.plant.kind == "lagrange" and self.rig.cams != "table" and not linkage.given:
-            yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
-        if self.plant.kind == "mujoco" and most > CAMS_DEG:
-            yield f"rig.limits.angle_deg: the cams reach {CAMS_DEG:g}; set plant.kind=lagrange"
+        yield from self._transmission_problems()
         (x, y), area = self.plant.size, self.rig.limits.area
         if 2 * area[0] > x or 2 * area[1] > y:
             yield f"rig.limits.area: the plate's half is {x / 2:g}, {y / 2:g} m"
+        elif self.plant.shape == "round" and 2 * math.hypot(*area) > x:
+            most = x / 2 / math.hypot(*area)
+            yield (
+                f"rig.limits.area: its corners must lie on the round plate of radius {x / 2:g} m, "
+                f"as those of [{most * area[0]:.3g}, {most * area[1]:.3g}] do"
+            )
         if self.metrics.start >= self.duration:
             yield (
                 f"metrics.start: {self.metrics.start:g} s is not before the end at "
                 f"duration = {self.duration:g} s"
             )
+
+    def _transmission_problems(self) -> Iterator[str]:
+        """What does not go together between servos and plate, a line each."""
+        linkage, most = filled(Linkage, [self]), self.rig.limits.angle_deg
+        if problem := linkage.problem(math.radians(most)):
+            yield problem
+        for key in CAMS_ONLY if linkage.given else ():
+            if value_of(self.plant, key) is not None:
+                yield f"plant.{key}: a plate on rods has none"
+        if linkage.given and self.rig.cams == "per_axis":
+            yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"
+        if self.plant.kind == "lagrange" and self.rig.cams != "table" and not linkage.given:
+            yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
+        if self.plant.kind == "mujoco" and most > CAMS_DEG and not linkage.given:
+            yield f"rig.limits.angle_deg: the cams reach {CAMS_DEG:g}; set plant.kind=lagrange"
 
     @property
     def designed_on(self) -> BallPlate:
@@ -585,7 +629,7 @@ class Scenario(Section):
         known = self.controller.model
         ball: BallPlate = BallPlate() if known.kind == "nominal" else self.plant.ball.model
         given = known.model_dump(exclude={"kind"}, exclude_none=True)
-        return dataclasses.replace(ball, **given)
+        return dataclasses.replace(ball, lag=self.rig.plate_lag, **given)
 
     @property
     def law_ticks(self) -> int:
@@ -596,7 +640,9 @@ class Scenario(Section):
     @property
     def dimensions(self) -> Dimensions:
         """Screen, operating area and ball."""
-        return Dimensions(self.plant.size, self.rig.limits.area, self.plant.ball.radius)
+        plant = self.plant
+        edge = plant.shape == "round"
+        return Dimensions(plant.size, self.rig.limits.area, plant.ball.radius, edge)
 
     @property
     def without_computing_time(self) -> Scenario:

@@ -27,11 +27,18 @@ from twin.identify.logs import Log
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.search import START_PRIOR, Linearisation, fit_starts
-from twin.identify.windows import BIN, LOOKBACK, STEP, Spans, Windows, cut, moving_spans
-from twin.settings import changed
+from twin.identify.windows import (
+    BIN,
+    LOOKBACK,
+    Spans,
+    Windows,
+    cut,
+    moving_spans,
+    unknown_motion,
+)
+from twin.run.assemble import parts_of
 from twin.shadow.belief import BALL, DRIVES, PARAMETERS, Belief
 from twin.sim.calibration import STATES, linear_mechanism
-from twin.sim.plant.interface import Parts
 
 
 @dataclass(frozen=True)
@@ -363,41 +370,6 @@ def _without_start(
     return left[..., 0, 0], -left[..., 1:, 0], left[..., 1:, 1:]
 
 
-STRETCH = 0.3
-"""Seconds in which such a force stays the same: a ball crosses a patch of the screen in some."""
-
-
-def unknown_motion(windows: Windows, delay: float) -> Array:
-    """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
-
-    Small forces on the ball that nobody knows (patches of the screen, its waves, the plate's
-    errors) are taken as white along its way: one acceleration for every ``STRETCH`` of time, each
-    axis its own, drawn at random. What they may have moved the ball by is left out of a window's
-    likelihood (generalised least squares), so that a window may be long enough to show a dead time
-    without showing a rough screen as one.
-
-    Args:
-        windows: W windows of B samples.
-        delay: Dead time of the screen in s.
-
-    Returns:
-        Shape (W, 2 B, 2 S), samples as a ``Linearisation`` has them.
-    """
-    count, samples = windows.time.shape
-    edges = edges_of(windows)
-    since = np.maximum((windows.time - delay)[..., None] - edges, 0.0)
-    twice = since**2 / 2
-    moved = twice[..., :-1] - twice[..., 1:]
-    both = np.einsum("wbs,wba,ac->wbasc", moved, windows.weight, np.eye(2))
-    return np.asarray(both.reshape(count, 2 * samples, 2 * moved.shape[-1]))
-
-
-def edges_of(windows: Windows) -> Array:
-    """When each acceleration begins, and the last ends, s from the begin of the windows."""
-    steps, each = len(windows.field.push) - 1, round(STRETCH / STEP)
-    return STEP * np.arange(0, steps + each, each)
-
-
 def products(columns: Array, unknown: Array, size: float) -> Array:
     """Inner products of columns under noise and the unknown motion, shape (W, K, K).
 
@@ -528,14 +500,15 @@ def _mechanism(belief: Belief, period: float) -> list[tuple[Array, Array]]:
     """
     plant = belief.scenario.plant
     # what a ball off its middle or oval does to the plate is left out
-    parts = replace(changed(Parts, belief.scenario), offset=None, oval=None)
+    parts = replace(parts_of(belief.scenario), offset=None, oval=None)
     steps = max(1, round(period / plant.step))
     A, B, _, ratio = linear_mechanism(parts, period / steps)  # noqa: N806
+    B = ratio * B  # noqa: N806
     found = []
     for axis, name in enumerate(("phi", "theta")):
         own = (name, f"{name}_rate", f"motor_{name}", f"motor_{name}_rate", f"servo_{name}")
         keep = [STATES.index(each) for each in own]
-        once, pushed = A[np.ix_(keep, keep)], ratio * B[keep, axis, None]
+        once, pushed = A[np.ix_(keep, keep)], B[keep, axis, None]
         powers = [np.linalg.matrix_power(once, k) for k in range(steps + 1)]
         top, bottom = ss2tf(powers[-1], sum(powers[:-1]) @ pushed, np.eye(1, len(keep)), [[0.0]])
         found.append((top[0], bottom))

@@ -24,7 +24,7 @@ from twin.errors import LogError
 from twin.identify.logs import COLUMNS, Log, of_columns
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import SHORTEST, PreparedLog, prepare
-from twin.identify.windows import Windows
+from twin.identify.windows import Windows, unknown_motion
 from twin.run.logs import NEEDED
 from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
@@ -41,7 +41,6 @@ from twin.shadow.evidence import (
     noise_evidence,
     plate_evidence,
     posterior,
-    unknown_motion,
 )
 from twin.shadow.horizon import AHEAD, BAND, Replays, replays
 

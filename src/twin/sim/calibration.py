@@ -1,9 +1,9 @@
-"""The simulated mechanism measured: cam tables, the error they leave, linear model."""
+"""The simulated mechanism measured: its cam table, and its linear model."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -12,30 +12,17 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from controllers import ballplate
-from controllers.arrays import Array
+from controllers.arrays import Array, Number
 from twin.errors import ModelError
 from twin.hal.cams import CamTable, model_hash
-from twin.hal.interface import Transmission
 from twin.paths import model_path
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.mechanism import Mechanism, free_dimension
-from twin.sim.plant.model import cam_ratio, load_model
+from twin.sim.plant.model import load_model, motor_ratio
 from twin.sim.sensors import COUNTS
 
 _BALL_OFF = (0.6, 0.0, 0.0, 0.0)
 """Start of the ball in a calibration: beside the screen, so that it falls off the rig."""
-
-
-@dataclass(frozen=True)
-class StaticError:
-    """Difference of real and commanded plate angle at rest, in degrees."""
-
-    max_deg: float
-    """Largest error of either axis."""
-    rms_deg: float
-    """Root mean square over both axes and all poses."""
-    poses: int
-    """Number of poses, both axes tilted."""
 
 
 LINES, GRID_LINES = 13, 21
@@ -61,7 +48,7 @@ def sweep_cams() -> CamTable:
     target = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     plant = Mechanism(path, rigs=len(target))
     plant.start(np.broadcast_to(_BALL_OFF, (plant.rigs, 4)))
-    _move_and_settle(plant, plant.motor, target)
+    _move_and_settle(plant, target)
     width = 2 * math.pi / COUNTS
     plate = np.round(plant.state[:, [2, 6]] / width) * width
     free = np.all(np.abs(plate) < PLATE_RANGE - width, axis=1)
@@ -91,31 +78,6 @@ def sweep_cams() -> CamTable:
     )
 
 
-def static_error(
-    table: Transmission, *, lines: int = 8, plate_range: float = math.radians(8)
-) -> StaticError:
-    """Command the plate to a grid of poses through a transmission, and compare angles at rest.
-
-    Both axes move to each pose at once; the motors get rates only, as the drives do, and nothing
-    corrects their angle.
-
-    Args:
-        table: From plate to motor angles.
-        lines: Plate angles per axis.
-        plate_range: The poses reach from minus to plus this plate angle, in rad.
-
-    Raises:
-        ModelError: If the model cannot be used.
-    """
-    line = np.linspace(-plate_range, plate_range, lines)
-    target = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
-    plant = Mechanism(rigs=len(target))
-    plant.start(np.broadcast_to(_BALL_OFF, (plant.rigs, 4)))
-    _move_and_settle(plant, np.zeros_like(target), target, table)
-    error = np.degrees(plant.state[:, [2, 6]] - target)
-    return StaticError(float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))), len(target))
-
-
 def _basis(plate: Array, degree: int) -> Array:
     """Chebyshev products up to a total degree, (..., terms), of plate angles scaled to 1."""
     phi, theta = (chebyshev.chebvander(plate[..., axis], degree) for axis in (0, 1))
@@ -124,24 +86,15 @@ def _basis(plate: Array, degree: int) -> Array:
     return np.asarray(product[..., order <= degree])
 
 
-def _move_and_settle(
-    plant: Mechanism,
-    start: Array,
-    target: Array,
-    table: Transmission | None = None,
-) -> None:
-    """Move every rig smoothly to its target by motor rates alone, then let it come to rest.
-
-    Angles are motor angles, or plate angles where a transmission is given.
-    """
+def _move_and_settle(plant: Mechanism, target: Array) -> None:
+    """Turn the motors of every rig smoothly to their targets, then let it come to rest."""
     period, ticks = 0.01, 100
     steps = round(period / plant.step)
     s = np.linspace(0, 1, ticks + 1)
     # a quintic: no jump of the acceleration, so the plate hardly rings
     blend = s**3 * (10 - 15 * s + 6 * s**2)
-    path = [start + b * (target - start) for b in blend]
-    motor = path if table is None else [table.motor(angles) for angles in path]
-    for now, after in pairwise(motor):
+    path = [plant.motor + b * (target - plant.motor) for b in blend]
+    for now, after in pairwise(path):
         plant.advance((after - now) / period, steps)
     plant.advance(np.zeros_like(target), ticks * steps)
 
@@ -165,13 +118,13 @@ class LinearMechanism(NamedTuple):
         A: Shape (16, 16), states as ``STATES`` says.
         B: Shape (16, 2), from motor rates (phi, theta) in rad/s.
         step: Physics step in s.
-        ratio: Motor angle per plate angle about level, dimensionless.
+        ratio: Motor angle per plate angle about level, dimensionless; of rods (phi, theta).
     """
 
     A: Array
     B: Array
     step: float
-    ratio: float
+    ratio: Number
 
 
 def linear_mechanism(parts: Parts | None = None, step: float | None = None) -> LinearMechanism:
@@ -213,7 +166,7 @@ def linear_mechanism(parts: Parts | None = None, step: float | None = None) -> L
         )
     servos = [model.actuator(f"servo_{axis}").id for axis in ("phi", "theta")]
     B = (T @ B)[:n, servos]
-    return LinearMechanism(A[:n, :n], B, float(model.opt.timestep), cam_ratio(model))
+    return LinearMechanism(A[:n, :n], B, float(model.opt.timestep), motor_ratio(model))
 
 
 def _kept(model: mujoco.MjModel, C: Array) -> Array:

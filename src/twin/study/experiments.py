@@ -22,7 +22,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from twin.errors import RecordError, ScenarioError, TwinError
+from twin.errors import RecordError, ScenarioError, TwinError, extra
 from twin.jobs import AHEAD, cores, handed_out, pool, results
 from twin.run.files import METRICS
 from twin.study.work import Job, Row, ScenarioRuns, StudyTask, carry_out
@@ -54,19 +54,15 @@ class Cluster(Executor):
             scheduler had no workers.
 
     Raises:
-        ScenarioError: If no scheduler answers there, or the extra is not installed.
+        TwinError: If no scheduler answers there, or the extra is not installed.
     """
 
     workers: int
 
     def __init__(self, address: str) -> None:
-        try:
-            from distributed import Client  # noqa: PLC0415 - an extra
+        with extra("cluster", "--scheduler"):
+            from distributed import Client  # noqa: PLC0415
             from distributed.comm import get_address_host_port  # noqa: PLC0415
-        except ImportError as error:
-            raise ScenarioError(
-                "--scheduler: needs the extra cluster: pip install 'ballplate[cluster]'"
-            ) from error
         for name in ("distributed", "distributed.client", "tornado.application"):
             # it would log every lost connection with a traceback
             logging.getLogger(name).setLevel(logging.CRITICAL)

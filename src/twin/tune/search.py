@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 from controllers.arrays import Array
-from twin.errors import ScenarioError
+from twin.errors import extra
 from twin.study.schema import Parameter, Point
 from twin.tune.trials import Indicators, NominalLoop, Trials, Tune
 
@@ -179,12 +179,10 @@ def library() -> Any:
     """Optuna, quiet.
 
     Raises:
-        ScenarioError: If the extra is not installed.
+        TwinError: If the extra is not installed.
     """
-    try:
-        import optuna  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise ScenarioError("tune: needs the extra tune: pip install 'ballplate[tune]'") from error
+    with extra("tune", "tune"):
+        import optuna  # noqa: PLC0415
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna
 
@@ -197,8 +195,7 @@ def searched(trials: Trials, advance: Callable[[int], None] = lambda _: None) ->
         advance: Told how many candidates have been tried.
 
     Raises:
-        ScenarioError: If the extra is not installed.
-        TwinError: If a run cannot be carried out.
+        TwinError: If the extra is not installed, or a run cannot be carried out.
     """
     optuna = library()
     tune, space = trials.tune, _space(trials.tune.fields)
@@ -440,8 +437,7 @@ def tuned(
         advance: Called with the share done, 0 to 1.
 
     Raises:
-        ScenarioError: If the extra is not installed.
-        TwinError: If a run cannot be carried out.
+        TwinError: If the extra is not installed, or a run cannot be carried out.
     """
     tune = trials.tune
     candidates = searched(trials, lambda done: advance(SEARCHING * done / tune.candidates))

@@ -58,7 +58,12 @@ def fixed(
         ("operating_area", 1000 * np.array(plate.area), (120, 170, 200), 0.7, 2.0),
     ):
         look = {"colors": [dot], "radii": thick, "draw_order": order}
-        yield f"{root}/{name}", rr.Boxes2D(centers=[[0, 0]], half_sizes=[sides], **look)
+        outline: rr.AsComponents = rr.Boxes2D(centers=[[0, 0]], half_sizes=[sides], **look)
+        if plate.round and name == "screen":
+            turn = np.linspace(0, 2 * np.pi, 121)
+            rim = half * np.column_stack((np.cos(turn), np.sin(turn)))
+            outline = rr.LineStrips2D([rim], **look)
+        yield f"{root}/{name}", outline
     corner = 0.9 * np.array([-0.5, -0.5]) * plate.screen
     tips = in_view(np.array([[0.06, 0.0], [0.0, 0.06]]))
     yield (
@@ -89,6 +94,7 @@ def fixed(
 
 VISIBLE_GROUPS = 3
 """Geoms of groups below this are drawn, as MuJoCo's own viewer does."""
+STEEL = (128, 133, 140)
 TURNED = ("cardan", "plate", "motor_phi", "motor_theta")
 
 
@@ -112,7 +118,6 @@ class Scene:
         self.root = root
         self.plate = f"{root}/cardan/plate"
         self.ball = f"{self.plate}/ball"
-        self.spring = f"{root}/spring"
         self._paths = {
             0: f"{root}/base",
             model.body("cardan").id: f"{root}/cardan",
@@ -128,8 +133,12 @@ class Scene:
         self._lift = float(ball.size[2]) if ball.size[2] > 0 else self.radius
         seen = {int(body) for body in model.geom_bodyid[model.geom_group < VISIBLE_GROUPS]}
         self._turned = [name for name in TURNED if model.body(name).id in seen]
-        self.has_spring = bool(model.tendon_group[model.tendon("spring").id] < VISIBLE_GROUPS)
-        """Whether a spring is drawn."""
+        self._lines = {
+            f"{root}/{model.tendon(i).name}": model.wrap_objid[model.tendon_adr[i] :][:2].tolist()
+            for i in range(model.ntendon)
+            if model.tendon_group[i] < VISIBLE_GROUPS
+        }
+        """Sites at both ends of the spring or the rods, as far as they are drawn."""
 
     def shapes(self, colour: Colour) -> Iterator[tuple[str, rr.AsComponents]]:
         """What does not change: entity and shape, to be logged once; the trail in a colour."""
@@ -151,8 +160,9 @@ class Scene:
             sizes = wide * np.array([self.radius, self.radius, self._lift])
             look = {"colors": [rgb], "fill_mode": mode, "line_radii": 0.001}
             yield f"{self.ball}/{name}", rr.Ellipsoids3D(half_sizes=[sizes], **look)
-        if self.has_spring:
-            yield self.spring, rr.LineStrips3D.from_fields(colors=[[26, 115, 64]], radii=[0.006])
+        for entity in self._lines:
+            thick, colour = (0.006, (26, 115, 64)) if entity.endswith("spring") else (0.003, STEEL)
+            yield entity, rr.LineStrips3D.from_fields(colors=[colour], radii=[thick])
 
     def _shape(self, i: int) -> rr.AsComponents:
         """A box, a cylinder or a capsule: what else there is is not drawn."""
@@ -200,11 +210,24 @@ class Scene:
         poses[self.ball] = {"translation": place, "quaternion": roll}
         return poses
 
-    def spring_ends(self, state: Array) -> Array:
-        """Where the spring begins and ends in rig axes at K instants, m, shape (K, 2, 3)."""
-        high = plate_to_rig(state[:, 2], state[:, 6]).apply(self._model.site("spring_plate").pos)
-        low = np.broadcast_to(self._model.site("spring_base").pos, high.shape)
-        return np.stack((low, high), axis=1)
+    def lines(self, state: Array, motor: Array) -> dict[str, Array]:
+        """Where spring or rods begin and end in rig axes at K instants, m, shape (K, 2, 3) each."""
+        model, plate = self._model, plate_to_rig(state[:, 2], state[:, 6])
+        turned = {model.body("plate").id: plate}
+        for column, name in enumerate(("motor_phi", "motor_theta")):
+            body = model.body(name)
+            turned[body.id] = about(model.jnt_axis[int(body.jntadr[0])], motor[:, column])
+
+        def end(site: int) -> Array:
+            body, place = int(model.site_bodyid[site]), model.site_pos[site]
+            if body not in turned:
+                return np.broadcast_to(place, (len(state), 3))
+            return np.asarray(model.body_pos[body] + turned[body].apply(place))
+
+        return {
+            entity: np.stack([end(site) for site in sites], axis=1)
+            for entity, sites in self._lines.items()
+        }
 
 
 def about(axis: Array, angle: Array) -> Rotation:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,7 +15,7 @@ from controllers.interfaces import Reference
 from twin.data_file import read_toml
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
-from twin.run.assemble import build_reference, drawn_mechanism
+from twin.run.assemble import build_reference, drawn_mechanism, linkage_of
 from twin.run.finished import Run, columns, states_of
 from twin.scenario.schema import Scenario
 from twin.view.scene import Colour, Scene, fixed, in_view, rolled
@@ -29,94 +28,70 @@ BLUE, VERMILION, GREEN, PINK = (0, 114, 178), (213, 94, 0), (0, 158, 115), (204,
 ORANGE, SKY, GREY, BLACK = (230, 159, 0), (86, 180, 233), (150, 150, 150), (235, 235, 235)
 
 
-@dataclass(frozen=True)
-class Signal:
-    """One line of a plot: its values (K,), colour and width."""
-
-    values: Array
-    colour: Colour
-    width: float = 1.5
-
-
+CYCLE = (BLUE, VERMILION, GREEN, PINK)
+"""The colours of the lines of a plot, in their order."""
+LOOKS = {
+    "ball": (BLUE, 2.0),
+    "estimate": (ORANGE, 1.5),
+    "measured": (GREY, 1.0),
+    "reference": (BLACK, 1.0),
+    "distance": (GREY, 1.0),
+}
+"""Colour and width of the lines that have their own."""
 RUNS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY)
 """The colours of runs that are shown together."""
+SHARED = ("reference", "dead_time")
+"""Lines that are the same in all of them: the first run has them."""
 
 
-def tinted(plot: Mapping[str, Signal], run: int) -> dict[str, Signal]:
-    """Of the lines of a plot those that tell runs apart, in shades of one run's colour.
+def shade(run: int, number: int) -> Colour:
+    """The colour of a run in the shade of one of its lines, by their number in a plot."""
+    share = (0.0, 0.35, 0.6)[number % 3]
+    red, green, blue = (round(c + share * (255 - c)) for c in RUNS[run % len(RUNS)])
+    return red, green, blue
 
-    What is the same in all has the first run alone, in its own colour.
-    """
-    left_out = {"estimate", "measured", *("xy" if "distance" in plot else ())}
-    found: dict[str, Signal] = {}
-    shared = ("reference", "dead_time")
-    for name, signal in plot.items():
-        if name not in (*left_out, *shared):
-            share = (0.0, 0.35, 0.6)[len(found.keys() - {*shared}) % 3]
-            red, green, blue = (round(c + share * (255 - c)) for c in RUNS[run % len(RUNS)])
-            found[name] = replace(signal, colour=(red, green, blue))
-        elif name in shared and run == 0:
-            found[name] = signal
-    return found
+
+def telling(plot: Mapping[str, Array], run: int) -> dict[str, Array]:
+    """Of the lines of a plot those that tell runs apart, and what is the same in all, once."""
+    left_out = ("estimate", "measured", *("xy" if "distance" in plot else ()))
+    left_out += SHARED if run else ()
+    return {name: values for name, values in plot.items() if name not in left_out}
 
 
 PLOTS: dict[str, dict[str, str]] = read_toml(Path(__file__).with_name("plots.toml"))
 """Entity of each plot and its title with the unit, by the tab it stands in."""
 
 LINES = read_toml(Path(__file__).with_name("lines.toml"))
-"""Plots whose lines are columns of the record; the file says how."""
+"""Plots and the columns that are their lines; the file says how."""
 
 
 def signals(
     rows: Mapping[str, Array], reference: Array, dead_time: float = 0.0
-) -> dict[str, dict[str, Signal]]:
-    """Group entity to its signals by name.
+) -> dict[str, dict[str, Array]]:
+    """Group entity to the values of its lines, shape (K,), by name.
 
     Args:
         rows: Recorded columns, (K,) each.
         reference: Desired ball position in m, shape (K, 2).
         dead_time: Dead time of the simulated screen, s.
     """
-    state = states_of(rows)
-    true = "true_x" in rows
-    found: dict[str, dict[str, Signal]] = {}
-    error = 1000 * (reference - state[:, 0::4])
-    for axis, name in enumerate("xy"):
-        plot = {}
-        touched = np.where(rows.get("touched", 1.0) > 0, rows[f"measured_{name}"], np.nan)
-        if true:
-            plot["ball"] = Signal(1000 * state[:, 4 * axis], BLUE, 2.0)
-        plot["estimate"] = Signal(1000 * rows[f"estimated_{name}"], ORANGE, 1.5)
-        plot["measured"] = Signal(1000 * touched, GREY, 1.0)
-        plot["reference"] = Signal(1000 * reference[:, axis], BLACK, 1.0)
-        found[f"position_{name}_mm"] = plot
-    found["error_mm"] = {
-        "distance": Signal(np.hypot(*error.T), GREY, 1.0),
-        **_lines("xy", error.T),
-    }
-    if true:
-        seen = columns(rows, "estimated")[:, 0::4]
-        found["estimation_error_mm"] = _lines("xy", 1000 * (state[:, 0::4] - seen).T)
+    kind = "true" if "true_x" in rows else "estimated"
+    error = reference - states_of(rows)[:, 0::4]
+    own = {**rows, "distance": np.hypot(*error.T)}
     if "age" in rows:
-        found["delay_ms"] = {
-            "age": Signal(1000 * rows["age"], GREEN),
-            "dead_time": Signal(np.full(len(state), 1000 * dead_time), PINK, 0.8),
-        }
+        own["dead_time"] = np.full(len(error), dead_time)
+    for i, axis in enumerate("xy"):
+        own[f"goal_{axis}"], own[f"error_{axis}"] = reference[:, i], error[:, i]
+        own[f"seen_{axis}"] = np.where(own.get("touched", 1.0), rows[f"measured_{axis}"], np.nan)
+        if kind == "true":
+            own[f"off_{axis}"] = rows[f"true_{axis}"] - rows[f"estimated_{axis}"]
+    found = {}
     for entity, about in LINES.items():
-        at = {
-            name: column.replace("STATE", "true" if true else "estimated")
-            for name, column in about["lines"].items()
-        }
-        own = {name: about.get("factor", 1.0) * rows[c] for name, c in at.items() if c in rows}
-        if own:
-            found[entity] = _lines(list(own), list(own.values()))
+        at = {name: column.replace("STATE", kind) for name, column in about["lines"].items()}
+        plot = {name: about.get("factor", 1.0) * own[c] for name, c in at.items() if c in own}
+        if plot:
+            found[entity] = plot
     return found
-
-
-def _lines(names: Sequence[str], values: Sequence[Array] | Array) -> dict[str, Signal]:
-    """Lines of a plot, each in the next colour; no more than there are colours."""
-    colours = (BLUE, VERMILION, GREEN, PINK)
-    return {n: Signal(v, colour) for n, v, colour in zip(names, values, colours, strict=False)}
 
 
 TIMELINE = "simulated time [s]"
@@ -161,7 +136,7 @@ class RunStream:
         self._reference = build_reference(scenario) if reference is None else reference
         self.scenario = scenario
         self.scene = Scene(drawn_mechanism(scenario), f"{self.root}/mechanism")
-        self._cams = CamTable.packaged()
+        self._cams = linkage_of(scenario) or CamTable.packaged()
         self._turn = np.array([0.0, 0.0, 0.0, 1.0])
         self._last: Array | None = None
         self._trail = np.empty((0, 3))
@@ -193,8 +168,8 @@ class RunStream:
             return
         reference = self._reference(time)[0]
         for group, plot in self.plots(rows).items():
-            for name, signal in plot.items():
-                shown = rr.Scalars.columns(scalars=signal.values)
+            for name, values in plot.items():
+                shown = rr.Scalars.columns(scalars=values)
                 yield Batch(f"{self.root}/{group}/{name}", time, shown)
         yield from self._states_and_events(rows)
         keep = self._frames(time)
@@ -207,23 +182,25 @@ class RunStream:
             yield from self._moving(frames, turns)
             yield from self._on_plate(frames, reference[keep])
 
-    def plots(self, rows: Mapping[str, Array]) -> dict[str, dict[str, Signal]]:
-        """The lines of the time plots: group to name to signal."""
+    def plots(self, rows: Mapping[str, Array]) -> dict[str, dict[str, Array]]:
+        """The lines of the time plots: group to name to values."""
         reference = self._reference(rows["time"])[0]
         dead_time = self.scenario.sensors.touch.dead_time
         plots = signals(rows, reference, dead_time)
         if self._among is None:
             return plots
-        return {group: tinted(plot, self._among) for group, plot in plots.items()}
+        return {group: telling(plot, self._among) for group, plot in plots.items()}
 
     def styles(self, rows: Mapping[str, Array]) -> Iterator[tuple[str, rr.AsComponents]]:
         """Colour, width and name of each line of the plots, as the rows have them."""
         for group, plot in self.plots(rows).items():
-            for name, signal in plot.items():
+            for number, name in enumerate(plot):
                 called = name.replace("_", " ")
+                colour, width = LOOKS.get(name, (CYCLE[number % len(CYCLE)], 1.5))
                 if self._among is not None:
                     called = f"{self.name}: {called}"
-                yield f"{self.root}/{group}/{name}", line(signal.colour, signal.width, called)
+                    colour = colour if name in SHARED else shade(self._among, number)
+                yield f"{self.root}/{group}/{name}", line(colour, width, called)
 
     def _frames(self, time: Array) -> NDArray[np.integer]:
         """Indices of the rows of which a picture is made, FRAMES per second."""
@@ -259,9 +236,8 @@ class RunStream:
             motor = self._cams.motor(state[:, 2::4])
         for entity, pose in self.scene.poses(state, motor, turns).items():
             yield Batch(entity, time, rr.Transform3D.columns(**pose))
-        if self.scene.has_spring:
-            spring = rr.LineStrips3D.columns(strips=self.scene.spring_ends(state))
-            yield Batch(self.scene.spring, time, spring)
+        for entity, ends in self.scene.lines(state, motor).items():
+            yield Batch(entity, time, rr.LineStrips3D.columns(strips=ends))
 
     def _on_plate(self, rows: Mapping[str, Array], reference: Array) -> Iterator[Batch]:
         time, ball = rows["time"], states_of(rows)[:, 0::4]

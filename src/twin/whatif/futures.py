@@ -289,10 +289,7 @@ def shown(moment: Moment, found: Sequence[Future]) -> dict[str, Motion]:
     end = max(each.run.motion.time[-1] for each in found)
     rows = (recorded.time > moment.at - SHOWN_BEFORE) & (recorded.time <= end)
     parts = {name: getattr(recorded, name)[rows] for name in ("time", "plate", "u", "reference")}
-    ball, time = recorded.ball[rows], parts["time"]
-    for begin, until in moment.gaps:
-        ball[(time >= begin) & (time <= until)] = np.nan
-    known = Motion(ball=ball, **parts)
+    known = Motion(ball=recorded.ball[rows], **parts)
     return {"recorded": known} | {each.label: each.run.motion for each in found}
 
 

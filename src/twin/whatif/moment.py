@@ -137,10 +137,6 @@ def take_over(new: Controller, old: Controller, was: Scenario, now: Scenario) ->
         new.reference = old.reference
 
 
-EXACTLY = 1e-9
-"""Largest distance in m at which a run counts as simulated again."""
-
-
 def exact(run: Run, file: Path, at: float) -> Moment:
     """A moment of a simulated run of this version.
 
@@ -167,11 +163,6 @@ def exact(run: Run, file: Path, at: float) -> Moment:
         before_mm=None if apart is None else 1000 * apart,
         controller=partial(_controller, run.scenario, snapshot),
         put=snapshot.restore,
-        notes=(
-            ("simulated again, the run is another: the program has changed since it was recorded",)
-            if apart is not None and apart > EXACTLY
-            else ()
-        ),
     )
 
 

@@ -281,7 +281,10 @@ static void move(Rig *rig, const double to[2]) {
     turned(rig, u, period, angle, rate);
     memcpy(rig->angle, angle, sizeof angle);
     memcpy(rig->rate, rate, sizeof rate);
-    if (fabs(rig->x) > rig->v[PLANT_SIZE] / 2 || fabs(rig->y) > rig->v[PLANT_SIZE + 1] / 2)
+    double half = rig->v[PLANT_SIZE] / 2, far = rig->x * rig->x + rig->y * rig->y;
+    if (fabs(rig->x) > half || fabs(rig->y) > rig->v[PLANT_SIZE + 1] / 2)
+        rig->fallen = 1;
+    if (ROUND && far > half * half)
         rig->fallen = 1;
 }
 

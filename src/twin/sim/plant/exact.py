@@ -242,6 +242,7 @@ class ExactPlant:
         level: Tilt (phi, theta) in rad of the base the plate angles are measured against, shape
             (2,) or (N, 2).
         size: Sides of the screen along x and y in m, shape (2,) or (N, 2).
+        rounded: Whether it is round, with the first side as its diameter, shape () or (N,).
         linkage: Cranks and rods between servos and plate; None for servos on the plate's axes.
     """
 
@@ -256,9 +257,12 @@ class ExactPlant:
         friction: Friction | None = None,
         level: ArrayLike = (0.0, 0.0),
         size: ArrayLike = SCREEN,
+        rounded: ArrayLike = False,
         linkage: Linkage | None = None,
     ) -> None:
         self.rigs = rigs
+        self._rounded = np.broadcast_to(np.asarray(rounded, bool), (rigs,))
+        self._round = bool(self._rounded.any())
         self.ratio: Number = 1.0 if linkage is None else linkage.ratio
         self.linkage = linkage
         self.step = step
@@ -345,6 +349,8 @@ class ExactPlant:
         (phi, theta), (phi_rate, theta_rate), _ = _turned(plate, period)
         self._x = self._state(x, vx, phi, phi_rate, y, vy, theta, theta_rate)
         off = (abs(x) > self._half[0]) | (abs(y) > self._half[1])
+        if self._round:
+            off = off | (self._rounded & (x * x + y * y > self._half[0] * self._half[0]))
         if self._balls.by.any(off):
             self._fallen |= off
 
@@ -352,7 +358,7 @@ class ExactPlant:
         """Acceleration to begin with, and jerk, of plates whose cranks ramp to rates in rad/s."""
         angle, before = self._x[:, 2::4], self._x[:, 3::4]
         motor = linkage.motor(angle)
-        motor = motor + period / 2 * (linkage.motor_rate(angle, motor, before) + rate)
+        motor += period / 2 * (linkage.motor_rate(angle, motor, before) + rate)
         there = linkage.plate(motor)
         after, mean = linkage.plate_rate(there, motor, rate), (there - angle) / period
         acceleration = (6 * mean - 4 * before - 2 * after) / period

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, put
+from twin.hal.linkage import Linkage
 from twin.settings import Unit, check, jump, ramp, setting
 
 
@@ -182,6 +183,8 @@ class Parts:
             give way, lost motion between motor and plate.
         plate_centre: Centre of mass of the plate off the cardan joint along x and y, m.
         level: Tilt (phi, theta) of the base that everything stands on, rad; encoders cannot see it.
+        linkage: Cranks and rods in place of cams, wheels and spring.
+        size: Sides of the plate on them along x and y, m.
 
     Raises:
         ModelError: If a number is out of range.
@@ -241,6 +244,8 @@ class Parts:
     level: tuple[float, float] | None = ramp(
         "plant.level_deg", (0.0, 0.0), Unit.DEG, otherwise=None, ge=-5, le=5
     )
+    linkage: Linkage | None = None
+    size: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -249,14 +254,14 @@ class Parts:
     @property
     def compiled(self) -> Parts:
         """Those of ball and plate, with which a mechanism has to be compiled."""
-        names = ("mass", "radius", "inertia", "offset", "oval", "plate_centre")
+        names = *("mass", "radius", "inertia", "offset", "oval"), "plate_centre", "linkage", "size"
         return Parts(**{name: getattr(self, name) for name in names})
 
     @property
     def balanced(self) -> bool:
         """Whether the mechanism's balance on a level base is that of the file."""
         size = self.mass, self.radius, self.oval
-        weighs = *size, self.stiffness, self.preload, self.plate_centre
+        weighs = *size, self.stiffness, self.preload, self.plate_centre, self.linkage
         return all(each is None for each in weighs)
 
 

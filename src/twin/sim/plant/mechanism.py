@@ -1,4 +1,4 @@
-"""The MuJoCo plant: N mechanisms of ``models/ballplate.xml`` stepped as one batch.
+"""The MuJoCo plant: N mechanisms of ``models/`` stepped as one batch.
 
 Besides where everything of interest stands in the arrays of a batch, and how the one friction
 object acts in the engine: on each rig's ball, when it has to.
@@ -20,7 +20,7 @@ from controllers.arrays import Array, Mask, Number, constant, put
 from twin.errors import ModelError
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts, ball_in_plate, from_plate, rolling_ball
-from twin.sim.plant.model import NAMES, RigModels, cam_ratio
+from twin.sim.plant.model import RigModels, motor_ratio
 
 Indices = NDArray[np.integer]
 
@@ -34,7 +34,17 @@ TELEMETRY = {
     "motor_phi_rad": "motor_phi",
     "motor_theta_rad": "motor_theta",
 }
-"""Name in the record, and the sensor whose first number it is."""
+"""Name in the record, and the sensor whose first number it is; a model need not have all."""
+
+
+def channels_of(model: mujoco.MjModel) -> dict[str, int]:
+    """What of ``TELEMETRY`` a model tells, and where in ``sensordata``."""
+    at = _sensors(model)
+    return {name: at[sensor] for name, sensor in TELEMETRY.items() if sensor in at}
+
+
+def _sensors(model: mujoco.MjModel) -> dict[str, int]:
+    return {model.sensor(i).name: int(model.sensor_adr[i]) for i in range(model.nsensor)}
 
 
 @dataclass(frozen=True)
@@ -71,7 +81,7 @@ class Addresses:
         ball = model.joint("ball")
         plate = [model.joint(axis) for axis in ("phi", "theta")]
         pose, rate = ball.qposadr[0], ball.dofadr[0]
-        at = {name: int(model.sensor(name).adr[0]) for name in NAMES["sensor"]}
+        at = _sensors(model)
         place, speed = at["ball_position"], at["ball_velocity"]
         along_x = place, speed, at["phi"], at["phi_rate"]
         along_y = place + 1, speed + 1, at["theta"], at["theta_rate"]
@@ -83,7 +93,7 @@ class Addresses:
             rates=np.array([*(joint.dofadr[0] for joint in plate), *range(rate, rate + 3)]),
             state=np.array([*along_x, *along_y]),
             over=at["ball_on_plate"],
-            told=np.array([at[sensor] for sensor in TELEMETRY.values()]),
+            told=np.array(list(channels_of(model).values())),
             servo=_columns([model.actuator(f"servo_{axis}").id for axis in ("phi", "theta")]),
             shaft=_columns([model.joint(f"cam_{axis}").qposadr[0] for axis in ("phi", "theta")]),
         )
@@ -209,7 +219,7 @@ _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 
 class Mechanism:
-    """N simulated rigs: plate on its cardan joint, cams, wheels, spring, servos and ball.
+    """N simulated rigs: plate on its cardan joint, cams, wheels, spring or rods, servos and ball.
 
     Args:
         path: The MJCF file; None for the packaged model.
@@ -222,8 +232,6 @@ class Mechanism:
     Raises:
         ModelError: If the model cannot be used, or a number is out of range.
     """
-
-    channels = tuple(TELEMETRY)
 
     def __init__(
         self,
@@ -241,7 +249,8 @@ class Mechanism:
         self._models = RigModels(path, rigs, one, step, disabled)
         model = self._models.first
         self.step = float(model.opt.timestep)
-        self.ratio: Number = cam_ratio(model)
+        self.ratio: Number = motor_ratio(model)
+        self.channels = tuple(channels_of(model))
         # persistent: each rig goes on from the stages `advance` has computed, instead of again
         self._batch = self._models.batch(threads, persistent=self._sensing)
         self._at = Addresses.of(model)

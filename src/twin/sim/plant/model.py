@@ -16,8 +16,9 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Number
 from twin.errors import ModelError
+from twin.hal.linkage import Linkage
 from twin.paths import model_path
 from twin.sim.plant.interface import Parts, tilted_gravity
 
@@ -87,11 +88,10 @@ def balance(model: mujoco.MjModel, data: mujoco.MjData, rounds: int = 8) -> None
 
 NAMES = {
     "joint": ("theta", "phi", "cam_theta", "cam_phi", "ball"),
-    "geom": ("plate", "ball", "wheel_phi", "wheel_theta", "cam_phi", "cam_theta"),
+    "geom": ("plate", "ball"),
     "body": ("plate", "ball", "motor_phi", "motor_theta"),
-    "tendon": ("spring",),
     "actuator": ("servo_phi", "servo_theta"),
-    "pair": ("ball_plate", "cam_phi", "cam_theta"),
+    "pair": ("ball_plate",),
     "key": ("level",),
     "sensor": (
         "ball_position",
@@ -103,15 +103,20 @@ NAMES = {
         "theta_rate",
         "motor_phi",
         "motor_theta",
-        "wheel_phi_force",
-        "wheel_theta_force",
         "ball_force",
         "torque_phi",
         "torque_theta",
-        "spring_length",
     ),
 }
 """What the plant asks of a model, by kind; the contract of the model file."""
+ON_CAMS = {
+    "geom": ("wheel_phi", "wheel_theta", "cam_phi", "cam_theta"),
+    "tendon": ("spring",),
+    "pair": ("cam_phi", "cam_theta"),
+    "sensor": ("wheel_phi_force", "wheel_theta_force", "spring_length"),
+}
+"""And of one with cams; one with rods is of this installation."""
+RODS = "ballplate_rods.xml"
 
 _ONE_AT_A_TIME = Lock()
 """Mechanisms that are fitted share the room for it."""
@@ -129,7 +134,7 @@ def load_model(
     """Compile a mechanism and check that it has every name the plant needs.
 
     Args:
-        path: The MJCF file; None for the packaged one.
+        path: The MJCF file; None for the packaged one with the parts' linkage, or with cams.
         parts: What differs from the file.
         drawn: Whether it is to be seen; without what only a viewer needs it moves by the same bits.
         stands: A mechanism from before parts were exchanged: it is not levelled again, its shafts
@@ -138,10 +143,12 @@ def load_model(
     Raises:
         ModelError: If the file cannot be read or compiled, or lacks names.
     """
-    path = model_path() if path is None else path
+    parts = parts or Parts()
+    if path is None:
+        path = model_path() if parts.linkage is None else model_path(RODS)
     if not path.is_file():
         raise ModelError(f"model {path}: no such file")
-    content, parts = path.read_bytes(), parts or Parts()
+    content = path.read_bytes()
     try:
         if stands is None:
             return copy.copy(_standing(path, content, drawn, parts))
@@ -159,7 +166,7 @@ UNSEEN = 4
 
 
 def drawn_model(
-    parts: Parts, size: tuple[float, float], area: tuple[float, float]
+    parts: Parts, size: tuple[float, float], area: tuple[float, float], *, rounded: bool = False
 ) -> mujoco.MjModel:
     """A mechanism to look at, with the screen and the operating area of a rig.
 
@@ -170,6 +177,7 @@ def drawn_model(
         parts: What differs from the model file.
         size: Sides of the screen along x and y, m.
         area: Operating area |x|, |y|, m.
+        rounded: Whether the screen is round.
 
     Raises:
         ModelError: If a number is out of range.
@@ -184,6 +192,9 @@ def drawn_model(
         return model
     screen.size[:2] *= share
     model.geom("screen_back").size[:2] *= share
+    for each in map(model.geom, ("plate", "screen_back") if rounded else ()):
+        each.type = mujoco.mjtGeom.mjGEOM_CYLINDER
+        each.size[1] = each.size[2]
     model.geom("base").size[:2] *= np.minimum(share, 1)
     model.geom_rbound[:] = np.maximum(model.geom_rbound, np.hypot(*size))
     for geom in map(model.geom, range(model.ngeom)):
@@ -231,9 +242,10 @@ def _compiled(path: Path, content: bytes, drawn: bool) -> tuple[mujoco.MjSpec, m
 
 
 def _check(model: mujoco.MjModel, path: Path) -> None:
+    asked = [*NAMES.items(), *(() if on_rods(model) else ON_CAMS.items())]
     missing = [
         f"{kind} {name}"
-        for kind, names in NAMES.items()
+        for kind, names in asked
         for name in names
         if mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name) < 0
     ]
@@ -241,8 +253,17 @@ def _check(model: mujoco.MjModel, path: Path) -> None:
         raise ModelError(f"model {path}: missing {', '.join(missing)}")
 
 
-def cam_ratio(model: mujoco.MjModel) -> float:
-    """Motor angle per plate angle about level, dimensionless."""
+def on_rods(model: mujoco.MjModel) -> bool:
+    """Whether a mechanism has cranks and rods in place of cams, wheels and spring."""
+    return bool(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, "rod_phi") >= 0)
+
+
+def motor_ratio(model: mujoco.MjModel) -> Number:
+    """Motor angle per plate angle about level, dimensionless; of rods (phi, theta)."""
+    if on_rods(model):
+        names = [[f"{of}_{axis}" for axis in AXES] for of in ("arm", "crank")]
+        arms, cranks = ([np.linalg.norm(model.site(each).pos) for each in of] for of in names)
+        return np.divide(arms, cranks)
     lever = np.abs(model.geom("wheel_phi").pos[0])
     return float(lever / np.hypot(*model.geom("cam_phi").pos[[0, 2]]))
 
@@ -323,7 +344,8 @@ def fitted(
     Raises:
         ModelError: If the mechanism does not come to rest level.
     """
-    _couple(model, data, before, parts)
+    if not on_rods(model):
+        _couple(model, data, before, parts)
     slide, spin = parts.sliding, parts.spinning
     friction = model.pair("ball_plate").friction
     if slide is not None:
@@ -383,6 +405,8 @@ def _shape(spec: mujoco.MjSpec, parts: Parts) -> float:
         for name in ("ball_position", "ball_velocity"):
             # the screen feels the ball's middle, not its centre of mass
             spec.sensor(name).objtype = mujoco.mjtObj.mjOBJ_XBODY
+    if parts.linkage is not None:
+        _link(spec, parts.linkage, parts.size)
     if parts.plate_centre is not None:
         plate = spec.body("plate")
         plate.ipos = [*parts.plate_centre, plate.ipos[2]]
@@ -398,6 +422,22 @@ def _shape(spec: mujoco.MjSpec, parts: Parts) -> float:
         spec.option.ccd_tolerance = 1e-12
         spec.option.ccd_iterations = 200
     return float(upright - nominal)
+
+
+def _link(spec: mujoco.MjSpec, linkage: Linkage, size: tuple[float, float] | None) -> None:
+    """Change cranks, rods and arms; and the plate with its mass, which goes with its area."""
+    if size is not None:
+        plate, over = spec.geom("plate"), spec.site("over_plate")
+        plate.mass *= size[0] * size[1] / (4 * plate.size[0] * plate.size[1])
+        plate.size[:2] = over.size[:2] = np.divide(size, 2)
+    depth, ways = linkage.depth, ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    for i, (axis, way) in enumerate(zip(AXES, ways, strict=True)):
+        crank, arm = np.multiply(linkage.crank[i], way), np.multiply(linkage.arm[i], way)
+        spec.body(f"motor_{axis}").pos = np.multiply(linkage.distance[i], way) - (0, 0, depth[i])
+        for name, end in (("crank", crank), ("arm", arm)):
+            spec.site(f"{name}_{axis}").pos = end
+            if drawn := spec.geom(f"{name}_{axis}"):  # what only a viewer needs may be left out
+                drawn.fromto = [*end, 0, 0, 0]
 
 
 def _couple(
