@@ -85,6 +85,14 @@ class Opened:
             reached = probe.connect_ex(("127.0.0.1", self.port)) == 0
         return reached and self.process.poll() is None
 
+    def wait(self) -> int:
+        """Wait until it is closed, or Ctrl-C closes it; its exit code."""
+        try:
+            return self.process.wait()
+        except KeyboardInterrupt:
+            self.close()
+            return 0
+
     def close(self) -> None:
         """End it."""
         self.process.terminate()
