@@ -136,9 +136,7 @@ def _template() -> Template:
     return pages.get_template("page.html.j2")
 
 
-def encoded(
-    figure: Figure, kind: Literal["svg", "png", "pdf"], dpi: float | Literal["figure"] = "figure"
-) -> bytes:
+def encoded(figure: Figure, kind: str, dpi: float | Literal["figure"] = "figure") -> bytes:
     """A figure as a file's content; the same figure gives the same bytes."""
     import matplotlib as mpl  # noqa: PLC0415  heavy: a page may show no figure
 

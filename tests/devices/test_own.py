@@ -6,11 +6,13 @@ import re
 import signal
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
 from command_line import called
 from own_board import EXAMPLE, VirtualBoard, own_rig
+from own_board import board as example
 
 from twin.devices.own import (
     ASTRAY,
@@ -282,6 +284,31 @@ def test_other_rigs_do_what_their_page_says(command, told, tmp_path):
         assert code == 0, said
         least, most = [float(each) for each in (told.split(" to ") * 2)[:2]]
         assert least - 0.051 < found["tracking_error_percent"] < most + 0.051
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+def test_the_page_leads_from_a_log_to_a_twin_and_back_to_the_rig(tmp_path):
+    commands = PAGE.split("## 5.")[1].split("```")[1].splitlines()[1:]
+    with board(tmp_path):
+        for line in commands:
+            if not line.startswith("uv run ballplate "):
+                subprocess.run(["sh", "-c", line], cwd=tmp_path, check=True)
+                continue
+            code, said = ballplate(tmp_path, *line.split()[3:])
+            assert code == 0, said
+    found = tomllib.loads((tmp_path / "mine.toml").read_text())
+    # that of the board: what a ball of its share of gravity begins to roll at
+    arm = 1000 * example.FRICTION / example.HOLLOW * 0.02
+    assert found["plant"]["friction"]["rolling_mm"] == pytest.approx(arm, rel=0.1)
+    assert found["sensors"]["touch"]["dead_time"] == pytest.approx(example.LATE, abs=0.02)
+    error = {
+        name: json.loads((tmp_path / "runs" / name / "metrics.json").read_text())[
+            "tracking_error_percent"
+        ]
+        for name in ("mine", "cured")
+    }
+    assert error["cured"] < 0.8 * error["mine"]
 
 
 @pytest.mark.parametrize("what", ["cams", "touch", "lost-motion"])

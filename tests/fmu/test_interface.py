@@ -210,6 +210,7 @@ def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
         "plant.linkage.",
         "rig.period",
         "rig.cams",
+        "rig.plate_lag",
         "sensors.ideal",
         "sensors.noise_hold",
     )

@@ -101,6 +101,20 @@ def test_what_is_broken_in_a_log_is_left_out_and_said(tmp_path):
     assert "1 rows of a time" in said
 
 
+def test_rows_of_one_frame_are_one_sample_where_their_age_is_told(tmp_path):
+    time = np.arange(0.0, 8.0, 0.002)
+    frame = np.floor(time * 50) / 50
+    rows = ["t,x,u,age"]
+    for t, taken in zip(time, frame, strict=True):
+        x = 0.05 * np.sin(1.3 * taken)
+        rows.append(f"{t:.4f},{x:.7f},{0.02 * np.cos(t):.5f},{t - taken:.6f}")
+    columns = "time=t:s,measured_x=x:m,command_phi=u:rad,age=age:s"
+    axis = read_any(written(tmp_path, rows), wanted_columns(columns)).axes["x"]
+    assert np.diff(axis.sampled) == pytest.approx(np.full(len(axis.sampled) - 1, 0.02), abs=1e-5)
+    assert axis.ball == pytest.approx(0.05 * np.sin(1.3 * axis.sampled), abs=1e-5)
+    assert len(axis.time) == len(time)
+
+
 @pytest.mark.parametrize(
     ("columns", "says"),
     [

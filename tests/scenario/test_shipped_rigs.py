@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from controllers.references import Circle, Hold, Path, Sine, Step
+from twin.errors import ScenarioError
 from twin.run.assemble import assemble
 from twin.scenario import shipped
 from twin.scenario.load import check, load, read, resolved
@@ -70,6 +71,28 @@ def test_what_is_set_stays_and_defaults_become_smaller(name, settings, reference
     assert found == reference
     same = "0.4" not in load(name, settings).title
     assert same == any(key in str(settings) for key in ("amplitude", LARGER))
+
+
+def test_a_parameter_file_lies_over_the_rig_that_it_names(tmp_path):
+    mine, found = tmp_path / "mine.toml", tmp_path / "found.toml"
+    mine.write_text('parameters = "hobby"\nplant.friction.rolling_mm = 0.13\n')
+    found.write_text(f'parameters = "{mine.as_posix()}"\nsensors.touch.dead_time = 0.02\n')
+    hobby = load("circle", ["parameters=hobby"])
+    chosen = load("circle", [f"parameters={found}", "plant.servo.backlash_deg=0"])
+    own = ["plant.friction.rolling_mm=0.13", "sensors.touch.dead_time=0.02"]
+    assert chosen == load("circle", ["parameters=hobby", *own, "plant.servo.backlash_deg=0"])
+    assert chosen.title == hobby.title
+
+
+@pytest.mark.parametrize("named", ["mine.toml", "other.toml", 3])
+def test_a_parameter_file_that_leads_to_itself_is_refused_in_one_line(named, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = f"parameters = {named if named == 3 else repr(named)}\n"
+    (tmp_path / "mine.toml").write_text(text)
+    (tmp_path / "other.toml").write_text('parameters = "mine.toml"\n')
+    with pytest.raises(ScenarioError, match="must be the name of another file, got") as caught:
+        load("circle", ["parameters=mine.toml"])
+    assert "\n" not in str(caught.value)
 
 
 def test_times_of_goals_stay_and_a_start_becomes_smaller():

@@ -11,6 +11,7 @@ depth h.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -65,32 +66,34 @@ class Linkage:
         """How far the servos' axes lie below the universal joint, m."""
         return np.sqrt(np.square(self.rod) - self.lean**2)
 
+    @cached_property
+    def _lengths(self) -> tuple[Array, Array, Array, Array, Array]:
+        each = self.crank, self.arm, self.distance, self.depth, np.square(self.rod)
+        return tuple(map(np.asarray, each))  # type: ignore[return-value]
+
     def motor(self, plate: Array) -> Array:
         """Crank angles in rad that hold plate angles (phi, theta) in rad, both (..., 2)."""
-        a, r = np.asarray(self.arm), np.asarray(self.crank)
-        p, q = a * np.cos(plate) - self.distance, a * _beside(plate) * np.sin(plate) + self.depth
-        across = a**2 * (1 - _beside(plate) ** 2) * np.sin(plate) ** 2
-        reach = (p**2 + q**2 + across + r**2 - np.square(self.rod)) / (2 * r)
+        r, a, d, h, square = self._lengths
+        c, up = _beside(plate), a * np.sin(plate)
+        p, q = a * np.cos(plate) - d, c * up + h
+        reach = (p**2 + q**2 + (1 - c**2) * up**2 + r**2 - square) / (2 * r)
         return np.arctan2(q, p) - _arccos(reach / np.hypot(p, q))
 
     def plate(self, motor: Array) -> Array:
         """Plate angles in rad where the cranks are at angles in rad, both (..., 2)."""
-        u, v = self._ends(motor)
-        reach = (np.square(self.arm) + u**2 + v**2 - np.square(self.rod)) / (
-            2 * np.asarray(self.arm)
-        )
-        level = np.zeros_like(u)
-        for _ in range(2):  # theta first; then phi, which depends on it
-            down = _beside(level) * v
-            level = _arccos(reach / np.hypot(u, down)) - np.arctan2(down, u)
-        return level
+        r, a, d, h, square = self._lengths
+        u, v = d + r * np.cos(motor), h - r * np.sin(motor)
+        reach = (a**2 + u**2 + v**2 - square) / (2 * a)
+        tilt = _arccos(reach / np.hypot(u, v)) - np.arctan2(v, u)
+        v = _beside(tilt) * v  # theta is right by now; phi depends on it
+        return _arccos(reach / np.hypot(u, v)) - np.arctan2(v, u)
 
     def plate_rate(self, plate: Array, motor: Array, rate: Array) -> Array:
         """Rates of the plate in rad/s for those of the cranks, where they are; all (..., 2)."""
         by_crank, by_plate, by_other = self._slopes(plate, motor)
-        theta = -by_crank[..., 1] * rate[..., 1] / by_plate[..., 1]
-        phi = -(by_crank[..., 0] * rate[..., 0] + by_other * theta) / by_plate[..., 0]
-        return np.stack((phi, theta), axis=-1)
+        found = -by_crank * rate / by_plate
+        found[..., 0] -= by_other * found[..., 1] / by_plate[..., 0]
+        return found
 
     def motor_rate(self, plate: Array, motor: Array, rate: Array) -> Array:
         """Rates of the cranks in rad/s for those of the plate, where they are; all (..., 2)."""
@@ -99,19 +102,18 @@ class Linkage:
         turned[..., 0] += by_other * rate[..., 1]
         return -turned / by_crank
 
-    def _ends(self, motor: Array) -> tuple[Array, Array]:
-        """Ends of the cranks from the universal joint: outwards and down, m."""
-        r = np.asarray(self.crank)
-        return self.distance + r * np.cos(motor), self.depth - r * np.sin(motor)
-
     def _slopes(self, plate: Array, motor: Array) -> tuple[Array, Array, Array]:
-        """Derivatives of u cos - c v sin - reach by crank and plate; of phi's by theta, too."""
-        (u, v), r, c = self._ends(motor), np.asarray(self.crank), _beside(plate)
+        """Derivatives of the rods' squared lengths over -2 a, by crank and plate; phi's by theta.
+
+        With the end of a crank u = d + r cos m outwards and v = h - r sin m below the universal
+        joint, a rod's squared length is a^2 + u^2 + v^2 - 2 a (u cos - c v sin).
+        """
+        r, a, d, h, _ = self._lengths
+        c, sine, cosine = _beside(plate), np.sin(plate), np.cos(plate)
         du, dv = -r * np.sin(motor), -r * np.cos(motor)
-        sine, cosine = np.sin(plate), np.cos(plate)
-        by_crank = du * cosine - c * dv * sine - (u * du + v * dv) / np.asarray(self.arm)
-        by_other = v[..., 0] * sine[..., 0] * sine[..., 1]
-        return by_crank, -u * sine - c * v * cosine, by_other
+        u, v = d - dv, h + du
+        by_crank = du * cosine - c * dv * sine - (u * du + v * dv) / a
+        return by_crank, -u * sine - c * v * cosine, v[..., 0] * sine[..., 0] * sine[..., 1]
 
     def problem(self, tilt: float) -> str:
         """What is wrong with one pair of linkages, in one line; empty if nothing is.
@@ -142,7 +144,9 @@ class Linkage:
 
 def _beside(plate: Array) -> Array:
     """Share of an arm's height that is left where theta turns it aside, shape (..., 2)."""
-    return np.stack((np.cos(plate[..., 1]), np.ones_like(plate[..., 1])), axis=-1)
+    share = np.ones_like(plate)
+    share[..., 0] = np.cos(plate[..., 1])
+    return share
 
 
 def _arccos(cosine: Array) -> Array:

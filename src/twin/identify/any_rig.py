@@ -57,7 +57,8 @@ class PlainIdentification(judged.Identification):
         ball = BallPlate()
         push = self.factor * ball.gravity
         inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
-        lines = {"plant.ball.inertia": f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"}
+        lines = {f"plant.ball.{name}": str(getattr(ball, name)) for name in ("mass", "radius")}
+        lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
         turned = [gain.get(axis, sign * push) * sign / push for axis, sign in SIGNS]
         if gain and not any(map(_another, turned)):
@@ -65,7 +66,7 @@ class PlainIdentification(judged.Identification):
             lines["rig.cam_error_percent"] = f"[{errors}]  # how much too far a command tilts"
         if "friction" in mean:
             rolling = 1000 * mean["friction"] * ball.radius / push
-            lines["plant.friction.rolling_mm"] = f"{rolling:.6g}  # for a ball of 20 mm radius"
+            lines["plant.friction.rolling_mm"] = f"{rolling:.6g}  # for this ball's radius"
         if mean.get("dead_time", 0.0) > 0:
             dead_time = f"{mean['dead_time']:.6g}"
             lines["sensors.touch.dead_time"] = f"{dead_time}  # all of it, commands' too"

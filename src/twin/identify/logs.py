@@ -547,6 +547,8 @@ def _cleaned(
     if len(shown) < 10:
         raise LogError(f"{source}: the ball is seen in {len(shown)} rows; too few to identify")
     shown = shown[np.argsort(sampled[shown], kind="stable")]
+    # rows of one frame, told by its age, are one sample
+    shown = shown[np.diff(sampled[shown], prepend=-np.inf) > min(step / 2, 1e-4)]
     axes, tilts = {}, {}
     for axis, (name, angle) in AXES.items():
         if name not in columns:

@@ -177,12 +177,26 @@ def resolved(
     if file is not None:
         if not isinstance(file, str):
             raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
-        path = Path(file) if Path(file).suffix else chosen("rig", file, shipped_in("rigs"))
-        more = read_tables(path, f"{source}: parameters: {file}")
-        merged = _fitted(tables, more, settings)
+        merged = _fitted(tables, _parameters(file, source), settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
     return _judged_in_time(tables, merged, settings), source
+
+
+def _parameters(file: str, source: str, *over: str) -> Tables:
+    """The tables of a shipped rig or a parameter file, over those of one that it names itself.
+
+    Raises:
+        ScenarioError: If one cannot be read, or a file leads to itself.
+    """
+    path = Path(file) if Path(file).suffix else chosen("rig", file, shipped_in("rigs"))
+    tables = read_tables(path, f"{source}: parameters: {file}")
+    under = tables.pop("parameters", None)
+    if under is None:
+        return tables
+    if not isinstance(under, str) or under in (file, *over):
+        raise ScenarioError(f"{file}: parameters: must be the name of another file, got {under!r}")
+    return laid_over(_parameters(under, source, file, *over), tables)
 
 
 def _fitted(

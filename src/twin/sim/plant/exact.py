@@ -358,7 +358,7 @@ class ExactPlant:
         """Acceleration to begin with, and jerk, of plates whose cranks ramp to rates in rad/s."""
         angle, before = self._x[:, 2::4], self._x[:, 3::4]
         motor = linkage.motor(angle)
-        motor = motor + period / 2 * (linkage.motor_rate(angle, motor, before) + rate)
+        motor += period / 2 * (linkage.motor_rate(angle, motor, before) + rate)
         there = linkage.plate(motor)
         after, mean = linkage.plate_rate(there, motor, rate), (there - angle) / period
         acceleration = (6 * mean - 4 * before - 2 * after) / period
