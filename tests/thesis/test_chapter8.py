@@ -25,7 +25,6 @@ from twin.thesis.chapter8 import (
     COLUMNS,
     WAYS,
     Agreement,
-    Excerpt,
     ReproductionJob,
     RowResult,
     carry_out,
@@ -45,7 +44,8 @@ def call(*arguments):
 def steps():
     """Table 8.1, and runs of it that came to what is kept of continuous control."""
     table = tables()["8.1"]
-    shown = Excerpt(np.arange(3.0), *(np.zeros((3, n)) for n in (8, 2, 2, 8)))
+    widths = {"state": 8, "applied": 2, "reference": 2, "estimate": 8}
+    shown = {"time": np.arange(3.0)} | {name: np.zeros((3, n)) for name, n in widths.items()}
     found = {
         ((table.id, index), way): RowResult(
             (table.id, index), way, dict(stored("chapter_8")["8.1"][row.name]), "", shown

@@ -66,12 +66,7 @@ def _show(recording: Path, serve: int | None) -> int:
     opened = viewer.window(recording) if serve is None else viewer.page(serve, recording)
     if opened.page:
         say(f"open {opened.page} in a browser; Ctrl-C ends it")
-    try:
-        code = opened.process.wait()
-    except KeyboardInterrupt:
-        opened.close()
-        return 0
-    if code:
+    if opened.wait():
         raise ViewError("the viewer ended with an error; use --rrd FILE or --serve")
     return 0
 

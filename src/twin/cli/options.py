@@ -344,10 +344,7 @@ class Viewing:
         """Keep a page until Ctrl-C."""
         if self._opened is not None and self._opened.page:
             click.echo("the page stays until Ctrl-C", err=True)
-            try:
-                self._opened.process.wait()
-            except KeyboardInterrupt:
-                self._opened.close()
+            self._opened.wait()
 
     def _open(self, scenario: Scenario, name: str) -> LiveProcess | None:
         """Start the view that was asked for; None if none was, or it cannot start."""

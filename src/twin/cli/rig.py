@@ -361,12 +361,10 @@ def play(
             webbrowser.open(server.url)
 
     server.run(begun)
-    if server.failure is not None:
+    if server.failure is not None or server.lost:
         lost = "what was driven since it was last saved is lost"
-        click.echo(f"ballplate: {server.failure}; {lost}", err=True)
-        return 1
-    if server.lost:
-        click.echo(f"ballplate: {server.kept}", err=True)
+        problem = f"{server.failure}; {lost}" if server.failure else server.kept
+        click.echo(f"ballplate: {problem}", err=True)
         return 1
     if server.kept:
         say(f"ended without saving, so {server.kept}")

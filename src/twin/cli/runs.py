@@ -27,7 +27,6 @@ from twin.cli.output import (
 )
 from twin.data_file import read_toml
 from twin.errors import LogError, ScenarioError
-from twin.report.numbers import lowest
 from twin.run.files import free, run_folder
 from twin.shipped import folder
 from twin.writing import write_whole
@@ -199,7 +198,7 @@ def compare(
         bold(found.title),
         *indicators(by_name, everything=everything),
         *reasons(by_name),
-        *map(bold, (*distances(measured, found.motions), lowest(by_name))),
+        *map(bold, distances(measured, found.motions)),
     )
     files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
     show(summaries, shown, found.folder, files)

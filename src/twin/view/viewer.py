@@ -18,18 +18,11 @@ STARTING = 10.0
 
 
 def program() -> Path:
-    """The viewer that comes with the package.
-
-    Raises:
-        ViewError: If it is missing.
-    """
+    """The viewer that comes with the package."""
     import rerun_cli  # noqa: PLC0415  a missing viewer must not break what only writes files
 
     name = "rerun.exe" if sys.platform == "win32" else "rerun"
-    path = Path(rerun_cli.__file__).parent / name
-    if not path.is_file():
-        raise ViewError(f"the viewer is missing at {path}; reinstall rerun-sdk, or use --rrd FILE")
-    return path
+    return Path(rerun_cli.__file__).parent / name
 
 
 def environment() -> dict[str, str]:
@@ -92,6 +85,14 @@ class Opened:
             reached = probe.connect_ex(("127.0.0.1", self.port)) == 0
         return reached and self.process.poll() is None
 
+    def wait(self) -> int:
+        """Wait until it is closed, or Ctrl-C closes it; its exit code."""
+        try:
+            return self.process.wait()
+        except KeyboardInterrupt:
+            self.close()
+            return 0
+
     def close(self) -> None:
         """End it."""
         self.process.terminate()
@@ -116,7 +117,8 @@ def started(*options: str | Path) -> Opened:
             start_new_session=True,  # Ctrl-C is for the run
         )
     except OSError as error:
-        raise ViewError(f"the viewer {path} cannot be started: {error.strerror}") from error
+        why = f"{error.strerror}; reinstall rerun-sdk, or use --rrd FILE"
+        raise ViewError(f"the viewer {path} cannot be started: {why}") from error
     return Opened(process, port)
 
 
