@@ -114,7 +114,8 @@ class Result(Run):
 
         Args:
             file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` by the extra
-                ``mcap``; of a moving picture ``.webp`` or ``.gif``.
+                ``mcap``; of a moving picture ``.webp``, ``.gif`` or ``.mp4`` (by the extra
+                ``video``).
             fps: Frames of the moving picture a second.
             since: Time of the run at which it begins, s; the first one by default.
             until: Time at which it ends, s; the last one by default.

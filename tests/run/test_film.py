@@ -1,5 +1,6 @@
 """Moving pictures: what they show is what was recorded, and they are the same each time."""
 
+import av
 import numpy as np
 import pytest
 from PIL import Image, ImageColor
@@ -206,6 +207,12 @@ def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
     for file in (one, two):
         moving(file, Film({"circle": circle}, Cut(fps=30, seconds=0.5)))
     assert one.read_bytes() == two.read_bytes()
+    if ending == ".mp4":
+        with av.open(str(one)) as video:
+            shapes = [frame.to_ndarray(format="rgb24").shape for frame in video.decode(video=0)]
+            assert video.streams.video[0].average_rate == 30
+        assert shapes == [(566, 600, 3)] * 15
+        return
     with Image.open(one) as picture:
         assert picture.n_frames == 15
         assert picture.info["loop"] == 0
@@ -215,6 +222,26 @@ def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
             picture.load()
             lasts.append(picture.info["duration"])
     assert sum(lasts) == pytest.approx(500)
+
+
+def test_an_mp4_shows_what_the_frames_do_and_names_the_extra_it_needs(
+    circle, tmp_path, monkeypatch
+):
+    film = Film({"circle": circle}, Cut(seconds=0.2, size=301))
+    moving(tmp_path / "a.mp4", film)
+    (first, *_) = film.frames()
+    with av.open(str(tmp_path / "a.mp4")) as video:
+        frame = next(video.decode(video=0)).to_ndarray(format="rgb24").astype(int)
+    wide, high = 300, film.size[1] // 2 * 2
+    drawn = np.asarray(first.convert("RGB"), int)[:high, :wide]
+    assert frame.shape == drawn.shape
+    assert np.abs(frame - drawn).mean() < 3
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(
+        RecordError, match=r"needs the extra video: pip install 'ballplate\[video\]'"
+    ):
+        moving(tmp_path / "b.mp4", film)
+    assert not (tmp_path / "b.mp4").exists()
 
 
 @pytest.mark.parametrize(

@@ -141,7 +141,7 @@ def export(
 ) -> int:
     """Export the signals of a run to a .csv, .mat, .parquet or .mcap file, or the run as it moved.
 
-    A picture that moves is a .webp or .gif:
+    A picture that moves is a .webp, .gif or, by the extra video, .mp4:
     ballplate export runs/circle circle.webp --beside runs/cure --seconds 8
 
     In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
@@ -167,7 +167,7 @@ def export(
     if not moving and (given or beside):
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size are of moving pictures: "
-            ".webp, .gif"
+            ".webp, .gif, .mp4"
         )
     opened = [each for path in (run, *beside) for each in _opened((path,))]
     if not moving:

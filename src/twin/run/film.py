@@ -363,14 +363,14 @@ WRITTEN: dict[str, dict[str, Any]] = {
     ".webp": {"lossless": True, "quality": 20, "method": 2, "kmin": 9999, "kmax": 10000},
     ".gif": {},
 }
-"""How Pillow writes each kind of moving picture."""
+"""How Pillow writes each kind of moving picture; ``.mp4`` is another's."""
 
 
 def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _: None) -> None:
     """Write a moving picture; the same runs give the same bytes.
 
     Args:
-        path: ``.webp`` or ``.gif``.
+        path: ``.webp``, ``.gif`` or ``.mp4`` (by the extra ``video``).
         film: Its frames.
         progress: Is told how many of them are drawn.
 
@@ -378,17 +378,37 @@ def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _:
         RecordError: If nothing can be written there.
     """
 
+    def frames() -> Iterator[Image.Image]:
+        for number, frame in enumerate(film.frames(), 1):
+            progress(number)
+            yield frame
+
     def write(target: Path) -> None:
-        frames = []
-        for frame in film.frames():
-            frames.append(frame)
-            progress(len(frames))
-        first, *others = frames
+        if path.suffix == ".mp4":
+            return _video(target, film, frames())
+        first, *others = frames()
         # in whole ms, of a .gif in 10 ms, that add up without drifting
         unit = 10 if path.suffix == ".gif" else 1
         ends = [round(1000 * k / (unit * film.fps)) * unit for k in range(film.count + 1)]
         lasting = [end - begin for begin, end in pairwise(ends)]
         how = {"append_images": others, "duration": lasting, "loop": 0, **WRITTEN[path.suffix]}
-        first.save(target, path.suffix[1:].upper(), save_all=True, **how)
+        return first.save(target, path.suffix[1:].upper(), save_all=True, **how)
 
     write_whole(path, write)
+
+
+def _video(target: Path, film: Film, frames: Iterator[Image.Image]) -> None:
+    """Write frames as H.264, which takes an even number of pixels along x and y."""
+    try:
+        import av  # noqa: PLC0415  an extra
+    except ImportError as error:
+        raise RecordError(".mp4: needs the extra video: pip install 'ballplate[video]'") from error
+    wide, high = (side - side % 2 for side in film.size)
+    with av.open(str(target), "w", format="mp4") as file:
+        stream = file.add_stream("libx264", rate=film.fps)
+        stream.options = {"x264-params": "mbtree=0"}  # which gives other bytes now and then
+        stream.width, stream.height, stream.pix_fmt = wide, high, "yuv420p"
+        for frame in frames:
+            image = frame.convert("RGB").crop((0, 0, wide, high))
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(image))))
+        file.mux(stream.encode(None))
