@@ -7,8 +7,9 @@ from PIL import Image, ImageColor
 
 import ballplate as bp
 from twin.errors import RecordError
+from twin.run import film as film_module
 from twin.run.files import MOVING
-from twin.run.film import Cut, Film, moving
+from twin.run.film import Cut, Film, Stage, moving
 from twin.run.finished import Run, record_run, run
 from twin.run.picture import COLOURS
 from twin.scenario.load import check, load, put
@@ -244,6 +245,40 @@ def test_an_mp4_shows_what_the_frames_do_and_names_the_extra_it_needs(
     assert not (tmp_path / "b.mp4").exists()
 
 
+def test_the_mechanism_in_3d_shows_ball_and_tilt_or_says_what_it_needs(circle):
+    try:
+        stage = Stage(circle, (640, 360))
+    except RecordError as error:
+        pytest.skip(str(error))
+    level = np.zeros(2)
+
+    def orange(ball, tilt):
+        picture = np.asarray(stage.drawn(np.array(ball), tilt, np.zeros((0, 2))), int)
+        red, green, blue = np.moveaxis(picture, -1, 0)
+        rows, columns = np.nonzero((red > 150) & (green > 80) & (blue < 60))
+        return np.array((columns.mean(), rows.mean())) if len(rows) else None
+
+    middle, right, far = (orange(at, level) for at in ((0, 0), (0.15, 0), (0, 0.1)))
+    assert right[0] > middle[0] + 20
+    assert far[1] < middle[1] - 5
+    # a positive phi lowers the right end, a positive theta raises the far one
+    assert orange((0.15, 0), np.array((0.1, 0)))[1] > right[1] + 2
+    assert orange((0, 0.1), np.array((0, 0.1)))[1] < far[1] - 2
+    assert orange((np.nan, np.nan), level) is None
+
+
+def test_without_opengl_a_picture_in_3d_is_one_line(circle, monkeypatch):
+    def missing(name):
+        raise AttributeError(f"{name} is not there")
+
+    monkeypatch.setattr(film_module, "import_module", missing)
+    words = (
+        r"^render mujoco: needs EGL or OSMesa \(libegl1 or libosmesa6\) \(egl: mujoco.egl is not"
+    )
+    with pytest.raises(RecordError, match=words):
+        Film({"circle": circle}, Cut(seconds=0.1, render="mujoco"))
+
+
 @pytest.mark.parametrize(
     ("cut", "words"),
     [
@@ -286,6 +321,7 @@ def test_what_export_cannot_do_is_one_line_and_writes_nothing(circle, tmp_path, 
     before = sorted(tmp_path.rglob("*"))
     for line, words in {
         "there": "there: the ending says what is written; known: .csv, .mat, .parquet, .mcap",
+        "a.csv --render mujoco": "are of moving pictures",
         "a.csv --fps 10": "are of moving pictures",
         "a.csv --beside made": "are of moving pictures",
         "a.webp --fps 99": "fps 99: must be from 1 to 50",

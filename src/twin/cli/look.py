@@ -130,6 +130,11 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 @click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
 @click.option("--reference", "wished", is_flag=True, help="Of a rig: its reference is an output.")
 @SETTING
+@click.option(
+    "--render",
+    type=click.Choice(("plate", "mujoco")),
+    help="What it shows: the plate from above, or the mechanism in 3D by EGL or OSMesa [plate].",
+)
 def export(
     run: Path,
     file: Path,
@@ -166,8 +171,8 @@ def export(
     moving = file.suffix in MOVING
     if not moving and (given or beside):
         raise RecordError(
-            f"{file}: --beside, --from, --to, --seconds, --fps, --size are of moving pictures: "
-            ".webp, .gif, .mp4"
+            f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
+            "pictures: .webp, .gif, .mp4"
         )
     opened = [each for path in (run, *beside) for each in _opened((path,))]
     if not moving:
