@@ -1,5 +1,7 @@
 """Moving pictures: what they show is what was recorded, and they are the same each time."""
 
+import sys
+
 import av
 import numpy as np
 import pytest
