@@ -279,8 +279,12 @@ SERVE = click.option(
     metavar="[PORT]",
     help=f"Watch in a browser of this machine [{WEB_PORT}].",
 )
+LEARN = click.option(
+    "--learn", is_flag=True, help="Let the twin learn for 20 s before it judges: an unknown rig."
+)
 WATCHING = (
     click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes."),
+    LEARN,
     click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
     click.option("--connect", metavar="HOST:PORT", help="Watch in a viewer already running."),
     SERVE,
@@ -296,6 +300,7 @@ class Viewing:
         connect: In the viewer at HOST:PORT.
         serve: In a browser, at this port.
         shadow: Whether its twin runs beside it.
+        learn: Whether that learns at first what is not known of the rig.
 
     Raises:
         ScenarioError: If these exclude each other.
@@ -305,11 +310,14 @@ class Viewing:
     connect: str | None
     serve: int | None
     shadow: bool
+    learn: bool
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         if sum((self.window, self.connect is not None, self.serve is not None)) > 1:
             raise ScenarioError("--view, --connect and --serve: choose one")
+        if self.learn and not self.shadow:
+            raise ScenarioError("--learn: only with --shadow, whose twin it is that learns")
         self._opened: Opened | None = None
         self._url, self._recording = "", str(uuid4())
 
@@ -351,7 +359,7 @@ class Viewing:
         from twin.view.live_process import LiveProcess
 
         shown = report.Shown(self._url, self._recording, name) if self._url else None
-        return LiveProcess(report.work, (scenario, shown))
+        return LiveProcess(report.work, (scenario, shown, self.learn))
 
     def keep(self) -> None:
         """Keep a page until Ctrl-C."""
