@@ -35,13 +35,6 @@ def environment() -> dict[str, str]:
     return {**kept, "CI": "1", "TELEMETRY_ENABLED": "false"}
 
 
-def has_display() -> bool:
-    """Whether a window can be opened."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
 def bound(address: str, port: int) -> socket.socket:
     """A socket at an address of this machine and a port, 0 for a free one.
 
@@ -128,7 +121,8 @@ def window(*files: Path) -> Opened:
     Raises:
         ViewError: If there is no display, or no viewer.
     """
-    if not has_display():
+    needs_none = sys.platform in ("win32", "darwin")
+    if not (needs_none or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ViewError("no display for a viewer window; use --rrd FILE or --serve")
     return started(*files or ("--expect-data-soon",))
 
