@@ -1,5 +1,7 @@
 """Moving pictures: what they show is what was recorded, and they are the same each time."""
 
+import os
+import subprocess
 import sys
 
 import av
@@ -338,6 +340,19 @@ def test_what_export_cannot_do_is_one_line_and_writes_nothing(circle, tmp_path, 
         (told,) = [text for text in err.splitlines() if text.startswith("ballplate: ")]
         assert words in told
         assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_neither_a_screen_nor_opengl_is_needed(circle, tmp_path):
+    record_run(circle, tmp_path / "made")
+    program = "import sys; from twin.cli import main\ntry: main(sys.argv[1:])\n"
+    program += "finally: print(*sys.modules)"
+    quiet = {name: text for name, text in os.environ.items() if "DISPLAY" not in name}
+    done = subprocess.run(
+        [sys.executable, "-c", program, "export", "made", "a.webp", "--seconds", "0.1"],
+        cwd=tmp_path, env=quiet, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (tmp_path / "a.webp").is_file(), done.stderr
+    assert not {"OpenGL", "glfw", "matplotlib.pyplot", "rerun"} & set(done.stdout.split())
 
 
 @pytest.mark.long
