@@ -12,7 +12,7 @@ import click
 import pytest
 from rich.console import Console
 
-from twin.cli import COMMANDS, GROUPS, output
+from twin.cli import COMMANDS, FIRST, GROUPS, output
 from twin.cli import ballplate as program
 from twin.shipped import shipped_in
 
@@ -69,11 +69,13 @@ def test_without_arguments_it_says_what_help_says(ballplate):
     assert (code, out) == (0, ballplate("--help")[1])
 
 
-def test_every_command_is_in_one_group(ballplate):
+def test_every_command_is_in_one_group_and_the_most_used_stand_first(ballplate):
     counts = Counter(name for names in GROUPS.values() for name in names)
     assert counts == dict.fromkeys(COMMANDS, 1)
+    assert len(set(FIRST)) == 8
     _, out, _ = ballplate("--help")
-    rest = out.split("Options:")[1]
+    first, rest = out.split("Options:")
+    assert [line.split()[1] for line in first.splitlines() if "  ballplate " in line] == [*FIRST]
     titles = [line.removesuffix(":") for line in rest.splitlines() if line[:1].isupper()]
     assert titles == [*GROUPS]
     listed = [line.split()[0] for line in rest.splitlines() if line[:3].strip().isalpha()]

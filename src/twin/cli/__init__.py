@@ -26,6 +26,9 @@ GROUPS: dict[str, dict[str, str]] = packaged("twin.cli", "commands.toml")
 COMMANDS = {name: place for group in GROUPS.values() for name, place in group.items()}
 """Command name to where it is defined; imported only when called, to start fast."""
 
+FIRST = ("run", "compare", "explain", "sweep", "new", "report", "view", "describe")
+"""The commands that are used most, in this order: the help begins with an example of each."""
+
 LONGEST_LINE = 1000
 """Characters of a message: what it quotes may be of any length."""
 
@@ -49,6 +52,13 @@ class Commands(click.Group):
         del ctx
         return _command(cmd_name) if cmd_name in COMMANDS else None
 
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write what this is, and an example of each command that is used most."""
+        super().format_help_text(ctx, formatter)
+        with formatter.section("Most used"):
+            for name in FIRST:
+                formatter.write_text(f"ballplate {_command(name).example}")
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write all commands by what a person wants."""
         limit = formatter.width - 4 - max(map(len, COMMANDS))
@@ -66,7 +76,7 @@ class Commands(click.Group):
 )
 @click.version_option(package_name="ballplate", prog_name="ballplate")
 def ballplate() -> None:
-    """A digital twin of a cam-driven ball-and-plate rig; to begin: ballplate run circle."""
+    """A digital twin of a ball-and-plate rig; to begin: ballplate run circle."""
 
 
 def main(arguments: list[str] | None = None) -> None:
