@@ -24,7 +24,7 @@ from twin.identify.twin_model import (
     _servo,
     whiteness,
 )
-from twin.identify.windows import STEP, AccelerationField, Windows, replay
+from twin.identify.windows import PATCH, STEP, AccelerationField, Patches, Windows, replay
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
@@ -312,3 +312,30 @@ def test_a_dead_time_at_its_bound_is_not_identified():
     assert found.word == BOUNDED
     assert "--columns" in found.why
     assert found.high is None
+
+
+def test_patches_of_a_screen_are_about_points_and_raise_the_friction_everywhere_together():
+    way = np.random.default_rng(2).uniform(-0.1, 0.1, (30, 2))
+    spots = Patches.near(way, 0.1)
+    many = len(spots.points)
+    there = spots(np.broadcast_to(way, (many, 30, 2)))[0]
+    assert (there - 1).sum(axis=0) == pytest.approx(np.full(30, 0.1))
+    own = spots(np.repeat(spots.points[:, None], 2, axis=1))[0]
+    assert own == pytest.approx(np.full((many, 2), 1.1))
+    beside = spots(np.repeat(spots.points[:, None], 2, axis=1) + np.array([PATCH, 0.0]))[0]
+    assert beside == pytest.approx(np.ones((many, 2)))
+
+
+def test_unknown_motion_is_left_out_as_generalised_least_squares_does_it():
+    rng, samples = np.random.default_rng(6), 12
+    line = Linearisation(
+        rng.normal(size=(1, 2, samples)), 1e3 * rng.normal(size=(1, 2, samples, 4)),
+        rng.normal(size=(1, 2, samples, 3)),
+    )  # fmt: skip
+    moved = rng.normal(size=(2, samples, 5))
+    left, _ = line.without_starts(moved)
+    for w in range(2):
+        Z, N = line.by_start[0, w], moved[w]
+        spread = np.eye(samples) + N @ N.T + Z @ np.linalg.inv(line.prior) @ Z.T
+        both = np.concatenate((line.r[0, w, :, None], line.by_parameter[0, w]), axis=-1)
+        assert left[w] == pytest.approx(both.T @ np.linalg.inv(spread) @ both, rel=1e-6)
