@@ -271,6 +271,16 @@ def test_the_mechanism_in_3d_shows_ball_and_tilt_or_says_what_it_needs(circle):
     assert orange((np.nan, np.nan), level) is None
 
 
+def test_in_3d_cranks_stand_where_their_rods_have_their_lengths():
+    keys = ("parameters=course", "duration=0.1", "metrics.start=0")
+    try:
+        stage = Stage(run(load("circle", keys)), (64, 48))
+    except RecordError as error:
+        pytest.skip(str(error))
+    stage.drawn(np.zeros(2), np.array((0.15, -0.1)), np.zeros((0, 2)))
+    assert stage._data.ten_length == pytest.approx([0.09, 0.09], rel=1e-5)
+
+
 def test_without_opengl_a_picture_in_3d_is_one_line(circle, monkeypatch):
     def missing(name):
         raise AttributeError(f"{name} is not there")

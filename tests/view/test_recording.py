@@ -83,13 +83,14 @@ def test_a_recording_holds_everything_promised_on_one_time_line(folder, tmp_path
     assert done.returncode == 0, done.stderr
 
 
+SHORT = ("duration=0.1", "metrics.start=0")
 MECHANISM = ("motor_phi", "motor_theta", "spring", "wheel_", "cam_", "shaft_", "spring_anchor")
 
 
 def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(tmp_path):
     from twin.scenario import load
 
-    settings = ("parameters=course", "duration=0.1", "metrics.start=0", "plant.size=[0.3,0.2]")
+    settings = ("parameters=course", "plant.linkage.crank_mm=[0,0]", "rig.cams=table", *SHORT)
     write(tmp_path / "view.rrd", [run(load("circle", settings))])
 
     def half(entity):
@@ -110,6 +111,18 @@ def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(tmp_p
     assert [each for each in MECHANISM if f"{root}/mechanism/{each}" in text] == []
     assert [each for each in MECHANISM if f"{root}/{plate}/{each}" in text] == []
     assert f"{root}/mechanism/base/post" in text
+
+
+@pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
+def test_a_plate_on_rods_is_drawn_with_them(tmp_path, kind):
+    from twin.scenario import load
+
+    settings = ("parameters=course", f"plant.kind={kind}", *SHORT)
+    write(tmp_path / "view.rrd", [run(load("circle", settings))])
+    text = printed(tmp_path / "view.rrd")
+    for each in ("rod_phi", "rod_theta", "motor_phi/crank_phi", "cardan/plate/arm_theta"):
+        assert f"/mechanism/{each}" in text
+    assert not re.search(r"/mechanism/\S*(spring|wheel|cam_)", text)
 
 
 def test_a_round_plate_is_drawn_round(tmp_path):
