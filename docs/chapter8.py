@@ -5,7 +5,7 @@ uv run python docs/chapter8.py
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -24,7 +24,7 @@ from controllers.ballplate import ACCELERATION, BallPlate
 from twin.page import markdown
 from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis import chapter8
-from twin.thesis.chapter8 import COLUMNS, Excerpt, Results, SimulatedTable, ThesisCell
+from twin.thesis.chapter8 import COLUMNS, Results, SimulatedTable, ThesisCell
 from twin.writing import write_whole
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
@@ -57,7 +57,7 @@ def draw_table(path: Path, table: SimulatedTable, found: Results) -> None:
         for axis, name in enumerate("xy"):
             panels[0, axis].set_ylabel(f"{name} [mm]" if step else f"error of {name} [mm]")
             if step:
-                panels[0, axis].plot(ours.time, 1000 * ours.reference[:, axis], **REFERENCE)
+                panels[0, axis].plot(ours["time"], 1000 * ours["reference"][:, axis], **REFERENCE)
 
 
 def draw_observer(path: Path, table: SimulatedTable, index: int, found: Results) -> None:
@@ -76,12 +76,12 @@ def draw_observer(path: Path, table: SimulatedTable, index: int, found: Results)
             for state, (scale, unit) in enumerate(scales):
                 panel, at = panels[state, axis], 4 * axis + state
                 for values, colour, label in (
-                    (shown.estimate, COLOURS[1], "estimated"),
-                    (shown.state, COLOURS[0], "true"),
+                    (shown["estimate"], COLOURS[1], "estimated"),
+                    (shown["state"], COLOURS[0], "true"),
                 ):
-                    panel.plot(shown.time, scale * values[:, at], color=colour, label=label)
+                    panel.plot(shown["time"], scale * values[:, at], color=colour, label=label)
                 panel.set_ylabel(f"{names[axis][state]} [{unit}]")
-            panels[4, axis].plot(shown.time, shown.u[:, axis], color=COLOURS[0])
+            panels[4, axis].plot(shown["time"], shown["applied"][:, axis], color=COLOURS[0])
             panels[4, axis].set_ylabel(f"{names[axis][2]}″ [rad/s²]")
 
 
@@ -126,11 +126,11 @@ def draw_neglected(path: Path, table: SimulatedTable, found: Results) -> None:
     with _drawn(path, 2, title) as panels:
         for index, row in enumerate(table.rows):
             shown = found[(table.id, index), "sampled"].excerpt
-            parts = terms(BallPlate(), shown.state, shown.u)
+            parts = terms(BallPlate(), shown["state"], shown["applied"])
             look = {"color": COLOURS[index], "label": _omega(row.name)}
             for axis in (0, 1):
-                panels[0, axis].plot(shown.time, parts.main[:, axis], **look)
-                panels[1, axis].plot(shown.time, 1000 * parts.neglected[:, axis], **look)
+                panels[0, axis].plot(shown["time"], parts.main[:, axis], **look)
+                panels[1, axis].plot(shown["time"], 1000 * parts.neglected[:, axis], **look)
         for axis, name in enumerate("xy"):
             panels[0, axis].set_ylabel(f"main, {name} [m/s²]")
             panels[1, axis].set_ylabel(f"neglected, {name} [mm/s²]")
@@ -165,13 +165,13 @@ def _drawn(path: Path, rows: int, title: str, *, mechanism: bool = False) -> Ite
     write_whole(path, lambda target: picture.save(target, format="PNG", optimize=True))
 
 
-def _add(panels: NDArray[Any], shown: Excerpt, *, step: bool, **look: Any) -> None:
+def _add(panels: NDArray[Any], shown: Mapping[str, Array], *, step: bool, **look: Any) -> None:
     for axis, (angle, acceleration) in enumerate((("φ [deg]", "φ″"), ("θ [deg]", "θ″"))):
-        ball = shown.state[:, 4 * axis]
-        first = ball if step else shown.reference[:, axis] - ball
-        panels[0, axis].plot(shown.time, 1000 * first, **look)
-        panels[1, axis].plot(shown.time, np.degrees(shown.state[:, 4 * axis + 2]), **look)
-        panels[2, axis].plot(shown.time, shown.u[:, axis], **look)
+        ball = shown["state"][:, 4 * axis]
+        first = ball if step else shown["reference"][:, axis] - ball
+        panels[0, axis].plot(shown["time"], 1000 * first, **look)
+        panels[1, axis].plot(shown["time"], np.degrees(shown["state"][:, 4 * axis + 2]), **look)
+        panels[2, axis].plot(shown["time"], shown["applied"][:, axis], **look)
         panels[1, axis].set_ylabel(angle)
         panels[2, axis].set_ylabel(f"{acceleration} [rad/s²]")
 

@@ -108,18 +108,22 @@ class Result(Run):
         until: float | None = None,
         seconds: float | None = None,
         size: int = 600,
+        render: str = "plate",
         reporter: Reporter | None = None,
     ) -> Path:
         """Write the signals for other programs, or the runs of its picture as one that moves.
 
         Args:
             file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` by the extra
-                ``mcap``; of a moving picture ``.webp`` or ``.gif``.
+                ``mcap``; of a moving picture ``.webp``, ``.gif`` or ``.mp4`` (by the extra
+                ``video``).
             fps: Frames of the moving picture a second.
             since: Time of the run at which it begins, s; the first one by default.
             until: Time at which it ends, s; the last one by default.
             seconds: How long it lasts, s; as long as what it shows by default.
             size: Its width in pixels.
+            render: ``plate`` from above, or ``mujoco`` for the mechanism in 3D, which needs EGL or
+                OSMesa.
             reporter: Who is told progress; a notebook has its own.
 
         Raises:
@@ -130,7 +134,7 @@ class Result(Run):
             return super().export(file)
         from twin.run.film import Cut, Film, moving
 
-        cut = Cut(fps=fps, since=since, until=until, seconds=seconds, size=size)
+        cut = Cut(fps=fps, since=since, until=until, seconds=seconds, size=size, render=render)
         film = Film(self.shown, cut)
         with (reporter or default()).progress("moving picture", film.count, "frames") as advance:
             moving(Path(file), film, advance)

@@ -96,15 +96,16 @@ def run(
     if folder is not None and on is not None:
         folder = free(folder)  # what was measured is not made again
     file = trace_file(trace, folder, on, report)
-    label = PLANTS[chosen.plant.kind].label if on is None else f"rig {Path(on).stem}"
-    compared = chosen.baseline and chosen.plant.kind == "mujoco"
+    keys = [each.key for each in changed]
+    kind = "mujoco" if "parameters" in keys else chosen.plant.kind  # the twin of another rig, too
+    label = PLANTS[kind].label if on is None else f"rig {Path(on).stem}"
+    compared = chosen.baseline and kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
     saves = chosen.duration >= WORTH_PROCESS and cores() > 1 and importable(chosen)
     parallel = SecondProcess(wanted=compared and on is None and saves)
     with alone, parallel as second, ExitStack() as written:
         baseline = _begun(chosen, second, report) if compared else None
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
-        keys = [each.key for each in changed]
         with traced(file, report, bounded=trace is None) as heard:
             rig = connected(on, chosen, keys, report, reset=reset, hear=heard)
             with rig as real, attached as attach:

@@ -185,3 +185,13 @@ def test_a_function_is_a_law_with_its_keywords_as_settings():
     x = np.array([[0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08]])
     hold = ballplate.references.Hold()
     np.testing.assert_array_equal(law().control(0.0, x, hold, x[:, :0]), pd(0.0, x, hold))
+
+
+def test_beside_the_twin_of_another_rig_runs_the_clean_model_of_it():
+    brief = {"duration": 4.0, "metrics.start": 2.0}
+    other = ballplate.run("circle", brief | {"parameters": "hobby"})
+    assert other.label == "honest twin"
+    clean, twin = (run.metrics["tracking_error_percent"] for run in (other.baseline, other))
+    assert 20 * clean < twin
+    assert other.baseline.scenario.plant.size == other.scenario.plant.size == (0.3, 0.3)
+    assert ballplate.run("circle", brief | {"plant.kind": "lagrange"}).baseline is None

@@ -67,8 +67,8 @@ def test_finished_runs_comparisons_and_patterns_are_compared_and_reported(ballpl
     code, out, err = ballplate("compare", "last", "runs/one")
     assert code == 0, err
     assert "hold, one" in out  # the newest has one run
-    assert ballplate("report", "--format", "csv")[0] == 0
-    assert (made / "hold" / "report.csv").is_file()
+    assert ballplate("report", "--format", "png")[0] == 0
+    assert (made / "hold" / "report.png").is_file()
 
 
 @pytest.mark.long

@@ -48,6 +48,15 @@ CHANGES = {
     "plant.friction.rolling_mm=-1": "must be greater than or equal",
 }
 """The same of a run that goes on from a moment."""
+RODS = {
+    "plant.linkage.crank_mm=[20,28]": "phi locks at 8.85 deg; rig.limits.angle_deg = 15 needs 1.1",
+    "plant.linkage.crank_mm=[40,0]": "must be above 0 for both axes",
+    "plant.linkage.distance_mm=[160,42]": "rod_mm: crank and arm end -100 and 0 mm apart",
+    "plant.linkage.rod_mm=[-90,90]": "plant.linkage.rod_mm",
+    "plant.spring.preload=50": "plant.spring.preload: a plate on rods has none",
+    "rig.cams=per_axis": "must be 'table' (all of its lengths) or 'ratio'",
+}
+"""The same of the course rig in MuJoCo."""
 VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=[]", "a=1:2:3:4")
 NAMES = ("My-Law", "lambda", "../x")
 LINES = {
@@ -94,6 +103,7 @@ LINES = {
     "whatif log.csv --at 0.1": "give --scenario NAME",
     **{f"run circle --set {change}": words for change, words in CIRCLE.items()},
     **{f"whatif made --at 0.05 --set {change}": words for change, words in CHANGES.items()},
+    **{f"run circle --set {key} --on course --plant mujoco": told for key, told in RODS.items()},
     "calibrate touch --rig rig.toml": "/dev/null: not a serial port",
     **{f"sweep circle {each}": "FIRST:LAST:NUMBER" for each in VALUES},
     **{f"new law {name}": "must be small letters, digits and _" for name in NAMES},

@@ -122,6 +122,13 @@ def test_a_limit_acts_where_it_is_reached(effect, limit):
     assert np.abs(np.hypot(*one.error[-1]) - np.hypot(*other.error[-1])) > 1e-6
 
 
+def test_a_plate_on_rods_has_no_effect_of_cams():
+    course = load("circle", ["parameters=course", "plant.kind=mujoco"])
+    found = {effect.name for effect in present(course)}
+    assert not found & {"vibration", "mass", "liftoff"}
+    assert {"friction", "bandwidth"} <= found
+
+
 def test_of_a_single_effect_alone_and_all_are_the_same_run(clean):
     scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2}])
     cases = plan(scenario)

@@ -195,14 +195,6 @@ def test_time_stands_still_while_it_is_paused(driven):
     assert times == sorted(times)
 
 
-def test_a_record_that_is_full_goes_on_with_twice_the_room(driven, monkeypatch):
-    calm = driven(load("hold"), {}, 260)
-    monkeypatch.setattr("twin.play.session.ROOM", 0.2)
-    session = driven(load("hold"), {}, 251)
-    assert session.record.ticks == 400
-    assert np.array_equal(rows(session), rows(calm)[: session.record.length])
-
-
 @pytest.mark.long
 def test_the_clean_model_goes_beside_without_friction(driven):
     pictures = []

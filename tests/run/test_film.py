@@ -1,13 +1,19 @@
 """Moving pictures: what they show is what was recorded, and they are the same each time."""
 
+import os
+import subprocess
+import sys
+
+import av
 import numpy as np
 import pytest
 from PIL import Image, ImageColor
 
 import ballplate as bp
 from twin.errors import RecordError
+from twin.run import film as film_module
 from twin.run.files import MOVING
-from twin.run.film import Cut, Film, moving
+from twin.run.film import Cut, Film, Stage, moving
 from twin.run.finished import Run, record_run, run
 from twin.run.picture import COLOURS
 from twin.scenario.load import check, load, put
@@ -206,6 +212,12 @@ def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
     for file in (one, two):
         moving(file, Film({"circle": circle}, Cut(fps=30, seconds=0.5)))
     assert one.read_bytes() == two.read_bytes()
+    if ending == ".mp4":
+        with av.open(str(one)) as video:
+            shapes = [frame.to_ndarray(format="rgb24").shape for frame in video.decode(video=0)]
+            assert video.streams.video[0].average_rate == 30
+        assert shapes == [(566, 600, 3)] * 15
+        return
     with Image.open(one) as picture:
         assert picture.n_frames == 15
         assert picture.info["loop"] == 0
@@ -215,6 +227,60 @@ def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
             picture.load()
             lasts.append(picture.info["duration"])
     assert sum(lasts) == pytest.approx(500)
+
+
+def test_an_mp4_shows_what_the_frames_do_and_names_the_extra_it_needs(
+    circle, tmp_path, monkeypatch
+):
+    film = Film({"circle": circle}, Cut(seconds=0.2, size=301))
+    moving(tmp_path / "a.mp4", film)
+    (first, *_) = film.frames()
+    with av.open(str(tmp_path / "a.mp4")) as video:
+        frame = next(video.decode(video=0)).to_ndarray(format="rgb24").astype(int)
+    wide, high = 300, film.size[1] // 2 * 2
+    drawn = np.asarray(first.convert("RGB"), int)[:high, :wide]
+    assert frame.shape == drawn.shape
+    assert np.abs(frame - drawn).mean() < 3
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(
+        RecordError, match=r"needs the extra video: pip install 'ballplate\[video\]'"
+    ):
+        moving(tmp_path / "b.mp4", film)
+    assert not (tmp_path / "b.mp4").exists()
+
+
+def test_the_mechanism_in_3d_shows_ball_and_tilt_or_says_what_it_needs(circle):
+    try:
+        stage = Stage(circle, (640, 360))
+    except RecordError as error:
+        pytest.skip(str(error))
+    level = np.zeros(2)
+
+    def orange(ball, tilt):
+        picture = np.asarray(stage.drawn(np.array(ball), tilt, np.zeros((0, 2))), int)
+        red, green, blue = np.moveaxis(picture, -1, 0)
+        rows, columns = np.nonzero((red > 150) & (green > 80) & (blue < 60))
+        return np.array((columns.mean(), rows.mean())) if len(rows) else None
+
+    middle, right, far = (orange(at, level) for at in ((0, 0), (0.15, 0), (0, 0.1)))
+    assert right[0] > middle[0] + 20
+    assert far[1] < middle[1] - 5
+    # a positive phi lowers the right end, a positive theta raises the far one
+    assert orange((0.15, 0), np.array((0.1, 0)))[1] > right[1] + 2
+    assert orange((0, 0.1), np.array((0, 0.1)))[1] < far[1] - 2
+    assert orange((np.nan, np.nan), level) is None
+
+
+def test_without_opengl_a_picture_in_3d_is_one_line(circle, monkeypatch):
+    def missing(name):
+        raise AttributeError(f"{name} is not there")
+
+    monkeypatch.setattr(film_module, "import_module", missing)
+    words = (
+        r"^render mujoco: needs EGL or OSMesa \(libegl1 or libosmesa6\) \(egl: mujoco.egl is not"
+    )
+    with pytest.raises(RecordError, match=words):
+        Film({"circle": circle}, Cut(seconds=0.1, render="mujoco"))
 
 
 @pytest.mark.parametrize(
@@ -259,6 +325,7 @@ def test_what_export_cannot_do_is_one_line_and_writes_nothing(circle, tmp_path, 
     before = sorted(tmp_path.rglob("*"))
     for line, words in {
         "there": "there: the ending says what is written; known: .csv, .mat, .parquet, .mcap",
+        "a.csv --render mujoco": "are of moving pictures",
         "a.csv --fps 10": "are of moving pictures",
         "a.csv --beside made": "are of moving pictures",
         "a.webp --fps 99": "fps 99: must be from 1 to 50",
@@ -273,6 +340,19 @@ def test_what_export_cannot_do_is_one_line_and_writes_nothing(circle, tmp_path, 
         (told,) = [text for text in err.splitlines() if text.startswith("ballplate: ")]
         assert words in told
         assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_neither_a_screen_nor_opengl_is_needed(circle, tmp_path):
+    record_run(circle, tmp_path / "made")
+    program = "import sys; from twin.cli import main\ntry: main(sys.argv[1:])\n"
+    program += "finally: print(*sys.modules)"
+    quiet = {name: text for name, text in os.environ.items() if "DISPLAY" not in name}
+    done = subprocess.run(
+        [sys.executable, "-c", program, "export", "made", "a.webp", "--seconds", "0.1"],
+        cwd=tmp_path, env=quiet, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (tmp_path / "a.webp").is_file(), done.stderr
+    assert not {"OpenGL", "glfw", "matplotlib.pyplot", "rerun"} & set(done.stdout.split())
 
 
 @pytest.mark.long

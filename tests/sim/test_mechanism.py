@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.cams import CamTable
+from twin.hal.linkage import Linkage
 from twin.paths import model_path
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts, ball_in_plate
@@ -25,14 +27,25 @@ TICK = 2
 BESIDE = np.array([[0.6, 0.0, 0.0, 0.0]])
 """Beside the screen: a ball started there falls off."""
 
+RODS = Parts(
+    linkage=Linkage(crank=(0.04, 0.03), rod=(0.09, 0.1), arm=(0.1, 0.07), distance=(0.05, 0.045)),
+    size=(0.7, 0.395),
+)
+
+
+@pytest.fixture(params=[None, RODS], ids=["cams", "rods"])
+def mechanism(request):
+    """Makes mechanisms of both kinds, which have the same ball and surface."""
+    return partial(Mechanism, parts=request.param)
+
 
 def motion(t):
     """Motor speeds for a smooth plate motion on both axes, (2,)."""
     return 1.5 * np.sin([3 * t, 4 * t])
 
 
-def test_at_the_start_the_plate_is_level_and_the_ball_where_it_was_put():
-    plant = Mechanism(rigs=2)
+def test_at_the_start_the_plate_is_level_and_the_ball_where_it_was_put(mechanism):
+    plant = mechanism(rigs=2)
     ball = np.array([[0.1, 0.02, -0.05, 0.03], [-0.2, 0.0, 0.1, -0.1]])
     plant.start(ball)
     assert plant.state[:, [0, 1, 4, 5]] == pytest.approx(ball)
@@ -40,8 +53,8 @@ def test_at_the_start_the_plate_is_level_and_the_ball_where_it_was_put():
     assert plant.motor == pytest.approx(np.zeros((2, 2)), abs=1e-5)
 
 
-def test_a_ball_started_in_motion_rolls_from_the_first_step_on():
-    plant = Mechanism(friction=Friction(rolling=0.0))
+def test_a_ball_started_in_motion_rolls_from_the_first_step_on(mechanism):
+    plant = mechanism(friction=Friction(rolling=0.0))
     speed = np.array([0.3, -0.2])
     plant.start(np.array([[0.0, speed[0], 0.0, speed[1]]]))
     for _ in range(100):
@@ -100,13 +113,13 @@ def test_the_motor_ratio_is_the_slope_of_the_mechanism_at_level():
     assert slope == pytest.approx([plant.ratio] * 2, rel=0.03)
 
 
-def test_any_number_of_threads_gives_the_same_bits():
+def test_any_number_of_threads_gives_the_same_bits(mechanism):
     rng = np.random.default_rng(7)
     rates = rng.uniform(-2, 2, (50, 5, 2))
     start = np.zeros((5, 4))
     start[:, 0] = np.linspace(-0.2, 0.2, 5)
     friction = Friction(rolling=np.linspace(0, 4e-4, 5))
-    plants = [Mechanism(rigs=5, threads=n, friction=friction) for n in (1, 3)]
+    plants = [mechanism(rigs=5, threads=n, friction=friction) for n in (1, 3)]
     for plant in plants:
         plant.start(start)
         for rate in rates:
@@ -115,9 +128,9 @@ def test_any_number_of_threads_gives_the_same_bits():
     assert np.array_equal(plants[0].motor, plants[1].motor)
 
 
-def test_a_rolling_ball_slows_down_with_the_friction_of_its_own_rig():
+def test_a_rolling_ball_slows_down_with_the_friction_of_its_own_rig(mechanism):
     lever = np.array([0.0, 1e-4, 2e-4, 4e-4])
-    plant = Mechanism(rigs=4, friction=Friction(rolling=lever))
+    plant = mechanism(rigs=4, friction=Friction(rolling=lever))
     plant.start(np.tile([-0.1, 0.2, 0.0, 0.0], (4, 1)))
     plant.advance(np.zeros((4, 2)), 500)
     slowing = (0.2 - plant.state[:, 1]) / 0.5
@@ -126,8 +139,8 @@ def test_a_rolling_ball_slows_down_with_the_friction_of_its_own_rig():
     )
 
 
-def test_the_servo_does_not_droop_under_the_spring():
-    plant = Mechanism()
+def test_the_servo_does_not_droop_under_the_spring(mechanism):
+    plant = mechanism()
     plant.start(BESIDE)
     plant.advance(np.zeros((1, 2)), 2000)
     before = plant.motor
@@ -135,8 +148,8 @@ def test_the_servo_does_not_droop_under_the_spring():
     assert plant.motor == pytest.approx(before, abs=1e-9)
 
 
-def test_the_servo_takes_the_motor_as_far_as_its_speed_says():
-    plant = Mechanism()
+def test_the_servo_takes_the_motor_as_far_as_its_speed_says(mechanism):
+    plant = mechanism()
     plant.start(BESIDE)
     plant.advance(np.array([[0.3, -0.2]]), 1000)
     plant.advance(np.zeros((1, 2)), 1000)
@@ -165,8 +178,8 @@ def test_the_torque_stays_within_its_peak():
 
 
 @pytest.mark.long
-def test_a_ball_at_rest_on_the_level_plate_drifts_less_than_a_micrometre_in_a_minute():
-    plant = Mechanism()
+def test_a_ball_at_rest_on_the_level_plate_drifts_less_than_a_micrometre_in_a_minute(mechanism):
+    plant = mechanism()
     away = 0.0
     for _ in range(600):
         plant.advance(np.zeros((1, 2)), 100)
@@ -175,11 +188,11 @@ def test_a_ball_at_rest_on_the_level_plate_drifts_less_than_a_micrometre_in_a_mi
 
 
 @pytest.mark.long
-def test_a_minute_of_random_servo_noise_brings_neither_warning_nor_nan():
+def test_a_minute_of_random_servo_noise_brings_neither_warning_nor_nan(mechanism):
     rng = np.random.default_rng(3)
     amplitude = np.array([[0.5], [20.0]])
     hold = 10
-    plant = Mechanism(rigs=2)
+    plant = mechanism(rigs=2)
     for _ in range(60_000 // hold):
         plant.advance(amplitude * rng.uniform(-1, 1, (2, 2)), hold)
         assert np.isfinite(plant.state).all()
@@ -315,9 +328,9 @@ def test_the_rate_of_a_ball_fixed_in_the_world_is_that_of_its_turning_coordinate
     assert seen[3:] == pytest.approx((after - before) / h, abs=1e-8)
 
 
-def test_many_rigs_are_seen_as_the_engines_own_sensors_see_one():
+def test_many_rigs_are_seen_as_the_engines_own_sensors_see_one(mechanism):
     rate = np.array([0.9, -0.6])
-    one, many = Mechanism(rigs=1), Mechanism(rigs=20)
+    one, many = mechanism(rigs=1), mechanism(rigs=20)
     for plant in (one, many):
         plant.start(np.tile([0.1, 0.05, -0.05, 0.1], (plant.rigs, 1)))
         for _ in range(200):
@@ -326,9 +339,9 @@ def test_many_rigs_are_seen_as_the_engines_own_sensors_see_one():
     assert many.on_plate.all()
 
 
-def test_a_ball_that_rolls_over_the_edge_is_off_the_plate_for_one_rig_and_for_many():
+def test_a_ball_that_rolls_over_the_edge_is_off_the_plate_for_one_rig_and_for_many(mechanism):
     for rigs in (1, 20):
-        plant = Mechanism(rigs=rigs)
+        plant = mechanism(rigs=rigs)
         plant.start(np.tile([0.34, 0.5, 0.0, 0.0], (rigs, 1)))
         assert plant.on_plate.all()
         plant.advance(np.zeros((rigs, 2)), 40)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
+from twin.hal.interface import SCREEN
+from twin.hal.linkage import Linkage
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts
@@ -17,7 +19,8 @@ BALL = BallPlate()
 RADIUS, GRAVITY, K1 = BALL.radius, BALL.gravity, BALL.k1
 ROLLING = 0.2e-3
 STEP = 0.001
-PLANTS = ("exact", "mechanism")
+PLANTS = ("exact", "mechanism", "rods")
+LINKAGE = Linkage(crank=(0.04, 0.03), rod=(0.09, 0.1), arm=(0.1, 0.07), distance=(0.05, 0.045))
 
 
 def plants(kind, friction, slopes=(0.0,), **start):
@@ -27,7 +30,8 @@ def plants(kind, friction, slopes=(0.0,), **start):
     if kind == "exact":
         plant = ExactPlant(rigs=rigs, step=STEP, friction=friction, level=np.array(tilts))
     else:
-        parts = [Parts(level=tilt if any(tilt) else None) for tilt in tilts]
+        rods = {"linkage": LINKAGE, "size": SCREEN} if kind == "rods" else {}
+        parts = [Parts(level=tilt if any(tilt) else None, **rods) for tilt in tilts]
         plant = Mechanism(rigs=rigs, step=STEP, threads=1, friction=friction, parts=parts)
     ball = np.zeros((rigs, 4))
     ball[:, 0], ball[:, 1] = start.get("x", 0.0), start.get("x_rate", 0.0)

@@ -11,21 +11,17 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from matplotlib.colors import to_rgb
-from PIL import Image
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
 from twin.cli.analyse import reproduce
 from twin.run.assemble import build_controller
 from twin.run.metrics import Motion
-from twin.run.picture import COLOURS
 from twin.thesis import chapter8
 from twin.thesis.chapter8 import (
     COLUMNS,
     WAYS,
     Agreement,
-    Excerpt,
     ReproductionJob,
     RowResult,
     carry_out,
@@ -45,7 +41,8 @@ def call(*arguments):
 def steps():
     """Table 8.1, and runs of it that came to what is kept of continuous control."""
     table = tables()["8.1"]
-    shown = Excerpt(np.arange(3.0), *(np.zeros((3, n)) for n in (8, 2, 2, 8)))
+    widths = {"state": 8, "applied": 2, "reference": 2, "estimate": 8}
+    shown = {"time": np.arange(3.0)} | {name: np.zeros((3, n)) for name, n in widths.items()}
     found = {
         ((table.id, index), way): RowResult(
             (table.id, index), way, dict(stored("chapter_8")["8.1"][row.name]), "", shown
@@ -236,25 +233,6 @@ def test_an_integrator_of_its_own_finds_what_is_kept_of_continuous_control(name,
 
 
 CHAPTER_8 = Path(__file__).parents[2] / "docs" / "chapter8.py"
-
-
-@pytest.mark.long
-def test_lines_keep_their_colours_in_a_picture_of_few_colours(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(CHAPTER_8.parent)
-    time = np.linspace(0, 25, 2000)
-    page = run_path(str(CHAPTER_8))
-    title = "Three laws, and the mechanism over them"
-    with page["_drawn"](tmp_path / "few.png", 3, title, mechanism=True) as panels:
-        for panel in panels.flat:
-            for index, colour in enumerate(COLOURS[:3]):
-                values = 10 * time * np.exp(-time * (index + 1) / 2) + np.sin(time / 3)
-                panel.plot(time, values, color=colour)
-                panel.plot(time, values, zorder=4, **page["MECHANISM"])
-    with Image.open(tmp_path / "few.png") as picture:
-        shown = np.array(picture.convert("RGB"), float).reshape(-1, 3)
-    for colour in COLOURS[:3]:
-        apart = np.abs(shown - 255 * np.array(to_rgb(colour))).max(axis=1)
-        assert (apart <= 4).sum() > 50, colour
 
 
 MODEL = BallPlate()

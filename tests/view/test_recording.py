@@ -175,8 +175,8 @@ def test_a_viewer_that_dies_while_it_loads_is_one_line(monkeypatch, folder):
 
 def test_a_missing_viewer_is_one_line(monkeypatch, tmp_path):
     monkeypatch.setattr("rerun_cli.__file__", str(tmp_path / "__init__.py"))
-    with pytest.raises(ViewError, match="viewer is missing"):
-        program()
+    with pytest.raises(ViewError, match="No such file or directory; reinstall rerun-sdk"):
+        viewer.started()
 
 
 def test_the_viewer_is_told_to_report_nothing(monkeypatch):

@@ -66,12 +66,7 @@ def _show(recording: Path, serve: int | None) -> int:
     opened = viewer.window(recording) if serve is None else viewer.page(serve, recording)
     if opened.page:
         say(f"open {opened.page} in a browser; Ctrl-C ends it")
-    try:
-        code = opened.process.wait()
-    except KeyboardInterrupt:
-        opened.close()
-        return 0
-    if code:
+    if opened.wait():
         raise ViewError("the viewer ended with an error; use --rrd FILE or --serve")
     return 0
 
@@ -135,6 +130,11 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 @click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
 @click.option("--reference", "wished", is_flag=True, help="Of a rig: its reference is an output.")
 @SETTING
+@click.option(
+    "--render",
+    type=click.Choice(("plate", "mujoco")),
+    help="What it shows: the plate from above, or the mechanism in 3D by EGL or OSMesa [plate].",
+)
 def export(
     run: Path,
     file: Path,
@@ -146,7 +146,7 @@ def export(
 ) -> int:
     """Export the signals of a run to a .csv, .mat, .parquet or .mcap file, or the run as it moved.
 
-    A picture that moves is a .webp or .gif:
+    A picture that moves is a .webp, .gif or, by the extra video, .mp4:
     ballplate export runs/circle circle.webp --beside runs/cure --seconds 8
 
     In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
@@ -171,8 +171,8 @@ def export(
     moving = file.suffix in MOVING
     if not moving and (given or beside):
         raise RecordError(
-            f"{file}: --beside, --from, --to, --seconds, --fps, --size are of moving pictures: "
-            ".webp, .gif"
+            f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
+            "pictures: .webp, .gif, .mp4"
         )
     opened = [each for path in (run, *beside) for each in _opened((path,))]
     if not moving:

@@ -21,7 +21,7 @@ from twin.emulator.screen import Protocol
 from twin.errors import LogError
 from twin.jobs import cores
 from twin.page import Table, digits
-from twin.run.files import export
+from twin.run.files import export, run_folder
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
@@ -344,12 +344,12 @@ def play(
     folder like any other. It ends with Ctrl-C, or when the page is closed; what was driven and not
     saved is saved then.
     """
-    from twin.play.serve import Server, folder_of, library
+    from twin.play.serve import Server, library
     from twin.scenario import load
 
     library()
     chosen = load(scenario, overrides)
-    folder = check_writable(out or folder_of(scenario))
+    folder = check_writable(out or run_folder(f"play-{Path(scenario).stem}"))
     server = Server(chosen, folder, **how)
     if server.token:
         where = how["address"]
@@ -361,12 +361,10 @@ def play(
             webbrowser.open(server.url)
 
     server.run(begun)
-    if server.failure is not None:
+    if server.failure is not None or server.lost:
         lost = "what was driven since it was last saved is lost"
-        click.echo(f"ballplate: {server.failure}; {lost}", err=True)
-        return 1
-    if server.lost:
-        click.echo(f"ballplate: {server.kept}", err=True)
+        problem = f"{server.failure}; {lost}" if server.failure else server.kept
+        click.echo(f"ballplate: {problem}", err=True)
         return 1
     if server.kept:
         say(f"ended without saving, so {server.kept}")

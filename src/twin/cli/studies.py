@@ -100,10 +100,8 @@ WHOLE = ("median", "low", "high", "runs", "failed")
 
 
 def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
+    from controllers.analysis import number
     from twin.study.report import sentences
-
-    def number(value: float) -> float | None:
-        return value if value == value else None  # noqa: PLR0124
 
     return {
         "study": about.title,

@@ -33,7 +33,7 @@ from twin.emulator.drive_objects import Frame
 from twin.errors import RigError
 
 Bytes = Callable[[bytes], bytes]
-Ids = int | Iterable[int]
+Ids = int | Iterable[int] | None
 
 
 class Towards(Flag):
@@ -49,7 +49,7 @@ class Rule:
     """One kind of damage to some frames for some time.
 
     Attributes:
-        cob_ids: Which frames.
+        cob_ids: Which frames; None for every one.
         added: Bus time in s at which it was added.
         change: New bytes for the frame's, or None to lose the frame.
         delays: One copy per delay, in s after the frame; (0,) is the frame itself.
@@ -59,7 +59,7 @@ class Rule:
         towards: Which way.
     """
 
-    cob_ids: frozenset[int]
+    cob_ids: frozenset[int] | None
     added: float
     change: Bytes | None = bytes
     delays: tuple[float, ...] = (0.0,)
@@ -70,16 +70,17 @@ class Rule:
 
     def hits(self, frame: Frame, towards: Towards, time: float) -> bool:
         """Whether a frame is one of those, chance aside."""
-        known, begins = frame.cob_id in self.cob_ids, self.added + self.after
+        known = self.cob_ids is None or frame.cob_id in self.cob_ids
+        begins = self.added + self.after
         return known and bool(towards & self.towards) and begins <= time < begins + self.lasting
 
 
 class BusFaults:
     """Damage that is in force now or later; every method adds to it, ``clear`` ends all.
 
-    All take ``cob_id`` (one or several), ``after`` and ``lasting`` in s from now, ``share``
-    (probability of each frame) and ``towards``. So ``faults.drop(0x181, lasting=0.05)`` loses
-    TPDO1 of node 1 for 50 ms.
+    All take ``cob_id`` (one, several, or None for every frame), ``after`` and ``lasting`` in s from
+    now, ``share`` (probability of each frame) and ``towards``. So
+    ``faults.drop(0x181, lasting=0.05)`` loses TPDO1 of node 1 for 50 ms.
 
     Args:
         seed: Of everything random.
@@ -99,7 +100,7 @@ class BusFaults:
         self._rules.clear()
         self.bus_off = self.error_passive = False
 
-    def drop(self, cob_id: Ids, **when: Any) -> None:
+    def drop(self, cob_id: Ids = None, **when: Any) -> None:
         """Lose frames."""
         self._add(cob_id, change=None, **when)
 
@@ -145,7 +146,8 @@ class BusFaults:
 
     def _add(self, cob_id: Ids, **rule: Any) -> None:
         ids = [cob_id] if isinstance(cob_id, int) else cob_id
-        self._rules.append(Rule(frozenset(ids), self.time, **rule))
+        chosen = None if ids is None else frozenset(ids)
+        self._rules.append(Rule(chosen, self.time, **rule))
 
 
 _REPORTS = ((0x040, bytes(8)), (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0))))

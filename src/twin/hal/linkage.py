@@ -155,4 +155,4 @@ def _arccos(cosine: Array) -> Array:
 
 
 def _mm(pair: Any) -> str:
-    return " and ".join(f"{1000 * each:g}" for each in pair)
+    return " and ".join(f"{round(1000 * each, 3):g}" for each in pair)

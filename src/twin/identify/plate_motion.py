@@ -175,11 +175,14 @@ def _plate(segment: Segment, log: PreparedLog, theta: Array) -> Array:
         servo_response(segment.command, log.period, each, log.own_lag) for each in theta[:, 0]
     ]
     angle, rate = (np.stack(each) for each in zip(*responses, strict=True))
-    part = Play(theta[:, 3:])
-    turns = np.diff(angle, axis=1, prepend=0.0)
-    followed = np.cumsum([part.follow(turn) for turn in np.moveaxis(turns, 1, 0)], axis=0)
+    # behind a gap the plate stands until the shaft has crossed it
+    half, at = theta[:, 3:] / 2, np.zeros((len(theta), 2))
+    followed = np.moveaxis(np.stack((angle - half[:, None], angle + half[:, None])), 2, 0)
+    for low, high in followed:
+        np.minimum(np.maximum(at, low, out=at), high, out=at)
+        low[:] = at
     lead = theta[:, None, 1:3] * np.gradient(rate, log.period, axis=1)
-    return np.asarray(np.moveaxis(followed, 0, 1) - lead)
+    return np.asarray(np.moveaxis(followed[:, 0], 0, 1) - lead)
 
 
 def _smooth(values: Array, period: float, count: float) -> Array:

@@ -24,11 +24,11 @@ from twin.identify.plate_motion import Drives, check_motion, fit_drives
 from twin.identify.prepare import PreparedLog, Segment, check_ranges, prepare
 from twin.identify.windows import (
     LOOKBACK,
+    Patches,
     Spans,
     Windows,
     cut,
     moving_spans,
-    patches,
     replay,
     unknown_motion,
 )
@@ -79,12 +79,13 @@ class Problem(search.Fitting):
             out[: 2 * len(found), 0, w] = found.ravel()
         return out
 
-    def replayed(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+    def replayed(self, theta: Array, starts: Array, surfaces: Any = None) -> tuple[Array, Array]:
         """Positions and velocities of the ball in m and m/s, both shape (N, 2, C, W).
 
         Args:
             theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
             starts: x, y, x', y' at the beginning of each window, shape (4, C, W).
+            surfaces: The screens, one per candidate; None for even ones.
         """
         values = self.values(theta)
         level = np.stack((values["level_phi"], values["level_theta"]))
@@ -94,6 +95,7 @@ class Problem(search.Fitting):
             stribeck_speed=values["stribeck"],
             dwell_time=values["dwell"],
             viscous=values["viscous"],
+            map=surfaces,
         )
         return replay(
             self.windows.field,
@@ -125,22 +127,17 @@ class Problem(search.Fitting):
             r=r, by_start=white @ found.by_start, by_parameter=white @ found.by_parameter
         )
 
-    def between(self, slopes: Array) -> Array | float:
-        """Covariance of the sum of scores by the patches that windows share, shape (P, P)."""
-        if self.windows.shared is None:
-            return 0.0
-        each = np.swapaxes(slopes, -1, -2) @ self.windows.shared
-        every = each.sum(axis=0)
-        return np.asarray(every @ every.T - (each @ np.swapaxes(each, -1, -2)).sum(axis=0))
-
     def _unknown(self, best: search.Minimum) -> tuple[Array, int]:
         """What patches of the screen and other forces move the samples by, and how many patches."""
-        delay = float(best.theta[0, self.names.index("delay")])
-        rolling = float(best.theta[0, self.names.index("rolling")])
-        places, speeds = (each[:, :, 0] for each in self.replayed(best.theta, best.starts))
-        uneven = patches(self.windows, self.model, rolling, (places, speeds), delay)
-        others = unknown_motion(self.windows, delay)
-        return np.concatenate((uneven, others), axis=-1), uneven.shape[-1]
+        windows, delay = self.windows, self.values(best.theta)["delay"]
+        plain = self.replayed(best.theta, best.starts)
+        spots = Patches.near(np.moveaxis(plain[0], 1, -1), RAISED)
+        many = len(spots.points)
+        each = (best.theta.repeat(many, axis=0), best.starts.repeat(many, axis=1))
+        moved = windows.at_samples(*self.replayed(*each, spots), delay.repeat(many, axis=0))[0]
+        moved = (moved - windows.at_samples(*plain, delay)[0]) * windows.weight / RAISED
+        uneven = np.moveaxis(moved.reshape(many, len(windows), -1), 0, -1)
+        return np.concatenate((uneven, unknown_motion(windows, float(delay[0, 0]))), axis=-1), many
 
     def whitened(self, best: search.Minimum, sizes: tuple[float, float]) -> Problem:
         """The problem with the unknown motion of a screen of that unevenness, and other forces."""
@@ -156,22 +153,13 @@ class Problem(search.Fitting):
         weight = self.weights(self.linearise(best.theta, best.starts, slopes=False).r)[0]
         plain = replace(self, windows=replace(self.windows, white=None, shared=None))
         line = plain.linearise(best.theta, best.starts)
-        columns = (line.r[0, ..., None], line.by_parameter[0], line.by_start[0])
-        U = np.concatenate(columns, axis=-1)  # noqa: N806
-        N, count = self._unknown(best)  # noqa: N806
-        Nt, k = np.swapaxes(N, -1, -2), 1 + len(self.names)  # noqa: N806
-        NN, NU, UU = Nt @ N, Nt @ U, np.swapaxes(U, -1, -2) @ U  # noqa: N806
+        moved, count = self._unknown(best)
         found = {}
         for sizes in product(UNEVEN, FORCES):
-            by = np.where(np.arange(N.shape[-1]) < count, *sizes)
-            inner = np.eye(len(by)) + by[:, None] * NN * by
-            less = by[:, None] * NU
-            Q = UU - np.swapaxes(less, -1, -2) @ np.linalg.solve(inner, less)  # noqa: N806
-            own = Q[:, k:, k:] + line.prior
-            Q = Q[:, :k, :k] - Q[:, :k, k:] @ np.linalg.solve(own, Q[:, k:, :k])  # noqa: N806
-            spread = np.linalg.slogdet(inner)[1] + np.linalg.slogdet(own)[1]
-            total = np.einsum("w,wij->ij", weight, Q)
-            normal = total[1:, 1:] + np.diag(self.known[1]) + 1e-9 * np.eye(k - 1)
+            each = np.where(np.arange(moved.shape[-1]) < count, *sizes)
+            left, spread = line.without_starts(moved * each)
+            total = np.einsum("w,wij->ij", weight, left)
+            normal = total[1:, 1:] + np.diag(self.known[1]) + 1e-9 * np.eye(len(self.names))
             squares = total[0, 0] - total[0, 1:] @ np.linalg.solve(normal, total[1:, 0])
             found[sizes] = squares + weight @ spread + np.linalg.slogdet(normal)[1]
         return min(found, key=lambda sizes: found[sizes])
@@ -179,6 +167,8 @@ class Problem(search.Fitting):
 
 UNEVEN = (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)
 """Shares of the friction that may differ from patch to patch of a screen: standard deviations."""
+RAISED = 0.03
+"""Share by which the friction of a patch is raised to see what that does."""
 FORCES = (0.0, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 """Other forces in m/s^2 that may act on the ball unknown, see ``unknown_motion``."""
 FIRST_SIZES = (0.1, 1e-3)
@@ -240,6 +230,21 @@ def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
         for each in (starts, going)
     )
     return np.asarray(windows.resting & (rest - roll > CREEPS))
+
+
+GROWS = 4.0
+"""Standard deviations above zero from which on viscous friction is fitted along."""
+
+
+def _grows(fit: search.Fit) -> bool:
+    """Whether friction grows with speed: the next step of a fit that would know of it."""
+    problem = replace(fit.problem, names=(*fit.problem.names, "viscous"))
+    theta = np.append(fit.found.theta, [[0.0]], axis=1)
+    line = problem.linearise(theta, fit.found.starts)
+    free, _ = line.eliminate_starts()
+    each = np.einsum("wmi,wmj,w->ij", free[0], free[0], problem.weights(line.r)[0])
+    inverse = np.linalg.inv(each[1:, 1:] + np.diag(problem.known[1]))
+    return bool(-(inverse @ each[1:, 0])[-1] > GROWS * np.sqrt(inverse[-1, -1]))
 
 
 def _fit_rolling(whole: Problem) -> Array:
@@ -487,13 +492,8 @@ class TwinIdentification(judged.Identification):
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""
-        found = super().as_dict()
-        older = {"twin": "model", "frictionless": "without friction", "still": "stays"}
-        errors = [each["median"] for each in found["held_out"]]
-        replay = [{old: each[now] for old, now in older.items()} for each in errors]
         return {
-            **found,
-            "replay_error": {"ahead": found["ahead"], **replay[0]} if replay else None,
+            **super().as_dict(),
             "usable_seconds": self.log.length,
             "residuals": self.whiteness.as_dict(),
             "fit": asdict(self.fit.found.termination),
@@ -536,11 +536,11 @@ def identify(
         progress(0.1 + 0.8 * len(fits) / len(usable.grips))
     fit = min(fits, key=lambda each: each.found.cost[0])
     notes, white = list(usable.notes), whiteness(fit)
-    if not white.white and "viscous" not in names:
-        richer = fit_twin(usable.model, windows, fitted((*names, "viscous")), fit.problem.grip)
-        if whiteness(richer).white:
-            fit, white, names = richer, whiteness(richer), (*names, "viscous")
-            notes.append("viscous friction fitted along: without it the log is not explained")
+    if "viscous" not in names and _grows(fit):
+        names = (*names, "viscous")
+        fit = fit_twin(usable.model, windows, fitted(names), fit.problem.grip)
+        white = whiteness(fit)
+        notes.append("friction grows with speed: viscous friction fitted along")
     if len(fits) > 1:
         kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
         notes.append(f"friction at rest taken to be {kind}, which fits better")
@@ -557,7 +557,12 @@ def identify(
     if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
-    words = white.words
+    words, known_of = white.words, verdicts(names, fit, drives, white=white.white)
+    if all(each.word != judged.IDENTIFIED for each in known_of):
+        notes.append(
+            "nothing was identified: two minutes of the scenario excite would show more; the twin "
+            "beside a log does without a file: ballplate shadow LOG --learn"
+        )
     return TwinIdentification(
         source=usable.source,
         extent=f"{usable.source}: {usable.length:.1f} usable seconds, of which {known.length:.1f} "
@@ -566,7 +571,7 @@ def identify(
         log=usable,
         seconds=known.length,
         fit=fit,
-        verdicts=verdicts(names, fit, drives, white=white.white),
+        verdicts=known_of,
         scores=(judged.score(tried),) if tried else (),
         predictions=tried,
         whiteness=white,

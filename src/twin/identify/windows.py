@@ -221,15 +221,12 @@ class Windows(SampleWindows):
         field: What accelerates the ball.
         white: What makes residuals white that hold unknown motion, shape (W, M, M); None where
             there is none.
-        shared: What a screen's patches, which several windows cross, make of white residuals, in
-            standard deviations of each of K patches, shape (W, M, K).
     """
 
     resting: Mask
     paces: Array
     field: AccelerationField
     white: Array | None = None
-    shared: Array | None = None
     by_window = (*SampleWindows.by_window, "resting", "paces")
 
     @classmethod
@@ -267,10 +264,8 @@ class Windows(SampleWindows):
     def take(self, which: Mask) -> Windows:
         """Some of the windows."""
         field = AccelerationField(*(values[..., which] for values in self.field))
-        white, shared = (
-            None if each is None else each[which] for each in (self.white, self.shared)
-        )
-        return replace(super().take(which), field=field, white=white, shared=shared)
+        white = None if self.white is None else self.white[which]
+        return replace(super().take(which), field=field, white=white)
 
     @classmethod
     def join(cls, parts: Sequence[Windows]) -> Windows:
@@ -348,43 +343,29 @@ PATCH = 0.05
 """Distance in m of the points of a map of the friction."""
 
 
-def patches(
-    windows: Windows, model: BallPlate, rolling: float, replayed: tuple[Array, Array], delay: float
-) -> Array:
-    """What friction that differs from place to place moves the samples by, in their deviations.
+@dataclass(frozen=True)
+class Patches:
+    """K surfaces with more friction about a point each, straight between the points of a map.
 
-    To first order: the relative friction of a map's points, straight between them, brakes a ball
-    on its way; the points are those that any window comes near.
-
-    Args:
-        windows: W windows of B samples.
-        model: The ball.
-        rolling: Its rolling resistance arm in m.
-        replayed: Places and speeds of the ball in them in m and m/s, shape (N, 2, W).
-        delay: Dead time of the screen in s.
-
-    Returns:
-        Shape (W, 2 B, K), samples as a ``Linearisation`` has them.
+    Attributes:
+        points: Shape (K, 2), m.
+        more: Share of the friction by which it is more there.
     """
-    places, speeds = replayed
-    at = places / PATCH
-    lines = [np.arange(np.floor(at[:, k].min()), np.ceil(at[:, k].max()) + 1) for k in (0, 1)]
-    near = [np.maximum(0.0, 1 - np.abs(at[:, k, :, None] - lines[k])) for k in (0, 1)]
-    share = (near[0][..., None] * near[1][..., None, :]).reshape(*at[:, 0].shape, -1)
-    share = share[..., share.any(axis=(0, 1))]
-    pace = np.hypot(*np.moveaxis(speeds, 1, 0))
-    brakes = (model.c1 / model.radius) * rolling * windows.field.normal[:, 0]
-    heading = np.where(pace > 0, -brakes / np.where(pace > 0, pace, 1.0), 0.0)[:, None] * speeds
-    moved = heading[..., None] * share[:, None]
-    for _ in range(2):
-        moved = STEP * np.cumsum(moved, axis=0)
-    when = np.maximum(windows.time - delay, 0.0) / STEP
-    step = np.minimum(when.astype(int), len(moved) - 2)
-    which, part = np.arange(len(windows))[:, None], (when - step)[..., None, None]
-    found = (1 - part) * moved[step, :, which] + part * moved[step + 1, :, which]
-    return np.asarray(
-        (found * windows.weight[..., None]).reshape(len(windows), -1, found.shape[-1])
-    )
+
+    points: Array
+    more: float
+
+    @classmethod
+    def near(cls, places: Array, more: float) -> Patches:
+        """About the points of the map near which a ball comes, places of shape (..., 2) in m."""
+        corners = np.floor(places.reshape(-1, 2) / PATCH)
+        every = (corners[:, None] + np.array([(0, 0), (0, 1), (1, 0), (1, 1)])).reshape(-1, 2)
+        return cls(PATCH * np.unique(every, axis=0), more)
+
+    def __call__(self, position: Array) -> tuple[Array, Array]:
+        """Relative friction, shape (K, W), and no slope, as a ``SurfaceMap`` has them."""
+        near = np.maximum(0.0, 1 - np.abs(position - self.points[:, None]) / PATCH)
+        return 1 + self.more * near.prod(axis=-1), np.zeros_like(position)
 
 
 def cut(

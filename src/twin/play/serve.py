@@ -23,7 +23,7 @@ from twin.errors import TwinError, extra
 from twin.jobs import SecondProcess, let_go, settle, undisturbed
 from twin.play.driven import Part, save_driven
 from twin.play.session import COLUMNS, End, Event, Pause, Save, Session, Status, Told
-from twin.run.files import free, slug
+from twin.run.files import free
 from twin.scenario.schema import Scenario
 from twin.view.live_process import SharedRingBuffer
 from twin.view.viewer import bound
@@ -452,8 +452,3 @@ class Server:
                 page.say(self._status, drives=who == driver, others=others)
                 if rows:
                     page.show(rows)
-
-
-def folder_of(scenario: str) -> Path:
-    """The folder of runs that are driven from a scenario, by its name or file."""
-    return Path("runs") / slug(f"play-{Path(scenario).stem}")

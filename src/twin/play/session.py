@@ -163,8 +163,6 @@ Show = Callable[[tuple[float, ...]], None]
 Tell = Callable[[Status], None]
 
 
-ROOM = 300.0
-"""Simulated seconds for which a record has room at first; it is doubled when they are over."""
 PICTURES = 0.02
 """Simulated seconds from one picture to the next."""
 WAIT = 0.05
@@ -220,7 +218,7 @@ class Session:
         self._every = max(1, round(PICTURES / scenario.rig.period))
         self._both = DrivenRig(self.driven)
         rig = self._both.rig
-        self.record = Recorder(round(ROOM / rig.period), 1, rig.period, rig.channels)
+        self.record = Recorder(round(LONGEST / rig.period), 1, rig.period, rig.channels)
 
     def run(self) -> None:
         """Simulate until the person ends it."""
@@ -250,8 +248,6 @@ class Session:
         time = measurement.time
         if self._states.due(time):
             self._keep(measurement)
-        if self.record.length == self.record.ticks:
-            self._make_room(measurement)
         do = partial(self._do, measurement=measurement)
         self._take(self._inbox(self._pace.early(time)), do, time)
         while self._paused:
@@ -344,14 +340,6 @@ class Session:
         self._pace.begin(state.time)
         self._note(f"back at {state.time:g} s")
         self._again = True
-
-    def _make_room(self, measurement: Measurement) -> None:
-        """Go on with a record of twice the room."""
-        self._keep(measurement)
-        known, rig = self.record, self._both.rig
-        self.record = Recorder(2 * known.ticks, 1, rig.period, rig.channels)
-        self.record.begin_with(rows_of(known))
-        raise _Again
 
     def _keep(self, measurement: Measurement, *, acted: bool = False) -> None:
         """Keep the state of this moment."""

@@ -51,17 +51,6 @@ def in_json(tables: Mapping[str, Any]) -> dict[str, str]:
     return {key: json.dumps(value) for key, value in flat(tables).items()}
 
 
-def lowest(summaries: Mapping[str, Mapping[str, Any]]) -> str:
-    """Which of several runs had the lowest tracking error, in one sentence; heading to summary."""
-    done = {name: each for name, each in summaries.items() if each.get("outcome") == "finished"}
-    for key in ("tracking_error_percent", "rms_error"):
-        found = {heading: each[key] for heading, each in done.items() if each.get(key)}
-        if found:
-            (label, unit), best = LABELS[key], min(found, key=found.__getitem__)
-            return f"Lowest {label}: {digits(found[best], unit)} {unit} ({best})."
-    return "None of the runs went to its end." if not done else ""
-
-
 def indicators(
     title: str,
     runs: Mapping[str, Mapping[str, Any]],

@@ -268,7 +268,7 @@ Columns = Mapping[str, "Array"]
 About = Mapping[str, Any]
 
 
-MOVING = (".webp", ".gif")
+MOVING = (".webp", ".gif", ".mp4")
 """Endings of moving pictures of runs, see ``twin.run.film``."""
 
 

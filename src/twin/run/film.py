@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from textwrap import shorten
@@ -27,6 +28,7 @@ from PIL import Image
 
 from controllers.arrays import Array
 from twin.errors import RecordError
+from twin.hal.interface import SCREEN
 from twin.run.files import LEFT
 from twin.run.finished import Run
 from twin.run.picture import COLOURS, LOOK
@@ -54,6 +56,7 @@ STEEPEST = 50
 """How many times as steep as it is the tilt may be drawn."""
 MOST_FRAMES = 2000
 RANGES = {"fps": (1, 50), "size": (300, 1200), "seconds": (0.001, 3600)}
+RENDERERS = ("plate", "mujoco")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +69,7 @@ class Cut:
         until: Time at which it ends, s; None for the last of the longest run.
         seconds: How long the picture lasts, s; None for as long as what it shows.
         size: Its width in pixels.
+        render: ``plate``: from above; ``mujoco``: of the first run the mechanism in 3D instead.
 
     Raises:
         RecordError: If one of them is out of range.
@@ -76,9 +80,12 @@ class Cut:
     until: float | None = None
     seconds: float | None = None
     size: int = WIDE
+    render: str = "plate"
 
     def __post_init__(self) -> None:
         """Refuse what no picture can be."""
+        if self.render not in RENDERERS:
+            raise RecordError(f"render {self.render}: must be {' or '.join(RENDERERS)}")
         for name, (least, most) in RANGES.items():
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
@@ -143,6 +150,97 @@ class Act:
             self.gone[over[TRAIL:]] = run.scenario.dimensions.within(seen[-1], 0.013)
 
 
+class Stage:
+    """The mechanism of a run in 3D, drawn by MuJoCo's renderer.
+
+    Args:
+        run: The run.
+        size: Width and height in pixels.
+
+    Raises:
+        RecordError: If there is neither EGL nor OSMesa.
+    """
+
+    CAMERA = {"azimuth": 112.0, "elevation": -26.0, "distance": 1.0, "lookat": (0.0, 0.0, -0.02)}  # noqa: RUF012
+    CLEAR = (0.73, 0.76, 0.80, 1.0)
+    """Colour of the reference's path."""
+
+    def __init__(self, run: Run, size: tuple[int, int]) -> None:
+        import mujoco  # noqa: PLC0415  heavy, as are the others: a picture from above needs none
+
+        from twin.hal.cams import CamTable  # noqa: PLC0415
+        from twin.run.assemble import drawn_mechanism  # noqa: PLC0415
+        from twin.sim.plant.mechanism import Addresses  # noqa: PLC0415
+
+        self._gl, self._cams = mujoco, CamTable.packaged()
+        self._model = drawn_mechanism(run.scenario)
+        self._model.vis.global_.offwidth, self._model.vis.global_.offheight = size
+        self._data, self._at = mujoco.MjData(self._model), Addresses.of(self._model)
+        self._renderer = _offscreen(self._model, size)
+        self._camera = mujoco.MjvCamera()
+        mujoco.mjv_defaultFreeCamera(self._model, self._camera)
+        for name, value in self.CAMERA.items():
+            setattr(self._camera, name, value)
+        self._camera.distance *= max(np.divide(run.scenario.plant.size, SCREEN))
+        mujoco.mj_resetDataKeyframe(self._model, self._data, self._at.level)
+        self._height = float(self._data.qpos[self._at.ball_pose][2])
+
+    def drawn(self, ball: Array, tilt: Array, path: Array) -> Image.Image:
+        """One instant.
+
+        Args:
+            ball: Its place in plate axes, m, shape (2,); NaN leaves it out of sight.
+            tilt: Plate angles phi, theta in rad, shape (2,).
+            path: The reference in plate axes, m, shape (N, 2).
+        """
+        from twin.sim.plant.interface import from_plate  # noqa: PLC0415
+
+        gl, data, at = self._gl, self._data, self._at
+
+        def placed(points: Array, height: float) -> Array:
+            lifted = np.column_stack((points, np.full(len(points), height)))
+            return from_plate(lifted, *tilt)
+
+        data.qpos[at.poses[:2]], data.qpos[at.shaft] = tilt, self._cams.motor(tilt)
+        (centre,) = placed(ball[None], self._height)
+        data.qpos[at.ball_pose] = np.where(np.isfinite(centre), centre, 9.0)
+        gl.mj_forward(self._model, data)
+        self._renderer.update_scene(data, self._camera)
+        scene = self._renderer.scene
+        radius = self._model.geom("ball").size[0]
+        for one, other in pairwise(
+            placed(path[:: max(1, len(path) // 200)], self._height - radius)
+        ):
+            if np.isfinite((one, other)).all():
+                geom = scene.geoms[scene.ngeom]
+                kind = gl.mjtGeom.mjGEOM_CAPSULE
+                gl.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), self.CLEAR)
+                gl.mjv_connector(geom, kind, 0.0012, one, other)
+                scene.ngeom += 1
+        return Image.fromarray(self._renderer.render())
+
+
+def _offscreen(model: Any, size: tuple[int, int]) -> Any:
+    """A renderer that needs no screen.
+
+    Raises:
+        RecordError: If there is neither EGL nor OSMesa.
+    """
+    from mujoco.rendering.classic import gl_context, renderer  # noqa: PLC0415
+
+    why = []
+    for name in ("egl", "osmesa"):
+        try:  # in place of what MUJOCO_GL said when mujoco was imported
+            gl_context.GLContext = import_module(f"mujoco.{name}").GLContext
+            return renderer.Renderer(model, size[1], size[0])
+        except Exception as error:  # noqa: BLE001  whatever a missing driver raises
+            why.append(f"{name}: {' '.join(str(error).split()) or type(error).__name__}")
+    raise RecordError(
+        f"render mujoco: needs EGL or OSMesa (libegl1 or libosmesa6) ({'; '.join(why)}); "
+        "without them the picture from above is drawn"
+    )
+
+
 class Film:
     """Draws the frames of runs, one after the other.
 
@@ -187,6 +285,11 @@ class Film:
             self._letter(runs, [self._add(*each) for each in enumerate(self._acts)])
         self.size: tuple[int, int] = self._canvas.get_width_height()
         self._moving.sort(key=lambda each: each[0].zorder)
+        self._stage = None
+        if cut.render == "mujoco":
+            left, low, right, top = (round(edge) for edge in self._panels["plate"].bbox.extents)
+            self._stage = Stage(next(iter(runs.values())), (right - left, top - low))
+            self._corner = left, self.size[1] - top
 
     def _lay_out(self) -> None:
         """Say what each panel shows, and draw what no run changes."""
@@ -301,6 +404,11 @@ class Film:
             self._clock.set_text(f"{time:.1f} s")
             self._clock.draw(pen)
             frame = Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB")
+            if self._stage is not None:
+                main = self._acts[0]
+                frame.paste(self._stage.drawn(main.ball[k], main.tilt[k], main.goal), self._corner)
+                if k == 0:
+                    palette = frame.quantize(256, Image.Quantize.FASTOCTREE)
             yield frame.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
@@ -363,14 +471,14 @@ WRITTEN: dict[str, dict[str, Any]] = {
     ".webp": {"lossless": True, "quality": 20, "method": 2, "kmin": 9999, "kmax": 10000},
     ".gif": {},
 }
-"""How Pillow writes each kind of moving picture."""
+"""How Pillow writes each kind of moving picture; ``.mp4`` is another's."""
 
 
 def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _: None) -> None:
     """Write a moving picture; the same runs give the same bytes.
 
     Args:
-        path: ``.webp`` or ``.gif``.
+        path: ``.webp``, ``.gif`` or ``.mp4`` (by the extra ``video``).
         film: Its frames.
         progress: Is told how many of them are drawn.
 
@@ -378,17 +486,37 @@ def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _:
         RecordError: If nothing can be written there.
     """
 
+    def frames() -> Iterator[Image.Image]:
+        for number, frame in enumerate(film.frames(), 1):
+            progress(number)
+            yield frame
+
     def write(target: Path) -> None:
-        frames = []
-        for frame in film.frames():
-            frames.append(frame)
-            progress(len(frames))
-        first, *others = frames
+        if path.suffix == ".mp4":
+            return _video(target, film, frames())
+        first, *others = frames()
         # in whole ms, of a .gif in 10 ms, that add up without drifting
         unit = 10 if path.suffix == ".gif" else 1
         ends = [round(1000 * k / (unit * film.fps)) * unit for k in range(film.count + 1)]
         lasting = [end - begin for begin, end in pairwise(ends)]
         how = {"append_images": others, "duration": lasting, "loop": 0, **WRITTEN[path.suffix]}
-        first.save(target, path.suffix[1:].upper(), save_all=True, **how)
+        return first.save(target, path.suffix[1:].upper(), save_all=True, **how)
 
     write_whole(path, write)
+
+
+def _video(target: Path, film: Film, frames: Iterator[Image.Image]) -> None:
+    """Write frames as H.264, which takes an even number of pixels along x and y."""
+    try:
+        import av  # noqa: PLC0415  an extra
+    except ImportError as error:
+        raise RecordError(".mp4: needs the extra video: pip install 'ballplate[video]'") from error
+    wide, high = (side - side % 2 for side in film.size)
+    with av.open(str(target), "w", format="mp4") as file:
+        stream = file.add_stream("libx264", rate=film.fps)
+        stream.options = {"x264-params": "mbtree=0"}  # which gives other bytes now and then
+        stream.width, stream.height, stream.pix_fmt = wide, high, "yuv420p"
+        for frame in frames:
+            image = frame.convert("RGB").crop((0, 0, wide, high))
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(image))))
+        file.mux(stream.encode(None))

@@ -110,7 +110,7 @@ class Recorder:
             self._peak = None
         if not self._columns:
             for name in self.keep or channels:
-                self.data[name] = np.full((len(self._time), *channels[name].shape), np.nan)
+                self.data[name] = np.empty((len(self._time), *channels[name].shape))
             self._columns = list(self.data.items())
         row = self.length
         for name, values in self._columns:
@@ -187,7 +187,7 @@ class Recorder:
         for name in sorted(present, key=lambda name: order.index(channels[name].columns[0])):
             values = np.stack([columns[column] for column in channels[name].columns], axis=-1)
             shape = (len(self._time), 1, *values.shape[1:])[: None if values.shape[1] > 1 else 2]
-            self.data[name] = np.full(shape, np.nan)
+            self.data[name] = np.empty(shape)
             self.data[name][: self.length] = values.reshape(self.length, *shape[1:])
         self._columns = list(self.data.items())
 

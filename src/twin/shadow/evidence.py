@@ -26,7 +26,7 @@ from controllers.arrays import Array, Mask
 from twin.identify.logs import Log
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
-from twin.identify.search import START_PRIOR, Linearisation, fit_starts
+from twin.identify.search import Linearisation, fit_starts
 from twin.identify.windows import (
     BIN,
     LOOKBACK,
@@ -360,31 +360,11 @@ def _without_start(
     line: Linearisation, windows: Windows, belief: Belief
 ) -> tuple[Array, Array, Array]:
     """Squares (W,), score (W, p) and information (W, p, p), the starts fitted along."""
-    parts = (line.r[0, ..., None], line.by_parameter[0, ..., : len(BALL)], line.by_start[0])
     unknown = unknown_motion(windows, belief.values["delay"])
     size = float(np.hypot(belief.rough, belief.sloped))
-    Q = products(np.concatenate(parts, axis=-1), unknown, size)  # noqa: N806
-    k = 1 + len(BALL)
-    own = Q[..., k:, k:] + START_PRIOR
-    left = Q[..., :k, :k] - Q[..., :k, k:] @ np.linalg.solve(own, Q[..., k:, :k])
-    return left[..., 0, 0], -left[..., 1:, 0], left[..., 1:, 1:]
-
-
-def products(columns: Array, unknown: Array, size: float) -> Array:
-    """Inner products of columns under noise and the unknown motion, shape (W, K, K).
-
-    With N the unknown motion and s its size, U' (I + s^2 N N')^-1 U by Woodbury's identity.
-
-    Args:
-        columns: U, in standard deviations of the samples, shape (W, M, K).
-        unknown: N, shape (W, M, S).
-        size: s, standard deviation of an unknown acceleration in m/s^2.
-    """
-    U, N = columns, unknown  # noqa: N806
-    shared = np.swapaxes(N, -1, -2) @ U
-    inner = np.eye(N.shape[-1]) / size**2 + np.swapaxes(N, -1, -2) @ N
-    plain = np.swapaxes(U, -1, -2) @ U
-    return np.asarray(plain - np.swapaxes(shared, -1, -2) @ np.linalg.solve(inner, shared))
+    line = line._replace(by_parameter=line.by_parameter[..., : len(BALL)])
+    left, _ = line.without_starts(size * unknown)
+    return left[:, 0, 0], -left[:, 1:, 0], left[:, 1:, 1:]
 
 
 SETTLED = 1.0

@@ -165,13 +165,7 @@ def _indices(
         got = sobol.analyze(problem(study), mean[kept], calc_second_order=False, seed=SEED)
         triples = zip(got["ST"], got["ST_conf"], got["S1"], strict=True)
     return tuple(
-        SensitivityIndex(
-            key,
-            float(value),
-            float(half),
-            float(first),
-            bool(value - half > 0),
-        )
+        SensitivityIndex(key, float(value), float(half), float(first), bool(value - half > 0))
         for key, (value, half, first) in zip(keys, triples, strict=True)
     )
 

@@ -229,24 +229,6 @@ class ReproductionJob(NamedTuple):
     cost: float
 
 
-class Excerpt(NamedTuple):
-    """The first run of a row until it ended, some instants of it, for a figure.
-
-    Attributes:
-        time: Seconds, shape (K,).
-        state: True state, shape (K, 8).
-        u: Commanded plate accelerations in rad/s^2, shape (K, 2).
-        reference: Desired ball position in m, shape (K, 2).
-        estimate: The observer's state, shape (K, 8).
-    """
-
-    time: Array
-    state: Array
-    u: Array
-    reference: Array
-    estimate: Array
-
-
 class RowResult(NamedTuple):
     """What one simulation of a row gave.
 
@@ -255,14 +237,16 @@ class RowResult(NamedTuple):
         way: How it was simulated.
         values: Column to the values of all runs; none if one ended early.
         ended: Why a run ended early, in words; empty if all lasted.
-        excerpt: The first run, for a figure.
+        excerpt: The first run until it ended, some instants of it, for a figure: ``time`` in s,
+            shape (K,), ``state`` and ``estimate``, (K, 8), ``applied`` accelerations, (K, 2), and
+            ``reference`` in m, (K, 2).
     """
 
     place: RowId
     way: str
     values: dict[str, list[float]]
     ended: str
-    excerpt: Excerpt
+    excerpt: Mapping[str, Array]
 
 
 Results = Mapping[tuple[RowId, str], RowResult]
@@ -367,8 +351,8 @@ def carry_out(job: ReproductionJob, period: float = PERIOD) -> list[RowResult]:
             for column, more in judge(row, motion, off, scenario.metrics.start).items():
                 values[column] += more
         shown = slice(0, np.searchsorted(record.time, outcomes[own[0]].time, "right"), every)
-        state, u, estimate = (record[name][shown, own[0]].copy() for name in keep)
-        excerpt = Excerpt(record.time[shown], state, u, desired[shown, own[0]].copy(), estimate)
+        excerpt = {name: record[name][shown, own[0]].copy() for name in keep}
+        excerpt |= {"time": record.time[shown], "reference": desired[shown, own[0]].copy()}
         found.append(RowResult(place, job.way, values, ended, excerpt))
     return found
 

@@ -18,18 +18,11 @@ STARTING = 10.0
 
 
 def program() -> Path:
-    """The viewer that comes with the package.
-
-    Raises:
-        ViewError: If it is missing.
-    """
+    """The viewer that comes with the package."""
     import rerun_cli  # noqa: PLC0415  a missing viewer must not break what only writes files
 
     name = "rerun.exe" if sys.platform == "win32" else "rerun"
-    path = Path(rerun_cli.__file__).parent / name
-    if not path.is_file():
-        raise ViewError(f"the viewer is missing at {path}; reinstall rerun-sdk, or use --rrd FILE")
-    return path
+    return Path(rerun_cli.__file__).parent / name
 
 
 def environment() -> dict[str, str]:
@@ -40,13 +33,6 @@ def environment() -> dict[str, str]:
     """
     kept = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
     return {**kept, "CI": "1", "TELEMETRY_ENABLED": "false"}
-
-
-def has_display() -> bool:
-    """Whether a window can be opened."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def bound(address: str, port: int) -> socket.socket:
@@ -92,6 +78,14 @@ class Opened:
             reached = probe.connect_ex(("127.0.0.1", self.port)) == 0
         return reached and self.process.poll() is None
 
+    def wait(self) -> int:
+        """Wait until it is closed, or Ctrl-C closes it; its exit code."""
+        try:
+            return self.process.wait()
+        except KeyboardInterrupt:
+            self.close()
+            return 0
+
     def close(self) -> None:
         """End it."""
         self.process.terminate()
@@ -116,7 +110,8 @@ def started(*options: str | Path) -> Opened:
             start_new_session=True,  # Ctrl-C is for the run
         )
     except OSError as error:
-        raise ViewError(f"the viewer {path} cannot be started: {error.strerror}") from error
+        why = f"{error.strerror}; reinstall rerun-sdk, or use --rrd FILE"
+        raise ViewError(f"the viewer {path} cannot be started: {why}") from error
     return Opened(process, port)
 
 
@@ -126,7 +121,8 @@ def window(*files: Path) -> Opened:
     Raises:
         ViewError: If there is no display, or no viewer.
     """
-    if not has_display():
+    needs_none = sys.platform in ("win32", "darwin")
+    if not (needs_none or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ViewError("no display for a viewer window; use --rrd FILE or --serve")
     return started(*files or ("--expect-data-soon",))
 
