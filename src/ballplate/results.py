@@ -294,6 +294,7 @@ def identify(
     columns: str | None = None,
     separator: str | None = None,
     ball: str | float | None = None,
+    on: str | Path | None = None,
     reporter: Reporter | None = None,
 ) -> Identified:
     """Fit friction, dead time, drives and level to a recorded motion.
@@ -307,13 +308,16 @@ def identify(
         columns: Of a log of any rig, ``"time=t:ms,measured_x=X:mm,command_phi=u:deg"``.
         separator: Between its columns; found if None.
         ball: ``"hollow"``, ``"solid"``, or the share of gravity that accelerates it.
+        on: With ``columns``: a shipped rig, or a file of parameters, over which what is found is to
+            lie. Its ball is the one of the log.
         reporter: Who is told progress; a notebook has its own.
 
     Raises:
         TwinError: If the log cannot be read, or nothing can be learned from it.
     """
-    from twin.identify.logs import BALLS, ball_factor, read_any, wanted_columns
+    from twin.identify.logs import ball_factor, read_any, wanted_columns
     from twin.identify.parameters import PLAIN, chosen
+    from twin.scenario import load
 
     if isinstance(hold_out, float | int) and not 0 <= hold_out <= 0.8:
         raise ScenarioError(f"hold_out: must be 0 to 0.8, got {hold_out:g}")
@@ -331,11 +335,16 @@ def identify(
             else [read_any(path, wanted, separator) for path in _paths(hold_out)]
         )
         fitted = chosen(",".join(names) or None, tuple(PLAIN), ())
+        rig = load("hold", [f"parameters={on}"]).plant.ball.model if on else None
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
-            found = identify_any(logs, held, fitted, factor or BALLS["hollow"], progress=advance)
+            found = identify_any(
+                logs, held, fitted, factor, progress=advance, ball=rig, on=str(on or "")
+            )
         return Identified(found)
     from twin.identify.twin_model import identify as fit
 
+    if on:
+        raise ScenarioError("on: with columns only; a run knows its rig")
     if not isinstance(log, str | Path | Result):
         log, *others = log
         if others:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from ballplate import identify
 from twin.cli.understand import identify as command
-from twin.errors import LogError
+from twin.errors import LogError, ScenarioError
 from twin.identify.any_rig import _chosen, _verdicts, identify_any
 from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, score
 from twin.identify.logs import (
@@ -248,6 +249,32 @@ def test_a_camber_that_is_found_is_one_of_the_twin(axis_of, tmp_path):
     (told,) = [each.value for each in found.verdicts if each.name == "camber_x"]
     assert twin.plant.camber == (pytest.approx(told, rel=1e-5), 0.0)
     assert told == pytest.approx(0.35, abs=0.05)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("rig", ["course", "hobby"])
+def test_what_is_found_lies_over_the_rig_that_is_named(axis_of, rig, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log = axis_of(1, seconds=30, gain=6.0)
+    rows = zip(log.time, log.ball, log.tilt, strict=True)
+    text = ["t,x,u", *(",".join(f"{cell:.6g}" for cell in row) for row in rows)]
+    Path("log.csv").write_text("\n".join(text), encoding="utf-8")
+    columns = "time=t:s,measured_x=x:m,command_phi=u:rad"
+    done = CliRunner().invoke(command, ["log.csv", "--columns", columns, "--on", rig])
+    assert done.exit_code == 0, done.output
+    twin, named = (
+        load("hold", [f"parameters={each}"]) for each in ("runs/identify-log/parameters.toml", rig)
+    )
+    assert twin.plant.size == named.plant.size
+    assert twin.plant.ball.model.c1 == pytest.approx(named.plant.ball.model.c1, rel=1e-5)
+    # friction as a deceleration is what the log has, whatever the ball's radius
+    ball, arm = twin.plant.ball.model, twin.plant.friction.rolling_mm / 1000
+    assert ball.k1 * arm / ball.radius == pytest.approx(TRUTH["friction"], rel=0.1)
+
+
+def test_a_rig_is_named_for_columns_only():
+    with pytest.raises(ScenarioError, match="on: with columns only; a run knows its rig"):
+        identify("runs/excite", on="hobby")
 
 
 @pytest.mark.long

@@ -96,6 +96,13 @@ PARAMETERS = (
 )
 @options.COLUMNS
 @click.option("--ball", metavar="BALL", help="hollow, solid, or its share of gravity [hollow].")
+@click.option(
+    "--on",
+    "rig",
+    metavar="RIG",
+    help="With --columns: the rig, or file of parameters, that what is found lies over.",
+    shell_complete=options.rigs,
+)
 @click.option("--out", type=options.PATH, help="Folder [runs/identify-LOG].")
 @options.JSON
 def identify(
@@ -105,6 +112,7 @@ def identify(
     columns: str | None,
     separator: str | None,
     ball: str | None,
+    rig: str | None,
     out: Path | None,
 ) -> int:
     """Fit friction, dead time, drives and level to a recorded run, or to logs of any rig.
@@ -130,6 +138,7 @@ def identify(
         columns=columns,
         separator=separator,
         ball=ball,
+        on=rig,
         reporter=TERMINAL,
     )
     done.save(folder)

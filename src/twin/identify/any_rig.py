@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify import judged
-from twin.identify.logs import BALLS, AnyLog, AxisLog
+from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain_model import SMOOTH, AxisFit, axis_predicted, beginnings, crossed, fit_axis
 from twin.identify.search import Estimate
@@ -39,9 +40,13 @@ class PlainIdentification(judged.Identification):
 
     Attributes:
         factor: Share of gravity that accelerates the ball.
+        ball: That of the rig, in whose radius friction is told.
+        on: The rig that the parameters lie over; empty for that of a scenario.
     """
 
     factor: float
+    ball: BallPlate
+    on: str
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts.
@@ -54,10 +59,11 @@ class PlainIdentification(judged.Identification):
                 name, _, axis = each.name.rpartition("_")
                 known.setdefault(name, {})[axis] = each.value
         mean = {name: float(np.mean(list(values.values()))) for name, values in known.items()}
-        ball = BallPlate()
+        ball = self.ball
         push = self.factor * ball.gravity
         inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
         lines = {f"plant.ball.{name}": str(getattr(ball, name)) for name in ("mass", "radius")}
+        lines |= {"parameters": json.dumps(self.on)} if self.on else {}
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
         turned = [gain.get(axis, sign * push) * sign / push for axis, sign in SIGNS]
@@ -84,9 +90,11 @@ def identify_any(
     logs: list[AnyLog],
     held: list[AnyLog] | float,
     names: tuple[str, ...] = (),
-    factor: float = BALLS["hollow"],
+    factor: float | None = None,
     longest: float = LONGEST,
     progress: Callable[[float], None] = lambda _: None,
+    ball: BallPlate | None = None,
+    on: str = "",
 ) -> PlainIdentification:
     """Fit the plain model to logs and try it on others, or on their last share.
 
@@ -95,13 +103,18 @@ def identify_any(
         held: What is held out: other logs of the same rig, or a share of each log's time.
         names: Parameters that are fitted beside gain, dead time, lag and level; none for friction
             and what pays.
-        factor: Share of gravity that accelerates the ball: 3/5 of a hollow one, 5/7 of a solid one.
+        factor: Share of gravity that accelerates the ball: 3/5 of a hollow one, 5/7 of a solid one;
+            None for that of the ball.
         longest: Length of the windows in s.
         progress: Called with the share of the work done.
+        ball: That of the rig; None for the thesis's.
+        on: Name of the rig that the parameters are to lie over.
 
     Raises:
         LogError: If no axis can be identified: what each of them lacks.
     """
+    ball = ball or BallPlate()
+    factor = factor or ball.c1
     notes = [note for log in logs for note in log.notes]
     fits: dict[str, AxisFit] = {}
     found: list[judged.ParameterVerdict] = []
@@ -153,6 +166,8 @@ def identify_any(
         predictions=tried,
         notes=tuple(notes),
         factor=factor,
+        ball=ball,
+        on=on,
     )
 
 
