@@ -28,8 +28,6 @@ class SensitivityIndex:
         half: Half-width of its 95 % interval; NaN if there is none. Bootstrap for Sobol and Morris.
         first: First-order Sobol index, or Morris's sigma; NaN for others.
         decided: Whether the interval excludes zero.
-        slope: Change of the metric per unit of the parameter, over its whole range; NaN if its 95 %
-            interval contains zero.
     """
 
     key: str
@@ -37,12 +35,6 @@ class SensitivityIndex:
     half: float
     first: float
     decided: bool
-    slope: float = np.nan
-
-    @property
-    def needed(self) -> float | None:
-        """How well the parameter must be known to predict the metric within one unit."""
-        return None if np.isnan(self.slope) or not self.slope else abs(1 / self.slope)
 
 
 @dataclass(frozen=True)
@@ -83,11 +75,6 @@ class Curve:
     values: tuple[float | str, ...]
     spreads: tuple[Spread, ...]
     slope: float | None
-
-    @property
-    def needed(self) -> float | None:
-        """How well the parameter must be known to predict the metric within one unit."""
-        return None if not self.slope else abs(1 / self.slope)
 
 
 @dataclass(frozen=True)
@@ -178,14 +165,7 @@ def _indices(
         got = sobol.analyze(problem(study), mean[kept], calc_second_order=False, seed=SEED)
         triples = zip(got["ST"], got["ST_conf"], got["S1"], strict=True)
     return tuple(
-        SensitivityIndex(
-            key,
-            float(value),
-            float(half),
-            float(first),
-            bool(value - half > 0),
-            _slope(design.columns[key].astype(float), mean),
-        )
+        SensitivityIndex(key, float(value), float(half), float(first), bool(value - half > 0))
         for key, (value, half, first) in zip(keys, triples, strict=True)
     )
 
@@ -205,16 +185,8 @@ def _ranks(design: Design, mean: Array) -> tuple[SensitivityIndex, ...]:
         low, high = np.tanh((reach - width, reach + width))
         decided = bool(low * high > 0)
         half = float(high - low) / 2
-        found.append(SensitivityIndex(key, rank, half, np.nan, decided, _slope(settings, mean)))
+        found.append(SensitivityIndex(key, rank, half, np.nan, decided))
     return tuple(found)
-
-
-def _slope(settings: Array, mean: Array) -> float:
-    """Slope of the straight line through a metric; NaN if its 95 % interval contains zero."""
-    good = np.isfinite(mean)
-    line: Any = stats.linregress(settings[good], mean[good])
-    significant = abs(line.slope) > stats.t.ppf(0.975, good.sum() - 2) * line.stderr
-    return float(line.slope) if significant else np.nan
 
 
 def _curves(study: Study, at: Design, values: Array) -> tuple[Curve, ...]:

@@ -192,7 +192,7 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
                 "well; they are kept out of the averages."
             )
         words += [f"{answer.variant}: {note}." for note in answer.notes]
-    return (words + _tolerances(study, found)) or ["All runs finished; see the curves."]
+    return words or ["All runs finished; see the curves."]
 
 
 def in_order(found: Sequence[Answer]) -> list[Answer]:
@@ -217,43 +217,6 @@ def _importance(found: Sequence[Answer], metric: str) -> list[str]:
     if others:
         words.append(f"Undecided with this sample, or negligible: {', '.join(others)}.")
     return words
-
-
-def needed(study: Study, found: Sequence[Answer]) -> list[tuple[str, str, str, str]]:
-    """How well each parameter must be known: rows of variant, where, parameter, tolerance.
-
-    Nothing is asked of what is drawn from a list, as a frame rate is.
-    """
-    out = []
-    for answer in found:
-        known: list[tuple[str, Point, float | None]] = [
-            (index.key, {}, index.needed)
-            for index in answer.indices
-            if study.parameters[index.key].continuous
-        ]
-        known += [(curve.key, curve.where, curve.needed) for curve in answer.curves]
-        for key, where, reach in known:
-            if reach is not None:
-                about = study.parameters[key]
-                unit = "of nominal" if about.relative else about.unit
-                # slopes are per m of a metric in m; one mm is asked for
-                scale = 1e-3 if LABELS[study.metrics[0]][1] == "mm" else 1.0
-                within = f"± {scale * reach:.2g} {unit}".strip()
-                out.append((answer.variant, where_label(study, where), key, within))
-    return out
-
-
-def _tolerances(study: Study, found: Sequence[Answer]) -> list[str]:
-    """The first few rows of ``needed`` in words."""
-    metric, unit = metric_label(study), LABELS[study.metrics[0]][1]
-    return [
-        f"To predict the {metric} of {variant}{f' at {where}' if where else ''} within "
-        f"{f'1 {unit}'.strip()}, {key} must be known within {within}."
-        for variant, where, key, within in needed(study, found)[:3]
-    ]
-
-
-KNOWN = ("variant", "where", "parameter", "must be known within")
 
 
 def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> None:
@@ -282,12 +245,6 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
         first, second = WORDS["names"].get(study.method, ("", ""))
         heads = ("parameter", "variant", first, "± 95 %", second, "verdict")
         blocks.append(Table("Indices", heads, ranks, words=(0, 1, -1)))
-    known = needed(study, found)
-    if known:
-        unit = LABELS[study.metrics[0]][1]
-        what = f"the {metric_label(study)} within {f'1 {unit}'.strip()}"
-        title = f"What must be known how well, to predict {what}"
-        blocks.append(Table(title, KNOWN, known, words=(0, 1, 2)))
     note = "Rows as data: rows.parquet and rows.csv beside this page; pictures in figures/."
     blocks.append(Text([what_ran(work)], "The study", note))
     page.write(folder / "report.html", study.title, blocks)
