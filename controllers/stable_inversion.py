@@ -576,7 +576,8 @@ class AboutMotion(Law):
     def about(self, x: Array, position: Array, velocity: Array, wanted: Tilts) -> Array:
         """Feedback about a motion, rad/s^2, shape (..., 2)."""
         axis = x[..., 0::4], x[..., 1::4], SIGN * x[..., 2::4], SIGN * x[..., 3::4]
-        out: Array = SIGN * self._about(self.K, axis, (position, velocity), wanted)
+        K = (*self.K[:3], self.K[3:].sum())  # of a plate that is as fast as it is told
+        out: Array = SIGN * self._about(K, axis, (position, velocity), wanted)
         return out
 
     def _about(

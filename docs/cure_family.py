@@ -2,6 +2,7 @@
 
 uv run python docs/cure_family.py              # what cure_family.toml says: 40 minutes of a core
 uv run python docs/cure_family.py --rigs 50    # fewer: ten minutes
+uv run python docs/cure_family.py --own        # cure_rigs.md, on rigs of other kinds: 15 minutes
 Finished batches are kept in runs/cure and used again while scenarios and code stay the same.
 """
 
@@ -11,11 +12,11 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from cure import KINDS, known, least, said, scenarios, settings
+from cure import KINDS, Cell, cells, known, least, said, scenarios, settings
 from pages import HERE, filled, planned
 from scipy import stats
 
-from twin.study.schema import FamilyRig, drawn, read_family
+from twin.study.schema import Family, FamilyRig, drawn, read_family
 from twin.study.work import Builder
 from twin.writing import write_whole
 
@@ -57,14 +58,19 @@ class Found(NamedTuple):
 
     def quantile(self, share: float) -> float | None:
         """A quantile of the family, lost balls counted as worst; None where it is one."""
-        ordered = sorted(self.family, key=_order)
-        return ordered[min(int(np.ceil(share * len(ordered))), len(ordered)) - 1]
+        return quantile(self.family, share)
 
     def within(self, goal: float) -> tuple[int, float, float]:
         """How many rigs keep a goal, and Wilson's 95 % interval of their share in %."""
         count = sum(value is not None and value <= goal for value in self.family)
         share = stats.binomtest(count, len(self.family)).proportion_ci(method="wilson")
         return count, 100 * share.low, 100 * share.high
+
+
+def quantile(values: list[float | None], share: float) -> float | None:
+    """A quantile of some rigs, lost balls counted as worst; None where it is one."""
+    ordered = sorted(values, key=_order)
+    return ordered[min(int(np.ceil(share * len(ordered))), len(ordered)) - 1]
 
 
 def _order(value: float | None) -> float:
@@ -112,12 +118,75 @@ def without(task: dict[str, Any], rig: FamilyRig, keys: list[str]) -> Any:
     return Builder(CURE["scenario"])(fixed, point)
 
 
+UNTOLD = "rig.plate_lag=0"
+"""A designer who takes the plate for one that follows at once."""
+
+
+def radius(rig: str) -> float:
+    """Of the circle of a shipped rig, m."""
+    found: float = Builder("circle")([f"parameters={rig}"], {}).reference.settings["amplitude"]
+    return found
+
+
+def others(plan: dict[str, Any], rig: str, task: dict[str, Any]) -> list[Cell]:
+    """What every law reaches on a shipped rig, and on the rigs about it."""
+    family = Family.model_validate(plan["family"])
+    relative = [key for key, each in family.parameters.items() if each.relative]
+    length, runs = str(radius(rig)), []
+    for law in plan["laws"]:
+        build = Builder(law["scenario"])
+        own = [each.replace("RADIUS", length) for each in task["set"]]
+        fixed = [f"parameters={rig}", *plan["set"], *own, *law["set"]]
+        runs += [build([*fixed, f"seed={noise}"], {}) for noise in range(plan["noises"])]
+        runs += [
+            build([*fixed, f"seed={each.seed}"], each.point, relative)
+            for each in drawn(family, plan["draw"], plan["count"])
+        ]
+    return cells(plan, known(runs, task.get("judged", "tracking")) or [])
+
+
+def blamed(plan: dict[str, Any], rig: str) -> dict[str, list[float | None]]:
+    """The nominal rig's circle without one cause after the other: told the lag, and not told."""
+    build, circle = Builder("cure"), plan["tasks"][0]["set"]
+    fixed = [f"parameters={rig}", *plan["set"], *circle]
+    told = [build([*fixed, *keys], {}) for keys in plan["causes"].values()]
+    not_told = [build([*fixed, UNTOLD, *keys], {}) for keys in plan["causes"].values()]
+    left = known([*told, *not_told]) or []
+    return {cause: [left[at], left[at + len(told)]] for at, cause in enumerate(plan["causes"])}
+
+
+def write_others(plan: dict[str, Any]) -> None:
+    """Write the page of the shipped rigs of other kinds."""
+    table, causes = {}, {}
+    for rig in plan["rigs"]:
+        causes[rig] = blamed(plan, rig)
+        click.echo(f"{rig}: {causes[rig]}")
+        for task in plan["tasks"]:
+            table[rig, task["name"]] = others(plan, rig, task)
+            click.echo(f"{rig}, {task['name']}: {table[rig, task['name']]}")
+    text = filled(
+        "cure_rigs",
+        plan=plan,
+        table=table,
+        causes=causes,
+        kinds=KINDS,
+        said=said,
+        radius=radius,
+        quantile=quantile,
+    )
+    write_whole(HERE / "cure_rigs.md", text)
+
+
 @click.command()
 @click.option("--rigs", type=click.IntRange(min=1), help="Rigs of the family.")
 @click.option("--task", "only", multiple=True, help="Simulate this task alone; write no page.")
-def main(rigs: int | None, only: tuple[str, ...]) -> None:
+@click.option("--own", is_flag=True, help="The page of rigs of other kinds.")
+def main(rigs: int | None, only: tuple[str, ...], *, own: bool) -> None:
     """Simulate what is not kept, then write the page."""
     plan = planned("cure_family")
+    if own:
+        write_others(plan["own"] | {"count": rigs or plan["own"]["count"]})
+        return
     plan["rigs"] = rigs or plan["rigs"]
     asked = [task for task in tasks(plan) if not only or task["name"] in only]
     table = {task["name"]: measured(plan, task) for task in asked}

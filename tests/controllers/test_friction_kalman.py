@@ -413,3 +413,19 @@ def test_two_samples_on_one_side_are_a_blow(monkeypatch):
     with_it = seen(FrictionKalman(), two_wrong)
     monkeypatch.setattr(friction, "BLOW", 0.0)
     assert np.abs(with_it - seen(FrictionKalman(), two_wrong)).max() > 0.01
+
+
+def test_a_modelled_plate_follows_a_commanded_rate_as_the_lag_says_whatever_is_measured():
+    lag, rate, ticks = 0.06, 0.2, 200
+    observer = FrictionKalman(model=BallPlate(lag=lag), plate="modelled", period=T)
+    observer.start(np.zeros((1, 8)))
+    wrong, felt = np.array([[0.0, 0.05, 0.0, -0.05]]), np.array([True])
+    for tick in range(ticks):
+        x = observer.correct(Measurement(tick * T, wrong, np.zeros(1), felt))
+        observer.predict(np.array([[rate / T if tick == 0 else 0.0, 0.0]]))
+    passed = (ticks - 1) * T
+    gone = np.exp(-passed / lag)
+    # the angle is made of straight lines over periods
+    assert x[0, 2] == pytest.approx(rate * (passed - lag * (1 - gone)), abs=rate * T)
+    assert x[0, 3] == pytest.approx(rate * (1 - gone), rel=1e-9)
+    assert not x[0, 6:].any()

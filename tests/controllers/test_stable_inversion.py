@@ -15,18 +15,18 @@ Z = math.sqrt(MODEL.k1 / MODEL.c2)
 
 
 def laid(w, ticks, horizon=700, slice_=25):
-    """a, a', a'' over so many samples of a function of time."""
+    """a and three derivatives over so many samples of a function of time."""
     inverse = TwoSided(Z, T, slice_, horizon + 1)
     found = [
-        np.array(inverse.lay(w((first + np.arange(horizon + 1)) * T)[:, None]))[..., 0]
+        np.array([*inverse.lay(w((first + np.arange(horizon + 1)) * T)[:, None]), inverse.jerk])
         for first in range(0, ticks, slice_)
     ]
-    return np.concatenate(found, axis=1)
+    return np.concatenate(found, axis=1)[..., 0]
 
 
 @pytest.mark.parametrize("omega", [0.5, 3.0, 10.0])
 def test_inverse_of_an_oscillation_is_the_closed_form(omega):
-    a, rate, acceleration = laid(lambda t: np.sin(omega * t), 2000)
+    a, rate, acceleration, jerk = laid(lambda t: np.sin(omega * t), 2000)
     t = np.arange(2000) * T
     gain = 1 / (1 + (omega / Z) ** 2)
     steady = t > 1.5  # the past before the start is not known
@@ -36,6 +36,8 @@ def test_inverse_of_an_oscillation_is_the_closed_form(omega):
         (acceleration, -gain * omega**2 * np.sin(omega * t)),
     ):
         np.testing.assert_allclose(found[steady], wanted[steady], atol=2e-4 * (1 + omega**2))
+    third = -gain * omega**3 * np.cos(omega * t)
+    np.testing.assert_allclose(jerk[steady], third[steady], atol=Z**2 * T * (1 + omega**2))
 
 
 def test_inverse_of_a_step_begins_before_it_by_the_exponential_of_the_zero():
@@ -65,6 +67,50 @@ def test_the_planned_slope_makes_the_ball_follow_the_path_itself():
     assert np.abs(error).max() < 5e-4
     # the slope of the flat model, which leaves the plate's acceleration out, does not
     assert MODEL.c2 * np.abs(path(2.0 - 0.6)[2]).max() / MODEL.k1 > 1e-3
+
+
+LAG = 0.06
+
+
+def follows(law, lag, path, seconds=4.0):
+    """Farthest that a ball under a law comes off its path after 2 s, m, along x: linear plate.
+
+    Slope a and its rate r under the commanded rate w, r' = (w - r) / lag, and x'' = k1 a - c2 a'',
+    integrated by steps of a tenth of a period. A law that knows of no lag is told w for r.
+    """
+    plan = law.start(np.zeros((1, 8)), path, T)
+    a = r = w = 0.0
+    eta, speed = float(path(0.0)[0, 0]), float(path(0.0)[1, 0])
+    off = []
+    for tick in range(round(seconds / T)):
+        x = np.zeros((1, 8))
+        x[0, :4] = eta - MODEL.c2 * a, speed - MODEL.c2 * r, a, r if law.model.lag else w
+        now = feedback(tick * T, x, path, plan, known=(0.0, 0.0, 0.0, 0.0, 0.0))
+        u = law.command(now._replace(rate=np.array([[w, 0.0]])))[0, 0]
+        for _ in range(10):
+            eta, speed = eta + T / 10 * speed, speed + T / 10 * MODEL.k1 * a
+            a, r, w = a + T / 10 * r, r + T / 10 * (w - r) / lag, w + T / 10 * u
+        off.append(abs(x[0, 0] - path(tick * T)[0, 0]))
+    return max(off[round(2.0 / T) :])
+
+
+def test_behind_drives_with_a_lag_that_is_told_the_ball_follows_as_on_drives_without():
+    path = Circle(amplitude=0.06, omega=2.0)
+    told = StableInversion(model=BallPlate(lag=LAG), slope=0.0)
+    assert follows(told, LAG, path) < 3e-5  # 8e-5 without the third derivative
+    assert follows(StableInversion(slope=0.0), LAG, path) > 1e-3
+
+
+@pytest.mark.parametrize("lag", [0.001, 0.04, 0.11])
+def test_the_gain_for_drives_with_a_lag_makes_their_loop_stable(lag):
+    law, k1 = StableInversion(model=BallPlate(lag=lag)), MODEL.k1
+    A, B = np.zeros((5, 5)), np.array([0, 0, 0, 0, 1.0])
+    A[0, 1] = A[2, 3] = 1
+    A[1, 2], A[3, 3], A[3, 4] = k1, -1 / lag, 1 / lag
+    assert np.linalg.eigvals(A - np.outer(B, law.K)).real.max() < -0.5
+    if lag == 0.001:  # as good as none: rate and commanded rate are the same
+        np.testing.assert_allclose(law.K[:3], StableInversion().K[:3], rtol=0.03)
+        np.testing.assert_allclose(law.K[3] + law.K[4], StableInversion().K[3], rtol=0.03)
 
 
 class Withheld(Reference):

@@ -237,6 +237,8 @@ def test_an_axis_that_nobody_moved_is_not_blamed_and_the_other_is_identified(axi
     assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8").count("<svg") == 1
     twin = load("circle", (f"parameters={tmp_path / 'out' / 'parameters.toml'}",))
     assert twin.sensors.touch.dead_time == pytest.approx(0.1, abs=0.02)
+    assert twin.predictor.delay == twin.sensors.touch.dead_time
+    assert twin.rig.plate_lag == pytest.approx(1 / (2 * np.pi * twin.plant.servo.bandwidth_hz))
 
 
 @pytest.mark.long

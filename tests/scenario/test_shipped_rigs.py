@@ -5,7 +5,8 @@ import pytest
 
 from controllers.references import Circle, Hold, Path, Sine, Step
 from twin.errors import ScenarioError
-from twin.run.assemble import assemble
+from twin.run.assemble import assemble, build_controller
+from twin.run.finished import run
 from twin.scenario import shipped
 from twin.scenario.load import check, load, read, resolved
 from twin.shipped import shipped_in
@@ -38,6 +39,31 @@ def test_a_scenario_on_a_rig_starts_with_a_reference_in_its_area(name, rig):
         controller.start(started.read())
         started.start()
         assert np.isfinite(controller.command(started.read()).rate).all()
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_law_and_observer_are_told_of_a_rig_what_its_file_says_of_its_drives_and_frames(rig):
+    now = load("cure", [f"parameters={rig}"])
+    controller = build_controller(now)
+    servo, touch = now.plant.servo, now.sensors.touch
+    lag = 1 / (2 * np.pi * servo.bandwidth_hz)
+    assert controller.law.model.lag == controller.observer.model.lag == pytest.approx(lag, rel=0.02)
+    # it knows how old a frame is; the Smith predictor takes them for half a frame old
+    assert controller.observer.delay == touch.dead_time
+    smith = build_controller(load("circle", [f"parameters={rig}"])).observer
+    assert smith.delay == pytest.approx(touch.dead_time + 0.5 / touch.frame_rate, abs=0.002)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("rig", RIGS)
+def test_the_cure_keeps_the_ball_on_every_rig_and_not_without_knowing_the_drives_lag(rig):
+    on = [f"parameters={rig}", "baseline=false", "plant.step=0.002", "reference.omega=1.0"]
+    settings = [*on, "duration=14.0", "metrics.start=7.7"]
+    told, not_told = (run(load("cure", [*settings, *more])) for more in ((), ("rig.plate_lag=0",)))
+    assert told.metrics["outcome"] == "finished"
+    assert told.metrics["tracking_error_percent"] < 4.0
+    error = not_told.metrics["tracking_error_percent"]
+    assert not_told.metrics["outcome"] != "finished" or error > 20.0
 
 
 @pytest.mark.parametrize("name", shipped())

@@ -76,7 +76,9 @@ class PlainIdentification(judged.Identification):
         if mean.get("dead_time", 0.0) > 0:
             dead_time = f"{mean['dead_time']:.6g}"
             lines["sensors.touch.dead_time"] = f"{dead_time}  # all of it, commands' too"
+            lines["predictor.delay"] = dead_time
         if "lag" in mean:
+            lines["rig.plate_lag"] = f"{mean['lag']:.6g}"
             lines["plant.servo.bandwidth_hz"] = f"{judged.corner_frequency(mean['lag']):.6g}"
         if camber := known.get("camber"):
             lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
