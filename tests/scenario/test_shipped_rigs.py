@@ -56,7 +56,7 @@ def test_law_and_observer_are_told_of_a_rig_what_its_file_says_of_its_drives_and
 
 @pytest.mark.long
 @pytest.mark.parametrize("rig", RIGS)
-def test_the_cure_keeps_the_ball_on_every_rig_and_loses_it_or_is_worse_not_knowing_the_drives_lag(
+def test_the_cure_keeps_the_ball_on_every_rig_and_is_worse_without_knowing_the_lag(
     rig,
 ):
     on = [f"parameters={rig}", "baseline=false", "plant.step=0.002", "reference.omega=1.0"]
