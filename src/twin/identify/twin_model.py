@@ -173,7 +173,7 @@ FORCES = (0.0, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 """Other forces in m/s^2 that may act on the ball unknown, see ``unknown_motion``."""
 FIRST_SIZES = (0.1, 1e-3)
 """From which they are looked for."""
-ROUNDS = 2
+ROUNDS = 3
 """How often they are."""
 BREAKAWAY_RATIOS = 1 + np.linspace(0, 2.2, 32) ** 1.3
 """Breakaway ratios that are tried."""
