@@ -219,7 +219,10 @@ def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: f
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
         resting = windows.resting & ~crept
         return fit_twin(model, replace(windows, resting=resting), names, grip)
-    return search.Fit(problem, best)
+    # what the patches do is another thing where the ball, at the best fit, goes or starts otherwise
+    problem = problem.whitened(best, sizes)
+    line = problem.linearise(best.theta, best.starts)
+    return search.Fit(problem, best._replace(linearisation=line))
 
 
 def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
