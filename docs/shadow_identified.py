@@ -297,6 +297,19 @@ def page(rows: Sequence[dict[str, Any]], fresh: Sequence[dict[str, Any]], comman
         for who in ("model", "nominal", "without friction", "stays", "goes on")
     }
     better = sum(each["errors"]["model"] < each["errors"]["nominal"] for each in told)
+    about = {
+        "command": command,
+        "seconds": DURATION,
+        "excited": EXCITED,
+        "fresh": len(fresh),
+        "refused": len(fresh) - len(told),
+        "rejected": sum(not each["white"] for each in told),
+        "coverage": coverage(told),
+        "errors": errors,
+        "better": share(better, len(told)),
+    }
+    if not rows:
+        return filled("shadow_identified", **about, rigs=0)
     every = judged_rigs(rows)
     judged = every[every["why"] == ""]
     fine, without = (
@@ -311,9 +324,7 @@ def page(rows: Sequence[dict[str, Any]], fresh: Sequence[dict[str, Any]], comman
     parts += [(str(name), some) for name, some in fine.groupby("scenario")]
     return filled(
         "shadow_identified",
-        command=command,
-        seconds=DURATION,
-        excited=EXCITED,
+        **about,
         scenarios=HEALTHY_SCENARIOS,
         at=AT,
         ramp=RAMP,
@@ -329,12 +340,6 @@ def page(rows: Sequence[dict[str, Any]], fresh: Sequence[dict[str, Any]], comman
         by=[(name, *healthy(some)) for name, some in parts],
         empty=int((~found).sum()),
         judged=len(fine),
-        fresh=len(fresh),
-        refused=len(fresh) - len(told),
-        rejected=sum(not each["white"] for each in told),
-        coverage=coverage(told),
-        errors=errors,
-        better=share(better, len(told)),
         alarmed=[
             (row["seed"] - FIRST, row["scenario"], f"{row['alarm']:.1f}", causes(row))
             for row in fine[fine["alarm"].notna()].to_dict("records")
@@ -355,7 +360,7 @@ def page(rows: Sequence[dict[str, Any]], fresh: Sequence[dict[str, Any]], comman
 
 
 @click.command()
-@click.option("--rigs", type=click.IntRange(min=1), default=24, help="How many are watched.")
+@click.option("--rigs", type=click.IntRange(min=0), default=15, help="How many are watched.")
 @click.option("--identified", "fresh", type=click.IntRange(min=1), default=66, help="Others.")
 @click.option("--doc", type=click.Path(path_type=Path), default=HERE / "shadow_identified.md")
 @PROCESSES

@@ -204,6 +204,8 @@ def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: f
         problem = problem.whitened(found.ahead(1), sizes)
         found = search.minimise(problem, found.theta, found.starts, 15, 4).ahead(1)
         sizes = problem.likeliest(found)
+    problem = problem.whitened(found, sizes)
+    found = search.minimise(problem, found.theta, found.starts, 15, 4)
     while True:
         best = found.ahead(1)
         misfit = problem.misfit(best.linearisation.r)[0]
@@ -217,7 +219,10 @@ def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: f
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
         resting = windows.resting & ~crept
         return fit_twin(model, replace(windows, resting=resting), names, grip)
-    return search.Fit(problem, best)
+    # what the patches do is another thing where the ball, at the best fit, goes or starts otherwise
+    problem = problem.whitened(best, sizes)
+    line = problem.linearise(best.theta, best.starts)
+    return search.Fit(problem, best._replace(linearisation=line))
 
 
 def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
