@@ -61,7 +61,7 @@ from twin.writing import write_whole
 DRAW = 9_140
 """Of the rigs."""
 FRESH = 35_118
-"""The same of those of which only the intervals are judged: none of them was looked at before."""
+"""The same of those of which only the intervals are judged: none was used to make the method."""
 FIRST = 400_000
 """Seed of the first rig."""
 TOGETHER = 3
