@@ -123,6 +123,7 @@ def test_with_every_extra_it_runs_and_draws_on_each_python_that_is_here(wheel, t
     run = ("run", "circle", "--set", "duration=2", "--out", "runs/circle")
     call(folder / "ballplate", *run, cwd=tmp_path, env=clean)
     assert (tmp_path / "runs" / "circle" / "picture.png").is_file()
-    told = call(folder / "ballplate", "doctor", "--install", "--json", cwd=tmp_path, env=clean)
-    seen = [each for each in json.loads(told) if each["what"].startswith("extra ")]
-    assert [each["verdict"] for each in seen] == ["pass"] * len(seen) != []
+    library = {"cluster": "distributed", "fmi": "fmpy", "gym": "gymnasium", "mpc": "daqp"}
+    library |= {"play": "nicegui", "tune": "optuna", "video": "av"}
+    imports = ", ".join(library.get(each, each) for each in extras.split(","))
+    call(folder / "python", "-c", f"import {imports}", cwd=tmp_path, env=clean)
