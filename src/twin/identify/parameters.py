@@ -27,7 +27,6 @@ class IdentifiedParameter:
         tolerance: Half-width of the interval up to which it counts as identified.
         relative: The same as a share of the value; the larger of the two holds.
         floor: Smallest half-width ever claimed: what the twin's own time step changes.
-        spread: Standard deviation about ``start`` that is believed before any log is seen.
     """
 
     key: str
@@ -40,7 +39,6 @@ class IdentifiedParameter:
     tolerance: float = 0.0
     relative: float = 0.0
     floor: float = 0.0
-    spread: float = math.inf
 
     @property
     def factor(self) -> float:
@@ -64,7 +62,7 @@ DEFAULT = ("rolling", "breakaway", "delay", "servo", "level")
 SHARE = 2 / 3
 """Share of the usable time that is fitted; the rest is held out."""
 CHOICES = (*DEFAULT, "viscous", "stribeck", "dwell", *HIDDEN)
-ALWAYS = ("rolling", "breakaway", "stribeck", "dwell", "delay", "level_phi", "level_theta")
+ALWAYS = ("rolling", "breakaway", "delay", "level_phi", "level_theta")
 """Fitted whether asked for or not: to hold one at a guess would spoil the others."""
 
 
