@@ -52,6 +52,8 @@ class Found(NamedTuple):
     """Of the nominal rig, one noise each."""
     slow: list[float | None]
     """The same at 58 frames/s."""
+    floor: float | None
+    """The least of that in %, as of the worst rigs."""
     family: list[float | None]
     """Of every rig."""
     worst: list[Worst]
@@ -105,10 +107,47 @@ def measured(plan: dict[str, Any], task: dict[str, Any]) -> Found:
     for at in order[: plan["named"]]:
         turned = [without(task, family(plan)[at], keys) for keys in plan["causes"].values()]
         left = dict(zip(plan["causes"], known(turned, judged) or [], strict=True))
-        circle, radius = task["name"].startswith("circle"), RADIUS.get(task["name"], 0.15)
-        edge = least(rigs[at], radius, task["omega"]) if circle else None
-        worst.append(Worst(at + 1, rigs[at], values[at], left, edge))
-    return Found(first[:noises], first[noises:], values, worst)
+        worst.append(Worst(at + 1, rigs[at], values[at], left, edge(task, rigs[at])))
+    return Found(first[:noises], first[noises:], edge(task, slow[0]), values, worst)
+
+
+def edge(task: dict[str, Any], rig: Any) -> float | None:
+    """The floor of a task on a rig in %; None where it is no circle."""
+    if not task["name"].startswith("circle"):
+        return None
+    return least(rig, RADIUS.get(task["name"], 0.15), task["omega"])
+
+
+class Floor(NamedTuple):
+    """A floor beside the goal of its task, both in %."""
+
+    floor: float
+    goal: float
+    whose: str
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"{self.floor:.2f} against {self.goal:g} % ({self.whose})"
+
+
+def excused(asked: list[dict[str, Any]], table: dict[str, Found]) -> str:
+    """Whether the floor of a worst rig, or of the nominal one at 58 frames/s, is above its goal."""
+    floors = []
+    for task in asked:
+        found, name = table[task["name"]], task["name"]
+        edges = [(found.floor, task["goals"][1], f"nominal rig at 58 frames/s, {name}")]
+        edges += [(one.floor, task["goals"][2], f"rig {one.number}, {name}") for one in found.worst]
+        floors += [Floor(least, goal, whose) for least, goal, whose in edges if least is not None]
+    above = [each for each in floors if each.floor > each.goal]
+    if above:
+        return "The floor stands above the goal and excuses what misses it: " + "; ".join(
+            map(str, above)
+        )
+    nearest = max(floors, key=lambda each: each.floor / each.goal)
+    return (
+        f"Of none of these {len(floors)} circles, of the worst rigs here and the nominal one at 58 "
+        f"frames/s, the floor stands above the goal: nearest to it is {nearest}. It excuses none."
+    )
 
 
 def without(task: dict[str, Any], rig: FamilyRig, keys: list[str]) -> Any:
@@ -191,7 +230,8 @@ def main(rigs: int | None, only: tuple[str, ...], *, own: bool) -> None:
     asked = [task for task in tasks(plan) if not only or task["name"] in only]
     table = {task["name"]: measured(plan, task) for task in asked}
     if not only:
-        text = filled("cure_family", plan=plan, tasks=asked, table=table, kinds=KINDS, said=said)
+        words = {"kinds": KINDS, "said": said, "excused": excused(asked, table)}
+        text = filled("cure_family", plan=plan, tasks=asked, table=table, **words)
         write_whole(HERE / "cure_family.md", text)
 
 
