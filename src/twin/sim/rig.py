@@ -245,7 +245,8 @@ class PositionServo(TrainPart):
         more, far = self._more, np.abs(way)
         n = np.floor((np.sqrt(1 + 8 * far / more) - 1) / 2)
         wanted = np.copysign(np.minimum(far / (n + 1) + more * n / 2, self._most), way)
-        return np.minimum(np.maximum(wanted, self._turn - more), self._turn + more)
+        braked: Array = np.minimum(np.maximum(wanted, self._turn - more), self._turn + more)
+        return braked
 
 
 class Play(TrainPart):
