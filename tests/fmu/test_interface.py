@@ -188,6 +188,9 @@ def test_what_cannot_be_done_is_said_in_a_line(library):
 def test_a_rig_with_a_linkage_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match=r"crank_mm=\[0,0\] and rig\.cams=table"):
         bp.fmu("circle", tmp_path / "rig.fmu", {"parameters": "course"})
+    table = {f"plant.linkage.{axis}_deg": [[-40, -15], [40, 15]] for axis in ("phi", "theta")}
+    with pytest.raises(ScenarioError, match=r"phi_deg=\[\], plant\.linkage\.theta_deg=\[\] and"):
+        bp.fmu("circle", tmp_path / "rig.fmu", {"parameters": "hobby"} | table)
 
 
 def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():

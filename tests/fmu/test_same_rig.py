@@ -18,10 +18,12 @@ EFFECTS = {
     "steel": {"plant__ball__kind": "steel"},
     "start": {"plant__start__x": 0.05, "plant__start__y_rate": -0.1},
     "slew": {"plant__servo__slew_deg": 6.0},
+    "acceleration": {"plant__servo__acceleration_deg": 60.0},
     "deadband": {"plant__servo__deadband_deg": 0.3},
     "resolution": {"plant__servo__resolution_deg": 0.7},
     "servo": {
         "plant__servo__slew_deg": 10.0,
+        "plant__servo__acceleration_deg": 150.0,
         "plant__servo__deadband_deg": 0.1,
         "plant__servo__resolution_deg": 0.17,
     },

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
-from twin.hal.linkage import Linkage
+from twin.hal.linkage import Linkage, TiltTable
 
 LINKAGE = Linkage(crank=(0.04, 0.03), rod=(0.09, 0.1), arm=(0.1, 0.07), distance=(0.05, 0.045))
 TILT = np.random.default_rng(2).uniform(-0.26, 0.26, (40, 2))
@@ -88,3 +88,91 @@ def test_lengths_that_cannot_be_are_refused_in_one_line(lengths, words):
     told = Linkage(**UPRIGHT | lengths).problem(np.radians(15))
     assert re.search(words, told)
     assert "\n" not in told
+
+
+def alone(angles):
+    """Plate angles of the linkage where one crank is at each angle, the other level, (n, 2)."""
+    one = np.stack((angles, np.zeros_like(angles)), axis=-1)
+    return np.stack((LINKAGE.plate(one)[:, 0], LINKAGE.plate(one[:, ::-1])[:, 1]), axis=-1)
+
+
+def table_of(rows):
+    """What somebody would measure of the linkage, at so many servo angles an axis."""
+    servo = [np.linspace(-0.8, 0.8, n) for n in rows]
+    phi, theta = (
+        tuple(zip(at.tolist(), alone(at)[:, axis].tolist(), strict=True))
+        for axis, at in enumerate(servo)
+    )
+    return TiltTable(phi=phi, theta=theta)
+
+
+WITHIN = np.random.default_rng(4).uniform(-0.79, 0.79, (500, 2))
+
+
+def test_a_table_of_a_linkage_is_as_near_to_it_as_its_rows_are_near_to_each_other():
+    told = np.stack([alone(WITHIN[:, axis])[:, axis] for axis in (0, 1)], axis=-1)
+    off = [np.abs(table_of((n, n + 1)).plate(WITHIN) - told).max() for n in (9, 17, 33)]
+    assert np.degrees(off[0]) < 0.03
+    # of third order in the distance of the rows
+    assert off[0] / off[1] > 5
+    assert off[1] / off[2] > 5
+    ratios = [np.abs(table_of((n, n)).ratio / LINKAGE.ratio - 1).max() for n in (17, 33)]
+    assert max(ratios[0] / 3, ratios[1]) < 6e-4
+
+
+def uneven(seed, n):
+    """Rows far from straight, at uneven distances."""
+    rng = np.random.default_rng(seed)
+    return tuple(zip(*(np.cumsum(rng.uniform(0.01, 0.2, n)) - 0.5 for _ in "xy"), strict=True))
+
+
+def test_a_table_of_any_rising_rows_goes_through_them_and_back_and_rises_between_them():
+    table = TiltTable(phi=uneven(1, 12), theta=uneven(2, 7))
+    for axis, rows in enumerate((table.phi, table.theta)):
+        servo, plate = np.transpose(rows)
+        assert table.plate(np.stack((servo, servo), -1))[:, axis] == pytest.approx(plate, abs=1e-15)
+        fine = np.linspace(servo[0], servo[-1], 3001)
+        both = np.stack((fine, fine), axis=-1)
+        there = table.plate(both)
+        assert (np.diff(there[:, axis]) > 0).all()
+        assert table.motor(there)[:, axis] == pytest.approx(fine, abs=1e-12)
+        inner = both[1:-1]
+        nudged = [table.plate(inner + side)[:, axis] for side in (1e-7, -1e-7)]
+        rate = table.plate_rate(there[1:-1], inner, np.ones_like(inner))
+        assert rate[:, axis] == pytest.approx((nudged[0] - nudged[1]) / 2e-7, rel=1e-3)
+        back = table.motor_rate(there[1:-1], inner, rate)[:, axis]
+        assert back == pytest.approx(1.0, abs=1e-12)
+        # without jumps at the rows, as straight lines would have
+        assert np.abs(np.diff(rate[:, axis])).max() < 0.05 * np.ptp(rate[:, axis])
+
+
+def test_beyond_the_ends_of_a_table_servo_and_plate_stand():
+    table = TiltTable(phi=((-1.0, -0.3), (0.5, 0.2)), theta=((-0.9, -0.2), (0.0, 0.1), (0.4, 0.2)))
+    far = np.array([[9.0, -9.0]])
+    assert np.array_equal(table.plate(far), [[0.2, -0.2]])
+    assert np.array_equal(table.motor(far), [[0.5, -0.9]])
+    assert not table.plate_rate(table.plate(far), far, np.ones((1, 2))).any()
+
+
+LINE = ((-0.5, -0.2), (0.5, 0.2))
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ({"phi": LINE}, "theta_deg: must have 2 rows .*, has 0"),
+        ({"phi": LINE, "theta": LINE[:1]}, "theta_deg: must have 2 rows .*, has 1"),
+        ({"phi": (*LINE, (0.6, 0.2)), "theta": LINE}, "phi_deg: both angles must rise"),
+        ({"phi": LINE, "theta": LINE[::-1]}, r"rise .*, got \[28\.6\d*, .*then \[-28\.6"),
+        (
+            {"phi": ((-0.5, -0.2), (0.5, 0.1)), "theta": LINE},
+            "from -11.4592 to 5.72958 deg; .* = 10 need",
+        ),
+    ],
+)
+def test_a_table_that_cannot_be_is_refused_in_one_line(rows, words):
+    told = TiltTable(**rows).problem(np.radians(10))
+    assert re.search(words, told)
+    assert told.startswith("plant.linkage.")
+    assert "\n" not in told
+    assert TiltTable(phi=LINE, theta=LINE).problem(np.radians(10)) == ""

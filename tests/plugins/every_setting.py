@@ -21,6 +21,7 @@ OTHER = {
     "plant.servo.torque_limit": "1.0",
     "plant.servo.speed_limit": "0.1",
     "plant.servo.slew_deg": "0.2",
+    "plant.servo.acceleration_deg": "1.0",
     "plant.servo.deadband_deg": "0.1",
     "plant.servo.resolution_deg": "0.1",
     "plant.servo.bandwidth_hz": "10.0",

@@ -109,6 +109,11 @@ def test_rigs_with_other_linkages_do_not_run_side_by_side():
     other = load("circle", ["parameters=course", "plant.linkage.rod_mm=[95, 90]"])
     with pytest.raises(ScenarioError, match=r"plant\.linkage\.rod_mm: rigs that run side by side"):
         assemble([course, other])
+    rows = "=[[-40, -15], [40, 15]]"
+    table = [f"plant.linkage.{axis}_deg{rows}" for axis in ("phi", "theta")]
+    hobby = ["parameters=hobby"]
+    with pytest.raises(ScenarioError, match=r"plant\.linkage\.phi_deg: rigs that run side by side"):
+        assemble([load("circle", [*hobby, *table]), load("circle", hobby)])
 
 
 @pytest.mark.parametrize("key", SHARED_EXACT)

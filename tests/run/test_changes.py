@@ -128,6 +128,7 @@ CHANGES = (
     '[{at=0.2, set={"sensors.touch.dead_time"=0.085, "rig.cam_error_percent"=[4.0, 2.0]}}]',
     '[{at=0.2, set={"sensors.touch.variance"=[1e-6, 1e-6], "plant.servo.bandwidth_hz"=8.0}}]',
     '[{at=0.1, set={"plant.servo.slew_deg"=3.0, "plant.servo.resolution_deg"=0.03, '
+    '"plant.servo.acceleration_deg"=20.0, '
     '"plant.servo.resonance_hz"=12.0}}]',
     '[{at=0.24, set={"plant.servo.deadband_deg"=0.05, "plant.servo.resolution_deg"=0.04, '
     '"plant.servo.resonance_hz"=12.0}}]',

@@ -66,6 +66,8 @@ def test_the_clean_model_has_no_linkage():
     lengths = [f"{key}={value}" for key, value in LINKAGE.items()]
     other = load("circle", ["plant.kind=lagrange", *lengths, "rig.cams=ratio"])
     assert clean(other) == clean(load("circle"))
+    table = [f"plant.linkage.{axis}_deg=[[-40,-12],[40,12]]" for axis in ("phi", "theta")]
+    assert clean(load("circle", ["plant.kind=lagrange", *table])) == clean(load("circle"))
 
 
 @pytest.mark.parametrize(("key", "value"), BALL.items(), ids=BALL)

@@ -135,6 +135,57 @@ def test_a_servo_turns_at_its_slew_until_it_is_where_it_was_told_to_go():
     np.testing.assert_allclose(found, 0.29 * t[:50], rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("slew", [0.0, 0.25])
+def test_a_servo_of_limited_acceleration_takes_the_shortest_time_for_a_step(slew):
+    """Full acceleration to the middle and as much back; with a slew limit that between them."""
+    step, most = 0.1, 1.5
+    jump = np.zeros(700)
+    jump[0] = step / PERIOD
+    found = angles(DriveModel(slew=slew, acceleration=most), jump)
+    peak = min(math.sqrt(step * most), slew or math.inf)
+    takes = step / peak + peak / most  # 2 sqrt(step / most) where the slew is not reached
+    assert takes == pytest.approx(0.5667 if slew else 2 * math.sqrt(step / most), abs=1e-4)
+    speeds = np.diff(found, prepend=0.0) / PERIOD
+    changes = np.diff(speeds, prepend=0.0, append=0.0) / PERIOD
+    assert np.abs(changes).max() <= most * (1 + 1e-9)
+    assert speeds.max() == pytest.approx(peak, abs=most * PERIOD)
+    assert found[-1] == pytest.approx(step, rel=1e-12)
+    arrived = np.count_nonzero(found < step * (1 - 1e-9))
+    assert PERIOD * arrived == pytest.approx(takes, abs=2 * PERIOD)
+    t = PERIOD * np.arange(1, len(found) + 1)
+    rising = most * np.minimum(t, peak / most) ** 2 / 2 + peak * np.maximum(t - peak / most, 0)
+    until = t < takes - peak / most
+    assert np.abs(found - rising)[until].max() < 1.5 * peak * PERIOD
+
+
+def test_a_servo_that_is_called_back_overshoots_by_its_way_to_brake():
+    """From a rate v it goes on by v^2 / 2 a, and comes back in the shortest time."""
+    most, peak = 2.0, 0.4
+    rates = np.zeros(1500)
+    rates[0] = 1.0 / PERIOD
+    gone = round(peak / most / PERIOD)
+    angle = peak**2 / most / 2
+    rates[gone] = (angle - 1.0) / PERIOD  # the goal is now where it is
+    found = angles(DriveModel(acceleration=most), rates)
+    assert found.max() - angle == pytest.approx(angle, abs=1.5 * peak * PERIOD)
+    assert found[-1] == pytest.approx(angle, abs=1e-12)
+    back = 2 * math.sqrt(angle / most)
+    arrives = PERIOD * (1 + np.flatnonzero(np.abs(found - angle) > 1e-12)[-1])
+    assert arrives == pytest.approx(2 * peak / most + back, abs=4 * PERIOD)
+    assert np.abs(np.diff(found, 2)).max() / PERIOD**2 <= most * (1 + 1e-6)
+
+
+def test_a_servo_whose_acceleration_is_limited_while_it_moves_does_not_jump():
+    most, rate = 2.0, np.full((1, 2), 0.4 * RATIO)
+    drives = SimulatedDrives(DriveModel(), PERIOD, RATIO, streams(1))
+    before = [drives.follow(rate)[0, 0] for _ in range(3)]
+    drives.change(DriveModel(acceleration=most), rate)
+    after = [drives.follow(0 * rate)[0, 0] for _ in range(400)]
+    steps = np.diff([*before, *after]) / RATIO / PERIOD
+    assert np.abs(steps).max() == pytest.approx(most, rel=1e-6)
+    assert np.sum(after) == pytest.approx(0.0, abs=1e-9)
+
+
 def slow_sine(size, duration=4.0):
     """Times, and rates whose sums are a sine of this amplitude in rad over one cycle."""
     t = PERIOD * np.arange(round(duration / PERIOD) + 1)
@@ -200,6 +251,7 @@ def test_servos_side_by_side_turn_to_the_bit_as_each_alone():
         "slew": [0.0, 0.3, 0.0, 0.2, 0.0],
         "deadband": [0.0, 0.0, 0.004, 0.003, 0.0],
         "resolution": [0.0, 0.0, 0.0, 0.002, 0.003],
+        "acceleration": [0.0, 4.0, 0.0, 0.0, 6.0],
     }
     together = SimulatedDrives(
         DriveModel(**{name: np.array(each) for name, each in every.items()}),

@@ -5,8 +5,9 @@ from scipy.spatial.transform import Rotation
 
 from controllers.ballplate import BallPlate
 from twin.hal.interface import SCREEN
-from twin.hal.linkage import Linkage
+from twin.hal.linkage import Linkage, TiltTable
 from twin.run.assemble import build_friction, build_plant, start_plant
+from twin.run.finished import run
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant, rolling
 from twin.sim.plant.friction import Friction, SurfaceMap
@@ -46,6 +47,41 @@ def test_cranks_that_ramp_take_the_plate_where_the_linkage_does_without_drift():
     assert plant.motor[0] == pytest.approx(crank, abs=1e-11)
     nudged = [LINKAGE.plate(crank + side * rate) for side in (1e-6, -1e-6)]
     assert plant.state[0, 3::4] == pytest.approx((nudged[0] - nudged[1]) / 2e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize(("rows", "most"), [(9, 0.02), (33, 4e-4)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_table_made_of_a_linkage_takes_the_plate_where_that_does(axis, rows, most):
+    """One axis at a time: a table does not know that theta moves phi a little."""
+    servo = np.stack((np.linspace(-0.8, 0.8, rows),) * 2)
+    both = np.stack([LINKAGE.plate(np.eye(2)[k] * servo[k][:, None])[:, k] for k in (0, 1)])
+    phi, theta = (tuple(zip(*each, strict=True)) for each in zip(servo, both, strict=True))
+    plants = [
+        ExactPlant(step=0.001, linkage=each, friction=Friction(rolling=1e-4))
+        for each in (LINKAGE, TiltTable(phi=phi, theta=theta))
+    ]
+    off = []
+    for tick in range(1500):
+        rate = np.eye(2)[axis] * 2.0 * np.cos(0.006 * tick)  # cranks to 0.67 rad and back
+        for plant in plants:
+            plant.advance(rate[None], 2)
+        tilt = [plant.state[0, 2::4] for plant in plants]
+        off.append(np.abs(tilt[0] - tilt[1]).max())
+    assert np.abs(plants[0].motor).max() < 0.7
+    assert np.degrees(max(off)) < most
+    assert plants[0].state[0, 3::4] == pytest.approx(plants[1].state[0, 3::4], abs=0.05)
+
+
+def test_a_table_of_a_straight_line_is_a_gain():
+    keys = ["plant.kind=lagrange", "duration=2.0", "metrics.start=0"]
+    line = [f"plant.linkage.{axis}_deg=[[-40,-{t}],[20,{t / 2}],[40,{t}]]" for axis, t in
+            (("phi", 12), ("theta", 16))]  # fmt: skip
+    wrong = "rig.cam_error_percent=[5.0,-3.0]"  # the gain that nobody told
+    for more in ([], ["plant.servo.backlash_deg=0.1", "plant.servo.bandwidth_hz=5.0", wrong]):
+        plain = run(load("circle", [*keys, *more])).record["state"]
+        for cams in ("table", "ratio"):
+            found = run(load("circle", [*keys, *more, *line, f"rig.cams={cams}"]))
+            np.testing.assert_allclose(found.record["state"], plain, rtol=0, atol=1e-8)
 
 
 def test_on_rods_the_ball_moves_as_on_a_plate_that_is_told_the_same_motion_in_small_steps():

@@ -59,9 +59,11 @@ def export(
     if scenario.change:
         raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
     if linkage_of(scenario):
+        lengths = any(scenario.plant.linkage.crank_mm)
+        keys = "crank_mm=[0,0]" if lengths else "phi_deg=[], plant.linkage.theta_deg=[]"
         raise ScenarioError(
             "plant.linkage: the servos of an FMU turn the plate itself; set "
-            "plant.linkage.crank_mm=[0,0] and rig.cams=table"
+            f"plant.linkage.{keys} and rig.cams=table"
         )
     held = variables(scenario, frame_phase(scenario), path=wished)
     source, token = sources(scenario, held, fmi)

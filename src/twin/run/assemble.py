@@ -37,7 +37,7 @@ from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.errors import LawError, ModelError, ScenarioError, TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Limits, Transmission
-from twin.hal.linkage import Linkage
+from twin.hal.linkage import Linkage, TiltTable
 from twin.hal.rig import Rig
 from twin.scenario import schema
 from twin.scenario.load import at_time, times
@@ -103,6 +103,7 @@ def _parts(scenarios: Sequence[Scenario]) -> list[Parts]:
 def parts_of(scenario: Scenario) -> Parts:
     """The same of one rig."""
     linkage = linkage_of(scenario)
+    linkage = linkage if isinstance(linkage, Linkage) else None  # of a table nobody knows the parts
     size = None if linkage is None else scenario.plant.size
     return replace(changed(Parts, scenario), linkage=linkage, size=size)
 
@@ -115,10 +116,10 @@ def drawn_mechanism(scenario: Scenario) -> MjModel:
     return drawn_model(parts_of(scenario), screen, area, rounded=rounded)
 
 
-def linkage_of(scenario: Scenario) -> Linkage | None:
-    """The linkage of a scenario's plant, if it has one."""
-    lengths = filled(Linkage, [scenario])
-    return lengths if lengths.given else None
+def linkage_of(scenario: Scenario) -> Linkage | TiltTable | None:
+    """What lies between servos and plate of a scenario: its linkage or table, if it has one."""
+    found = filled(Linkage, [scenario]), filled(TiltTable, [scenario])
+    return next((each for each in found if each.given), None)
 
 
 def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
@@ -568,7 +569,7 @@ def _build(table: str, choice: schema.Choice, **given: object) -> Any:
 
 SHARED = (
     *("plant.kind", "plant.step", "rig.period", "duration", "sensors.ideal"),
-    *(about.key for about in settings_of(Linkage).values()),
+    *(about.key for cls in (Linkage, TiltTable) for about in settings_of(cls).values()),
 )
 """Keys in which the rigs of a batch must agree: engine, time base, whether the truth is seen, and
 what tilts the plate."""

@@ -169,11 +169,11 @@ class Stage:
         import mujoco  # noqa: PLC0415  heavy, as are the others: a picture from above needs none
 
         from twin.hal.cams import CamTable  # noqa: PLC0415
-        from twin.run.assemble import drawn_mechanism, linkage_of  # noqa: PLC0415
+        from twin.run.assemble import drawn_mechanism, parts_of  # noqa: PLC0415
         from twin.sim.plant.mechanism import Addresses  # noqa: PLC0415
 
         self._gl = mujoco
-        self._cams = linkage_of(run.scenario) or CamTable.packaged()
+        self._cams = parts_of(run.scenario).linkage or CamTable.packaged()
         self._model = drawn_mechanism(run.scenario)
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = size
         self._data, self._at = mujoco.MjData(self._model), Addresses.of(self._model)

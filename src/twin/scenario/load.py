@@ -29,7 +29,9 @@ from twin.settings import value_of
 from twin.shipped import chosen, find, shipped_in
 from twin.validation import Model, keys_of, one_line, read_tables
 
-NONE_AT_ZERO = tuple(f"plant.servo.{key}" for key in ("slew_deg", "bandwidth_hz", "resonance_hz"))
+NONE_AT_ZERO = tuple(
+    f"plant.servo.{key}" for key in ("slew_deg", "acceleration_deg", "bandwidth_hz", "resonance_hz")
+)
 """What is absent at 0 and the stronger the closer to it, so that no ramp leads there."""
 
 

@@ -19,7 +19,7 @@ from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.hal.interface import SCREEN, Limits
-from twin.hal.linkage import Linkage
+from twin.hal.linkage import Linkage, TiltTable
 from twin.settings import Setting, filled, settings_of, value_of
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallStart, Parts
@@ -175,7 +175,7 @@ def dataclass_of(hint: Any) -> type | None:
     return None
 
 
-SETTINGS = (Friction, SurfaceModel, DriveModel, Linkage, Parts, BallStart)
+SETTINGS = (Friction, SurfaceModel, DriveModel, Linkage, TiltTable, Parts, BallStart)
 """Dataclasses whose settings are keys of ``plant``."""
 PLANTS = ["mujoco", "lagrange"]
 """What ``kind`` may name; ``twin.run.assemble.register`` adds to it."""
@@ -297,7 +297,7 @@ class PlantKeys(Section):
         if mechanism and (x, y) != SCREEN and not any(inner["linkage"].crank_mm):
             yield (
                 "plant.size: the mechanism's plate on cams is 0.7 m x 0.395 m; set plant.kind="
-                "lagrange, or give plant.linkage"
+                "lagrange, or give plant.linkage.crank_mm"
             )
         if disc and x != y:
             yield f"plant.size: of a round plate its diameter twice, got {x:g} and {y:g}"
@@ -605,17 +605,22 @@ class Scenario(Section):
 
     def _transmission_problems(self) -> Iterator[str]:
         """What does not go together between servos and plate, a line each."""
-        linkage, most = filled(Linkage, [self]), self.rig.limits.angle_deg
-        if problem := linkage.problem(math.radians(most)):
-            yield problem
+        linkage, table = filled(Linkage, [self]), filled(TiltTable, [self])
+        most, mechanism = self.rig.limits.angle_deg, self.plant.kind == "mujoco"
+        yield from filter(None, (each.problem(math.radians(most)) for each in (linkage, table)))
+        if table.given and linkage.given:
+            yield "plant.linkage: give either lengths or phi_deg and theta_deg, not both"
+        if table.given and mechanism:
+            yield "plant.linkage: no mechanism is made of a table; set plant.kind=lagrange"
         for key in CAMS_ONLY if linkage.given else ():
             if value_of(self.plant, key) is not None:
                 yield f"plant.{key}: a plate on rods has none"
-        if linkage.given and self.rig.cams == "per_axis":
+        servos = linkage.given or table.given
+        if servos and self.rig.cams == "per_axis":
             yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"
-        if self.plant.kind == "lagrange" and self.rig.cams != "table" and not linkage.given:
+        if self.plant.kind == "lagrange" and self.rig.cams != "table" and not servos:
             yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
-        if self.plant.kind == "mujoco" and most > CAMS_DEG and not linkage.given:
+        if mechanism and most > CAMS_DEG and not servos:
             yield f"rig.limits.angle_deg: the cams reach {CAMS_DEG:g}; set plant.kind=lagrange"
 
     @property

@@ -185,25 +185,39 @@ class PositionServo(TrainPart):
 
     That angle is rounded to the servo's steps. It stands until that is further away than its dead
     band, then it goes there, however that moves on, as fast as it can; what it has not yet turned
-    it does not forget.
+    it does not forget. Limited in acceleration it brakes in time to stop there, so that a step is
+    followed in the shortest time (bang-bang, in whole periods).
 
     Args:
-        slew: Largest turn in a period in rad, shape (N, 1); 0 for any.
+        slew: Largest rate in rad/s, shape (N, 1); 0 for any.
+        acceleration: Largest acceleration in rad/s^2, shape (N, 1); 0 for any.
         deadband: In rad, shape (N, 1); 0 for none.
         resolution: Its steps in rad, shape (N, 1); 0 for none.
+        period: Control period in s.
     """
 
-    states = ("_commanded", "_angle", "_goes")
+    states = ("_commanded", "_angle", "_goes", "_turn")
 
-    def __init__(self, slew: Array, deadband: Array, resolution: Array) -> None:
-        self.acts = (slew > 0) | (deadband > 0) | (resolution > 0)
-        self._most = np.where(slew > 0, slew, np.inf)
+    def __init__(
+        self, slew: Array, acceleration: Array, deadband: Array, resolution: Array, period: float
+    ) -> None:
+        self._brakes = acceleration > 0
+        self.acts = (slew > 0) | self._brakes | (deadband > 0) | (resolution > 0)
+        self._period = period
+        self._most = np.where(slew > 0, slew * period, np.inf)
+        self._more = np.where(self._brakes, acceleration * period**2, 1.0)
         self._deadband = deadband
         self._rounds = resolution > 0
         self._step = np.where(self._rounds, resolution, 1.0)
         self._commanded: Array = np.zeros((len(slew), 2))
         self._angle: Array = np.zeros((len(slew), 2))
         self._goes = np.zeros((len(slew), 2), bool)
+        self._turn: Array = np.zeros((len(slew), 2))
+
+    def go_on(self, before: PositionServo, rate: Array) -> None:
+        """Begin in the state of another one, at commanded rates in rad/s, shape (N, 2)."""
+        super().go_on(before, rate)
+        self._turn = np.where(before.acts, before._turn, rate * self._period)
 
     def follow(self, turn: Array) -> Array:
         """Turn of the servo in rad for a commanded one."""
@@ -212,10 +226,27 @@ class PositionServo(TrainPart):
         goal = np.where(self._rounds, rounded, self._commanded)
         before = self._angle
         goes = self._goes | (np.abs(goal - before) > self._deadband)
+        goes |= self._brakes & (np.abs(self._turn) > self._more)
         there = np.minimum(np.maximum(goal, before - self._most), before + self._most)
+        if self._brakes.any():
+            braked = self._braked(goal - before)
+            there = np.where(self._brakes & (braked != goal - before), before + braked, there)
         self._angle = np.where(goes, there, before)
         self._goes = goes & (there != goal)
-        return self._angle - before
+        self._turn = self._angle - before
+        return self._turn
+
+    def _braked(self, way: Array) -> Array:
+        """Turn in rad towards a goal that is a way in rad off, (N, 2), within the acceleration.
+
+        The largest turn after which ever smaller ones, by the most that the acceleration allows,
+        end at the goal: with n of them after it, (n + 1) turn - more n (n + 1) / 2 is the way.
+        """
+        more, far = self._more, np.abs(way)
+        n = np.floor((np.sqrt(1 + 8 * far / more) - 1) / 2)
+        wanted = np.copysign(np.minimum(far / (n + 1) + more * n / 2, self._most), way)
+        braked: Array = np.minimum(np.maximum(wanted, self._turn - more), self._turn + more)
+        return braked
 
 
 class Play(TrainPart):
@@ -323,11 +354,13 @@ class DriveModel:
     Fields may be arrays with one entry per rig.
 
     A servo that goes to a position has the effects in this order: its command, the integral of the
-    commanded rate, is rounded, held back by the dead band, followed within the slew, then with the
-    lag. Where it stands off its command it is the measured angle that tells the rig.
+    commanded rate, is rounded, held back by the dead band, followed within slew and acceleration,
+    then with the lag. Where it stands off its command it is the measured angle that tells the rig.
 
     Attributes:
         slew: Largest plate rate in rad/s at which a servo can go to a commanded position.
+        acceleration: Largest plate acceleration in rad/s^2 of such a servo, which brakes in time
+            to stop at the commanded position.
         deadband: Angle in rad, as plate angle, by which the commanded one must be away from where
             such a servo stands until it goes; then it goes all the way.
         resolution: Steps in rad, as plate angle, to which such a servo rounds the commanded angle.
@@ -348,6 +381,7 @@ class DriveModel:
     """
 
     slew: Number = ramp("plant.servo.slew_deg", 0.0, Unit.DEG, ge=0, le=3600)
+    acceleration: Number = ramp("plant.servo.acceleration_deg", 0.0, Unit.DEG, ge=0, le=1e6)
     deadband: Number = ramp("plant.servo.deadband_deg", 0.0, Unit.DEG, ge=0, le=5)
     resolution: Number = ramp("plant.servo.resolution_deg", 0.0, Unit.DEG, ge=0, le=5)
     bandwidth: Number = ramp("plant.servo.bandwidth_hz", 0.0, ge=0, le=1000)
@@ -425,9 +459,11 @@ class SimulatedDrives:
             each(model.vibration_wander),
         )
         self._servo = PositionServo(
-            each(model.slew) * ratio * period,
+            each(model.slew) * ratio,
+            each(model.acceleration) * ratio,
             each(model.deadband) * ratio,
             each(model.resolution) * ratio,
+            period,
         )
         train = (
             Play(each(model.backlash) * ratio),

@@ -15,7 +15,7 @@ from controllers.interfaces import Reference
 from twin.data_file import read_toml
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
-from twin.run.assemble import build_reference, drawn_mechanism, linkage_of
+from twin.run.assemble import build_reference, drawn_mechanism, parts_of
 from twin.run.finished import Run, columns, states_of
 from twin.scenario.schema import Scenario
 from twin.view.scene import Colour, Scene, fixed, in_view, rolled
@@ -136,7 +136,7 @@ class RunStream:
         self._reference = build_reference(scenario) if reference is None else reference
         self.scenario = scenario
         self.scene = Scene(drawn_mechanism(scenario), f"{self.root}/mechanism")
-        self._cams = linkage_of(scenario) or CamTable.packaged()
+        self._cams = parts_of(scenario).linkage or CamTable.packaged()
         self._turn = np.array([0.0, 0.0, 0.0, 1.0])
         self._last: Array | None = None
         self._trail = np.empty((0, 3))

@@ -291,18 +291,29 @@ static void move(Rig *rig, const double to[2]) {
 /* ---- Drives ------------------------------------------------------------------------------------ */
 
 /* A servo that goes to a position: to the sum of the turns commanded, on its grid, once that is
-   further away than its dead band, as fast as it can. */
+   further away than its dead band, as fast as it can; where its acceleration is limited, with the
+   largest turn from which it can still brake: with n smaller ones after it,
+   (n + 1) turn - more n (n + 1) / 2 is the way. */
 static double servo(Rig *rig, int i, double turn) {
     const double *v = rig->v;
     double most = v[PLANT_SERVO_SLEW] > 0 ? v[PLANT_SERVO_SLEW] * PERIOD : INFINITY;
     double step = v[PLANT_SERVO_RESOLUTION], before = rig->servo[i];
     rig->ordered[i] += turn;
     double goal = step > 0 ? rint(rig->ordered[i] / step) * step : rig->ordered[i];
-    if (!rig->goes[i] && fabs(goal - before) <= v[PLANT_SERVO_DEADBAND])
-        return 0;
+    double more = v[PLANT_SERVO_ACCELERATION] * PERIOD * PERIOD, way = goal - before;
+    int moves = more > 0 && fabs(rig->servo_turn[i]) > more;
+    if (!rig->goes[i] && !moves && fabs(way) <= v[PLANT_SERVO_DEADBAND])
+        return rig->servo_turn[i] = 0;
     rig->servo[i] = smaller(larger(goal, before - most), before + most);
+    if (more > 0) {
+        double last = rig->servo_turn[i], n = floor((sqrt(1 + 8 * fabs(way) / more) - 1) / 2);
+        double turn = copysign(smaller(fabs(way) / (n + 1) + more * n / 2, most), way);
+        turn = smaller(larger(turn, last - more), last + more);
+        if (turn != way)
+            rig->servo[i] = before + turn;
+    }
     rig->goes[i] = rig->servo[i] != goal;
-    return rig->servo[i] - before;
+    return rig->servo_turn[i] = rig->servo[i] - before;
 }
 
 /* A gap: the output stands until the input has crossed it. */
@@ -366,14 +377,16 @@ static void follow(Rig *rig, const double command[2], double mean[2]) {
     const double *v = rig->v;
     double share = 2 * PI * v[PLANT_SERVO_BANDWIDTH_HZ] * PERIOD;
     double left = share > 0 ? exp(-share) : 0, of_mean = share > 0 ? -expm1(-share) / share : 0;
-    int goes_to = v[PLANT_SERVO_SLEW] > 0 || v[PLANT_SERVO_DEADBAND] > 0 ||
-                  v[PLANT_SERVO_RESOLUTION] > 0;
+    int goes_to = v[PLANT_SERVO_SLEW] > 0 || v[PLANT_SERVO_ACCELERATION] > 0 ||
+                  v[PLANT_SERVO_DEADBAND] > 0 || v[PLANT_SERVO_RESOLUTION] > 0;
     for (int i = 0; i < 2; i++) { /* a part that a rig gets while it runs begins at 0 */
         double asked = command[i];
-        if (goes_to)
+        if (goes_to) {
             asked = servo(rig, i, asked * PERIOD) / PERIOD;
-        else
+        } else {
             rig->ordered[i] = rig->servo[i] = rig->goes[i] = 0;
+            rig->servo_turn[i] = asked * PERIOD;
+        }
         double lacking = rig->lagging[i] - asked;
         mean[i] = asked + of_mean * lacking;
         rig->lagging[i] = asked + left * lacking;

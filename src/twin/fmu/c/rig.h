@@ -51,6 +51,7 @@ typedef struct {
 
     /* drives */
     double ordered[2], servo[2]; /* angle commanded, and where the servo is */
+    double servo_turn[2];        /* in the last period */
     int goes[2];
     double lagging[2];
     double play_in[2], play_out[2];

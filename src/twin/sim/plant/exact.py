@@ -16,7 +16,7 @@ from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Number, put
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
-from twin.hal.linkage import Linkage
+from twin.hal.linkage import Linkage, TiltTable
 from twin.sim.plant.friction import Friction, resisted
 from twin.sim.plant.interface import tilted_gravity
 
@@ -243,7 +243,7 @@ class ExactPlant:
             (2,) or (N, 2).
         size: Sides of the screen along x and y in m, shape (2,) or (N, 2).
         rounded: Whether it is round, with the first side as its diameter, shape () or (N,).
-        linkage: Cranks and rods between servos and plate; None for servos on the plate's axes.
+        linkage: What lies between servos and plate; None for servos on the plate's axes.
     """
 
     channels: tuple[str, ...] = ()
@@ -258,7 +258,7 @@ class ExactPlant:
         level: ArrayLike = (0.0, 0.0),
         size: ArrayLike = SCREEN,
         rounded: ArrayLike = False,
-        linkage: Linkage | None = None,
+        linkage: Linkage | TiltTable | None = None,
     ) -> None:
         self.rigs = rigs
         self._rounded = np.broadcast_to(np.asarray(rounded, bool), (rigs,))
@@ -354,7 +354,9 @@ class ExactPlant:
         if self._balls.by.any(off):
             self._fallen |= off
 
-    def _through(self, linkage: Linkage, rate: Array, period: float) -> tuple[Array, Array]:
+    def _through(
+        self, linkage: Linkage | TiltTable, rate: Array, period: float
+    ) -> tuple[Array, Array]:
         """Acceleration to begin with, and jerk, of plates whose cranks ramp to rates in rad/s."""
         angle, before = self._x[:, 2::4], self._x[:, 3::4]
         motor = linkage.motor(angle)
