@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from twin.devices.akd.traces import Trace
     from twin.doctor.check import Ask, CheckResult
     from twin.emulator.serve import VirtualRig
-    from twin.safety.row import FaultRow
+    from twin.safety.trial import FaultRow
     from twin.scenario import Scenario
     from twin.scenario.rig import RigFile
 
@@ -184,7 +184,7 @@ def safety(processes: int | None) -> int:
 
 
 def _table(rows: list[FaultRow]) -> Table:
-    from twin.safety.row import HEADING, cells
+    from twin.safety.trial import HEADING, cells
 
     lines = [
         (*cells(row), "good" if row.good else f"BAD: {', '.join(row.failures)}") for row in rows
