@@ -32,7 +32,7 @@ from twin.run.loop import drive
 from twin.run.metrics import Ending
 from twin.run.record import Recorder
 from twin.scenario.load import load
-from twin.scenario.rig import built, read_rig
+from twin.scenario.rig import read_rig
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "own_rig"
 BEGIN, AFTER, LEFT = 4.0, 3.0, 1.5
@@ -210,7 +210,7 @@ def brief(line: Line) -> None:
 
 
 FILE = read_rig(EXAMPLE / "rig.toml")
-CONFIG = built(OwnConfig, FILE.own)
+CONFIG = FILE.own
 GIVEN = (
     *("parameters=hobby", f"duration={BEGIN + AFTER}", "metrics.start=0", "reference.omega=1.2"),
     "controller.gains=[60,54,30,8]",

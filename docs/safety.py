@@ -24,8 +24,7 @@ from twin.hal.interface import SCREEN, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
 from twin.jobs import cores
 from twin.safety.faults import CASES
-from twin.safety.row import HEADING, FaultRow, cells
-from twin.safety.trial import AFTER, LEFT, run_all
+from twin.safety.trial import AFTER, HEADING, LEFT, FaultRow, cells, run_all
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,

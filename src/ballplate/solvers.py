@@ -16,7 +16,7 @@ from ballplate.systems import INPUTS, UNITS
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED, STATES, constants
 from twin.errors import ScenarioError, extra
-from twin.fmu.description import parameters
+from twin.fmu.export import parameters
 from twin.run.assemble import build_limits
 from twin.sim.plant.exact import rolling
 from twin.sim.plant.interface import gravity_in_rig

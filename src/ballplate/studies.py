@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from twin.scenario.schema import Scenario
-    from twin.study.answers import Answer
+    from twin.study.report import Answer
     from twin.study.work import Work
 
 
@@ -333,8 +333,8 @@ def study(
     Raises:
         TwinError: If there is no such study, or anything in it is unknown or out of range.
     """
-    from twin.study.answers import answers
     from twin.study.experiments import Store, carry, executors
+    from twin.study.report import answers
 
     report = reporter or default()
     work = work_of(str(name), keys)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Any, TypeGuard, TypeVar, Union, get_args, get_origin
+from typing import Any, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -17,6 +18,8 @@ from twin.errors import ScenarioError, nearest, shortened
 Model = TypeVar("Model", bound=BaseModel)
 KIND = re.compile(r"(constrained-)?(float|int|str)|literal\[.*\]")
 """How pydantic names the members of a union behind a key."""
+UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+"""What it calls an unknown key, of a model and of a dataclass."""
 
 
 class Checked(BaseModel):
@@ -69,9 +72,9 @@ def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence
             a table of its name, are suggested.
     """
     # An unknown key explains a missing one beside it, so it comes first.
-    first = min(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
+    first = min(error.errors(), key=lambda item: item["type"] not in UNKNOWN)
     place = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
+    if first["type"] in UNKNOWN:
         *path, name = (str(part) for part in first["loc"])
         alike = [f"'{key}'" for key in elsewhere if key.endswith(f".{name}")]
         alike = alike or [f"'{key}'" for key in elsewhere if f".{name}." in key]
@@ -89,7 +92,7 @@ def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence
         return f"{place}: {'name at least one' if has < bound == 1 else wanted}"
     if first["type"] == "value_error":
         text = first["msg"].removeprefix("Value error, ")
-        return f"{place}: {text}" if place else text
+        return text if text.startswith(place) else f"{place}: {text}"
     *key, last = first["loc"] or ("",)
     kinds = [first]
     if KIND.fullmatch(str(last)):  # one of a union: whatever the key may be instead
@@ -115,32 +118,38 @@ def check_named_once(what: str, names: Sequence[str], hint: str = "") -> None:
         raise ValueError(f"{what}: two of them are called '{twice}'{hint}")
 
 
-def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+def keys_of(table: type, prefix: str = "") -> Iterator[str]:
     """Every dotted key of a table and the tables in it."""
-    for name, field in model.model_fields.items():
-        candidates = get_args(field.annotation) or (field.annotation,)
-        inner = next(filter(is_table, candidates), None)
+    for name, hint in hints_of(table).items():
+        inner = next(filter(is_table, get_args(hint) or (hint,)), None)
         if inner is None:
             yield f"{prefix}{name}"
         else:
             yield from keys_of(inner, f"{prefix}{name}.")
 
 
-def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:
+def _fields(table: type, path: Sequence[str]) -> list[str]:
     """The keys of the table at a path, or of the last one on the way to it."""
-    hint: Any = model
+    hint: Any = table
     for name in path:
         if is_table(hint):
-            model = hint
-            field = model.model_fields.get(name)
-            hint = None if field is None else field.annotation
+            table = hint
+            hint = hints_of(table).get(name)
             if get_origin(hint) in (Union, UnionType):  # a table that may be left out
                 hint = next(filter(is_table, get_args(hint)), hint)
         else:  # a key of a dictionary, or a place in a list
             hint = next(filter(is_table, get_args(hint)), None)
-    return list((hint if is_table(hint) else model).model_fields)
+    return list(hints_of(hint if is_table(hint) else table))
 
 
-def is_table(hint: object) -> TypeGuard[type[BaseModel]]:
-    """Whether a type is the model of a table."""
-    return isinstance(hint, type) and issubclass(hint, BaseModel)
+def is_table(hint: object) -> TypeGuard[type]:
+    """Whether a type is the model of a table, or a dataclass that stands for one."""
+    return isinstance(hint, type) and (issubclass(hint, BaseModel) or is_dataclass(hint))
+
+
+def hints_of(table: Any) -> Mapping[str, Any]:
+    """The keys of a table and their types."""
+    if issubclass(table, BaseModel):
+        return {name: field.annotation for name, field in table.model_fields.items()}
+    hints = get_type_hints(table)
+    return {each.name: hints[each.name] for each in fields(table)}

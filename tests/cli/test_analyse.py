@@ -4,7 +4,7 @@ import pytest
 from click.testing import CliRunner
 
 from controllers.classical import SlidingMode
-from twin.cli.analyse import analyse
+from twin.cli.understand import analyse
 
 pytestmark = pytest.mark.long
 

@@ -5,8 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.calibrate import touch
-from twin.cli.rig import request
+from twin.cli.rig import request, touch
 from twin.devices.lumio.config import UDEV_RULES
 from twin.scenario.rig import read_rig
 

@@ -12,13 +12,12 @@ import ballplate as bp
 from twin.cli.rig import doctor
 from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
-from twin.doctor import computer as computer_checks
 from twin.doctor import drives
+from twin.doctor import examine as computer_checks
 from twin.doctor.calibration import measure_cams
 from twin.doctor.check import CheckStatus, failed, next_step, passed, reported, warned
-from twin.doctor.computer import computer
 from twin.doctor.drives import limits
-from twin.doctor.examine import _drives
+from twin.doctor.examine import _drives, computer
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.serve import EmulatedPlant

@@ -12,7 +12,7 @@ import pytest
 
 from ballplate.changes import changes_of, scenario_of
 from ballplate.rigs import fmu as export
-from twin.fmu.description import variables
+from twin.fmu.export import variables
 from twin.hal.interface import Touch
 from twin.run.assemble import assemble, build_limits
 from twin.sim.rig import SimulatedRig

@@ -19,8 +19,7 @@ import ballplate as bp
 from controllers import fmu as fmu_law
 from twin.cli import ballplate as command
 from twin.errors import RecordError, ScenarioError
-from twin.fmu.description import exponents, parameters
-from twin.fmu.export import frame_phase
+from twin.fmu.export import exponents, frame_phase, parameters
 from twin.run.assemble import assemble, build_reference
 from twin.scenario.describe import described
 

@@ -7,7 +7,8 @@ from controllers.ballplate import BallPlate
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.emulator.drive import Motor
 from twin.hal.interface import Clamp, Limits
-from twin.safety.case import (
+from twin.safety.faults import (
+    CASES,
     LEVEL,
     STILL,
     AtFault,
@@ -18,7 +19,6 @@ from twin.safety.case import (
     tilt_limit,
     torque_off_limit,
 )
-from twin.safety.faults import CASES
 
 CASE = {case.name: case for case in CASES}
 AT = AtFault(0.03, 0.06, np.array([0.06, 0.01]), np.array([0.1, 0.15]))

@@ -17,10 +17,8 @@ from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Clamp
 from twin.hal.supervisor import Supervisor
-from twin.safety.case import Stopper
-from twin.safety.faults import CASES, GROUPS
-from twin.safety.row import FaultRow
-from twin.safety.trial import Trial
+from twin.safety.faults import CASES, GROUPS, Stopper
+from twin.safety.trial import FaultRow, Trial
 
 AT_START = GROUPS["at_start"]
 CASE = {case.name: case for case in CASES}

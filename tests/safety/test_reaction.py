@@ -5,8 +5,8 @@ import pytest
 
 from twin.emulator.drive import MASTER_SILENT, STO_FAULT, UNDERVOLTAGE, Power
 from twin.emulator.lockstep import PowerChange, TrueMotion
-from twin.safety.case import LEVEL, Stopper
-from twin.safety.row import reaction
+from twin.safety.faults import LEVEL, Stopper
+from twin.safety.trial import reaction
 
 ENABLED, QUICK, OFF = Power.OPERATION_ENABLED, Power.QUICK_STOP, Power.SWITCH_ON_DISABLED
 TIME = np.arange(1.0, 3.0, 0.0005)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.calibrate import FEET, advice, level
+from twin.cli.rig import FEET, advice, level
 from twin.identify.judged import ParameterVerdict
 from twin.identify.parameters import BALL
 from twin.identify.twin_model import identify

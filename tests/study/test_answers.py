@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from twin.run.files import METRICS
-from twin.study.answers import Answer, answers, spread
 from twin.study.experiments import Store, carry
-from twin.study.report import in_order, sentences, write
+from twin.study.report import Answer, answers, in_order, sentences, spread, write
 from twin.study.schema import Study
 from twin.study.work import Job, Row, Work
 

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
-from twin.cli.analyse import reproduce
+from twin.cli.understand import reproduce
 from twin.run.assemble import build_controller
 from twin.run.metrics import Motion
 from twin.thesis import chapter8

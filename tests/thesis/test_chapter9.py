@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, SlidingMode
 from controllers.references import Circle, Step
-from twin.cli.analyse import reproduce as command
+from twin.cli.understand import reproduce as command
 from twin.fit.runs import Runs, cells, read
 from twin.run.assemble import build_controller
 from twin.scenario import load, shipped

@@ -9,7 +9,7 @@ from twin.hal.linkage import Linkage
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import load_model
-from twin.view.scene import Scene, plate_to_rig, rolled
+from twin.view.streams import Scene, plate_to_rig, rolled
 
 ANGLE = st.floats(-0.17, 0.17)
 MODEL = load_model()

@@ -17,8 +17,17 @@ from twin.run.files import export
 from twin.run.finished import open_run, open_runs
 from twin.run.metrics import INTERRUPTED
 from twin.scenario.load import load
-from twin.whatif.futures import POOR, agreement, branches_of, futures, moment_of
-from twin.whatif.moment import FEWEST, FRAMES, HALF, path
+from twin.whatif.futures import (
+    FEWEST,
+    FRAMES,
+    HALF,
+    POOR,
+    agreement,
+    branches_of,
+    futures,
+    moment_of,
+    path,
+)
 
 AT = 1.2
 LATE = 2.2
@@ -103,7 +112,7 @@ def test_a_future_goes_on_from_the_last_snapshot_before_the_moment(tmp_path, mon
     monkeypatch.setattr("twin.run.state.EVERY", 0.5)
     recorded(tmp_path / "run")
     assert one(moment_of(tmp_path / "run", AT)).max_difference == 0.0
-    monkeypatch.setattr("twin.whatif.moment.snapshots_of", lambda _: [])
+    monkeypatch.setattr("twin.whatif.futures.snapshots_of", lambda _: [])
     assert one(moment_of(tmp_path / "run", AT)).max_difference == 0.0
 
 

@@ -1,12 +1,13 @@
-"""The commands doctor, emulate, safety and play: a rig, real, virtual or driven by hand."""
+"""The commands doctor, emulate, safety, trace, play and calibrate: a rig, real or virtual."""
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import webbrowser
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,23 +15,27 @@ import click
 
 from ballplate.running import EMULATED, rig_of
 from twin.cli import options
-from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show, warn
+from twin.cli.output import TERMINAL, Shown, bold, console, json_wanted, progress, say, show, warn
 from twin.devices.akd import TRACE
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen import Protocol
 from twin.errors import LogError
 from twin.jobs import cores
 from twin.page import Table, digits
-from twin.run.files import export, run_folder
+from twin.run.files import export, log_file, run_folder
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
+    from ballplate.reporter import Advance
     from twin.devices.akd.config import AkdConfig
     from twin.devices.akd.decoding import Names
+    from twin.devices.akd.servos import AkdServos
     from twin.devices.akd.traces import Trace
+    from twin.devices.lumio.config import CalibrationFit
     from twin.doctor.check import Ask, CheckResult
     from twin.emulator.serve import VirtualRig
-    from twin.safety.row import FaultRow
+    from twin.identify.judged import ParameterVerdict
+    from twin.safety.trial import FaultRow
     from twin.scenario import Scenario
     from twin.scenario.rig import RigFile
 
@@ -184,7 +189,7 @@ def safety(processes: int | None) -> int:
 
 
 def _table(rows: list[FaultRow]) -> Table:
-    from twin.safety.row import HEADING, cells
+    from twin.safety.trial import HEADING, cells
 
     lines = [
         (*cells(row), "good" if row.good else f"BAD: {', '.join(row.failures)}") for row in rows
@@ -369,3 +374,183 @@ def play(
     if server.kept:
         say(f"ended without saving, so {server.kept}")
     return 0
+
+
+def _radians(_: click.Context, __: click.Parameter, degrees: float) -> float:
+    return math.radians(degrees)
+
+
+@contextmanager
+def _turned(
+    rig: str, scenario: Scenario, what: str, total: float
+) -> Iterator[tuple[RigFile, AkdServos, Advance]]:
+    """A rig whose plate is turned in real time: its file, its servos, and progress."""
+    from twin.devices.akd.servos import AkdServos
+    from twin.devices.realtime import real_time
+
+    with rig_file(rig, scenario) as (file, _), real_time(), progress(what, total) as advance:
+        yield file, AkdServos(file.servos(0.002)), advance
+
+
+@options.command("lost-motion", example="calibrate lost-motion --set plant.servo.backlash_deg=0.44")
+@options.EMPTY_RIG
+@click.option(
+    "--amplitude",
+    type=click.FloatRange(0.2, 8),
+    default=1.0,
+    callback=_radians,
+    help="Of the triangle, deg of the plate [1].",
+)
+@options.SETTING
+@options.JSON
+def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
+    """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
+
+    Settings are those of the virtual rig.
+    """
+    from twin.doctor.calibration import measure_lost_motion
+    from twin.identify.plate_motion import KEYS
+    from twin.run.connect import cams_of
+    from twin.scenario import load
+
+    with _turned(rig, load("circle", overrides), "turning the plate", 1.0) as (file, servos, tell):
+        found = measure_lost_motion(servos, cams_of(file), amplitude=amplitude, progress=tell)
+        tell(1.0)
+    told = []
+    for each in found:
+        told.append(f"{each.axis}: {each.words}")
+        if each.shape in KEYS:
+            told.append(f"  in the twin: {KEYS[each.shape]} = {each.width:.3f}")
+    show([each.as_dict() for each in found], told)
+
+
+@options.command(example="calibrate touch --out touch-of-rig.json")
+@options.EMPTY_RIG
+@click.option(
+    "--out",
+    type=options.PATH,
+    default=Path("touch-of-rig.json"),
+    help="Calibration file [touch-of-rig.json].",
+)
+@options.JSON
+def touch(rig: str, out: Path) -> None:
+    """Find scale, turn, mirror and offset of the touch screen from points touched in turn.
+
+    Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
+    """
+    from twin.doctor.calibration import measure_touch, usual_points
+    from twin.scenario import load
+
+    points = usual_points()
+    with rig_file(rig, load("circle")) as (file, ask):
+        shown = progress("calibrating the touch screen", len(points)) if rig == EMULATED else None
+        with shown or nullcontext(lambda _: None) as advance:
+            found = measure_touch(file.uncalibrated_screen(), points, ask, file.patience, advance)
+    write_whole(out, found.save)
+    then = f'written to {out}; name it in the rig file, under [touch]: calibration_file = "{out}"'
+    show({"file": str(out), **found.as_dict()}, (*_residuals(found), then))
+
+
+def _residuals(found: CalibrationFit) -> tuple[Shown, ...]:
+    from twin.doctor.calibration import place
+
+    rows = [
+        (place(point), *(f"{1e3 * each:+.2f}" for each in off))
+        for point, off in zip(found.points, found.left, strict=True)
+    ]
+    return (
+        Table("", ("point", "off x / mm", "off y / mm"), rows),
+        f"residuals: {1e3 * found.rms:.2f} mm RMS, largest {1e3 * found.distances.max():.2f} mm",
+        *found.mounting.lines,
+    )
+
+
+FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
+"""Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""
+
+
+@click.group(cls=options.Group, example="calibrate cams --lines 4")
+def calibrate() -> None:
+    """Calibrate cam table, level and touch screen of a rig; measure its lost motion."""
+
+
+calibrate.add_command(touch)
+calibrate.add_command(lost_motion)
+
+
+@calibrate.command(cls=options.Command, example="calibrate cams --lines 4")
+@options.EMPTY_RIG
+@click.option(
+    "--out",
+    type=options.PATH,
+    default=Path("cams-of-rig.json"),
+    help="File of the table [cams-of-rig.json].",
+)
+@click.option(
+    "--reach",
+    type=click.FloatRange(0.5, 8),
+    default=6.0,
+    callback=_radians,
+    help="Largest angle, deg [6].",
+)
+@click.option("--lines", type=click.IntRange(4, 33), default=9, help="Points per axis [9].")
+@options.JSON
+def cams(rig: str, out: Path, reach: float, lines: int) -> None:
+    """Measure the cam table of a rig: what its motors must turn for angles of the plate."""
+    from twin.doctor.calibration import measure_cams
+    from twin.hal.cams import CamTable
+    from twin.scenario import load
+
+    with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, tell):
+        found = measure_cams(servos, CamTable.packaged(), reach=reach, lines=lines, progress=tell)
+    write_whole(out, found.save)
+    told = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}
+    words = (
+        f"{told['points']} points: the table of the model is off by up to {told['before_deg']:.3f} "
+        f"deg, the measured one by {told['rms_deg']:.3f} deg RMS",
+        f'written to {out}; name it in the rig file: cams = "{out}"',
+    )
+    show({"table": str(out), **told}, words)
+
+
+@calibrate.command(cls=options.Command, example="calibrate level runs/excite")
+@click.argument("log", type=options.PATH)
+@options.JSON
+def level(log: Path) -> int:
+    """Estimate from a recorded run how far the base is off level, and say how to correct it.
+
+    LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
+    """
+    log = log_file(log)  # a wrong name is told before anything heavy is imported
+    from twin.identify.judged import IDENTIFIED
+    from twin.identify.logs import read
+    from twin.identify.twin_model import identify
+
+    recorded = read(log)
+    with progress(f"levelling from {recorded.source}", 1.0) as advance:
+        levels = identify(recorded, ("level",), 1.0, advance).verdicts[: len(FEET)]
+    told = (f"{each.name}: {advice(each, foot)}" for each, foot in zip(levels, FEET, strict=True))
+    show([each.as_dict() for each in levels], told)
+    return int(any(each.word != IDENTIFIED for each in levels))
+
+
+def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
+    """What to do about the level of one axis, in words.
+
+    Args:
+        found: The tilt about the axis in deg.
+        foot: Its entry of ``FEET``.
+    """
+    from twin.identify.judged import IDENTIFIED
+
+    if found.value is None or found.low is None or found.high is None:
+        return found.why
+    known = f"{found.value:+.4f} deg ({found.interval}, 95 %)"
+    if found.low <= 0 <= found.high:
+        if found.word == IDENTIFIED:
+            return f"level within {max(-found.low, found.high):.2g} deg: nothing to do"
+        return f"{known}: too uncertain to level by; {found.why}"
+    along, lower, upper = foot
+    rise = 1000 * math.tan(math.radians(abs(found.value)))
+    side = lower if found.value > 0 else upper
+    return f"{known}: raise the {side} side by {rise:.2f} mm per metre along {along}"

@@ -20,7 +20,7 @@ from twin.writing import check_writable
 
 if TYPE_CHECKING:
     from twin.bench import Benchmark, BenchScore
-    from twin.study.answers import Answer
+    from twin.study.report import Answer
     from twin.study.schema import Study
     from twin.study.work import Work
 

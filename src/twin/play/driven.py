@@ -22,8 +22,7 @@ from twin.run.record import Recorder
 from twin.run.state import MOST, Snapshot
 from twin.scenario.load import at_time, check, clean, put
 from twin.scenario.schema import JUMPS, RAMPS, SLACK, Change, Scenario, choices
-from twin.whatif.futures import CONTROL
-from twin.whatif.moment import take_over
+from twin.whatif.futures import CONTROL, take_over
 
 EVERY = 1.0
 """Simulated seconds from one state to the next."""

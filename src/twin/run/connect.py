@@ -21,7 +21,7 @@ from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.servos import AkdServos
 from twin.devices.akd.traces import Hear, TracedBus
 from twin.devices.lumio.screen import LumioScreen
-from twin.devices.own import OwnConfig, OwnScreen, OwnServos, load_backend
+from twin.devices.own import OwnScreen, OwnServos, load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time
 from twin.devices.rig import HardwareRig
 from twin.errors import LogError
@@ -29,7 +29,7 @@ from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Limits, Transmission
 from twin.run.assemble import assemble, build_limits, own_errors
 from twin.run.logs import AXES, UNITS, read_csv
-from twin.scenario.rig import RigFile, built
+from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
 
@@ -65,7 +65,7 @@ def connect(
         "relaxed": rig.relaxed(period),
     }
     if rig.backend is not None:
-        config = built(OwnConfig, rig.own)
+        config = rig.own
         hardware = load_backend(rig.backend, config)
         own = OwnServos(hardware, config, limits, period)
         return HardwareRig(

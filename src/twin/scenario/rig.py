@@ -2,50 +2,20 @@
 
 from __future__ import annotations
 
-import typing
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Self
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import Field, model_validator
 
-from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
+from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, DriveSettings
 from twin.devices.common import wider
 from twin.devices.lumio.config import CalibrationError, LumioConfig, read_calibration
 from twin.devices.own import OwnConfig
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
-from twin.scenario.schema import CAMS_DEG, RigLimitsTable, Section, dataclass_of, model_of
+from twin.scenario.schema import CAMS_DEG, RigLimitsTable, Section
 from twin.validation import read_tables
-
-Settings = TypeVar("Settings")
-
-
-def built(cls: type[Settings], model: BaseModel, **more: Any) -> Settings:
-    """The dataclass that a checked model stands for; what is not given keeps its default."""
-    hints = typing.get_type_hints(cls)
-    given = {name: getattr(model, name) for name in model.model_fields_set & hints.keys()}
-    for name, value in given.items():
-        kind = dataclass_of(hints[name])
-        if kind is not None and isinstance(value, BaseModel):
-            given[name] = built(kind, value)
-    return cls(**given, **more)
-
-
-BusTable = model_of(BusConfig)
-DrivesTable = model_of(AkdConfig, {"bus", "axes", "period"})
-AxisTable = model_of(AxisConfig, {"name"})
-OwnTable = model_of(OwnConfig)
-
-
-class TouchScreenTable(model_of(LumioConfig)):  # type: ignore[misc]
-    """The touch screen.
-
-    ``calibration_file``: what `ballplate calibrate touch` wrote, instead of ``calibration``.
-    """
-
-    calibration_file: str | None = None
-
 
 LATE_PERIODS = 25
 
@@ -68,13 +38,13 @@ class RigFile(Section):
     late_periods: Annotated[int, Field(ge=1, le=10_000)] = LATE_PERIODS
     patience: Annotated[float, Field(gt=0, le=3600)] = 30.0
     limits: RigLimitsTable = RigLimitsTable()
-    bus: BusTable = BusTable()  # type: ignore[valid-type]
-    drives: DrivesTable = DrivesTable()  # type: ignore[valid-type]
-    phi: AxisTable = AxisTable(node=1)  # type: ignore[valid-type]
-    theta: AxisTable = AxisTable(node=2)  # type: ignore[valid-type]
-    touch: TouchScreenTable | None = None
+    bus: BusConfig = BusConfig()
+    drives: DriveSettings = DriveSettings()
+    phi: AxisConfig = AxisConfig(name="phi", node=1)
+    theta: AxisConfig = AxisConfig(name="theta", node=2)
+    touch: LumioConfig | None = None
     backend: str | None = None
-    own: OwnTable = OwnTable()  # type: ignore[valid-type]
+    own: OwnConfig = OwnConfig()
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -104,13 +74,8 @@ class RigFile(Section):
             TwinError: If they do not go together.
         """
         self._on_the_wire()
-        axes = (
-            built(AxisConfig, self.phi, name="phi"),
-            built(AxisConfig, self.theta, name="theta"),
-        )
-        return built(
-            AkdConfig, self.drives, axes=axes, bus=built(BusConfig, self.bus), period=period
-        )
+        axes = self.phi, self.theta
+        return AkdConfig(**vars(self.drives), bus=self.bus, axes=axes, period=period)
 
     def uncalibrated_screen(self) -> LumioConfig:
         """The touch screen's settings, without the calibration that a file has.
@@ -122,7 +87,7 @@ class RigFile(Section):
         assert self.touch is not None
         if None not in (self.touch.calibration, self.touch.calibration_file):
             raise ScenarioError("touch: calibration or calibration_file; both cannot hold")
-        return built(LumioConfig, self.touch)
+        return self.touch
 
     def screen(self) -> LumioConfig:
         """The touch screen's settings.
@@ -131,10 +96,10 @@ class RigFile(Section):
             TwinError: If they do not go together, or the file of its calibration cannot be read.
         """
         known = self.uncalibrated_screen()
-        if self.touch is None or self.touch.calibration_file is None:
+        if known.calibration_file is None:
             return known
         try:
-            calibration = read_calibration(Path(self.touch.calibration_file))
+            calibration = read_calibration(Path(known.calibration_file))
         except CalibrationError as error:
             raise ScenarioError(f"touch.calibration_file: {error}") from error
         return replace(known, calibration=calibration)
@@ -148,7 +113,7 @@ class RigFile(Section):
         if self.backend is None:
             found = [*self.servos(period).relaxed, *self.uncalibrated_screen().gate.relaxed]
         else:
-            found = list(built(OwnConfig, self.own).relaxed)
+            found = list(self.own.relaxed)
         if self.late_periods > LATE_PERIODS:
             found.append(f"late_periods = {self.late_periods} (default {LATE_PERIODS})")
         for name, default in RigLimitsTable():
@@ -176,9 +141,12 @@ def check_rig(tables: Tables, source: str) -> RigFile:
     Raises:
         TwinError: If anything in them is unknown or out of range.
     """
-    rig = validated(RigFile, tables, source)
+    axes = {
+        name: {"name": name, **axis}
+        for name in ("phi", "theta")
+        if isinstance(axis := tables.get(name), dict)
+    }
+    rig = validated(RigFile, {**tables, **axes}, source)
     if rig.backend is None:
         rig.servos(0.002), rig.uncalibrated_screen()
-    else:
-        built(OwnConfig, rig.own)
     return rig

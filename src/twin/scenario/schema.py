@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 import typing
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -144,35 +144,6 @@ def _hint(about: Setting) -> Any:
         return Annotated[int, number]
     bounded = Annotated[float, number]
     return bounded | None if default is None else bounded
-
-
-def model_of(cls: type, without: Collection[str] = ()) -> type[BaseModel]:
-    """A strict model of a frozen dataclass and of those in it."""
-    hints = typing.get_type_hints(cls, include_extras=True)
-    fields: dict[str, Any] = {}
-    for item in dataclasses.fields(cls):
-        if item.name in without or not item.init:
-            continue
-        hint = hints[item.name]
-        kind = dataclass_of(hint)
-        if kind is not None:
-            inner = model_of(kind)
-            fields[item.name] = (inner | None, None)
-        elif item.default is not dataclasses.MISSING:
-            fields[item.name] = (hint, item.default)
-        elif item.default_factory is not dataclasses.MISSING:
-            fields[item.name] = (hint, Field(default_factory=item.default_factory))
-        else:
-            fields[item.name] = (hint, ...)
-    return pydantic.create_model(cls.__name__, __config__=STRICT, **fields)
-
-
-def dataclass_of(hint: Any) -> type | None:
-    """The dataclass that a field holds, also one that may be None; None for any other field."""
-    for each in (hint, *typing.get_args(hint)):
-        if isinstance(each, type) and dataclasses.is_dataclass(each):
-            return each
-    return None
 
 
 SETTINGS = (Friction, SurfaceModel, DriveModel, Linkage, TiltTable, Parts, BallStart)
@@ -681,7 +652,10 @@ def settings_model(cls: type) -> type[BaseModel]:
         if issubclass(cls, base)
         for item in dataclasses.fields(base)
     }
-    return model_of(cls, given)
+    hints = typing.get_type_hints(cls, include_extras=True)
+    own = [item for item in dataclasses.fields(cls) if item.init and item.name not in given]
+    fields: Any = {item.name: (hints[item.name], item) for item in own}
+    return pydantic.create_model(cls.__name__, __config__=STRICT, **fields)
 
 
 def checked_settings(cls: type, settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -29,8 +29,7 @@ from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import AHEAD, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
-from twin.view.scene import Scene, in_view
-from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, line, told
+from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, Scene, in_view, line, told
 from twin.writing import write_json, write_whole
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]

@@ -1,31 +1,236 @@
-"""The files of a study: HTML report, figures, rows, and a summary in sentences."""
+"""What a study says: indices, curves and spreads of its rows, in sentences, figures and files."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from SALib.analyze import morris, sobol
+from scipy import stats
 
+from controllers.arrays import Array
 from twin import page
 from twin.data_file import read_toml
 from twin.page import Block, Picture, Table, Text, Verdict, digits, inline
 from twin.report.numbers import LABELS
-from twin.run.picture import LOOK, style
-from twin.study.answers import Answer, Curve, SensitivityIndex, Spread
+from twin.run.picture import drawn, style
 from twin.study.experiments import labelled
 from twin.study.schema import Point, Study
-from twin.study.work import Work
+from twin.study.work import LEVELS, SEED, Design, Work, problem, quantiles
 from twin.writing import write_whole
+
+
+@dataclass(frozen=True)
+class SensitivityIndex:
+    """How much one parameter matters.
+
+    Attributes:
+        key: The parameter.
+        value: Total Sobol index, or Morris's mu* in units of the metric, or Spearman's rank
+            correlation.
+        half: Half-width of its 95 % interval; NaN if there is none. Bootstrap for Sobol and Morris.
+        first: First-order Sobol index, or Morris's sigma; NaN for others.
+        decided: Whether the interval excludes zero.
+    """
+
+    key: str
+    value: float
+    half: float
+    first: float
+    decided: bool
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Distribution of the metric of one variant at one point, or over all points.
+
+    Attributes:
+        median: Of the finished runs; NaN without any.
+        low: Their 5 % quantile.
+        high: Their 95 % quantile.
+        runs: Number of runs.
+        failed: Number of those that did not finish; they are left out of the quantiles.
+        chance: 95 % interval of the probability of failure.
+    """
+
+    median: float
+    low: float
+    high: float
+    runs: int
+    failed: int
+    chance: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A metric over the values of one parameter.
+
+    Attributes:
+        key: The parameter.
+        where: Values of the other parameters.
+        values: Its values.
+        spreads: The metric at each.
+        slope: Change of the metric per unit of the parameter; None if it is not numeric.
+    """
+
+    key: str
+    where: Point
+    values: tuple[float | str, ...]
+    spreads: tuple[Spread, ...]
+    slope: float | None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The results of one variant.
+
+    Attributes:
+        variant: Its name.
+        whole: Distribution of the metric over all points.
+        indices: One per parameter, for methods that have indices.
+        curves: For one-at-a-time and grid studies.
+        notes: What was left out, in words.
+        values: The metric of each run, NaN for runs that failed, shape (K,).
+    """
+
+    variant: str
+    whole: Spread
+    indices: tuple[SensitivityIndex, ...] = ()
+    curves: tuple[Curve, ...] = ()
+    notes: tuple[str, ...] = ()
+    values: Array = field(default_factory=lambda: np.zeros(0))
+
+
+def answers(work: Work, rows: pa.Table) -> list[Answer]:
+    """One answer per variant, for the study's first metric.
+
+    Args:
+        work: The runs.
+        rows: One row per run: outcome and metrics.
+    """
+    study, design = work.study, work.design
+    # NaN for runs that did not finish
+    good = np.array(pc.equal(rows["outcome"], "finished"), bool)
+    every = np.where(good, np.array(rows[study.metrics[0]], float), np.nan)
+    found = []
+    for variant in study.compared:
+        places = [place for place, task in enumerate(work.tasks) if task.variant == variant.name]
+        at, values = np.array([work.tasks[place].point for place in places]), every[places]
+        notes: list[str] = []
+        indices: tuple[SensitivityIndex, ...] = ()
+        if study.method in {"sobol", "morris", "lhs", "montecarlo"}:
+            # a mean over the seeds of each point, NaN where a run failed
+            mean = np.bincount(at, values) / np.bincount(at)
+            indices = _indices(study, design, mean, notes)
+        curves = _curves(study, design[at], values) if study.method in {"grid", "oat"} else ()
+        whole = spread(values)
+        found.append(Answer(variant.name, whole, indices, curves, tuple(notes), values))
+    return found
+
+
+def spread(values: Array) -> Spread:
+    """Median and quantiles of finished runs, and the probability of failure.
+
+    Args:
+        values: A metric, NaN for runs that failed, shape (K,).
+    """
+    good = values[np.isfinite(values)]
+    failed = len(values) - len(good)
+    chance = stats.binomtest(failed, max(len(values), 1)).proportion_ci(method="wilson")
+    middle, low, high = (
+        np.quantile(good, (0.5, 0.05, 0.95)).tolist() if len(good) else (np.nan,) * 3
+    )
+    return Spread(middle, low, high, len(values), failed, (float(chance.low), float(chance.high)))
+
+
+def _indices(
+    study: Study, design: Design, mean: Array, notes: list[str]
+) -> tuple[SensitivityIndex, ...]:
+    keys = list(study.parameters)
+    if study.method in {"lhs", "montecarlo"}:
+        return _ranks(design, mean)
+    block = len(keys) + (2 if study.method == "sobol" else 1)
+    whole = np.asarray(np.isfinite(mean).reshape(-1, block).all(axis=1))
+    if not whole.all():
+        notes.append(
+            f"{int((~whole).sum())} of {len(whole)} blocks left out, because a run in them failed"
+        )
+    if whole.sum() < 4:
+        notes.append("too few whole blocks for indices")
+        return ()
+    kept = np.repeat(whole, block)
+    if study.method == "morris":
+        got = morris.analyze(
+            problem(study), quantiles(study)[kept], mean[kept], num_levels=LEVELS, seed=SEED
+        )
+        triples = zip(got["mu_star"], got["mu_star_conf"], got["sigma"], strict=True)
+    else:
+        got = sobol.analyze(problem(study), mean[kept], calc_second_order=False, seed=SEED)
+        triples = zip(got["ST"], got["ST_conf"], got["S1"], strict=True)
+    return tuple(
+        SensitivityIndex(key, float(value), float(half), float(first), bool(value - half > 0))
+        for key, (value, half, first) in zip(keys, triples, strict=True)
+    )
+
+
+def _ranks(design: Design, mean: Array) -> tuple[SensitivityIndex, ...]:
+    found = []
+    good = np.isfinite(mean)
+    for key, column in design.columns.items():
+        numeric = all(type(value) in {float, int} for value in column.tolist())
+        if good.sum() < 5 or not numeric:
+            continue
+        settings = column.astype(float)
+        rank = float(stats.spearmanr(settings[good], mean[good]).statistic)
+        # Fisher's transformation, with the variance of a rank correlation (Fieller et al. 1957)
+        reach = np.arctanh(np.clip(rank, -0.9999, 0.9999))
+        width = 1.96 * np.sqrt(1.06 / (good.sum() - 3))
+        low, high = np.tanh((reach - width, reach + width)).tolist()
+        found.append(SensitivityIndex(key, rank, (high - low) / 2, np.nan, low * high > 0))
+    return tuple(found)
+
+
+def _curves(study: Study, at: Design, values: Array) -> tuple[Curve, ...]:
+    """Of a grid: over its first parameter, one curve per combination of the others."""
+    keys = list(study.parameters)
+    if study.method == "oat":
+        return tuple(_curve(study, key, {}, at, values) for key in keys)
+    others = [
+        [(key, value) for value in study.parameters[key].steps(study.samples)] for key in keys[1:]
+    ]
+    return tuple(
+        _curve(study, keys[0], dict(chosen), at, values) for chosen in itertools.product(*others)
+    )
+
+
+def _curve(study: Study, key: str, where: Point, at: Design, values: Array) -> Curve:
+    steps = study.parameters[key].steps(study.samples)
+    spreads, means = [], []
+    for value in steps:
+        point = {key: value, **where}
+        there = np.logical_and.reduce([at.columns[name] == each for name, each in point.items()])
+        spreads.append(spread(values[there]))
+        good = values[there][np.isfinite(values[there])]
+        means.append(good.mean() if len(good) else np.nan)
+    known = np.isfinite(means)
+    slope = None
+    if all(isinstance(value, int | float) for value in steps) and known.sum() >= 3:
+        line: Any = stats.linregress(np.array(steps, float)[known], np.array(means)[known])
+        slope = float(line.slope)
+    return Curve(key, where, tuple(steps), tuple(spreads), slope)
+
 
 WORDS = read_toml(Path(__file__).with_name("words.toml"))
 """What figures and indices are called."""
@@ -36,15 +241,11 @@ ENOUGH = 20
 
 def figures(study: Study, found: Sequence[Answer]) -> dict[str, Figure]:
     """Figures by name, as the method has them: indices, curves."""
-    with mpl.rc_context(LOOK):
-        out = {}
-        if any(answer.curves for answer in found):
-            out["curves"] = _curves(study, found)
-        if any(answer.indices for answer in found):
-            out["indices"] = _indices(study, found)
-        for figure in out.values():
-            # text is laid out when drawn: now, while these settings hold
-            figure.draw_without_rendering()
+    out = {}
+    if any(answer.curves for answer in found):
+        out["curves"] = _draw_curves(study, found)
+    if any(answer.indices for answer in found):
+        out["indices"] = _draw_indices(study, found)
     return out
 
 
@@ -81,70 +282,64 @@ def ranked(study: Study, found: Sequence[Answer]) -> list[str]:
     return sorted(sizes, key=lambda key: -sizes[key])
 
 
-def _indices(study: Study, found: Sequence[Answer]) -> Figure:
+def _draw_indices(study: Study, found: Sequence[Answer]) -> Figure:
     keys = ranked(study, found)
     height = 0.8 / len(found)
-    figure = Figure(
-        figsize=(9, 1.3 + len(keys) * max(0.42, 0.17 * len(found))), layout="constrained"
-    )
-    panel = figure.subplots()
-    for k, answer in enumerate(found):
-        for index in answer.indices:
-            at = keys.index(index.key) + (k - (len(found) - 1) / 2) * height
-            _bar(panel, index, at, height * 0.9, k)
-        panel.barh(0, 0, color=style(k)["color"], label=answer.variant)
-    panel.axvline(0, color="0.3", lw=0.8)
-    panel.set(
-        xlabel=f"{WORDS['axis'][study.method]}; hollow: undecided",
-        title=f"What the {LABELS[study.metrics[0]][0]} depends on",
-        yticks=range(len(keys)),
-        yticklabels=keys,
-    )
-    panel.invert_yaxis()
-    panel.grid(visible=False, axis="y")
-    if len(found) > 1:
-        figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    return figure
+    with drawn(9, 1.3 + len(keys) * max(0.42, 0.17 * len(found))) as figure:
+        panel = figure.subplots()
+        for k, answer in enumerate(found):
+            for index in answer.indices:
+                at = keys.index(index.key) + (k - (len(found) - 1) / 2) * height
+                _bar(panel, index, at, height * 0.9, style(k)["color"])
+            panel.barh(0, 0, color=style(k)["color"], label=answer.variant)
+        panel.axvline(0, color="0.3", lw=0.8)
+        panel.set(
+            xlabel=f"{WORDS['axis'][study.method]}; hollow: undecided",
+            title=f"What the {LABELS[study.metrics[0]][0]} depends on",
+            yticks=range(len(keys)),
+            yticklabels=keys,
+        )
+        panel.invert_yaxis()
+        panel.grid(visible=False, axis="y")
+        if len(found) > 1:
+            figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+        return figure
 
 
-def _bar(panel: Axes, index: SensitivityIndex, at: float, height: float, k: int) -> None:
-    colour = style(k)["color"]
-    if not index.decided:
-        # no bar: its sign is unknown, only its interval is shown
-        reach = (index.value - index.half, index.value + index.half)
-        panel.plot(reach, (at, at), color=colour, lw=1, alpha=0.6)
+def _bar(panel: Axes, index: SensitivityIndex, at: float, height: float, colour: str) -> None:
+    reach = (index.value - index.half, index.value + index.half)
+    panel.plot(reach, (at, at), color="0.2" if index.decided else colour, lw=1.2, zorder=3)
+    if not index.decided:  # no bar: its sign is unknown
         panel.plot(0, at, "o", mec=colour, mfc="white", ms=4)
         return
     panel.barh(at, index.value, height, color=colour, alpha=0.85)
-    if np.isfinite(index.half):
-        reach = (index.value - index.half, index.value + index.half)
-        panel.plot(reach, (at, at), color="0.2", lw=1.2)
-    if np.isfinite(index.first) and 0 < index.first <= 1:
+    if 0 < index.first <= 1:
         panel.plot(2 * (index.first,), (at - height / 2, at + height / 2), color="black", lw=2)
 
 
-def _curves(study: Study, found: Sequence[Answer]) -> Figure:
+def _draw_curves(study: Study, found: Sequence[Answer]) -> Figure:
     shown = found[0].curves
-    figure = Figure(figsize=(max(6.5, 3.9 * len(shown)), 5.0), layout="constrained")
-    panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
-    for number, (panel, curve) in enumerate(zip(panels, shown, strict=True)):
-        for k, answer in enumerate(found):
-            if answer.curves:
-                _curve(panel, answer.curves[number], answer.variant if number == 0 else None, k)
-        panel.set(xlabel=parameter_label(study, curve.key))
-        if curve.where:
-            panel.set_title(where_label(study, curve.where), fontsize=9)
-    # from 0 on, unless the metric can be negative
-    least = min(0.0, *(float(np.nan_to_num(answer.values).min()) for answer in found))
-    panels[0].set(ylabel=metric_label(study), ylim=(least, None))
-    if any(each.failed for answer in found for curve in answer.curves for each in curve.spreads):
-        panels[0].plot([], [], "x", color=FAILED, label="some or all runs failed")
-    if len(panels[0].get_legend_handles_labels()[0]) > 1:
-        figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    return figure
+    with drawn(max(6.5, 3.9 * len(shown)), 5.0) as figure:
+        panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
+        for number, (panel, curve) in enumerate(zip(panels, shown, strict=True)):
+            for k, answer in enumerate(found):
+                if answer.curves:
+                    label = answer.variant if number == 0 else None
+                    _draw_curve(panel, answer.curves[number], label, k)
+            panel.set(xlabel=parameter_label(study, curve.key))
+            if curve.where:
+                panel.set_title(where_label(study, curve.where), fontsize=9)
+        # from 0 on, unless the metric can be negative
+        least = min(0.0, *(float(np.nan_to_num(answer.values).min()) for answer in found))
+        panels[0].set(ylabel=metric_label(study), ylim=(least, None))
+        if any(s.failed for answer in found for curve in answer.curves for s in curve.spreads):
+            panels[0].plot([], [], "x", color=FAILED, label="some or all runs failed")
+        if len(panels[0].get_legend_handles_labels()[0]) > 1:
+            figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+        return figure
 
 
-def _curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
+def _draw_curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
     numeric = all(isinstance(value, int | float) for value in curve.values)
     x = np.array(curve.values if numeric else range(len(curve.values)), float)
     middle, low, high = (
@@ -225,8 +420,8 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
     Raises:
         RecordError: If a file cannot be written.
     """
-    study, drawn = work.study, inline_figures(work, found)
-    for name, picture in drawn.items():
+    study, pictures = work.study, inline_figures(work, found)
+    for name, picture in pictures.items():
         write_whole(folder / "figures" / f"{name}.svg", picture)
     table = labelled(work.labels, rows)
     write_whole(folder / "rows.parquet", lambda path: pq.write_table(table, path))
@@ -236,7 +431,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
         Verdict(sentences(study, found), good),
         compared(study, found),
         *grids(study, found),
-        *(Picture(WORDS["figures"][name], picture) for name, picture in drawn.items()),
+        *(Picture(WORDS["figures"][name], picture) for name, picture in pictures.items()),
     ]
     ended = endings(work, rows)
     blocks += [Text(ended, "Runs that failed")] if ended else []

@@ -1,29 +1,427 @@
-"""From a run folder or a log to several futures of one moment, and their folder."""
+"""Other futures from a moment of a run or a log, and their folder.
+
+Where a rig and its controller are at the moment: of a simulated run it is simulated again from the
+last snapshot before it, to the bit; along a log the twin is led, and let go in the state that the
+log shows, if the log is fit for that.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.signal import savgol_filter
 
+from controllers.arrays import Array
+from controllers.controller import Controller
 from controllers.interfaces import Measurement
 from twin.errors import RecordError, ScenarioError
-from twin.identify.logs import read, read_any, wanted_columns
-from twin.identify.prepare import check_ranges
+from twin.identify.logs import Log, read, read_any, wanted_columns
+from twin.identify.prepare import check_ranges, interpolated
 from twin.jobs import SecondProcess
-from twin.run.assemble import assemble
+from twin.run.assemble import assemble, build_controller, build_reference
 from twin.run.files import WHATIF, forget, free, is_record, record_of, short_key, slug
 from twin.run.finished import Run, drawn, open_run, record_run, versions
 from twin.run.loop import drive
 from twin.run.metrics import Motion
 from twin.run.record import Recorder
+from twin.run.state import Snapshot, restore, snapshots_of
 from twin.scenario.load import check, load, put, setting
 from twin.scenario.schema import JUMPS, RAMPS, Scenario
-from twin.whatif.moment import LOOK_BACK, Moment, estimated, exact, judge, take_over
+from twin.sim.rig import SimulatedRig
 from twin.writing import write_json, write_whole
+
+HALF, FRAMES = 0.08, 5
+"""Half of the time in s over which a parabola is fitted; of a slow camera, so many frames."""
+FEWEST = 5
+"""Touches that a parabola needs."""
+
+
+def touches(log: Log, dead_time: float) -> tuple[Array, Array]:
+    """When the ball was where, shapes (K,) in s and (K, 2) in m: one entry a new sample.
+
+    Args:
+        log: The log.
+        dead_time: Time in s from a touch to its arrival.
+    """
+    shown = log.time - log.age - dead_time
+    seen = log.touched & np.isfinite(log.ball).all(axis=1) & np.isfinite(shown)
+    time, ball = shown[seen], log.ball[seen]
+    # a sample that waits is one and the same, read again
+    new = np.concatenate(([True], np.diff(time) > 1e-6)) if len(time) else np.zeros(0, bool)
+    return time[new], ball[new]
+
+
+def path(time: Array, samples: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Position in m and velocity in m/s at some times, each (M, 2); NaN where too little is known.
+
+    Of a parabola through the samples about each time, by least squares.
+
+    Args:
+        time: In s, shape (M,).
+        samples: Times in s, shape (K,), and positions in m, shape (K, 2).
+    """
+    known, ball = samples
+    half = max(HALF, FRAMES * frame(known))
+    found = np.full((len(time), 2, 2), np.nan)
+    first, last = np.searchsorted(known, time - half), np.searchsorted(known, time + half)
+    enough = np.flatnonzero(last - first >= FEWEST)
+    about = known[first[enough]] <= time[enough], known[last[enough] - 1] >= time[enough]
+    rows = enough[about[0] & about[1]]
+    at = first[rows, None] + np.arange(np.max(last - first, initial=0))
+    there = at < last[rows, None]
+    at = np.minimum(at, len(known) - 1)
+    s = np.where(there, (known[at] - time[rows, None]) / half, 0.0)
+    powers = there[..., None] * s[..., None] ** np.arange(3)
+    flipped = powers.swapaxes(1, 2)
+    fitted = np.linalg.solve(flipped @ powers, flipped @ ball[at])
+    found[rows, 0], found[rows, 1] = fitted[:, 0], fitted[:, 1] / half
+    return found[:, 0], found[:, 1]
+
+
+def frame(time: Array) -> float:
+    """Usual time in s from one touch to the next, 0 of none."""
+    return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+
+
+LOOK_BACK = 1.0
+"""Time in s before a moment over which twin and record are compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Moment:
+    """A moment of a run.
+
+    Attributes:
+        name: Of the run.
+        at: Its time, s; a whole number of periods.
+        scenario: Of the run.
+        recorded: What was recorded before and after it, for comparison; the ball smoothed along a
+            log, NaN where there is none.
+        exact: Whether the state is the run's own to the bit, or estimated.
+        before_mm: Largest distance in mm of twin and record over the last second before it; None
+            if there is no such second.
+        controller: Makes a controller of the run, as it is at the moment.
+        put: Puts a rig, switched on, to where it is then; gives the measurement of the period.
+        gaps: Beginning and end in s of where the record has nothing.
+        notes: What should be known of it, a sentence each.
+    """
+
+    name: str
+    at: float
+    scenario: Scenario
+    recorded: Motion
+    exact: bool
+    before_mm: float | None
+    controller: Callable[[], Controller]
+    put: Callable[[SimulatedRig], Measurement]
+    gaps: tuple[tuple[float, float], ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def take_over(new: Controller, old: Controller, was: Scenario, now: Scenario) -> None:
+    """Give a controller, just started, what stays of the one before it.
+
+    Args:
+        new: The controller.
+        old: The one before it, in its state.
+        was: Scenario of the old one.
+        now: Of the new one.
+    """
+    new.rate = old.rate
+    if now.controller == was.controller:
+        new.memory = old.memory
+    if (now.observer, now.predictor) == (was.observer, was.predictor):
+        new.observer = old.observer
+    else:
+        new.observer.start(old.observer.x)
+    if now.reference == was.reference:
+        new.reference = old.reference
+
+
+def exact(run: Run, file: Path, at: float) -> Moment:
+    """A moment of a simulated run of this version.
+
+    Args:
+        run: The run, opened.
+        file: Its record.
+        at: The moment, s; a whole number of periods within the run.
+
+    Raises:
+        RecordError: If the run ends before the twin gets there.
+    """
+    before = [each for each in snapshots_of(file) if each.time < at + 1e-9]
+    snapshot, times, ball = _simulated_again(run.scenario, before[-1] if before else None, at)
+    motion = run.motion
+    known = motion.ball[np.searchsorted(motion.time, times - 1e-9)]
+    last = times > at - LOOK_BACK
+    apart = float(np.hypot(*(ball - known)[last].T).max()) if last.any() else None
+    return Moment(
+        name=run.name,
+        at=at,
+        scenario=run.scenario,
+        recorded=motion,
+        exact=True,
+        before_mm=None if apart is None else 1000 * apart,
+        controller=partial(_controller, run.scenario, snapshot),
+        put=snapshot.restore,
+    )
+
+
+def _controller(scenario: Scenario, snapshot: Snapshot) -> Controller:
+    """The controller of a scenario in the state of a snapshot."""
+    controller = build_controller(scenario)
+    controller.start(snapshot.measured)
+    restore(controller, snapshot.controller)
+    return controller
+
+
+def _simulated_again(
+    scenario: Scenario, since: Snapshot | None, at: float
+) -> tuple[Snapshot, Array, Array]:
+    """The state at a moment; times in s, shape (K,), and places of the ball in m on the way there.
+
+    Raises:
+        RecordError: If the run ends before.
+    """
+    rig, controller = assemble(scenario)
+    rig.LEVELLING_TIME = 0.0
+    period = scenario.rig.period
+    record = Recorder(round(at / period) + 1, 1, period, rig.channels, keep=("state",))
+    kept: list[Snapshot] = []
+
+    def keep(tick: int, measurement: Measurement) -> None:
+        if tick == round(at / period):
+            kept.append(Snapshot.take(rig, controller, measurement))
+
+    begin = None if since is None else lambda _: since.restore(rig, controller)
+    drive(rig, controller, at + period, record, begin=begin, keep=keep)
+    if not kept:
+        raise RecordError(f"--at {at:g}: the twin's run ended before, at {record.end:g} s")
+    return kept[0], record.time[:-1], record["state"][:-1, 0, 0::4]
+
+
+UNSEEN = 0.1
+"""Time in s between two touches from which on a log has a gap; of a slow camera so many ``FRAMES``
+frames. A loop that is late for less leaves the last command in force, which is known."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Usable(Log):
+    """A log that the twin can go on from, its incomplete rows left out.
+
+    Where the screen felt no ball, it is where it was felt last.
+
+    Attributes:
+        command: Commanded plate rates in rad/s from each row on, shape (K, 2).
+        samples: When the ball was where: times in s, (M,), and positions in m, (M, 2).
+        gaps: Beginning and end in s of where the ball's path is not known: its last touch, and when
+            the next one has arrived.
+    """
+
+    command: Array
+    samples: tuple[Array, Array]
+    gaps: tuple[tuple[float, float], ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The gaps in a sentence; none without gaps."""
+        if not self.gaps:
+            return ()
+        spans = ", ".join(f"{begin:.3f} to {end:.3f} s" for begin, end in self.gaps)
+        return (f"{self.source}: gaps, which nothing is put into: {spans}",)
+
+    def unbroken_since(self, at: float) -> float:
+        """Time in s from which on there is no gap before a moment."""
+        ends = [end for _, end in self.gaps if end <= at]
+        return max([float(self.time[0]), *ends])
+
+    def measurement(self, row: int) -> Measurement:
+        """What the rig handed over in a row."""
+        y = np.empty((1, 4))
+        y[0, 0::2], y[0, 1::2] = self.ball[row], self.plate[row]
+        one = slice(row, row + 1)
+        return Measurement(float(self.time[row]), y, self.age[one], self.touched[one])
+
+    def commanded(self, time: Array) -> Array:
+        """Plate rates in rad/s in force at some times, shape (M, 2)."""
+        return self.command[np.maximum(0, np.searchsorted(self.time, time + 1e-9) - 1)]
+
+
+def judge(log: Log, scenario: Scenario, at: float) -> Usable:
+    """The log as the twin can use it.
+
+    Args:
+        log: As it was read.
+        scenario: What ran.
+        at: The moment from which to go on, s.
+
+    Raises:
+        RecordError: If it has no commands, or does not know the moment.
+        LogError: If it is of another rig, or in another unit.
+    """
+    if log.command is None:
+        raise RecordError(
+            f"{log.source}: no commands; what-if needs applied_phi_acc and applied_theta_acc, or "
+            "applied_phi_rate and applied_theta_rate"
+        )
+    whole = np.isfinite(np.column_stack((log.time, log.plate, log.command))).all(axis=1)
+    kept, period = log.rows(whole), scenario.rig.period
+    time = kept.time
+    _check_rows(log, time, period)
+    if not time[0] - period / 2 <= at <= time[-1] + period / 2:
+        raise RecordError(f"--at {at:g}: {log.source} goes from {time[0]:g} to {time[-1]:g} s")
+    samples = touches(log, scenario.sensors.touch.dead_time)
+    unseen = max(UNSEEN, FRAMES * frame(samples[0]))
+    gaps = tuple(
+        (float(samples[0][k]), float(samples[0][k + 1] + scenario.sensors.touch.dead_time))
+        for k in np.flatnonzero(np.diff(samples[0]) > unseen)
+    )
+    for begin, end in gaps:
+        if begin < at < end:
+            raise RecordError(f"--at {at:g}: {log.source} has a gap from {begin:g} to {end:g} s")
+    if not np.isfinite(path(np.array([at]), samples)[0]).all():
+        raise RecordError(
+            f"--at {at:g}: {log.source}: the ball is not seen often enough about then"
+        )
+    felt = kept.touched & np.isfinite(kept.ball).all(axis=1)
+    held = np.maximum.accumulate(np.where(felt, np.arange(len(felt)), np.argmax(felt)))
+    about = vars(kept) | {"ball": kept.ball[held], "touched": felt}
+    return Usable(**about, samples=samples, gaps=gaps)
+
+
+def _check_rows(log: Log, time: Array, period: float) -> None:
+    steps = np.diff(time)
+    if len(time) < 2 or not (steps > 0).all():
+        raise RecordError(f"{log.source}: time: must rise from row to row")
+    own = float(np.median(steps))
+    if abs(own - period) > 0.1 * period:
+        raise RecordError(
+            f"{log.source}: a row every {1000 * own:.3g} ms, but the scenario has rig.period = "
+            f"{period:g} s; is it a log of this rig?"
+        )
+
+
+LED = 0.6
+"""Time in s for which the twin is led along the log before it is let go."""
+CATCH_UP = 0.3
+"""Time in s of it within which the plate gets from level to where the log has it."""
+DRAWN = 0.1
+"""Time constant in s with which the plate is kept on the log's angles."""
+COUNTED = 21
+"""Rows over which the angles that encoders count are smoothed."""
+WARMED = 8.0
+"""Longest time in s for which an observer is warmed; a law with a memory sees the whole log."""
+
+
+def estimated(name: str, log: Usable, scenario: Scenario, at: float) -> Moment:
+    """A moment of a log.
+
+    Args:
+        name: What the log is called.
+        log: Fit for it, see ``judge``.
+        scenario: What ran.
+        at: The moment, s; a whole number of periods within the log.
+    """
+    period = float(np.median(np.diff(log.time)))
+    return Moment(
+        name=name,
+        at=at,
+        scenario=scenario,
+        recorded=Motion(
+            time=log.time,
+            ball=path(log.time, log.samples)[0],
+            plate=log.plate,
+            u=np.diff(log.command, axis=0, prepend=log.command[:1]) / period,
+            reference=build_reference(scenario)(log.time)[0],
+        ),
+        exact=False,
+        before_mm=_apart(log, scenario, at),
+        controller=partial(_warmed, log, scenario, at),
+        put=partial(_led, log, at),
+        gaps=log.gaps,
+        notes=log.notes,
+    )
+
+
+def _warmed(log: Usable, scenario: Scenario, at: float) -> Controller:
+    """The controller of a scenario, having seen the log up to a moment and no gap."""
+    controller = build_controller(scenario)
+    since = log.unbroken_since(at)
+    if not controller.law.memory:
+        since = max(since, at - WARMED)
+    rows = np.flatnonzero((log.time > since - 1e-9) & (log.time < at - 1e-9))
+    for number, row in enumerate(rows.tolist()):
+        measurement = log.measurement(row)
+        if number == 0:
+            controller.start(measurement)
+            controller.rate = log.command[max(row - 1, 0)][None]
+        controller.command(measurement)
+        controller.applied(log.command[row : row + 1])
+    return controller
+
+
+def _led(log: Usable, at: float, rig: SimulatedRig, led: float = LED) -> Measurement:
+    """Lead a rig along the log up to a moment and let it go there."""
+    period = rig.period
+    ticks = min(round(led / period), round((at - log.unbroken_since(at)) / period))
+    begin = at - ticks * period
+    rig.devices.begin_at(begin)
+    times = begin + period * np.arange(ticks + 1)
+    smooth = savgol_filter(log.plate, min(COUNTED, len(log.plate)), 1, axis=0)
+    angle = interpolated(times, log.time, smooth)
+    rate = log.commanded(times)
+    share = np.minimum(1.0, (times - begin) / min(CATCH_UP, max(led / 2, period)))
+    blend = share**2 * (3 - 2 * share)
+    ball, velocity = path(times, log.samples)
+    state = np.stack((ball[:, 0], velocity[:, 0], ball[:, 1], velocity[:, 1]), axis=1)
+    # right after a gap the path is not known yet: the ball is kept where it is known first
+    known = np.isfinite(state).all(axis=1)
+    state = state[np.maximum(np.arange(ticks + 1), int(np.argmax(known)))]
+    rig.devices.place(state[:1])
+    rig.devices.forget()
+    rig.supervisor.forget_ball()
+    for tick in range(ticks):
+        rig.devices.place(state[tick : tick + 1])
+        rig.read()
+        # d/dt (blend angle), and what draws the plate there
+        rising = (blend[tick + 1] - blend[tick]) / period
+        steered = blend[tick] * rate[tick] + rising * angle[tick]
+        lacking = blend[tick] * angle[tick] - rig.supervisor.angle[0]
+        rig.write((steered + lacking / DRAWN)[None])
+        rig.wait()
+    rig.devices.place(state[ticks : ticks + 1])
+    rig.supervisor.rate = log.commanded(np.array([at - period]))
+    return rig.read()
+
+
+def _apart(log: Usable, scenario: Scenario, at: float) -> float | None:
+    """Largest distance in mm of twin and log over the last second, under the log's commands."""
+    begin = at - LOOK_BACK
+    period = scenario.rig.period
+    if log.unbroken_since(at) > begin - LED / 2:
+        return None
+    rig, _ = assemble(scenario)
+    rig.LEVELLING_TIME = 0.0
+    times = begin + period * np.arange(round(LOOK_BACK / period))
+    found: list[Array] = []
+    with rig:
+        rig.read()
+        rig.start()
+        _led(log, begin, rig)
+        for rate in log.commanded(times):
+            rig.write(rate[None])
+            rig.wait()
+            rig.read()
+            found.append(rig.devices.state[0, 0::4])
+    known, _ = path(times + period, log.samples)
+    apart = np.hypot(*(np.array(found) - known).T)
+    return float(1000 * np.nanmax(apart)) if np.isfinite(apart).any() else None
+
 
 CONTROL = ("controller.", "observer.", "predictor.", "reference.")
 """Beginnings of the keys that belong to the controller and its task."""

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
 from twin.devices.akd.axis import Axis, EncoderCounter, PdoTracker, difference
-from twin.devices.akd.config import RPM, AkdConfig, AxisConfig, Scale, unconfirmed
+from twin.devices.akd.config import RPM, AkdConfig, AxisConfig, DriveSettings, Scale, unconfirmed
 from twin.devices.akd.protocol import AxisRequest, DriveState
 from twin.devices.akd.servos import SdoPolling
 from twin.devices.common import FaultReports
@@ -271,7 +271,7 @@ def test_a_silent_drive_is_stale_one_cycle_later_at_most_however_its_host_is_lat
 
 def test_what_is_not_confirmed_is_listed_and_documented_with_its_source():
     attribute = re.compile(r"^    (\w+): (.*(?:\n     +.*)*)", re.MULTILINE)
-    docs = (inspect.cleandoc(each.__doc__) for each in (AkdConfig, AxisConfig))
+    docs = (inspect.cleandoc(each.__doc__) for each in (DriveSettings, AxisConfig))
     known = dict(itertools.chain.from_iterable(map(attribute.findall, docs)))
     assert {"plate_counts", "motor_sign", "rate_limit"} <= set(unconfirmed())
     sourced = {name for name, text in known.items() if re.search(r";\s.+\s\([ML]\)\.$", text, re.S)}

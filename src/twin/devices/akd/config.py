@@ -172,13 +172,10 @@ class AxisConfig(Ranged):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AkdConfig(Ranged):
-    """Two AKD drives on one CAN bus.
+class DriveSettings(Ranged):
+    """What both drives of a rig are set to and watched by.
 
     Attributes:
-        bus: The bus.
-        axes: phi, then theta.
-        period: SYNC period in s, a whole number of ms.
         host: The host's own node, whose heartbeat the drives monitor.
         heartbeat: Period of every heartbeat in s.
         silence: Silence after which either side acts, in s.
@@ -196,12 +193,6 @@ class AkdConfig(Ranged):
     """
 
     keys = "drives."
-    bus: BusConfig = field(default_factory=BusConfig)
-    axes: tuple[AxisConfig, AxisConfig] = (
-        AxisConfig(name="phi", node=1),
-        AxisConfig(name="theta", node=2),
-    )
-    period: float = 0.002
     host: int = 127
     heartbeat: float = bounded(0.02, 0.001, 1)
     silence: float = net(0.06, 0.01, 1.0)
@@ -211,6 +202,24 @@ class AkdConfig(Ranged):
     torque_limit: float = net(4.5, 0.5, 12.3, **_UNCONFIRMED)
     motor_torque: float = bounded(4.57, 0.1, 50, **_UNCONFIRMED)
     watch: MonitorConfig = field(default_factory=MonitorConfig)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AkdConfig(DriveSettings):
+    """Two AKD drives on one CAN bus.
+
+    Attributes:
+        bus: The bus.
+        axes: phi, then theta.
+        period: SYNC period in s, a whole number of ms.
+    """
+
+    bus: BusConfig = field(default_factory=BusConfig)
+    axes: tuple[AxisConfig, AxisConfig] = (
+        AxisConfig(name="phi", node=1),
+        AxisConfig(name="theta", node=2),
+    )
+    period: float = 0.002
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""

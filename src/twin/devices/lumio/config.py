@@ -481,6 +481,8 @@ class LumioConfig(Ranged):
         baud: Bits per second of a serial line; eight data bits, no parity, one stop bit.
         calibration: Screen units to plate axes; None for a screen mounted square and centred, of
             the size that it says, else of the size of the model's.
+        calibration_file: What `ballplate calibrate touch` wrote, instead of ``calibration``; who
+            opens the screen has read it.
         gate: What is plausible.
 
     Raises:
@@ -493,6 +495,7 @@ class LumioConfig(Ranged):
     protocol: str = "auto"
     baud: int = bounded(9600, 1, 1e12)
     calibration: Calibration | None = None
+    calibration_file: str | None = None
     gate: PlausibilityLimits = field(default_factory=PlausibilityLimits)
 
     def __post_init__(self) -> None:
