@@ -27,6 +27,7 @@ from twin.explain.attribution import (
     without,
 )
 from twin.scenario import Scenario, load
+from twin.scenario.load import clean as cleaned
 
 CLEAN = (
     "duration=2",
@@ -127,6 +128,26 @@ def test_a_plate_on_rods_has_no_effect_of_cams():
     found = {effect.name for effect in present(course)}
     assert not found & {"vibration", "mass", "liftoff"}
     assert {"friction", "bandwidth"} <= found
+
+
+@pytest.mark.parametrize("rig", ["hobby", "course", "three_legs", "balancer"])
+def test_with_every_effect_off_a_controller_believes_what_it_does_on_the_clean_model(rig):
+    none = plan(load("circle", [f"parameters={rig}"]))[NONE]
+    assert none.designed_on == cleaned(none).designed_on
+    assert none.predictor is None
+
+
+def test_the_wait_for_a_frame_goes_with_the_frames_and_the_lag_with_the_servos():
+    cases = plan(load("circle", ["parameters=three_legs"]))
+    assert cases["-frames"].predictor.wait == 0
+    assert cases["-frames"].predictor.delay == cases[ALL].predictor.delay
+    assert cases["-bandwidth"].rig.plate_lag == 0
+    assert cases["+bandwidth"].rig.plate_lag == cases[ALL].rig.plate_lag > 0
+
+
+def test_a_scenario_without_a_predictor_is_given_none(clean):
+    framed = changed(clean, [{"sensors.touch.frame_rate": 58.0}])
+    assert plan(framed)["-frames"].predictor is None
 
 
 def test_of_a_single_effect_alone_and_all_are_the_same_run(clean):

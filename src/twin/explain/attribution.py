@@ -61,7 +61,7 @@ def changed(scenario: Scenario, overrides: Iterable[Overrides]) -> Scenario:
             *path, name = key.split(".")
             table = tables
             for part in path:
-                table = table.setdefault(part, {})
+                table = table.get(part, {}) if value is None else table.setdefault(part, {})
             if value is None:
                 table.pop(name, None)
             else:
