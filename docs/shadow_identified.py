@@ -60,7 +60,7 @@ from twin.writing import write_whole
 
 DRAW = 9_140
 """Of the rigs."""
-FRESH = 35_118
+FRESH = 47_206
 """The same of those of which only the intervals are judged: none was used to make the method."""
 FIRST = 400_000
 """Seed of the first rig."""
@@ -172,6 +172,7 @@ def found_of(log: Log, point: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "why": "",
         "white": found.whiteness.white,
+        "uneven": found.fit.problem.windows.white is not None,
         "verdicts": verdicts,
         "errors": {**errors, "nominal": off[at]},
     }
@@ -304,6 +305,7 @@ def page(rows: Sequence[dict[str, Any]], fresh: Sequence[dict[str, Any]], comman
         "fresh": len(fresh),
         "refused": len(fresh) - len(told),
         "rejected": sum(not each["white"] for each in told),
+        "uneven": sum(each["uneven"] for each in told),
         "coverage": coverage(told),
         "errors": errors,
         "better": share(better, len(told)),
