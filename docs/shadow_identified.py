@@ -160,6 +160,7 @@ def found_of(log: Log, point: Mapping[str, Any]) -> dict[str, Any]:
     verdicts = {
         each.name: (each.word, point[TRUTHS[each.name][0]], each.value, each.low, each.high)
         for each in found.verdicts
+        if each.name in TRUTHS
     }
     # the rig as the project describes it, in place of what was found
     usual = {"rolling": 1.8e-4, "delay": 0.042, "breakaway": 1.0}
