@@ -215,6 +215,7 @@ def test_the_command_writes_its_files_and_prints_one_json_object(folder, tmp_pat
     assert result.return_value == 0
     told = json.loads(result.stdout)
     assert [each["name"] for each in told["parameters"]] == ["rolling", "wheels"]
+    assert told["replay_error"]["twin"] == told["held_out"][0]["median"]["model"]
     assert told["fit"]["reason"] in {"converged", "step limit reached"}
     assert 0 < told["fit"]["steps"] <= told["fit"]["step_limit"]
     assert {path.name for path in out.iterdir()} == {"report.html", "parameters.toml"}

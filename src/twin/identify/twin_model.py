@@ -503,8 +503,13 @@ class TwinIdentification(judged.Identification):
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""
+        found = super().as_dict()
+        older = {"twin": "model", "frictionless": "without friction", "still": "stays"}
+        errors = [each["median"] for each in found["held_out"]]
+        replay = [{old: each[now] for old, now in older.items()} for each in errors]
         return {
-            **super().as_dict(),
+            **found,
+            "replay_error": {"ahead": found["ahead"], **replay[0]} if replay else None,
             "usable_seconds": self.log.length,
             "residuals": self.whiteness.as_dict(),
             "fit": asdict(self.fit.found.termination),
