@@ -14,7 +14,7 @@ from twin.identify.judged import BOUNDED, IDENTIFIED, REJECTED
 from twin.identify.parameters import SERVO
 from twin.identify.plate_motion import Drives, fit_drives, servo_response
 from twin.identify.prepare import PACE, PreparedLog, Segment, paces, rests, speed
-from twin.identify.report import parameters
+from twin.identify.report import parameters, sentences
 from twin.identify.search import Estimate, Linearisation, estimate, fit_starts
 from twin.identify.twin_model import (
     Problem,
@@ -197,6 +197,7 @@ def test_of_a_model_that_the_log_rejects_there_is_no_interval():
     assert good.low < 0.2 < good.high
     assert (bad.low, bad.high) == (None, None)
     found = shown(bad)
+    assert sentences(found)[0].startswith("Fitted, but the log rejects the model")
     assert "rolling" not in parameters(found)
     assert "rolling_mm = 0.2" in parameters(found, (REJECTED,))
 
