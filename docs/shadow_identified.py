@@ -1,8 +1,9 @@
-"""Makes shadow_identified.md: what the shadow says with twins that were identified from logs.
+"""Makes shadow_identified.md: what identify finds of simulated rigs, and what the shadow says.
 
-uv run python docs/shadow_identified.py --rigs 24 --doc docs/shadow_identified.md
+uv run python docs/shadow_identified.py --rigs 15 --identified 66
 
-Simulated rigs of the family `uncertain`, each identified from a log as a user would, then watched.
+Simulated rigs of the family `uncertain`, each identified from a log as a user would; of some the
+intervals are held against the truth, others are watched by a twin of what was identified.
 What has been tried is kept in runs/shadow_identified and used again while the code stays the same.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,6 +30,7 @@ from shadow_trials import (
     HEALTHY_SCENARIOS,
     IN_TIME,
     KINDS,
+    LEVEL,
     RAMP,
     Settings,
     _changed,
@@ -40,11 +43,11 @@ from shadow_trials import (
 from twin.cli.options import PROCESSES
 from twin.cli.output import progress
 from twin.errors import TwinError
-from twin.identify.judged import IDENTIFIED
+from twin.identify.judged import HORIZONS, IDENTIFIED, score
 from twin.identify.logs import Log
-from twin.identify.parameters import DEFAULT
+from twin.identify.parameters import BALL, DEFAULT, SHARE
 from twin.identify.report import parameters
-from twin.identify.twin_model import identify
+from twin.identify.twin_model import identify, replayed
 from twin.jobs import cores, results
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
@@ -57,6 +60,8 @@ from twin.writing import write_whole
 
 DRAW = 9_140
 """Of the rigs."""
+FRESH = 47_206
+"""The same of those of which only the intervals are judged: none was used to make the method."""
 FIRST = 400_000
 """Seed of the first rig."""
 TOGETHER = 3
@@ -65,6 +70,17 @@ EXCITED = "excite"
 """What a rig does while it is identified, and when something happens to it."""
 HAPPENS = [name for name, kind in KINDS.items() if "patch" not in kind and "lost" not in name]
 """What happens, by turns: rigs of the family have uneven screens and lost motion from the start."""
+
+
+TRUTHS = {
+    "rolling": ("plant.friction.rolling_mm", "mm"),
+    "breakaway": ("plant.friction.breakaway_ratio", ""),
+    "delay": ("sensors.touch.dead_time", "s"),
+    "servo": ("plant.servo.bandwidth_hz", "Hz"),
+    "level_phi": (f"{LEVEL}.0", "deg"),
+    "level_theta": (f"{LEVEL}.1", "deg"),
+}
+"""What is identified, by the keys of the family."""
 
 
 class Watched(NamedTuple):
@@ -105,16 +121,62 @@ def simulated(true: Settings, run: Watched, place: int) -> tuple[Scenario, Scena
     return at_study_step(load(run.scenario, common)), at_study_step(truth)
 
 
-def known(numbers: tuple[int, ...]) -> list[dict[str, Any]]:
-    """What is said of some rigs: as kept, or tried and then kept."""
-    rooms = [Path(str(files(f"twin.{room}"))) for room in ("shadow", "identify")]
+def known(job: tuple[bool, tuple[int, ...]]) -> list[dict[str, Any]]:
+    """What is said of some rigs, watched or identified only: as kept, or tried and then kept."""
+    watching, numbers = job
+    rooms = [Path(str(files(f"twin.{room}"))) for room in ("shadow", "identify")[not watching :]]
     sources = [Path(__file__), *(HERE / f"shadow{end}" for end in ("_trials.py", ".toml"))]
     for end in ("py", "toml"):
         sources += [each for room in rooms for each in sorted(room.rglob(f"*.{end}"))]
     how = " ".join(each.read_text(encoding="utf-8") for each in sources)
-    key = digest(f"{code()} {how} {numbers}")
-    found: list[dict[str, Any]] = kept("shadow_identified", key, lambda: carry_out(numbers))
+    key = digest(f"{code()} {how} {job}")
+    make = carry_out if watching else judged
+    found: list[dict[str, Any]] = kept("shadow_identified", key, lambda: make(numbers))
     return found
+
+
+def judged(numbers: Sequence[int]) -> list[dict[str, Any]]:
+    """What `ballplate identify` finds of rigs beside the truth: a row for each in JSON."""
+    points = [each.point for each in drawn(read_family(FAMILY), FRESH, max(numbers) + 1)]
+    runs = [Watched(2 * FIRST + number, EXCITED, HEALTHY) for number in numbers]
+    pairs = [simulated(_whole(points[k]), run, 0) for k, run in zip(numbers, runs, strict=True)]
+    return [
+        {"number": number, **found_of(log, points[number])}
+        for number, log in zip(numbers, logs(pairs), strict=True)
+    ]
+
+
+def found_of(log: Log, point: Mapping[str, Any]) -> dict[str, Any]:
+    """Verdicts of a log with the truth, and how far off after 1 s the part held out is predicted.
+
+    Args:
+        log: Of 60 s.
+        point: The truth, by the keys of the family.
+    """
+    try:
+        found = identify(log, DEFAULT)
+    except TwinError as error:
+        return {"why": str(error)}
+    verdicts = {
+        each.name: (each.word, point[TRUTHS[each.name][0]], each.value, each.low, each.high)
+        for each in found.verdicts
+        if each.name in TRUTHS
+    }
+    # the rig as the project describes it, in place of what was found
+    usual = {"rolling": 1.8e-4, "delay": 0.042, "breakaway": 1.0}
+    names = found.fit.problem.names
+    theta = np.array([[usual.get(name, max(0.0, BALL[name].least)) for name in names]])
+    nominal = replace(found.fit, found=found.fit.found._replace(theta=theta))
+    off = score(replayed(found.log.split(SHARE)[1], nominal, 0.0)).median["model"]
+    at = HORIZONS.index(1.0)
+    errors = {who: each[at] for who, each in found.scores[0].median.items()}
+    return {
+        "why": "",
+        "white": found.whiteness.white,
+        "uneven": found.fit.problem.windows.white is not None,
+        "verdicts": verdicts,
+        "errors": {**errors, "nominal": off[at]},
+    }
 
 
 def carry_out(numbers: Sequence[int]) -> list[dict[str, Any]]:
@@ -136,19 +198,16 @@ def carry_out(numbers: Sequence[int]) -> list[dict[str, Any]]:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder, "parameters.toml")
             names = identified(first, file)
+            given = [f"parameters={file}"] if names else []
             for run, log in others:
                 for learning in (True, False) if run.kind == HEALTHY else (True,):
                     about = {**run._asdict(), "learning": learning, "identified": names}
-                    found.append({**about, **said(log, file, learning=learning)})
+                    found.append({**about, **said(log, given, learning=learning)})
     return found
 
 
 def identified(log: Log, file: Path) -> list[str]:
-    """What `ballplate identify` finds in a log, written to a file, which is empty if it is nothing.
-
-    The command writes no file then.
-    """
-    file.write_text("", encoding="utf-8")
+    """What `ballplate identify` finds in a log, written to a file."""
     try:
         found = identify(log, DEFAULT)
     except TwinError:
@@ -157,14 +216,14 @@ def identified(log: Log, file: Path) -> list[str]:
     return [each.name for each in found.verdicts if each.word == IDENTIFIED]
 
 
-def said(log: Log, file: Path, *, learning: bool) -> dict[str, Any]:
-    """What a twin with the parameters of a file says of a run; why it says nothing.
+def said(log: Log, given: Sequence[str], *, learning: bool) -> dict[str, Any]:
+    """What a twin with such settings says of a run; why it says nothing.
 
     When there was the first alarm in s, what it was held to be, and the median score.
     """
     nothing: dict[str, Any] = {"alarm": None, "causes": [], "score": None, "why": ""}
     try:
-        found = shadow(log, believed(log, [f"parameters={file}"]), learning=learning)
+        found = shadow(log, believed(log, given), learning=learning)
     except TwinError as error:
         return {**nothing, "why": str(error)}
     for alarm in found.alarms[:1]:
@@ -200,13 +259,60 @@ def causes(row: Mapping[Any, Any]) -> str:
     return ", ".join(row["causes"]) or "-"
 
 
-def page(rows: Sequence[dict[str, Any]], command: str) -> str:
+def coverage(rigs: Sequence[dict[str, Any]]) -> list[tuple[Any, ...]]:
+    """Rows of a table: of each parameter its verdicts, intervals that hold, and half widths."""
+    table = []
+    for name, (key, unit) in TRUTHS.items():
+        every = [rig["verdicts"][name] for rig in rigs]
+        ends = [
+            (word, true, value, low, np.inf if high is None else high)
+            for word, true, value, low, high in every
+            if low is not None
+        ]
+        good = [each for each in ends if each[0] == IDENTIFIED]
+        held, sure = (
+            share(sum(low <= true <= high for _, true, _, low, high in some), len(some))
+            for some in (ends, good)
+        )
+        middle = [
+            f"{np.median(numbers):.2g}" if numbers else "-"
+            for numbers in (
+                [(high - low) / 2 for *_, low, high in good],
+                [abs(value - true) for _, true, value, *_ in good],
+            )
+        ]
+        table.append((key, unit, f"{len(good)} of {len(every)}", sure, held, *middle))
+    return table
+
+
+def page(rows: Sequence[dict[str, Any]], fresh: Sequence[dict[str, Any]], command: str) -> str:
     """The page in Markdown.
 
     Args:
         rows: What was said of every watched run.
+        fresh: What was identified of the other rigs.
         command: That makes this page.
     """
+    told = [each for each in fresh if not each["why"]]
+    errors = {
+        who: f"{1000 * np.median([each['errors'][who] for each in told]):.2g}"
+        for who in ("model", "nominal", "without friction", "stays", "goes on")
+    }
+    better = sum(each["errors"]["model"] < each["errors"]["nominal"] for each in told)
+    about = {
+        "command": command,
+        "seconds": DURATION,
+        "excited": EXCITED,
+        "fresh": len(fresh),
+        "refused": len(fresh) - len(told),
+        "rejected": sum(not each["white"] for each in told),
+        "uneven": sum(each["uneven"] for each in told),
+        "coverage": coverage(told),
+        "errors": errors,
+        "better": share(better, len(told)),
+    }
+    if not rows:
+        return filled("shadow_identified", **about, rigs=0)
     every = judged_rigs(rows)
     judged = every[every["why"] == ""]
     fine, without = (
@@ -221,9 +327,7 @@ def page(rows: Sequence[dict[str, Any]], command: str) -> str:
     parts += [(str(name), some) for name, some in fine.groupby("scenario")]
     return filled(
         "shadow_identified",
-        command=command,
-        seconds=DURATION,
-        excited=EXCITED,
+        **about,
         scenarios=HEALTHY_SCENARIOS,
         at=AT,
         ramp=RAMP,
@@ -259,18 +363,23 @@ def page(rows: Sequence[dict[str, Any]], command: str) -> str:
 
 
 @click.command()
-@click.option("--rigs", type=click.IntRange(min=1), default=24, help="How many.")
+@click.option("--rigs", type=click.IntRange(min=0), default=15, help="How many are watched.")
+@click.option("--identified", "fresh", type=click.IntRange(min=1), default=66, help="Others.")
 @click.option("--doc", type=click.Path(path_type=Path), default=HERE / "shadow_identified.md")
 @PROCESSES
-def main(rigs: int, doc: Path, processes: int | None) -> None:
+def main(rigs: int, fresh: int, doc: Path, processes: int | None) -> None:
     """Identify simulated rigs, let the twins watch them, and write how good that is."""
-    jobs = list(enumerate(groups(rigs)))
-    found: list[dict[str, Any]] = []
+    parts = [
+        (watching, some) for watching in (False, True) for some in groups((fresh, rigs)[watching])
+    ]
+    jobs = list(enumerate(parts))
+    found: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
     with progress("rigs that are identified and watched", 1.0) as advance:
-        for done, (_, some) in enumerate(results(known, jobs, processes or cores())):
-            found += some
+        for done, (job, some) in enumerate(results(known, jobs, processes or cores())):
+            found[parts[job][0]] += some
             advance((done + 1) / len(jobs))
-    text = page(found, f"uv run python docs/shadow_identified.py --rigs {rigs}")
+    command = f"uv run python docs/shadow_identified.py --rigs {rigs} --identified {fresh}"
+    text = page(found[True], found[False], command)
     write_whole(doc, lambda path: path.write_text(text, encoding="utf-8"))
 
 

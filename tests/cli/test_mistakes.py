@@ -72,6 +72,7 @@ LINES = {
     "run circle --out=": "--out: names no folder",
     "run circle --set duration=1 --set duration=2": "given 2 times",
     "run circle --view --serve": "choose one",
+    "run circle --learn": "only with --shadow",
     "analyse sign": "not found",
     "reproduce 8.22": "no table '8.22'; there are 8.1 to 8.21 and 9.1 to 9.9",
     "study frictoin": "did you mean 'friction'? (known: chapter9,",

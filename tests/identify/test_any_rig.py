@@ -325,7 +325,7 @@ def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
 
     found = Minimum(
         np.array([[0.0, 0.0, -0.008]]), problem.initial_starts(), np.zeros(1), line,
-        Termination("converged", 1, 1, 0, 0.0),
+        Termination("converged", 1, 1),
     )  # fmt: skip
     fit = AxisFit(problem, found, log, 1e-3, 1e-3)
     at = beginnings(log)

@@ -10,10 +10,9 @@ from scipy import stats
 
 from twin.identify.prepare import prepare
 from twin.identify.search import fit_starts
-from twin.identify.windows import STEP, Spans, cut
+from twin.identify.windows import STEP, STRETCH, Spans, cut
 from twin.scenario import load
 from twin.shadow.belief import believed, logs
-from twin.shadow.evidence import STRETCH
 from twin.shadow.horizon import (
     BAND,
     LEAD,

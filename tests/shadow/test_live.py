@@ -152,6 +152,20 @@ def test_what_is_said_while_a_run_goes_on_is_what_is_said_afterwards(
     assert [alarm.causes[0].name for alarm in alarms] == names
 
 
+@pytest.mark.long
+def test_a_twin_that_learns_beside_a_run_says_nothing_before_and_what_it_learned(folder):
+    (recorded,) = open_run(folder[0])
+    follower = follow.LiveFollower(recorded.scenario, "the run", learning=True)
+    for first in range(0, len(recorded.rows["time"]), 500):
+        rows = {name: values[first : first + 500] for name, values in recorded.rows.items()}
+        if follower.take(rows):
+            follower.ask()
+        learned = rows["time"][-1] > follow.LEARNING + follow.MARGIN + follow.STRIDE
+        assert bool(follower.said.taught) >= learned
+        assert rows["time"][-1] > follow.LEARNING or not follower.said.taught
+    assert follower.said.replays.time[0] >= follow.LEARNING - 1.0
+
+
 def test_a_new_window_that_ends_before_an_old_one_is_neither_dropped_nor_is_an_old_one_told_twice():
     first, second = (
         Evidence.of(("lag",), spans, np.zeros((len(spans), 1, 1)), np.zeros((len(spans), 1)))

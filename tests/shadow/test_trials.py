@@ -159,7 +159,23 @@ def test_the_page_of_identified_twins_counts_alarms_and_hides_no_rig():
         told(3, 1, True, 49.0, ("cams",)),  # a ramp is complete at 30 s
         told(6, 1, True, 41.0, ("dead time",)),
     ]  # fmt: skip
-    text = identified.page(found, "shadow_identified.py")
+    errors = {"model": 7e-4, "nominal": 0.014, "without friction": 0.02, "stays": 0.03}
+    errors["goes on"] = 0.04
+    fresh = [
+        {
+            "why": "", "white": white, "uneven": not white,
+            "errors": errors | {"nominal": nominal},
+            "verdicts": dict.fromkeys(identified.TRUTHS, (identified.IDENTIFIED, 1.0, *numbers)),
+        }
+        for white, nominal, *numbers in ((True, 5e-4, 1.1, 0.9, 1.3), (False, 0.03, 1.5, 1.2, 1.8))
+    ]  # fmt: skip
+    text = identified.page(found, [*fresh, {"why": "too quiet"}], "shadow_identified.py")
+    assert "3 simulated rigs of" in text
+    assert "1 logs were refused, 1 fits rejected by their residuals; 1 logs were not" in text
+    (key, unit), *_ = identified.TRUTHS.values()
+    half = "1 of 2 (9 to 91 %)"
+    assert f"| {key} | {unit} | 2 of 2 | {half} | {half} | 0.25 | 0.3 |" in text
+    assert f"better than the nominal twin on {half} rigs" in text
     # Wilson: (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n) with z = 1.96
     assert "| learning | 1 of 3 (6 to 79 %) | 1.50 | 1.50 to 2.50 |" in text
     assert "| the same runs without learning | 3 of 3 (44 to 100 %) | 1.50 | 1.50 to 7.00 |" in text

@@ -275,8 +275,12 @@ SERVE = click.option(
     metavar="[PORT]",
     help=f"Watch in a browser of this machine [{WEB_PORT}].",
 )
+LEARN = click.option(
+    "--learn", is_flag=True, help="Let the twin learn for 20 s before it judges: an unknown rig."
+)
 WATCHING = (
     click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes."),
+    LEARN,
     click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
     SERVE,
 )
@@ -290,6 +294,7 @@ class Viewing:
         window: In a viewer window.
         serve: In a browser, at this port.
         shadow: Whether its twin runs beside it.
+        learn: Whether that learns at first what is not known of the rig.
 
     Raises:
         ScenarioError: If these exclude each other.
@@ -298,11 +303,14 @@ class Viewing:
     window: bool
     serve: int | None
     shadow: bool
+    learn: bool
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         if self.window and self.serve is not None:
             raise ScenarioError("--view and --serve: choose one")
+        if self.learn and not self.shadow:
+            raise ScenarioError("--learn: only with --shadow, whose twin it is that learns")
         self._opened: Opened | None = None
         self._url, self._recording = "", str(uuid4())
 
@@ -338,7 +346,7 @@ class Viewing:
         from twin.view.live_process import LiveProcess
 
         shown = report.Shown(self._url, self._recording, name) if self._url else None
-        return LiveProcess(report.work, (scenario, shown))
+        return LiveProcess(report.work, (scenario, shown, self.learn))
 
     def keep(self) -> None:
         """Keep a page until Ctrl-C."""

@@ -101,7 +101,7 @@ def run(
     folder = done.folder or folder
     for line in options.unused(done.scenario):
         TERMINAL.warn(line)
-    examined = _examined(folder) if viewing.shadow else None
+    examined = _examined(folder, learning=viewing.learn) if viewing.shadow else None
     model = done.baseline
     numbers = {**done.summary(), "verdict": done.verdict}
     numbers["baseline"] = None if model is None else model.summary()
@@ -136,13 +136,13 @@ def run(
     return int(not done.finished)
 
 
-def _examined(folder: Path) -> Shadow | None:
+def _examined(folder: Path, *, learning: bool) -> Shadow | None:
     """What the twin says of the run as a whole: the same as `ballplate shadow RUN`."""
     from twin.shadow.report import examine
 
     try:
         with TERMINAL.progress("the twin beside the whole run", 1.0) as advance:
-            return examine(folder, folder, progress=advance)
+            return examine(folder, folder, learning=learning, progress=advance)
     except LogError as error:
         TERMINAL.warn(f"{error}; the run itself is in {folder}/")
         return None

@@ -217,6 +217,7 @@ def fit(
 @options.command(example="shadow runs/circle")
 @click.argument("log", type=options.PATH)
 @options.SETTING
+@options.LEARN
 @options.COLUMNS
 @click.option("--out", type=options.PATH, help="Folder [RUN, or runs/shadow-LOG].")
 @options.JSON
@@ -226,12 +227,14 @@ def shadow(
     columns: str | None,
     separator: str | None,
     out: Path | None,
+    *,
+    learn: bool,
 ) -> int:
     """Let the twin run beside a recorded run: is it still right, since when not, and why.
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns and what was commanded.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
-    identified ones: it learns for 20 s then, before it judges). Writes shadow.html, shadow.json and
+    identified ones: it learns then as with --learn). Writes shadow.html, shadow.json and
     shadow.parquet. Exit code 1 after an alarm.
     """
     log = log_file(log)  # a wrong name is told before anything heavy is imported
@@ -246,6 +249,7 @@ def shadow(
             overrides,
             columns=columns,
             separator=separator,
+            learning=learn,
             progress=advance,
         )
     show(found.as_dict(), sentences(found), folder, FILES)

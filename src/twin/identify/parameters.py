@@ -27,6 +27,7 @@ class IdentifiedParameter:
         tolerance: Half-width of the interval up to which it counts as identified.
         relative: The same as a share of the value; the larger of the two holds.
         floor: Smallest half-width ever claimed: what the twin's own time step changes.
+        spread: Standard deviation about ``start`` that is believed before any log is seen.
     """
 
     key: str
@@ -39,6 +40,7 @@ class IdentifiedParameter:
     tolerance: float = 0.0
     relative: float = 0.0
     floor: float = 0.0
+    spread: float = math.inf
 
     @property
     def factor(self) -> float:
@@ -64,6 +66,8 @@ SHARE = 2 / 3
 CHOICES = (*DEFAULT, "viscous", "stribeck", "dwell", *HIDDEN)
 ALWAYS = ("rolling", "breakaway", "delay", "level_phi", "level_theta")
 """Fitted whether asked for or not: to hold one at a guess would spoil the others."""
+AT_REST = ("stribeck", "dwell")
+"""How friction at rest ages: fitted along where a log is not explained without."""
 
 
 def chosen(

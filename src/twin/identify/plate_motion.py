@@ -23,8 +23,9 @@ from twin.sim.rig import Hysteresis, Play
 
 CORNERS = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
 """Corner frequencies in Hz; the data choose how much of the encoders to believe."""
-CHUNK = 1.0
-"""Length in s of the pieces from which a parabola is taken, for disturbances drift the plate."""
+CHUNK, OTHERS = 1.0, (0.5, 2.0)
+"""Length in s of the pieces from which a parabola is taken, for disturbances drift the plate; and
+others that would do as well: by how much the lag differs with them, the model is wrong."""
 PLAYS = np.radians((0.0, 0.03, 0.1, 0.3))
 """Play in rad from which a fit of the drives begins."""
 STEPS = 8
@@ -37,13 +38,11 @@ class Drives(NamedTuple):
     Attributes:
         lag: Time constant, s.
         half_width: Of its 95 % interval, s; infinite where the data say nothing.
-        agree: Whether angles and rates of the plate give the same; the interval holds both.
         play: What the plate loses at a reversal, rad.
     """
 
     lag: float
     half_width: float
-    agree: bool
     play: float
 
 
@@ -100,42 +99,34 @@ def fit_drives(log: PreparedLog) -> Drives | None:
 
     What else lies between motor and plate shows in the same band and is fitted along: elasticity,
     which lets the plate of either axis lead by its acceleration over the square of the resonance,
-    and play. What is fitted to the angles is then fitted to their rates, which see higher
-    frequencies: where the model is right, both give one lag.
+    and play. Where the drives are of another kind, the lag differs with the length of the pieces:
+    that is taken for a standard deviation, and the interval holds it, too.
     """
-    rows = round(CHUNK / log.period)
-    segments = [s for s in log.segments if s.command is not None and len(s.time) >= rows]
+    lengths = [round(each / log.period) for each in (CHUNK, *OTHERS)]
+    segments = [s for s in log.segments if s.command is not None and len(s.time) >= max(lengths)]
     if not segments:
         return None
     guesses = np.array([(0.02, 0.0, 0.0, play) for play in PLAYS])
-    angle = _fitted(log, segments, guesses, 0)
-    rate = _fitted(log, segments, angle.value[None], 1)
-    half, other = float(angle.half_width[0]), float(rate.half_width[0])
-    apart = abs(float(angle.value[0] - rate.value[0]))
-    agree = not apart > np.hypot(half, other)
-    return Drives(
-        lag=float(angle.value[0]),
-        half_width=half if agree else apart + other,
-        agree=agree,
-        play=float(angle.value[3]),
-    )
+    found = _fitted(log, segments, guesses, lengths[0])
+    others = [_fitted(log, segments, found.value[None], rows).value[0] for rows in lengths[1:]]
+    apart = float(np.abs(others - found.value[0]).max())
+    half = float(np.hypot(found.half_width[0], 2 * apart))
+    return Drives(lag=float(found.value[0]), half_width=half, play=float(found.value[3]))
 
 
 @dataclass(frozen=True)
 class DriveProblem(Fitting):
-    """How plates follow commands, in pieces of ``CHUNK`` without their parabola.
+    """How plates follow commands, in pieces without their parabola.
 
     Attributes:
         windows: The pieces.
         log: What was recorded.
         segments: Parts of it with commands.
-        order: Of the differences that are compared: 0 for angles, 1 for rates.
     """
 
     windows: SampleWindows
     log: PreparedLog
     segments: list[Segment]
-    order: int
     names = tuple(DRIVES)
     about = DRIVES
     start_steps = np.zeros(0)
@@ -145,31 +136,30 @@ class DriveProblem(Fitting):
     def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
         """The pieces as drives would make them, twice, shape (C, W, rows, 2)."""
         angles = [_plate(segment, self.log, theta) for segment in self.segments]
-        found = _straightened(angles, round(CHUNK / self.log.period), self.order)
+        found = _straightened(angles, self.windows.time.shape[1])
         return found, found
 
 
-def _straightened(angles: list[Array], rows: int, order: int) -> Array:
-    """Differences of pieces of some rows, without their parabola, shape (..., W, rows, 2)."""
-    base, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, rows - order), 3))
+def _straightened(angles: list[Array], rows: int) -> Array:
+    """Angles in pieces of some rows, without their parabola, shape (..., W, rows, 2)."""
+    base, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, rows), 3))
     cut = np.concatenate([_pieces(each, rows) for each in angles], axis=-3)
-    each = np.diff(cut, n=order, axis=-2)
-    return np.asarray(each - base @ (base.T @ each))
+    return np.asarray(cut - base @ (base.T @ cut))
 
 
-def _fitted(log: PreparedLog, segments: list[Segment], theta: Array, order: int) -> Estimate:
+def _fitted(log: PreparedLog, segments: list[Segment], theta: Array, rows: int) -> Estimate:
     """Lag in s, elasticity of both axes in s^2, play in rad: the best from C guesses, (C, 4).
 
     Pieces that do not follow at all (a wheel off its cam) must not decide: all are weighed by the
     usual misfit of the best guess.
     """
     measured = [segment.plate for segment in segments]
-    ball = _straightened(measured, round(CHUNK / log.period), order)
+    ball = _straightened(measured, rows)
     begin, starts = np.zeros(len(ball)), np.zeros((0, len(theta), len(ball)))
     weight = np.ones_like(ball)
     for _ in range(2):
         windows = SampleWindows(begin, np.zeros(ball.shape[:2]), ball, weight)
-        problem = DriveProblem(windows, log, segments, order)
+        problem = DriveProblem(windows, log, segments)
         misfit = problem.misfit(problem.linearise(theta, starts, slopes=False).r)
         weight = weight / np.sqrt(max(float(np.median(misfit.min(axis=0))), 1e-30))
         problem = replace(problem, windows=replace(windows, weight=weight))
@@ -185,11 +175,14 @@ def _plate(segment: Segment, log: PreparedLog, theta: Array) -> Array:
         servo_response(segment.command, log.period, each, log.own_lag) for each in theta[:, 0]
     ]
     angle, rate = (np.stack(each) for each in zip(*responses, strict=True))
-    part = Play(theta[:, 3:])
-    turns = np.diff(angle, axis=1, prepend=0.0)
-    followed = np.cumsum([part.follow(turn) for turn in np.moveaxis(turns, 1, 0)], axis=0)
+    # behind a gap the plate stands until the shaft has crossed it
+    half, at = theta[:, 3:] / 2, np.zeros((len(theta), 2))
+    followed = np.moveaxis(np.stack((angle - half[:, None], angle + half[:, None])), 2, 0)
+    for low, high in followed:
+        np.minimum(np.maximum(at, low, out=at), high, out=at)
+        low[:] = at
     lead = theta[:, None, 1:3] * np.gradient(rate, log.period, axis=1)
-    return np.asarray(np.moveaxis(followed, 0, 1) - lead)
+    return np.asarray(np.moveaxis(followed[:, 0], 0, 1) - lead)
 
 
 def _smooth(values: Array, period: float, count: float) -> Array:

@@ -9,7 +9,7 @@ makes a fit some twenty times as fast. Intervals are by the wild score bootstrap
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -184,6 +184,28 @@ class Linearisation(NamedTuple):
         follow = np.linalg.solve(normal + self.prior, Zt @ both)
         return both - Z @ follow, follow
 
+    def without_starts(self, unknown: Array) -> tuple[Array, Array]:
+        """Inner products of the first candidate's residuals and parameter slopes, starts fitted.
+
+        Under the samples' noise and unknown motion N of unit variance: U' (I + N N')^-1 U by
+        Woodbury's identity. Also returns how far that spreads, as the logarithm of determinants.
+
+        Args:
+            unknown: N, in standard deviations of the samples, shape (W, M, S).
+
+        Returns:
+            Shapes (W, 1 + P, 1 + P) and (W,).
+        """
+        parts = (self.r[0, ..., None], self.by_parameter[0], self.by_start[0])
+        U, Nt = np.concatenate(parts, axis=-1), np.swapaxes(unknown, -1, -2)  # noqa: N806
+        inner, shared = np.eye(len(Nt[0])) + Nt @ unknown, Nt @ U
+        Q = np.swapaxes(U, -1, -2) @ U  # noqa: N806
+        Q -= np.swapaxes(shared, -1, -2) @ np.linalg.solve(inner, shared)  # noqa: N806
+        k = 1 + self.by_parameter.shape[-1]
+        own = Q[:, k:, k:] + self.prior
+        left = Q[:, :k, :k] - Q[:, :k, k:] @ np.linalg.solve(own, Q[:, k:, :k])
+        return left, np.linalg.slogdet(inner)[1] + np.linalg.slogdet(own)[1]
+
 
 @dataclass(frozen=True)
 class SampleWindows:
@@ -194,12 +216,15 @@ class SampleWindows:
         time: When the samples were taken, s from ``begin``, shape (W, B).
         ball: Positions in m, shape (W, B, A).
         weight: One over the standard deviation of each, 0 where there is none, shape (W, B, A).
+        shared: What K unknowns that windows have in common, as patches of a screen, make of their
+            residuals, in standard deviations of each unknown, shape (W, M, K); None without any.
     """
 
     begin: Array
     time: Array
     ball: Array
     weight: Array
+    shared: Array | None = field(default=None, kw_only=True)
     by_window: ClassVar[tuple[str, ...]] = ("begin", "time", "ball", "weight")
 
     def __len__(self) -> int:
@@ -213,7 +238,8 @@ class SampleWindows:
 
     def take(self, which: Mask) -> Self:
         """Some of the windows."""
-        return replace(self, **{name: getattr(self, name)[which] for name in self.by_window})
+        given = {name: getattr(self, name) for name in (*self.by_window, "shared")}
+        return replace(self, **{k: v[which] for k, v in given.items() if v is not None})
 
 
 class Fitting:
@@ -246,6 +272,12 @@ class Fitting:
         """Least and largest values of the parameters, shapes (P,)."""
         about = [self.about[name] for name in self.names]
         return np.array([each.least for each in about]), np.array([each.most for each in about])
+
+    @property
+    def known(self) -> tuple[Array, Array]:
+        """What is believed of the parameters before: mean and precision, shapes (P,)."""
+        about = [self.about[name] for name in self.names]
+        return np.array([e.start for e in about]), np.array([e.spread**-2.0 for e in about])
 
     def initial_starts(self) -> Array:
         """First guesses of the starts, S numbers of each window, shape (S, 1, W)."""
@@ -334,15 +366,11 @@ class Termination:
             or ``step limit reached``.
         steps: Steps taken, rejected ones included.
         step_limit: Most steps it might have taken.
-        rejected_steps: Steps that were rejected since its cost would have risen.
-        last_decrease: By how much the last accepted step lowered the cost, relative to it.
     """
 
     reason: str
     steps: int
     step_limit: int
-    rejected_steps: int
-    last_decrease: float
 
     def __str__(self) -> str:
         """In words."""
@@ -443,11 +471,11 @@ def minimise(
         polish: Steps by which starts are fitted to the parameters of a step before it is judged.
     """
     least, most = problem.bounds
+    mean, precision = problem.known
     current = problem.linearise(theta, starts)
-    cost = problem.cost(current.r)
+    cost = problem.cost(current.r) + (theta - mean) ** 2 @ precision
     damping = np.full(len(theta), 1e-2)
     eye = np.eye(len(problem.names))
-    rejected, decrease = np.zeros(len(theta), dtype=int), np.zeros(len(theta))
     idle = np.zeros(len(theta), dtype=int)
     steps = 0
     while steps < step_limit and (idle < patience).any():
@@ -456,7 +484,8 @@ def minimise(
         free, follow = current.eliminate_starts(np.maximum(damping - 1.0, 0.0))
         r, J = free[..., 0], free[..., 1:]  # noqa: N806
         weighted = np.swapaxes(J * problem.weights(current.r)[..., None, None], -1, -2)
-        normal, slope = (weighted @ J).sum(axis=1), (weighted @ r[..., None]).sum(axis=1)
+        normal = (weighted @ J).sum(axis=1) + np.diag(precision)
+        slope = (weighted @ r[..., None]).sum(axis=1) + (precision * (theta - mean))[..., None]
         # what stands at a bound and would go beyond stays there, and the others know it
         held = ((theta <= least) & (slope[..., 0] > 0)) | ((theta >= most) & (slope[..., 0] < 0))
         slope = np.where(held[..., None], 0.0, slope)
@@ -470,21 +499,17 @@ def minimise(
         if polish:
             shifted = fit_starts(problem, moved, shifted, polish)
         trial = problem.linearise(moved, shifted)
-        trial_cost = problem.cost(trial.r)
+        trial_cost = problem.cost(trial.r) + (moved - mean) ** 2 @ precision
         better = trial_cost < cost
         gained = better & (cost - trial_cost >= TOLERANCE * cost)
         theta = np.where(better[:, None], moved, theta)
         starts = np.where(better[:, None], shifted, starts)
         current = trial.where(better, current)
-        decrease = np.where(better, (cost - trial_cost) / np.maximum(cost, 1e-300), decrease)
         cost = np.where(better, trial_cost, cost)
         damping = np.where(better, np.maximum(damping / 5, 1e-6), damping * 8)
-        rejected += ~better
         idle = np.where(gained, 0, idle + 1)
-    best = int(np.argmin(cost))
-    reason = CONVERGED if idle[best] >= patience else STEP_LIMIT
-    termination = Termination(reason, steps, step_limit, int(rejected[best]), float(decrease[best]))
-    return Minimum(theta, starts, cost, current, termination)
+    reason = CONVERGED if idle[np.argmin(cost)] >= patience else STEP_LIMIT
+    return Minimum(theta, starts, cost, current, Termination(reason, steps, step_limit))
 
 
 @dataclass(frozen=True)
@@ -510,9 +535,17 @@ class Fit:
         free, _ = line.eliminate_starts()
         r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
         weight = self.problem.weights(line.r)[0]
+        theta, (mean, precision) = self.found.theta[0], self.problem.known
+        # what is believed before counts as one window more
+        information = np.einsum("wmi,wmj,w->wij", J, J, weight)
+        score = np.einsum("wmi,wm,w->wi", J, r, weight)
+        noise = np.einsum("wmi,wmj,w->ij", J, J, weight**2) + np.diag(precision)
+        if (shared := self.problem.windows.shared) is not None:
+            each = np.swapaxes(J, -1, -2) @ shared * weight[:, None, None]
+            noise += each.sum(axis=0) @ each.sum(axis=0).T - np.einsum("wik,wjk->ij", each, each)
         return estimate(
-            self.found.theta[0],
-            np.einsum("wmi,wmj,w->wij", J, J, weight),
-            np.einsum("wmi,wm,w->wi", J, r, weight),
-            np.einsum("wmi,wmj,w->ij", J, J, weight**2),
+            theta,
+            np.concatenate((information, np.diag(precision)[None])),
+            np.concatenate((score, (precision * (theta - mean))[None])),
+            noise,
         )

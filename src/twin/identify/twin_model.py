@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,19 @@ from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify import judged, search
 from twin.identify.logs import Log
-from twin.identify.parameters import BALL, HIDDEN, SERVO, SHARE, fitted
+from twin.identify.parameters import AT_REST, BALL, HIDDEN, SERVO, SHARE, fitted
 from twin.identify.plate_motion import Drives, check_motion, fit_drives
 from twin.identify.prepare import PreparedLog, Segment, check_ranges, prepare
-from twin.identify.windows import LOOKBACK, Spans, Windows, cut, moving_spans, replay
+from twin.identify.windows import (
+    LOOKBACK,
+    Patches,
+    Spans,
+    Windows,
+    cut,
+    moving_spans,
+    replay,
+    unknown_motion,
+)
 from twin.sim.plant.friction import Friction
 
 
@@ -69,12 +79,13 @@ class Problem(search.Fitting):
             out[: 2 * len(found), 0, w] = found.ravel()
         return out
 
-    def replayed(self, theta: Array, starts: Array) -> tuple[Array, Array]:
+    def replayed(self, theta: Array, starts: Array, surfaces: Any = None) -> tuple[Array, Array]:
         """Positions and velocities of the ball in m and m/s, both shape (N, 2, C, W).
 
         Args:
             theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
             starts: x, y, x', y' at the beginning of each window, shape (4, C, W).
+            surfaces: The screens, one per candidate; None for even ones.
         """
         values = self.values(theta)
         level = np.stack((values["level_phi"], values["level_theta"]))
@@ -84,6 +95,7 @@ class Problem(search.Fitting):
             stribeck_speed=values["stribeck"],
             dwell_time=values["dwell"],
             viscous=values["viscous"],
+            map=surfaces,
         )
         return replay(
             self.windows.field,
@@ -107,9 +119,62 @@ class Problem(search.Fitting):
         """Residuals and slopes of C candidates; a resting ball has no speed to be fitted."""
         found = super().linearise(theta, starts, slopes=slopes)
         found.by_start[:, self.windows.resting, :, 2:] = 0.0
-        return found
+        white = self.windows.white
+        if white is None:
+            return found
+        r = (white @ found.r[..., None])[..., 0]
+        return found._replace(
+            r=r, by_start=white @ found.by_start, by_parameter=white @ found.by_parameter
+        )
+
+    def _unknown(self, best: search.Minimum) -> tuple[Array, int]:
+        """What patches of the screen and other forces move the samples by, and how many patches."""
+        windows, delay = self.windows, self.values(best.theta)["delay"]
+        plain = self.replayed(best.theta, best.starts)
+        spots = Patches.near(np.moveaxis(plain[0], 1, -1), RAISED)
+        many = len(spots.points)
+        each = (best.theta.repeat(many, axis=0), best.starts.repeat(many, axis=1))
+        moved = windows.at_samples(*self.replayed(*each, spots), delay.repeat(many, axis=0))[0]
+        moved = (moved - windows.at_samples(*plain, delay)[0]) * windows.weight / RAISED
+        uneven = np.moveaxis(moved.reshape(many, len(windows), -1), 0, -1)
+        return np.concatenate((uneven, unknown_motion(windows, float(delay[0, 0]))), axis=-1), many
+
+    def whitened(self, best: search.Minimum, sizes: tuple[float, float]) -> Problem:
+        """The problem with the unknown motion of a screen of that unevenness, and other forces."""
+        moved, count = self._unknown(best)
+        moved = moved * np.where(np.arange(moved.shape[-1]) < count, *sizes)
+        within = np.eye(moved.shape[1]) + moved @ np.swapaxes(moved, -1, -2)
+        white = np.linalg.inv(np.linalg.cholesky(within))
+        windows = replace(self.windows, white=white, shared=white @ moved[..., :count])
+        return replace(self, windows=windows)
+
+    def likeliest(self, best: search.Minimum) -> tuple[float, float]:
+        """Sizes of the unknown motion that make a fit's residuals most likely."""
+        weight = self.weights(self.linearise(best.theta, best.starts, slopes=False).r)[0]
+        plain = replace(self, windows=replace(self.windows, white=None, shared=None))
+        line = plain.linearise(best.theta, best.starts)
+        moved, count = self._unknown(best)
+        found = {}
+        for sizes in product(UNEVEN, FORCES):
+            each = np.where(np.arange(moved.shape[-1]) < count, *sizes)
+            left, spread = line.without_starts(moved * each)
+            total = np.einsum("w,wij->ij", weight, left)
+            normal = total[1:, 1:] + np.diag(self.known[1]) + 1e-9 * np.eye(len(self.names))
+            squares = total[0, 0] - total[0, 1:] @ np.linalg.solve(normal, total[1:, 0])
+            found[sizes] = squares + weight @ spread + np.linalg.slogdet(normal)[1]
+        return min(found, key=lambda sizes: found[sizes])
 
 
+UNEVEN = (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)
+"""Shares of the friction that may differ from patch to patch of a screen: standard deviations."""
+RAISED = 0.03
+"""Share by which the friction of a patch is raised to see what that does."""
+FORCES = (0.0, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+"""Other forces in m/s^2 that may act on the ball unknown, see ``unknown_motion``."""
+FIRST_SIZES = (0.1, 1e-3)
+"""From which they are looked for."""
+ROUNDS = 3
+"""How often they are."""
 BREAKAWAY_RATIOS = 1 + np.linspace(0, 2.2, 32) ** 1.3
 """Breakaway ratios that are tried."""
 FITTED_GUESSES = 3
@@ -121,7 +186,9 @@ CREEPS = float(stats.chi2.ppf(0.99, 2))
 """Noise variances by which a free speed at the start may seem to improve a window begun at rest."""
 
 
-def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> search.Fit:
+def fit_twin(
+    model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float, *, uneven: bool = False
+) -> search.Fit:
     """Fit the parameters, from many starts; ``grip`` as in ``replay``.
 
     A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
@@ -129,11 +196,20 @@ def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: f
     from any start; with those, the windows that begin at rest are tried with one breakaway ratio
     after another; from the best of these all windows and all parameters are fitted. Windows that
     are then not explained at all are left out, and the rest is fitted again; so is all if in some
-    windows the ball did not rest at first, but crept.
+    windows the ball did not rest at first, but crept. Of an uneven screen the patches, and other
+    forces that nobody knows, are part of the noise, in the sizes that make the log most likely.
     """
     problem = Problem(model, windows, names, grip)
     guesses = _scan_breakaway(problem, _fit_rolling(problem))
-    found = search.minimise(problem, guesses, search.begun(problem, guesses, 3), 12)
+    found = search.minimise(problem, guesses, search.begun(problem, guesses, 3), 12, 4)
+    sizes = FIRST_SIZES
+    for _ in range(ROUNDS if uneven else 0):
+        problem = problem.whitened(found.ahead(1), sizes)
+        found = search.minimise(problem, found.theta, found.starts, 15, 4).ahead(1)
+        sizes = problem.likeliest(found)
+    if uneven:
+        problem = problem.whitened(found, sizes)
+        found = search.minimise(problem, found.theta, found.starts, 15, 4)
     while True:
         best = found.ahead(1)
         misfit = problem.misfit(best.linearisation.r)[0]
@@ -141,13 +217,18 @@ def fit_twin(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: f
         if kept.all() or kept.sum() < max(3, len(windows) / 2):
             break
         problem = replace(problem, windows=problem.windows.take(kept))
-        found = search.minimise(problem, found.theta, found.starts[:, :, kept], 12)
+        found = search.minimise(problem, found.theta, found.starts[:, :, kept], 15, 4)
     creeping = _creeping(problem, best.theta, best.starts)
     if creeping.any():
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
         resting = windows.resting & ~crept
-        return fit_twin(model, replace(windows, resting=resting), names, grip)
-    return search.Fit(problem, best)
+        return fit_twin(model, replace(windows, resting=resting), names, grip, uneven=uneven)
+    if not uneven:
+        return search.Fit(problem, best)
+    # what the patches do is another thing where the ball, at the best fit, goes or starts otherwise
+    problem = problem.whitened(best, sizes)
+    line = problem.linearise(best.theta, best.starts)
+    return search.Fit(problem, best._replace(linearisation=line))
 
 
 def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
@@ -160,6 +241,21 @@ def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
         for each in (starts, going)
     )
     return np.asarray(windows.resting & (rest - roll > CREEPS))
+
+
+GROWS = 4.0
+"""Standard deviations above zero from which on viscous friction is fitted along."""
+
+
+def _grows(fit: search.Fit) -> bool:
+    """Whether friction grows with speed: the next step of a fit that would know of it."""
+    problem = replace(fit.problem, names=(*fit.problem.names, "viscous"))
+    theta = np.append(fit.found.theta, [[0.0]], axis=1)
+    line = problem.linearise(theta, fit.found.starts)
+    free, _ = line.eliminate_starts()
+    each = np.einsum("wmi,wmj,w->ij", free[0], free[0], problem.weights(line.r)[0])
+    inverse = np.linalg.inv(each[1:, 1:] + np.diag(problem.known[1]))
+    return bool(-(inverse @ each[1:, 0])[-1] > GROWS * np.sqrt(inverse[-1, -1]))
 
 
 def _fit_rolling(whole: Problem) -> Array:
@@ -336,8 +432,6 @@ def _servo(drives: Drives | None) -> judged.ParameterVerdict:
     value, high = judged.corner_frequency(lag), judged.corner_frequency(lag - half)
     good = half <= max(SERVO.tolerance, SERVO.relative * lag)
     why = "" if good else f"its interval is too wide; {SERVO.experiment}"
-    if not drives.agree:
-        why = "angles and rates of the plate do not give the same: the interval holds both"
     word = judged.IDENTIFIED if good else judged.NOT
     return replace(found, value=value, low=low, high=high, word=word, why=why)
 
@@ -452,18 +546,34 @@ def identify(
             f"{usable.source}: too short: {known.length:.0f} s give "
             f"{0 if windows is None else len(windows)} windows to fit, at least 3 are needed"
         )
-    fits = []
-    for grip in usable.grips:
-        fits.append(fit_twin(usable.model, windows, fitted(names), grip))
-        progress(0.1 + 0.8 * len(fits) / len(usable.grips))
-    fit = min(fits, key=lambda each: each.found.cost[0])
+
+    def best(asked: tuple[str, ...], *, uneven: bool = False) -> search.Fit:
+        fits = [
+            fit_twin(usable.model, windows, fitted(asked), grip, uneven=uneven)
+            for grip in usable.grips
+        ]
+        return min(fits, key=lambda each: each.found.cost[0])
+
+    fit = best(names)
     notes, white = list(usable.notes), whiteness(fit)
+    progress(0.4)
     if not white.white and "viscous" not in names:
-        richer = fit_twin(usable.model, windows, fitted((*names, "viscous")), fit.problem.grip)
+        richer = best((*names, "viscous"))
         if whiteness(richer).white:
             fit, white, names = richer, whiteness(richer), (*names, "viscous")
             notes.append("viscous friction fitted along: without it the log is not explained")
-    if len(fits) > 1:
+    if not white.white:
+        asked = (*names, *AT_REST)
+        fit = best(asked, uneven=True)
+        if "viscous" not in names and _grows(fit):
+            names = (*names, "viscous")
+            fit = best((*asked, "viscous"), uneven=True)
+        white = whiteness(fit)
+        notes.append(
+            "friction that differs from place to place, and other unknown forces, are taken as a "
+            "part of the noise: without it the log is not explained"
+        )
+    if len(usable.grips) > 1:
         kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
         notes.append(f"friction at rest taken to be {kind}, which fits better")
     count = len(fit.problem.windows)
@@ -479,7 +589,12 @@ def identify(
     if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
-    words = white.words
+    words, known_of = white.words, verdicts(names, fit, drives, white=white.white)
+    if all(each.word != judged.IDENTIFIED for each in known_of):
+        notes.append(
+            "nothing was identified: two minutes of the scenario excite would show more; the twin "
+            "beside a log does without a file: ballplate shadow LOG --learn"
+        )
     return TwinIdentification(
         source=usable.source,
         extent=f"{usable.source}: {usable.length:.1f} usable seconds, of which {known.length:.1f} "
@@ -488,7 +603,7 @@ def identify(
         log=usable,
         seconds=known.length,
         fit=fit,
-        verdicts=verdicts(names, fit, drives, white=white.white),
+        verdicts=known_of,
         scores=(judged.score(tried),) if tried else (),
         predictions=tried,
         whiteness=white,

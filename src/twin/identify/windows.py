@@ -219,11 +219,14 @@ class Windows(SampleWindows):
         resting: Whether the ball rests at the beginning, shape (W,).
         paces: Speeds of the ball over the last seconds before, ``PACE`` apart, m/s, shape (W, K).
         field: What accelerates the ball.
+        white: What makes residuals white that hold unknown motion, shape (W, M, M); None where
+            there is none.
     """
 
     resting: Mask
     paces: Array
     field: AccelerationField
+    white: Array | None = None
     by_window = (*SampleWindows.by_window, "resting", "paces")
 
     @classmethod
@@ -261,7 +264,8 @@ class Windows(SampleWindows):
     def take(self, which: Mask) -> Windows:
         """Some of the windows."""
         field = AccelerationField(*(values[..., which] for values in self.field))
-        return replace(super().take(which), field=field)
+        white = None if self.white is None else self.white[which]
+        return replace(super().take(which), field=field, white=white)
 
     @classmethod
     def join(cls, parts: Sequence[Windows]) -> Windows:
@@ -298,6 +302,70 @@ class Windows(SampleWindows):
         square, cube = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
         place = p0 + s * (v0 + s * (square + s * cube))
         return place, (v0 + s * (2 * square + 3 * s * cube)) / STEP
+
+
+STRETCH = 0.3
+"""Seconds in which an unknown force stays the same: a ball crosses a patch of a screen in some."""
+
+
+def edges_of(windows: Windows) -> Array:
+    """When each acceleration begins, and the last ends, s from the begin of the windows."""
+    steps, each = len(windows.field.push) - 1, round(STRETCH / STEP)
+    return STEP * np.arange(0, steps + each, each)
+
+
+def unknown_motion(windows: Windows, delay: float) -> Array:
+    """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
+
+    Small forces on the ball that nobody knows (patches of the screen, its waves, the plate's
+    errors) are taken as white along its way: one acceleration for every ``STRETCH`` of time, each
+    axis its own, drawn at random. What they may have moved the ball by is left out of a window's
+    likelihood (generalised least squares), so that a window may be long enough to show a dead time
+    without showing a rough screen as one.
+
+    Args:
+        windows: W windows of B samples.
+        delay: Dead time of the screen in s.
+
+    Returns:
+        Shape (W, 2 B, 2 S), samples as a ``Linearisation`` has them.
+    """
+    count, samples = windows.time.shape
+    edges = edges_of(windows)
+    since = np.maximum((windows.time - delay)[..., None] - edges, 0.0)
+    twice = since**2 / 2
+    moved = twice[..., :-1] - twice[..., 1:]
+    both = np.einsum("wbs,wba,ac->wbasc", moved, windows.weight, np.eye(2))
+    return np.asarray(both.reshape(count, 2 * samples, 2 * moved.shape[-1]))
+
+
+PATCH = 0.05
+"""Distance in m of the points of a map of the friction."""
+
+
+@dataclass(frozen=True)
+class Patches:
+    """K surfaces with more friction about a point each, straight between the points of a map.
+
+    Attributes:
+        points: Shape (K, 2), m.
+        more: Share of the friction by which it is more there.
+    """
+
+    points: Array
+    more: float
+
+    @classmethod
+    def near(cls, places: Array, more: float) -> Patches:
+        """About the points of the map near which a ball comes, places of shape (..., 2) in m."""
+        corners = np.floor(places.reshape(-1, 2) / PATCH)
+        every = (corners[:, None] + np.array([(0, 0), (0, 1), (1, 0), (1, 1)])).reshape(-1, 2)
+        return cls(PATCH * np.unique(every, axis=0), more)
+
+    def __call__(self, position: Array) -> tuple[Array, Array]:
+        """Relative friction, shape (K, W), and no slope, as a ``SurfaceMap`` has them."""
+        near = np.maximum(0.0, 1 - np.abs(position - self.points[:, None]) / PATCH)
+        return 1 + self.more * near.prod(axis=-1), np.zeros_like(position)
 
 
 def cut(

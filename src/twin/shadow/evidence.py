@@ -26,8 +26,16 @@ from controllers.arrays import Array, Mask
 from twin.identify.logs import Log
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
-from twin.identify.search import START_PRIOR, Linearisation, fit_starts
-from twin.identify.windows import BIN, LOOKBACK, STEP, Spans, Windows, cut, moving_spans
+from twin.identify.search import Linearisation, fit_starts
+from twin.identify.windows import (
+    BIN,
+    LOOKBACK,
+    Spans,
+    Windows,
+    cut,
+    moving_spans,
+    unknown_motion,
+)
 from twin.run.assemble import parts_of
 from twin.shadow.belief import BALL, DRIVES, PARAMETERS, Belief
 from twin.sim.calibration import STATES, linear_mechanism
@@ -352,66 +360,11 @@ def _without_start(
     line: Linearisation, windows: Windows, belief: Belief
 ) -> tuple[Array, Array, Array]:
     """Squares (W,), score (W, p) and information (W, p, p), the starts fitted along."""
-    parts = (line.r[0, ..., None], line.by_parameter[0, ..., : len(BALL)], line.by_start[0])
     unknown = unknown_motion(windows, belief.values["delay"])
     size = float(np.hypot(belief.rough, belief.sloped))
-    Q = products(np.concatenate(parts, axis=-1), unknown, size)  # noqa: N806
-    k = 1 + len(BALL)
-    own = Q[..., k:, k:] + START_PRIOR
-    left = Q[..., :k, :k] - Q[..., :k, k:] @ np.linalg.solve(own, Q[..., k:, :k])
-    return left[..., 0, 0], -left[..., 1:, 0], left[..., 1:, 1:]
-
-
-STRETCH = 0.3
-"""Seconds in which such a force stays the same: a ball crosses a patch of the screen in some."""
-
-
-def unknown_motion(windows: Windows, delay: float) -> Array:
-    """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
-
-    Small forces on the ball that nobody knows (patches of the screen, its waves, the plate's
-    errors) are taken as white along its way: one acceleration for every ``STRETCH`` of time, each
-    axis its own, drawn at random. What they may have moved the ball by is left out of a window's
-    likelihood (generalised least squares), so that a window may be long enough to show a dead time
-    without showing a rough screen as one.
-
-    Args:
-        windows: W windows of B samples.
-        delay: Dead time of the screen in s.
-
-    Returns:
-        Shape (W, 2 B, 2 S), samples as a ``Linearisation`` has them.
-    """
-    count, samples = windows.time.shape
-    edges = edges_of(windows)
-    since = np.maximum((windows.time - delay)[..., None] - edges, 0.0)
-    twice = since**2 / 2
-    moved = twice[..., :-1] - twice[..., 1:]
-    both = np.einsum("wbs,wba,ac->wbasc", moved, windows.weight, np.eye(2))
-    return np.asarray(both.reshape(count, 2 * samples, 2 * moved.shape[-1]))
-
-
-def edges_of(windows: Windows) -> Array:
-    """When each acceleration begins, and the last ends, s from the begin of the windows."""
-    steps, each = len(windows.field.push) - 1, round(STRETCH / STEP)
-    return STEP * np.arange(0, steps + each, each)
-
-
-def products(columns: Array, unknown: Array, size: float) -> Array:
-    """Inner products of columns under noise and the unknown motion, shape (W, K, K).
-
-    With N the unknown motion and s its size, U' (I + s^2 N N')^-1 U by Woodbury's identity.
-
-    Args:
-        columns: U, in standard deviations of the samples, shape (W, M, K).
-        unknown: N, shape (W, M, S).
-        size: s, standard deviation of an unknown acceleration in m/s^2.
-    """
-    U, N = columns, unknown  # noqa: N806
-    shared = np.swapaxes(N, -1, -2) @ U
-    inner = np.eye(N.shape[-1]) / size**2 + np.swapaxes(N, -1, -2) @ N
-    plain = np.swapaxes(U, -1, -2) @ U
-    return np.asarray(plain - np.swapaxes(shared, -1, -2) @ np.linalg.solve(inner, shared))
+    line = line._replace(by_parameter=line.by_parameter[..., : len(BALL)])
+    left, _ = line.without_starts(size * unknown)
+    return left[:, 0, 0], -left[:, 1:, 0], left[:, 1:, 1:]
 
 
 SETTLED = 1.0

@@ -24,7 +24,7 @@ from twin.errors import LogError
 from twin.identify.logs import COLUMNS, Log, of_columns
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import SHORTEST, PreparedLog, prepare
-from twin.identify.windows import Windows
+from twin.identify.windows import Windows, unknown_motion
 from twin.run.logs import NEEDED
 from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
@@ -41,7 +41,6 @@ from twin.shadow.evidence import (
     noise_evidence,
     plate_evidence,
     posterior,
-    unknown_motion,
 )
 from twin.shadow.horizon import AHEAD, BAND, Replays, replays
 
@@ -326,9 +325,10 @@ class LiveFollower(Follower):
     Args:
         scenario: What is run; the twin believes it, but for what it says will change.
         source: What the run is called.
+        learning: Whether the twin learns at first what is not known of the rig.
     """
 
-    def __init__(self, scenario: Scenario, source: str) -> None:
+    def __init__(self, scenario: Scenario, source: str, *, learning: bool = False) -> None:
         self._metadata = {"scenario": scenario.model_dump(mode="json")}
         self._source = source
         self.period = scenario.rig.period
@@ -337,7 +337,8 @@ class LiveFollower(Follower):
         self._rate: Array = np.zeros(2)
         self._judged = 0.0
         nothing = dict.fromkeys(NEEDED, np.zeros(0))
-        super().__init__(Belief.of(scenario, of_columns(nothing, self._metadata, source)))
+        belief = Belief.of(scenario, of_columns(nothing, self._metadata, source))
+        super().__init__(belief, learning=learning)
 
     def take(self, rows: Mapping[str, Array]) -> bool:
         """Take in rows; return whether it is time to ask the twin again.

@@ -17,9 +17,19 @@ from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import ROLL, PreparedLog, Segment, speed
 from twin.identify.search import START_DIFFERENCES, START_PRIOR, fit_starts
 from twin.identify.twin_model import Problem
-from twin.identify.windows import BIN, LOOKBACK, STEP, Spans, Windows, cut
+from twin.identify.windows import (
+    BIN,
+    LOOKBACK,
+    STEP,
+    STRETCH,
+    Spans,
+    Windows,
+    cut,
+    edges_of,
+    unknown_motion,
+)
 from twin.shadow.belief import BALL, PARAMETERS, Belief
-from twin.shadow.evidence import STRETCH, clear, edges_of, portions, unknown_motion
+from twin.shadow.evidence import clear, portions
 
 AHEAD = 1.0
 """Seconds that replays go ahead: the horizon."""

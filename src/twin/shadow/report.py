@@ -25,7 +25,7 @@ from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm
 from twin.shadow.belief import believed, beside, check_commands
-from twin.shadow.follow import MARGIN, SETTLING, LiveFollower, Shadow, shadow
+from twin.shadow.follow import LEARNING, MARGIN, SETTLING, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import AHEAD, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
@@ -280,6 +280,7 @@ def examine(
     *,
     columns: str | None = None,
     separator: str | None = None,
+    learning: bool = False,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Shadow:
     """Let the twin run beside a recorded run, and write what it says.
@@ -290,6 +291,8 @@ def examine(
         overrides: ``KEY=VALUE`` each, over what the run was simulated with or believed.
         columns: Of a log of any rig, as ``identify`` takes them.
         separator: Between these.
+        learning: Whether the twin learns what is not known of the rig before it judges; it does of
+            one given by identified parameters, and beside a log of any rig.
         progress: Called with the share of the work done.
 
     Raises:
@@ -304,7 +307,8 @@ def examine(
         check_commands(recorded)
         belief = believed(recorded, overrides)
     identified = any(text.partition("=")[0].strip() == "parameters" for text in overrides)
-    found = shadow(recorded, belief, learning=identified or columns is not None)
+    learning = learning or identified or columns is not None
+    found = shadow(recorded, belief, learning=learning)
     write(found, folder)
     return found
 
@@ -317,17 +321,21 @@ SCORE_EVERY = 10.0
 """Seconds of the run between two lines with its score."""
 
 
-def work(buffer: Address, scenario: Scenario, shown: Shown | None) -> None:
+def work(buffer: Address, scenario: Scenario, shown: Shown | None, learning: bool = False) -> None:
     """Ask the twin until the writer has ended, or is gone; the body of the process.
 
     Args:
         buffer: Where the rows come from.
         scenario: What is run.
         shown: Where the twin is drawn; None for nowhere.
+        learning: Whether it learns before it judges.
     """
     step_back()
     tell: Tell = (lambda _, __: None) if shown is None else drawing(scenario, shown)
-    commentary = Commentary(LiveFollower(scenario, "the run"), _print)
+    follower = LiveFollower(scenario, "the run", learning=learning)
+    if learning:
+        _print(f"twin: learns for {LEARNING:g} s before it judges")
+    commentary = Commentary(follower, _print)
     with closing(SharedRingBuffer(*buffer)) as ring:
         for block in ring.blocks(EVERY, MOST):
             if block:
@@ -345,7 +353,7 @@ class Commentary:
 
     def __init__(self, follower: LiveFollower, line: Callable[[str], None]) -> None:
         self._follower, self._line = follower, line
-        self._replays, self._alarms, self._scored = 0, 0, 0.0
+        self._replays, self._alarms, self._scored, self._taught = 0, 0, 0.0, ""
 
     def take(self, rows: dict[str, np.ndarray], tell: Tell) -> None:
         """Take in rows, and ask the twin if it is time, more than once if they are many.
@@ -375,6 +383,9 @@ class Commentary:
 
     def _say(self, explained: list[Alarm], tell: Tell) -> None:
         said = self._follower.said
+        if said.taught != self._taught:
+            self._taught = said.taught
+            self._line(f"twin: {said.taught}")
         events = []
         for alarm in said.alarms[self._alarms :]:
             left = "" if alarm.causes else f"; causes at {alarm.time + SETTLING + MARGIN:.0f} s"
