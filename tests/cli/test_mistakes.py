@@ -21,6 +21,8 @@ FILES = {
     "twice.csv": LOG.replace("measured_y [m]", "measured_x [mm]") + "0,0,0,0,0\n",
     "rig.toml": '[touch]\nport = "/dev/null"\ncalibration_file = "not-yet.json"\n',
     "there.toml": "",
+    "typed.toml": 'parameters = "hobby"\n[plant.linkage]\nphi_deg = [[-40, -14], [40, 14]]\n'
+    "theta_deg = [[-40, -14], [0, 0.1], [40, 14]]\n",
     "notes.txt": "words",
     "wrong.py": "x = 1\nx = (",
     "empty.py": "",
@@ -57,6 +59,19 @@ RODS = {
     "rig.cams=per_axis": "must be 'table' (all of its lengths) or 'ratio'",
 }
 """The same of the course rig in MuJoCo."""
+TYPED = {
+    "plant.kind=mujoco": "the mechanism's plate on cams is 0.7 m x 0.395 m",
+    "plant.linkage.phi_deg=[[-40,-14],[-50,0],[40,14]]": "both rising, got [[-40.0, -14.0], [-50",
+    "plant.linkage.phi_deg=[[-40,-12],[40,14]]": "angle_deg = 12 needs 1.1 times that either way",
+    "plant.linkage.phi_deg=[[-40,-14,0],[40,14,0]]": "phi_deg.0: must have at most 2 values, has 3",
+    "plant.linkage.phi_deg=[[-40],[40]]": "phi_deg.0: must have more values than 1",
+    "plant.linkage.phi_deg=[[1,nan],[2,3]]": "phi_deg.0.1: must be a finite number",
+    "plant.linkage.theta_deg=[]": "plant.linkage.theta_deg: must be 2 or more rows of servo and",
+    "plant.linkage.crank_mm=[40,28]": "rod_mm and arm_mm must be above 0",
+    "rig.cams=per_axis": "must be 'table' (all of its lengths) or 'ratio'",
+    "plant.servo.acceleration_deg=-1": "acceleration_deg: must be greater than or equal to 0",
+}
+"""The same of a rig whose table somebody typed by hand."""
 VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=[]", "a=1:2:3:4")
 NAMES = ("My-Law", "lambda", "../x")
 LINES = {
@@ -105,6 +120,7 @@ LINES = {
     **{f"run circle --set {change}": words for change, words in CIRCLE.items()},
     **{f"whatif made --at 0.05 --set {change}": words for change, words in CHANGES.items()},
     **{f"run circle --set {key} --on course --plant mujoco": told for key, told in RODS.items()},
+    **{f"run circle --set {key} --on typed.toml": told for key, told in TYPED.items()},
     "calibrate touch --rig rig.toml": "/dev/null: not a serial port",
     **{f"sweep circle {each}": "FIRST:LAST:NUMBER" for each in VALUES},
     **{f"new law {name}": "must be small letters, digits and _" for name in NAMES},

@@ -188,7 +188,7 @@ def test_a_rig_with_a_linkage_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match=r"crank_mm=\[0,0\] and rig\.cams=table"):
         bp.fmu("circle", tmp_path / "rig.fmu", {"parameters": "course"})
     table = {f"plant.linkage.{axis}_deg": [[-40, -15], [40, 15]] for axis in ("phi", "theta")}
-    with pytest.raises(ScenarioError, match=r"phi_deg=\[\], plant\.linkage\.theta_deg=\[\] and"):
+    with pytest.raises(ScenarioError, match=r"phi_deg=\[\], theta_deg=\[\]"):
         bp.fmu("circle", tmp_path / "rig.fmu", {"parameters": "hobby"} | table)
 
 

@@ -4,10 +4,13 @@ import re
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
+from twin.errors import ScenarioError
 from twin.hal.linkage import Linkage, TiltTable
+from twin.scenario import load
 
 LINKAGE = Linkage(crank=(0.04, 0.03), rod=(0.09, 0.1), arm=(0.1, 0.07), distance=(0.05, 0.045))
 TILT = np.random.default_rng(2).uniform(-0.26, 0.26, (40, 2))
@@ -131,19 +134,28 @@ def test_a_table_of_any_rising_rows_goes_through_them_and_back_and_rises_between
     for axis, rows in enumerate((table.phi, table.theta)):
         servo, plate = np.transpose(rows)
         assert table.plate(np.stack((servo, servo), -1))[:, axis] == pytest.approx(plate, abs=1e-15)
-        fine = np.linspace(servo[0], servo[-1], 3001)
+        fine = np.linspace(servo[0], servo[-1], 30_001)
         both = np.stack((fine, fine), axis=-1)
         there = table.plate(both)
         assert (np.diff(there[:, axis]) > 0).all()
         assert table.motor(there)[:, axis] == pytest.approx(fine, abs=1e-12)
-        inner = both[1:-1]
-        nudged = [table.plate(inner + side)[:, axis] for side in (1e-7, -1e-7)]
-        rate = table.plate_rate(there[1:-1], inner, np.ones_like(inner))
-        assert rate[:, axis] == pytest.approx((nudged[0] - nudged[1]) / 2e-7, rel=1e-3)
-        back = table.motor_rate(there[1:-1], inner, rate)[:, axis]
-        assert back == pytest.approx(1.0, abs=1e-12)
-        # without jumps at the rows, as straight lines would have
-        assert np.abs(np.diff(rate[:, axis])).max() < 0.05 * np.ptp(rate[:, axis])
+        rate = table.plate_rate(there, both, np.ones_like(both))[:, axis]
+        back = table.motor_rate(there, both, np.ones_like(both))[:, axis]
+        assert back == pytest.approx(1 / rate, rel=1e-12)
+        # the rates add up to the angles
+        went = plate[0] + cumulative_trapezoid(rate, fine, initial=0.0)
+        assert went == pytest.approx(there[:, axis], abs=1e-4 * np.ptp(plate))
+        # and have no jumps at the rows, as those of straight lines would have
+        chords = np.diff(plate) / np.diff(servo)
+        assert np.abs(np.diff(rate)).max() < 0.02 * np.abs(np.diff(chords)).max()
+
+
+def test_a_table_that_is_flat_at_its_end_has_a_rate_there():
+    steep = ((-0.5, -0.4), (0.0, 0.0), (0.2, 0.2), (0.4, 0.21))
+    table = TiltTable(phi=steep, theta=steep)
+    end = np.array([0.21, 0.21])
+    assert (table.motor_rate(end, table.motor(end), np.ones(2)) > 20).all()
+    assert np.isfinite(table.motor_rate(end, table.motor(end), np.ones(2))).all()
 
 
 def test_beyond_the_ends_of_a_table_servo_and_plate_stand():
@@ -160,13 +172,13 @@ LINE = ((-0.5, -0.2), (0.5, 0.2))
 @pytest.mark.parametrize(
     ("rows", "words"),
     [
-        ({"phi": LINE}, "theta_deg: must have 2 rows .*, has 0"),
-        ({"phi": LINE, "theta": LINE[:1]}, "theta_deg: must have 2 rows .*, has 1"),
-        ({"phi": (*LINE, (0.6, 0.2)), "theta": LINE}, "phi_deg: both angles must rise"),
-        ({"phi": LINE, "theta": LINE[::-1]}, r"rise .*, got \[28\.6\d*, .*then \[-28\.6"),
+        ({"phi": LINE}, r"theta_deg: must be 2 or more rows .*, got \[\]"),
+        ({"phi": LINE, "theta": LINE[:1]}, "theta_deg: must be 2 or more rows"),
+        ({"phi": (*LINE, (0.6, 0.2)), "theta": LINE}, r"phi_deg: .*both rising, got \[\[-28.6"),
+        ({"phi": LINE, "theta": LINE[::-1]}, "theta_deg: .* both rising"),
         (
             {"phi": ((-0.5, -0.2), (0.5, 0.1)), "theta": LINE},
-            "from -11.4592 to 5.72958 deg; .* = 10 need",
+            "from -11.4592 to 5.72958 deg; .* = 10",
         ),
     ],
 )
@@ -176,3 +188,17 @@ def test_a_table_that_cannot_be_is_refused_in_one_line(rows, words):
     assert told.startswith("plant.linkage.")
     assert "\n" not in told
     assert TiltTable(phi=LINE, theta=LINE).problem(np.radians(10)) == ""
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        ["parameters=course", "plant.linkage.crank_mm=[40,28]"],
+        ["plant.kind=mujoco", "rig.limits.angle_deg=9"],
+    ],
+)
+def test_a_table_is_for_the_exact_equations_and_has_no_lengths_beside_it(other):
+    table = [f"plant.linkage.{axis}_deg=[[-40,-17],[40,17]]" for axis in ("phi", "theta")]
+    assert load("circle", ["plant.kind=lagrange", *table]).plant.linkage.phi_deg[0] == (-40, -17)
+    with pytest.raises(ScenarioError, match=r"a table is for plant\.kind=lagrange"):
+        load("circle", [*other, *table])

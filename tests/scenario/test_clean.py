@@ -32,6 +32,10 @@ LINKAGE = {
     "plant.linkage.arm_mm": "[100, 70]",
     "plant.linkage.distance_mm": "[50, 45]",
 }
+TABLE = {
+    "plant.linkage.phi_deg": "[[-40,-12],[40,12]]",
+    "plant.linkage.theta_deg": "[[-40,-12],[0,0],[40,13]]",
+}
 """Keys that only together make another rig."""
 
 
@@ -51,7 +55,7 @@ def test_every_key_of_plant_sensors_and_disturbance_is_either_dropped_or_kept():
         for key in keys(dumped[table], f"{table}.")
     }
     dropped = {key for key in OF_THE_RIG if not key.startswith("rig.")}
-    assert found == KEPT | dropped | BALL.keys() | LINKAGE.keys()
+    assert found == KEPT | dropped | BALL.keys() | LINKAGE.keys() | TABLE.keys()
     assert {f"plant.{key}" for key in MECHANISM_ONLY} <= OF_THE_RIG.keys()
 
 
@@ -66,7 +70,7 @@ def test_the_clean_model_has_no_linkage():
     lengths = [f"{key}={value}" for key, value in LINKAGE.items()]
     other = load("circle", ["plant.kind=lagrange", *lengths, "rig.cams=ratio"])
     assert clean(other) == clean(load("circle"))
-    table = [f"plant.linkage.{axis}_deg=[[-40,-12],[40,12]]" for axis in ("phi", "theta")]
+    table = [f"{key}={value}" for key, value in TABLE.items()]
     assert clean(load("circle", ["plant.kind=lagrange", *table])) == clean(load("circle"))
 
 

@@ -274,11 +274,9 @@ def export(
     if scenario.change:
         raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
     if linkage_of(scenario):
-        lengths = any(scenario.plant.linkage.crank_mm)
-        keys = "crank_mm=[0,0]" if lengths else "phi_deg=[], plant.linkage.theta_deg=[]"
         raise ScenarioError(
             "plant.linkage: the servos of an FMU turn the plate itself; set "
-            f"plant.linkage.{keys} and rig.cams=table"
+            "plant.linkage.crank_mm=[0,0] and rig.cams=table (of a table phi_deg=[], theta_deg=[])"
         )
     held = variables(scenario, frame_phase(scenario), path=wished)
     source, token = sources(scenario, held, fmi)

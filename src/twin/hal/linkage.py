@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -144,22 +143,17 @@ class Linkage:
 
 
 Rows = tuple[tuple[float, float], ...]
+FINE = 200
+"""Points that a table's curve has from one row to the next."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TiltTable:
     """Plate angles as measured over servo angles, of two axes that do not move each other.
 
-    Between two rows, whose chord has the slope s, the curve is the rational quadratic through them
-    that has given slopes d and e there (Gregory and Delbourgo, IMA J. Numer. Anal. 2, 1982). With
-    t from 0 to 1 on the way it is
-
-        (s t^2 + d t (1 - t)) / (s + (d + e - 2 s) t (1 - t))
-
-    of the way up. It rises as the rows do, its rate has no jumps, as straight lines would have,
-    and its inverse is a root of a quadratic. The logarithm of a row's slope lies on the straight
-    line through those of the nearest chords at their middles. Beyond the ends servo and plate
-    stand.
+    Between rows lies the cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5, 1984), which
+    rises as they do; its rate has no jumps there, as straight lines would have. To be read both
+    ways it is cut finely into straight lines. Beyond the ends servo and plate stand.
 
     Attributes:
         phi: Measured rows [servo angle, plate angle] of phi in rad, both rising; none for no table.
@@ -181,55 +175,38 @@ class TiltTable:
         return self.motor_rate(level, self.motor(level), np.ones(2))
 
     @cached_property
-    def _curves(self) -> tuple[list[Array], Array]:
-        """Rows of each axis, (2, n); of their pieces begin, way, d and e, (axis, piece, 6)."""
-        rows = [np.transpose(each) for each in (self.phi, self.theta)]
-        pieces = np.zeros((2, max(each.shape[1] for each in rows) - 1, 6))
-        for each, piece in zip(rows, pieces, strict=True):
-            way = np.diff(each)
-            slope = np.exp(_at_rows(each[0], np.log(way[1] / way[0])))
-            piece[: way.shape[1]] = np.stack((*each[:, :-1], *way, slope[:-1], slope[1:]), axis=-1)
-        return rows, pieces
+    def _curves(self) -> list[tuple[Array, Array, Array]]:
+        """Servo angles, plate angles and slopes of each axis, finely."""
+        from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  slow: only for a table
 
-    def _on(self, angle: Array, of: int) -> tuple[Array, ...]:
-        """Where on their pieces servo (0) or plate angles (1) in rad are; and the pieces."""
-        which, inside = np.empty(angle.shape, int), np.empty_like(angle)
-        for axis, rows in enumerate(self._curves[0]):
-            inside[..., axis] = np.minimum(np.maximum(angle[..., axis], rows[of, 0]), rows[of, -1])
-            which[..., axis] = rows[of, 1:-1].searchsorted(inside[..., axis], "right")
-        piece = np.moveaxis(self._curves[1][(0, 1), which], -1, 0)
-        return inside - piece[of], *piece
+        found: list[tuple[Array, Array, Array]] = []
+        for servo, plate in map(np.transpose, (self.phi, self.theta)):
+            fine = np.unique(np.linspace(servo[:-1], servo[1:], FINE))
+            there = PchipInterpolator(servo, plate)(fine)
+            found.append((fine, there, np.gradient(there, fine)))
+        return found
+
+    def _read(self, angle: Array, of: int, wanted: int, beyond: float | None = None) -> Array:
+        """One column of the curves where another one is the angle; beyond the ends their value."""
+        each = enumerate(self._curves)
+        found = [np.interp(angle[..., k], c[of], c[wanted], beyond, beyond) for k, c in each]
+        return np.stack(found, axis=-1)
 
     def motor(self, plate: Array) -> Array:
         """Servo angles in rad that hold plate angles (phi, theta) in rad, both (..., 2)."""
-        up, x, _, way, height, d, e = self._on(plate, 1)
-        s = height / way
-        bend = up * (d + e - 2 * s)
-        a, b = height * (s - d) + bend, height * d - bend
-        return x + way * 2 * s * up / (b + np.sqrt(b**2 + 4 * a * s * up))
+        return self._read(plate, 1, 0)
 
     def plate(self, motor: Array) -> Array:
         """Plate angles in rad where the servos are at angles in rad, both (..., 2)."""
-        along, _, y, way, height, d, e = self._on(motor, 0)
-        s, t = height / way, along / way
-        rest = t * (1 - t)
-        return y + height * (s * t**2 + d * rest) / (s + (d + e - 2 * s) * rest)
+        return self._read(motor, 0, 1)
 
     def plate_rate(self, plate: Array, motor: Array, rate: Array) -> Array:
         """Rates of the plate in rad/s for those of the servos, where they are; all (..., 2)."""
-        low, high = np.transpose([rows[0, [0, -1]] for rows in self._curves[0]])
-        return np.where((motor < low) | (motor > high), 0.0, rate * self._slope(motor))
+        return rate * self._read(motor, 0, 2, beyond=0.0)
 
     def motor_rate(self, plate: Array, motor: Array, rate: Array) -> Array:
         """Rates of the servos in rad/s for those of the plate, where they are; all (..., 2)."""
-        return rate / self._slope(motor)
-
-    def _slope(self, motor: Array) -> Array:
-        along, _, _, way, height, d, e = self._on(motor, 0)
-        s, t = height / way, along / way
-        rest = t * (1 - t)
-        up = d * (1 - t) ** 2 + 2 * s * rest + e * t**2
-        return up * (s / (s + (d + e - 2 * s) * rest)) ** 2
+        return rate / self._read(motor, 0, 2)
 
     def problem(self, tilt: float) -> str:
         """What is wrong with the table, in one line; empty if nothing is.
@@ -238,30 +215,19 @@ class TiltTable:
             tilt: How far the plate may be tilted either way, rad.
         """
         for axis in ("phi", "theta") if self.given else ():
-            key, rows = f"plant.linkage.{axis}_deg", np.degrees(getattr(self, axis))
-            if len(rows) < 2:
-                return f"{key}: must have 2 rows of servo and plate angle or more, has {len(rows)}"
-            for row, after in pairwise(rows.round(9).tolist()):
-                if after[0] <= row[0] or after[1] <= row[1]:
-                    return f"{key}: both angles must rise from row to row, got {row}, then {after}"
-            low, high = rows[[0, -1], 1]
-            if max(low, -high) > -SPARE * np.degrees(tilt):
-                return (
-                    f"{key}: takes the plate from {low:g} to {high:g} deg; rig.limits.angle_deg = "
-                    f"{np.degrees(tilt):.3g} needs {SPARE:g} times that either way"
-                )
+            rows = np.degrees(getattr(self, axis)).round(9)
+            if len(rows) < 2 or (np.diff(rows, axis=0) <= 0).any():
+                what = "2 or more rows of servo and plate angle, both rising"
+                return f"plant.linkage.{axis}_deg: must be {what}, got {rows.tolist()}"
+            if min(-rows[0, 1], rows[-1, 1]) < SPARE * np.degrees(tilt):
+                reach = f"takes the plate from {rows[0, 1]:g} to {rows[-1, 1]:g} deg"
+                needed = f"rig.limits.angle_deg = {np.degrees(tilt):.3g} needs {SPARE:g} times that"
+                return f"plant.linkage.{axis}_deg: {reach}; {needed} either way"
         return ""
 
 
-def _at_rows(at: Array, middle: Array) -> Array:
-    """What is known in the middle between rows, at the rows, by straight lines; (n - 1) to (n)."""
-    if len(middle) == 1:
-        return np.repeat(middle, 2)
-    between = (at[1:] + at[:-1]) / 2
-    piece = np.clip(np.arange(len(at)) - 1, 0, len(middle) - 2)
-    share = (at - between[piece]) / np.diff(between)[piece]
-    found: Array = middle[piece] + share * np.diff(middle)[piece]
-    return found
+Transmitting = Linkage | TiltTable
+"""What may lie between servos and plate."""
 
 
 def _beside(plate: Array) -> Array:

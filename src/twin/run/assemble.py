@@ -37,7 +37,7 @@ from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.errors import LawError, ModelError, ScenarioError, TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Limits, Transmission
-from twin.hal.linkage import Linkage, TiltTable
+from twin.hal.linkage import Linkage, TiltTable, Transmitting
 from twin.hal.rig import Rig
 from twin.scenario import schema
 from twin.scenario.load import at_time, times
@@ -102,10 +102,9 @@ def _parts(scenarios: Sequence[Scenario]) -> list[Parts]:
 
 def parts_of(scenario: Scenario) -> Parts:
     """The same of one rig."""
-    linkage = linkage_of(scenario)
-    linkage = linkage if isinstance(linkage, Linkage) else None  # of a table nobody knows the parts
-    size = None if linkage is None else scenario.plant.size
-    return replace(changed(Parts, scenario), linkage=linkage, size=size)
+    lengths = filled(Linkage, [scenario])
+    rods = {"linkage": lengths, "size": scenario.plant.size} if lengths.given else {}
+    return replace(changed(Parts, scenario), **rods)
 
 
 def drawn_mechanism(scenario: Scenario) -> MjModel:
@@ -116,7 +115,7 @@ def drawn_mechanism(scenario: Scenario) -> MjModel:
     return drawn_model(parts_of(scenario), screen, area, rounded=rounded)
 
 
-def linkage_of(scenario: Scenario) -> Linkage | TiltTable | None:
+def linkage_of(scenario: Scenario) -> Transmitting | None:
     """What lies between servos and plate of a scenario: its linkage or table, if it has one."""
     found = filled(Linkage, [scenario]), filled(TiltTable, [scenario])
     return next((each for each in found if each.given), None)

@@ -579,10 +579,8 @@ class Scenario(Section):
         linkage, table = filled(Linkage, [self]), filled(TiltTable, [self])
         most, mechanism = self.rig.limits.angle_deg, self.plant.kind == "mujoco"
         yield from filter(None, (each.problem(math.radians(most)) for each in (linkage, table)))
-        if table.given and linkage.given:
-            yield "plant.linkage: give either lengths or phi_deg and theta_deg, not both"
-        if table.given and mechanism:
-            yield "plant.linkage: no mechanism is made of a table; set plant.kind=lagrange"
+        if table.given and (linkage.given or mechanism):
+            yield "plant.linkage: a table is for plant.kind=lagrange, and has no lengths beside it"
         for key in CAMS_ONLY if linkage.given else ():
             if value_of(self.plant, key) is not None:
                 yield f"plant.{key}: a plate on rods has none"

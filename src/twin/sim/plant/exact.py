@@ -16,7 +16,7 @@ from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Number, put
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
-from twin.hal.linkage import Linkage, TiltTable
+from twin.hal.linkage import Transmitting
 from twin.sim.plant.friction import Friction, resisted
 from twin.sim.plant.interface import tilted_gravity
 
@@ -258,7 +258,7 @@ class ExactPlant:
         level: ArrayLike = (0.0, 0.0),
         size: ArrayLike = SCREEN,
         rounded: ArrayLike = False,
-        linkage: Linkage | TiltTable | None = None,
+        linkage: Transmitting | None = None,
     ) -> None:
         self.rigs = rigs
         self._rounded = np.broadcast_to(np.asarray(rounded, bool), (rigs,))
@@ -354,9 +354,7 @@ class ExactPlant:
         if self._balls.by.any(off):
             self._fallen |= off
 
-    def _through(
-        self, linkage: Linkage | TiltTable, rate: Array, period: float
-    ) -> tuple[Array, Array]:
+    def _through(self, linkage: Transmitting, rate: Array, period: float) -> tuple[Array, Array]:
         """Acceleration to begin with, and jerk, of plates whose cranks ramp to rates in rad/s."""
         angle, before = self._x[:, 2::4], self._x[:, 3::4]
         motor = linkage.motor(angle)
