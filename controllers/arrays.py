@@ -131,12 +131,14 @@ NotNegative = Annotated[float, Ge(0)]
 Pair = float | tuple[float, float]
 """A number for both axes, or one for x and one for y."""
 
-_BOUNDS: dict[type, tuple[Callable[[Any, Any], bool], str]] = {
-    Gt: (operator.gt, "above {}"),
-    Ge: (operator.ge, "{} or more"),
-    Lt: (operator.lt, "below {}"),
-    Le: (operator.le, "{} or less"),
+_BOUNDS: dict[type, tuple[str, Callable[[Any, Any], bool], str]] = {
+    Gt: ("gt", operator.gt, "above {:g}"),
+    Ge: ("ge", operator.ge, "{:g} or more"),
+    Lt: ("lt", operator.lt, "below {:g}"),
+    Le: ("le", operator.le, "{:g} or less"),
+    Len: ("min_length", lambda value, count: len(value) == count, "{} of them"),
 }
+"""Marks of a type: where the bound stands, whether a value keeps it, and it in words."""
 
 
 def check(item: object) -> None:
@@ -166,13 +168,8 @@ def _holds(hint: Any, value: Any) -> bool:
     """Whether a value is what a type allows."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        marks = [mark for mark in parts[1:] if type(mark) in _BOUNDS]
-        lengths = [mark.min_length for mark in parts[1:] if isinstance(mark, Len)]
-        return (
-            _holds(parts[0], value)
-            and all(len(value) == length for length in lengths)
-            and all(_BOUNDS[type(mark)][0](value, _bound(mark)) for mark in marks)
-        )
+        bounds = _bounds(parts)
+        return _holds(parts[0], value) and all(holds(value, bound) for holds, _, bound in bounds)
     if origin in {typing.Union, UnionType}:
         return any(_holds(part, value) for part in parts)
     if origin is tuple:
@@ -184,40 +181,23 @@ def _holds(hint: Any, value: Any) -> bool:
     return {Literal: value in parts, NoneType: value is None}.get(origin or hint, True)
 
 
-def _words(hint: Any, marks: tuple[Any, ...] = (), many: str | None = None) -> str:
-    """What a type allows.
-
-    Args:
-        hint: The type.
-        marks: Bounds of each number.
-        many: How many numbers there must be, and a space; empty for any, None for one alone.
-    """
+def _words(hint: Any) -> str:
+    """What a type allows."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        own = tuple(mark for mark in parts[1:] if type(mark) in _BOUNDS)
-        for mark in parts[1:]:
-            if isinstance(mark, Len):  # of tuple[..., ...]
-                return _words(get_args(parts[0])[0], marks, f"{mark.min_length} ")
-        return _words(parts[0], (*own, *marks), many)
+        said = [words.format(bound) for _, words, bound in _bounds(parts)]
+        return ", ".join([_words(parts[0]), *said])
     if origin in {typing.Union, UnionType}:
-        known = [part for part in parts if part is not NoneType]
-        return " or ".join(_words(part, marks, many) for part in known)
+        return " or ".join(_words(part) for part in parts if part is not NoneType)
     if origin is tuple:
-        count = "" if parts[-1] is ... else f"{len(parts)} "
-        return ("" if many is None else "lists of ") + _words(parts[0], marks, count)
+        count = "" if parts[-1] is ... else f" of {len(parts)}"
+        return f"a list{count}, each {_words(parts[0])}"
     if origin is Literal:
-        return f"{many}of " * (many is not None) + " or ".join(f'"{part}"' for part in parts)
-    whole = "whole number" if hint is int else "number"
-    said = ", ".join(_BOUNDS[type(mark)][1].format(f"{_bound(mark):g}") for mark in marks)
-    if many is None:
-        short = {"": "a finite {}", "above 0": "a positive {}"}
-        long = "a {}, " + said
-    else:
-        short = {"": "finite {}s", "above 0": "positive {}s"}
-        long = "finite {}s, none negative" if said == "0 or more" else "{}s, each " + said
-    return (many or "") + short.get(said, long).format(whole)
+        return " or ".join(f'"{part}"' for part in parts)
+    return "a whole number" if hint is int else "a finite number"
 
 
-def _bound(mark: Any) -> float:
-    """The number that a mark compares with."""
-    return float(getattr(mark, type(mark).__name__.lower()))
+def _bounds(parts: Sequence[Any]) -> list[tuple[Callable[[Any, Any], bool], str, Any]]:
+    """Whether a value keeps each bound of an annotated type, the bound in words, and itself."""
+    known = [(mark, *_BOUNDS[type(mark)]) for mark in parts[1:] if type(mark) in _BOUNDS]
+    return [(holds, words, getattr(mark, name)) for mark, name, holds, words in known]

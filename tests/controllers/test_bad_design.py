@@ -35,7 +35,7 @@ def test_an_observer_slower_than_the_loop_is_told_in_one_line():
 
 REFUSED = [
     (AFL, {"gains": (2000, 162, 66, 13)}, r"gains .* are unstable: they give the poles .*j"),
-    (AFL, {"gains": (180, 162, 66, 13j)}, "gains must be 4 finite numbers"),
+    (AFL, {"gains": (180, 162, 66, 13j)}, "gains must be a list, each a finite number, 4 of them"),
     (AFL, {"gains": (1, 4, 6, 4), "poles": (-1, -1, -2, -2)}, "gains replace poles"),
     (AFL, {"poles": (-1, -2, -3, -4, -5)}, "poles must be 4 numbers, got 5"),
     (AFLIntegral, {"poles": (-1, -2, -3, -4)}, "poles must be 5 numbers, got 4"),

@@ -149,7 +149,7 @@ def test_leading_axes_are_rigs(function):
 
 def test_surface_through_the_joint_is_allowed_but_not_below_it():
     assert BallPlate(height=0).d == MODEL.radius
-    with pytest.raises(ValueError, match="height must be a number, 0 or more"):
+    with pytest.raises(ValueError, match="height must be a finite number, 0 or more"):
         BallPlate(height=-1e-9)
 
 

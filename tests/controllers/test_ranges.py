@@ -74,20 +74,20 @@ def test_a_value_outside_its_range_is_refused_by_class_and_scenario(kind):
 @pytest.mark.parametrize("period", [0, -0.002, math.inf, math.nan])
 def test_a_period_is_a_positive_number(period):
     for cls in choices("observer").values():
-        with pytest.raises(ValueError, match=r"\Aperiod must be a positive number"):
+        with pytest.raises(ValueError, match=r"\Aperiod must be a finite number, above 0"):
             cls(period=period)
 
 
 @pytest.mark.parametrize("delay", [-0.001, math.inf, math.nan])
 def test_a_delay_is_no_negative_number(delay):
-    with pytest.raises(ValueError, match=r"\Adelay must be a number, 0 or more"):
+    with pytest.raises(ValueError, match=r"\Adelay must be a finite number, 0 or more"):
         Smith(observer=Luenberger(), delay=delay)
 
 
 @pytest.mark.parametrize("name", ["mass", "radius", "inertia", "gravity"])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_a_parameter_of_the_ball_is_a_positive_number(name, value):
-    with pytest.raises(ValueError, match=f"{name} must be a positive number"):
+    with pytest.raises(ValueError, match=f"{name} must be a finite number, above 0"):
         BallPlate(**{name: value})
 
 
@@ -103,13 +103,19 @@ class Odd:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"one": -1}, "one must be a number, 0 or more, got -1"),
-        ({"few": (1, 0)}, r"few must be positive numbers, got \[1, 0\]"),
-        ({"two": (1,)}, r"two must be 2 finite numbers, none negative, got \[1\]"),
-        ({"points": ((1, 2), (1, 2, 3))}, "points must be lists of 2 finite numbers"),
-        ({"points": 3.0}, "points must be lists of 2 finite numbers, got 3.0"),
-        ({"whole": 1.5}, "whole must be a finite whole number, got 1.5"),
-        ({"one": "much"}, "one must be a number, 0 or more, got much"),
+        ({"one": -1}, "one must be a finite number, 0 or more, got -1"),
+        ({"few": (1, 0)}, r"few must be a list, each a finite number, above 0, got \[1, 0\]"),
+        (
+            {"two": (1,)},
+            r"two must be a list, each a finite number, 0 or more, 2 of them, got \[1\]",
+        ),
+        (
+            {"points": ((1, 2), (1, 2, 3))},
+            "points must be a list, each a list of 2, each a finite number",
+        ),
+        ({"points": 3.0}, "points must be a list, each a list of 2, each a finite number, got 3.0"),
+        ({"whole": 1.5}, "whole must be a whole number, got 1.5"),
+        ({"one": "much"}, "one must be a finite number, 0 or more, got much"),
     ],
     ids=str,
 )

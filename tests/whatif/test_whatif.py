@@ -108,14 +108,6 @@ def test_an_unchanged_future_is_the_rest_of_a_simulated_run(tmp_path, keys):
     assert np.array_equal(found.run.record["applied"], rest)
 
 
-def test_a_future_goes_on_from_the_last_snapshot_before_the_moment(tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.run.state.EVERY", 0.5)
-    recorded(tmp_path / "run")
-    assert one(moment_of(tmp_path / "run", AT)).max_difference == 0.0
-    monkeypatch.setattr("twin.whatif.futures.snapshots_of", lambda _: [])
-    assert one(moment_of(tmp_path / "run", AT)).max_difference == 0.0
-
-
 def test_a_change_at_the_moment_is_the_run_that_changes_then(run, tmp_path):
     settings = "plant.friction.rolling_mm=0.4", "plant.level_deg=[0.2, 0.0]"
     values = '"plant.friction.rolling_mm"=0.4, "plant.level_deg"=[0.2, 0.0]'

@@ -164,11 +164,9 @@ def compare(
     overrides: tuple[str, ...],
     vary: tuple[str, ...],
     out: Path | None,
-    processes: int | None,
-    columns: str | None,
-    separator: str | None,
     *,
     everything: bool,
+    **how: Any,
 ) -> int:
     """Run several scenarios, or variants of one, side by side: one table, one picture.
 
@@ -180,14 +178,7 @@ def compare(
     stems = (Path(name).stem if name.endswith(".toml") else Path(name).name for name in sources)
     named = run_folder(f"compare-{'-'.join(stems)}", (*vary, *overrides))
     found = compare_sources(
-        *sources,
-        vary=vary,
-        settings=overrides,
-        out=out or named,
-        processes=processes,
-        columns=columns,
-        separator=separator,
-        reporter=TERMINAL,
+        *sources, vary=vary, settings=overrides, out=out or named, reporter=TERMINAL, **how
     )
     from twin.run.logs import distances
 

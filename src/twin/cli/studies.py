@@ -35,16 +35,7 @@ if TYPE_CHECKING:
 @click.option("--out", type=options.PATH, help="Folder [runs/study-NAME].")
 @options.LAW
 @options.JSON
-def study(
-    study: str | None,
-    samples: int | None,
-    seeds: int | None,
-    processes: int | None,
-    scheduler: str | None,
-    out: Path | None,
-    *,
-    plan: bool,
-) -> int:
+def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int:
     """Run a study: a shipped one by name, or a TOML file; without a name, list them.
 
     Finished runs are kept: an interrupted study continues where it stopped, a finished one answers
@@ -55,18 +46,10 @@ def study(
     chosen("study", study, shipped_in("studies"))  # told before anything heavy is imported
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
-        work = work_of(study, {"samples": samples, "seeds": seeds})
+        work = work_of(study, {key: how.pop(key) for key in ("samples", "seeds")})
         check_writable(folder)
-        return _plan_study(work, folder, processes, scheduler)
-    done = run_study(
-        study,
-        out=folder,
-        processes=processes,
-        scheduler=scheduler,
-        reporter=TERMINAL,
-        samples=samples,
-        seeds=seeds,
-    )
+        return _plan_study(work, folder, **how)
+    done = run_study(study, out=folder, reporter=TERMINAL, **how)
     from twin.study.report import compared, endings, grids
 
     about, found = done.work.study, done.answers
@@ -82,10 +65,10 @@ def study(
     return 0
 
 
-def _plan_study(work: Work, folder: Path, processes: int | None, scheduler: str | None) -> int:
+def _plan_study(work: Work, folder: Path, **how: Any) -> int:
     from twin.study.experiments import Store, executors, remaining
 
-    with executors(processes, scheduler) as (_, count):
+    with executors(**how) as (_, count):
         known, chunks = remaining(work.tasks, Store(folder), count)
     total = work.different
     left = total - known.num_rows
@@ -140,15 +123,7 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
 @click.option("--out", type=options.PATH, help="Folder [runs/tune-NAME].")
 @options.LAW
 @options.JSON
-def tune(
-    tune: str | None,
-    overrides: tuple[str, ...],
-    candidates: int | None,
-    certificate: int | None,
-    processes: int | None,
-    scheduler: str | None,
-    out: Path | None,
-) -> int:
+def tune(tune: str | None, overrides: tuple[str, ...], out: Path | None, **how: Any) -> int:
     """Tune fields of a controller over a family of rigs: a shipped tune by name, or a TOML file.
 
     Without a name, list the shipped ones. The search is on one draw of the family, the certificate
@@ -161,7 +136,8 @@ def tune(
     chosen("tune", tune, shipped_in("tunes"))  # told before anything heavy is imported
     from twin.tune.trials import read
 
-    about = read(tune, candidates=candidates, certificate=certificate, set=overrides)
+    budget = {key: how.pop(key) for key in ("candidates", "certificate")}
+    about = read(tune, set=overrides, **budget)
     from twin.study.experiments import Store, executors
     from twin.tune.report import FIELDS, TASKS, fields_table, sentences, task_table, write
     from twin.tune.search import library, tuned
@@ -170,7 +146,7 @@ def tune(
     library()
     folder = check_writable(out or Path("runs") / f"tune-{Path(tune).stem}")
     store = Store(folder)
-    with executors(processes, scheduler) as (executor, count):
+    with executors(**how) as (executor, count):
         trials = Trials(about, store, executor=executor, processes=count)
         with progress(about.title, 1.0) as advance:
             found = tuned(trials, advance)

@@ -103,7 +103,6 @@ PARAMETERS = (
 @click.option("--ball", metavar="BALL", help="hollow, solid, or its share of gravity [hollow].")
 @click.option(
     "--on",
-    "rig",
     metavar="RIG",
     help="With --columns: the rig, or file of parameters, that what is found lies over.",
     shell_complete=options.rigs,
@@ -111,14 +110,7 @@ PARAMETERS = (
 @click.option("--out", type=options.PATH, help="Folder [runs/identify-LOG].")
 @options.JSON
 def identify(
-    logs: tuple[Path, ...],
-    names: str | None,
-    held: tuple[str, ...],
-    columns: str | None,
-    separator: str | None,
-    ball: str | None,
-    rig: str | None,
-    out: Path | None,
+    logs: tuple[Path, ...], names: str | None, held: tuple[str, ...], out: Path | None, **how: Any
 ) -> int:
     """Fit friction, dead time, drives and level to a recorded run, or to logs of any rig.
 
@@ -127,7 +119,7 @@ def identify(
     of plate angles. Writes report.html and parameters.toml; exit code 1 if no parameter can be
     identified.
     """
-    if columns is None:
+    if how["columns"] is None:
         chosen_parameters(names)  # a wrong name is told before anything heavy is imported
     files = [log_file(log) for log in logs]
     hold_out = _held_out(held)
@@ -136,16 +128,7 @@ def identify(
     from twin.identify.report import HEADS, rows
 
     folder = check_writable(out or ROOT / f"identify-{run_name(files[0])}")
-    done = identify_log(
-        files,
-        names or (),
-        hold_out=hold_out,
-        columns=columns,
-        separator=separator,
-        ball=ball,
-        on=rig,
-        reporter=TERMINAL,
-    )
+    done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)
     done.save(folder)
     found = done.found
     why = (
@@ -177,14 +160,7 @@ def _held_out(held: tuple[str, ...]) -> float | list[Path]:
 @options.SCHEDULER
 @click.option("--out", type=options.PATH, help="Folder [runs/fit-NAME].")
 @options.JSON
-def fit(
-    table: str | None,
-    processes: int | None,
-    scheduler: str | None,
-    out: Path | None,
-    *,
-    no_leave_out: bool,
-) -> int:
+def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) -> int:
     """Fit parameters to measured indicators of many experiments, where no logs were kept.
 
     TABLE is a shipped name, without one those are listed, or a TOML file: scenarios with what was
@@ -203,7 +179,7 @@ def fit(
     about = read(table)
     folder = check_writable(out or Path("runs") / f"fit-{Path(table).stem}")
     store = Store(folder)
-    with executors(processes, scheduler) as (executor, count):
+    with executors(**how) as (executor, count):
         runs = Runs(about, store, executor=executor, processes=count)
         with progress(about.title, 1.0) as advance:
             found = fit_table(about, runs, leave_out=not no_leave_out, advance=advance)
@@ -222,13 +198,7 @@ def fit(
 @click.option("--out", type=options.PATH, help="Folder [RUN, or runs/shadow-LOG].")
 @options.JSON
 def shadow(
-    log: Path,
-    overrides: tuple[str, ...],
-    columns: str | None,
-    separator: str | None,
-    out: Path | None,
-    *,
-    learn: bool,
+    log: Path, overrides: tuple[str, ...], out: Path | None, *, learn: bool, **how: Any
 ) -> int:
     """Let the twin run beside a recorded run: is it still right, since when not, and why.
 
@@ -243,15 +213,7 @@ def shadow(
 
     folder = check_writable(out or (log.parent if is_record(log) else ROOT / f"shadow-{name}"))
     with progress(f"the twin beside {name}", 1.0) as advance:
-        found = examine(
-            log,
-            folder,
-            overrides,
-            columns=columns,
-            separator=separator,
-            learning=learn,
-            progress=advance,
-        )
+        found = examine(log, folder, overrides, learning=learn, progress=advance, **how)
     show(found.as_dict(), sentences(found), folder, FILES)
     return int(bool(found.alarms))
 

@@ -19,7 +19,7 @@ from twin.run.assemble import RigChanges, assemble, build_controller, build_refe
 from twin.run.finished import Run, save
 from twin.run.metrics import Outcome
 from twin.run.record import Recorder
-from twin.run.state import MOST, Snapshot
+from twin.run.state import Snapshot
 from twin.scenario.load import at_time, check, clean, put
 from twin.scenario.schema import JUMPS, RAMPS, SLACK, Change, Scenario, choices
 from twin.whatif.futures import CONTROL, take_over
@@ -30,6 +30,8 @@ RECENT = 30.0
 """Seconds for which all of them are kept."""
 LATER = 5.0
 """Seconds from one to the next of those before."""
+MOST = 20
+"""States that a record keeps at most besides those since which something was done."""
 
 
 class Kept(NamedTuple):

@@ -29,7 +29,7 @@ from twin.run import assemble, files
 from twin.run.loop import drive
 from twin.run.metrics import INTERRUPTED, KILLED, Ending, Motion, Outcome, held, measure
 from twin.run.record import CHANNELS, Recorder, classes_of, read_beside, read_run, write_run
-from twin.run.state import SNAPSHOTS, Keeper, Snapshot, packed
+from twin.run.state import SNAPSHOTS, Snapshot, packed
 from twin.scenario.load import always_friction, check, recorded
 from twin.scenario.schema import Dimensions, Scenario, choices
 from twin.writing import write_json, write_whole
@@ -80,7 +80,7 @@ class Run(files.Signals):
         record: All channels of a run that was just made; None for one that was opened.
         real_time_factor: Simulated seconds per second of the loop, of a run that was just made.
         account: Timing statistics of one in real time.
-        snapshots: States of a simulated rig and its controller now and then.
+        snapshots: States of rig and controller now and then, of a drive by hand.
     """
 
     name: str
@@ -285,10 +285,8 @@ def run(
     Raises:
         TwinError: If the scenario cannot be assembled.
     """
-    keeper: Keeper | None = None
     if rig is None:
         rig, controller = assemble.assemble(scenario)
-        keeper = Keeper(rig, controller, scenario.duration)
     else:
         controller = assemble.build_controller(scenario.in_real_time)
     period = scenario.rig.period
@@ -296,7 +294,7 @@ def run(
     record = Recorder(ticks, 1, period, rig.channels, knows)
     watch(record)
     begin = time.perf_counter()
-    (outcome,) = drive(rig, controller, scenario.duration, record, progress, keep=keeper)
+    (outcome,) = drive(rig, controller, scenario.duration, record, progress)
     spent = time.perf_counter() - begin
     return Run.of(
         scenario,
@@ -306,7 +304,6 @@ def run(
         journal=rig.journal,
         account=rig.account(),
         real_time_factor=record.length * period / spent,
-        snapshots=tuple(keeper.snapshots) if keeper else (),
     )
 
 

@@ -154,10 +154,6 @@ def _like(present: Any, value: Any) -> Any:
 
 CONDITIONS = {condition.name: condition for condition in RIG_CONDITIONS}
 
-EVERY = 5.0
-"""Time in s from one snapshot that a run keeps to the next."""
-MOST = 20
-"""Snapshots that a run keeps at most, so that its record stays small."""
 SNAPSHOTS = "ballplate_snapshots"
 """Metadata of a record that holds its snapshots."""
 
@@ -227,26 +223,6 @@ class Snapshot:
     def measured(self) -> Measurement:
         """The measurement that begins the period."""
         return Measurement(*value_of(self.measurement))
-
-
-class Keeper:
-    """Keeps snapshots of a run now and then, for going on from there.
-
-    Args:
-        rig: Simulated rigs.
-        controller: Theirs.
-        duration: Of the run, s.
-    """
-
-    def __init__(self, rig: Rig, controller: Controller, duration: float) -> None:
-        self.snapshots: list[Snapshot] = []
-        self._rig, self._controller = rig, controller
-        self._ticks = round(max(EVERY, duration / MOST) / rig.period)
-
-    def __call__(self, tick: int, measurement: Measurement) -> None:
-        """Keep one if it is time."""
-        if tick and tick % self._ticks == 0:
-            self.snapshots.append(Snapshot.take(self._rig, self._controller, measurement))
 
 
 def snapshots_of(file: Path) -> list[Snapshot]:
