@@ -466,6 +466,8 @@ def _overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> 
     return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
 
 
+EVEN = 0.85
+"""Share of the windows that an even screen must explain."""
 LONGEST = 2.5
 """Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
 
@@ -557,22 +559,21 @@ def identify(
     fit = best(names)
     notes, white = list(usable.notes), whiteness(fit)
     progress(0.4)
-    if not white.white and "viscous" not in names:
-        richer = best((*names, "viscous"))
-        if whiteness(richer).white:
-            fit, white, names = richer, whiteness(richer), (*names, "viscous")
-            notes.append("viscous friction fitted along: without it the log is not explained")
-    if not white.white:
-        asked = (*names, *AT_REST)
-        fit = best(asked, uneven=True)
-        if "viscous" not in names and _grows(fit):
-            names = (*names, "viscous")
-            fit = best((*asked, "viscous"), uneven=True)
-        white = whiteness(fit)
-        notes.append(
-            "friction that differs from place to place, and other unknown forces, are taken as a "
-            "part of the noise: without it the log is not explained"
-        )
+    if not white.white or len(fit.problem.windows) < EVEN * len(windows):
+        more = AT_REST
+        rough = best((*names, *more), uneven=True)
+        if "viscous" not in names and _grows(rough):
+            more = (*more, "viscous")
+            rough = best((*names, *more), uneven=True)
+        if whiteness(rough).white or not white.white:
+            fit, white = rough, whiteness(rough)
+            notes.append(
+                "friction that differs from place to place, and other unknown forces, are taken as "
+                "a part of the noise: without it the log is not explained"
+            )
+            if "viscous" in more:
+                names = (*names, "viscous")
+                notes.append("friction grows with speed: viscous friction fitted along")
     if len(usable.grips) > 1:
         kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
         notes.append(f"friction at rest taken to be {kind}, which fits better")
