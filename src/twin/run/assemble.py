@@ -201,9 +201,7 @@ PLANTS = {
     "mujoco": PlantKind(
         _mechanism,
         "honest twin",
-        change=lambda plant, scenarios: plant.change(
-            _friction(scenarios), list(map(parts_of, scenarios))
-        ),
+        change=lambda plant, each: plant.change(_friction(each), list(map(parts_of, each))),
         rebuild=lambda plant, rigs, scenarios: plant.rebuild(
             rigs, [parts_of(scenarios[rig]) for rig in rigs], _friction(scenarios)
         ),
