@@ -13,7 +13,11 @@ import pytest
 import ballplate
 from ballplate.changes import changes_of
 from ballplate.reporter import Notebook, Reporter
+from ballplate.running import warn_of_dangers
 from twin.cli import main
+from twin.run.loop import simulate
+from twin.scenario import load
+from twin.shipped import shipped_in
 
 QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.2, "metrics": {"start": 0}}
 
@@ -112,6 +116,49 @@ def test_what_is_unwise_is_a_warning_of_the_line_that_asked_for_it():
     (warning,) = caught
     assert warning.category is ballplate.BallplateWarning
     assert warning.filename == __file__
+
+
+def dangers(scenario, *settings):
+    """What somebody is warned of who would run it."""
+
+    class Told(Reporter):
+        def warn(self, message):
+            found.append(message)
+
+    found = []
+    warn_of_dangers(load(scenario, settings), Told())
+    return found
+
+
+@pytest.mark.parametrize("rig", [None, *shipped_in("rigs")])
+def test_who_tells_the_cure_what_a_rig_file_says_is_warned_of_nothing(rig):
+    assert dangers("cure", *([f"parameters={rig}"] if rig else [])) == []
+
+
+def test_a_rig_more_than_30_ms_later_than_the_cure_believes_is_a_warning():
+    on = "parameters=hobby"  # a lag of 60 ms and 30 ms of dead time
+    assert dangers("cure", on, "rig.plate_lag=0.031") == []
+    (told,) = dangers("cure", on, "rig.plate_lag=0.029")
+    assert "drives and dead time are 31 ms later" in told
+    assert "\n" not in told
+    (told,) = dangers("cure", on, "sensors.touch.dead_time=0.05", "rig.plate_lag=0.04")
+    assert "40 ms later" in told
+    (told,) = dangers("cure", "sensors.touch.dead_time=0.08")
+    assert "38 ms later" in told
+    assert dangers("cure_afl", on, "rig.plate_lag=0.0", "controller.gains=[60,54,30,8]") == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("rig", "lag", "told"), [("hobby", 60, (1.5, 2.9)), ("course", 40, (0.8, 1.6))]
+)
+def test_the_numbers_of_that_warning_are_those_of_the_two_rigs(rig, lag, told):
+    on = [f"parameters={rig}", "baseline=false", "plant.step=0.002", "reference.omega=1.0"]
+    on += ["duration=14.0", "metrics.start=7.7"]
+    slower = f"plant.servo.bandwidth_hz={1000 / (2 * np.pi * (lag + 30)):.5g}"
+    scenarios = [load("cure", on), load("cure", [*on, slower])]
+    found = [simulate([each])[0]["tracking_error_percent"] for each in scenarios]
+    assert [round(each, 1) for each in found] == [*told]
 
 
 def test_progress_of_a_run_and_its_clean_model_is_told(circle):

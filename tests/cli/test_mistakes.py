@@ -62,7 +62,7 @@ RODS = {
 TYPED = {
     "plant.kind=mujoco": "the mechanism's plate on cams is 0.7 m x 0.395 m",
     "plant.linkage.phi_deg=[[-40,-14],[-50,0],[40,14]]": "both rising, got [[-40.0, -14.0], [-50",
-    "plant.linkage.phi_deg=[[-40,-12],[40,14]]": "angle_deg = 12 needs 1.1 times that either way",
+    "plant.linkage.phi_deg=[[-40,-12],[40,14]]": "= 13.2 deg either way, got -12 to 14",
     "plant.linkage.phi_deg=[[-40,-14,0],[40,14,0]]": "phi_deg.0: must have at most 2 values, has 3",
     "plant.linkage.phi_deg=[[-40],[40]]": "phi_deg.0: must have more values than 1",
     "plant.linkage.phi_deg=[[1,nan],[2,3]]": "phi_deg.0.1: must be a finite number",

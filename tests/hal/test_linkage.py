@@ -178,7 +178,7 @@ LINE = ((-0.5, -0.2), (0.5, 0.2))
         ({"phi": LINE, "theta": LINE[::-1]}, "theta_deg: .* both rising"),
         (
             {"phi": ((-0.5, -0.2), (0.5, 0.1)), "theta": LINE},
-            "from -11.4592 to 5.72958 deg; .* = 10",
+            "= 11 deg .* got -11.4592 to 5.72958",
         ),
     ],
 )

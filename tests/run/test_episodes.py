@@ -90,6 +90,44 @@ def test_a_rig_that_begins_among_others_runs_as_one_that_began_with_them(
     assert not joined.over.any()
 
 
+SMOOTH = ("duration=5", "metrics.start=0", "plant.friction.rolling_mm=0.01")
+RODS = ("parameters=course", *SMOOTH)
+EXACT = ("parameters=hobby", *SMOOTH, "plant.surface.spread_percent=20")
+
+
+@pytest.mark.parametrize(
+    ("count", "fixed", "plate"),
+    [
+        (3, EXACT, ("plant.size=[0.42,0.4]",)),
+        (3, EXACT, ("plant.size=[0.4,0.4]", "plant.shape=round")),
+        (3, (*RODS, "plant.kind=mujoco"), ("plant.size=[0.4,0.3]",)),
+        (16, (*RODS, "plant.kind=mujoco"), ("plant.size=[0.4,0.3]",)),
+    ],
+)
+def test_an_episode_on_another_plate_ends_at_its_edge(count, fixed, plate):
+    """Out to x = 0.2 m or so: off the plates of 0.3 m that they began with, on or off the new."""
+    first = nominal(count, 1, *fixed)
+    rolls = (*fixed, *plate, "plant.start.x_rate=0.08")
+    starts = [("plant.start.x=0.15",), ("plant.start.x=0.19",)]
+    later = [BUILD([*rolls, *more, f"seed={rig}"], {}) for rig, more in enumerate(starts)]
+    joined = Episodes(first, threads=1)
+    joined.advance(np.zeros((count, 2)), 20)
+    joined.begin(BEGUN, later)
+    together = list(first)
+    for rig, scenario in zip(BEGUN, later, strict=True):
+        together[rig] = scenario
+    alone = Episodes(together, threads=1)
+    for _ in range(8):
+        balls = [each.advance(np.zeros((count, 2)), 20) for each in (joined, alone)]
+        np.testing.assert_array_equal(*(ball[:, BEGUN] for ball in balls))
+        fallen = [each._rig.fallen for each in (joined, alone)]
+        np.testing.assert_array_equal(*(each[BEGUN] for each in fallen))
+        assert not fallen[0][1]
+    # the one is beyond the edge of the plate before, the other beyond that of its own
+    assert balls[0][-1, 0, 0] == pytest.approx(0.175, abs=0.003)
+    assert fallen[0][BEGUN].tolist() == [False, True]
+
+
 def test_what_all_episodes_share_is_not_changed_by_one_of_them():
     rigs = Episodes(nominal(2, 1, "plant.kind=lagrange"))
     for key, value in (("rig.limits.rate_deg", 20), ("plant.step", 0.002)):

@@ -171,26 +171,22 @@ class TiltTable:
     @property
     def ratio(self) -> Array:
         """Servo angle per plate angle at level, dimensionless, shape (2,)."""
-        level = np.zeros(2)
-        return self.motor_rate(level, self.motor(level), np.ones(2))
+        return 1 / self._read(self.motor(np.zeros(2)), 0, 2)
 
     @cached_property
     def _curves(self) -> list[tuple[Array, Array, Array]]:
         """Servo angles, plate angles and slopes of each axis, finely."""
         from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  slow: only for a table
 
-        found: list[tuple[Array, Array, Array]] = []
-        for servo, plate in map(np.transpose, (self.phi, self.theta)):
-            fine = np.unique(np.linspace(servo[:-1], servo[1:], FINE))
-            there = PchipInterpolator(servo, plate)(fine)
-            found.append((fine, there, np.gradient(there, fine)))
-        return found
+        rows = [np.transpose(each) for each in (self.phi, self.theta)]
+        fine = [np.unique(np.linspace(servo[:-1], servo[1:], FINE)) for servo, _ in rows]
+        there = [PchipInterpolator(*each)(at) for each, at in zip(rows, fine, strict=True)]
+        return [(x, y, np.gradient(y, x)) for x, y in zip(fine, there, strict=True)]
 
     def _read(self, angle: Array, of: int, wanted: int, beyond: float | None = None) -> Array:
         """One column of the curves where another one is the angle; beyond the ends their value."""
-        each = enumerate(self._curves)
-        found = [np.interp(angle[..., k], c[of], c[wanted], beyond, beyond) for k, c in each]
-        return np.stack(found, axis=-1)
+        each = zip(np.moveaxis(angle, -1, 0), self._curves, strict=True)
+        return np.stack([np.interp(a, c[of], c[wanted], beyond, beyond) for a, c in each], axis=-1)
 
     def motor(self, plate: Array) -> Array:
         """Servo angles in rad that hold plate angles (phi, theta) in rad, both (..., 2)."""
@@ -215,14 +211,13 @@ class TiltTable:
             tilt: How far the plate may be tilted either way, rad.
         """
         for axis in ("phi", "theta") if self.given else ():
-            rows = np.degrees(getattr(self, axis)).round(9)
+            rows, needed = np.degrees(getattr(self, axis)).round(9), SPARE * np.degrees(tilt)
             if len(rows) < 2 or (np.diff(rows, axis=0) <= 0).any():
                 what = "2 or more rows of servo and plate angle, both rising"
                 return f"plant.linkage.{axis}_deg: must be {what}, got {rows.tolist()}"
-            if min(-rows[0, 1], rows[-1, 1]) < SPARE * np.degrees(tilt):
-                reach = f"takes the plate from {rows[0, 1]:g} to {rows[-1, 1]:g} deg"
-                needed = f"rig.limits.angle_deg = {np.degrees(tilt):.3g} needs {SPARE:g} times that"
-                return f"plant.linkage.{axis}_deg: {reach}; {needed} either way"
+            if min(-rows[0, 1], rows[-1, 1]) < needed:
+                reach = f"must tilt by {SPARE:g} rig.limits.angle_deg = {needed:.3g} deg either way"
+                return f"plant.linkage.{axis}_deg: {reach}, got {rows[0, 1]:g} to {rows[-1, 1]:g}"
         return ""
 
 

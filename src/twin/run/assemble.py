@@ -95,13 +95,8 @@ def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scena
     )
 
 
-def _parts(scenarios: Sequence[Scenario]) -> list[Parts]:
-    """What of each rig's mechanism differs from the model file."""
-    return [parts_of(scenario) for scenario in scenarios]
-
-
 def parts_of(scenario: Scenario) -> Parts:
-    """The same of one rig."""
+    """What of a rig's mechanism differs from the model file."""
     lengths = filled(Linkage, [scenario])
     rods = {"linkage": lengths, "size": scenario.plant.size} if lengths.given else {}
     return replace(changed(Parts, scenario), **rods)
@@ -126,8 +121,6 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
     plant = ExactPlant(
         rigs=len(scenarios),
         step=scenarios[0].plant.step,
-        size=per_rig(settings_of(TouchModel)["size"], scenarios),
-        rounded=[scenario.plant.shape == "round" for scenario in scenarios],
         linkage=linkage,
         **_equations(scenarios),
     )
@@ -135,11 +128,13 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
 
 
 def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
-    """What scenarios say of the exact equations: ball, friction and level."""
+    """What scenarios say of the exact equations: ball, friction, level and screen."""
     return {
         "model": scenarios[0].plant.ball.model,
         "friction": build_friction(scenarios),
         "level": per_rig(settings_of(Parts)["level"], scenarios),
+        "size": per_rig(settings_of(TouchModel)["size"], scenarios),
+        "rounded": [scenario.plant.shape == "round" for scenario in scenarios],
     }
 
 
@@ -151,7 +146,7 @@ def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Tran
         step=scenarios[0].plant.step,
         threads=threads,
         friction=_friction(scenarios),
-        parts=_parts(scenarios),
+        parts=list(map(parts_of, scenarios)),
     )
     return plant, _known(scenarios, plant.ratio)
 
@@ -206,11 +201,11 @@ PLANTS = {
     "mujoco": PlantKind(
         _mechanism,
         "honest twin",
-        change=lambda plant, scenarios: plant.change(_friction(scenarios), _parts(scenarios)),
+        change=lambda plant, each: plant.change(_friction(each), list(map(parts_of, each))),
         rebuild=lambda plant, rigs, scenarios: plant.rebuild(
-            rigs, _parts([scenarios[rig] for rig in rigs]), _friction(scenarios)
+            rigs, [parts_of(scenarios[rig]) for rig in rigs], _friction(scenarios)
         ),
-        foresee=lambda plant, scenarios: plant.foresee(_parts(scenarios)),
+        foresee=lambda plant, scenarios: plant.foresee(list(map(parts_of, scenarios))),
     ),
 }
 """The plants by what ``plant.kind`` calls them."""
@@ -352,11 +347,9 @@ def change_transmission(
 
 def without_error(transmission: Transmission) -> Transmission:
     """What a rig would know of its cams if it made no mistake."""
-    return (
-        transmission.known
-        if isinstance(transmission, simulated.WrongTransmission)
-        else transmission
-    )
+    if isinstance(transmission, simulated.WrongTransmission):
+        return transmission.known
+    return transmission
 
 
 def changing(

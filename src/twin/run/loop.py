@@ -414,7 +414,8 @@ class Episodes:
         new, rig = [self.scenarios[each] for each in rigs], self._rig
         plant = rig.devices.plant
         old = [before[each] for each in rigs]
-        if assemble.differ(assemble.OF_PLANTS, old, new):
+        plates = [[each.dimensions for each in those] for those in (old, new)]
+        if plates[0] != plates[1] or assemble.differ(assemble.OF_PLANTS, old, new):
             assemble.PLANTS[new[0].plant.kind].rebuild(plant, rigs, self.scenarios)
         assemble.change_devices(rig.devices, before, self.scenarios, plant=False)
         assemble.change_transmission(rig, self._known, before, self.scenarios)

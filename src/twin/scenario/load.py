@@ -29,10 +29,8 @@ from twin.settings import value_of
 from twin.shipped import chosen, find, shipped_in
 from twin.validation import Model, keys_of, one_line, read_tables
 
-NONE_AT_ZERO = tuple(
-    f"plant.servo.{key}" for key in ("slew_deg", "acceleration_deg", "bandwidth_hz", "resonance_hz")
-)
-"""What is absent at 0 and the stronger the closer to it, so that no ramp leads there."""
+NONE_AT_ZERO = ("slew_deg", "acceleration_deg", "bandwidth_hz", "resonance_hz")
+"""What of ``plant.servo`` is absent at 0 and the stronger the closer to it: no ramp leads there."""
 
 
 def at_time(scenario: Scenario, time: float) -> Scenario:
@@ -90,7 +88,7 @@ def problem_of_changes(scenario: Scenario) -> str:
 def _ramp_problem(scenario: Scenario, change: Change) -> str:
     """Why no ramp leads from the old values to the new ones; empty if one does."""
     before = at_time(scenario, change.at - 2 * SLACK)
-    for key in NONE_AT_ZERO if change.over else ():
+    for key in map("plant.servo.{}".format, NONE_AT_ZERO if change.over else ()):
         if key in change.set and not (change.set[key] and value_of(before, key)):
             return f"{key}: 0 stands for none, so no ramp leads there; leave out over"
     return ""

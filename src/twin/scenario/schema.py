@@ -577,19 +577,18 @@ class Scenario(Section):
     def _transmission_problems(self) -> Iterator[str]:
         """What does not go together between servos and plate, a line each."""
         linkage, table = filled(Linkage, [self]), filled(TiltTable, [self])
-        most, mechanism = self.rig.limits.angle_deg, self.plant.kind == "mujoco"
+        servos, most = linkage.given or table.given, self.rig.limits.angle_deg
         yield from filter(None, (each.problem(math.radians(most)) for each in (linkage, table)))
-        if table.given and (linkage.given or mechanism):
+        if table.given and (linkage.given or self.plant.kind == "mujoco"):
             yield "plant.linkage: a table is for plant.kind=lagrange, and has no lengths beside it"
         for key in CAMS_ONLY if linkage.given else ():
             if value_of(self.plant, key) is not None:
                 yield f"plant.{key}: a plate on rods has none"
-        servos = linkage.given or table.given
         if servos and self.rig.cams == "per_axis":
             yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"
         if self.plant.kind == "lagrange" and self.rig.cams != "table" and not servos:
             yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
-        if mechanism and most > CAMS_DEG and not servos:
+        if self.plant.kind == "mujoco" and most > CAMS_DEG and not servos:
             yield f"rig.limits.angle_deg: the cams reach {CAMS_DEG:g}; set plant.kind=lagrange"
 
     @property

@@ -261,28 +261,31 @@ class ExactPlant:
         linkage: Transmitting | None = None,
     ) -> None:
         self.rigs = rigs
-        self._rounded = np.broadcast_to(np.asarray(rounded, bool), (rigs,))
-        self._round = bool(self._rounded.any())
         self.ratio: Number = 1.0 if linkage is None else linkage.ratio
         self.linkage = linkage
         self.step = step
-        self._edges = np.broadcast_to(np.divide(size, 2), (rigs, 2)).T
         self._equip(model or BallPlate(), friction, level)
+        self._shape(size, rounded)
         self._x: Array = np.zeros((rigs, 8))
         self._fallen = np.zeros(rigs, bool)
         self.start(np.zeros((rigs, 4)))
 
-    def change(self, model: BallPlate, friction: Friction | None, level: ArrayLike) -> None:
-        """Go on with another ball, friction and level; arguments as when it was made."""
+    def change(self, size: ArrayLike, rounded: ArrayLike, **equations: Any) -> None:
+        """Go on with another screen, ball, friction and level; arguments as when it was made."""
         before = self._balls
-        self._equip(model, friction, level)
+        self._equip(**equations)
         self._balls.go_on(before, self._x)
+        self._shape(size, rounded)
+
+    def _shape(self, size: ArrayLike, rounded: ArrayLike) -> None:
+        self._edges = np.broadcast_to(np.divide(size, 2), (self.rigs, 2))
+        self._rounded = np.broadcast_to(np.asarray(rounded, bool), (self.rigs,))
+        self._round = bool(self._rounded.any())
 
     def _equip(self, model: BallPlate, friction: Friction | None, level: ArrayLike) -> None:
         self.model, self.friction = model, friction
         self._balls = BallMotion(model, friction, rigs=self.rigs, step=self.step)
         self._single = self._balls.single
-        self._half: Any = self._edges.ravel().tolist() if self._single else self._edges
         gravity = tilted_gravity(level, model.gravity).T
         self._gravity: Any = gravity.ravel().tolist() if self._single else gravity
 
@@ -348,9 +351,10 @@ class ExactPlant:
             x, vx, y, vy = self._balls.step((x, vx, y, vy), *equations[i : i + 3])
         (phi, theta), (phi_rate, theta_rate), _ = _turned(plate, period)
         self._x = self._state(x, vx, phi, phi_rate, y, vy, theta, theta_rate)
-        off = (abs(x) > self._half[0]) | (abs(y) > self._half[1])
+        half = self._components(self._edges)
+        off = (abs(x) > half[0]) | (abs(y) > half[1])
         if self._round:
-            off = off | (self._rounded & (x * x + y * y > self._half[0] * self._half[0]))
+            off = off | (self._rounded & (x * x + y * y > half[0] * half[0]))
         if self._balls.by.any(off):
             self._fallen |= off
 

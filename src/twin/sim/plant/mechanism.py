@@ -261,7 +261,7 @@ class Mechanism:
         self._qvel: Array = self._batch.bind("qvel")
         screen = model.geom("plate")
         self._surface = float(screen.pos[2] + screen.size[2])
-        self._half = screen.size[:2, None]
+        self._half = self._models.halves()
         self._height = self._models.heights()
         self._contact = None if friction is None else BallContact(self._batch, friction)
         # how often friction that changes with speed or place is updated: every 2 ms
@@ -303,6 +303,7 @@ class Mechanism:
         """
         self._models.rebuild(self._batch, rigs, parts)
         self._height[rigs] = self._models.heights(rigs)
+        self._half = self._models.halves()
         self._exchange_friction(friction)
 
     def _exchange_friction(self, friction: Friction) -> None:

@@ -518,6 +518,10 @@ class RigModels:
         height = self.first.joint("ball").qposadr[0] + 2
         return np.array([model.key("level").qpos[height] for model in models])
 
+    def halves(self) -> Array:
+        """Half sides of the plates along x and y as they were built, m, shape (2, N)."""
+        return np.transpose([model.geom("plate").size[:2] for model in self._built])
+
     def batch(self, threads: int, *, persistent: bool) -> Batch:
         """A batch of the rigs, with what each has of its own.
 
