@@ -57,7 +57,7 @@ RODS = {
     "rig.cams=per_axis": "must be 'table' (all of its lengths) or 'ratio'",
 }
 """The same of the course rig in MuJoCo."""
-VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=[]", "a=1:2:3:4")
+VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=1:2:3:4")
 NAMES = ("My-Law", "lambda", "../x")
 LINES = {
     "run": "SCENARIO",
@@ -106,6 +106,7 @@ LINES = {
     **{f"run circle --set {key} --on course --plant mujoco": told for key, told in RODS.items()},
     "calibrate touch --rig rig.toml": "/dev/null: not a serial port",
     **{f"sweep circle {each}": "FIRST:LAST:NUMBER" for each in VALUES},
+    "sweep circle a=[]": "vary a: give at least one value",
     **{f"new law {name}": "must be small letters, digits and _" for name in NAMES},
 }
 """A command line to words of what is told."""
