@@ -44,7 +44,7 @@ def check(
     dealt = had_again(found, file.parent, key, student)
     result = judge.judged(found, dealt, file, hidden=hidden)
     if page is not None:
-        from twin.lab.pages import of_student
+        from twin.lab.grade import of_student
         from twin.writing import write_whole
 
         judging = judge.Judge(found, dealt, file)

@@ -14,9 +14,8 @@ from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.doctor import drives
 from twin.doctor import examine as computer_checks
-from twin.doctor.calibration import measure_cams
 from twin.doctor.check import CheckStatus, failed, next_step, passed, reported, warned
-from twin.doctor.drives import limits
+from twin.doctor.drives import limits, measure_cams
 from twin.doctor.examine import _drives, computer
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from stepped import SteppedDrives
 
-from twin.doctor.calibration import measure_lost_motion
+from twin.doctor.drives import measure_lost_motion
 from twin.emulator.serve import EmulatedPlant
 from twin.errors import RigError
 from twin.hal.cams import CamTable

@@ -6,8 +6,8 @@ from served_screen import EmulatedScreen
 
 from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig, Mounting
 from twin.devices.lumio.screen import LumioScreen
-from twin.doctor.calibration import judged, measure_touch, usual_points
 from twin.doctor.check import CheckStatus
+from twin.doctor.drives import judged, measure_touch, usual_points
 from twin.doctor.examine import calibrated, plugged_in, touch
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import Protocol, ScreenLine

@@ -14,8 +14,7 @@ from typing import Any
 
 import pytest
 
-from twin.lab.grade import candidates
-from twin.lab.pages import of_class
+from twin.lab.grade import candidates, of_class
 from twin.lab.schema import Lab, deal, filled, hand_out, read
 
 MINI = Path(__file__).parent / "mini"

@@ -13,9 +13,8 @@ import pytest
 import ballplate as bp
 from twin.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
-from twin.lab.grade import candidates, tried
+from twin.lab.grade import begin, candidates, of_student, pack, tried, written
 from twin.lab.judge import Judge, judged
-from twin.lab.pages import begin, of_student, pack, written
 from twin.lab.process import NAME, answering
 from twin.lab.schema import (
     PRACTICE,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.look import report as command
+from twin.cli.runs import report as command
 from twin.devices.realtime import TimingLog
 from twin.errors import RecordError
 from twin.report.html import details, html

@@ -11,7 +11,7 @@ from exported_files import READERS
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from twin.cli.look import export as command
+from twin.cli.runs import export as command
 from twin.identify.logs import read
 from twin.run.files import export
 from twin.run.finished import run, save

@@ -62,7 +62,7 @@ def list_labs() -> int:
 @click.option("--out", type=PATH, help="New folder [NAME].")
 def new(name: str, out: Path | None) -> int:
     """Write a small lab of your own that passes its selftest, to be changed piece by piece."""
-    from twin.lab.pages import begin
+    from twin.lab.grade import begin
 
     folder = out or Path(name)
     begin(name, folder)
@@ -105,7 +105,7 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
     The answer is a file, or a folder with it; by default that of this folder.
     """
     from ballplate.lab import check as judge
-    from twin.lab.pages import table, written
+    from twin.lab.grade import table, written
     from twin.writing import write_whole
 
     result = judge(**how, key=_text(key))
@@ -150,7 +150,6 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     marks has the class.
     """
     from twin.lab import grade as grades
-    from twin.lab.pages import of_class, summary
     from twin.lab.schema import students
     from twin.writing import write_whole, written_alone
 
@@ -161,9 +160,9 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
         found = grades.grade(lab, key, names, handed_in, kept, processes, advance)
     write_whole(out, grades.marks(lab, found))
     page = out.with_suffix(".html")
-    write_whole(page, of_class(lab, found, kept))
+    write_whole(page, grades.of_class(lab, found, kept))
     files = f"{out.name}, {page.name}; of each student {kept.name}/"
-    show(found, [summary(found)], out.parent, files)
+    show(found, [grades.summary(found)], out.parent, files)
     return 1 if any("problem" in each for each in found) else 0
 
 
@@ -222,7 +221,7 @@ def calibrate(lab: Lab, rigs: int, processes: int | None) -> int:
 @click.option("--out", type=PATH, required=True, help="New file (gradescope) or folder.")
 def pack(out: Path, key: Path | None, **given: Any) -> int:
     """Pack a lab for students (folder, with a notebook) or for the grader of a course system."""
-    from twin.lab.pages import pack as packed
+    from twin.lab.grade import pack as packed
 
     packed(out=out, key=_text(key), **given)
     say(f"{out} written")

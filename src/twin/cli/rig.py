@@ -27,10 +27,10 @@ from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
     from ballplate.reporter import Advance
+    from twin.devices.akd.bus import Trace
     from twin.devices.akd.config import AkdConfig
     from twin.devices.akd.decoding import Names
     from twin.devices.akd.servos import AkdServos
-    from twin.devices.akd.traces import Trace
     from twin.devices.lumio.config import CalibrationFit
     from twin.doctor.check import Ask, CheckResult
     from twin.emulator.serve import VirtualRig
@@ -228,8 +228,8 @@ def trace(
     import numpy as np
     import pandas as pd
 
+    from twin.devices.akd.bus import read_trace
     from twin.devices.akd.decoding import Conversation, Names, TracedEvent
-    from twin.devices.akd.traces import read_trace
     from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
     from twin.scenario.rig import read_rig
 
@@ -408,7 +408,7 @@ def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
 
     Settings are those of the virtual rig.
     """
-    from twin.doctor.calibration import measure_lost_motion
+    from twin.doctor.drives import measure_lost_motion
     from twin.identify.plate_motion import KEYS
     from twin.run.connect import cams_of
     from twin.scenario import load
@@ -438,7 +438,7 @@ def touch(rig: str, out: Path) -> None:
 
     Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
     """
-    from twin.doctor.calibration import measure_touch, usual_points
+    from twin.doctor.drives import measure_touch, usual_points
     from twin.scenario import load
 
     points = usual_points()
@@ -452,7 +452,7 @@ def touch(rig: str, out: Path) -> None:
 
 
 def _residuals(found: CalibrationFit) -> tuple[Shown, ...]:
-    from twin.doctor.calibration import place
+    from twin.doctor.drives import place
 
     rows = [
         (place(point), *(f"{1e3 * each:+.2f}" for each in off))
@@ -497,7 +497,7 @@ calibrate.add_command(lost_motion)
 @options.JSON
 def cams(rig: str, out: Path, reach: float, lines: int) -> None:
     """Measure the cam table of a rig: what its motors must turn for angles of the plate."""
-    from twin.doctor.calibration import measure_cams
+    from twin.doctor.drives import measure_cams
     from twin.hal.cams import CamTable
     from twin.scenario import load
 

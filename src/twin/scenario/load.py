@@ -464,13 +464,7 @@ def swept(text: str) -> tuple[str, list[Any]]:
     if not key or not equals or not values:
         raise ScenarioError(form)
     if values.startswith("["):
-        try:
-            listed = parse_toml(f"values = {values}")["values"]
-        except (tomllib.TOMLDecodeError, DataError):
-            raise ScenarioError(form) from None
-        if not listed:
-            raise ScenarioError(form)
-        return key, listed
+        return _parsed(text)
     parts = values.split(":")
     try:
         first, last, number = float(parts[0]), float(parts[1]), int(parts[2])
@@ -524,15 +518,15 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     key, equals, values = text.partition("=")
     key = key.strip()
     if not equals or not key or not values:
-        raise ScenarioError(f"--vary '{text[:200]}': write KEY=[A,B,...], as in duration=[5,10]")
+        raise ScenarioError(f"vary '{text[:200]}': write KEY=[A,B,...], as in duration=[5,10]")
     try:
         listed: Any = parse_toml(f"values = {values}")["values"]
     except tomllib.TOMLDecodeError:
         if values.count("[") != values.count("]"):
-            raise ScenarioError(f"--vary '{text[:200]}': brackets must match") from None
+            raise ScenarioError(f"vary '{text[:200]}': brackets must match") from None
         listed = [setting(f"{key}={item}")[1] for item in values.strip("[]").split(",")]
     except DataError as error:
-        raise ScenarioError(f"--vary '{key[:200]}': {error}") from None
+        raise ScenarioError(f"vary '{key[:200]}': {error}") from None
     setting(f"{key}=0")  # the key is one
     return key, listed if isinstance(listed, list) else [listed]
 
