@@ -98,7 +98,8 @@ class Sweep:
         """The indicators that come first, a line per run; of one that ended early how it did."""
         runs = {}
         for at, row in zip(self.points, self.rows, strict=True):
-            early = {"outcome": f"{row['outcome']} at {row['outcome_time']:.3g} s"}
+            when = "" if row["outcome_time"] is None else f" at {row['outcome_time']:.3g} s"
+            early = {"outcome": row["outcome"] + when}
             runs[", ".join(map(named, at))] = row if row["outcome"] == "finished" else early
         return by_run(runs, ", ".join(self.keys))
 
@@ -248,7 +249,7 @@ def _judged(scenario: Scenario) -> dict[str, Any]:
 
 def _none(outcome: str) -> dict[str, Any]:
     """The indicators of a run that there is not, and why not."""
-    return dict.fromkeys(UNITS) | {"outcome": outcome, "outcome_time": 0.0}
+    return dict.fromkeys(UNITS) | {"outcome": outcome}
 
 
 @dataclass(repr=False, eq=False)

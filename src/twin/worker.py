@@ -10,3 +10,4 @@ from twin.jobs import settle
 
 del sys.path[0]
 settle()
+sys.stdout = sys.stderr  # what laws print is no part of a command's result

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -440,3 +441,44 @@ def test_how_an_observer_of_such_a_file_would_be_used_is_told_as_of_an_observer(
     code, _, err = ballplate("run", "circle", "--law", "odd.py", *SHORT[2:])
     assert code == 0
     assert "--law odd.py: nothing of it is used; name it, as --set observer.kind=odd" in err
+
+
+def test_what_a_law_prints_is_not_in_the_json(ballplate, rewrite):
+    rewrite("        r = reference(t)", "        print('hello')\n        r = reference(t)")
+    once = ballplate("run", "circle", *SHORT, "--json")
+    assert json.loads(once[1])["outcome"] == "finished"
+    assert "hello" in once[2]
+
+
+@pytest.mark.long
+def test_what_a_law_prints_in_another_process_is_not_in_the_json(mine, rewrite):
+    rewrite("        r = reference(t)", "        print('hello')\n        r = reference(t)")
+    vary = ["--vary", "plant.friction.rolling_mm=[0, 0.1]", "-j", "2"]
+    done = subprocess.run(
+        [Path(sys.executable).with_name("ballplate"), "compare", "circle", *SHORT, *vary, "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert len(json.loads(done.stdout)) == 2
+    assert "hello" in done.stderr
+
+
+def test_of_a_law_that_says_nothing_of_itself_no_sentence_is_shown(ballplate, mine):
+    lines = mine.read_text().splitlines()
+    start = next(n for n, line in enumerate(lines) if line.startswith("class "))
+    del lines[start + 1]  # its docstring
+    mine.write_text("\n".join(lines))
+    forget()
+    told = ballplate("describe", "mine")[1]
+    assert "controller.ball = " in told
+    assert "factory" not in told
+
+
+def test_a_law_that_raises_has_failed_at_no_time_that_a_sweep_knows(mine, rewrite):
+    rewrite("        r = reference(t)", "        r = reference(t)\n        1 / (t < 0.05)")
+    laws = {"controller.kind": ["mine", "afl"]}
+    done = bp.sweep("circle", laws, settings=SHORT[3::2], processes=1)
+    assert [row["outcome"] for row in done.rows] == ["failed", "finished"]
+    assert done.rows[0]["outcome_time"] is None
+    assert "failed at" not in str(done.table())

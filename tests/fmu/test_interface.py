@@ -302,11 +302,11 @@ def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypat
     [
         (
             ["circle", "rig.fmu", "--fps", "2"],
-            "of an .fmu there are the options --fmi, --reference and --set",
+            "of an .fmu there are the options --fmi, --reference, --on and --set",
         ),
         (
             ["circle", "rig.csv", "--fmi", "3"],
-            "--fmi, --reference and --set are of a scenario's rig",
+            "--fmi, --reference, --on, --set are of a scenario's rig",
         ),
         (["cirle", "rig.fmu"], "cirle"),
         (["circle", "rig.fmu", "--set", "plant.friction.sliding=0.4"], "plant.friction.sliding"),

@@ -54,7 +54,7 @@ def references(panel):
 
 def test_a_reference_of_all_runs_is_drawn_once_as_long_as_the_longest():
     figure, panels = drawn(long=motion(), short=motion(error=0.02, time=TIME[:100]))
-    (line,) = references(panels["Ball on the screen, from above"])
+    (line,) = references(panels["Ball on the plate, from above"])
     assert line.get_color() == "black"
     assert len(line.get_xdata()) == len(TIME)
     assert words(figure).count("reference") == 1
@@ -63,7 +63,7 @@ def test_a_reference_of_all_runs_is_drawn_once_as_long_as_the_longest():
 def test_runs_with_references_of_their_own_show_each():
     figure, panels = drawn(wide=motion(0.1), narrow=motion(0.05))
     assert sum("reference" in text for text in words(figure)) == 1
-    first, second = references(panels["Ball on the screen, from above"])
+    first, second = references(panels["Ball on the plate, from above"])
     assert np.abs(first.get_xdata()).max() == pytest.approx(100)
     assert np.abs(second.get_xdata()).max() == pytest.approx(50)
     in_time = [line for line in panels["Position"].lines if line.get_zorder() == first.get_zorder()]
@@ -165,7 +165,7 @@ def test_a_ball_that_left_the_plate_ends_in_a_cross():
         ball = still.ball.copy()
         ball[-1] = x, 0.0
         figure, panels = drawn(**{name: replace(still, ball=ball)})
-        ends[name] = {line.get_marker() for line in panels["Ball on the screen, from above"].lines}
+        ends[name] = {line.get_marker() for line in panels["Ball on the plate, from above"].lines}
         ended = {line.get_marker() for line in panels["Tracking error"].lines}
         assert ("X" in ended) == ("left the plate" in words(figure)) == (name == "left")
     assert "X" in ends["left"] - ends["stays"]
@@ -180,6 +180,6 @@ def test_from_a_round_plate_a_ball_has_gone_beyond_its_circle():
         with mock.patch.object(Figure, "draw_without_rendering"):
             figure = picture({"one": replace(motion(), ball=ball)}, "", disc)
         assert ("left the plate" in words(figure)) == gone
-    (panel,) = (each for each in figure.axes if each.get_title().startswith("Ball on the screen"))
+    (panel,) = (each for each in figure.axes if each.get_title().startswith("Ball on the plate"))
     (rim,) = (each for each in panel.patches if isinstance(each, Ellipse))
     assert (rim.width, rim.height, *rim.center) == (300, 300, 0, 0)

@@ -5,7 +5,7 @@ import pytest
 
 from controllers.references import Circle, Hold, Path, Sine, Step
 from twin.errors import ScenarioError
-from twin.run.assemble import assemble, build_controller
+from twin.run.assemble import assemble, build_controller, build_reference
 from twin.run.finished import run
 from twin.scenario import shipped
 from twin.scenario.load import check, load, read, resolved
@@ -39,6 +39,28 @@ def test_a_scenario_on_a_rig_starts_with_a_reference_in_its_area(name, rig):
         controller.start(started.read())
         started.start()
         assert np.isfinite(controller.command(started.read()).rate).all()
+
+
+def test_the_title_of_a_rig_of_ones_own_does_not_hide_what_runs_on_it(tmp_path):
+    rig = tmp_path / "mine.toml"
+    rig.write_text('title = "bamboo"\n[rig.limits]\narea = [0.1, 0.1]\n', encoding="utf-8")
+    now = load("circle", [f"parameters={rig}"])
+    assert now.title == load("circle").title + ", lengths x 0.4"
+
+
+def test_a_ball_told_without_its_inertia_is_refused_with_the_one_it_has_and_may_have():
+    light = ["plant.ball.mass=0.0027", "plant.ball.radius=0.02"]
+    with pytest.raises(
+        ScenarioError, match=r"at most .* = 1.08e-06 kg m\^2, and is 6.4e-06; a"
+    ):
+        load("circle", light)
+    load("circle", [*light, f"plant.ball.inertia={2 / 3 * 1.08e-6}"])
+
+
+def test_who_may_reach_less_far_on_a_rig_is_told_what_makes_the_reference_smaller():
+    with pytest.raises(ScenarioError, match=r"allows 0.1, 0.1 m; --on RIG"):
+        build_reference(load("circle"), (0.1, 0.1))
+    build_reference(load("circle", ["parameters=hobby"]), (0.1, 0.1))
 
 
 @pytest.mark.parametrize("rig", RIGS)

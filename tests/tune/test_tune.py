@@ -15,6 +15,7 @@ from twin.scenario import load
 from twin.shipped import shipped_in
 from twin.study.experiments import Store
 from twin.study.schema import drawn, read_family
+from twin.tune.report import settings, toml
 from twin.tune.search import certified, upper_bound
 from twin.tune.trials import Indicators, Trials, Tune, read
 
@@ -257,6 +258,35 @@ def test_a_mistake_in_a_tune_is_one_line(tmp_path, monkeypatch, old, new, messag
     assert isinstance(result.exception, ScenarioError), result.output
     assert message in str(result.exception)
     assert "\n" not in str(result.exception)
+
+
+@pytest.mark.parametrize("rig", sorted(shipped_in("rigs")))
+def test_a_tune_on_another_rig_has_rigs_about_that_one_and_what_its_file_says(folder, rig):
+    alone = load("hold", [f"parameters={rig}"])
+    trials = Trials(read("afl", set=[f"parameters={rig}"]), Store(folder))
+    for each in drawn(read_family("own"), 1, 5):
+        its = trials.scenario(trials.start, 2, each, trials.tune.verdict)
+        assert 0.74 < its.plant.servo.bandwidth_hz / alone.plant.servo.bandwidth_hz < 1.34
+        assert 0.84 < its.sensors.touch.dead_time / alone.sensors.touch.dead_time < 1.16
+        assert its.sensors.touch.frame_rate == alone.sensors.touch.frame_rate
+        assert (its.plant.kind, its.plant.size) == (alone.plant.kind, alone.plant.size)
+        assert its.predictor == alone.predictor
+
+
+def test_a_tune_on_another_rig_keeps_a_family_and_a_verdict_of_its_own(file):
+    tune = read(str(file), set=["parameters=hobby"])
+    assert tune.family == "own"
+    assert tune.verdict == ("plant.kind=lagrange", "plant.step=0.002")
+    assert read(str(file), set=["parameters=hobby"], family="placed").family == "placed"
+
+
+def test_what_was_tuned_on_another_rig_runs_on_that_one(file, folder, tmp_path):
+    trials = Trials(read(str(file), set=["parameters=course"]), Store(folder))
+    path = tmp_path / "tuned.toml"
+    path.write_text(toml(settings(trials, trials.start), ["tuned"]))
+    now = load("circle", [f"parameters={path}"])
+    assert now.plant == load("circle", ["parameters=course"]).plant
+    assert now.controller.settings["gains"][0] == 180.0
 
 
 @pytest.mark.long

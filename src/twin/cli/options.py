@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -119,6 +120,14 @@ def _offered(incomplete: str, known: Iterable[str], *, files: bool = True) -> li
 def _note(context: click.Context, option: click.Parameter, value: object) -> None:
     """Keep what an option says for whoever looks for it, by its name."""
     context.meta[str(option.name)] = value
+
+
+def _nothing_else(context: click.Context, option: click.Parameter, value: object) -> None:
+    """Keep whether JSON is wanted; what laws print goes to standard error then."""
+    _note(context, option, value)
+    if value:
+        context.meta["output"] = sys.stdout
+        context.with_resource(redirect_stdout(sys.stderr))
 
 
 def _settings(
@@ -244,7 +253,7 @@ JSON = click.option(
     "--json",
     is_flag=True,
     expose_value=False,
-    callback=_note,
+    callback=_nothing_else,
     help="Print JSON and nothing else.",
 )
 

@@ -63,7 +63,8 @@ def show(
         files: Its files there, in words.
     """
     if json_wanted():
-        click.echo(json.dumps(found, indent=2, allow_nan=False))
+        to = click.get_current_context().meta["output"]
+        click.echo(json.dumps(found, indent=2, allow_nan=False), file=to)
         return
     for each in shown:
         if isinstance(each, Table):

@@ -84,7 +84,8 @@ def doctor(
         found = _told(examine(chosen, file, ask, move=move, reset=reset))
     counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
     told = ", ".join(f"{count} {status}" for status, count in counts.items())
-    shown = (told, next_step(found, rig, move=move))
+    on = click.get_current_context().meta.get("on")
+    shown = (told, next_step(found, f"{rig} --on {on}" if on else rig, move=move))
     show([each.as_dict() for each in found], shown)
     return 1 if counts[CheckStatus.FAIL] else 0
 

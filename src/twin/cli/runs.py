@@ -481,7 +481,7 @@ def export(
     if file.suffix == ".fmu":
         if beside or any(a is not None for a in cut.values()):
             raise RecordError(
-                f"{file}: of an .fmu there are the options --fmi, --reference and --set only"
+                f"{file}: of an .fmu there are the options --fmi, --reference, --on and --set only"
             )
         from ballplate.rigs import fmu
 
@@ -489,7 +489,7 @@ def export(
         say(f"written to {made}")
         return 0
     if fmi or wished or overrides:
-        raise RecordError(f"{file}: --fmi, --reference and --set are of a scenario's rig: .fmu")
+        raise RecordError(f"{file}: --fmi, --reference, --on, --set are of a scenario's rig: .fmu")
     from ballplate.comparing import labelled
     from ballplate.results import Result
 

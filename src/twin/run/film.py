@@ -378,7 +378,7 @@ class Film:
         )
         first, high = next(iter(runs.values())), self._whole[1] - 30
         title = shorten(first.scenario.title, 48, placeholder=" …")
-        self._write(16, high, title, 12, DARK, fontweight="bold")
+        self._write(16, high, title, 11, DARK, fontweight="bold")
         self._clock = self._write(WIDE - 16, high, "", 12, DARK, ha="right", animated=True)
         self._clock.set(fontweight="bold")
         fast = (self.times[-1] - self.times[0]) * self.fps / self.count

@@ -214,7 +214,7 @@ def _outline(panel: Axes, plate: Dimensions) -> None:
             edge = Ellipse((0, 0), *size)
         edge.set(fill=False, ec="0.55", ls=style, lw=1)
         panel.add_patch(edge)
-    panel.text(-490 * screen[0], 471 * screen[1], "screen", color="0.4", va="top", fontsize=8)
+    panel.text(-490 * screen[0], 471 * screen[1], "plate", color="0.4", va="top", fontsize=8)
     panel.text(-990 * area[0], 985 * area[1], "operating area", color="0.4", va="top", fontsize=8)
     panel.set(aspect="equal")
     panel.grid(visible=False)

@@ -139,7 +139,8 @@ def about(kind: str) -> str:
     for table in KINDS:
         cls = choices(table).get(kind.rpartition(".")[2])
         if cls is not None:
-            return str(parse_from_object(cls).short_description or "")
+            said = str(parse_from_object(cls).short_description or "")
+            return "" if said.startswith(f"{cls.__name__}(") else said  # a dataclass says that
     return ""
 
 

@@ -191,6 +191,7 @@ def _parameters(file: str, source: str, *over: str) -> Tables:
     """
     path = Path(file) if Path(file).suffix else chosen("rig", file, shipped_in("rigs"))
     tables = read_tables(path, f"{source}: parameters: {file}")
+    tables.pop("title", None)  # its own; the scenario's says what runs
     under = tables.pop("parameters", None)
     if under is None:
         return tables

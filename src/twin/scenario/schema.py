@@ -199,7 +199,10 @@ class BallKeys(Section):
         if ball.oval_mm >= far:
             return f"plant.ball.oval_mm: must be less than the ball's radius of {far:g} mm"
         if ball.inertia > most:
-            return f"plant.ball.inertia: must be at most mass x radius^2 = {most:g} kg m^2"
+            return (
+                f"plant.ball.inertia: must be at most mass x radius^2 = {most:g} kg m^2, and is "
+                f"{ball.inertia:g}; a solid ball has 2/5 of that, a thin-walled one 2/3"
+            )
         return ""
 
 

@@ -10,6 +10,7 @@ from twin import page
 from twin.page import Block, Code, Table, Text, Verdict, digits
 from twin.report.numbers import LABELS, flat
 from twin.run.assemble import build_law
+from twin.scenario.load import setting
 from twin.study.schema import Point
 from twin.tune.search import CONFIDENCE, TuneResult
 from twin.tune.trials import Trials
@@ -20,7 +21,7 @@ CONTROLLER = ("controller", "observer", "predictor")
 
 
 def settings(trials: Trials, fields: Point) -> dict[str, Any]:
-    """The tuned controller as dotted scenario keys: all of it, and every other field.
+    """The tuned controller as dotted scenario keys: its rig, all of it, and every other field.
 
     Args:
         trials: With the tune.
@@ -33,6 +34,7 @@ def settings(trials: Trials, fields: Point) -> dict[str, Any]:
         key = path if tail.isdigit() else field
         if key.partition(".")[0] not in CONTROLLER:
             found[key] = flat(scenario)[key]
+    found["parameters"] = dict(map(setting, trials.tune.set)).get("parameters")
     return {key: value for key, value in found.items() if value is not None}
 
 
@@ -199,6 +201,6 @@ def _about(found: TuneResult) -> str:
         f"Tasks: {tasks}. A rig costs the mean over them of indicator / scale. All candidates met "
         f"the same rigs and noise: rungs of {', '.join(map(str, tune.rigs))} rigs, one in "
         f"{tune.eta} goes on. Searched with {', '.join(tune.search)}; the best {tune.finalists} "
-        f"and the beginning compared, and the certificate given, with {', '.join(tune.verdict)}. "
+        f"and the beginning compared, and the certificate given, with {', '.join(tune.verdict) or 'the scenarios'}. "
         f"{found.runs} runs. Overrides of all runs: {', '.join(tune.set) or 'none'}."
     )

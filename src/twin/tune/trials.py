@@ -20,6 +20,7 @@ from twin.errors import ScenarioError, TwinError, nearest
 from twin.run.assemble import build_controller, own_errors
 from twin.run.files import METRICS
 from twin.scenario import Scenario
+from twin.scenario.load import setting
 from twin.scenario.schema import at_study_step
 from twin.shipped import chosen, shipped_in
 from twin.study.experiments import Store, evaluate
@@ -147,7 +148,9 @@ def read(name: str, **given: Any) -> Tune:
 
     Args:
         name: Its name or file.
-        given: Keys in place of the tune's own; None for those that are not. ``set`` is added.
+        given: Keys in place of the tune's own; None for those that are not. ``set`` is added; where
+            it names another rig, the rigs are those about that one, on what its file says of plant
+            and dead time, in place of the family uncertain, which is of the thesis's.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
@@ -156,6 +159,11 @@ def read(name: str, **given: Any) -> Tune:
     more = tuple(given.pop("set", None) or ())
     instead = {key: value for key, value in given.items() if value is not None}
     tune = read_model(Tune, path, **(_tables(path) | instead))
+    if tune.family == "uncertain" and "parameters" in dict(map(setting, more)):
+        fixed = tuple(each for each in tune.set if not each.startswith("predictor.delay="))
+        usual = tune.verdict == Tune.model_fields["verdict"].default
+        own = {"family": "own", "set": fixed, "verdict": () if usual else tune.verdict}
+        tune = tune.model_copy(update=own)
     return tune.model_copy(update={"set": (*tune.set, *more)})
 
 
