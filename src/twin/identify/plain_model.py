@@ -368,6 +368,8 @@ WRONG = 0.003
 """Error of a prediction in m from which on it counts by its size, no longer by its square."""
 BETTER = 0.8
 """Share of the cost of predictions that is left where a fit to them is taken."""
+SLOWEST = 0.4
+"""Most dead time and lag of such a fit in s."""
 USUAL = {"dead_time": 0.1, "lag": 0.1, "level": 0.0, "friction": 0.03, "camber": 0.0}
 """First guesses of that fit, beside those of a fit to windows."""
 
@@ -392,6 +394,7 @@ def by_predictions(fit: AxisFit) -> AxisFit:
     target = (windows.weight[..., 0] > 0) & ~known
     step = np.array([PLAIN[name].difference for name in names])
     least, most = problem.bounds
+    most[[name in ("dead_time", "lag") for name in names]] = SLOWEST
 
     def off(theta: Array) -> Array:
         places = problem.reported(theta, begun(before, theta, 4))[0]
@@ -418,7 +421,7 @@ def by_predictions(fit: AxisFit) -> AxisFit:
         )
         for guess in (plain, own)
     ]
-    best = min(tries, key=lambda each: each.cost)
+    best = tries[1] if tries[1].cost < BETTER * tries[0].cost else tries[0]
     if best.cost > BETTER * float(np.sum(np.sqrt(1 + off(own[None])[0] ** 2) - 1)):
         return fit
     return replace(fit, found=fit.found._replace(theta=best.x[None]), windowed=fit)
