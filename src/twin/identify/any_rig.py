@@ -16,6 +16,7 @@ from twin.identify import judged
 from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain_model import (
+    PAYS,
     SMOOTH,
     AxisFit,
     axis_predicted,
@@ -32,8 +33,6 @@ BRIEFER = 0.5
 """Share of it of the windows of a second fit: a model error shows as another value there."""
 OPTIONAL = ("camber", "viscous")
 """Fitted where it pays, unless asked for."""
-PAYS = 0.9
-"""Share of the error across the halves of the log that is left with a parameter that pays."""
 SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and how a level along them is a tilt of the base."""
 MOST_TURNED = 0.2

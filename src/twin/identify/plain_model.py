@@ -366,8 +366,8 @@ def _ahead(log: AxisLog, fit: AxisFit, at: Array) -> PlainProblem:
 
 WRONG = 0.003
 """Error of a prediction in m from which on it counts by its size, no longer by its square."""
-BETTER = 0.8
-"""Share of the cost of predictions that is left where a fit to them is taken."""
+PAYS = 0.9
+"""Share of an error that is left with what pays."""
 SLOWEST = 0.4
 """Most dead time and lag of such a fit in s."""
 USUAL = {"dead_time": 0.1, "lag": 0.1, "level": 0.0, "friction": 0.03, "camber": 0.0}
@@ -421,10 +421,11 @@ def by_predictions(fit: AxisFit) -> AxisFit:
         )
         for guess in (plain, own)
     ]
-    best = tries[1] if tries[1].cost < BETTER * tries[0].cost else tries[0]
-    if best.cost > BETTER * float(np.sum(np.sqrt(1 + off(own[None])[0] ** 2) - 1)):
-        return fit
-    return replace(fit, found=fit.found._replace(theta=best.x[None]), windowed=fit)
+    best = tries[1] if tries[1].cost < PAYS * tries[0].cost else tries[0]
+    found = replace(fit, found=fit.found._replace(theta=best.x[None]), windowed=fit)
+    own = _typical(fit, fit.log, follow=True)
+    better = own > WRONG and _typical(found, fit.log, follow=True) < own
+    return found if better else fit
 
 
 def _switched(found: Predicted) -> Predicted:
@@ -454,20 +455,34 @@ def beginnings(log: AxisLog) -> Array:
 def crossed(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:
     """Error in m of fits of each half of a log by these parameters, in the other half.
 
-    The geometric mean of the medians over all horizons where the ball moves; infinite if unknown.
+    See ``_typical``.
     """
     time = fit.log.sampled
     middle = float(np.median(time))
     halves = fit.log.between(-np.inf, middle), fit.log.between(middle, np.inf)
-    medians = []
-    for fitted, tried in (halves, halves[::-1]):
-        at = beginnings(tried)
-        if len(at) < 3:
-            return np.inf
-        try:
-            found = axis_predicted(tried, fit.again(fitted, names, longest), at, follow=False)
-        except LogError:  # a half has too few windows
-            return np.inf
-        moves = found.way > MOVES
-        medians += [quantile(found.errors("model", ahead)[moves], 0.5) for ahead in HORIZONS]
-    return float(np.exp(np.mean(np.log(medians)))) if np.isfinite(medians).all() else np.inf
+    try:
+        each = [
+            _typical(fit.again(fitted, names, longest), tried)
+            for fitted, tried in (halves, halves[::-1])
+        ]
+    except LogError:  # a half has too few windows
+        return np.inf
+    return float(np.sqrt(np.prod(each)))
+
+
+def _typical(fit: AxisFit, log: AxisLog, *, follow: bool = False) -> float:
+    """Geometric mean over the horizons of the median error in m where the ball moves.
+
+    Infinite if one is unknown; of the better of model and level that is followed.
+    """
+    at = beginnings(log)
+    if len(at) < 3:
+        return np.inf
+    found = axis_predicted(log, fit, at, follow=follow)
+    moves = found.way > MOVES
+    medians = [
+        [quantile(found.errors(who, ahead)[moves], 0.5) for ahead in HORIZONS]
+        for who in PREDICTORS[: 1 + follow]
+    ]
+    each = np.exp(np.mean(np.log(medians), axis=1))
+    return float(np.min(each)) if np.isfinite(each).all() else np.inf
