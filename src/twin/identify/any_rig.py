@@ -15,7 +15,16 @@ from twin.errors import LogError
 from twin.identify import judged
 from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
-from twin.identify.plain_model import SMOOTH, AxisFit, axis_predicted, beginnings, crossed, fit_axis
+from twin.identify.plain_model import (
+    PAYS,
+    SMOOTH,
+    AxisFit,
+    axis_predicted,
+    beginnings,
+    by_predictions,
+    crossed,
+    fit_axis,
+)
 from twin.identify.search import Estimate
 
 LONGEST = 2.5
@@ -24,8 +33,6 @@ BRIEFER = 0.5
 """Share of it of the windows of a second fit: a model error shows as another value there."""
 OPTIONAL = ("camber", "viscous")
 """Fitted where it pays, unless asked for."""
-PAYS = 0.9
-"""Share of the error across the halves of the log that is left with a parameter that pays."""
 SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and how a level along them is a tilt of the base."""
 MOST_TURNED = 0.2
@@ -256,6 +263,16 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
                 chosen, best = richer, left
         if len(chosen) > len(fit.problem.names):
             fit = fit.again(fit.log, chosen, longest)
+    try:
+        brief = fit.again(fit.log, chosen, BRIEFER * longest)
+    except LogError:
+        return fit, notes
+    fit = by_predictions(replace(fit, briefer=brief))
+    if fit.windowed:
+        notes.append(
+            "the model is in error: its values are those by which it predicts this log best, "
+            "others than windows whose beginnings are free have"
+        )
     return fit, notes
 
 
@@ -267,40 +284,53 @@ def _about(name: str, unit: str) -> IdentifiedParameter:
 def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged.ParameterVerdict]:
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
-    own = fit.estimate()
+    rows = (*names, *(("delay",) if "lag" in names else ()))
+    own = _told_together(fit)
     low, high = own.value - own.half_width, own.value + own.half_width
-    unlike = np.zeros(len(names), bool)
-    try:
-        other = fit.again(fit.log, names, BRIEFER * longest).estimate()
-        apart = np.abs(own.value - other.value)
-        unlike = apart > np.hypot(own.half_width, other.half_width)
-        low = np.where(unlike, np.minimum(low, other.value - other.half_width), low)
-        high = np.where(unlike, np.maximum(high, other.value + other.half_width), high)
-    except LogError:
-        pass
+    unlike = np.zeros(len(rows), bool)
+    reasons: list[list[str]] = [[] for _ in rows]
+    for other, why in (
+        (fit.windowed, "windows whose beginnings are free"),
+        (fit.briefer, "shorter windows"),
+    ):
+        if other is None:
+            continue
+        another = _told_together(other)
+        apart = np.abs(own.value - another.value)
+        unlike = apart > np.hypot(own.half_width, another.half_width)
+        low = np.where(unlike, np.minimum(low, another.value - another.half_width), low)
+        high = np.where(unlike, np.maximum(high, another.value + another.half_width), high)
+        for k in np.flatnonzero(unlike):
+            reasons[k].append(f"{why} give another value, which the interval holds: a model error")
     alike = np.abs(own.correlation) > judged.CORRELATED
-    ends = np.transpose(fit.problem.bounds)
+    ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     found = []
-    for k, name in enumerate(names):
+    for k, name in enumerate(rows):
         scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
         others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
-        told = "shorter windows give another value, which the interval holds: a model error"
-        reasons = [told] if unlike[k] else []
         values = (own.value[k], low[k], high[k])
-        about = _about(name, unit)
-        found.append(_verdict(about, f"{name}_{axis}", values, ends[k], reasons, others, scale))
-    if "lag" in names:  # the two together are told where neither is
-        pair = [names.index("dead_time"), names.index("lag")]
-        both = Estimate(
-            own.value[pair].sum(),
-            own.draws[:, pair].sum(axis=1),
-            np.asarray(own.identifiable[pair].all()),
-            own.degrees_of_freedom[pair].min(),
-        )
-        about = replace(PLAIN["dead_time"], key="dead time + lag")
-        values = (both.value, both.value - both.half_width, both.value + both.half_width)
-        found.insert(3, _verdict(about, f"delay_{axis}", values, (-np.inf, np.inf), [], []))
+        if name == "delay":
+            about, others = replace(PLAIN["dead_time"], key="dead time + lag"), []
+        else:
+            about = _about(name, unit)
+        verdict = _verdict(about, f"{name}_{axis}", values, ends[k], reasons[k], others, scale)
+        found.insert(3 if name == "delay" else k, verdict)
     return found
+
+
+def _told_together(fit: AxisFit) -> Estimate:
+    """The parameters and, last, dead time and lag together, told where neither of them is."""
+    own = fit.estimate()
+    if "lag" not in fit.problem.names:
+        return own
+    pair = [fit.problem.names.index(name) for name in ("dead_time", "lag")]
+    return Estimate(
+        np.append(own.value, own.value[pair].sum()),
+        np.column_stack((own.draws, own.draws[:, pair].sum(axis=1))),
+        np.append(own.identifiable, own.identifiable[pair].all()),
+        np.append(own.degrees_of_freedom, own.degrees_of_freedom[pair].min()),
+        np.append(own.noise, 0.0),
+    )
 
 
 def _verdict(

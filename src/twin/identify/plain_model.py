@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from controllers.arrays import Array
@@ -214,12 +215,16 @@ class AxisFit(Fit):
         sigma: The usual residual in m.
         noise: What windows of ``BRIEF`` leave, m.
         pushed: Seconds left out.
+        windowed: The fit to windows, where this one is to its own predictions.
+        briefer: The fit to shorter windows, if there are enough.
     """
 
     log: AxisLog
     sigma: float
     noise: float = 0.0
     pushed: float = 0.0
+    windowed: AxisFit | None = None
+    briefer: AxisFit | None = None
 
     def again(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
         """The fit of other parameters, windows or parts of a log, begun from this one."""
@@ -313,7 +318,7 @@ def _along(theta: Array, names: tuple[str, ...], delays: tuple[float, float]) ->
     both = float(theta[0, at] + theta[0, lag])
     guesses = np.repeat(theta, 1 + len(LAGS), axis=0)
     guesses[1:, lag] = np.clip(LAGS, 0.0, max(both - delays[0], 0.0))
-    guesses[1:, at] = both - guesses[1:, lag]
+    guesses[1:, at] = np.clip(both - guesses[1:, lag], *delays)
     return guesses
 
 
@@ -346,12 +351,81 @@ def axis_predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True
             by[who] = np.repeat(theta[:, None], len(at), axis=1)
             if name in fit.problem.names:
                 by[who][..., fit.problem.names.index(name)] = values
+    found = predicted(_ahead(log, fit, at), LEAD, by, "x")["x"]
+    return _switched(found) if follow else found
+
+
+def _ahead(log: AxisLog, fit: AxisFit, at: Array) -> PlainProblem:
+    """Windows from before the times ``at`` in s to the last horizon."""
     windows = axis_windows(log, at - LEAD, at + HORIZONS[-1] + NEAR)
     windows = replace(windows, weight=windows.weight / fit.noise)
+    tilt = TiltHistory(log, fit.problem.tilt.scale)
     longest = LEAD + HORIZONS[-1] + 2 * NEAR
-    problem = replace(fit.problem, windows=windows, tilt=tilt, longest=longest)
-    found = predicted(problem, LEAD, by, "x")["x"]
-    return _switched(found) if follow else found
+    return replace(fit.problem, windows=windows, tilt=tilt, longest=longest)
+
+
+WRONG = 0.003
+"""Error of a prediction in m from which on it counts by its size, no longer by its square."""
+PAYS = 0.9
+"""Share of an error that is left with what pays."""
+SLOWEST = 0.4
+"""Most dead time and lag of such a fit in s."""
+USUAL = {"dead_time": 0.1, "lag": 0.1, "level": 0.0, "friction": 0.03, "camber": 0.0}
+"""First guesses of that fit, beside those of a fit to windows."""
+
+
+def by_predictions(fit: AxisFit) -> AxisFit:
+    """The fit of the same parameters to predictions, if these become much better by it.
+
+    A model in error, such as of servos with a dead band, explains a window best by other values
+    than those by which it predicts: with its start free it may bend its whole way.
+
+    Begins with the usual values, of the gain with the sign that shorter windows have, and with
+    those of the windows.
+    """
+    at = beginnings(fit.log)
+    if len(at) < 2 * len(fit.problem.names):
+        return fit
+    problem = _ahead(fit.log, fit, at)
+    windows, names = problem.windows, problem.names
+    known = windows.time < LEAD
+    part = replace(windows, weight=windows.weight * known[..., None])
+    before = replace(problem, windows=part, longest=LEAD + NEAR)
+    target = (windows.weight[..., 0] > 0) & ~known
+    step = np.array([PLAIN[name].difference for name in names])
+    least, most = problem.bounds
+    most[[name in ("dead_time", "lag") for name in names]] = SLOWEST
+
+    def off(theta: Array) -> Array:
+        places = problem.reported(theta, begun(before, theta, 4))[0]
+        return np.clip((places - windows.ball)[:, target, 0] / WRONG, -1e3, 1e3)
+
+    def slopes(theta: Array) -> Array:
+        moved = theta + np.diag(np.where(theta + step > most, -step, step))
+        each = off(np.concatenate((theta[None], moved)))
+        return ((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T
+
+    own = np.array([fit.value(name) for name in names])
+    gain = (fit.briefer or fit).value("gain")
+    usual = {"gain": np.copysign(BY_TILT * problem.tilt.scale, gain)} | USUAL
+    plain = np.array([usual.get(name, 0.0) for name in names])
+    tries = [
+        least_squares(
+            lambda theta: off(theta[None])[0],
+            np.clip(guess, least + 1e-6, most - 1e-6),
+            slopes,
+            (least, most),
+            x_scale=step,
+            loss="soft_l1",
+            max_nfev=20,
+        )
+        for guess in (plain, own)
+    ]
+    best = tries[1] if tries[1].cost < PAYS * tries[0].cost else tries[0]
+    found = replace(fit, found=fit.found._replace(theta=best.x[None]), windowed=fit)
+    own = _typical(fit, fit.log, follow=True)
+    better = own > WRONG and _typical(found, fit.log, follow=True) < own
+    return found if better else fit
 
 
 def _switched(found: Predicted) -> Predicted:
@@ -381,20 +455,34 @@ def beginnings(log: AxisLog) -> Array:
 def crossed(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:
     """Error in m of fits of each half of a log by these parameters, in the other half.
 
-    The geometric mean of the medians over all horizons where the ball moves; infinite if unknown.
+    See ``_typical``.
     """
     time = fit.log.sampled
     middle = float(np.median(time))
     halves = fit.log.between(-np.inf, middle), fit.log.between(middle, np.inf)
-    medians = []
-    for fitted, tried in (halves, halves[::-1]):
-        at = beginnings(tried)
-        if len(at) < 3:
-            return np.inf
-        try:
-            found = axis_predicted(tried, fit.again(fitted, names, longest), at, follow=False)
-        except LogError:  # a half has too few windows
-            return np.inf
-        moves = found.way > MOVES
-        medians += [quantile(found.errors("model", ahead)[moves], 0.5) for ahead in HORIZONS]
-    return float(np.exp(np.mean(np.log(medians)))) if np.isfinite(medians).all() else np.inf
+    try:
+        each = [
+            _typical(fit.again(fitted, names, longest), tried)
+            for fitted, tried in (halves, halves[::-1])
+        ]
+    except LogError:  # a half has too few windows
+        return np.inf
+    return float(np.sqrt(np.prod(each)))
+
+
+def _typical(fit: AxisFit, log: AxisLog, *, follow: bool = False) -> float:
+    """Geometric mean over the horizons of the median error in m where the ball moves.
+
+    Infinite if one is unknown; of the better of model and level that is followed.
+    """
+    at = beginnings(log)
+    if len(at) < 3:
+        return np.inf
+    found = axis_predicted(log, fit, at, follow=follow)
+    moves = found.way > MOVES
+    medians = [
+        [quantile(found.errors(who, ahead)[moves], 0.5) for ahead in HORIZONS]
+        for who in PREDICTORS[: 1 + follow]
+    ]
+    each = np.exp(np.mean(np.log(medians), axis=1))
+    return float(np.min(each)) if np.isfinite(each).all() else np.inf
