@@ -60,7 +60,7 @@ from twin.writing import write_whole
 
 DRAW = 9_140
 """Of the rigs."""
-FRESH = 47_206
+FRESH = 58_317
 """The same of those of which only the intervals are judged: none was used to make the method."""
 FIRST = 400_000
 """Seed of the first rig."""

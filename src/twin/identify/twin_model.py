@@ -44,12 +44,14 @@ class Problem(search.Fitting):
         windows: The samples.
         names: Names of the parameters that are fitted, P of them.
         grip: Time in s within which friction stops a ball, see ``replay``.
+        sizes: Of the unknown motion: share of the friction from patch to patch, and m/s^2.
     """
 
     model: BallPlate
     windows: Windows
     names: tuple[str, ...]
     grip: float = 0.0
+    sizes: tuple[float, float] = (0.0, 0.0)
     about = BALL
     start_steps = search.START_DIFFERENCES
     prior = search.START_PRIOR
@@ -146,7 +148,7 @@ class Problem(search.Fitting):
         within = np.eye(moved.shape[1]) + moved @ np.swapaxes(moved, -1, -2)
         white = np.linalg.inv(np.linalg.cholesky(within))
         windows = replace(self.windows, white=white, shared=white @ moved[..., :count])
-        return replace(self, windows=windows)
+        return replace(self, windows=windows, sizes=sizes)
 
     def likeliest(self, best: search.Minimum) -> tuple[float, float]:
         """Sizes of the unknown motion that make a fit's residuals most likely."""
@@ -466,7 +468,7 @@ def _overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> 
     return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
 
 
-EVEN = 0.85
+EVEN = 0.8
 """Share of the windows that an even screen must explain."""
 LONGEST = 2.5
 """Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
@@ -565,7 +567,7 @@ def identify(
         if "viscous" not in names and _grows(rough):
             more = (*more, "viscous")
             rough = best((*names, *more), uneven=True)
-        if whiteness(rough).white or not white.white:
+        if not white.white or (whiteness(rough).white and any(rough.problem.sizes)):
             fit, white = rough, whiteness(rough)
             notes.append(
                 "friction that differs from place to place, and other unknown forces, are taken as "
