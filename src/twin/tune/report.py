@@ -201,6 +201,7 @@ def _about(found: TuneResult) -> str:
         f"Tasks: {tasks}. A rig costs the mean over them of indicator / scale. All candidates met "
         f"the same rigs and noise: rungs of {', '.join(map(str, tune.rigs))} rigs, one in "
         f"{tune.eta} goes on. Searched with {', '.join(tune.search)}; the best {tune.finalists} "
-        f"and the beginning compared, and the certificate given, with {', '.join(tune.verdict) or 'the scenarios'}. "
+        "and the beginning compared, and the certificate given, with "
+        f"{', '.join(tune.verdict) or 'the scenarios'}. "
         f"{found.runs} runs. Overrides of all runs: {', '.join(tune.set) or 'none'}."
     )
