@@ -11,6 +11,7 @@ from twin.study.work import Builder
 
 BUILD = Builder("circle")
 EVERYTHING = (
+    "plant.servo.acceleration_deg=3000.0",
     "plant.servo.hysteresis_deg=0.1", "plant.servo.resonance_hz=15.0", "plant.servo.vibration=1.0",
     "plant.servo.vibration_wander=0.5", "disturbance.variance=[1e-4, 1e-4]",
     "sensors.touch.dead_time_spread=0.002", "sensors.touch.rotation_deg=1.0",

@@ -23,6 +23,7 @@ RICH = (
     "sensors.touch.dead_time_spread=0.002",
     "sensors.noise_hold=0.006",
     "plant.servo.slew_deg=5",
+    "plant.servo.acceleration_deg=60",
     "plant.servo.deadband_deg=0.03",
     "plant.servo.resolution_deg=0.02",
     "plant.servo.bandwidth_hz=20",

@@ -158,6 +158,14 @@ def test_a_servo_of_limited_acceleration_takes_the_shortest_time_for_a_step(slew
     assert np.abs(found - rising)[until].max() < 1.5 * peak * PERIOD
 
 
+def test_a_servo_of_limited_acceleration_follows_as_far_behind_as_it_needs_to_brake():
+    most, rate = 2.0, 0.4
+    t = PERIOD * np.arange(1, 701)
+    found = angles(DriveModel(acceleration=most), np.full(700, rate))
+    behind = rate * t[-200:] - found[-200:]
+    assert behind == pytest.approx(rate**2 / (2 * most), abs=rate * PERIOD)
+
+
 def test_a_servo_that_is_called_back_overshoots_by_its_way_to_brake():
     """From a rate v it goes on by v^2 / 2 a, and comes back in the shortest time."""
     most, peak = 2.0, 0.4

@@ -92,6 +92,7 @@ def one(moment, *settings, lasting=1.0):
         (
             "plant.servo.deadband_deg=0.05",
             "plant.servo.slew_deg=2",
+            "plant.servo.acceleration_deg=20",
             "plant.servo.resolution_deg=0.04",
         ),
         ('change=[{at=1.1, over=0.4, set={"plant.level_deg"=[0.3, 0.0]}}]',),
