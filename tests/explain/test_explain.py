@@ -27,6 +27,7 @@ from twin.explain.attribution import (
     without,
 )
 from twin.scenario import Scenario, load
+from twin.scenario.describe import described
 
 CLEAN = (
     "duration=2",
@@ -41,7 +42,7 @@ CLEAN = (
     "rig.limits.rate_deg=3600",
     "rig.limits.acceleration=1e4",
 )
-SHORT = [{"duration": 1.5, "metrics.start": None, "baseline": None}]
+SHORT = [{"duration": 1.5, "metrics.start": 0.0, "baseline": False}]
 
 
 @pytest.fixture
@@ -52,7 +53,10 @@ def clean():
 
 
 TYPICAL = {
-    name: {key: None if value == "default" else value for key, value in about.items()}
+    name: {
+        key: described(key)[0].default if value == "default" else value
+        for key, value in about.items()
+    }
     for name, about in read_toml(Path(__file__).with_name("typical.toml")).items()
 }
 """Effect to settings of a size that a real rig may have."""

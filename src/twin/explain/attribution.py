@@ -20,11 +20,12 @@ from twin.run.assemble import linkage_of
 from twin.run.finished import run
 from twin.run.metrics import Ending
 from twin.run.picture import COLOURS, drawn
+from twin.scenario.load import put
 from twin.scenario.schema import CAMS_ONLY, MECHANISM_ONLY, Scenario
 from twin.writing import write_whole
 
 Overrides = Mapping[str, Any]
-"""Dotted key to value; None takes the key out, so that its default holds."""
+"""Dotted key to value."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +47,7 @@ EFFECTS = tuple(
     Effect(
         name=name,
         label=about["label"],
-        off={key: None if value == "default" else value for key, value in about["off"].items()},
+        off={key: None if value == "none" else value for key, value in about["off"].items()},
     )
     for name, about in packaged("twin.explain", "effects.toml").items()
 )
@@ -55,17 +56,8 @@ EFFECTS = tuple(
 
 def changed(scenario: Scenario, overrides: Iterable[Overrides]) -> Scenario:
     """The scenario with overrides put in."""
-    tables = scenario.model_dump(exclude_unset=True)
-    for each in overrides:
-        for key, value in each.items():
-            *path, name = key.split(".")
-            table = tables
-            for part in path:
-                table = table.setdefault(part, {})
-            if value is None:
-                table.pop(name, None)
-            else:
-                table[name] = value
+    settings = [item for each in overrides for item in each.items()]
+    tables = put(scenario.model_dump(exclude_unset=True), settings)
     return Scenario.model_validate(tables, strict=False)
 
 
