@@ -140,7 +140,7 @@ def check(item: object) -> None:
         numbers = np.asarray(value, float)
         inside = np.isfinite(numbers)
         for bound, limit in about.bounds.items():
-            inside &= _HOLDS[bound](numbers, about.unit.to_si(limit))
+            inside &= getattr(operator, bound)(numbers, about.unit.to_si(limit))
         if not inside.all():
             bounds = [
                 f"{_WORDS[bound]} {about.unit.to_si(limit):g}"
@@ -149,7 +149,6 @@ def check(item: object) -> None:
             raise ModelError(f"{name} must be {' and '.join(bounds) or 'finite'}, got {value}")
 
 
-_HOLDS = {"ge": operator.ge, "gt": operator.gt, "le": operator.le, "lt": operator.lt}
 _WORDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 
 

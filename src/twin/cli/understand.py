@@ -245,11 +245,9 @@ def whatif(
     settings: tuple[str, ...],
     branches: tuple[str, ...],
     lasting: float,
-    scenario: str | None,
     on: str | None,
-    columns: str | None,
-    separator: str | None,
     out: Path | None,
+    **log: Any,
 ) -> int:
     """Simulate other futures from a moment of a run: what would have happened.
 
@@ -264,7 +262,7 @@ def whatif(
     with SecondProcess(wanted=cores() > 1) as beside:
         beside.begin(load_drawing)
         rig = () if on is None else (f"parameters={on}",)
-        moment = moment_of(run, at, scenario, rig, columns, separator)
+        moment = moment_of(run, at, settings=rig, **log)
         found = futures(moment, lasting, branches_of(settings, branches))
         if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none
