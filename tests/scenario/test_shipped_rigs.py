@@ -50,9 +50,7 @@ def test_the_title_of_a_rig_of_ones_own_does_not_hide_what_runs_on_it(tmp_path):
 
 def test_a_ball_told_without_its_inertia_is_refused_with_the_one_it_has_and_may_have():
     light = ["plant.ball.mass=0.0027", "plant.ball.radius=0.02"]
-    with pytest.raises(
-        ScenarioError, match=r"at most .* = 1.08e-06 kg m\^2, and is 6.4e-06; a"
-    ):
+    with pytest.raises(ScenarioError, match=r"at most .* = 1.08e-06 kg m\^2, and is 6.4e-06; a"):
         load("circle", light)
     load("circle", [*light, f"plant.ball.inertia={2 / 3 * 1.08e-6}"])
 
