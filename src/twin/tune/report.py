@@ -197,11 +197,11 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
 def _about(found: TuneResult) -> str:
     tune = found.tune
     tasks = ", ".join(f"{task.name} ({task.scenario})" for task in tune.tasks)
+    judged = ", ".join(tune.verdict) or "the scenarios' plant"
     return (
         f"Tasks: {tasks}. A rig costs the mean over them of indicator / scale. All candidates met "
         f"the same rigs and noise: rungs of {', '.join(map(str, tune.rigs))} rigs, one in "
         f"{tune.eta} goes on. Searched with {', '.join(tune.search)}; the best {tune.finalists} "
-        "and the beginning compared, and the certificate given, with "
-        f"{', '.join(tune.verdict) or 'the scenarios'}. "
+        f"and the beginning compared, and the certificate given, with {judged}. "
         f"{found.runs} runs. Overrides of all runs: {', '.join(tune.set) or 'none'}."
     )
