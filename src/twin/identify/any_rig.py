@@ -21,9 +21,9 @@ from twin.identify.plain_model import (
     AxisFit,
     axis_predicted,
     beginnings,
-    by_predictions,
     crossed,
     fit_axis,
+    predicting,
 )
 from twin.identify.search import Estimate
 
@@ -267,12 +267,11 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
         brief = fit.again(fit.log, chosen, BRIEFER * longest)
     except LogError:
         return fit, notes
-    fit = by_predictions(replace(fit, briefer=brief))
+    fit = predicting(replace(fit, briefer=brief), longest)
     if fit.windowed:
-        notes.append(
-            "the model is in error: its values are those by which it predicts this log best, "
-            "others than windows whose beginnings are free have"
-        )
+        drifts = fit.problem.drift > 0
+        why = "the level drifts: follow it" if drifts else "dead band, play or another force"
+        notes.append(f"the model is in error ({why}); its values are those that predict best")
     return fit, notes
 
 
@@ -290,7 +289,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
     unlike = np.zeros(len(rows), bool)
     reasons: list[list[str]] = [[] for _ in rows]
     for other, why in (
-        (fit.windowed, "windows whose beginnings are free"),
+        (fit.windowed, "windows of one level"),
         (fit.briefer, "shorter windows"),
     ):
         if other is None:

@@ -215,7 +215,7 @@ class AxisFit(Fit):
         sigma: The usual residual in m.
         noise: What windows of ``BRIEF`` leave, m.
         pushed: Seconds left out.
-        windowed: The fit to windows, where this one is to its own predictions.
+        windowed: The fit to windows of one level, where this one predicts better.
         briefer: The fit to shorter windows, if there are enough.
     """
 
@@ -361,7 +361,7 @@ def _ahead(log: AxisLog, fit: AxisFit, at: Array) -> PlainProblem:
     windows = replace(windows, weight=windows.weight / fit.noise)
     tilt = TiltHistory(log, fit.problem.tilt.scale)
     longest = LEAD + HORIZONS[-1] + 2 * NEAR
-    return replace(fit.problem, windows=windows, tilt=tilt, longest=longest)
+    return replace(fit.problem, windows=windows, tilt=tilt, longest=longest, drift=0.0)
 
 
 WRONG = 0.003
@@ -374,19 +374,31 @@ USUAL = {"dead_time": 0.1, "lag": 0.1, "level": 0.0, "friction": 0.03, "camber":
 """First guesses of that fit, beside those of a fit to windows."""
 
 
-def by_predictions(fit: AxisFit) -> AxisFit:
-    """The fit of the same parameters to predictions, if these become much better by it.
+def predicting(fit: AxisFit, longest: float) -> AxisFit:
+    """The fit that predicts its own log best where the one to windows does so badly.
 
     A model in error, such as of servos with a dead band, explains a window best by other values
-    than those by which it predicts: with its start free it may bend its whole way.
-
-    Begins with the usual values, of the gain with the sign that shorter windows have, and with
-    those of the windows.
+    than those by which it predicts, for with its start free it may bend its whole way; a level
+    that drifts is taken for gain and friction unless each window has its own.
     """
-    at = beginnings(fit.log)
-    if len(at) < 2 * len(fit.problem.names):
+    own = _typical(fit, fit.log, follow=True)
+    if own < WRONG:
         return fit
-    problem = _ahead(fit.log, fit, at)
+    found, least = fit, own
+    drifting = replace(fit, problem=replace(fit.problem, drift=FOLLOWED))
+    for other in (
+        drifting.again(fit.log, fit.problem.names, longest),
+        replace(fit, found=fit.found._replace(theta=_by_predictions(fit))),
+    ):
+        left = _typical(other, fit.log, follow=True)
+        if left < least:
+            found, least = replace(other, windowed=fit), left
+    return found
+
+
+def _by_predictions(fit: AxisFit) -> Array:
+    """Parameters fitted to predictions of the log, from the gain of shorter windows, (1, P)."""
+    problem = _ahead(fit.log, fit, beginnings(fit.log))
     windows, names = problem.windows, problem.names
     known = windows.time < LEAD
     part = replace(windows, weight=windows.weight * known[..., None])
@@ -405,27 +417,17 @@ def by_predictions(fit: AxisFit) -> AxisFit:
         each = off(np.concatenate((theta[None], moved)))
         return ((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T
 
-    own = np.array([fit.value(name) for name in names])
-    gain = (fit.briefer or fit).value("gain")
-    usual = {"gain": np.copysign(BY_TILT * problem.tilt.scale, gain)} | USUAL
-    plain = np.array([usual.get(name, 0.0) for name in names])
-    tries = [
-        least_squares(
-            lambda theta: off(theta[None])[0],
-            np.clip(guess, least + 1e-6, most - 1e-6),
-            slopes,
-            (least, most),
-            x_scale=step,
-            loss="soft_l1",
-            max_nfev=20,
-        )
-        for guess in (plain, own)
-    ]
-    best = tries[1] if tries[1].cost < PAYS * tries[0].cost else tries[0]
-    found = replace(fit, found=fit.found._replace(theta=best.x[None]), windowed=fit)
-    own = _typical(fit, fit.log, follow=True)
-    better = own > WRONG and _typical(found, fit.log, follow=True) < own
-    return found if better else fit
+    usual = {"gain": (fit.briefer or fit).value("gain")} | USUAL
+    guess = np.clip([usual.get(name, 0.0) for name in names], least + 1e-6, most - 1e-6)
+    return least_squares(
+        lambda theta: off(theta[None])[0],
+        guess,
+        slopes,
+        (least, most),
+        x_scale=step,
+        loss="soft_l1",
+        max_nfev=20,
+    ).x[None]
 
 
 def _switched(found: Predicted) -> Predicted:
