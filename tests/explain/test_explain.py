@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from click.testing import CliRunner
 
 from twin.cli.understand import explain as command
 from twin.data_file import read_toml
+from twin.explain import attribution
 from twin.explain.attribution import (
     ALL,
     EFFECTS,
@@ -211,6 +213,32 @@ def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):
     assert found.contributions[0].share is None
     assert found.rest is None
     assert summary(found)["effects"]["friction"]["without"]["outcome"] == "fell at 1.0 s"
+
+
+def test_where_every_run_with_an_effect_fell_the_picture_says_so_below_a_whole_title(
+    clean, tmp_path, monkeypatch
+):
+    drawn, seen = attribution.drawn, []
+
+    @contextmanager
+    def kept(*size):
+        with drawn(*size) as figure:
+            seen.append(figure)
+            yield figure
+
+    monkeypatch.setattr(attribution, "drawn", kept)
+    scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2, "title": "a long title " * 12}])
+    good, lost = case([[0.1, 0.0]]), case([[0.1, 0.0]], outcome="fell at 1.0 s", rms=None)
+    found = attribute(scenario, {ALL: lost, NONE: good, "+friction": lost, "-friction": good})
+    attribution.draw(tmp_path / "picture.png", found)
+    (figure,) = seen
+    (panel,) = figure.axes
+    (said,) = panel.texts
+    assert said.get_text() == " fell at 1.0 s"
+    assert said.get_position()[0] == pytest.approx(100.0)
+    title = figure.get_suptitle(), figure._suptitle.get_window_extent()
+    assert title[0].startswith("a long title")
+    assert 0 <= title[1].x0 < title[1].x1 <= figure.bbox.width
 
 
 @pytest.mark.long

@@ -10,7 +10,7 @@ from twin.devices.realtime import TimingLog
 from twin.errors import RecordError
 from twin.report.html import details, html
 from twin.report.numbers import LABELS, TIMES
-from twin.report.summary import Diagnosis, spectrum, summary, verdict
+from twin.report.summary import ENDINGS, Diagnosis, spectrum, summary, verdict
 from twin.run.files import UNITS
 from twin.run.finished import Run, open_run, open_runs, run, save
 from twin.scenario.load import check
@@ -313,3 +313,7 @@ def test_an_indicator_is_printed_in_its_own_unit_or_in_millimetres():
     assert {name: unit for name, (_, unit) in LABELS.items() if name in UNITS} == {
         name: printed.get(unit, unit) for name, unit in UNITS.items() if name not in TIMES
     }
+
+
+def test_no_ending_speaks_of_a_screen_that_a_rig_with_a_camera_has_not():
+    assert not [said for said in ENDINGS.values() if "screen" in said]

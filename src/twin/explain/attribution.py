@@ -296,7 +296,7 @@ def draw(path: Path, explanation: Explanation) -> None:
     parts = explanation.contributions
     with drawn(10, 2.2 + 0.36 * max(len(parts), 3)) as figure:
         title = f"{explanation.scenario.title}: what makes the error"
-        figure.suptitle(title, fontsize=12, fontweight="bold")
+        figure.suptitle(title, fontsize=12, fontweight="bold", wrap=True)
         panel = figure.subplots()
         for y, part in enumerate(parts):
             for case, beside, at, colour, label in (
@@ -307,7 +307,7 @@ def draw(path: Path, explanation: Explanation) -> None:
                 once = "" if y else label
                 panel.plot([beside, size], [at] * 2, "-o", color=colour, lw=2, label=once)
                 if case.rms is None:
-                    panel.text(whole, at, f" {case.outcome}", color=colour, fontsize=7)
+                    panel.text(np.fmax(whole, none), at, f" {case.outcome}", color=colour, size=7)
         panel.axvline(whole, color=LEFT, lw=1, ls="--", label="all effects")
         panel.axvline(none, color=ALONE, lw=1, ls="--", label="none of them")
         shares = ("" if p.share is None else f" ({100 * p.share:z.1f} %)" for p in parts)

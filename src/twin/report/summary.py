@@ -162,7 +162,7 @@ ENDINGS = {
     "finished": "The run went to its end",
     "fell": "The ball fell off the plate",
     "diverged": "The simulation failed",
-    "lost": "The screen lost the ball",
+    "lost": "The ball was lost",
     "fault": "A device failed",
     "aborted": "The run was stopped",
 }
