@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from click.testing import CliRunner
 from ballplate import identify
 from twin.cli.understand import identify as command
 from twin.errors import LogError, ScenarioError
-from twin.identify.any_rig import _chosen, _verdicts, identify_any
+from twin.identify.any_rig import _chosen, _joined, _verdicts, identify_any
 from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, score
 from twin.identify.logs import (
     AnyLog,
@@ -29,12 +30,17 @@ from twin.identify.plain_model import (
     axis_predicted,
     beginnings,
     fit_axis,
+    predicting,
 )
 from twin.identify.windows import axis_windows, spans
 from twin.scenario import load
 
 ROOT = Path(__file__).parents[2]
 REAL = Path(__file__).parents[3] / "shared" / "real" / "kdotchandra__ball-balancing-robot"
+REAL_COLUMNS = (
+    "time=t_s:s,measured_x=x_m:m,command_phi=theta_x_ACTUATE_deg:deg,measured_y=y_m:m,"
+    "command_theta=-theta_y_ACTUATE_deg:deg,touched=detected"
+)
 TRUTH = {"gain": 6.0, "dead_time": 0.1, "lag": 0.08, "level": 0.05, "friction": 0.03}
 T = np.arange(400) / 40.0
 X = 0.05 * np.sin(1.3 * T)
@@ -82,6 +88,26 @@ def test_columns_have_numbers_where_there_is_no_header_and_pixels_a_length(tmp_p
     assert log.axes["x"].ball == pytest.approx(X, abs=1e-6)
     assert np.ptp(log.axes["x"].time) == pytest.approx(np.ptp(T), abs=1e-5)
     assert log.unit["x"] == "count"
+
+
+@pytest.mark.parametrize(
+    ("stamp", "encoding"),
+    [("%Y-%m-%dT%H:%M:%S.%f", "utf-8-sig"), ("%Y-%m-%d %H:%M:%S,%f", "cp1252"),
+     ("%H:%M:%S.%f", "utf-16")],
+)  # fmt: skip
+def test_times_may_be_dates_and_files_those_of_windows(tmp_path, stamp, encoding):
+    begin = datetime(2026, 5, 1, 12, 59, 57)
+    rows = ["Zeit;Ort [mm];Winkel [°]"]
+    for t, x in zip(T, X, strict=True):
+        when = (begin + timedelta(seconds=t)).strftime(stamp)
+        rows.append(f"{when};{1e3 * x:.4f};{20 * np.cos(t):.4f}")
+    file = tmp_path / "log.csv"
+    file.write_bytes("\r\n".join(rows).encode(encoding))
+    columns = wanted_columns("time=Zeit,measured_x=Ort,command_x=Winkel")
+    axis = read_any(file, columns).axes["x"]
+    assert axis.time == pytest.approx(T, abs=1e-5)
+    assert axis.ball == pytest.approx(X, abs=1e-7)
+    assert axis.tilt == pytest.approx(np.radians(20) * np.cos(T), abs=1e-5)
 
 
 def test_what_is_broken_in_a_log_is_left_out_and_said(tmp_path):
@@ -341,15 +367,50 @@ def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
 @pytest.mark.long
 @pytest.mark.skipif(not REAL.is_dir(), reason="the logs of other people's rigs are not here")
 def test_a_real_log_gives_the_gain_of_its_ball_and_says_what_it_is_worth():
-    columns = (
-        "time=t_s:s,measured_x=x_m:m,command_phi=theta_x_ACTUATE_deg:deg,measured_y=y_m:m,"
-        "command_theta=-theta_y_ACTUATE_deg:deg,touched=detected"
-    )
-    log = read_any(REAL / "run_20260928T140759Z.csv", wanted_columns(columns))
+    log = read_any(REAL / "run_20260928T140759Z.csv", wanted_columns(REAL_COLUMNS))
     fit = fit_axis(log.axes["x"], ("gain", "dead_time", "lag", "level", "friction"), 2.5, (0, 0.5))
     gain = fit.value("gain") / fit.problem.tilt.scale
     assert gain == pytest.approx(0.6 * 9.81, rel=0.2)  # its README: 1.00 times
     assert fit.value("dead_time") + fit.value("lag") == pytest.approx(0.27, abs=0.08)
+
+
+@pytest.mark.long
+def test_a_level_that_changes_within_a_log_is_not_taken_for_gain_or_friction(axis_of):
+    parts = [axis_of(seed, seconds=20, level=level) for seed, level in ((1, 0.1), (2, -0.1))]
+    log = AnyLog("rig.csv", {"x": _joined(parts)}, {"x": "rad"}, ())
+    other = AnyLog("other.csv", {"x": axis_of(4, seconds=25, level=0.0)}, {"x": "rad"}, ())
+    found = identify_any([log], [other])
+    told = {each.name: each for each in found.verdicts}
+    for name in ("gain", "friction"):
+        each = told[f"{name}_x"]
+        assert each.value == pytest.approx(TRUTH[name], rel=0.1)
+        assert each.low <= TRUTH[name] <= each.high
+    assert any("the level drifts" in note for note in found.notes)
+    (one,) = found.scores
+    at = HORIZONS.index(1.0)
+    assert one.median["level followed"][at] < 0.2 * one.median["stays"][at]
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not REAL.is_dir(), reason="the logs of other people's rigs are not here")
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_another_run_of_a_real_rig_that_sticks_is_predicted_better_than_by_windows(axis):
+    columns = wanted_columns(REAL_COLUMNS)
+    fitted, other = (
+        read_any(REAL / f"run_{name}.csv", columns).axes[axis]
+        for name in ("20260928T140759Z", "20260926T003528Z")
+    )
+    names = ("gain", "dead_time", "lag", "level", "friction")
+    windows = fit_axis(fitted, names, 2.5, (0, 0.5))
+    windows = replace(windows, briefer=windows.again(windows.log, names, 1.25))
+    at = beginnings(other)
+    before, after = (
+        score({axis: axis_predicted(other, fit, at)}).median
+        for fit in (windows, predicting(windows, 2.5))
+    )
+    last = HORIZONS.index(1.0)
+    assert after["model"][last] < 0.6 * before["model"][last]
+    assert after["model"][last] < 1.1 * min(after["stays"][last], after["goes on"][last])
 
 
 ON_TWIN = ("plant.kind=lagrange", "plant.servo.bandwidth_hz=2.0", "rig.cam_error_percent=[10,0]")

@@ -251,28 +251,40 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
         fit = fit_axis(log, chosen, longest, (0.0 if log.held else -0.5, 1.0))
         notes.append("dead time at a bound, which was widened to 1 s")
     if not names:
-        best = crossed(fit, chosen, longest)
-        for name in OPTIONAL:
-            richer = (*chosen, name)
-            left = crossed(fit, richer, longest)
-            if left < PAYS * best:
-                notes.append(
-                    f"{name} fitted along: with it one half of the log predicts the other to "
-                    f"{1000 * left:.1f} mm, without it to {1000 * best:.1f} mm"
-                )
-                chosen, best = richer, left
-        if len(chosen) > len(fit.problem.names):
-            fit = fit.again(fit.log, chosen, longest)
+        fit = _richer(fit, longest, notes)
     try:
-        brief = fit.again(fit.log, chosen, BRIEFER * longest)
+        brief = fit.again(fit.log, fit.problem.names, BRIEFER * longest)
     except LogError:
         return fit, notes
     fit = predicting(replace(fit, briefer=brief), longest)
+    if fit.problem.drift and not names:
+        known, fit = fit, _richer(fit, longest, notes)
+        names = fit.problem.names
+        one = known.windowed and known.windowed.again(known.log, names, longest)
+        brief = fit.again(known.log, names, BRIEFER * longest)
+        fit = replace(fit, windowed=one, briefer=brief)
     if fit.windowed:
         drifts = fit.problem.drift > 0
         why = "the level drifts: follow it" if drifts else "dead band, play or another force"
         notes.append(f"the model is in error ({why}); its values are those that predict best")
     return fit, notes
+
+
+def _richer(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
+    """The fit with the parameters that pay beside its own, which are said."""
+    own = chosen = fit.problem.names
+    best = crossed(fit, chosen, longest)
+    for name in OPTIONAL:
+        if name in chosen:
+            continue
+        left = crossed(fit, (*chosen, name), longest)
+        if left < (1.0 if fit.problem.drift else PAYS) * best:
+            notes.append(
+                f"{name} fitted along: with it one half of the log predicts the other to "
+                f"{1000 * left:.1f} mm, without it to {1000 * best:.1f} mm"
+            )
+            chosen, best = (*chosen, name), left
+    return fit.again(fit.log, chosen, longest) if chosen != own else fit
 
 
 def _about(name: str, unit: str) -> IdentifiedParameter:
@@ -299,11 +311,11 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         unlike = apart > np.hypot(own.half_width, another.half_width)
         low = np.where(unlike, np.minimum(low, another.value - another.half_width), low)
         high = np.where(unlike, np.maximum(high, another.value + another.half_width), high)
-        for k in np.flatnonzero(unlike):
-            reasons[k].append(f"{why} give another value, which the interval holds: a model error")
+        told = f"{why} give another value, which the interval holds: a model error"
+        reasons = [each + [told] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
     alike = np.abs(own.correlation) > judged.CORRELATED
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
-    found = []
+    found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):
         scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
         others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -379,6 +380,7 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
 
 def unit_factor(unit: str, si: str) -> float | None:
     """Factor from a unit such as ``mm``, ``0.5mm`` or ``0.24`` to SI; None if it is none."""
+    unit = unit.replace("°", "deg").replace("µ", "u")
     match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)?\s*\*?\s*([A-Za-z1]*)\s*", unit)
     if match is None:
         return None
@@ -410,9 +412,10 @@ def read_any(
         LogError: If it cannot be read, lacks a column, or a column is of an unknown unit.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig", errors="replace")
+        raw = path.read_bytes()
     except OSError as error:
         raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
+    text = _decoded(raw)
     lines = [line for line in text.splitlines() if not line.lstrip().startswith(COMMENTS)]
     lines = list(filter(str.strip, lines))
     if not lines:
@@ -429,8 +432,9 @@ def read_any(
         factor = unit_factor(unit, ROLES[role]) if unit else 1.0
         if factor is None:
             raise LogError(
-                f"{path.name}: {role}: unit '{unit}' of {column.name}; tell it, as {role}=NAME:mm, "
-                "that of a pixel of half a millimetre as NAME:0.5mm"
+                f"{path.name}: {role}: unit '{unit}' of {column.name}; tell it, as "
+                f"{role}=NAME:{list(SCALES[ROLES[role]])[-1]}, with a factor before it (a pixel of "
+                "half a millimetre as NAME:0.5mm, a count as NAME:0.24deg)"
             )
         values, broken = _numbers([row[index] if index < len(row) else "" for row in rows[at:]])
         if broken > 0.2 * len(values) or not np.isfinite(values).any():
@@ -438,9 +442,19 @@ def read_any(
         if broken:
             notes.append(f"{broken} cells of {column.name} are no numbers: taken as empty")
         columns[role] = column.sign * factor * values
-        counted = ROLES[role] == "rad" and re.search(r"deg|rad$", unit) is None and unit
+        counted = ROLES[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
         units[role] = "count" if counted else ROLES[role]
     return _cleaned(path.name, columns, units, notes)
+
+
+def _decoded(raw: bytes) -> str:
+    """Text in UTF-8, with another mark at its beginning in UTF-16, else as Windows writes it."""
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return raw.decode("utf-16", errors="replace")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace")
 
 
 def _separated(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
@@ -500,7 +514,12 @@ def _numbers(cells: list[str]) -> tuple[Array, int]:
         try:
             values[k] = WORDS[word] if word in WORDS else float(cell.replace(",", "."))
         except ValueError:
-            broken += word not in BLANK
+            try:  # a date, or a time of day
+                day = "" if cell[2:3] != ":" else "2000-01-01 "
+                date = datetime.fromisoformat(day + cell.replace(",", "."))
+                values[k] = date.replace(tzinfo=UTC).timestamp()
+            except ValueError:
+                broken += word not in BLANK
     values[~np.isfinite(values)] = np.nan
     return values, broken
 

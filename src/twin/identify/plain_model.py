@@ -231,7 +231,9 @@ class AxisFit(Fit):
         guess = np.array([[self.value(name) for name in names]])
         problem = replace(self.problem, names=names)
         return replace(
-            _fitted(log, problem, longest, guess, self.sigma), noise=self.noise, pushed=self.pushed
+            _fitted(log, problem, longest, guess, self.sigma),
+            noise=self.noise,
+            pushed=self.pushed,
         )
 
 
@@ -361,7 +363,8 @@ def _ahead(log: AxisLog, fit: AxisFit, at: Array) -> PlainProblem:
     windows = replace(windows, weight=windows.weight / fit.noise)
     tilt = TiltHistory(log, fit.problem.tilt.scale)
     longest = LEAD + HORIZONS[-1] + 2 * NEAR
-    return replace(fit.problem, windows=windows, tilt=tilt, longest=longest, drift=0.0)
+    problem: PlainProblem = fit.problem
+    return replace(problem, windows=windows, tilt=tilt, longest=longest, drift=0.0)
 
 
 WRONG = 0.003
@@ -409,25 +412,28 @@ def _by_predictions(fit: AxisFit) -> Array:
     most[[name in ("dead_time", "lag") for name in names]] = SLOWEST
 
     def off(theta: Array) -> Array:
+        theta = np.atleast_2d(theta)
         places = problem.reported(theta, begun(before, theta, 4))[0]
-        return np.clip((places - windows.ball)[:, target, 0] / WRONG, -1e3, 1e3)
+        each = np.clip((places - windows.ball)[:, target, 0] / WRONG, -1e3, 1e3)
+        return np.asarray(np.squeeze(each))
 
     def slopes(theta: Array) -> Array:
         moved = theta + np.diag(np.where(theta + step > most, -step, step))
         each = off(np.concatenate((theta[None], moved)))
-        return ((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T
+        return np.asarray(((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T)
 
     usual = {"gain": (fit.briefer or fit).value("gain")} | USUAL
     guess = np.clip([usual.get(name, 0.0) for name in names], least + 1e-6, most - 1e-6)
-    return least_squares(
-        lambda theta: off(theta[None])[0],
+    found = least_squares(
+        off,
         guess,
         slopes,
         (least, most),
         x_scale=step,
         loss="soft_l1",
         max_nfev=20,
-    ).x[None]
+    )
+    return np.asarray(found.x[None])
 
 
 def _switched(found: Predicted) -> Predicted:
@@ -464,7 +470,7 @@ def crossed(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:
     halves = fit.log.between(-np.inf, middle), fit.log.between(middle, np.inf)
     try:
         each = [
-            _typical(fit.again(fitted, names, longest), tried)
+            _typical(fit.again(fitted, names, longest), tried, follow=fit.problem.drift > 0)
             for fitted, tried in (halves, halves[::-1])
         ]
     except LogError:  # a half has too few windows
