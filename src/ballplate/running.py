@@ -164,7 +164,7 @@ def trace_file(
             raise ScenarioError(f"{what}: a simulated rig has no bus; it needs {needed}")
         return None
     from twin.devices.akd import TRACE
-    from twin.devices.akd.bus import check_ending
+    from twin.devices.akd.traces import check_ending
 
     if trace is None:
         return None if folder is None else folder / TRACE
@@ -188,7 +188,7 @@ def traced(
     if file is None:
         yield None
         return
-    from twin.devices.akd.bus import COLUMNS, PART, appended, parts, to_row
+    from twin.devices.akd.traces import COLUMNS, PART, appended, parts, to_row
     from twin.view.live_process import LiveProcess
 
     with ExitStack() as end:

@@ -18,8 +18,8 @@ import pytest
 import ballplate as bp
 from ballplate.reporter import Reporter
 from ballplate.running import streamed, tell_timing, traced
-from twin.devices.akd.bus import read_trace
 from twin.devices.akd.conditions import NODE_ABSENT, DriveError
+from twin.devices.akd.traces import read_trace
 from twin.devices.realtime import TimingLog, real_time
 from twin.errors import TwinError
 from twin.hal.interface import Severity

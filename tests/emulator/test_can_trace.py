@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from twin.cli import main
-from twin.devices.akd.bus import TraceWriter, read_trace
+from twin.devices.akd.traces import TraceWriter, read_trace
 from twin.emulator.lockstep import LockstepRig
 from twin.identify.logs import read
 from twin.run.finished import open_run, run, save

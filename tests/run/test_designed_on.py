@@ -64,7 +64,8 @@ def test_what_is_known_is_written_in_short_and_read_as_it_was(known):
 @pytest.mark.parametrize("known", ['"nominal"', '{kind="nominal", mass=0.1}'])
 def test_what_is_known_is_among_the_keys_of_a_tuned_controller(known, tmp_path):
     scenario = load("circle", (f"controller.model={known}", STEEL))
-    keys = settings(SimpleNamespace(scenario=lambda *_: scenario), {})
+    tune = SimpleNamespace(set=())
+    keys = settings(SimpleNamespace(scenario=lambda *_: scenario, tune=tune), {})
     (tmp_path / "tuned.toml").write_text(toml(keys, []), encoding="utf-8")
     again = load("circle", (f"parameters={tmp_path / 'tuned.toml'}", STEEL))
     assert again.designed_on == scenario.designed_on

@@ -52,7 +52,7 @@ def test_the_versions_of_what_it_calculates_with_are_in_the_key(key, library):
     "parts",
     [
         ("devices", "akd", "config.py"),
-        ("view", "scene.py"),
+        ("view", "streams.py"),
         ("run", "picture.py"),
         ("scenario", "describe.py"),
         ("study", "report.py"),

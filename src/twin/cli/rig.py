@@ -27,10 +27,10 @@ from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
     from ballplate.reporter import Advance
-    from twin.devices.akd.bus import Trace
     from twin.devices.akd.config import AkdConfig
     from twin.devices.akd.decoding import Names
     from twin.devices.akd.servos import AkdServos
+    from twin.devices.akd.traces import Trace
     from twin.devices.lumio.config import CalibrationFit
     from twin.doctor.check import Ask, CheckResult
     from twin.emulator.serve import VirtualRig
@@ -229,8 +229,8 @@ def trace(
     import numpy as np
     import pandas as pd
 
-    from twin.devices.akd.bus import read_trace
     from twin.devices.akd.decoding import Conversation, Names, TracedEvent
+    from twin.devices.akd.traces import read_trace
     from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
     from twin.scenario.rig import read_rig
 

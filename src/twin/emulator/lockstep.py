@@ -15,9 +15,9 @@ import can
 import numpy as np
 
 from controllers.arrays import Array
-from twin.devices.akd.bus import Hear, TracedBus
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.servos import AkdServos
+from twin.devices.akd.traces import Hear, TracedBus
 from twin.devices.lumio.config import LumioConfig, ScreenError, Transport
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.realtime import RealTimeClock, Scheduling

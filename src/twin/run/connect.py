@@ -15,10 +15,11 @@ import numpy as np
 from can import BusABC
 
 from controllers.arrays import Array
-from twin.devices.akd.bus import Hear, TracedBus, open_bus
+from twin.devices.akd.bus import open_bus
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.servos import AkdServos
+from twin.devices.akd.traces import Hear, TracedBus
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.own import OwnScreen, OwnServos, load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time

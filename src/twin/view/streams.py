@@ -523,10 +523,12 @@ PAUSED = 1.0
 
 def conversation(run: Run) -> Conversation | None:
     """What was said in a run; None where no trace lies in its folder."""
-    from twin.devices.akd import TRACE, bus, decoding  # noqa: PLC0415  heavy, and seldom there
+    from twin.devices.akd import TRACE, decoding, traces  # noqa: PLC0415  heavy, and seldom there
 
     file = run.folder and run.folder / TRACE
-    return decoding.Conversation(bus.read_trace(file).frames) if file and file.is_file() else None
+    return (
+        decoding.Conversation(traces.read_trace(file).frames) if file and file.is_file() else None
+    )
 
 
 def on_record(said: Conversation, run: Run, time: Array) -> Array:

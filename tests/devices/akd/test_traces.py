@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.akd.bus import (
+from twin.devices.akd.traces import (
     WRITTEN,
     TracedBus,
     TraceWriter,
