@@ -19,13 +19,8 @@ import pytest
 from click.testing import CliRunner
 from serving import serving
 
-<<<<<<< HEAD
 from twin.cli.runs import export, report
-from twin.devices.akd.bus import read_trace
-=======
-from twin.cli.look import export, report
 from twin.devices.akd.traces import read_trace
->>>>>>> parent of 0c23cec0 (AKD: traces of a bus stand with the bus)
 from twin.emulator.drive import MASTER_SILENT
 from twin.emulator.screen import Protocol
 from twin.emulator.serve import TICK, VirtualRig, emulated
