@@ -216,6 +216,7 @@ def test_a_law_that_goes_wrong_is_one_line_and_the_other_is_kept(ballplate, rewr
     assert "Traceback" not in said
     if kept is None:
         assert code == 1
+        assert "at 0.052 s" in said
         assert not list(Path().glob("runs/*/run.parquet"))
     else:
         (file,) = Path("runs").glob(f"*/{kept}")

@@ -415,7 +415,9 @@ def line_of(error: BaseException) -> str:
     line = str(error) if isinstance(error, AnswerError) else blamed(error)
     if isinstance(error, IndexError) and line:
         line += " (x is a state of shape (1, 8), or (N, 8) of N rigs: x[..., 4] is its fifth)"
-    return "" if sys.flags.dev_mode else line or ""
+    if sys.flags.dev_mode or not line:
+        return ""
+    return ", ".join((line, *getattr(error, "__notes__", ())))
 
 
 def build_controllers(scenarios: Sequence[Scenario]) -> Controller:

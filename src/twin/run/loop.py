@@ -212,6 +212,7 @@ def drive(
             # what a rig did is not made again: its record is kept
             reason = assemble.line_of(error) if rig.in_real_time else ""
             if not reason:
+                error.add_note(f"at {measurement.time:.3f} s")
                 raise
             end = Ending.ABORTED
     return monitor.final(recorder.end, end, reason)
