@@ -211,8 +211,8 @@ class Supervisor:
         if some(beyond):
             ball, plate = beyond[:, 0::2].any(axis=1), beyond[:, 1::2].any(axis=1)
             self._judge(BALL_OUTSIDE, ball, y[:, 0::2], "ball at ({:.3f}, {:.3f}) m left the area")
-            where = "plate at ({:.3f}, {:.3f}) rad past its limit"
-            self._judge(PLATE_TILTED, plate, y[:, 1::2], where)
+            where = "plate at ({:.2f}, {:.2f}) deg past its limit"
+            self._judge(PLATE_TILTED, plate, np.degrees(y[:, 1::2]), where)
         if not every(touched):
             self._unseen = np.where(touched, 0.0, self._unseen + self._period)
             self._judge(BALL_LOST, self.lost, y, "the ball is no longer detected")
