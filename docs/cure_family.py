@@ -16,7 +16,7 @@ from cure import KINDS, Cell, cells, known, least, said, scenarios, settings
 from pages import HERE, filled, planned
 from scipy import stats
 
-from twin.study.schema import Family, FamilyRig, drawn, read_family
+from twin.study.schema import FamilyRig, drawn, read_family
 from twin.study.work import Builder
 from twin.writing import write_whole
 
@@ -169,7 +169,7 @@ def radius(rig: str) -> float:
 
 def others(plan: dict[str, Any], rig: str, task: dict[str, Any]) -> list[Cell]:
     """What every law reaches on a shipped rig, and on the rigs about it."""
-    family = Family.model_validate(plan["family"])
+    family = read_family(plan["family"])
     relative = [key for key, each in family.parameters.items() if each.relative]
     length, runs = str(radius(rig)), []
     for law in plan["laws"]:
