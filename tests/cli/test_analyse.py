@@ -31,7 +31,7 @@ TOLD = {
     "sine": ("delay ms", "u1", "poles in 1/s"),
     f"sine controller.kind={SlidingMode.name}": ("has no linearisation",),
     "hold controller.kind=pole_placement controller.poles=[-30,-31,-32,-33]": (
-        "this loop is unstable",
+        "the sampled loop is unstable about the level plate",
     ),
 }
 

@@ -303,7 +303,7 @@ def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
 
 def _loop(scenario: Scenario) -> Numbers:
     """The scenario's own controller, observer and predictor as a sampled loop."""
-    from controllers.analysis import loop_row
+    from controllers.analysis import instability, loop_row
     from twin.run.assemble import build_controller
 
     controller = build_controller(scenario)
@@ -314,6 +314,7 @@ def _loop(scenario: Scenario) -> Numbers:
         "predictor": None if scenario.predictor is None else scenario.predictor.delay,
         "dead_time": dead_time,
         **loop_row(controller.law, controller.observer, dead_time),
+        "danger": instability(controller.law, controller.observer, dead_time=dead_time),
     }
 
 
@@ -330,8 +331,8 @@ def _told(found: Numbers) -> Iterator[Shown]:
     lines = [(cut, *_margins(row)) for cut, row in found["margins"].items()]
     yield Table(title, ("cut at", *MARGINS), lines)
     yield f"poles in 1/s, slowest first: {_poles(found['poles'])}"
-    if not found["stable"]:
-        yield bold("this loop is unstable")
+    if found["danger"]:
+        yield bold(found["danger"])
     if found["hold_left_out"]:
         yield "controller: the law's hold and how late its command comes are not in this loop"
 
