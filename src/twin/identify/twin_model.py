@@ -571,7 +571,7 @@ def identify(
             fit, white = rough, whiteness(rough)
             notes.append(
                 "friction that differs from place to place, and other unknown forces, are taken as "
-                "a part of the noise: without it the log is not explained"
+                "a part of the noise: without it the log is not explained; a longer log tells more"
             )
             if "viscous" in more:
                 names = (*names, "viscous")
