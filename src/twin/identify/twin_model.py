@@ -562,7 +562,7 @@ def identify(
     notes, white = list(usable.notes), whiteness(fit)
     progress(0.4)
     if not white.white or len(fit.problem.windows) < EVEN * len(windows):
-        more = AT_REST
+        more: tuple[str, ...] = AT_REST
         rough = best((*names, *more), uneven=True)
         if "viscous" not in names and _grows(rough):
             more = (*more, "viscous")
