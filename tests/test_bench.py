@@ -295,7 +295,7 @@ def test_finished_runs_are_not_run_again_until_the_law_changes(small, tmp_path, 
         ("return np.nan * e", "control must give numbers"),
         ("return e[..., :1]", "plate accelerations"),
         ("import twin.sim", "an answer may not import it"),
-        ("import time; time.sleep(9)", "took longer than 2 s"),
+        pytest.param("import time; time.sleep(9)", "took longer than 2 s", marks=pytest.mark.long),
     ],
 )
 def test_an_entry_that_fails_is_refused_in_a_line(small, tmp_path, monkeypatch, line, words):

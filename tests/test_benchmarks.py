@@ -64,6 +64,7 @@ def test_the_exact_plant_is_measured_against_a_baseline_that_runs():
         assert exact_plant.plain(friction, rates) > 0 < exact_plant.exact(friction, rates)
 
 
+@pytest.mark.long
 def test_every_command_after_the_first_second_is_timed():
     exact = ["plant.kind=lagrange"]
     thesis, cure = (realtime.command_times(name, exact, 0.1) for name in ("circle", "cure"))

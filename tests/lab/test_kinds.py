@@ -97,7 +97,11 @@ def test_a_function_is_judged_by_the_worst_of_rigs_it_has_not_seen(tmp_path: Pat
         ("return {'start': 1, 'stop': 2}", "stop: unknown"),
         ("return {'start': object()}", "AttributeError"),
         ("return 1 / 0", "answer.py, line 4: ZeroDivisionError"),
-        ("__import__('time').sleep(60)", "answer.py: it took longer than 1 s"),
+        pytest.param(
+            "__import__('time').sleep(60)",
+            "answer.py: it took longer than 1 s",
+            marks=pytest.mark.long,
+        ),
         ("import os, __main__; os.write(__main__._OUT, b'=12345678')", "something else"),
     ],
 )

@@ -135,7 +135,11 @@ def test_an_observer_may_be_a_program(tmp_path) -> None:
         ("    if what: say(0, 0)", f"{STRANGE} of 4 numbers"),
         ("    if what: say(*[0] * 8)", f"{STRANGE} of 4 numbers"),
         ("    if what: print('hello'); sys.stdout.flush()", STRANGE),
-        ("    if what: __import__('time').sleep(60)", "it took longer than 1 s"),
+        pytest.param(
+            "    if what: __import__('time').sleep(60)",
+            "it took longer than 1 s",
+            marks=pytest.mark.long,
+        ),
         ("    while what: pass", "it took longer than 1 s"),
         ("    while what: say(*[0] * 1000)", STRANGE),
     ],
