@@ -567,8 +567,9 @@ def identify(
         if "viscous" not in names and _grows(rough):
             more = (*more, "viscous")
             rough = best((*names, *more), uneven=True)
-        if not white.white or (whiteness(rough).white and any(rough.problem.sizes)):
-            fit, white = rough, whiteness(rough)
+        left = whiteness(rough)
+        if not white.white or (left.white and any(rough.problem.sizes)):
+            fit, white = rough, left
             notes.append(
                 "friction that differs from place to place, and other unknown forces, are taken as "
                 "a part of the noise: without it the log is not explained; a longer log tells more"

@@ -278,7 +278,7 @@ class ExactPlant:
         self._shape(size, rounded)
 
     def _shape(self, size: ArrayLike, rounded: ArrayLike) -> None:
-        self._edges = np.broadcast_to(np.divide(size, 2), (self.rigs, 2))
+        self._half = self._components(np.broadcast_to(np.divide(size, 2), (self.rigs, 2)))
         self._rounded = np.broadcast_to(np.asarray(rounded, bool), (self.rigs,))
         self._round = bool(self._rounded.any())
 
@@ -351,10 +351,9 @@ class ExactPlant:
             x, vx, y, vy = self._balls.step((x, vx, y, vy), *equations[i : i + 3])
         (phi, theta), (phi_rate, theta_rate), _ = _turned(plate, period)
         self._x = self._state(x, vx, phi, phi_rate, y, vy, theta, theta_rate)
-        half = self._components(self._edges)
-        off = (abs(x) > half[0]) | (abs(y) > half[1])
+        off = (abs(x) > self._half[0]) | (abs(y) > self._half[1])
         if self._round:
-            off = off | (self._rounded & (x * x + y * y > half[0] * half[0]))
+            off = off | (self._rounded & (x * x + y * y > self._half[0] * self._half[0]))
         if self._balls.by.any(off):
             self._fallen |= off
 
