@@ -260,14 +260,11 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     corner, knows = scenario.plant.servo.bandwidth_hz, scenario.predictor
     dead = touch.dead_time - (knows.delay if knows else 0.0)
     lag = (1 / (2 * math.pi * corner) if corner else 0.0) - scenario.rig.plate_lag
-    dangers = [
-        instability(controller.law, controller.observer, dead_time=late),
-        slow_observer(controller.law, controller.observer),
-    ]
+    dangers = [instability(controller.law, controller.observer, dead_time=late)]
+    dangers.append(slow_observer(controller.law, controller.observer))
     for (said, most), by in ((LATER, 1000 * (dead + lag)), (EARLIER, -1000 * dead)):
         if scenario.controller.kind == "stable_inversion" and by > most:
-            doubled = f"from {most} ms on the cure's error is twice as large"
-            dangers.append(f"{said.format(by)}: {doubled}")
+            dangers.append(f"{said.format(by)}: from {most} ms on the cure errs twice as much")
     for danger in dangers:
         if danger:
             reporter.warn(f"{label}: {danger}" if label else danger)

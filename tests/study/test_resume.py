@@ -114,7 +114,7 @@ def test_a_study_that_is_interrupted_before_its_first_chunk_says_so(tmp_path) ->
     def interrupted(some: Sequence[Job]) -> list[Row]:
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt, match="no run had finished"):
+    with pytest.raises(KeyboardInterrupt, match="no runs are kept"):
         carried(study(), tmp_path, do=interrupted)
 
 

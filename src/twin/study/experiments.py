@@ -181,10 +181,8 @@ class Store:
 
     def __str__(self) -> str:
         """What of them is had again, for who ends a command."""
-        count = sum(chunk.num_rows for chunk in self._chunks)
-        if self.folder is None or not count:
-            return "nothing is kept" if count else "no run had finished"
-        return f"{count} runs are kept; the same command goes on from there"
+        kept = 0 if self.folder is None else sum(chunk.num_rows for chunk in self._chunks)
+        return f"{kept or 'no'} runs are kept{'; the same command goes on from there' * bool(kept)}"
 
     def rows(self, keys: Sequence[str]) -> pa.Table:
         """The runs with these keys, in their order; those that are not finished are left out."""
