@@ -218,7 +218,6 @@ def compare(
         forget(folder)
     runs: dict[str, Result] = {}
     failed: list[LawError] = []
-    interrupted = False
     scenarios = {label: case.scenario for label, case in cases.items()}
     _warn(scenarios, report)
     try:
@@ -230,9 +229,9 @@ def compare(
             run = Result.from_run(came, label)
             runs[label] = run if folder is None else kept(run, folder / slug(cases[label].name))
     except KeyboardInterrupt:
-        interrupted = True
         if not runs:
             raise
+        report.warn("interrupted: what had not ended is not in the table")
     if failed and not (runs or finished):
         raise failed[0]
     ordered = {label: runs[label] for label in cases if label in runs}
@@ -241,7 +240,7 @@ def compare(
         title,
         {label: cases[label].name for label in ordered},
         folders={label: slug(cases[label].name) for label in ordered},
-        interrupted=interrupted or bool(failed),
+        interrupted=len(runs) < len(cases),
         folder=folder,
         logs=tuple(each.name for each in recorded),
     )

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 import ballplate as bp
+from ballplate import comparing
 from twin.emulator import serve
 from twin.errors import ScenarioError, TwinError
 from twin.play.serve import Simulation
@@ -54,6 +55,53 @@ def test_a_run_that_is_interrupted_replaces_one_that_was(ballplate, monkeypatch)
     for _ in range(2):
         ballplate("run", "circle", *SHORT)
     assert not Path("kept~2").exists()
+
+
+def test_a_comparison_that_is_interrupted_says_so_and_keeps_what_has_run(ballplate, monkeypatch):
+    real = comparing.carried_out
+
+    def stopped(*given):
+        yield next(real(*given))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(comparing, "carried_out", stopped)
+    code, out, err = ballplate("compare", "circle", "--vary", "controller.kind=[lqr,afl]", *SHORT)
+    assert (code, err.count("interrupted")) == (1, 1)
+    assert "lqr" in out
+    assert [each.parent.name for each in Path("kept").rglob("run.parquet")] == ["lqr"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt("2 kept"), ImportError("initialization")])
+def test_ctrl_c_is_one_line_also_where_a_library_makes_another_error_of_it(
+    ballplate, monkeypatch, error
+):
+    def titles(_):
+        raise error from KeyboardInterrupt()
+
+    monkeypatch.setattr("ballplate.changes.titles", titles)
+    code, out, err = ballplate("list")
+    said = ": 2 kept" if isinstance(error, KeyboardInterrupt) else ""
+    assert (code, out, err.strip()) == (1, "", f"ballplate: interrupted{said}")
+
+
+INTERRUPTED_WITHIN = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "twin.cli":
+            os.kill(os.getpid(), signal.SIGINT)
+from twin.__main__ import main
+sys.meta_path.insert(0, Finder())
+main()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows kills without a signal")
+def test_ctrl_c_is_one_line_while_the_command_line_is_imported():
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_WITHIN], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (1, "ballplate: interrupted\n")
 
 
 def test_a_second_run_into_a_folder_is_told(ballplate, tmp_path):

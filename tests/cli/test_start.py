@@ -11,7 +11,7 @@ from twin.cli import main
 
 UNUSED = {
     "control", "pandas", "sympy", "SALib", "rerun", "matplotlib.pyplot", "scipy.signal",
-    "scipy.stats", "scipy.interpolate", "scipy.optimize",
+    "scipy.stats", "scipy.interpolate", "scipy.optimize", "glfw",
 }  # fmt: skip
 """What no run with a nonlinear law needs, whatever it writes."""
 LATE = {"matplotlib", "mujoco", "pyarrow", "PIL"}

@@ -104,10 +104,18 @@ def test_a_study_that_dies_between_chunks_goes_on_where_it_stopped(tmp_path, mon
             raise KeyboardInterrupt
         return carry_out(some)
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt, match="4 runs are kept"):
         carried(study(), tmp_path, do=dies)
     assert len(remaining(Work(study()).tasks, Store(tmp_path), 1)[1]) == 2
     assert carried(study(), tmp_path) == carried(study(), tmp_path / "other")
+
+
+def test_a_study_that_is_interrupted_before_its_first_chunk_says_so(tmp_path) -> None:
+    def interrupted(some: Sequence[Job]) -> list[Row]:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match="no run had finished"):
+        carried(study(), tmp_path, do=interrupted)
 
 
 def test_what_a_killed_writer_left_behind_is_not_read(tmp_path) -> None:

@@ -84,6 +84,8 @@ def main(arguments: list[str] | None = None) -> None:
     _end_in_order()
     # matrices here are small: further threads only wait for one, on cores that have other work
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # else mujoco looks for a screen when it is imported, in a process of its own
+    os.environ["MUJOCO_GL"] = "disable"
     _have_streams()
     warnings.showwarning = _told
     given = sys.argv[1:] if arguments is None else arguments
@@ -97,8 +99,9 @@ def main(arguments: list[str] | None = None) -> None:
         code = 0
     except click.ClickException as error:
         code = _fail(error.format_message())
-    except (click.Abort, KeyboardInterrupt):
-        code = _fail("interrupted", 1)
+    except (click.Abort, KeyboardInterrupt) as error:
+        kept = str(error.__cause__ or "")  # click has made an Abort of it
+        code = _fail(f"interrupted: {kept}" if kept else "interrupted", 1)
     except TwinError as error:
         code = _fail(str(error), 1 if isinstance(error, LawError) else 2)
     except OSError as error:
@@ -109,6 +112,8 @@ def main(arguments: list[str] | None = None) -> None:
             raise
         code = _fail(f"'{shortened(str(error.filename))}': no file can have so long a name")
     except Exception as error:
+        if _interrupted(error):
+            sys.exit(_fail("interrupted", 1))
         catalog = sys.modules.get("controllers.catalog")
         line = catalog.blamed(error) if catalog else None
         if line is None or sys.flags.dev_mode:
@@ -119,6 +124,13 @@ def main(arguments: list[str] | None = None) -> None:
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
 """What writing to a full or broken standard output ends with."""
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether an error came of Ctrl-C, as that of a compiled module in the middle of its import."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _have_streams() -> None:

@@ -179,6 +179,13 @@ class Store:
             write_whole(self.folder / f"{name}.parquet", lambda path: pq.write_table(table, path))
         self._chunks.append(table)
 
+    def __str__(self) -> str:
+        """What of them is had again, for who ends a command."""
+        count = sum(chunk.num_rows for chunk in self._chunks)
+        if self.folder is None or not count:
+            return "nothing is kept" if count else "no run had finished"
+        return f"{count} runs are kept; the same command goes on from there"
+
     def rows(self, keys: Sequence[str]) -> pa.Table:
         """The runs with these keys, in their order; those that are not finished are left out."""
         kept = pa.concat_tables([SCHEMA.empty_table(), *self._chunks])
@@ -289,6 +296,7 @@ def carry(
 
     Raises:
         TwinError: If a process is killed, or a chunk is lost too often.
+        KeyboardInterrupt: If the user interrupts: it says how much is kept.
     """
     count, do = processes or cores(), do or partial(carry_out, seen=work.seen)
     known, chunks = remaining(work.tasks, store, count, whole=whole)
@@ -301,11 +309,14 @@ def carry(
         found = (rows for _, rows in results(do, jobs, min(count, max(1, len(chunks)))))
     else:
         found = _elsewhere(work, chunks, do, executor, max(AHEAD * count, MOST))
-    for rows in found:
-        store.add(rows)
-        finished += len(rows)
-        failed += sum(row["outcome"] != "finished" for row in rows)
-        progress(finished, failed)
+    try:
+        for rows in found:
+            store.add(rows)
+            finished += len(rows)
+            failed += sum(row["outcome"] != "finished" for row in rows)
+            progress(finished, failed)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(str(store)) from None
     return store.rows([task.key for task in work.tasks])
 
 
