@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.play.driven import Driven, Kept, States
+from twin.play.driven import MOST, Driven, Kept, States
 from twin.play.session import COLUMNS, Back, End, Goal, Pause, Push, Save, Settings
 from twin.run.finished import open_run, run
 from twin.scenario.load import load
@@ -112,13 +112,14 @@ def test_what_is_chosen_again_as_it_was_changes_no_bit(driven, values):
 
 def test_of_two_states_at_one_moment_the_later_counts_and_what_follows_one_goes_with_it():
     states = States()
-    for second in (*range(60), 59):
+    for second in (*range(400), 399):
         states.keep(Kept(float(second), len(states.all), None, None, None))
-    assert [each.time for each in states.all] == list(range(60))
-    assert not states.due(59.5)
-    assert states.due(60.0)
-    assert states.back_to(42.5).time == 42.0
-    assert states.all[-1].row == 42
+    assert [each.time for each in states.all] == [0, *range(400 - MOST, 400)]
+    assert not states.due(399.5)
+    assert states.due(400.0)
+    assert states.back_to(142.5).time == 142.0
+    assert states.all[-1].time == 142.0
+    assert states.back_to(5.0).time == 0.0
 
 
 def test_a_saved_run_is_a_run_that_says_it_was_driven(played):

@@ -26,6 +26,8 @@ from twin.whatif.futures import CONTROL, take_over
 
 EVERY = 1.0
 """Simulated seconds from one state to the next."""
+MOST = 300
+"""States that are kept, of 0.2 MB each: of longer ago only the first."""
 
 
 class Kept(NamedTuple):
@@ -61,6 +63,7 @@ class States:
         if self.all and abs(self.all[-1].time - state.time) < 1e-9:
             self.all.pop()
         self.all.append(state)
+        del self.all[1:-MOST]
 
     def back_to(self, time: float) -> Kept:
         """The last one before a time in s; all that follow are forgotten."""
