@@ -204,8 +204,8 @@ def shadow(
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns and what was commanded.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
-    identified ones: it learns then as with --learn). Writes shadow.html, shadow.json and
-    shadow.parquet. Exit code 1 after an alarm.
+    identified ones: it learns then as with --learn). Writes shadow.html and shadow.json.
+    Exit code 1 after an alarm.
     """
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)

@@ -183,25 +183,8 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
         Table("Fields", FIELDS, fields_table(found), words=(0, -1)),
         margins_table(found),
         Code("Run it", f"ballplate run circle --set parameters={folder / FRAGMENT}"),
-        Text(
-            [_about(found)],
-            "The tune",
-            "As data: tune.json beside this page; the tuned controller: tuned.toml.",
-        ),
+        Text(["As data: tune.json beside this page; the tuned controller: tuned.toml."]),
     ]
     write_whole(folder / FRAGMENT, toml(tuned, head))
     write_json(folder / "tune.json", found.as_dict() | {"settings": tuned})
     page.write(folder / "report.html", found.tune.title, blocks)
-
-
-def _about(found: TuneResult) -> str:
-    tune = found.tune
-    tasks = ", ".join(f"{task.name} ({task.scenario})" for task in tune.tasks)
-    judged = ", ".join(tune.verdict) or "the scenarios' plant"
-    return (
-        f"Tasks: {tasks}. A rig costs the mean over them of indicator / scale. All candidates met "
-        f"the same rigs and noise: rungs of {', '.join(map(str, tune.rigs))} rigs, one in "
-        f"{tune.eta} goes on. Searched with {', '.join(tune.search)}; the best {tune.finalists} "
-        f"and the beginning compared, and the certificate given, with {judged}. "
-        f"{found.runs} runs. Overrides of all runs: {', '.join(tune.set) or 'none'}."
-    )
