@@ -30,8 +30,8 @@ def begun(kind, scenario, stack):
         from twin.shadow import report
         from twin.view import live_process, recording
         if kind == "shadow":
-            return live_process.LiveProcess(report.work, (scenario,))
-        about = (scenario, "run", "rerun+http://127.0.0.1:1/proxy")
+            return live_process.LiveProcess(report.work, (scenario, None))
+        about = (scenario, "run", "rerun+http://127.0.0.1:1/proxy", None, False)
         return live_process.LiveProcess(recording.work, about)
 
 if __name__ == "__main__":

@@ -14,12 +14,13 @@ from twin.cli.understand import shadow as shadow_command
 from twin.identify.logs import read
 from twin.identify.prepare import prepare
 from twin.run.finished import open_run
+from twin.scenario import load
 from twin.shadow import follow
 from twin.shadow.alarms import Alarm, Cause
 from twin.shadow.evidence import Evidence
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
-from twin.shadow.report import Commentary, examine
+from twin.shadow.report import Commentary, TwinStream, examine
 
 SETTINGS = (
     "plant.kind=lagrange",
@@ -35,7 +36,8 @@ def replays(error, time):
     count = len(error)
     spread = np.broadcast_to(1e-6 * np.eye(2), (count, 2, 2))
     told = np.ones(count, bool)
-    return Replays(np.asarray(time), np.asarray(error), spread, told)
+    path = np.zeros((count, 51, 2)) + np.arange(51)[:, None] / 1000
+    return Replays(np.asarray(time), np.asarray(error), spread, told, path)
 
 
 class Scripted:
@@ -64,23 +66,30 @@ class Scripted:
 
 
 def test_an_alarm_is_one_line_and_its_causes_are_one_when_they_are_settled():
-    lines = []
+    lines, drawn = [], []
     commentary = Commentary(Scripted(), lines.append)
+    tell = lambda found, events: drawn.append((len(found.time), events))  # noqa: E731
     for _ in range(2):
-        commentary.take({"time": np.zeros(1)})
-    commentary.end(0)
+        commentary.take({"time": np.zeros(1)}, tell)
+    commentary.end(tell, 0)
     alarms = [line for line in lines if "alarm" in line]
     assert alarms == [
         "twin: alarm at 17.0 s: reality has left the model; causes at 33 s",
         "twin: alarm at 17.0 s, since about 15.5 s: level (phi +0.100 deg)",
     ]
     assert any("score 1.20 (1: as predicted), 100 % of 10 replays" in line for line in lines)
+    assert [count for count, _ in drawn] == [10, 10, 10]  # every replay is drawn once
+    assert [time for time, _ in drawn[1][1]] == [17.0]
 
 
 def test_the_band_that_is_drawn_is_the_band_of_the_verdict():
     run = replays([[1e-3, 0.0], [2.4e-3, 0.0], [2.5e-3, 0.0]], [0.0, 1.0, 2.0])
     assert ((run.distance <= run.band) == (run.square <= BAND)).all()
     assert run.band == pytest.approx(np.sqrt(BAND) / 1000)  # in every direction
+    batches = {each.entity: each for each in TwinStream("a", load("circle")).batches(run, [])}
+    assert batches["/a/twin_error_mm/band"].time.tolist() == [1, 2, 3]
+    ball = batches["/a/mechanism/cardan/plate/twin_ball"]
+    assert ball.time[[0, 50, 51]] == pytest.approx([0.0, 1.0, 1.0])
 
 
 @pytest.fixture(scope="module")

@@ -92,7 +92,7 @@ def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
 @pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
 def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, blow):
     chosen = scenario("duration=1")
-    with closing(LiveProcess(report.work, (chosen,))) as tap:
+    with closing(LiveProcess(report.work, (chosen, None))) as tap:
         assert tap.begun()
         os.kill(tap._process.pid, blow)
         begin = time.monotonic()
@@ -134,7 +134,7 @@ def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
         port = silent.getsockname()[1]
         url = f"rerun+http://127.0.0.1:{port}/proxy"
         chosen = scenario("duration=1")
-        shown = LiveProcess(recording.work, (chosen, "run", url))
+        shown = LiveProcess(recording.work, (chosen, "run", url, None, False))
         try:
             watched = run(chosen, watch=shown.watch)
             shown.finish(wait=0.5)
@@ -177,7 +177,7 @@ def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
     write(tmp_path / "other.rrd", open_run(tmp_path / "other"))
     try:
         with headless(tmp_path / "other.rrd") as (client, url):
-            shown = LiveProcess(recording.work, (chosen, "live", url))
+            shown = LiveProcess(recording.work, (chosen, "live", url, None, False))
             try:
                 run(chosen, watch=shown.watch)
                 assert shown.finish(wait=20)

@@ -9,6 +9,7 @@ from contextlib import ExitStack, closing, contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 import click
 from click.shell_completion import CompletionItem, get_completion_class
@@ -320,6 +321,7 @@ class Viewing:
         if self.learn and not self.shadow:
             raise ScenarioError("--learn: only with --shadow, whose twin it is that learns")
         self._opened: Opened | None = None
+        self._url, self._recording = "", str(uuid4())
 
     @contextmanager
     def of(self, scenario: Scenario, folder: Path) -> Iterator[Attach]:
@@ -332,7 +334,7 @@ class Viewing:
         with ExitStack() as running:
             view = self._open(scenario, folder.name)
             shown = view and running.enter_context(closing(view))
-            twin = self._twin(scenario) if self.shadow else None
+            twin = self._twin(scenario, folder.name) if self.shadow else None
             shadow = twin and running.enter_context(closing(twin))
 
             def watch(recorder: Recorder) -> None:
@@ -347,12 +349,13 @@ class Viewing:
             elif shown is not None and shown.dropped:
                 warn(f"the view missed {shown.dropped} rows; the record has them all")
 
-    def _twin(self, scenario: Scenario) -> LiveProcess:
-        """Start the twin beside the run."""
+    def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
+        """Start the twin beside the run, drawn in the view if there is one."""
         from twin.shadow import report
         from twin.view.live_process import LiveProcess
 
-        return LiveProcess(report.work, (scenario, self.learn))
+        shown = report.Shown(self._url, self._recording, name) if self._url else None
+        return LiveProcess(report.work, (scenario, shown, self.learn))
 
     def keep(self) -> None:
         """Keep a page until Ctrl-C."""
@@ -374,7 +377,9 @@ class Viewing:
             return None
         if self._opened.page:
             click.echo(f"open {self._opened.page} in a browser", err=True)
-        return LiveProcess(recording.work, (scenario, name, self._opened.url))
+        self._url = self._opened.url
+        shown = (scenario, name, self._url, self._recording, self.shadow)
+        return LiveProcess(recording.work, shown)
 
 
 def VIEWING(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  an option, like JSON

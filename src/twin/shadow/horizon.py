@@ -166,8 +166,8 @@ KAPPA = 1.0
 
 def _replayed(
     before: Windows, windows: Windows, belief: Belief, period: float
-) -> tuple[Array, Array]:
-    """How far the balls are from where their twins are in the end.
+) -> tuple[Array, Array, Array]:
+    """How far the balls are from where their twins are in the end, and how the twins went.
 
     Args:
         before: The windows up to the starts.
@@ -177,7 +177,7 @@ def _replayed(
 
     Returns:
         Error in m, shape (W, 2), NaN without a sample; predicted covariance of it in m^2, shape
-        (W, 2, 2).
+        (W, 2, 2); places of the twins at every step from the start to the horizon, (W, N, 2).
     """
     points, weights = _sigma_points(before, belief)
     whole = belief.problem(windows)
@@ -194,12 +194,12 @@ def _replayed(
     noise = 1 / np.maximum(windows.weight[rows, sample], 1e-12) ** 2
     spread = np.einsum("c,cwi,cwj->wij", weights, off, off) + noise[..., None] * np.eye(2)
     # the smoothed state is that at the begin of the windows, LOOKBACK before the start
-    gone = LOOKBACK + AHEAD
+    first, gone = round(LOOKBACK / STEP), LOOKBACK + AHEAD
     steps = round(gone / STEP) + 1
     way = np.einsum("c,nicw->niw", weights, speeds[:steps])
     spread += unforeseen(forces(belief, way), gone)
     error = np.where(near[:, None], windows.ball[rows, sample] - middle, np.nan)
-    return error, spread
+    return error, spread, np.einsum("c,nicw->wni", weights, places[first:steps])
 
 
 def _sigma_points(before: Windows, belief: Belief) -> tuple[tuple[Array, Array], Array]:
@@ -223,6 +223,8 @@ def _sigma_points(before: Windows, belief: Belief) -> tuple[tuple[Array, Array],
 
 MEDIAN, BAND = 2 * np.log(2.0), 5.991
 """Median and 95 % quantile of a chi-square of two degrees of freedom."""
+DRAWN = 5
+"""Steps of a replay from one point of its path that is kept to the next."""
 
 
 class Replays(NamedTuple):
@@ -233,12 +235,14 @@ class Replays(NamedTuple):
         error: Measured ball minus replay at the horizon, m, shape (W, 2); NaN without a sample.
         spread: Predicted covariance of it, m^2, shape (W, 2, 2).
         told: Whether the ball moved, so that the replay can tell anything, shape (W,).
+        path: Where the twin's ball is from the start on, every ``DRAWN`` steps, m, shape (W, N, 2).
     """
 
     time: Array
     error: Array
     spread: Array
     told: Mask
+    path: Array
 
     def take(self, which: Mask) -> Replays:
         """Some of them."""
@@ -313,9 +317,9 @@ def replays(
         _replayed(before.take(part), after.take(part), belief, log.sample_period)
         for part in portions(len(start))
     ]
-    error, spread = (np.concatenate(each) for each in zip(*parts, strict=True))
+    error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))
     told = _moving(log, start) & clear(start - LEAD - LOOKBACK, start + AHEAD, gaps)
-    return Replays(start, error, spread, told)
+    return Replays(start, error, spread, told, path[:, ::DRAWN])
 
 
 def _moving(log: PreparedLog, start: Array) -> Mask:

@@ -1,29 +1,126 @@
-"""What is told of a shadow: beside a run in progress, in words, as a page."""
+"""What is told of a shadow: beside a run in progress, in the viewer, in words, as a page."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import rerun as rr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.identify.logs import read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges
+from twin.identify.windows import STEP
 from twin.page import Block, Picture, Text, Verdict, html
+from twin.run.assemble import drawn_mechanism
 from twin.run.files import run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm
 from twin.shadow.belief import believed, beside, check_commands
 from twin.shadow.follow import LEARNING, MARGIN, SETTLING, LiveFollower, Shadow, shadow
-from twin.shadow.horizon import AHEAD
+from twin.shadow.horizon import AHEAD, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
+from twin.view.recording import fix, new_stream, send
+from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, Scene, in_view, line, told
 from twin.writing import write_json, write_whole
+
+Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
+"""Is given new replays, and times and texts of what happened."""
+
+
+class Shown(NamedTuple):
+    """Where the twin is drawn beside the run: the viewer, its recording, the run's name there."""
+
+    url: str
+    recording: str
+    name: str
+
+
+GHOST = (204, 121, 167, 150)
+"""Colour of the twin's ball, half transparent."""
+
+
+class TwinStream:
+    """The twin of one run, drawn among the run's entities.
+
+    Args:
+        name: The run's name, the root of its entities.
+        scenario: What is run.
+    """
+
+    def __init__(self, name: str, scenario: Scenario) -> None:
+        self.root = f"/{rr.escape_entity_path_part(name)}"
+        self._scene = Scene(drawn_mechanism(scenario), f"{self.root}/mechanism")
+        self._ball = f"{self._scene.plate}/twin_ball"
+
+    def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
+        """What does not change: the ghost's shape, and the looks of the lines."""
+        radius = self._scene.radius
+        solid = rr.components.FillMode.Solid
+        yield (
+            f"{self._ball}/ball",
+            rr.Ellipsoids3D(half_sizes=[3 * [radius]], colors=[GHOST], fill_mode=solid),
+        )
+        yield (
+            f"{self.root}/plate_mm/twin",
+            rr.Points2D.from_fields(colors=[GHOST], radii=[9.0]),
+        )
+        for entity, colour, called in (
+            ("twin_score/score", VERMILION, "score"),
+            ("twin_error_mm/distance", GREY, "distance"),
+        ):
+            look = {"colors": [colour], "marker_sizes": [4.0], "markers": ["circle"]}
+            yield f"{self.root}/{entity}", rr.SeriesPoints(names=[called], **look)
+        yield f"{self.root}/twin_score/as_predicted", line(BLACK, 1.2, "as predicted")
+        yield f"{self.root}/twin_error_mm/band", line(PINK, 1.2, "95 % band")
+
+    def batches(self, said: Replays | None, events: Sequence[tuple[float, str]]) -> Iterator[Batch]:
+        """What is new, as columns for the viewer.
+
+        Args:
+            said: Of replays; None for nothing.
+            events: Time in s and text of what happened.
+        """
+        if said is not None and len(said.time):
+            run, end = said.take(said.counted), said.time[said.counted] + AHEAD
+            for entity, values in (
+                ("twin_score/score", run.score),
+                ("twin_score/as_predicted", np.ones(len(end))),
+                ("twin_error_mm/distance", 1000 * run.distance),
+                ("twin_error_mm/band", 1000 * run.band),
+            ):
+                yield Batch(f"{self.root}/{entity}", end, rr.Scalars.columns(scalars=values))
+            steps = DRAWN * STEP * np.arange(said.path.shape[1])
+            time = (said.time[:, None] + steps).ravel()
+            ball = said.path.reshape(-1, 2)
+            high = np.full(len(ball), self._scene.surface + self._scene.radius)
+            place = rr.Transform3D.columns(translation=np.column_stack((ball, high)))
+            yield Batch(self._ball, time, place)
+            above = rr.Points2D.columns(positions=in_view(ball))
+            yield Batch(f"{self.root}/plate_mm/twin", time, above)
+        yield from told(self.root, events, "WARN")
+
+
+def drawing(scenario: Scenario, shown: Shown) -> Tell:
+    """What draws the twin of a run, told what is new."""
+    twin = TwinStream(shown.name, scenario)
+    stream = new_stream(shown.name, shown.recording)
+    stream.connect_grpc(shown.url)
+    fix(stream, twin.fixed())
+
+    def tell(replays: Replays | None, events: list[tuple[float, str]]) -> None:
+        send(stream, twin.batches(replays, events))
+        stream.flush()
+
+    return tell
+
 
 ALARM = COLOURS[1]
 
@@ -199,15 +296,17 @@ SCORE_EVERY = 10.0
 """Seconds of the run between two lines with its score."""
 
 
-def work(buffer: Address, scenario: Scenario, learning: bool = False) -> None:
+def work(buffer: Address, scenario: Scenario, shown: Shown | None, learning: bool = False) -> None:
     """Ask the twin until the writer has ended, or is gone; the body of the process.
 
     Args:
         buffer: Where the rows come from.
         scenario: What is run.
+        shown: Where the twin is drawn; None for nowhere.
         learning: Whether it learns before it judges.
     """
     step_back()
+    tell: Tell = (lambda _, __: None) if shown is None else drawing(scenario, shown)
     follower = LiveFollower(scenario, "the run", learning=learning)
     if learning:
         _print(f"twin: learns for {LEARNING:g} s before it judges")
@@ -215,8 +314,8 @@ def work(buffer: Address, scenario: Scenario, learning: bool = False) -> None:
     with closing(SharedRingBuffer(*buffer)) as ring:
         for block in ring.blocks(EVERY, MOST):
             if block:
-                commentary.take(block)
-        commentary.end(ring.dropped)
+                commentary.take(block, tell)
+        commentary.end(tell, ring.dropped)
 
 
 class Commentary:
@@ -229,40 +328,56 @@ class Commentary:
 
     def __init__(self, follower: LiveFollower, line: Callable[[str], None]) -> None:
         self._follower, self._line = follower, line
-        self._alarms, self._scored, self._taught = 0, 0.0, ""
+        self._replays, self._alarms, self._scored, self._taught = 0, 0, 0.0, ""
 
-    def take(self, rows: dict[str, np.ndarray]) -> None:
+    def take(self, rows: dict[str, np.ndarray], tell: Tell) -> None:
         """Take in rows, and ask the twin if it is time, more than once if they are many.
 
         Args:
             rows: Columns of the record, shape (K,) each.
+            tell: Is told what is new.
         """
         period = self._follower.period
         every = max(1, round(1.0 / period))
         for first in range(0, len(rows["time"]), every):
             part = {name: values[first : first + every] for name, values in rows.items()}
             if self._follower.take(part):
-                self._say(self._follower.ask())
+                self._say(self._follower.ask(), tell)
 
-    def end(self, dropped: int) -> None:
-        """Say what is left to be said, and how many rows were missed."""
-        self._say(self._follower.ask(whole=True))
+    def end(self, tell: Tell, dropped: int) -> None:
+        """Say what is left to be said.
+
+        Args:
+            tell: Is told what is new.
+            dropped: Rows that were missed.
+        """
+        self._say(self._follower.ask(whole=True), tell)
         self._score(0.0)
         if dropped:
             self._line(f"twin: missed {dropped} rows of the run; its page has them all")
 
-    def _say(self, explained: list[Alarm]) -> None:
+    def _say(self, explained: list[Alarm], tell: Tell) -> None:
         said = self._follower.said
         if said.taught != self._taught:
             self._taught = said.taught
             self._line(f"twin: {said.taught}")
+        events = []
         for alarm in said.alarms[self._alarms :]:
             left = "" if alarm.causes else f"; causes at {alarm.time + SETTLING + MARGIN:.0f} s"
-            self._line(f"twin: alarm at {alarm.time:.1f} s: reality has left the model{left}")
-        for alarm in explained:
-            self._line(f"twin: alarm at {alarm.words}")
+            events.append(
+                (alarm.time, f"alarm at {alarm.time:.1f} s: reality has left the model{left}")
+            )
+        events += [(alarm.time, f"alarm at {alarm.words}") for alarm in explained]
         self._alarms = len(said.alarms)
+        for _, text in events:
+            self._line(f"twin: {text}")
+        new = None
+        if said.replays is not None:
+            which = np.arange(len(said.replays.time)) >= self._replays
+            self._replays = len(which)
+            new = said.replays.take(which)
         self._score(SCORE_EVERY)
+        tell(new, events)
 
     def _score(self, every: float) -> None:
         """A line with the score since the last one, if that is long enough ago."""

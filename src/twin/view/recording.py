@@ -20,6 +20,8 @@ from twin.view.streams import (
     BUS_UNITS,
     PLOTS,
     TIMELINE,
+    TWIN_PLOTS,
+    TWIN_RANGE,
     Batch,
     RunStream,
     bus_batches,
@@ -77,6 +79,7 @@ def _plots(
             name=title,
             background=rrb.archetypes.PlotBackground(color=GROUND),
             axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+            axis_y=rrb.ScalarAxis(range=TWIN_RANGE) if entity in TWIN_PLOTS else None,
         )
         for entity, title in titles.items()
         if entity in groups
@@ -122,9 +125,14 @@ def _events(roots: Sequence[str], entity: str = "events") -> rrb.TextLogView:
 APPLICATION = "ballplate"
 
 
-def new_stream(name: str) -> rr.RecordingStream:
-    """A stream of our application, called so; what it is connected to is the caller's choice."""
-    stream = rr.RecordingStream(APPLICATION)
+def new_stream(name: str, recording: str | None = None) -> rr.RecordingStream:
+    """A stream of our application; what it is connected to is the caller's choice.
+
+    Args:
+        name: What the recording is called.
+        recording: Its identity, if several processes add to it.
+    """
+    stream = rr.RecordingStream(APPLICATION, recording_id=recording)
     stream.send_recording_name(name)
     return stream
 
@@ -188,7 +196,9 @@ MOST = 2000
 """Rows sent at a time, so that a view that is behind a fast run still moves."""
 
 
-def work(buffer: Address, scenario: Scenario, name: str, url: str) -> None:
+def work(
+    buffer: Address, scenario: Scenario, name: str, url: str, recording: str | None, twin: bool
+) -> None:
     """Show a run live: send rows until the writer has ended, or is gone; the body of the process.
 
     Args:
@@ -196,17 +206,22 @@ def work(buffer: Address, scenario: Scenario, name: str, url: str) -> None:
         scenario: What is run.
         name: What the run is called.
         url: Address of the viewer, or of the server of a page.
+        recording: Identity of the recording, if another process adds to it.
+        twin: Whether that is the run's twin, which then has plots.
     """
     step_back()
     os.environ.update(environment())
     with closing(SharedRingBuffer(*buffer)) as ring:
-        stream, run = new_stream(name), RunStream(name, scenario)
+        stream, run = new_stream(name, recording), RunStream(name, scenario)
         begun = False
         for block in ring.blocks(EVERY, MOST):
             if not block or not len(block["time"]):
                 continue
             if not begun:
-                stream.connect_grpc(url, default_blueprint=_plan([run], [block]))
+                plan = _plan([run], [block], TWIN_PLOTS if twin else ())
+                stream.connect_grpc(url, default_blueprint=plan)
+                if twin:  # whose process may have come first, and the viewer made its own plan
+                    stream.send_blueprint(plan, make_active=True, make_default=True)
                 fix(stream, (*run.fixed(), *run.styles(block)))
                 begun = True
             send(stream, run.batches(block))

@@ -456,7 +456,7 @@ class RunStream:
             began = np.flatnonzero(np.diff(mask.astype(int), prepend=self._marks.get(what, 0)) > 0)
             self._marks[what] = bool(mask[-1])
             events += [(time[k], what) for k in began[:20]]
-        yield from told(self.root, sorted(events, key=lambda event: event[0]))
+        yield from told(self.root, sorted(events, key=lambda event: event[0]), "INFO")
 
     def _moving(self, rows: Mapping[str, Array], turns: Array) -> Iterator[Batch]:
         time, state = rows["time"], states_of(rows)
@@ -501,12 +501,19 @@ def line(colour: Colour, width: float, called: str) -> rr.AsComponents:
     return rr.SeriesLines(colors=[colour], widths=[width], names=[called])
 
 
-def told(root: str, events: Sequence[tuple[float, str]]) -> Iterator[Batch]:
+def told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterator[Batch]:
     """Times in s and texts of what happened, if anything did."""
     if events:
         times, texts = zip(*events, strict=True)
-        lines = rr.TextLog.columns(text=texts, level=["INFO"] * len(events))
+        lines = rr.TextLog.columns(text=texts, level=[level] * len(events))
         yield Batch(f"{root}/events", np.array(times), lines)
+
+
+TWIN_PLOTS = ("twin_score", "twin_error_mm")
+"""Groups of the plots of the twin."""
+
+TWIN_RANGE = (-0.4, 12.0)
+"""What their axes show: where a ball may or may not stop, its band is as wide as the plate."""
 
 
 BUS_UNITS = {"rad/s": "bus_rad_per_s", "rad": "bus_rad"}
