@@ -28,7 +28,7 @@ from controllers.arrays import (
     square_of,
     together,
 )
-from controllers.ballplate import SIGN, BallPlate
+from controllers.ballplate import LONGEST_LAG, SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 
 
@@ -609,8 +609,6 @@ def flat_axis(model: BallPlate) -> tuple[Array, Array]:
     return A, B
 
 
-LONGEST_LAG = 0.03
-"""Lag of drives in s up to which the gain is known that is not told."""
 FAR = 0.025
 """Error of eta in m from which on a ball has been pushed: no start on a path has as much."""
 LEAVING, RETURNING = 0.01, 0.05
@@ -636,8 +634,9 @@ class StableInversion(AboutMotion):
 
     Drives with a lag T, told (``BallPlate.lag``) or found by the observer, turn the plate at a rate
     a' that follows the commanded one w, a'' = (w - a') / T. The regulator is then that of
-    (eta, eta', a, a', w) under w', about w* = a*' + T a*''; its gain is a cubic of a T that is
-    found.
+    (eta, eta', a, a', w) under w', about w* = a*' + T a*''. A lag that is found counts while the
+    ball is to move: where it is to rest it may stick, and comes free sooner on a plate that swings
+    in the play of its drives, as it does where the lag is left out.
 
     A ball that was pushed is braked first and brought back then. Of an error of eta that grows
     beyond ``FAR`` no more than ``LEAVING`` is fed back: the slope that the rest would ask for comes
@@ -701,16 +700,21 @@ class StableInversion(AboutMotion):
         """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
         rows, k1 = now.x.reshape(-1, 8), self.model.k1
         x, (F, *known, lag) = components(rows), components(now.needed.reshape(-1, 6))
-        K, late = self._gains_for(lag)
+        motion, planned = now.plan.at(now.time), 1.0
+        if self.resting_speed:
+            share = motion[0].pace / self.resting_speed**2
+            planned = share * share / (1 + share * share)
+        if self.model.lag:
+            lag, K = self.model.lag, self.K.tolist()
+        else:  # a resting ball is better off with a plate that swings in the play of its drives
+            K, lag = self._gains_for(lag, planned), planned * lag
         sqrt, vx, vy, u = (NUMBERS if len(rows) == 1 else ARRAYS).sqrt, x[1], x[5], []
         length = sqrt(vx * vx + vy * vy + self.smooth**2)
-        for axis, wanted in enumerate(now.plan.at(now.time)):
+        for axis, wanted in enumerate(motion):
             d, gain, sign = known[axis], 1 + known[2 + axis], (1.0, -1.0)[axis]
             ball, v, angle, rate = x[4 * axis : 4 * axis + 4]
-            free, drag, planned = wanted.free, wanted.drag, 1.0
+            free, drag = wanted.free, wanted.drag
             if self.resting_speed:  # as planned, at rest by the ball's own heading
-                share = wanted.pace / self.resting_speed**2
-                planned = share * share / (1 + share * share)
                 own = (1 - planned) * v / (length * k1)
                 drag = Tilts(planned * drag[0] + own, planned * drag[1], planned * drag[2])
             slope = Tilts(
@@ -720,7 +724,7 @@ class StableInversion(AboutMotion):
             )
             seen = ball, v, sign * angle, sign * rate
             asked = self._about(K, seen, (wanted.position, wanted.velocity), slope)
-            if late:
+            if len(K) > 4:
                 commanded = sign * numbers(now.rate[..., axis])
                 jerk = (wanted.jerk[0] + F * planned * wanted.jerk[1]) / gain
                 ahead = commanded - slope.rate - lag * slope.acceleration
@@ -728,17 +732,16 @@ class StableInversion(AboutMotion):
             u.append(sign * asked)
         return together(u, len(rows)).reshape(now.rate.shape)
 
-    def _gains_for(self, lag: Any) -> tuple[Sequence[Any], bool]:
-        """K for drives with a lag in s, a component, and whether any has one."""
+    def _gains_for(self, lag: Any, planned: Any) -> Sequence[Any]:
+        """K for drives with a lag in s while the ball is to move, by how much it is planned to."""
         K: Sequence[Any] = self.K.tolist()
-        if self.model.lag:
-            return K, True
         if not np.any(lag):
-            return K, False
-        some = [a + lag * (b + lag * (c + lag * d)) for a, b, c, d in zip(*self._cubic, strict=True)]
-        if isinstance(lag, float):
-            return some, True
-        return [np.where(lag > 0, *each) for each in zip(some, (*K, 0.0), strict=True)], True
+            return K
+        planned, cubic = planned * (lag > 0), zip(*self._cubic, strict=True)
+        return [
+            k + planned * (a + lag * (b + lag * (c + lag * d)) - k)
+            for k, (a, b, c, d) in zip((*K, 0.0), cubic, strict=True)
+        ]
 
     def _pull(self, eta: Any, rate: Any) -> Any:
         """The error of eta within bounds; the same bits where it does not reach them."""

@@ -18,7 +18,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from controllers.arrays import ARRAYS, NUMBERS, Arithmetic, Array, Positive, components, numbers, together
-from controllers.ballplate import SIGN, BallPlate
+from controllers.ballplate import LONGEST_LAG, SIGN, BallPlate
 from controllers.interfaces import DelayedObserver, Measurement
 
 SUBSTEP = 0.011
@@ -339,10 +339,6 @@ class DriveLag:
     def predict(self, told: Sequence[Any]) -> None:
         """One period at commanded rates in rad/s."""
         self._turned = [a + self._period * w for a, w in zip(self._turned, told, strict=True)]
-
-
-LONGEST_LAG = 0.03
-"""Lag in s that is found at most."""
 
 
 @dataclass(kw_only=True)
