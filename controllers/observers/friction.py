@@ -244,7 +244,7 @@ class FrictionKalman(LateBall):
 
     @property
     def further(self) -> Array:
-        """Friction, disturbance, tilt gain and their spreads, and lag as ``KNOWN``, shape (..., 9)."""
+        """What is ``KNOWN`` of friction, disturbance, tilt gain and lag, shape (..., 9)."""
         by, (_, _, _, _, dx, dy, kx, ky, friction) = self._by, self._now.s
         along, across, variance = components(diagonal(self._P)[:, 6:])
         variance = by.most(variance + self._varies(), 0.0)  # a map is rounded

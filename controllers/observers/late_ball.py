@@ -17,7 +17,16 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from controllers.arrays import ARRAYS, NUMBERS, Arithmetic, Array, Positive, components, numbers, together
+from controllers.arrays import (
+    ARRAYS,
+    NUMBERS,
+    Arithmetic,
+    Array,
+    Positive,
+    components,
+    numbers,
+    together,
+)
 from controllers.ballplate import LONGEST_LAG, SIGN, BallPlate
 from controllers.interfaces import DelayedObserver, Measurement
 
@@ -322,9 +331,9 @@ class DriveLag:
         """T in s, once angles in rad are measured, at rates in rad/s as the drives followed."""
         by, share = self._by, self._period / CHANGE
         squares, products = self._squares, self._products
-        for axis, (way, slow_behind, slow_rate) in enumerate(self._axes):
+        for axis, (turned, slow_behind, slow_rate) in enumerate(self._axes):
             r, behind = rate[axis], self._turned[axis] - measured[axis]
-            way = by.where(way * r < 0, 0.0, way) + self._period * r
+            way = by.where(turned * r < 0, 0.0, turned) + self._period * r
             engaged = abs(way) > GAP
             b, c = engaged * (behind - slow_behind), engaged * (r - slow_rate)
             squares, products = squares + c * c, products + b * c
