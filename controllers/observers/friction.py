@@ -168,7 +168,8 @@ class FrictionKalman(LateBall):
 
     A law is given the plate's angle and rate as a slow estimate from the commanded rate and the
     encoders (``SlowPlate``): slower than the plate's resonances at 13 and 19 Hz, but fast enough
-    to see a plate that stands still in the play of its drive. The ``equivalent`` angles have
+    to see a plate that stands still in the play of its drive. The lag with which the drives follow
+    the commanded rate is found, if it is not told (``DriveLag``). The ``equivalent`` angles have
     friction and disturbance in them,
 
         phi_eq = (1 + kappa) phi + (d - F v / |v|) / k1,
