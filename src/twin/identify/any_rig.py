@@ -13,17 +13,21 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify import judged
+from twin.identify.drives import DRIVEN
 from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain_model import (
     PAYS,
     SMOOTH,
     AxisFit,
+    Profile,
     axis_predicted,
     beginnings,
     crossed,
     fit_axis,
     predicting,
+    profiled,
+    with_drives,
 )
 from twin.identify.search import Estimate
 
@@ -251,7 +255,9 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
         fit = fit_axis(log, chosen, longest, (0.0 if log.held else -0.5, 1.0))
         notes.append("dead time at a bound, which was widened to 1 s")
     if not names:
-        fit = _richer(fit, longest, notes)
+        fit = _richer(_driven(fit, longest, notes) if log.held else fit, longest, notes)
+    if log.held:
+        fit = profiled(fit)
     try:
         brief = fit.again(fit.log, fit.problem.names, BRIEFER * longest)
     except LogError:
@@ -270,21 +276,39 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     return fit, notes
 
 
+def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
+    """The fit with what shows of its drives, beside anything else that may act, where it pays."""
+    own = fit.problem.names
+    rich = with_drives(fit.again(fit.log, (*own, *OPTIONAL), longest), longest)
+    new = tuple(name for name in DRIVEN if name in rich.problem.names)
+    what = " and ".join(PLAIN[name].key for name in new)
+    least = crossed(fit, own, longest) if new else 0.0
+    names = (*own, *new)
+    if new and _pays(crossed(rich, names, longest), PAYS, least, f"{what} of the drives", notes):
+        return rich.again(fit.log, names, longest)
+    return fit
+
+
 def _richer(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
     """The fit with the parameters that pay beside its own, which are said."""
     own = chosen = fit.problem.names
-    best = crossed(fit, chosen, longest)
+    best, share = crossed(fit, chosen, longest), 1.0 if fit.problem.drift else PAYS
     for name in OPTIONAL:
-        if name in chosen:
-            continue
-        left = crossed(fit, (*chosen, name), longest)
-        if left < (1.0 if fit.problem.drift else PAYS) * best:
-            notes.append(
-                f"{name} fitted along: with it one half of the log predicts the other to "
-                f"{1000 * left:.1f} mm, without it to {1000 * best:.1f} mm"
-            )
-            chosen, best = (*chosen, name), left
+        if name not in chosen:
+            left = crossed(fit, (*chosen, name), longest)
+            if _pays(left, share, best, name, notes):
+                chosen, best = (*chosen, name), left
     return fit.again(fit.log, chosen, longest) if chosen != own else fit
+
+
+def _pays(left: float, share: float, of: float, what: str, notes: list[str]) -> bool:
+    """Whether what is left of an error with something is less than a share of it; it is said."""
+    if pays := left < share * of:
+        notes.append(
+            f"{what} fitted along: with it one half of the log predicts the other to "
+            f"{1000 * left:.1f} mm, without it to {1000 * of:.1f} mm"
+        )
+    return pays
 
 
 def _about(name: str, unit: str) -> IdentifiedParameter:
@@ -317,7 +341,8 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):
-        scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
+        swing = fit.problem.tilt.scale
+        scale = {"gain": 1 / swing, "dead_band": swing, "play": swing}.get(name, 1.0)
         others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
         values = (own.value[k], low[k], high[k])
         if name == "delay":
@@ -325,8 +350,28 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         else:
             about = _about(name, unit)
         verdict = _verdict(about, f"{name}_{axis}", values, ends[k], reasons[k], others, scale)
+        if name == "slew":
+            verdict = _as_slew(verdict, swing)
         found.insert(3 if name == "delay" else k, verdict)
-    return found
+    return found + [_none(each, axis, swing) for each in fit.profiles if each.name not in names]
+
+
+def _as_slew(found: judged.ParameterVerdict, swing: float) -> judged.ParameterVerdict:
+    """A verdict of seconds by swing as one of swings by second."""
+    low, value, high = (
+        swing / end if end else None for end in (found.high, found.value, found.low)
+    )
+    return replace(found, value=value, low=low, high=high)
+
+
+def _none(found: Profile, axis: str, swing: float) -> judged.ParameterVerdict:
+    """The verdict of what the log does not show of its drives: how much of it there may be."""
+    about = PLAIN[found.name]
+    most = float(np.quantile(found.moved(1000)[found.name], judged.SURE)) or found.theta[1, -1]
+    verdict = judged.ParameterVerdict.unknown(about, f"{found.name}_{axis}", "not told from none")
+    if found.name == "slew":
+        return replace(verdict, low=swing / most)
+    return replace(verdict, low=0.0, high=swing * most)
 
 
 def _told_together(fit: AxisFit) -> Estimate:

@@ -17,6 +17,8 @@ from twin.page import digits
 IDENTIFIED, BOUNDED, NOT = "identified", "bounded", "not identifiable"
 REJECTED = "model rejected"
 """What is fitted to a log that the model does not explain: a value, but nothing known of it."""
+SURE = 0.95
+"""Share of what is drawn that a bound holds."""
 CORRELATED = 0.95
 """Correlation above which two parameters cannot be told apart."""
 
