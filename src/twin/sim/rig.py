@@ -394,6 +394,12 @@ class DriveModel:
     vibration_wander: Number = setting("plant.servo.vibration_wander", 0.0, ge=0, le=1000)
     disturbance: tuple[float, float] | Array = ramp("disturbance.variance", (0.0, 0.0), ge=0)
 
+    def servo(self, period: float, ratio: Number = 1.0, rigs: int = 1) -> PositionServo:
+        """Servos of both axes at a control period in s, a ratio above the plate's angles."""
+        about = self.slew, self.acceleration, self.deadband, self.resolution
+        each = [np.broadcast_to(np.asarray(one, float), (rigs,))[:, None] * ratio for one in about]
+        return PositionServo(*each, period)
+
 
 class SimulatedDrives:
     """Two drives of N rigs: commanded motor rates in, rates of the cam shafts out.
@@ -458,13 +464,7 @@ class SimulatedDrives:
             each(model.vibration_frequency),
             each(model.vibration_wander),
         )
-        self._servo = PositionServo(
-            each(model.slew) * ratio,
-            each(model.acceleration) * ratio,
-            each(model.deadband) * ratio,
-            each(model.resolution) * ratio,
-            period,
-        )
+        self._servo = model.servo(period, ratio, self._rigs)
         train = (
             Play(each(model.backlash) * ratio),
             Hysteresis(each(model.hysteresis) * ratio),
