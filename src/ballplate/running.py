@@ -237,16 +237,13 @@ def one_run(
         return finished.run(scenario, advance, attach, rig)
 
 
-TOLERATED = 0.03
-"""Time in s by which a rig may be later than the cure believes until its error doubles."""
-DOUBLED = (
-    "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say: at 30 ms "
-    "the cure's error is twice as large (a circle's: 1.5 to 2.9 % on hobby, 0.8 to 1.6 % on course)"
-)
+LATER = "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say", 30
+EARLIER = "the dead time is {:.0f} ms shorter than predictor.delay says", 15
+"""How a rig may differ from what the cure is told, and from how many ms on its error doubles."""
 
 
 def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
-    """Warn of an unstable loop, a slow observer, or a rig that is later than the cure believes.
+    """Warn of an unstable loop, a slow observer, or a rig that is not as late as the cure is told.
 
     Args:
         scenario: What is to run.
@@ -261,14 +258,17 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     touch = scenario.sensors.touch
     late = touch.dead_time + (0.5 / touch.frame_rate if touch.frame_rate else 0.0)  # in the middle
     corner, knows = scenario.plant.servo.bandwidth_hz, scenario.predictor
-    unknown = touch.dead_time - (knows.delay if knows else 0.0) - scenario.rig.plate_lag
-    unknown += 1 / (2 * math.pi * corner) if corner else 0.0
-    cured = scenario.controller.kind == "stable_inversion"
-    for danger in (
+    dead = touch.dead_time - (knows.delay if knows else 0.0)
+    lag = (1 / (2 * math.pi * corner) if corner else 0.0) - scenario.rig.plate_lag
+    dangers = [
         instability(controller.law, controller.observer, dead_time=late),
         slow_observer(controller.law, controller.observer),
-        DOUBLED.format(1000 * unknown) if cured and unknown > TOLERATED else None,
-    ):
+    ]
+    for (said, most), by in ((LATER, 1000 * (dead + lag)), (EARLIER, -1000 * dead)):
+        if scenario.controller.kind == "stable_inversion" and by > most:
+            doubled = f"from {most} ms on the cure's error is twice as large"
+            dangers.append(f"{said.format(by)}: {doubled}")
+    for danger in dangers:
         if danger:
             reporter.warn(f"{label}: {danger}" if label else danger)
 

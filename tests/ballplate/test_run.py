@@ -148,15 +148,28 @@ def test_a_rig_more_than_30_ms_later_than_the_cure_believes_is_a_warning():
     assert dangers("cure_afl", on, "rig.plate_lag=0.0", "controller.gains=[60,54,30,8]") == []
 
 
+def test_a_dead_time_more_than_15_ms_below_what_the_cure_is_told_is_a_warning():
+    on = "parameters=hobby"
+    assert dangers("cure", on, "predictor.delay=0.044") == []
+    (told,) = dangers("cure", on, "predictor.delay=0.046")
+    assert told.startswith("the dead time is 16 ms shorter than predictor.delay says: from 15 ms")
+    # the one does not make up for the other
+    (told,) = dangers("cure", on, "predictor.delay=0.06", "rig.plate_lag=0.03")
+    assert "30 ms shorter" in told
+    assert dangers("cure", on, "rig.plate_lag=0.1") == []  # costs nothing
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("rig", "lag", "told"), [("hobby", 60, (1.5, 2.9)), ("course", 40, (0.8, 1.6))]
+    ("rig", "lag", "delay", "told"),
+    [("hobby", 60, 0.03, (1.5, 2.9, 2.5)), ("course", 40, 0.01, (0.8, 1.6, 1.5))],
 )
-def test_the_numbers_of_that_warning_are_those_of_the_two_rigs(rig, lag, told):
+def test_from_where_on_these_warnings_come_the_error_is_about_twice_as_large(rig, lag, delay, told):
     on = [f"parameters={rig}", "baseline=false", "plant.step=0.002", "reference.omega=1.0"]
     on += ["duration=14.0", "metrics.start=7.7"]
     slower = f"plant.servo.bandwidth_hz={1000 / (2 * np.pi * (lag + 30)):.5g}"
-    scenarios = [load("cure", on), load("cure", [*on, slower])]
+    more = f"predictor.delay={delay + 0.015}"
+    scenarios = [load("cure", [*on, *off]) for off in ((), (slower,), (more,))]
     found = [simulate([each])[0]["tracking_error_percent"] for each in scenarios]
     assert [round(each, 1) for each in found] == [*told]
 

@@ -108,6 +108,10 @@ def test_a_finished_study_answers_at_once_with_the_same_words_and_as_one_json_ob
     assert "0 of them left in 0 batches" in again
     assert study("short.toml", "--processes", "1")[1] == first
     assert code == 0
-    flung = json.loads(study("short.toml", "--processes", "1", "--json")[1])["variants"]["flung"]
+    found = json.loads(study("short.toml", "--processes", "1", "--json")[1])
+    (ended,) = found["endings"]
+    assert ended.startswith("flung: 2 ")
+    assert ended in " ".join(first.split())
+    flung = found["variants"]["flung"]
     assert (flung["failed"], flung["median"]) == (2, None)
     assert flung["chance_to_fail"][1] == pytest.approx(1.0)

@@ -57,15 +57,16 @@ def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int
     from twin.study.report import compared, endings, grids
 
     about, found = done.work.study, done.answers
+    early = endings(done.work, done.rows)
     shown = (
         bold(f"{done.title}: {about.metrics[0]}"),
         *grids(about, found),
         compared(about, found),
         *done.sentences,
-        *endings(done.work, done.rows),
+        *early,
     )
     files = "report.html, figures/, rows.parquet, rows.csv"
-    show(_numbers(about, found), shown, folder, files)
+    show(_numbers(about, found) | {"endings": early}, shown, folder, files)
     return 0
 
 
