@@ -735,7 +735,7 @@ class StableInversion(AboutMotion):
     def _gains_for(self, lag: Any, planned: Any) -> Sequence[Any]:
         """K for drives with a lag in s while the ball is to move, by how much it is planned to."""
         K: Sequence[Any] = self.K.tolist()
-        if not np.any(lag):
+        if not (lag if isinstance(lag, float) else np.any(lag)):
             return K
         planned, cubic = planned * (lag > 0), zip(*self._cubic, strict=True)
         return [

@@ -279,11 +279,9 @@ class SlowPlate:
         self._bias = self._bias + self._gain[1] * error
         return self.angle, self.commanded + self._bias
 
-    def late(self, lag: Any) -> None:
-        """Take the drives to have a lag in s, a component, from now on; below a period none."""
-        # exp(-period / lag) by what gives one rig the same bits as beside others
-        left = (2 * lag - self._period) / (2 * lag + self._period)
-        self._left = left * (lag > self._period)
+    def late(self, left: Any) -> None:
+        """Take the drives to have this share of a change left after a period, a component."""
+        self._left = left
 
     def predict(self, u: Any) -> None:
         """One period under the applied acceleration in rad/s^2."""
@@ -328,7 +326,11 @@ class DriveLag:
         """T, s."""
 
     def correct(self, measured: Sequence[Any], rate: Sequence[Any]) -> Any:
-        """T in s, once angles in rad are measured, at rates in rad/s as the drives followed."""
+        """Take in angles in rad, measured at rates in rad/s as the drives followed.
+
+        Returns:
+            The share of a change of the commanded rate that is left after a period.
+        """
         by, share = self._by, self._period / CHANGE
         squares, products = self._squares, self._products
         for axis, (turned, slow_behind, slow_rate) in enumerate(self._axes):
@@ -342,8 +344,9 @@ class DriveLag:
         self._squares, self._products = squares, products = forget * squares, forget * products
         found = products / (squares + FIRM) - OWN
         sure = by.least(found, 2 * (found - UNSURE))
-        self.lag = by.least(by.most(sure, 0.0), LONGEST_LAG)
-        return self.lag
+        self.lag = lag = by.least(by.most(sure, 0.0), LONGEST_LAG)
+        # exp(-period / lag) by what gives one rig the same bits as beside others
+        return (lag > self._period) * (2 * lag - self._period) / (2 * lag + self._period)
 
     def predict(self, told: Sequence[Any]) -> None:
         """One period at commanded rates in rad/s."""
@@ -412,9 +415,9 @@ class LateBall(DelayedObserver):
         theta, theta_rate = across.correct(theta)
         commanded = along.commanded, across.commanded
         if self._drives is not None:
-            lag = self._drives.correct(measured, commanded)
-            along.late(lag)
-            across.late(lag)
+            left = self._drives.correct(measured, commanded)
+            along.late(left)
+            across.late(left)
         begin, then = self._ball.measured(measured, commanded, self._state)
         self._advance(begin, then)
         age, touched = numbers(measurement.age), numbers(measurement.touched)
