@@ -175,7 +175,7 @@ def known(seed: int) -> dict[str, Any]:
 def coverage(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Of each parameter: rigs with an interval, how many of these hold the truth, and verdicts."""
     rows = []
-    for name in SHOWN:
+    for name in filter(SHOWN.__contains__, found[0]["told"] | {"camber": None}):
         of = [(_truth(each["rig"], name), each["told"].get(name)) for each in found]
         told = [(truth, *one) for truth, one in of if one is not None and None not in one[:2]]
         held = sum(low <= truth <= high for truth, _, low, high, _ in told)
