@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import (
     AbstractContextManager,
@@ -258,14 +257,12 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
 
     with own_errors():
         controller = build_controller(scenario)
-    touch = scenario.sensors.touch
-    late = touch.dead_time + (0.5 / touch.frame_rate if touch.frame_rate else 0.0)  # in the middle
-    corner, knows = scenario.plant.servo.bandwidth_hz, scenario.predictor
-    unknown = touch.dead_time - (knows.delay if knows else 0.0) - scenario.rig.plate_lag
-    unknown += 1 / (2 * math.pi * corner) if corner else 0.0
+    (late, lag), knows = scenario.lateness, scenario.predictor
+    unknown = scenario.sensors.touch.dead_time + lag - scenario.rig.plate_lag
+    unknown -= knows.delay if knows else 0.0
     cured = scenario.controller.kind == "stable_inversion"
     for danger in (
-        instability(controller.law, controller.observer, dead_time=late),
+        instability(controller.law, controller.observer, dead_time=late, lag=lag),
         slow_observer(controller.law, controller.observer),
         DOUBLED.format(1000 * unknown) if cured and unknown > TOLERATED else None,
     ):
