@@ -608,6 +608,13 @@ class Scenario(Section):
         return dataclasses.replace(ball, lag=self.rig.plate_lag, **given)
 
     @property
+    def lateness(self) -> tuple[float, float]:
+        """How late the ball is seen, the mean wait for a frame with it, and the drives' lag, s."""
+        touch, corner = self.sensors.touch, self.plant.servo.bandwidth_hz
+        wait = 0.5 / touch.frame_rate if touch.frame_rate else 0.0
+        return touch.dead_time + wait, 1 / (2 * math.pi * corner) if corner else 0.0
+
+    @property
     def law_ticks(self) -> int:
         """Control periods of the rig in one of the law's."""
         ticks = round((self.controller.period or 0.0) / float(self.rig.period))
