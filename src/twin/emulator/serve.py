@@ -64,13 +64,12 @@ class EmulatedPlant:
         plant, self.transmission = build_plant([scenario])
         self._tick = plant.step * max(1, int(TICK / plant.step + 1e-9))
         at_once = {"dead_time": 0.0, "spread": 0.0, "frame_rate": 0.0, "grid": 0}
-        encoders = scenario.sensors.encoders
         self.devices: SimulatedDevices = build_devices(
             [scenario],
             plant,
             period=self._tick,
             touch=replace(filled(TouchModel, [scenario]), **at_once),
-            encoders=EncoderModel(counts=0, variance=encoders.variance),
+            encoders=EncoderModel(counts=0, variance=scenario.sensors.encoders.variance),
         )
         self.present = True
         """Whether there is a ball that the screen can sense."""

@@ -64,10 +64,8 @@ class WrongTransmission:
 
     def motor(self, plate: Array) -> Array:
         """Motor angles in rad for the requested plate angles in rad, both (N, 2)."""
-        moved = (1 + np.asarray(self.error.slope)) * plate
-        if np.any(self.error.coupling):
-            moved = moved + column(self.error.coupling) * plate[..., ::-1]
-        return self.known.motor(moved)
+        own, other = np.asarray(self.error.slope), column(self.error.coupling)
+        return self.known.motor((1 + own) * plate + other * plate[..., ::-1])
 
 
 class PerRigTransmission:
