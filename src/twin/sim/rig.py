@@ -395,8 +395,9 @@ class DriveModel:
     def servo(self, period: float, ratio: Number = 1.0, rigs: int = 1) -> PositionServo:
         """Servos of both axes at a control period in s, a ratio above the plate's angles."""
         about = self.slew, self.acceleration, self.deadband, self.resolution
-        each = [np.broadcast_to(np.asarray(one, float), (rigs,))[:, None] * ratio for one in about]
-        return PositionServo(*each, period)
+        each = (np.broadcast_to(np.asarray(one, float), (rigs,))[:, None] * ratio for one in about)
+        slew, acceleration, deadband, resolution = each
+        return PositionServo(slew, acceleration, deadband, resolution, period)
 
 
 class SimulatedDrives:
