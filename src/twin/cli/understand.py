@@ -308,8 +308,7 @@ def _loop(scenario: Scenario) -> Numbers:
     from twin.run.assemble import build_controller
 
     controller = build_controller(scenario)
-    dead_time, lag = scenario.lateness
-    late = {"dead_time": dead_time, "lag": lag}
+    late = dict(zip(("dead_time", "lag"), scenario.lateness, strict=True))
     return {
         "controller": scenario.controller.kind,
         "observer": scenario.observer.kind,

@@ -20,6 +20,7 @@ from functools import partial
 from importlib.resources import files
 from multiprocessing.connection import Connection
 from string import Template
+from typing import Any
 
 import numpy as np
 
@@ -63,14 +64,13 @@ class EmulatedPlant:
         self._scenario = scenario
         plant, self.transmission = build_plant([scenario])
         self._tick = plant.step * max(1, int(TICK / plant.step + 1e-9))
-        at_once = {"dead_time": 0.0, "spread": 0.0, "frame_rate": 0.0, "grid": 0}
-        encoders = scenario.sensors.encoders
+        at_once: Any = {"dead_time": 0.0, "spread": 0.0, "frame_rate": 0.0, "grid": 0}
         self.devices: SimulatedDevices = build_devices(
             [scenario],
             plant,
             period=self._tick,
             touch=replace(filled(TouchModel, [scenario]), **at_once),
-            encoders=EncoderModel(counts=0, variance=encoders.variance),
+            encoders=EncoderModel(counts=0, variance=scenario.sensors.encoders.variance),
         )
         self.present = True
         """Whether there is a ball that the screen can sense."""

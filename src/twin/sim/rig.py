@@ -64,10 +64,8 @@ class WrongTransmission:
 
     def motor(self, plate: Array) -> Array:
         """Motor angles in rad for the requested plate angles in rad, both (N, 2)."""
-        moved = (1 + np.asarray(self.error.slope)) * plate
-        if np.any(self.error.coupling):
-            moved = moved + column(self.error.coupling) * plate[..., ::-1]
-        return self.known.motor(moved)
+        own, other = np.asarray(self.error.slope), column(self.error.coupling)
+        return self.known.motor((1 + own) * plate + other * plate[..., ::-1])
 
 
 class PerRigTransmission:
@@ -397,8 +395,9 @@ class DriveModel:
     def servo(self, period: float, ratio: Number = 1.0, rigs: int = 1) -> PositionServo:
         """Servos of both axes at a control period in s, a ratio above the plate's angles."""
         about = self.slew, self.acceleration, self.deadband, self.resolution
-        each = [np.broadcast_to(np.asarray(one, float), (rigs,))[:, None] * ratio for one in about]
-        return PositionServo(*each, period)
+        each = (np.broadcast_to(np.asarray(one, float), (rigs,))[:, None] * ratio for one in about)
+        slew, acceleration, deadband, resolution = each
+        return PositionServo(slew, acceleration, deadband, resolution, period)
 
 
 class SimulatedDrives:

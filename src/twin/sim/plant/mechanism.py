@@ -260,7 +260,7 @@ class Mechanism:
         self._qpos: Array = self._batch.bind("qpos")
         self._qvel: Array = self._batch.bind("qvel")
         self._surface = screen_of(model).height
-        self._measure()
+        self._half, self._rounded = self._models.shapes()
         self._height = self._models.heights()
         self._contact = None if friction is None else BallContact(self._batch, friction)
         # how often friction that changes with speed or place is updated: every 2 ms
@@ -302,14 +302,8 @@ class Mechanism:
         """
         self._models.rebuild(self._batch, rigs, parts)
         self._height[rigs] = self._models.heights(rigs)
-        self._measure()
+        self._half, self._rounded = self._models.shapes()
         self._exchange_friction(friction)
-
-    def _measure(self) -> None:
-        """Note how large the plates are, and which are round."""
-        screens = self._models.screens()
-        self._half = np.transpose([screen.half for screen in screens])
-        self._rounded = np.array([screen.rounded for screen in screens])
 
     def _exchange_friction(self, friction: Friction) -> None:
         """Let the balls roll on with other friction."""

@@ -17,7 +17,7 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Number
+from controllers.arrays import Array, Mask, Number
 from twin.errors import ModelError
 from twin.hal.linkage import Linkage
 from twin.paths import model_path
@@ -552,9 +552,10 @@ class RigModels:
         height = self.first.joint("ball").qposadr[0] + 2
         return np.array([model.key("level").qpos[height] for model in models])
 
-    def screens(self) -> list[Screen]:
-        """The plates' surfaces as they were built."""
-        return list(map(screen_of, self._built))
+    def shapes(self) -> tuple[Array, Mask]:
+        """Half sides of the plates along x and y in m, (2, N), and whether they are round, (N,)."""
+        half, _, rounded = zip(*map(screen_of, self._built), strict=True)
+        return np.transpose(half), np.array(rounded)
 
     def batch(self, threads: int, *, persistent: bool) -> Batch:
         """A batch of the rigs, with what each has of its own.
