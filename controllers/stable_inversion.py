@@ -496,7 +496,7 @@ class AboutMotion(Law):
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1."""
     preview: NotNegative = 1.4
     """How far the reference is asked ahead, s; 0 for not at all. To see what the plate can give it
-    is asked ``AHEAD`` further."""
+    is asked 1.2 s further."""
     spread: NotNegative = 1.3
     """Time in s over which a jump of 0.15 m is spread, others by the root of their length; 0 leaves
     jumps as they are."""

@@ -4,7 +4,9 @@
     uv run ballplate run hold --rig rig.toml --set duration=10
 
 Ping-pong ball on a plate of 300 mm, hobby servos that go to a position, a camera of 60 frames/s
-that is late. It is written without the twin: a second opinion on it.
+that is late. It is written without the twin: a second opinion on it. Its friction brakes each axis
+by itself, as a first guess has it; a real ball, and the twin's, is braked against its way. So a law
+against friction leaves an error here that its run on the twin does not have.
 """
 
 import argparse

@@ -102,6 +102,7 @@ LINES = {
     "report foreign.parquet": "not a record of ballplate",
     "report log.csv": "a log, not a run; ballplate compare log.csv SCENARIO",
     "report": "no run in runs/ yet",
+    "report round": "round: not a readable Parquet file",
     "identify german.csv": "columns are separated by ';'",
     "identify twice.csv": "measured_x: two columns",
     "new law afl": "law 'afl': the name is taken by controllers.classical",
@@ -141,6 +142,7 @@ def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("mistakes")
     for name, text in FILES.items():
         (place / name).write_text(text)
+    (place / "round").symlink_to("round")
     keys = ("plant.kind=lagrange", "duration=0.1", "metrics.start=0")
     record_run(run(load("circle", keys)), place / "made")
     pq.write_table(pa.table({"a": [1.0]}), place / "foreign.parquet")

@@ -380,6 +380,7 @@ def test_a_field_that_no_scenario_can_hold_is_told_and_breaks_nothing_else(ballp
     code, out, err = ballplate("describe", "lqr")
     assert code == 0
     assert "rho" in out
+    assert "``" not in out
     (line,) = err.splitlines()
     assert "laws/mine.py" in line
     assert "Mine.K: no scenario can hold a ndarray; write K: tuple[float, ...]" in line

@@ -283,7 +283,8 @@ def describe(name: str) -> int:
 def _lines(key: Key) -> Iterator[Shown]:
     yield bold(f"{key.key} = {key.value} {key.unit}".rstrip())
     plant = key.plants and f"plant.kind={key.plants} only"
-    yield f"    {key.meaning} [{', '.join(filter(None, (key.kind, key.type, key.allowed, plant)))}]"
+    more = ", ".join(filter(None, (key.kind, key.type, key.allowed, plant)))
+    yield f"    {key.meaning.replace('``', '')} [{more}]"
 
 
 class Start(NamedTuple):

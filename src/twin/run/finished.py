@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib.metadata import version
+from os.path import realpath
 from pathlib import Path
 from typing import Any, Self
 
@@ -562,4 +563,4 @@ def _records(paths: tuple[Path, ...]) -> list[Path]:
             found.append(path)
     if not found:
         raise RecordError(f"{paths[0]}: not a run; give run folders, as in runs/circle")
-    return list({path.resolve(): path for path in reversed(found)}.values())[::-1]
+    return list({realpath(path): path for path in reversed(found)}.values())[::-1]

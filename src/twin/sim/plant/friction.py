@@ -251,7 +251,7 @@ class Friction:
         stribeck_speed: Speed in m/s at which half of the surplus is gone.
         dwell_time: Time constant in s with which the surplus builds up at rest.
         viscous: Further arm per speed, m per m/s.
-        presliding: Way in m over which the contact bends before it resists in full (``bent``); 0
+        presliding: Way in m over which the contact bends before it resists in full; 0
             for a ball that friction holds at once and entirely.
         map: How friction and level vary over the screen; None for neither.
 
