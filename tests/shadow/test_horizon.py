@@ -52,7 +52,7 @@ SIZES = {  # of what is believed, before anything is seen
 
 
 def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
-    log, belief = circled("duration=10", "plant.friction.breakaway_ratio=1.2")
+    log, belief = circled("duration=7", "plant.friction.breakaway_ratio=1.2")
 
     def spans(segment, begin, end, longest):
         begins = np.arange(begin + 2, end - longest, 2.0)  # the ball rolls

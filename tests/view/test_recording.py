@@ -17,6 +17,8 @@ from twin.view.streams import LINES, PLOTS, signals, telling
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 PROMISED = (
     "mechanism/base/base",
     "mechanism/cardan/plate/plate",
