@@ -435,7 +435,7 @@ def test_another_run_of_a_real_rig_that_sticks_is_predicted_better_than_by_windo
     )
     names = ("gain", "dead_time", "lag", "level", "friction")
     windows = fit_axis(fitted, names, 2.5, (0, 0.5))
-    windows = replace(windows, briefer=windows.again(windows.log, names, 1.25))
+    windows = replace(windows, briefer=(windows.again(windows.log, names, 1.25),))
     at = beginnings(other)
     before, after = (
         score({axis: axis_predicted(other, fit, at)}).median

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
@@ -20,7 +19,6 @@ from twin.identify.plain_model import (
     PAYS,
     SMOOTH,
     AxisFit,
-    Profile,
     axis_predicted,
     beginnings,
     crossed,
@@ -33,10 +31,12 @@ from twin.identify.search import Estimate
 
 LONGEST = 2.5
 """Length of the windows in s, as a rule."""
-BRIEFER = 0.5
-"""Share of it of the windows of a second fit: a model error shows as another value there."""
+BRIEFER = (0.5, 0.32)
+"""Shares of it of the windows of other fits: a model error shows as another value there."""
 OPTIONAL = ("camber", "viscous")
 """Fitted where it pays, unless asked for."""
+DRIVEN_PAY = 0.8
+"""Share of an error that is left with dead band, play or slew that pay: a hand is like them."""
 SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and how a level along them is a tilt of the base."""
 MOST_TURNED = 0.2
@@ -52,12 +52,10 @@ class PlainIdentification(judged.Identification):
     Attributes:
         factor: Share of gravity that accelerates the ball.
         ball: That of the rig, in whose radius friction is told.
-        on: The rig that the parameters lie over; empty for that of a scenario.
     """
 
     factor: float
     ball: BallPlate
-    on: str
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts.
@@ -74,7 +72,7 @@ class PlainIdentification(judged.Identification):
         push = self.factor * ball.gravity
         inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
         lines = {f"plant.ball.{name}": str(getattr(ball, name)) for name in ("mass", "radius")}
-        lines |= {"parameters": json.dumps(self.on)} if self.on else {}
+        lines |= self.over
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
         turned = [gain.get(axis, sign * push) * sign / push for axis, sign in SIGNS]
@@ -191,7 +189,8 @@ def _share(axis: str, fit: AxisFit, factor: float) -> str:
     return (
         f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball does that "
         f"takes {factor:.3g} of gravity: only this product of the plate's tilt per command and the "
-        f"ball's share of gravity is told.{_told(axis, share)}"
+        "ball's share of gravity is told, and commands are taken as angles of the plate, whatever "
+        f"linkage a rig has.{_told(axis, share)}"
     )
 
 
@@ -248,18 +247,22 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     chosen = (*(each for each in SMOOTH if log.held or each != "lag"), *(asked or ("friction",)))
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
     fit = fit_axis(log, chosen, longest, delays)
+    dead_time, lag = fit.value("dead_time"), fit.value("lag")
     least, most = delays
-    if not least + 0.01 < fit.value("dead_time") < most - 0.01 and (
-        not log.held or fit.value("dead_time") > 0.25
-    ):
-        fit = fit_axis(log, chosen, longest, (0.0 if log.held else -0.5, 1.0))
-        notes.append("dead time at a bound, which was widened to 1 s")
+    # an ideal drive beside a camera whose clock is behind: where dead time and lag end at none
+    behind = dead_time < least + 0.01 and lag < 0.02
+    if behind or dead_time > most - 0.01:
+        fit = fit_axis(log, chosen, longest, (-0.5 if behind or not log.held else 0.0, 1.0))
+        notes.append(
+            "dead time at a bound, which was widened: it holds what the clocks of camera and "
+            "command differ by, and is negative where that is more"
+        )
     if not names:
         fit = _richer(_driven(fit, longest, notes) if log.held else fit, longest, notes)
     if log.held:
         fit = profiled(fit)
     try:
-        brief = fit.again(fit.log, fit.problem.names, BRIEFER * longest)
+        brief = tuple(fit.again(fit.log, fit.problem.names, part * longest) for part in BRIEFER)
     except LogError:
         return fit, notes
     fit = predicting(replace(fit, briefer=brief), longest)
@@ -267,7 +270,7 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
         known, fit = fit, _richer(fit, longest, notes)
         names = fit.problem.names
         one = known.windowed and known.windowed.again(known.log, names, longest)
-        brief = fit.again(known.log, names, BRIEFER * longest)
+        brief = tuple(fit.again(known.log, names, part * longest) for part in BRIEFER)
         fit = replace(fit, windowed=one, briefer=brief)
     if fit.windowed:
         drifts = fit.problem.drift > 0
@@ -284,7 +287,9 @@ def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
     what = " and ".join(PLAIN[name].key for name in new)
     least = crossed(fit, own, longest) if new else 0.0
     names = (*own, *new)
-    if new and _pays(crossed(rich, names, longest), PAYS, least, f"{what} of the drives", notes):
+    if new and _pays(
+        crossed(rich, names, longest), DRIVEN_PAY, least, f"{what} of the drives", notes
+    ):
         return rich.again(fit.log, names, longest)
     return fit
 
@@ -326,7 +331,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
     reasons: list[list[str]] = [[] for _ in rows]
     for other, why in (
         (fit.windowed, "windows of one level"),
-        (fit.briefer, "shorter windows"),
+        *((each, f"windows of {each.problem.longest:.1f} s") for each in fit.briefer),
     ):
         if other is None:
             continue
@@ -350,28 +355,25 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         else:
             about = _about(name, unit)
         verdict = _verdict(about, f"{name}_{axis}", values, ends[k], reasons[k], others, scale)
-        if name == "slew":
-            verdict = _as_slew(verdict, swing)
+        verdict = _as_slew(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
-    return found + [_none(each, axis, swing) for each in fit.profiles if each.name not in names]
+    for each in fit.profiles:
+        if each.name not in names:  # how much of it there may be
+            most = np.quantile(each.moved(1000)[each.name], judged.SURE) or each.theta[1, -1]
+            label, why = f"{each.name}_{axis}", "not told from none"
+            none = judged.ParameterVerdict.unknown(PLAIN[each.name], label, why)
+            slow = each.name == "slew"
+            none = replace(none, low=0.0, high=float(most) * (1.0 if slow else swing))
+            found.append(_as_slew(none, swing) if slow else none)
+    return found
 
 
 def _as_slew(found: judged.ParameterVerdict, swing: float) -> judged.ParameterVerdict:
-    """A verdict of seconds by swing as one of swings by second."""
+    """A verdict of seconds by swing, as it is fitted, as one of a rate."""
     low, value, high = (
         swing / end if end else None for end in (found.high, found.value, found.low)
     )
-    return replace(found, value=value, low=low, high=high)
-
-
-def _none(found: Profile, axis: str, swing: float) -> judged.ParameterVerdict:
-    """The verdict of what the log does not show of its drives: how much of it there may be."""
-    about = PLAIN[found.name]
-    most = float(np.quantile(found.moved(1000)[found.name], judged.SURE)) or found.theta[1, -1]
-    verdict = judged.ParameterVerdict.unknown(about, f"{found.name}_{axis}", "not told from none")
-    if found.name == "slew":
-        return replace(verdict, low=swing / most)
-    return replace(verdict, low=0.0, high=swing * most)
+    return replace(found, low=low, value=value, high=high)
 
 
 def _told_together(fit: AxisFit) -> Estimate:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -233,6 +234,7 @@ class Identification:
         notes: What was left out or assumed, in words.
         extent: How much of the log was used, in words.
         remarks: What is to be said of the fit beside its verdicts and scores, in sentences.
+        on: The rig that the parameters lie over; empty for that of a scenario.
     """
 
     source: str
@@ -243,6 +245,12 @@ class Identification:
     notes: tuple[str, ...]
     extent: str
     remarks: tuple[str, ...]
+    on: str = ""
+
+    @property
+    def over(self) -> dict[str, str]:
+        """The setting by which the parameters lie over a rig."""
+        return {"parameters": json.dumps(self.on)} if self.on else {}
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts."""

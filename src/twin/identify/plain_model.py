@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -174,24 +175,17 @@ SMOOTH = ("gain", "dead_time", "lag", "level")
 """What is always fitted; the lag is 0 of a measured angle."""
 
 
-TRIED = {
-    "dead_band": (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.2),
-    "play": (0.0, 0.01, 0.02, 0.04, 0.06, 0.09, 0.12, 0.16, 0.2, 0.3, 0.4, 0.5),
-    "slew": (0.0, 0.01, 0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22, 0.33, 0.5, 0.75),
-}
-"""Values of what has no slope."""
 NEAR_BY = np.array([0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2])
 """What is tried beside a value that was found, by it."""
 FINER = 200
-"""Values between them at which the costs of windows are interpolated."""
+"""Values between those tried at which the costs of windows are interpolated."""
 LEFT = 0.9
 """Share of the usual residual that is left with what is taken."""
 EXPLAINS = 0.7
 """Share of what an ideal drive leaves unexplained that is left with a dead band worth a fit."""
 
 
-@dataclass(frozen=True)
-class Profile:
+class Profile(NamedTuple):
     """Fits with a parameter held at one value after another.
 
     Attributes:
@@ -207,11 +201,6 @@ class Profile:
     theta: Array
     costs: Array
     own: int
-
-    @property
-    def best(self) -> int:
-        """Which fit costs least."""
-        return int(self.costs.sum(axis=1).argmin())
 
     def moved(self, count: int) -> dict[str, Array]:
         """How far parameters are off in the best fits of windows drawn at random, (count,) each.
@@ -230,10 +219,8 @@ class Profile:
 
 def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile:
     """Fits with a parameter at each of K rising values, begun from one fit."""
-    before = fit.problem.names
-    names = before if name in before else (*before, name)
-    problem = replace(fit.problem, names=names)
-    at = names.index(name)
+    names = tuple(dict.fromkeys((*fit.problem.names, name)))
+    problem, at = replace(fit.problem, names=names), names.index(name)
     theta = np.array([[fit.value(each) for each in names]]).repeat(len(values), axis=0)
     own = int(np.abs(np.subtract(values, theta[0, at])).argmin())
     theta[:, at] = values
@@ -244,22 +231,21 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
 
 def with_drives(fit: AxisFit, longest: float) -> AxisFit:
     """The fit with what the log shows of its drives: dead band, play, slew."""
-    tried = dict(TRIED)
-    lag, windows = fit.value("lag"), fit.problem.windows
-    rest = unexplained(fit.problem.tilt, windows, fit.value("dead_time"), lag)
+    rest = unexplained(
+        fit.problem.tilt, fit.problem.windows, fit.value("dead_time"), fit.value("lag")
+    )
     few = np.argsort(rest)[:8]
-    tried["dead_band"] = (0.0, *np.sort(BANDS[few[rest[few] < EXPLAINS * rest[0]]]))
+    bands = BANDS[np.sort(few[rest[few] < EXPLAINS * rest[0]])]
     for name in DRIVEN:
-        if name in fit.problem.names or len(tried[name]) < 2:
-            continue
-        found = profile(fit, name, tried[name])
-        other = fit
-        for near in (NEAR_BY, NEAR_BY):
-            if value := found.theta[found.best, found.names.index(name)]:
-                other = replace(other, problem=replace(fit.problem, names=found.names))
-                other = replace(other, found=fit.found._replace(theta=found.theta[[found.best]]))
-                other = other.again(fit.log, found.names, longest)
-                found = profile(other, name, value * near)
+        values, other = bands if name == "dead_band" else np.array(PLAIN[name].tried), fit
+        while values.any():
+            found = profile(other, name, values)
+            theta = found.theta[[found.costs.sum(axis=1).argmin()]]
+            more = replace(fit.problem, names=found.names)
+            begun_from = replace(other, problem=more, found=fit.found._replace(theta=theta))
+            last = other.problem.names == found.names
+            other = begun_from.again(fit.log, found.names, longest)
+            values = NEAR_BY * theta[0, found.names.index(name)] * (not last)
         if other.sigma < LEFT * fit.sigma:
             fit = other
     return fit
@@ -267,10 +253,10 @@ def with_drives(fit: AxisFit, longest: float) -> AxisFit:
 
 def profiled(fit: AxisFit) -> AxisFit:
     """The fit with profiles of its drives, by which its intervals know of them."""
-    found = []
-    for name in DRIVEN:
-        value = fit.value(name)
-        found.append(profile(fit, name, sorted({*TRIED[name], *(value * NEAR_BY)})))
+    found = (
+        profile(fit, name, sorted({*PLAIN[name].tried, *(NEAR_BY * fit.value(name))}))
+        for name in DRIVEN
+    )
     return replace(fit, profiles=tuple(found))
 
 
@@ -284,7 +270,7 @@ class AxisFit(Fit):
         noise: What windows of ``BRIEF`` leave, m.
         pushed: Seconds left out.
         windowed: The fit to windows of one level, where this one predicts better.
-        briefer: The fit to shorter windows, if there are enough.
+        briefer: The fits to shorter windows, if there are enough.
     """
 
     log: AxisLog
@@ -292,21 +278,20 @@ class AxisFit(Fit):
     noise: float = 0.0
     pushed: float = 0.0
     windowed: AxisFit | None = None
-    briefer: AxisFit | None = None
+    briefer: tuple[AxisFit, ...] = ()
     profiles: tuple[Profile, ...] = ()
 
     def estimate(self) -> Estimate:
         """The parameters and their uncertainty, as far as drives that suit the log change them."""
         own, names = super().estimate(), self.problem.names
-        draws, known = own.draws.copy(), own.identifiable.copy()
-        freedom = own.degrees_of_freedom.copy()
         for each in self.profiles:
-            moved = each.moved(len(draws))
-            draws += np.stack([moved.get(name, np.zeros(len(draws))) for name in names], axis=-1)
-            if each.name in names:
-                known[names.index(each.name)] = True
-                freedom[names.index(each.name)] = max(len(self.problem.windows) - len(names), 1)
-        return replace(own, draws=draws, identifiable=known, degrees_of_freedom=freedom)
+            moved = each.moved(len(own.draws))
+            for at, name in enumerate(names):
+                own.draws[:, at] += moved.get(name, 0.0)
+                if name == each.name:
+                    own.identifiable[at] = True
+                    own.degrees_of_freedom[at] = max(len(self.problem.windows) - len(names), 1)
+        return own
 
     def again(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
         """The fit of other parameters, windows or parts of a log, begun from this one."""
@@ -505,7 +490,7 @@ def _by_predictions(fit: AxisFit) -> Array:
         each = off(np.concatenate((theta[None], moved)))
         return np.asarray(((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T)
 
-    usual = {"gain": (fit.briefer or fit).value("gain")} | USUAL
+    usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | USUAL
     usual |= {name: fit.value(name) for name in DRIVEN}
     guess = np.clip([usual.get(name, 0.0) for name in names], least + 1e-6, most - 1e-6)
     found = least_squares(
