@@ -426,6 +426,11 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
     ]
     ended = endings(work, rows)
     blocks += [Text(ended, "Runs that failed")] if ended else []
+    ranks = [row for answer in found for row in _index_rows(answer)]
+    if ranks:
+        first, second = WORDS["names"].get(study.method, ("", ""))
+        heads = ("parameter", "variant", first, "± 95 %", second, "verdict")
+        blocks.append(Table("Indices", heads, ranks, words=(0, 1, -1)))
     note = "Rows as data: rows.parquet and rows.csv beside this page; pictures in figures/."
     blocks.append(Text([what_ran(work)], "The study", note))
     page.write(folder / "report.html", study.title, blocks)
@@ -503,3 +508,20 @@ def compared(study: Study, found: Sequence[Answer]) -> Table:
         "probability to fail, 95 %",
     )
     return Table("Compared, best first" if len(found) > 1 else "In all", heads, rows)
+
+
+def _index_rows(answer: Answer) -> list[tuple[Any, ...]]:
+    rows = []
+    for index in answer.indices:
+        value = (
+            digits(index.value, places=3) if abs(index.value) >= NEGLIGIBLE else f"< {NEGLIGIBLE:g}"
+        )
+        verdict = "matters" if abs(index.value) >= NEGLIGIBLE else "negligible"
+        first = f"< {NEGLIGIBLE:g}" if index.first < NEGLIGIBLE else digits(index.first, places=3)
+        if not index.decided:
+            value, first = "-", "-"
+            verdict = "undecided: the interval holds zero"
+        rows.append(
+            (index.key, answer.variant, value, digits(index.half, places=3), first, verdict)
+        )
+    return rows
