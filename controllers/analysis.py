@@ -402,7 +402,7 @@ def state_feedback_loop(law: Law, *, flat: bool = False) -> Loop:
     return close(System(A, B, np.eye(8), np.zeros((8, 2))), linear_law(law), STATES)
 
 
-def sampled_loop(law: Law, observer: Observer, *, dead_time: float = 0.0) -> Loop:
+def sampled_loop(law: Law, observer: Observer, *, dead_time: float = 0.0, lag: float = 0.0) -> Loop:
     """Law and observer at their period on the linear plant (5.35) of the law, its input held.
 
     With the observer "ideal" the law gets the true state: on the exact plant the plate rates
@@ -413,18 +413,23 @@ def sampled_loop(law: Law, observer: Observer, *, dead_time: float = 0.0) -> Loo
         law: Any law; linearised about the level plate.
         observer: Any observer, or a Smith predictor around one.
         dead_time: Of the ball's measurement in s.
+        lag: Time constant in s with which the plate's rates follow those commanded.
 
     Raises:
         ValueError: If the law or the observer has no linearisation.
     """
     T = observer.period
     A, B, C = law.model.linear()
+    if lag:  # two states more, the commanded rates r: u = (r - plate rate) / lag acts, r' = u
+        A[:, 3::4] -= B / lag
+        A = np.block([[A, B / lag], [np.zeros((2, STATE + 2))]])
+        B, C = np.eye(STATE + 2, 2, -STATE), np.pad(C, ((0, 0), (0, 2)))
     Ad, Bd = sample(A, B, T)
     if isinstance(observer, Ideal):
         law_only = linear_law(law)
         memory = np.eye(law.memory) + T * law_only.A
         controller = System(memory, T * law_only.B, law_only.C, law_only.D, T)
-        return close(System(Ad, Bd, np.eye(8), np.zeros((8, 2)), T), controller, STATES)
+        return close(System(Ad, Bd, np.eye(8, len(Ad)), np.zeros((8, 2)), T), controller, STATES)
     plant = measured_late(System(Ad, Bd, C, np.zeros((4, 2)), T), dead_time)
     return close(plant, linear_controller(law, observer), MEASUREMENTS)
 
@@ -464,7 +469,9 @@ IDLE = 1e-6
 """Share of an eigenvector in the plant's states, and distance of z from 1, that count as none."""
 
 
-def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str | None:
+def instability(
+    law: Law, observer: Observer, *, dead_time: float = 0.0, lag: float = 0.0
+) -> str | None:
     """One line with the poles outside the stable region, or None.
 
     Of a ball that is seen late it also says how late the loop can bear it to be seen, to a period.
@@ -476,10 +483,11 @@ def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str 
         law: Any law.
         observer: Any observer, or a Smith predictor around one.
         dead_time: Of the ball's measurement in s.
+        lag: Time constant in s with which the plate's rates follow those commanded.
     """
 
     def poles_outside(late: float) -> Complex:
-        z, v = np.linalg.eig(sampled_loop(law, observer, dead_time=late).A)
+        z, v = np.linalg.eig(sampled_loop(law, observer, dead_time=late, lag=lag).A)
         moving = np.linalg.norm(v[:STATE], axis=0) > IDLE
         return unstable(z[moving].astype(complex))
 
@@ -511,7 +519,7 @@ PlainRow = dict[str, Any]
 """A row of a table as JSON can hold it."""
 
 
-def loop_row(law: Law, observer: Observer, dead_time: float) -> PlainRow:
+def loop_row(law: Law, observer: Observer, dead_time: float, lag: float = 0.0) -> PlainRow:
     """Poles and margins of one sampled loop, or under ``reason`` why there are none.
 
     ``hold_left_out`` is true for a law that is held for longer than the loop's period.
@@ -520,9 +528,10 @@ def loop_row(law: Law, observer: Observer, dead_time: float) -> PlainRow:
         law: Any law.
         observer: Any observer, or a predictor around one.
         dead_time: Of the ball's measurement in s.
+        lag: Time constant in s with which the plate's rates follow those commanded.
     """
     try:
-        loop = sampled_loop(law, observer, dead_time=dead_time)
+        loop = sampled_loop(law, observer, dead_time=dead_time, lag=lag)
     except ValueError as error:
         return {"reason": str(error), "hold_left_out": isinstance(law, HeldLaw)}
     poles = loop.poles()

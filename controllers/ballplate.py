@@ -21,6 +21,8 @@ ACCELERATION = [1, 5]
 """Where the rate of the state has the ball's acceleration."""
 SIGN = np.array((1.0, -1.0))
 """Sense in which a positive plate angle accelerates the ball along x and along y, (6.45)."""
+LONGEST_LAG = 0.03
+"""Largest lag of the drives in s that is found rather than told."""
 
 
 class LinearModel(NamedTuple):

@@ -70,6 +70,7 @@ def _modules() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
     return tuple(modules), tuple(lines)
 
 
+@cache
 def _check_fields(cls: type) -> None:
     """Make sure that a scenario can hold every field of a class.
 

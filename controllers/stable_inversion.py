@@ -28,7 +28,7 @@ from controllers.arrays import (
     square_of,
     together,
 )
-from controllers.ballplate import SIGN, BallPlate
+from controllers.ballplate import LONGEST_LAG, SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 
 
@@ -632,9 +632,11 @@ class StableInversion(AboutMotion):
 
     with K of the linear-quadratic regulator of eta'' = k1 a. Jumps of the reference are spread.
 
-    Drives with a lag T that is known (``BallPlate.lag``) turn the plate at a rate a' that follows
-    the commanded one w, a'' = (w - a') / T. The regulator is then that of (eta, eta', a, a', w)
-    under w', about w* = a*' + T a*''.
+    Drives with a lag T, told (``BallPlate.lag``) or found by the observer, turn the plate at a rate
+    a' that follows the commanded one w, a'' = (w - a') / T. The regulator is then that of
+    (eta, eta', a, a', w) under w', about w* = a*' + T a*''. A lag that is found counts while the
+    ball is to move: where it is to rest it may stick, and comes free sooner on a plate that swings
+    in the play of its drives, as it does where the lag is left out.
 
     A ball that was pushed is braked first and brought back then. Of an error of eta that grows
     beyond ``FAR`` no more than ``LEAVING`` is fed back: the slope that the rest would ask for comes
@@ -653,6 +655,7 @@ class StableInversion(AboutMotion):
         "disturbance_y",
         "tilt_gain_x",
         "tilt_gain_y",
+        "plate_lag",
     )
 
     Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (3e5, 3e4, 1e4, 200.0)
@@ -666,11 +669,23 @@ class StableInversion(AboutMotion):
     moved: friction is then fed forward along the ball's own heading, there being no other. 0 for
     never."""
 
+    _cubic: Sequence[tuple[float, ...]] = field(init=False, repr=False, compare=False, default=())
+    """Coefficients of the gain as a cubic of the lag in s, constant first, if none is told."""
+
     def _gain(self) -> Array:
         """K, shape (4,); for drives with a lag (5,)."""
-        lag = self.model.lag
-        if not lag:
-            return super()._gain()
+        if self.model.lag:
+            return self._gain_at(self.model.lag)
+        K = super()._gain()
+        lags = np.linspace(0.0, LONGEST_LAG, 4)
+        none = np.array((*K[:3], 0.0, K[3]))  # what it goes to with the lag
+        gains = np.stack((none, *map(self._gain_at, lags[1:])))
+        cubic = np.linalg.solve(np.vander(lags, increasing=True), gains)
+        object.__setattr__(self, "_cubic", tuple(map(tuple, cubic.tolist())))
+        return K
+
+    def _gain_at(self, lag: float) -> Array:
+        """K for drives with a lag in s, shape (5,)."""
         A, B = np.eye(5, k=1), np.eye(5)[:, 4:]
         A[1, 2], A[3, 3:] = self.model.k1, (-1 / lag, 1 / lag)
         P = scipy.linalg.solve_continuous_are(A, B, np.diag((*self.Q, 0.0)), np.eye(1))
@@ -683,17 +698,23 @@ class StableInversion(AboutMotion):
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
-        rows, K, k1, lag = now.x.reshape(-1, 8), self.K.tolist(), self.model.k1, self.model.lag
-        x, (F, *known) = components(rows), components(now.needed.reshape(-1, 5))
+        rows, k1 = now.x.reshape(-1, 8), self.model.k1
+        x, (F, *known, lag) = components(rows), components(now.needed.reshape(-1, 6))
+        motion, planned = now.plan.at(now.time), 1.0
+        if self.resting_speed:
+            share = motion[0].pace / self.resting_speed**2
+            planned = share * share / (1 + share * share)
+        if self.model.lag:
+            lag, K = self.model.lag, self.K.tolist()
+        else:  # a resting ball is better off with a plate that swings in the play of its drives
+            K, lag = self._gains_for(lag, planned), planned * lag
         sqrt, vx, vy, u = (NUMBERS if len(rows) == 1 else ARRAYS).sqrt, x[1], x[5], []
         length = sqrt(vx * vx + vy * vy + self.smooth**2)
-        for axis, wanted in enumerate(now.plan.at(now.time)):
+        for axis, wanted in enumerate(motion):
             d, gain, sign = known[axis], 1 + known[2 + axis], (1.0, -1.0)[axis]
             ball, v, angle, rate = x[4 * axis : 4 * axis + 4]
-            free, drag, planned = wanted.free, wanted.drag, 1.0
+            free, drag = wanted.free, wanted.drag
             if self.resting_speed:  # as planned, at rest by the ball's own heading
-                share = wanted.pace / self.resting_speed**2
-                planned = share * share / (1 + share * share)
                 own = (1 - planned) * v / (length * k1)
                 drag = Tilts(planned * drag[0] + own, planned * drag[1], planned * drag[2])
             slope = Tilts(
@@ -703,13 +724,24 @@ class StableInversion(AboutMotion):
             )
             seen = ball, v, sign * angle, sign * rate
             asked = self._about(K, seen, (wanted.position, wanted.velocity), slope)
-            if lag:
+            if len(K) > 4:
                 commanded = sign * numbers(now.rate[..., axis])
                 jerk = (wanted.jerk[0] + F * planned * wanted.jerk[1]) / gain
                 ahead = commanded - slope.rate - lag * slope.acceleration
                 asked = asked + lag * jerk - K[4] * ahead
             u.append(sign * asked)
         return together(u, len(rows)).reshape(now.rate.shape)
+
+    def _gains_for(self, lag: Any, planned: Any) -> Sequence[Any]:
+        """K for drives with a lag in s while the ball is to move, by how much it is planned to."""
+        K: Sequence[Any] = self.K.tolist()
+        if not (lag if isinstance(lag, float) else np.any(lag)):
+            return K
+        planned, cubic = planned * (lag > 0), zip(*self._cubic, strict=True)
+        return [
+            k + planned * (a + lag * (b + lag * (c + lag * d)) - k)
+            for k, (a, b, c, d) in zip((*K, 0.0), cubic, strict=True)
+        ]
 
     def _pull(self, eta: Any, rate: Any) -> Any:
         """The error of eta within bounds; the same bits where it does not reach them."""

@@ -158,7 +158,7 @@ def without(task: dict[str, Any], rig: FamilyRig, keys: list[str]) -> Any:
 
 
 UNTOLD = "rig.plate_lag=0"
-"""A designer who takes the plate for one that follows at once."""
+"""Not told how late the plate follows, which the observer then finds up to 30 ms of."""
 
 
 def radius(rig: str) -> float:

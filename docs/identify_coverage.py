@@ -84,11 +84,15 @@ def axis_log(
     excited: bool = True,
     stiff: float = 0.9,
     damped: float = 0.45,
+    dead_band: float = 0.0,
+    slew: float = 0.0,
 ) -> tuple[Array, Array, Array]:
     """Time in s, position in m and command in rad of one axis under a clumsy controller.
 
     Forward Euler at 0.25 ms. Half of the dead time lies between command and servo, half in the
     camera. The controller, PD on noisy readings, follows steps and sines that change with the seed.
+    The servo stands until a command is further off than its dead band in rad, then goes all the
+    way at its slew in rad/s (0 for at once).
     """
     rng = np.random.default_rng(seed)
     h = 2.5e-4
@@ -101,7 +105,7 @@ def axis_log(
     before, after = round(dead_time / 2 / h), round(dead_time / h) - round(dead_time / 2 / h)
     x, v, u = 0.3 * swing * rng.standard_normal(), 0.0, 0.0
     places, sent = np.zeros(steps), np.zeros(steps)
-    command, reading, last, speed = 0.0, 0.0, 0.0, 0.0
+    command, reading, last, speed, place, goal = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     target, until = 0.0, 0.0
     times, readings, commands, frame = [], [], [], 0
     for k in range(steps):
@@ -125,7 +129,11 @@ def axis_log(
             commands.append(command)
             frame += 1
         sent[k] = command
-        u += h / lag * (sent[max(0, k - before)] - u) if lag else sent[max(0, k - before)] - u
+        wanted = sent[max(0, k - before)]
+        goal = wanted if place != goal or abs(wanted - place) > dead_band else goal
+        most = slew * h or math.inf
+        place += min(max(goal - place, -most), most)
+        u += h / lag * (place - u) if lag else place - u
         a = gain * u + level + camber * x
         if v == 0.0 and abs(a) <= friction:
             continue
@@ -167,9 +175,9 @@ def known(seed: int) -> dict[str, Any]:
 def coverage(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Of each parameter: rigs with an interval, how many of these hold the truth, and verdicts."""
     rows = []
-    for name in found[0]["told"] | {"camber": None}:
+    for name in filter(SHOWN.__contains__, found[0]["told"] | {"camber": None}):
         of = [(_truth(each["rig"], name), each["told"].get(name)) for each in found]
-        told = [(truth, *one) for truth, one in of if one is not None and one[1] is not None]
+        told = [(truth, *one) for truth, one in of if one is not None and None not in one[:2]]
         held = sum(low <= truth <= high for truth, _, low, high, _ in told)
         share = stats.binomtest(held, max(len(told), 1)).proportion_ci(method="wilson")
         off = [abs(value - truth) for truth, value, *_ in told]
@@ -193,6 +201,8 @@ def _truth(rig: Mapping[str, float], name: str) -> float:
     return rig["dead_time"] + rig["lag"] if name == "delay" else rig.get(name, 0.0)
 
 
+SHOWN = ("gain", "dead_time", "lag", "delay", "level", "friction", "camber")
+"""Parameters that every rig has."""
 UNITS = {"gain": "m/s^2 by rad", "level": "m/s^2", "friction": "m/s^2", "camber": "1/s^2"}
 LABELS = {"delay": "dead time + lag", "dead_time": "dead time"}
 

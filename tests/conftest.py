@@ -37,6 +37,7 @@ def pytest_collection():
     """Nothing is thrown away while tests are collected: there is nothing to look for."""
     gc.disable()
     found = yield
+    gc.freeze()
     gc.enable()
     return found
 

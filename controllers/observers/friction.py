@@ -124,8 +124,10 @@ KNOWN = (
     Quantity("friction_spread", "m/s^2"),
     Quantity("tilt_gain_x_spread", "1"),
     Quantity("tilt_gain_y_spread", "1"),
+    Quantity("plate_lag", "s"),
 )
-"""What the filter knows beyond the state; tilt gains are errors, spreads standard deviations."""
+"""What the filter knows beyond the state; tilt gains are errors, spreads standard deviations, and
+the lag is that of the drives."""
 F = 8
 """Where the friction stands in the filter's state."""
 DISTURBANCE = [4, 5]
@@ -166,7 +168,8 @@ class FrictionKalman(LateBall):
 
     A law is given the plate's angle and rate as a slow estimate from the commanded rate and the
     encoders (``SlowPlate``): slower than the plate's resonances at 13 and 19 Hz, but fast enough
-    to see a plate that stands still in the play of its drive. The ``equivalent`` angles have
+    to see a plate that stands still in the play of its drive. The lag with which the drives follow
+    the commanded rate is found, if it is not told (``DriveLag``). The ``equivalent`` angles have
     friction and disturbance in them,
 
         phi_eq = (1 + kappa) phi + (d - F v / |v|) / k1,
@@ -242,12 +245,13 @@ class FrictionKalman(LateBall):
 
     @property
     def further(self) -> Array:
-        """Friction, disturbance, tilt gain and their spreads as ``KNOWN``, shape (..., 8)."""
+        """What is ``KNOWN`` of friction, disturbance, tilt gain and lag, shape (..., 9)."""
         by, (_, _, _, _, dx, dy, kx, ky, friction) = self._by, self._now.s
         along, across, variance = components(diagonal(self._P)[:, 6:])
         variance = by.most(variance + self._varies(), 0.0)  # a map is rounded
         spreads = map(by.sqrt, (variance, along, across))
-        found = together((friction, dx, dy, kx, ky, *spreads), self._rigs)
+        lag = self._lag + 0.0 * friction
+        found = together((friction, dx, dy, kx, ky, *spreads, lag), self._rigs)
         return found.reshape(*self._shape, len(KNOWN))
 
     def _varies(self) -> Any:

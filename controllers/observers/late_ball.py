@@ -17,8 +17,17 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from controllers.arrays import ARRAYS, NUMBERS, Array, Positive, components, numbers, together
-from controllers.ballplate import SIGN, BallPlate
+from controllers.arrays import (
+    ARRAYS,
+    NUMBERS,
+    Arithmetic,
+    Array,
+    Positive,
+    components,
+    numbers,
+    together,
+)
+from controllers.ballplate import LONGEST_LAG, SIGN, BallPlate
 from controllers.interfaces import DelayedObserver, Measurement
 
 SUBSTEP = 0.011
@@ -254,8 +263,10 @@ class SlowPlate:
 
     def __init__(self, pole: float, period: float, lag: float, angle: Any, rate: Any) -> None:
         self.angle = angle
-        self.commanded = self._told = rate
-        """Plate rate commanded last, as far as the drives have followed it, rad/s."""
+        self.told = rate
+        """Plate rate commanded last, rad/s."""
+        self.commanded = rate
+        """The same as far as the drives have followed it, rad/s."""
         self._left = math.exp(-period / lag) if lag else 0.0
         self._bias = 0 * angle
         self._period = period
@@ -268,12 +279,78 @@ class SlowPlate:
         self._bias = self._bias + self._gain[1] * error
         return self.angle, self.commanded + self._bias
 
+    def late(self, left: Any) -> None:
+        """Take the drives to have this share of a change left after a period, a component."""
+        self._left = left
+
     def predict(self, u: Any) -> None:
         """One period under the applied acceleration in rad/s^2."""
         T, before = self._period, self.commanded
-        self._told = self._told + T * u
-        self.commanded = self._told + self._left * (before - self._told)
+        self.told = self.told + T * u
+        self.commanded = self.told + self._left * (before - self.told)
         self.angle = self.angle + T * (before + self.commanded) / 2 + T * self._bias
+
+
+GAP = 0.0052
+"""Way in rad after a reversal of a drive within which its play, at most 0.3 deg, may be crossed."""
+CHANGE = 0.03
+"""Time in s over which changes of the plate's rate are compared with its angle."""
+OWN, UNSURE = 0.0025, 0.004
+"""Lag in s that a plate has by itself, and what beyond it may come of other causes."""
+FIRM, FULL = 0.02, 4.0
+"""Sums of the squares of changes of the rate, (rad/s)^2, up to which a lag is drawn to none, and
+beyond which old ones are forgotten."""
+
+
+class DriveLag:
+    """Lag of the drives from how far the measured plate is behind the commanded one.
+
+    With a rate a' that follows the commanded w, a'' = (w - a') / T, the angle is behind the
+    integral of w by T a' and a constant. T is found by least squares, from the changes of both over
+    hundredths of a second along both axes, while the plate is turned one way beyond its play.
+    What mechanism and play leave is taken off: a lag below ``UNSURE`` is none.
+
+    Args:
+        period: Control period in s.
+        angle: Of the plate, (phi, theta), rad, components.
+        by: How components are calculated with.
+    """
+
+    def __init__(self, period: float, angle: Sequence[Any], by: Arithmetic) -> None:
+        self._period, self._by = period, by
+        none = 0.0 * angle[0]
+        self._turned = list(angle)
+        self._axes = [(none, none, none)] * 2
+        self._squares = self._products = none
+        self.lag = none
+        """T, s."""
+
+    def correct(self, measured: Sequence[Any], rate: Sequence[Any]) -> Any:
+        """Take in angles in rad, measured at rates in rad/s as the drives followed.
+
+        Returns:
+            The share of a change of the commanded rate that is left after a period.
+        """
+        by, share = self._by, self._period / CHANGE
+        squares, products = self._squares, self._products
+        for axis, (turned, slow_behind, slow_rate) in enumerate(self._axes):
+            r, behind = rate[axis], self._turned[axis] - measured[axis]
+            way = by.where(turned * r < 0, 0.0, turned) + self._period * r
+            engaged = abs(way) > GAP
+            b, c = engaged * (behind - slow_behind), engaged * (r - slow_rate)
+            squares, products = squares + c * c, products + b * c
+            self._axes[axis] = way, behind - (1 - share) * b, r - (1 - share) * c
+        forget = FULL / by.most(squares, FULL)
+        self._squares, self._products = squares, products = forget * squares, forget * products
+        found = products / (squares + FIRM) - OWN
+        sure = by.least(found, 2 * (found - UNSURE))
+        self.lag = lag = by.least(by.most(sure, 0.0), LONGEST_LAG)
+        # exp(-period / lag) by what gives one rig the same bits as beside others
+        return (lag > self._period) * (2 * lag - self._period) / (2 * lag + self._period)
+
+    def predict(self, told: Sequence[Any]) -> None:
+        """One period at commanded rates in rad/s."""
+        self._turned = [a + self._period * w for a, w in zip(self._turned, told, strict=True)]
 
 
 @dataclass(kw_only=True)
@@ -315,6 +392,9 @@ class LateBall(DelayedObserver):
             for k in (2, 6)
         ]
         self._plates = plates
+        known = self.model.lag or self.plate == "modelled"
+        angle = self._state[2], self._state[6]
+        self._drives = None if known else DriveLag(self.period, angle, self._by)
         c2 = self.model.c2
         s = np.zeros((self._rigs, 9))
         s[:, 0:2] = rows[:, 0::4] + c2 * SIGN * rows[:, 2::4]
@@ -334,6 +414,10 @@ class LateBall(DelayedObserver):
         phi, phi_rate = along.correct(phi)
         theta, theta_rate = across.correct(theta)
         commanded = along.commanded, across.commanded
+        if self._drives is not None:
+            left = self._drives.correct(measured, commanded)
+            along.late(left)
+            across.late(left)
         begin, then = self._ball.measured(measured, commanded, self._state)
         self._advance(begin, then)
         age, touched = numbers(measurement.age), numbers(measurement.touched)
@@ -362,6 +446,13 @@ class LateBall(DelayedObserver):
         """Carry the plate one period ahead; the ball follows when the plate is measured."""
         for plate, acceleration in zip(self._plates, components(u.reshape(-1, 2)), strict=True):
             plate.predict(acceleration)
+        if self._drives is not None:
+            self._drives.predict([plate.told for plate in self._plates])
+
+    @property
+    def _lag(self) -> Any:
+        """Lag of the drives in s, as told or found."""
+        return self.model.lag if self._drives is None else self._drives.lag
 
     def _at(self, place: Sequence[Any]) -> LocalState:
         """The filter's state with the friction of a place (x, y) in m: one for all by default."""

@@ -103,13 +103,8 @@ class Result(Run):
         self,
         file: str | Path,
         *,
-        fps: int = 20,
-        since: float | None = None,
-        until: float | None = None,
-        seconds: float | None = None,
-        size: int = 600,
-        render: str = "plate",
         reporter: Reporter | None = None,
+        **cut: Any,
     ) -> Path:
         """Write the signals for other programs, or the runs of its picture as one that moves.
 
@@ -117,14 +112,12 @@ class Result(Run):
             file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` by the extra
                 ``mcap``; of a moving picture ``.webp``, ``.gif`` or ``.mp4`` (by the extra
                 ``video``).
-            fps: Frames of the moving picture a second.
-            since: Time of the run at which it begins, s; the first one by default.
-            until: Time at which it ends, s; the last one by default.
-            seconds: How long it lasts, s; as long as what it shows by default.
-            size: Its width in pixels.
-            render: ``plate`` from above, or ``mujoco`` for the mechanism in 3D, which needs EGL or
-                OSMesa.
             reporter: Who is told progress; a notebook has its own.
+            cut: Of a moving picture, those of ``twin.run.film.Cut``: ``fps``, frames a second [20];
+                ``since`` and ``until``, times of the run at which it begins and ends, s [all];
+                ``seconds``, how long it lasts [as long as what it shows]; ``size``, its width in
+                pixels [600]; ``render``, ``plate`` from above or ``mujoco`` for the mechanism in
+                3D, which needs EGL or OSMesa.
 
         Raises:
             RecordError: If the ending is none of these, the run has no such part, or the file
@@ -134,8 +127,7 @@ class Result(Run):
             return super().export(file)
         from twin.run.film import Cut, Film, moving
 
-        cut = Cut(fps=fps, since=since, until=until, seconds=seconds, size=size, render=render)
-        film = Film(self.shown, cut)
+        film = Film(self.shown, Cut(**cut))
         with (reporter or default()).progress("moving picture", film.count, "frames") as advance:
             moving(Path(file), film, advance)
         return Path(file)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import (
     AbstractContextManager,
@@ -255,14 +254,12 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
 
     with own_errors():
         controller = build_controller(scenario)
-    touch = scenario.sensors.touch
-    late = touch.dead_time + (0.5 / touch.frame_rate if touch.frame_rate else 0.0)  # in the middle
-    corner, knows = scenario.plant.servo.bandwidth_hz, scenario.predictor
-    dead = touch.dead_time - (knows.delay if knows else 0.0)
-    lag = (1 / (2 * math.pi * corner) if corner else 0.0) - scenario.rig.plate_lag
-    dangers = [instability(controller.law, controller.observer, dead_time=late)]
+    (late, lag), knows = scenario.lateness, scenario.predictor
+    dead = scenario.sensors.touch.dead_time - (knows.delay if knows else 0.0)
+    unknown = lag - scenario.rig.plate_lag
+    dangers = [instability(controller.law, controller.observer, dead_time=late, lag=lag)]
     dangers.append(slow_observer(controller.law, controller.observer))
-    for (said, most), by in ((LATER, 1000 * (dead + lag)), (EARLIER, -1000 * dead)):
+    for (said, most), by in ((LATER, 1000 * (dead + unknown)), (EARLIER, -1000 * dead)):
         if scenario.controller.kind == "stable_inversion" and by > most:
             dangers.append(f"{said.format(by)}: from {most} ms on the cure errs twice as much")
     for danger in dangers:

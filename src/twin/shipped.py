@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from os.path import isdir, isfile  # False, no error, of a name that no file can have
 from pathlib import Path
 
@@ -19,6 +20,7 @@ def folder() -> Path:
     return Path(controllers.__file__).parent.parent / "scenarios"
 
 
+@cache
 def shipped() -> dict[str, Path]:
     """The shipped scenarios by name; those of a subfolder as ``folder/name``."""
     root = folder()

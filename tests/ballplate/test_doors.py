@@ -25,6 +25,8 @@ from controllers.interfaces import Measurement
 from twin.cli import main
 from twin.run.assemble import build_controllers
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 RATE = 0.5
 """A power of two, so that dividing a rate by it and multiplying again gives the rate."""
 

@@ -17,6 +17,7 @@ from twin.errors import TwinError
 
 EXACT = {"plant.kind": "lagrange", "duration": 1.4, "metrics.start": 0.0}
 """A plant whose rigs have the same bits alone and beside any others."""
+LARGE = {"plant.size": [1.6, 0.79]}
 RATE = 0.5
 """A power of two, so that dividing a rate by it and multiplying again gives the rate."""
 
@@ -49,6 +50,20 @@ def test_a_vector_does_what_gymnasiums_own_does_with_as_many_single_environments
             again = [each.reset(options={"reset_mask": over}) for each in (own, singles)]
             assert data_equivalence(*again, exact=True)
     assert (ends > 1).all()
+
+
+@pytest.mark.parametrize(
+    ("rig", "half"), [({}, 0.02), ({"parameters": "hobby"}, 0.02 * 3 / 7), (LARGE, 0.04)]
+)
+def test_a_ball_that_rests_off_its_goal_has_half_a_reward_where_the_plate_says(rig, half):
+    there = {"plant.start.x": half, "plant.friction.breakaway_ratio": 10.0}
+    rests = EXACT | {"sensors.touch.dead_time": 0.0} | rig | there
+    env = gymnasium.make("ballplate.gym:ballplate/Hold-v0", settings=rests, family=None)
+    env.reset(seed=1)
+    for _ in range(3):
+        _, reward, *_, info = env.step([0.0, 0.0])
+        assert info["error"] == pytest.approx(half, rel=1e-12)
+        assert reward == pytest.approx(0.5, rel=1e-12)
 
 
 def test_the_reward_is_the_mean_over_the_periods_for_which_an_action_is_held():

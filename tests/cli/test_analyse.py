@@ -1,10 +1,13 @@
 import json
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from controllers.classical import SlidingMode
 from twin.cli.understand import analyse
+from twin.run.finished import run
+from twin.scenario import load
 
 pytestmark = pytest.mark.long
 
@@ -48,3 +51,28 @@ def test_full_state_feedback_is_analysed_too():
     found = json.loads(call("sine", *ideal, "--json"))
     assert found["loop"]["observer"] == "ideal"
     assert found["loop"]["stable"]
+
+
+EVEN = (
+    *("plant.kind=lagrange", "plant.friction.rolling_mm=0", "sensors.touch.grid=0"),
+    *("sensors.touch.variance=[0,0]", "sensors.encoders.variance=[0,0]"),
+    *("sensors.encoders.counts=0", "plant.start.x=0.001", "duration=12", "metrics.start=0"),
+    *("controller.kind=afl", "controller.gains=[180,162,66,13]"),
+)
+
+
+@pytest.mark.parametrize("corner", [2.2, 1.6])
+def test_a_ball_behind_slow_drives_swings_and_grows_or_fades_as_the_poles_say(corner):
+    slow = (*EVEN, f"plant.servo.bandwidth_hz={corner}")
+    found = json.loads(call("hold", *(part for each in slow for part in ("--set", each)), "--json"))
+    (real, imaginary), (same, _), (next_real, _), *_ = found["loop"]["poles"]
+    assert real == pytest.approx(same)
+    assert next_real < real - 0.5  # soon gone
+    assert found["loop"]["stable"] == (real < 0) == (corner > 1.8)
+    motion = run(load("hold", slow)).motion
+    late = motion.time > 5
+    x, time = motion.ball[late, 0], motion.time[late]
+    (ends,) = np.nonzero((np.abs(x[1:-1]) > np.abs(x[:-2])) & (np.abs(x[1:-1]) >= np.abs(x[2:])))
+    rate, _ = np.polyfit(time[1 + ends], np.log(np.abs(x[1 + ends])), 1)
+    assert rate == pytest.approx(real, abs=0.03)
+    assert np.pi / np.diff(time[1 + ends]).mean() == pytest.approx(abs(imaginary), rel=0.01)

@@ -60,7 +60,7 @@ RODS = {
 }
 """The same of the course rig in MuJoCo."""
 TYPED = {
-    "plant.kind=mujoco": "the mechanism's plate on cams is 0.7 m x 0.395 m",
+    "plant.kind=mujoco": "a plate on the mechanism's cams reaches over both wheels, at least",
     "plant.linkage.phi_deg=[[-40,-14],[-50,0],[40,14]]": "both rising, got [[-40.0, -14.0], [-50",
     "plant.linkage.phi_deg=[[-40,-12],[40,14]]": "= 13.2 deg either way, got -12 to 14",
     "plant.linkage.phi_deg=[[-40,-14,0],[40,14,0]]": "phi_deg.0: must have at most 2 values, has 3",

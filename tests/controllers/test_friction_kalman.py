@@ -429,3 +429,51 @@ def test_a_modelled_plate_follows_a_commanded_rate_as_the_lag_says_whatever_is_m
     assert x[0, 2] == pytest.approx(rate * (passed - lag * (1 - gone)), abs=rate * T)
     assert x[0, 3] == pytest.approx(rate * (1 - gone), rel=1e-9)
     assert not x[0, 6:].any()
+
+
+def turned(observer, lags, play, own=0.0, seconds=2.5):
+    """Lags in s that an observer found of drives with lag and play, one a rig, angles in rad.
+
+    A plate that swings about both axes; its encoders count after the play, and it has a lag of its
+    own after that.
+    """
+    lags, fine = np.array(lags), 10
+    motor, rate, plate, seen = (np.zeros((len(lags), 2)) for _ in range(4))
+    told, noise = np.zeros(2), np.random.default_rng(3)
+    observer.start(np.zeros((len(lags), 8)))
+    left = np.where(lags > 0, np.exp(-T / fine / np.maximum(lags, 1e-9)), 0.0)[:, None]
+    for tick in range(round(seconds / T)):
+        y = np.zeros((len(lags), 4))
+        y[:, 1::2] = seen + 1e-5 * noise.normal(size=2)
+        observer.correct(Measurement(tick * T, y, np.zeros(len(lags)), np.ones(len(lags), bool)))
+        t = tick * T
+        turn = np.array([0.12 * np.cos(4 * t) + 0.1 * np.cos(11 * t), 0.15 * np.sin(6 * t)])
+        observer.predict(np.tile((turn - told) / T, (len(lags), 1)))
+        told = turn
+        for _ in range(fine):
+            rate = told + left * (rate - told)
+            motor = motor + T / fine * rate
+            plate = np.clip(plate, motor - play / 2, motor + play / 2)
+            seen = seen + (plate - seen) * (1 if not own else -np.expm1(-T / fine / own))
+    return observer.further[:, -1]
+
+
+OWN = 0.0025
+"""Lag in s that the plate of the rig has by itself."""
+
+
+@pytest.mark.parametrize("play", [0.0, 0.15, 0.3])
+def test_the_lag_of_the_drives_is_found_beside_their_play_and_none_where_there_is_none(play):
+    lags = [0.0, 0.008, 0.014, 0.02]
+    found = turned(FrictionKalman(), lags, np.deg2rad(play), own=OWN)
+    assert found[0] == 0.0
+    np.testing.assert_allclose(found[1:], lags[1:], atol=0.0025)
+    alone = turned(FrictionKalman(), lags[1:2], np.deg2rad(play), own=OWN, seconds=0.5)
+    beside = turned(FrictionKalman(), lags[1:2] * 2, np.deg2rad(play), own=OWN, seconds=0.5)
+    np.testing.assert_array_equal(beside, [*alone, *alone])
+
+
+@pytest.mark.parametrize("how", [{"model": BallPlate(lag=0.01)}, {"plate": "modelled"}])
+def test_a_lag_that_is_told_is_kept_and_none_is_found_without_encoders(how):
+    observer = FrictionKalman(**how)
+    assert turned(observer, [0.02], 0.0, seconds=0.5) == observer.model.lag

@@ -72,11 +72,12 @@ def test_the_planned_slope_makes_the_ball_follow_the_path_itself():
 LAG = 0.06
 
 
-def follows(law, lag, path, seconds=4.0):
+def follows(law, lag, path, seconds=4.0, found=0.0):
     """Farthest that a ball under a law comes off its path after 2 s, m, along x: linear plate.
 
     Slope a and its rate r under the commanded rate w, r' = (w - r) / lag, and x'' = k1 a - c2 a'',
-    integrated by steps of a tenth of a period. A law that knows of no lag is told w for r.
+    integrated by steps of a tenth of a period. A law that knows of no lag is told w for r; one that
+    is not told may be given the lag that an observer found.
     """
     plan = law.start(np.zeros((1, 8)), path, T)
     a = r = w = 0.0
@@ -84,8 +85,8 @@ def follows(law, lag, path, seconds=4.0):
     off = []
     for tick in range(round(seconds / T)):
         x = np.zeros((1, 8))
-        x[0, :4] = eta - MODEL.c2 * a, speed - MODEL.c2 * r, a, r if law.model.lag else w
-        now = feedback(tick * T, x, path, plan, known=(0.0, 0.0, 0.0, 0.0, 0.0))
+        x[0, :4] = eta - MODEL.c2 * a, speed - MODEL.c2 * r, a, r if law.model.lag or found else w
+        now = feedback(tick * T, x, path, plan, known=(0.0, 0.0, 0.0, 0.0, 0.0, found))
         u = law.command(now._replace(rate=np.array([[w, 0.0]])))[0, 0]
         for _ in range(10):
             eta, speed = eta + T / 10 * speed, speed + T / 10 * MODEL.k1 * a
@@ -99,6 +100,31 @@ def test_behind_drives_with_a_lag_that_is_told_the_ball_follows_as_on_drives_wit
     told = StableInversion(model=BallPlate(lag=LAG), slope=0.0)
     assert follows(told, LAG, path) < 3e-5  # 8e-5 without the third derivative
     assert follows(StableInversion(slope=0.0), LAG, path) > 1e-3
+
+
+@pytest.mark.parametrize("lag", [0.003, 0.011, 0.028])
+def test_a_lag_that_is_found_counts_as_one_that_is_told_while_the_ball_moves(lag):
+    path = Circle(amplitude=0.06, omega=2.0)
+    law, told = StableInversion(slope=0.0), StableInversion(model=BallPlate(lag=lag), slope=0.0)
+    np.testing.assert_allclose(law._gains_for(lag, 1.0), told.K, rtol=0.01)
+    off = follows(law, lag, path, found=lag)
+    assert off == pytest.approx(follows(told, lag, path), abs=2e-6)
+    assert off < 0.3 * follows(law, lag, path)
+    np.testing.assert_array_equal(law._gains_for(lag, 0.0), [*law.K, 0.0])  # at rest
+
+
+def test_a_lag_is_each_rigs_own():
+    law, path, known = StableInversion(), Circle(), (0.05, 0.01, 0.0, 0.0, 0.0)
+    lags, x = (0.0, 0.004, 0.02), np.zeros((3, 8))
+    x[:, :4] = 0.01, 0.02, 0.003, 0.04
+    plan = law.start(0 * x, path, T)
+    now = feedback(3.0, x, path, plan)
+    beside = law.command(now._replace(needed=np.array([(*known, lag) for lag in lags])))
+    for lag, row in zip(lags, beside, strict=True):
+        plan = law.start(np.zeros((1, 8)), path, T)
+        alone = law.command(feedback(3.0, x[:1], path, plan, known=(*known, lag)))
+        np.testing.assert_array_equal(alone[0], row)
+    assert len(np.unique(beside, axis=0)) == 3
 
 
 @pytest.mark.parametrize("lag", [0.001, 0.04, 0.11])
@@ -149,7 +175,7 @@ def test_the_future_beyond_the_preview_has_no_influence(preview, slope):
     assert parting - preview - further - 1e-9 <= first <= parting + 2 * T
 
 
-def feedback(t, x, path, plan, known=(0.05, 0.0, 0.0, 0.0, 0.0)):
+def feedback(t, x, path, plan, known=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0)):
     still = np.zeros((len(x), 2))
     needed = np.tile(known, (len(x), 1))
     return Feedback(t, x, x, needed, still, still, path, np.zeros((len(x), 0)), plan)
@@ -162,7 +188,7 @@ def commands(law, path, ticks=200, x=None):
 
 
 def test_a_ball_at_rest_has_friction_fed_forward_along_its_own_heading():
-    law, known = StableInversion(), (0.05, 0.0, 0.0, 0.0, 0.0)
+    law, known = StableInversion(), (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
     x = np.zeros((1, 8))
     x[0, 1] = 0.01
     for path, own in ((Hold(), True), (Circle(amplitude=0.15, omega=1.0), False)):
@@ -213,7 +239,7 @@ def pushed(law, speed, ticks=1000):
         x[4], x[5] = eta - MODEL.c2 * slope, eta_rate - MODEL.c2 * rate
         x[6], x[7] = -slope, -rate
         found.append(x[4])
-        u = -law.command(feedback(k * T, x[None], Hold(), plan, (0.0,) * 5))[0, 1]
+        u = -law.command(feedback(k * T, x[None], Hold(), plan, (0.0,) * 6))[0, 1]
         before = rate
         wished = rate + T * u
         left = max(ANGLE - slope * np.sign(wished), 0.0)

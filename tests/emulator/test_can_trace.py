@@ -20,6 +20,8 @@ from twin.scenario.load import check, put, setting
 from twin.view import streams, viewer
 from twin.view.recording import write
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 TURN = 2 * np.pi
 RPM = TURN / 60
 CHANGES = ("plant.kind=mujoco", "duration=0.4", "sensors.touch.frame_rate=57.6")

@@ -8,7 +8,7 @@ import pytest
 from controllers import catalog
 from controllers.interfaces import Law
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.screen import FRAME
+from twin.emulator.screen import FRAME, Protocol
 from twin.errors import LawError
 from twin.hal.supervisor import State
 from twin.run.assemble import build_controller
@@ -32,6 +32,29 @@ def error_percent(time, estimate, reference, start):
     r = reference(time)[0][late]
     away = estimate[late][:, 0::4] - r
     return 100 * np.sqrt((away**2).sum() / (r**2).sum())
+
+
+def test_the_emulated_screen_sees_what_the_scenarios_sees_and_as_often():
+    where = ("plant.kind=lagrange", "plant.start.x=0.1", "plant.start.y=0.05", "seed=2")
+
+    def plant(*more):
+        return LockstepRig(load("hold", (*where, "sensors.touch.variance=[0,0]", *more))).plant
+
+    turned = plant("sensors.touch.rotation_deg=30")
+    seen = np.array([[np.sqrt(3) / 2, 0.5], [-0.5, np.sqrt(3) / 2]]) @ (0.1, 0.05)
+    assert turned.ball()[0] == pytest.approx(seen, abs=1e-6)
+    assert plant("sensors.touch.hidden=[0.05,0.0,0.15,0.1]").ball() == ()
+    assert len(plant("sensors.touch.hidden=[0.05,0.0,0.15,0.04]").ball()) == 1
+    looked = []
+    line = turned.screen_line(lambda: looked.append(0) or (), Protocol.MICROTOUCH)
+    camera = plant("sensors.touch.frame_rate=25", "sensors.touch.lost=0.5")
+    assert len(camera.ball()) == 1
+    slower = camera.screen_line(lambda: looked.append(1) or (), Protocol.MICROTOUCH)
+    for tick in range(2000):
+        line.step(0.001 * tick)
+        slower.step(0.001 * tick)
+    assert looked.count(1) == pytest.approx(2 * 25, abs=1)
+    assert looked.count(0) == pytest.approx(2 / FRAME, abs=2)
 
 
 @pytest.mark.long

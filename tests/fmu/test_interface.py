@@ -184,14 +184,6 @@ def test_what_cannot_be_done_is_said_in_a_line(library):
     assert rig.said == said
 
 
-def test_a_rig_with_a_linkage_is_refused(tmp_path):
-    with pytest.raises(ScenarioError, match=r"crank_mm=\[0,0\] and rig\.cams=table"):
-        bp.fmu("circle", tmp_path / "rig.fmu", {"parameters": "course"})
-    table = {f"plant.linkage.{axis}_deg": [[-40, -15], [40, 15]] for axis in ("phi", "theta")}
-    with pytest.raises(ScenarioError, match=r"phi_deg=\[\], theta_deg=\[\]"):
-        bp.fmu("circle", tmp_path / "rig.fmu", {"parameters": "hobby"} | table)
-
-
 def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
     keys = {key.key: key for key in described()}
     factor = {"": 1.0, "_mm": 1e-3, "_um": 1e-6, "_deg": np.pi / 180, "_percent": 0.01}
@@ -209,7 +201,8 @@ def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
     known = ("plant.surface.", "plant.camber", "plant.shape", "plant.kind", "plant.step")
     known += (
         "plant.ball.kind",
-        "plant.linkage.",
+        "plant.linkage.phi_deg",
+        "plant.linkage.theta_deg",
         "rig.period",
         "rig.cams",
         "rig.plate_lag",

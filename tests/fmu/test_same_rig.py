@@ -1,9 +1,12 @@
 """The C rig against the twin's exact plant, drives, sensors and supervisor, effect by effect."""
 
+import ctypes
+
 import numpy as np
 import pytest
 from c_rig import CRig, counted, exact, made, normal
 
+from twin.hal.linkage import Linkage
 from twin.hal.supervisor import State
 from twin.run.assemble import assemble
 
@@ -74,6 +77,19 @@ EFFECTS = {
     "fell": {"plant__start__x": 0.3, "plant__start__x_rate": 0.5, "rig__limits__margin": 0.2},
     "cams": {"rig__cam_error_percent": [2.0, -3.0], "rig__cam_coupling_percent": 1.0},
 }
+EFFECTS["linkage"] = {
+    "plant__linkage__crank_mm": [40.0, 28.0],
+    "plant__linkage__rod_mm": [90.0, 95.0],
+    "plant__linkage__arm_mm": [100.0, 70.0],
+    "plant__linkage__distance_mm": [50.0, 42.0],
+}
+EFFECTS["linkage_ratio"] = EFFECTS["linkage"] | {"rig__cams": "ratio"} | EFFECTS["cams"]
+EFFECTS["linkage_wrong"] = EFFECTS["linkage"] | EFFECTS["cams"] | EFFECTS["limits"]
+EFFECTS["linkage_driven"] = {
+    key: value
+    for each in ("linkage", "servo", "train", "wander", "disturbance", "cams")
+    for key, value in EFFECTS[each].items()
+}
 EFFECTS["all"] = {
     key: value
     for each in (
@@ -130,7 +146,7 @@ def both(scenario, c, ticks, rates=wish, seed=0):
 LONG = [pytest.param(each, 700, marks=pytest.mark.long) for each in EFFECTS]
 
 
-@pytest.mark.parametrize(("effect", "ticks"), [("all", 300), *LONG])
+@pytest.mark.parametrize(("effect", "ticks"), [("all", 300), ("linkage_driven", 300), *LONG])
 def test_every_effect_is_that_of_the_twin(library, effect, ticks):
     scenario = exact(seed=7, **EFFECTS[effect])
     twin, ours, notes = both(scenario, CRig(library, scenario), ticks, seed=7)
@@ -186,6 +202,75 @@ def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
     assert disc.get("true_on_plate")[0] == 0
     flat = both(exact(), CRig(library), 700)[0]
     assert abs(flat - ours).max() > 1e-3
+
+
+ROWS = [[-50, -14.5], [-25, -8], [0, 0.3], [25, 8.5], [50, 15.5]]
+TABLE = {
+    "plant__linkage__phi_deg": ROWS,
+    "plant__linkage__theta_deg": [[-50, -15], [0, 0], [40, 14]],
+}
+
+
+FAR = {
+    "rig__limits__angle_deg": 12.7,
+    "rig__limits__acceleration": 60.0,
+    "rig__limits__rate_deg": 120.0,
+    "rig__limits__margin": 2.0,
+    "rig__limits__ball_speed": 20.0,
+    "rig__cam_error_percent": [20.0, 20.0],
+    "plant__size": [5.0, 5.0],
+}
+"""A wide plate that goes to the ends of its table, for its rig believes in too small a gain."""
+
+
+BEYOND = FAR | {"rig__cams": "ratio"}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("more", [BEYOND, FAR, EFFECTS["linkage_ratio"], EFFECTS["linkage_driven"]])
+def test_a_typed_table_tilts_the_plate_as_in_the_twin(tmp_path, more):
+    typed = TABLE | {key: more[key] for key in more.keys() - EFFECTS["linkage"].keys()}
+    c = CRig(made(tmp_path, duration=0.02, **typed))
+    twin, ours, _ = both(exact(**typed), c, 300, lambda time: 12 * wish(time))
+    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    tilt = np.degrees(np.abs(ours[:, [8, 12]]).max(axis=0))
+    if more is BEYOND:
+        assert tilt[1] == pytest.approx(14.0)  # the end of its table
+    assert tilt.max() > 3
+
+
+def test_cranks_and_rods_turn_the_plate_far_as_in_the_twin(library):
+    wide = FAR | EFFECTS["linkage"] | {"rig__cam_error_percent": [2.0, -3.0]}
+    scenario = exact(**wide)
+    twin, ours, _ = both(scenario, CRig(library, scenario), 300, lambda time: 12 * wish(time))
+    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    assert np.degrees(np.abs(ours[:, [8, 12]]).max(axis=0)).min() > 10
+
+
+@pytest.mark.parametrize(
+    ("lengths", "word"),
+    [
+        ({"rod": (0.0, 0.09)}, "above 0"),
+        ({"distance": (0.2, 0.05)}, "longer"),
+        ({"crank": (0.01, 0.03)}, "locks"),
+        ({"rod": (0.071, 0.0605), "distance": (0.0, 0.0)}, "locks"),
+        ({}, ""),
+    ],
+)
+def test_lengths_that_do_not_fit_are_refused_by_both(library, lengths, word):
+    given = {"crank": (0.04, 0.03), "rod": (0.09, 0.1), "arm": (0.1, 0.07)}
+    given |= {"distance": (0.05, 0.045)} | lengths
+    problem = Linkage(**given).problem(np.radians(12))
+    assert word in problem
+    assert bool(word) == bool(problem)
+    c = CRig(library, **{"rig.limits.angle": np.radians(12)})
+    for name, pair in given.items():
+        for i, length in enumerate(pair):
+            assert c.set(f"plant.linkage.{name}[{i + 1}]", length) == 0
+    begins = ctypes.c_double(0.0), ctypes.c_double(0.0)
+    c.call("EnterInitializationMode", False, begins[0], begins[0], False, begins[1])
+    assert (c.status("ExitInitializationMode") != 0) == bool(word)
+    assert word in "".join(c.said)
 
 
 @pytest.mark.long

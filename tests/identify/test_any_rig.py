@@ -15,6 +15,7 @@ from ballplate import identify
 from twin.cli.understand import identify as command
 from twin.errors import LogError, ScenarioError
 from twin.identify.any_rig import _chosen, _joined, _verdicts, identify_any
+from twin.identify.drives import TiltHistory, followed
 from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, score
 from twin.identify.logs import (
     AnyLog,
@@ -26,7 +27,6 @@ from twin.identify.logs import (
 )
 from twin.identify.plain_model import (
     PlainProblem,
-    TiltHistory,
     axis_predicted,
     beginnings,
     fit_axis,
@@ -210,6 +210,39 @@ def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_
     )
     assert places[-1, 0, 0] == 0.0
     assert places[-1, 0, 1] == pytest.approx(0.03**2 / (2 * 0.03), rel=0.01)
+
+
+def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
+    time = np.arange(6.0)
+    sent = np.array([0.0, 1.0, 1.4, 2.0, 1.0, 1.0])
+    at, place = followed(time, sent, 0.5, 0.0, 0.0)
+    assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx([0, 1, 1, 2, 1, 1])
+    at, place = followed(time, sent, 0.0, 0.1, 0.0)
+    assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx(
+        [0, 0.9, 1.3, 1.9, 1.1, 1.1]
+    )
+    at, place = followed(time, sent, 0.5, 0.0, 2.0)  # half a unit a second
+    assert np.interp(np.arange(1.0, 6.0), at, place) == pytest.approx([0, 0.5, 1.0, 1.5, 1.0])
+    log = AxisLog(time, sent, True, time, 0 * time)
+    ramp = TiltHistory(log, 1.0).at(np.array([1.5, 2.5]), 0.0, 0.5, 0.0, 2.0)
+    assert ramp == pytest.approx([0.25, 0.75], abs=2e-3)  # half a fine step
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "size"), [("dead_band", 0.0175), ("slew", 0.5)])
+def test_dead_band_and_slew_of_the_drives_are_found_and_bias_nothing_else(axis_of, name, size):
+    """A drive of its own simulates the commands' log: see axis_log."""
+    log = axis_of(4, rate=60.0, seconds=45, camber=0.35, **{name: size})
+    found = identify_any([AnyLog("rig.csv", {"x": log}, {"x": "rad"}, ())], 1 / 3)
+    told = {each.name[:-2]: each for each in found.verdicts}
+    assert told[name].value == pytest.approx(size, rel=0.1)
+    for other in ("gain", "friction", "camber"):
+        truth = {**TRUTH, "camber": 0.35}[other]
+        half = 1.5 * (told[other].high - told[other].low)
+        assert told[other].value == pytest.approx(truth, abs=half)
+    assert any("of the drives fitted along" in note for note in found.notes)
+    without = ({"dead_band", "slew"} - {name}).pop()
+    assert told[without].value is None
 
 
 @pytest.mark.long
@@ -402,7 +435,7 @@ def test_another_run_of_a_real_rig_that_sticks_is_predicted_better_than_by_windo
     )
     names = ("gain", "dead_time", "lag", "level", "friction")
     windows = fit_axis(fitted, names, 2.5, (0, 0.5))
-    windows = replace(windows, briefer=windows.again(windows.log, names, 1.25))
+    windows = replace(windows, briefer=(windows.again(windows.log, names, 1.25),))
     at = beginnings(other)
     before, after = (
         score({axis: axis_predicted(other, fit, at)}).median

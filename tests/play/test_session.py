@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.play.driven import Driven, Kept, States
+from twin.play.driven import MOST, Driven, Kept, States
 from twin.play.session import COLUMNS, Back, End, Goal, Pause, Push, Save, Settings
 from twin.run.finished import open_run, run
 from twin.scenario.load import load
-from twin.whatif.futures import moment_of
+from twin.whatif.futures import branch, future, moment_of
 
 FRICTION = "plant.friction.rolling_mm"
 
@@ -34,10 +34,7 @@ def played(driven, tmp_path_factory):
         560: [Goal(-0.05, 0.0)],
         700: [Save(folder)],
     }
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.play.driven.LATER", 0.5)
-        session = driven(load("hold"), script, 700)
-    return session, folder
+    return driven(load("hold"), script, 700), folder
 
 
 def test_goals_and_changes_of_the_rig_are_a_scenario_that_runs_to_the_same_bits(driven, tmp_path):
@@ -113,18 +110,16 @@ def test_what_is_chosen_again_as_it_was_changes_no_bit(driven, values):
     assert np.array_equal(rows(session), rows(calm)[:common])
 
 
-def test_states_of_long_ago_are_fewer_but_none_in_which_something_was_done_is_left_out():
+def test_of_two_states_at_one_moment_the_later_counts_and_what_follows_one_goes_with_it():
     states = States()
-    for second in range(120):
-        assert states.due(float(second))
-        for acted in (False, True)[: 2 if second == 33 else 1]:
-            states.keep(Kept(float(second), 500 * second, None, None, None, acted))
-    times = [each.time for each in states.all]
-    assert times[-30:] == list(range(90, 120))
-    assert 33.0 in times
-    assert len(times) == len(set(times))
-    assert len(times) < 30 + 90 / 5 + 5
-    assert states.back_to(42.5).time == max(each for each in times if each < 42.5)
+    for second in (*range(400), 399):
+        states.keep(Kept(float(second), len(states.all), None, None, None))
+    assert [each.time for each in states.all] == [0, *range(400 - MOST, 400)]
+    assert not states.due(399.5)
+    assert states.due(400.0)
+    assert states.back_to(142.5).time == 142.0
+    assert states.all[-1].time == 142.0
+    assert states.back_to(5.0).time == 0.0
 
 
 def test_a_saved_run_is_a_run_that_says_it_was_driven(played):
@@ -141,13 +136,14 @@ def test_a_saved_run_is_a_run_that_says_it_was_driven(played):
     assert (folder / "picture.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize(("at", "law"), [(0.4, "lqr"), (0.65, "lqr"), (1.2, "pole_placement")])
-def test_whatif_goes_on_from_any_moment_of_it_exactly(played, at, law):
+@pytest.mark.parametrize(("at", "law"), [(0.65, "lqr"), (1.3, "pole_placement")])
+def test_whatif_goes_on_from_it_with_the_law_of_the_moment(played, at, law):
     _, folder = played
     moment = moment_of(folder, at)
-    assert moment.exact
-    assert moment.before_mm == 0.0
+    assert not moment.exact  # no scenario says that it was pushed
     assert moment.scenario.controller.kind == law
+    found = future(moment, branch(moment.scenario, at, at + 0.06, ()), ())
+    assert found.max_difference < 1e-3
 
 
 def test_what_cannot_be_is_said_in_a_line_and_changes_nothing(driven):

@@ -93,6 +93,7 @@ def test_a_rig_that_begins_among_others_runs_as_one_that_began_with_them(
 
 SMOOTH = ("duration=5", "metrics.start=0", "plant.friction.rolling_mm=0.01")
 RODS = ("parameters=course", *SMOOTH)
+CAMS = ("rig.limits.area=[0.1,0.1]", "reference.amplitude=0.05", "plant.size=[0.35,0.35]", *SMOOTH)
 EXACT = ("parameters=hobby", *SMOOTH, "plant.surface.spread_percent=20")
 
 
@@ -103,6 +104,8 @@ EXACT = ("parameters=hobby", *SMOOTH, "plant.surface.spread_percent=20")
         (3, EXACT, ("plant.size=[0.4,0.4]", "plant.shape=round")),
         (3, (*RODS, "plant.kind=mujoco"), ("plant.size=[0.4,0.3]",)),
         (16, (*RODS, "plant.kind=mujoco"), ("plant.size=[0.4,0.3]",)),
+        (3, (*RODS, "plant.kind=mujoco"), ("plant.size=[0.4,0.4]", "plant.shape=round")),
+        (16, CAMS, ("plant.size=[0.4,0.4]", "plant.shape=round")),
     ],
 )
 def test_an_episode_on_another_plate_ends_at_its_edge(count, fixed, plate):

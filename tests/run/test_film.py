@@ -157,10 +157,9 @@ def test_a_positive_phi_lowers_the_right_end_and_a_positive_theta_raises_the_far
     assert (last - first) * sign > 0
 
 
-@pytest.mark.parametrize("number", [2, 6])
-def test_balls_in_one_place_are_all_seen_in_their_colours(number):
-    picture = frames(*[told([(0.1, 0.05)] * 9)] * number, seconds=0.05)[0]
-    for colour in COLOURS[1:number]:
+def test_balls_in_one_place_are_all_seen_in_their_colours():
+    picture = frames(*[told([(0.1, 0.05)] * 9)] * 6, seconds=0.05)[0]
+    for colour in COLOURS[1:6]:
         found, pixels = seen(picture, ImageColor.getrgb(colour))
         assert pixels > 20
         np.testing.assert_allclose(found, (0.1, 0.05), atol=2e-3)

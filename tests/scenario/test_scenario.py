@@ -51,7 +51,7 @@ def test_every_shipped_scenario_is_valid(name):
         (["plant.kind=real"], ["plant.kind", "mujoco", "lagrange"]),
         (["plant.start.x=0.4"], ["plant.start.x", "0.35"]),
         (["rig.limits.area=[0.25,0.2]"], ["rig.limits.area", "the plate's half is 0.35, 0.1975 m"]),
-        (["plant.shape=round"], ["plant.shape: the mechanism's plate is a rectangle"]),
+        (["plant.shape=round"], ["plant.size: of a round plate its diameter twice, got 0.7"]),
         ([*ROUND, "plant.size=[0.3,0.2]"], ["plant.size", "its diameter twice, got 0.3 and 0.2"]),
         ([*ROUND, "plant.start.x=0.11", "plant.start.y=-0.11"], ["plant.start", "radius is 0.15"]),
         (

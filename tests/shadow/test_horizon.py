@@ -12,7 +12,7 @@ from twin.identify.prepare import prepare
 from twin.identify.search import fit_starts
 from twin.identify.windows import STEP, STRETCH, Spans, cut
 from twin.scenario import load
-from twin.shadow.belief import believed, logs
+from twin.shadow.belief import Belief, believed, logs
 from twin.shadow.horizon import (
     BAND,
     LEAD,
@@ -52,7 +52,7 @@ SIZES = {  # of what is believed, before anything is seen
 
 
 def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
-    log, belief = circled("duration=10", "plant.friction.breakaway_ratio=1.2")
+    log, belief = circled("duration=7", "plant.friction.breakaway_ratio=1.2")
 
     def spans(segment, begin, end, longest):
         begins = np.arange(begin + 2, end - longest, 2.0)  # the ball rolls
@@ -80,6 +80,19 @@ def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
             each[round(LEAD / STEP), :, 0, w] for each in problem.replayed(moved, begun)
         )
         assert end[:, w] + mean[w, 6:] == pytest.approx([*place, *speed], abs=2e-5)
+
+
+@pytest.mark.long
+def test_of_a_plate_with_camber_that_is_known_replays_are_as_near_as_of_a_flat_one():
+    camber = "plant.camber=[0.4,-0.5]"
+    far = []
+    for more in ("plant.camber=[0,0]", camber):
+        log, belief = circled("duration=8", "seed=3", more)
+        far.append(np.median(np.abs(replays(log, belief, NO_GAPS).error[:, :2])))
+    assert far[1] == pytest.approx(far[0], rel=0.5)
+    flat = load("circle", (*QUICK, "plant.camber=[0,0]"))
+    unknown = replays(log, Belief.of(flat, belief), NO_GAPS)
+    assert np.median(np.abs(unknown.error[:, :2])) > 10 * far[1]
 
 
 def test_on_an_uneven_screen_replays_stray_as_far_as_predicted(uneven):

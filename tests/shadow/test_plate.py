@@ -12,6 +12,8 @@ from twin.shadow.evidence import plate_angles, plate_evidence, whitened
 
 SHAKEN = ("duration=5", "seed=3", "plant.step=0.002", "plant.servo.backlash_deg=0.1")
 
+POSITIONS = ("plant.servo.deadband_deg=0.15", "plant.servo.slew_deg=30")
+
 
 def recorded(*more):
     """A rig whose plate is moved some times a second: its log, and the twin that is exact."""
@@ -22,8 +24,12 @@ def recorded(*more):
 
 @pytest.mark.parametrize(
     "more",
-    [(), ("plant.kind=lagrange", "plant.servo.bandwidth_hz=12")],
-    ids=["mechanism", "exact"],
+    [
+        (),
+        ("plant.kind=lagrange", "plant.servo.bandwidth_hz=12"),
+        ("plant.kind=lagrange", "plant.servo.bandwidth_hz=12", *POSITIONS),
+    ],
+    ids=["mechanism", "exact", "to positions"],
 )
 def test_what_a_fast_law_makes_of_the_plate_is_what_an_exact_twin_expects(more):
     log, belief = recorded(*more)

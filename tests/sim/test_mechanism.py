@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import mujoco
@@ -17,9 +18,11 @@ from twin.errors import ModelError
 from twin.hal.cams import CamTable
 from twin.hal.linkage import Linkage
 from twin.paths import model_path
+from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts, ball_in_plate
 from twin.sim.plant.mechanism import Mechanism
+from twin.sim.plant.model import load_model
 
 BALL = BallPlate()
 TICK = 2
@@ -33,9 +36,15 @@ RODS = Parts(
 )
 
 
-@pytest.fixture(params=[None, RODS], ids=["cams", "rods"])
+ROUND = Parts(size=(0.7, 0.7), rounded=True)
+ROUND_RODS = replace(RODS, size=(0.7, 0.7), rounded=True)
+
+
+@pytest.fixture(
+    params=[None, RODS, ROUND, ROUND_RODS], ids=["cams", "rods", "round cams", "round rods"]
+)
 def mechanism(request):
-    """Makes mechanisms of both kinds, which have the same ball and surface."""
+    """Makes mechanisms of both kinds and shapes, which have the same ball and surface."""
     return partial(Mechanism, parts=request.param)
 
 
@@ -257,6 +266,70 @@ def test_a_wheel_can_lift_off_its_cam():
     plant.advance(np.array([[-20.0, 0.0]]), 30)
     assert plant.telemetry()[0, plant.channels.index("wheel_phi_N")] == 0
     assert not plant.warnings.any()
+
+
+@pytest.mark.parametrize("rigs", [1, 20])
+def test_from_a_round_plate_the_ball_falls_where_the_circle_ends_beside_square_ones(rigs):
+    there = np.array([0.23, 0.2, 0.23, 0.2])  # 325 mm from the middle, outwards at 283 mm/s
+    for disc, square in (
+        (ROUND, Parts(size=(0.7, 0.7))),
+        (ROUND_RODS, replace(RODS, size=(0.7,) * 2)),
+    ):
+        parts = [disc if rig % 3 == 0 else square for rig in range(rigs)]
+        plant = Mechanism(rigs=rigs, parts=parts, friction=Friction(rolling=0.0))
+        plant.start(np.tile(there, (rigs, 1)))
+        for tick in range(60):
+            plant.advance(np.zeros((rigs, 2)), 2)
+            out = np.hypot(0.23, 0.23) + 0.2 * np.sqrt(2) * 0.002 * (tick + 1)
+            if abs(out - 0.35) > 5e-4:
+                assert plant.on_plate.tolist() == [out < 0.35 or part is square for part in parts]
+        assert out > 0.35
+        plant.advance(np.zeros((rigs, 2)), 150)
+        fell = np.array([part is disc for part in parts])
+        height = plant._qpos[:, plant._at.ball_pose][:, 2]
+        assert (height[fell] < 0.1).all()
+        assert height[~fell] == pytest.approx(np.full(rigs - fell.sum(), 0.142), abs=1e-3)
+
+
+@pytest.mark.parametrize("sides", [(0.5, 0.6), (0.5, 0.5)])
+def test_mass_and_inertia_of_another_plate_are_those_of_a_slab_of_its_shape(sides):
+    """That of the file is a uniform box of 0.7 x 0.395 x 0.05 m and 5.5 kg; rods carry glass."""
+    (a, b), rounded = sides, sides[0] == sides[1]
+    across, along = np.random.default_rng(1).uniform(-0.5, 0.5, (2, 400_000)) * [[a], [b]]
+    kept = np.hypot(across, along) < a / 2 if rounded else np.full(across.shape, True)
+    area = a * b * kept.mean()
+    for parts, per_area, thick in (
+        (Parts(), 5.5 / (0.7 * 0.395), 0.05),
+        (RODS, 2500 * 0.003, 0.003),
+    ):
+        model = load_model(parts=replace(parts, size=sides, rounded=rounded))
+        plate = model.body("plate")
+        mass = per_area * area
+        assert plate.mass[0] == pytest.approx(mass, rel=3e-3)
+        xx, yy = np.mean(across[kept] ** 2), np.mean(along[kept] ** 2)
+        zz = thick**2 / 12
+        moments = mass * np.array([yy + zz, xx + zz, xx + yy])
+        turn = np.zeros(9)
+        mujoco.mju_quat2Mat(turn, plate.iquat)
+        axes = turn.reshape(3, 3)
+        found = axes @ np.diag(plate.inertia) @ axes.T
+        assert found == pytest.approx(np.diag(moments), rel=7e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize("parts", [ROUND, ROUND_RODS], ids=["cams", "rods"])
+def test_a_ball_on_a_round_plate_that_moves_follows_the_exact_equations(parts):
+    plant = Mechanism(parts=parts, friction=Friction(rolling=0.0))
+    told = ExactPlant(size=(0.7, 0.7), rounded=True)
+    ball = np.array([[0.02, 0.02, -0.03, 0.01]])
+    for each in (plant, told):
+        each.start(ball)
+    for tick in range(1000):
+        wave = np.sin(tick * np.array([0.006, 0.008]))
+        tilt_rate = 0.5 * wave**2 * np.cos(tick * np.array([0.006, 0.008]))
+        plant.advance((plant.ratio * tilt_rate)[None], 1)
+        told.advance(plant.state[:, 3::4], 1)
+    assert np.abs(plant.state[0, 2::4]).max() > np.radians(1)
+    assert plant.state[:, 0::4] == pytest.approx(told.state[:, 0::4], abs=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -94,14 +94,6 @@ def test_an_undecided_index_is_called_so_and_never_shown_as_a_number(tmp_path) -
 
 
 @pytest.mark.long
-def test_morris_finds_the_slopes_of_a_linear_function_exactly(tmp_path) -> None:
-    about = study("morris", 20, 0.0, 1.0)
-    found = answered(about, lambda a, b, c: 3 * a - 2 * b + 0 * c, tmp_path, page=True)
-    assert [index.value for index in found.indices] == pytest.approx([3, 2, 0], abs=1e-9)
-    assert [index.first for index in found.indices] == pytest.approx([0, 0, 0], abs=1e-9)
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("method", ["lhs", "montecarlo"])
 def test_rank_correlation_of_a_rising_function_of_one_parameter_is_one(tmp_path, method) -> None:
     function = lambda a, b, c: np.exp(a) + 0 * b * c  # noqa: E731
@@ -110,10 +102,12 @@ def test_rank_correlation_of_a_rising_function_of_one_parameter_is_one(tmp_path,
     assert [index.decided for index in found.indices] == [True, False, False]
 
 
-def test_one_at_a_time_curves_have_the_slope_of_the_function(tmp_path) -> None:
-    about = study("oat", 5, 0.0, 1.0)
-    found = answered(about, lambda a, b, c: 4 * a - 0.5 * b + c, tmp_path, page=True)
-    assert [curve.slope for curve in found.curves] == pytest.approx([4, -0.5, 1])
+def test_curves_of_a_grid_have_the_slope_of_the_function(tmp_path) -> None:
+    about = study("grid", 3, 0.0, 1.0)
+    found = answered(about, lambda a, b, c: (4 + b) * a + c, tmp_path)
+    assert len(found.curves) == 9
+    for curve in found.curves:
+        assert curve.slope == pytest.approx(4 + curve.where[KEYS[1]])
 
 
 def test_failed_runs_are_counted_and_kept_out_of_the_averages() -> None:

@@ -7,8 +7,10 @@ from controllers.analysis import margins, sampled_loop, unstable
 from controllers.classical import AFL, LQR, SlidingMode
 from controllers.controller import Smith
 from controllers.observers import Kalman, Luenberger
+from twin.run.assemble import build_controller
+from twin.scenario import load
 from twin.tune.search import best_of, score, searched, tail_mean
-from twin.tune.trials import Indicators, NominalLoop, Tune, loop_margins
+from twin.tune.trials import Indicators, NominalLoop, Tune, _loop, loop_margins
 
 TABLES = {
     "title": "formula",
@@ -208,6 +210,21 @@ def test_the_least_margin_of_all_cuts_counts_and_the_loop_bears_that_much():
 def test_an_unstable_loop_has_no_margin():
     found = loop_margins(AFL(gains=HAND), Luenberger(), dead_time=0.5)
     assert (found.disk, found.delay) == (0.0, 0.0)
+
+
+@pytest.mark.long
+def test_drives_so_slow_that_the_ball_swings_have_no_margin():
+    """tests/cli/test_analyse.py simulates them: fading at 2.2 Hz, growing at 1.6 Hz."""
+    law = AFL(gains=(180, 162, 66, 13))
+    observer = build_controller(load("hold")).observer
+    disks = [
+        loop_margins(law, observer, dead_time=0.042, lag=1 / (2 * np.pi * corner)).disk
+        for corner in (2.2, 1.6)
+    ]
+    assert disks[0] > 0.05
+    assert disks[1] == 0.0
+    on = _loop(load("circle", ["parameters=hobby"]).model_dump_json())
+    assert on.delay < 0.015  # 62 ms if its servos were fast and its frames at once
 
 
 def test_a_law_that_switches_has_none_that_could_be_told():

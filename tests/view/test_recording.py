@@ -17,6 +17,8 @@ from twin.view.streams import LINES, PLOTS, signals, telling
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 PROMISED = (
     "mechanism/base/base",
     "mechanism/cardan/plate/plate",
@@ -125,10 +127,19 @@ def test_a_plate_on_rods_is_drawn_with_them(tmp_path, kind):
     assert not re.search(r"/mechanism/\S*(spring|wheel|cam_)", text)
 
 
-def test_a_round_plate_is_drawn_round(tmp_path):
+@pytest.mark.parametrize(
+    ("rig", "thick"),
+    [
+        (("parameters=hobby",), 0.01),
+        (("parameters=course", "plant.size=[0.3,0.3]"), 0.003),
+        (("parameters=course", "plant.size=[0.3,0.3]", "plant.kind=mujoco"), 0.003),
+    ],
+)
+def test_a_round_plate_is_drawn_round(tmp_path, rig, thick):
     from twin.scenario import load
 
-    settings = ("parameters=hobby", "duration=0.1", "metrics.start=0", "plant.shape=round")
+    small = ("rig.limits.area=[0.1,0.1]", "duration=0.1", "metrics.start=0", "plant.shape=round")
+    settings = (*rig, *small)
     write(tmp_path / "view.rrd", [run(load("circle", settings))])
     text = printed(tmp_path / "view.rrd")
     (root,) = set(re.findall(r"(/\S+)/mechanism/base/base", text))
@@ -140,7 +151,7 @@ def test_a_round_plate_is_drawn_round(tmp_path):
         return [float(each) for each in re.findall(r"-?[\d.]+", found)]
 
     assert numbers("mechanism/cardan/plate/plate", "radii") == pytest.approx([0.15])
-    assert numbers("mechanism/cardan/plate/plate", "lengths") == pytest.approx([0.01])
+    assert numbers("mechanism/cardan/plate/plate", "lengths") == pytest.approx([thick])
     rim = np.reshape(numbers("plate_mm/screen", "strips")[:8], (-1, 2))  # the rest is cut short
     assert np.hypot(*rim.T) == pytest.approx(np.full(len(rim), 150), abs=1e-3)
 

@@ -16,9 +16,10 @@ from 8    the goal (x, y) in m now and at each further time of ``preview``
 An **action** is a pair in [-1, 1]: plate rates (phi', theta') in units of ``rate``, held for
 ``hold`` control periods. The rig clamps it as any command.
 
-The **reward** of a step is the mean over its control periods of 1 / (1 + (e / 20 mm)^2), where e is
-the distance of the true ball from the goal: 1 on it, 1/2 at 20 mm; at most 1 a step, and none after
-the end, so that a fallen ball is what costs most.
+The **reward** of a step is the mean over its control periods of 1 / (1 + (e / s)^2), where e is the
+distance of the true ball from the goal: 1 on it, 1/2 at s; at most 1 a step, and none after the
+end, so that a fallen ball is what costs most. On the thesis's plate s is 20 mm, on others as much
+smaller or larger as the side that is the smallest in comparison.
 
 An episode is **terminated** when the ball leaves the plate or the rig stops for any other of its
 limits, and **truncated** when the scenario's duration is over.
@@ -46,6 +47,7 @@ from ballplate.changes import changes_of
 from ballplate.rigs import shaped
 from controllers.arrays import Array, Mask, put
 from twin.errors import ScenarioError, TwinError
+from twin.hal.interface import SCREEN
 from twin.run.assemble import build_reference
 from twin.run.loop import Episodes
 from twin.scenario.schema import Scenario
@@ -57,7 +59,7 @@ HOLD = 10
 PREVIEW = (0.1, 0.2, 0.4)
 """How far ahead the goal is seen by default, s."""
 REWARD_SCALE = 0.02
-"""Distance in m at which the reward is a half."""
+"""Distance in m at which the reward is a half on the thesis's plate."""
 _BOUNDS = (1.0, 1.0, 1.0, 1.0, 10.0, 10.0, 100.0, 1.0)
 """Sizes within which what is seen is clipped; nothing that happens reaches them."""
 
@@ -82,6 +84,7 @@ class Task:
     Attributes:
         ticks: Control periods of an episode.
         rate: Plate rate in rad/s that an action of 1 means.
+        scale: Distance in m at which the reward is a half.
         observation_space: Of one rig.
         action_space: Of one rig.
     """
@@ -112,6 +115,7 @@ class Task:
                 f"hold: must divide the {self.ticks} control periods of an episode, got {hold}"
             )
         self.hold = hold
+        self.scale = REWARD_SCALE * float(np.divide(one.plant.size, SCREEN).min())
         if not 0 <= computing_time <= hold * self.period * (1 + 1e-9):
             raise ScenarioError(
                 f"computing_time: must be 0 to {hold * self.period:g} s, for which an action is "
@@ -221,7 +225,7 @@ class Rigs:
         ball = np.concatenate([*held, episodes.advance(rate, hold - self.task.late)])
         self._rate = rate
         error = ball - self._goal(before + np.arange(1, hold + 1)[:, None])
-        each = 1 / (1 + (error[..., 0] ** 2 + error[..., 1] ** 2) / REWARD_SCALE**2)
+        each = 1 / (1 + (error[..., 0] ** 2 + error[..., 1] ** 2) / self.task.scale**2)
         # one after the other: how numpy adds up depends on how many rigs there are
         reward = np.asarray(sum(each)) / hold
         reward = np.where(self._ended | ~np.isfinite(reward), 0.0, reward)

@@ -265,7 +265,7 @@ EMPTY_RIG = click.option(
     "--rig",
     metavar="FILE",
     default=EMULATED,
-    help="Rig file [`emulated`, the virtual rig]; ball off, plate level.",
+    help="Rig file [`emulated`, the virtual rig]; calibrated with the ball off, the plate level.",
 )
 RESET = click.option(
     "--reset", is_flag=True, help="With --rig: reset faults found in the drives when switching on."

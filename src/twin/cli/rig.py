@@ -44,12 +44,7 @@ COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FA
 
 
 @options.command(example="doctor --rig emulated")
-@click.option(
-    "--rig",
-    metavar="FILE",
-    default=EMULATED,
-    help="Rig file [`emulated`, the virtual rig].",
-)
+@options.EMPTY_RIG
 @click.option(
     "--scenario",
     default="circle",

@@ -131,7 +131,7 @@ def run(
 
         numbers["shadow"] = examined.as_dict()
         shown += sentences(examined)
-        files += ", shadow.html, shadow.json, shadow.parquet"
+        files += ", shadow.html, shadow.json"
     shown.append(
         dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
     )

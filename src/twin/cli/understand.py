@@ -204,8 +204,8 @@ def shadow(
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns and what was commanded.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
-    identified ones: it learns then as with --learn). Writes shadow.html, shadow.json and
-    shadow.parquet. Exit code 1 after an alarm.
+    identified ones: it learns then as with --learn). Writes shadow.html and shadow.json.
+    Exit code 1 after an alarm.
     """
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)
@@ -294,7 +294,8 @@ Numbers = dict[str, Any]
 def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
     """Analyse the loop of a scenario: poles and margins of law, observer and predictor.
 
-    SCENARIO [sine] gives the controller and the dead time of its screen.
+    SCENARIO [sine] gives the controller, the dead time of its screen or camera with half a frame,
+    and the lag of its drives.
     """
     chosen = scenario_of(scenario, changes_of(overrides, {}))
     loop = _loop(chosen)
@@ -307,14 +308,14 @@ def _loop(scenario: Scenario) -> Numbers:
     from twin.run.assemble import build_controller
 
     controller = build_controller(scenario)
-    dead_time = scenario.sensors.touch.dead_time
+    late = dict(zip(("dead_time", "lag"), scenario.lateness, strict=True))
     return {
         "controller": scenario.controller.kind,
         "observer": scenario.observer.kind,
         "predictor": None if scenario.predictor is None else scenario.predictor.delay,
-        "dead_time": dead_time,
-        **loop_row(controller.law, controller.observer, dead_time),
-        "danger": instability(controller.law, controller.observer, dead_time=dead_time),
+        **late,
+        **loop_row(controller.law, controller.observer, **late),
+        "danger": instability(controller.law, controller.observer, **late),
     }
 
 
@@ -323,7 +324,9 @@ def _told(found: Numbers) -> Iterator[Shown]:
     parts = [found["controller"], found["observer"]]
     if found["predictor"] is not None:
         parts.append(f"predictor {1000 * found['predictor']:g} ms")
-    parts.append(f"dead time {1000 * found['dead_time']:g} ms")
+    parts.append(f"dead time {1000 * found['dead_time']:.3g} ms")
+    if found["lag"]:
+        parts.append(f"drives' lag {1000 * found['lag']:.3g} ms")
     title = f"The scenario's sampled loop: {', '.join(parts)}"
     if found["reason"]:
         yield f"{title}: {found['reason']}"

@@ -15,10 +15,12 @@ import time
 import tomllib
 from collections.abc import Callable, Iterator, MutableSequence, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from multiprocessing.connection import Connection
 from string import Template
+from typing import Any
 
 import numpy as np
 
@@ -30,13 +32,14 @@ from twin.emulator.can_bus import (
     check_pseudo_terminals,
 )
 from twin.emulator.drive import EmulatedDrive
-from twin.emulator.screen import Ball, Protocol, ScreenLine
+from twin.emulator.screen import FRAME, Ball, Protocol, ScreenLine
 from twin.errors import RigError
 from twin.hal.interface import Touch, Transmission
 from twin.jobs import let_go, program_left_out, undisturbed
 from twin.run.assemble import build_devices, build_plant, start_plant
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
+from twin.settings import filled
 from twin.sim.rig import SimulatedDevices
 from twin.sim.sensors import EncoderModel, TouchModel
 
@@ -47,7 +50,8 @@ TICK = 0.001
 class EmulatedPlant:
     """A scenario's plant, with its noise and its drives' imperfections, for emulated devices.
 
-    Dead time, frames and quantisation are those of the emulated devices.
+    Dead time, frames and quantisation are those of the emulated devices, whose frames come as often
+    as the scenario's, if that has some; all of them come, and on time.
 
     Args:
         scenario: Whose plant it is.
@@ -60,13 +64,13 @@ class EmulatedPlant:
         self._scenario = scenario
         plant, self.transmission = build_plant([scenario])
         self._tick = plant.step * max(1, int(TICK / plant.step + 1e-9))
-        touch, encoders = scenario.sensors.touch, scenario.sensors.encoders
+        at_once: Any = {"dead_time": 0.0, "spread": 0.0, "frame_rate": 0.0, "grid": 0}
         self.devices: SimulatedDevices = build_devices(
             [scenario],
             plant,
             period=self._tick,
-            touch=TouchModel(dead_time=0.0, grid=0, variance=touch.variance),
-            encoders=EncoderModel(counts=0, variance=encoders.variance),
+            touch=replace(filled(TouchModel, [scenario]), **at_once),
+            encoders=EncoderModel(counts=0, variance=scenario.sensors.encoders.variance),
         )
         self.present = True
         """Whether there is a ball that the screen can sense."""
@@ -89,7 +93,8 @@ class EmulatedPlant:
     def screen_line(self, ball: Ball, protocol: Protocol) -> ScreenLine:
         """What a screen on it sends, that speaks a protocol and senses where ``ball`` says."""
         seen, seed = self._scenario.sensors.touch, self._scenario.seed
-        return ScreenLine(ball, protocol=protocol, dead_time=seen.dead_time, seed=seed)
+        frame = 1 / seen.frame_rate if seen.frame_rate else FRAME
+        return ScreenLine(ball, protocol=protocol, frame=frame, dead_time=seen.dead_time, seed=seed)
 
     def advance(self, seconds: float) -> None:
         """Let time pass in whole ticks; the rest is kept for the next call."""
@@ -111,7 +116,7 @@ class EmulatedPlant:
 
     def ball(self) -> tuple[tuple[float, float], ...]:
         """Where the ball touches the screen, m in plate axes; empty if it does not."""
-        if not self.present or not self.devices.on_plate[0]:
+        if not self.present or not self._touch.touched[0]:
             return ()
         x, y = self._touch.position[0].tolist()
         return ((x, y),)

@@ -29,6 +29,7 @@ from controllers.ballplate import BallPlate
 from twin.data_file import packaged
 from twin.errors import ScenarioError, TwinError
 from twin.hal.interface import Limits
+from twin.hal.linkage import Linkage, TiltTable
 from twin.page import filled
 from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
 from twin.scenario.describe import UNIT, meanings
@@ -42,7 +43,7 @@ from twin.writing import write_whole
 
 SOURCES: tuple[type, ...] = (
     *(BallStart, Parts, Friction, DriveModel, TransmissionError),
-    *(Limits, TouchModel, EncoderModel),
+    *(Limits, TouchModel, EncoderModel, Linkage),
 )
 """Whose settings are parameters, where the exact equations know them."""
 NO_SUFFIX = {Unit.MM: "_mm", Unit.UM: "_um", Unit.DEG: "_deg", Unit.PERCENT: "_percent"}
@@ -119,6 +120,7 @@ def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[V
         "plant.step": scenario.plant.step,
         "gravity": model.gravity,
         "height": model.height,
+        "rig.knows_linkage": scenario.rig.cams != "ratio",
         "noise": 1,
         "seed": scenario.seed % SEEDS,
         "sensors.noise_hold": scenario.sensors.noise_hold,
@@ -221,6 +223,9 @@ def c_source(
     """
     rows = np.zeros((1, 6)) if path is None else path
     grid = np.zeros((1, 1, 3)) if surface is None else surface
+    table = linkage_of(scenario)
+    curves = table.curves if isinstance(table, TiltTable) else 2 * [np.empty((3, 0))]
+    curve = np.concatenate([*map(np.transpose, curves), np.zeros((1, 3))])
     touch = scenario.sensors.touch
     waits = touch.dead_time + 4 * touch.dead_time_spread
     waits += 1 / touch.frame_rate if touch.frame_rate else 0.0
@@ -233,6 +238,9 @@ def c_source(
         "size": (0, 0) if surface is None else surface.shape,
         "sloping": int(bool(grid[..., 1:].any())),
         "path_rows": 0 if path is None else len(path),
+        "curve_phi": len(curves[0][0]),
+        "curve": json.dumps(curve.tolist()).translate(BRACES),
+        "curve_rows": len(curve) - 1,
         "surface": json.dumps(grid.tolist()).translate(BRACES),
         "path": json.dumps(rows.tolist()).translate(BRACES),
     }
@@ -266,18 +274,13 @@ def export(
         Why there is no binary in it, in words; empty if there is one.
 
     Raises:
-        TwinError: If the scenario changes while it runs, has a linkage or cannot be assembled, or
-            the file cannot be written.
+        TwinError: If the scenario changes while it runs or cannot be assembled, or the file cannot
+            be written.
     """
     if fmi not in {2, 3}:
         raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
     if scenario.change:
         raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
-    if linkage_of(scenario):
-        raise ScenarioError(
-            "plant.linkage: the servos of an FMU turn the plate itself; set "
-            "plant.linkage.crank_mm=[0,0] and rig.cams=table (of a table phi_deg=[], theta_deg=[])"
-        )
     held = variables(scenario, frame_phase(scenario), path=wished)
     source, token = sources(scenario, held, fmi)
     compiled = [name for name in source if name.endswith(".c")]

@@ -174,8 +174,8 @@ class TiltTable:
         return 1 / self._read(self.motor(np.zeros(2)), 0, 2)
 
     @cached_property
-    def _curves(self) -> list[tuple[Array, Array, Array]]:
-        """Servo angles, plate angles and slopes of each axis, finely."""
+    def curves(self) -> list[tuple[Array, Array, Array]]:
+        """Servo angles in rad, plate angles in rad and slopes of each axis, finely, (n,) each."""
         from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  slow: only for a table
 
         rows = [np.transpose(each) for each in (self.phi, self.theta)]
@@ -185,7 +185,7 @@ class TiltTable:
 
     def _read(self, angle: Array, of: int, wanted: int, beyond: float | None = None) -> Array:
         """One column of the curves where another one is the angle; beyond the ends their value."""
-        each = zip(np.moveaxis(angle, -1, 0), self._curves, strict=True)
+        each = zip(np.moveaxis(angle, -1, 0), self.curves, strict=True)
         return np.stack([np.interp(a, c[of], c[wanted], beyond, beyond) for a, c in each], axis=-1)
 
     def motor(self, plate: Array) -> Array:

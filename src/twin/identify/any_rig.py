@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify import judged
+from twin.identify.drives import DRIVEN
 from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain_model import (
@@ -24,15 +24,19 @@ from twin.identify.plain_model import (
     crossed,
     fit_axis,
     predicting,
+    profiled,
+    with_drives,
 )
 from twin.identify.search import Estimate
 
 LONGEST = 2.5
 """Length of the windows in s, as a rule."""
-BRIEFER = 0.5
-"""Share of it of the windows of a second fit: a model error shows as another value there."""
+BRIEFER = (0.5, 0.32)
+"""Shares of it of the windows of other fits: a model error shows as another value there."""
 OPTIONAL = ("camber", "viscous")
 """Fitted where it pays, unless asked for."""
+DRIVEN_PAY = 0.8
+"""Share of an error that is left with dead band, play or slew that pay: a hand is like them."""
 SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and how a level along them is a tilt of the base."""
 MOST_TURNED = 0.2
@@ -48,12 +52,10 @@ class PlainIdentification(judged.Identification):
     Attributes:
         factor: Share of gravity that accelerates the ball.
         ball: That of the rig, in whose radius friction is told.
-        on: The rig that the parameters lie over; empty for that of a scenario.
     """
 
     factor: float
     ball: BallPlate
-    on: str
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts.
@@ -70,7 +72,7 @@ class PlainIdentification(judged.Identification):
         push = self.factor * ball.gravity
         inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
         lines = {f"plant.ball.{name}": str(getattr(ball, name)) for name in ("mass", "radius")}
-        lines |= {"parameters": json.dumps(self.on)} if self.on else {}
+        lines |= self.over
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
         turned = [gain.get(axis, sign * push) * sign / push for axis, sign in SIGNS]
@@ -187,7 +189,8 @@ def _share(axis: str, fit: AxisFit, factor: float) -> str:
     return (
         f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball does that "
         f"takes {factor:.3g} of gravity: only this product of the plate's tilt per command and the "
-        f"ball's share of gravity is told.{_told(axis, share)}"
+        "ball's share of gravity is told, and commands are taken as angles of the plate, whatever "
+        f"linkage a rig has.{_told(axis, share)}"
     )
 
 
@@ -244,16 +247,22 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     chosen = (*(each for each in SMOOTH if log.held or each != "lag"), *(asked or ("friction",)))
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
     fit = fit_axis(log, chosen, longest, delays)
+    dead_time, lag = fit.value("dead_time"), fit.value("lag")
     least, most = delays
-    if not least + 0.01 < fit.value("dead_time") < most - 0.01 and (
-        not log.held or fit.value("dead_time") > 0.25
-    ):
-        fit = fit_axis(log, chosen, longest, (0.0 if log.held else -0.5, 1.0))
-        notes.append("dead time at a bound, which was widened to 1 s")
+    # an ideal drive beside a camera whose clock is behind: where dead time and lag end at none
+    behind = dead_time < least + 0.01 and lag < 0.02
+    if behind or dead_time > most - 0.01:
+        fit = fit_axis(log, chosen, longest, (-0.5 if behind or not log.held else 0.0, 1.0))
+        notes.append(
+            "dead time at a bound, which was widened: it holds what the clocks of camera and "
+            "command differ by, and is negative where that is more"
+        )
     if not names:
-        fit = _richer(fit, longest, notes)
+        fit = _richer(_driven(fit, longest, notes) if log.held else fit, longest, notes)
+    if log.held:
+        fit = profiled(fit)
     try:
-        brief = fit.again(fit.log, fit.problem.names, BRIEFER * longest)
+        brief = tuple(fit.again(fit.log, fit.problem.names, part * longest) for part in BRIEFER)
     except LogError:
         return fit, notes
     fit = predicting(replace(fit, briefer=brief), longest)
@@ -261,7 +270,7 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
         known, fit = fit, _richer(fit, longest, notes)
         names = fit.problem.names
         one = known.windowed and known.windowed.again(known.log, names, longest)
-        brief = fit.again(known.log, names, BRIEFER * longest)
+        brief = tuple(fit.again(known.log, names, part * longest) for part in BRIEFER)
         fit = replace(fit, windowed=one, briefer=brief)
     if fit.windowed:
         drifts = fit.problem.drift > 0
@@ -270,21 +279,41 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     return fit, notes
 
 
+def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
+    """The fit with what shows of its drives, beside anything else that may act, where it pays."""
+    own = fit.problem.names
+    rich = with_drives(fit.again(fit.log, (*own, *OPTIONAL), longest), longest)
+    new = tuple(name for name in DRIVEN if name in rich.problem.names)
+    what = " and ".join(PLAIN[name].key for name in new)
+    least = crossed(fit, own, longest) if new else 0.0
+    names = (*own, *new)
+    if new and _pays(
+        crossed(rich, names, longest), DRIVEN_PAY, least, f"{what} of the drives", notes
+    ):
+        return rich.again(fit.log, names, longest)
+    return fit
+
+
 def _richer(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
     """The fit with the parameters that pay beside its own, which are said."""
     own = chosen = fit.problem.names
-    best = crossed(fit, chosen, longest)
+    best, share = crossed(fit, chosen, longest), 1.0 if fit.problem.drift else PAYS
     for name in OPTIONAL:
-        if name in chosen:
-            continue
-        left = crossed(fit, (*chosen, name), longest)
-        if left < (1.0 if fit.problem.drift else PAYS) * best:
-            notes.append(
-                f"{name} fitted along: with it one half of the log predicts the other to "
-                f"{1000 * left:.1f} mm, without it to {1000 * best:.1f} mm"
-            )
-            chosen, best = (*chosen, name), left
+        if name not in chosen:
+            left = crossed(fit, (*chosen, name), longest)
+            if _pays(left, share, best, name, notes):
+                chosen, best = (*chosen, name), left
     return fit.again(fit.log, chosen, longest) if chosen != own else fit
+
+
+def _pays(left: float, share: float, of: float, what: str, notes: list[str]) -> bool:
+    """Whether what is left of an error with something is less than a share of it; it is said."""
+    if pays := left < share * of:
+        notes.append(
+            f"{what} fitted along: with it one half of the log predicts the other to "
+            f"{1000 * left:.1f} mm, without it to {1000 * of:.1f} mm"
+        )
+    return pays
 
 
 def _about(name: str, unit: str) -> IdentifiedParameter:
@@ -302,7 +331,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
     reasons: list[list[str]] = [[] for _ in rows]
     for other, why in (
         (fit.windowed, "windows of one level"),
-        (fit.briefer, "shorter windows"),
+        *((each, f"windows of {each.problem.longest:.1f} s") for each in fit.briefer),
     ):
         if other is None:
             continue
@@ -317,7 +346,8 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):
-        scale = 1 / fit.problem.tilt.scale if name == "gain" else 1.0
+        swing = fit.problem.tilt.scale
+        scale = {"gain": 1 / swing, "dead_band": swing, "play": swing}.get(name, 1.0)
         others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
         values = (own.value[k], low[k], high[k])
         if name == "delay":
@@ -325,8 +355,25 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         else:
             about = _about(name, unit)
         verdict = _verdict(about, f"{name}_{axis}", values, ends[k], reasons[k], others, scale)
+        verdict = _as_slew(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
+    for each in fit.profiles:
+        if each.name not in names:  # how much of it there may be
+            most = np.quantile(each.moved(1000)[each.name], judged.SURE) or each.theta[1, -1]
+            label, why = f"{each.name}_{axis}", "not told from none"
+            none = judged.ParameterVerdict.unknown(PLAIN[each.name], label, why)
+            slow = each.name == "slew"
+            none = replace(none, low=0.0, high=float(most) * (1.0 if slow else swing))
+            found.append(_as_slew(none, swing) if slow else none)
     return found
+
+
+def _as_slew(found: judged.ParameterVerdict, swing: float) -> judged.ParameterVerdict:
+    """A verdict of seconds by swing, as it is fitted, as one of a rate."""
+    low, value, high = (
+        swing / end if end else None for end in (found.high, found.value, found.low)
+    )
+    return replace(found, low=low, value=value, high=high)
 
 
 def _told_together(fit: AxisFit) -> Estimate:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -17,6 +18,8 @@ from twin.page import digits
 IDENTIFIED, BOUNDED, NOT = "identified", "bounded", "not identifiable"
 REJECTED = "model rejected"
 """What is fitted to a log that the model does not explain: a value, but nothing known of it."""
+SURE = 0.95
+"""Share of what is drawn that a bound holds."""
 CORRELATED = 0.95
 """Correlation above which two parameters cannot be told apart."""
 
@@ -231,6 +234,7 @@ class Identification:
         notes: What was left out or assumed, in words.
         extent: How much of the log was used, in words.
         remarks: What is to be said of the fit beside its verdicts and scores, in sentences.
+        on: The rig that the parameters lie over; empty for that of a scenario.
     """
 
     source: str
@@ -241,6 +245,12 @@ class Identification:
     notes: tuple[str, ...]
     extent: str
     remarks: tuple[str, ...]
+    on: str = ""
+
+    @property
+    def over(self) -> dict[str, str]:
+        """The setting by which the parameters lie over a rig."""
+        return {"parameters": json.dumps(self.on)} if self.on else {}
 
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts."""

@@ -25,6 +25,8 @@ from twin.errors import LogError
 from twin.run.files import is_record, log_file
 from twin.run.logs import NEEDED, SCALES, UNITS, read_columns, split_unit
 from twin.scenario.schema import Scenario
+from twin.shipped import shipped_in
+from twin.validation import read_tables
 
 MORE_COLUMNS = ("age", "touched", "applied_phi_acc", "applied_theta_acc", "lateness")
 RATES = ("applied_phi_rate", "applied_theta_rate")
@@ -168,6 +170,17 @@ def _rig(metadata: dict[str, Any]) -> dict[str, Any]:
         "own_lag": period / 2 if plant.get("kind") == "lagrange" else MECHANISM_LAG,
         "grips": GRIPS.get(plant.get("kind"), (MECHANISM_GRIP, 0.0)),
     }
+
+
+def rig_of(scenario: Mapping[str, Any]) -> str:
+    """Name of the shipped rig whose plate and ball a run had; empty for none of them."""
+    plant = scenario.get("plant", {})
+    for name, path in shipped_in("rigs").items():
+        own = read_tables(path, name)["plant"]
+        ball = plant.get("ball", {})
+        if own["size"] == plant.get("size") and own["ball"].items() <= ball.items():
+            return name
+    return ""
 
 
 ROLES = {

@@ -27,6 +27,7 @@ class IdentifiedParameter:
         tolerance: Half-width of the interval up to which it counts as identified.
         relative: The same as a share of the value; the larger of the two holds.
         floor: Smallest half-width ever claimed: what the twin's own time step changes.
+        tried: Values of one without a slope, rising from none.
         spread: Standard deviation about ``start`` that is believed before any log is seen.
     """
 
@@ -40,6 +41,7 @@ class IdentifiedParameter:
     tolerance: float = 0.0
     relative: float = 0.0
     floor: float = 0.0
+    tried: tuple[float, ...] = ()
     spread: float = math.inf
 
     @property

@@ -8,14 +8,16 @@ rests. Axes are independent of one another. Dead time is all between command and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
 
 from controllers.arrays import Array
 from twin.errors import LogError
+from twin.identify.drives import BANDS, DRIVEN, TiltHistory, unexplained
 from twin.identify.judged import (
     EVERY,
     HORIZONS,
@@ -30,6 +32,7 @@ from twin.identify.judged import (
 from twin.identify.logs import GAP, AxisLog
 from twin.identify.parameters import PLAIN
 from twin.identify.search import (
+    Estimate,
     Fit,
     Fitting,
     Linearisation,
@@ -42,43 +45,10 @@ from twin.identify.windows import BIN, SHORT, axis_windows, spans
 
 STEP = 0.008
 """Step of the simulation in s."""
-FINE = 0.002
-"""Step of the lag in s."""
 PRIOR = np.diag(np.array([0.02, 0.3]) ** -2.0)
 """Weak knowledge of a start: m and m/s."""
 START_STEPS = np.array([1e-4, 1e-3, 1e-3])
 """Steps of finite differences of a start: m, m/s, and m/s^2 of a level of its own."""
-
-
-class TiltHistory:
-    """What tilts the plate, at any time, behind lags.
-
-    Attributes:
-        scale: How far it swings: what one unit of the fit's gain is for.
-    """
-
-    def __init__(self, log: AxisLog, usual: float | None = None) -> None:
-        """Of a log; ``usual`` is the swing of another one that it was fitted to."""
-        time, tilt = log.time, log.tilt
-        self.begin = float(time[0])
-        self.scale = usual or float(np.std(tilt)) or 1.0
-        area = tilt[:-1] if log.held else (tilt[:-1] + tilt[1:]) / 2
-        covered = np.concatenate(([0.0], np.cumsum(area * np.diff(time))))
-        fine = self.begin + FINE * np.arange(int((time[-1] - self.begin) / FINE) + 2)
-        # the mean of each step, so that no command's time is rounded to a step
-        mean = np.diff(np.interp(fine, time, covered)) / FINE
-        self.time, self.mean = fine[1:], mean / self.scale
-        self.lagged: dict[float, Array] = {}
-
-    def at(self, time: Array, lag: float) -> Array:
-        """Behind a lag in s, at times in s of any shape."""
-        if lag not in self.lagged:
-            if len(self.lagged) > 40:
-                self.lagged.clear()
-            stay = float(np.exp(-FINE / lag)) if lag > 1e-4 else 0.0
-            first = [stay * self.mean[0]]
-            self.lagged[lag] = lfilter([1.0 - stay], [1.0, -stay], self.mean, zi=first)[0]
-        return np.interp(time, self.time, self.lagged[lag])
 
 
 @dataclass(frozen=True)
@@ -137,15 +107,14 @@ class PlainProblem(Fitting):
         each = theta if theta.ndim > 2 else theta[:, None]
         values = {name: each[..., k] for k, name in enumerate(self.names)}
         zero = np.zeros((len(theta), 1))
-        gain, level, camber, viscous, friction, lag = (
-            values.get(name, zero)
-            for name in ("gain", "level", "camber", "viscous", "friction", "lag")
+        gain, level, camber, viscous, friction = (
+            values.get(name, zero) for name in ("gain", "level", "camber", "viscous", "friction")
         )
         steps = int(np.ceil(self.longest / STEP)) + 1
         grid = self.windows.begin + STEP * np.arange(steps)[:, None]
-        pairs = np.stack((values["dead_time"][:, 0], lag[:, 0]), axis=-1)
-        pairs, which = np.unique(pairs, axis=0, return_inverse=True)
-        inputs = np.stack([self.tilt.at(grid - delay, each) for delay, each in pairs], axis=1)
+        told = (values.get(name, zero)[:, 0] for name in ("dead_time", "lag", *DRIVEN))
+        kinds, which = np.unique(np.stack(tuple(told), axis=-1), axis=0, return_inverse=True)
+        inputs = np.stack([self.tilt.at(grid - delay, *each) for delay, *each in kinds], axis=1)
         p, v = starts[0], starts[1]
         push = gain * inputs[:, which] + (level + starts[2] if len(starts) > 2 else level + 0 * p)
         # a step of Heun's method is linear in what is pushed, p and v, but for friction
@@ -206,6 +175,91 @@ SMOOTH = ("gain", "dead_time", "lag", "level")
 """What is always fitted; the lag is 0 of a measured angle."""
 
 
+NEAR_BY = np.array([0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2])
+"""What is tried beside a value that was found, by it."""
+FINER = 200
+"""Values between those tried at which the costs of windows are interpolated."""
+LEFT = 0.9
+"""Share of the usual residual that is left with what is taken."""
+EXPLAINS = 0.7
+"""Share of what an ideal drive leaves unexplained that is left with a dead band worth a fit."""
+
+
+class Profile(NamedTuple):
+    """Fits with a parameter held at one value after another.
+
+    Attributes:
+        name: The parameter.
+        names: Of all of them.
+        theta: The fits, rising in it, shape (K, P).
+        costs: What each window costs, shape (K, W).
+        own: Which of them is the fit that is told.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    theta: Array
+    costs: Array
+    own: int
+
+    def moved(self, count: int) -> dict[str, Array]:
+        """How far parameters are off in the best fits of windows drawn at random, (count,) each.
+
+        The Bayesian bootstrap: each window counts by an exponential number.
+        """
+        held = self.theta[:, self.names.index(self.name)]
+        fine = np.interp(np.linspace(0, len(held) - 1, FINER), np.arange(len(held)), held)
+        costs, theta = (
+            np.stack([np.interp(fine, held, each) for each in part.T], axis=-1)
+            for part in (self.costs, self.theta - self.theta[self.own])
+        )
+        weights = np.random.default_rng(1).exponential(size=(count, costs.shape[1]))
+        return dict(zip(self.names, theta[(weights @ costs.T).argmin(axis=1)].T, strict=True))
+
+
+def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile:
+    """Fits with a parameter at each of K rising values, begun from one fit."""
+    names = tuple(dict.fromkeys((*fit.problem.names, name)))
+    problem, at = replace(fit.problem, names=names), names.index(name)
+    theta = np.array([[fit.value(each) for each in names]]).repeat(len(values), axis=0)
+    own = int(np.abs(np.subtract(values, theta[0, at])).argmin())
+    theta[:, at] = values
+    starts = fit_starts(problem, theta, fit.found.starts.repeat(len(values), axis=1), 4)
+    found = minimise(problem, theta, starts, 12, 2, 2)
+    return Profile(name, names, found.theta, problem.costs(found.linearisation.r), own)
+
+
+def with_drives(fit: AxisFit, longest: float) -> AxisFit:
+    """The fit with what the log shows of its drives: dead band, play, slew."""
+    rest = unexplained(
+        fit.problem.tilt, fit.problem.windows, fit.value("dead_time"), fit.value("lag")
+    )
+    few = np.argsort(rest)[:8]
+    bands = BANDS[np.sort(few[rest[few] < EXPLAINS * rest[0]])]
+    for name in DRIVEN:
+        values, other = bands if name == "dead_band" else np.array(PLAIN[name].tried), fit
+        while values.any():
+            found = profile(other, name, values)
+            theta = found.theta[[found.costs.sum(axis=1).argmin()]]
+            more = replace(fit.problem, names=found.names)
+            begun_from = replace(other, problem=more, found=fit.found._replace(theta=theta))
+            last = other.problem.names == found.names
+            other = begun_from.again(fit.log, found.names, longest)
+            values = NEAR_BY * theta[0, found.names.index(name)] * (not last)
+        if other.sigma < LEFT * fit.sigma:
+            fit = other
+    return fit
+
+
+def profiled(fit: AxisFit) -> AxisFit:
+    """The fit with profiles of its drives, by which its intervals know of them."""
+    found = (
+        profile(fit, name, sorted({*PLAIN[name].tried, *(NEAR_BY * fit.value(name))}))
+        for name in DRIVEN
+    )
+    return replace(fit, profiles=tuple(found))
+
+
 @dataclass(frozen=True)
 class AxisFit(Fit):
     """The fit of an axis, weighed by the usual residual.
@@ -216,7 +270,7 @@ class AxisFit(Fit):
         noise: What windows of ``BRIEF`` leave, m.
         pushed: Seconds left out.
         windowed: The fit to windows of one level, where this one predicts better.
-        briefer: The fit to shorter windows, if there are enough.
+        briefer: The fits to shorter windows, if there are enough.
     """
 
     log: AxisLog
@@ -224,7 +278,20 @@ class AxisFit(Fit):
     noise: float = 0.0
     pushed: float = 0.0
     windowed: AxisFit | None = None
-    briefer: AxisFit | None = None
+    briefer: tuple[AxisFit, ...] = ()
+    profiles: tuple[Profile, ...] = ()
+
+    def estimate(self) -> Estimate:
+        """The parameters and their uncertainty, as far as drives that suit the log change them."""
+        own, names = super().estimate(), self.problem.names
+        for each in self.profiles:
+            moved = each.moved(len(own.draws))
+            for at, name in enumerate(names):
+                own.draws[:, at] += moved.get(name, 0.0)
+                if name == each.name:
+                    own.identifiable[at] = True
+                    own.degrees_of_freedom[at] = max(len(self.problem.windows) - len(names), 1)
+        return own
 
     def again(self, log: AxisLog, names: tuple[str, ...], longest: float) -> AxisFit:
         """The fit of other parameters, windows or parts of a log, begun from this one."""
@@ -395,7 +462,7 @@ def predicting(fit: AxisFit, longest: float) -> AxisFit:
     ):
         left = _typical(other, fit.log, follow=True)
         if left < least:
-            found, least = replace(other, windowed=fit), left
+            found, least = replace(other, windowed=fit, profiles=fit.profiles), left
     return found
 
 
@@ -407,7 +474,8 @@ def _by_predictions(fit: AxisFit) -> Array:
     part = replace(windows, weight=windows.weight * known[..., None])
     before = replace(problem, windows=part, longest=LEAD + NEAR)
     target = (windows.weight[..., 0] > 0) & ~known
-    step = np.array([PLAIN[name].difference for name in names])
+    # what has no slope stays as it is
+    step = np.array([PLAIN[name].difference or 1e-12 for name in names])
     least, most = problem.bounds
     most[[name in ("dead_time", "lag") for name in names]] = SLOWEST
 
@@ -422,7 +490,8 @@ def _by_predictions(fit: AxisFit) -> Array:
         each = off(np.concatenate((theta[None], moved)))
         return np.asarray(((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T)
 
-    usual = {"gain": (fit.briefer or fit).value("gain")} | USUAL
+    usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | USUAL
+    usual |= {name: fit.value(name) for name in DRIVEN}
     guess = np.clip([usual.get(name, 0.0) for name in names], least + 1e-6, most - 1e-6)
     found = least_squares(
         off,

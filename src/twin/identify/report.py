@@ -53,22 +53,27 @@ def _judged(scores: tuple[judged.PredictionScore, ...]) -> Iterator[str]:
             f"{off['without friction']:.1f} mm without friction; a ball that stays "
             f"{off['stays']:.1f} mm, one that goes on {off['goes on']:.1f} mm."
         )
-        worse = list(_worse(each))
-        if worse:
+        models = [who for who in judged.PREDICTORS[:2] if who in each.median]
+        lost = {who: list(_lost(each, who)) for who in models}
+        if both := [one for one in lost["model"] if all(one in rest for rest in lost.values())]:
             yield (
-                f"WORSE THAN NO MODEL, {name}: {'; '.join(worse)}. Do not predict this rig by it "
+                f"WORSE THAN NO MODEL, {name}: {'; '.join(both)}. Do not predict this rig by it "
                 "so far ahead."
             )
+        elif lost["model"]:
+            yield f"{name}: follow the level: without, {'; '.join(lost['model'])}."
+        elif lost.get(FOLLOWED):
+            yield f"{name}: do not follow the level: with it, {'; '.join(lost[FOLLOWED])}."
     if not scores:
         yield "Nothing was held out that could judge it: no stretch of 3 s with the ball seen."
 
 
-def _worse(score: judged.PredictionScore) -> Iterator[str]:
-    models = [who for who in judged.PREDICTORS[:2] if who in score.median]
+def _lost(score: judged.PredictionScore, who: str) -> Iterator[str]:
+    """Where a model loses to the better of the baselines."""
     for k, ahead in enumerate(judged.HORIZONS):
         best = min(BASELINES, key=lambda who: score.median[who][k])
         least = score.median[best][k]
-        if min(score.median[who][k] for who in models) > (1 + BAD) * least:
+        if score.median[who][k] > (1 + BAD) * least:
             yield f"after {ahead:g} s {BASELINES[best]} is {1000 * least:.1f} mm off"
 
 

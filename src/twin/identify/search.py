@@ -86,12 +86,13 @@ def estimate(
         noise: Covariance of the sum of the scores by noise alone, shape (P, P), if it is known.
     """
     total = information.sum(axis=0)
-    scale = np.sqrt(np.maximum(np.diagonal(total), 1e-300))
+    diagonal = np.diagonal(total)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     # Scaled so that no unit matters; tiny eigenvalues mark directions the data do not determine.
     scaled = total / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(scaled)
     weak = values < 1e-6
-    identifiable = (np.diagonal(total) > 0) & ~(np.abs(vectors[:, weak]) > 0.1).any(axis=1)
+    identifiable = (diagonal > 0) & ~(np.abs(vectors[:, weak]) > 0.1).any(axis=1)
     inverse = (vectors[:, ~weak] / values[~weak]) @ vectors[:, ~weak].T / np.outer(scale, scale)
     shares = np.stack(
         [
@@ -339,11 +340,15 @@ class Fitting:
         """Mean square residual of each window in noise variances, shape (C, W)."""
         return np.asarray((r**2).sum(axis=-1) / self.windows.size)
 
-    def cost(self, r: Array) -> Array:
-        """What a fit minimises: robust against windows that cannot be explained, shape (C,)."""
+    def costs(self, r: Array) -> Array:
+        """What each window costs: robust against such that cannot be explained, shape (C, W)."""
         misfit = self.misfit(r) / TOLERATED
         each = np.log1p(misfit) if self.grows else misfit / (1 + misfit)
-        return np.asarray((self.windows.size * TOLERATED * each).sum(axis=-1))
+        return np.asarray(self.windows.size * TOLERATED * each)
+
+    def cost(self, r: Array) -> Array:
+        """What a fit minimises, shape (C,)."""
+        return np.asarray(self.costs(r).sum(axis=-1))
 
     def weights(self, r: Array) -> Array:
         """How much each window counts, 1 for a perfect one, shape (C, W)."""

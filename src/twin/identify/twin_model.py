@@ -18,7 +18,7 @@ from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify import judged, search
-from twin.identify.logs import Log
+from twin.identify.logs import Log, rig_of
 from twin.identify.parameters import AT_REST, BALL, HIDDEN, SERVO, SHARE, fitted
 from twin.identify.plate_motion import Drives, check_motion, fit_drives
 from twin.identify.prepare import PreparedLog, Segment, check_ranges, prepare
@@ -503,7 +503,7 @@ class TwinIdentification(judged.Identification):
             level = ", ".join("0.0" if each is None else f"{each.value:.6g}" for each in pair)
             ends = "; ".join("unknown" if each is None else each.interval for each in pair)
             values["plant.level_deg"] = f"[{level}]  # {ends}, 95 %"
-        return values
+        return values | self.over
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers, for ``--json``."""
@@ -612,4 +612,5 @@ def identify(
         predictions=tried,
         whiteness=white,
         notes=tuple(notes),
+        on=rig_of(log.scenario),
     )

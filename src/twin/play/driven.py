@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,12 +26,8 @@ from twin.whatif.futures import CONTROL, take_over
 
 EVERY = 1.0
 """Simulated seconds from one state to the next."""
-RECENT = 30.0
-"""Seconds for which all of them are kept."""
-LATER = 5.0
-"""Seconds from one to the next of those before."""
-MOST = 20
-"""States that a record keeps at most besides those since which something was done."""
+MOST = 300
+"""States that are kept, of 0.2 MB each: of longer ago only the first."""
 
 
 class Kept(NamedTuple):
@@ -43,7 +39,6 @@ class Kept(NamedTuple):
         driven: What had been driven.
         rig: State of the rig and its controller.
         ghost: Of the clean model and its controller.
-        acted: Whether something was done at this moment that the record's scenario does not say.
     """
 
     time: float
@@ -51,11 +46,10 @@ class Kept(NamedTuple):
     driven: Driven
     rig: Snapshot
     ghost: Snapshot
-    acted: bool = False
 
 
 class States:
-    """The states in the order of time, fewer of long ago."""
+    """The states in the order of time."""
 
     def __init__(self) -> None:
         self.all: list[Kept] = []
@@ -67,24 +61,15 @@ class States:
     def keep(self, state: Kept) -> None:
         """Take one in; of two at one moment the later one counts."""
         if self.all and abs(self.all[-1].time - state.time) < 1e-9:
-            former = self.all.pop()
-            state = state._replace(acted=state.acted or former.acted)
+            self.all.pop()
         self.all.append(state)
-        self._thin(state.time)
+        del self.all[1:-MOST]
 
     def back_to(self, time: float) -> Kept:
         """The last one before a time in s; all that follow are forgotten."""
         while len(self.all) > 1 and self.all[-1].time > time + 1e-9:
             self.all.pop()
         return self.all[-1]
-
-    def _thin(self, now: float) -> None:
-        """Leave out what has just become old and is close to the one before."""
-        old = next((i for i, each in enumerate(self.all) if each.time > now - RECENT), 0) - 1
-        if old > 1 and not self.all[old].acted:
-            apart = self.all[old].time - self.all[old - 1].time
-            if apart < LATER - 1e-9:
-                del self.all[old]
 
 
 class DrivenRig:
@@ -130,25 +115,24 @@ class DrivenRig:
         self._before = self.controller, self._controlled
         self.controller, self._controlled = controller, scenario
 
-    def kept(self, measurement: Measurement, row: int, driven: Driven, *, acted: bool) -> Kept:
+    def kept(self, measurement: Measurement, row: int, driven: Driven) -> Kept:
         """The state of this moment; it must not hold what the path ahead was taken to be.
 
         Args:
             measurement: The one that begins the period.
             row: Of the record.
             driven: What was driven so far.
-            acted: Whether the person did something.
         """
         self.follow(driven.reference)
         taken = Snapshot.take(self.rig, self.controller, measurement)
         ghost = Snapshot.take(self.ghost.rig, self.ghost.controller, self.ghost.measurement)
-        return Kept(measurement.time, row, driven, taken, ghost, acted)
+        return Kept(measurement.time, row, driven, taken, ghost)
 
-    def go_on(self, state: Kept) -> tuple[Measurement, bool]:
+    def go_on(self, state: Kept) -> Measurement:
         """Be in a state that was kept, with the controller that was chosen.
 
         Returns:
-            The measurement that begins the period, and whether the controller is another.
+            The measurement that begins the period.
         """
         before, self._before = self._before, None
         if before is None:
@@ -157,7 +141,7 @@ class DrivenRig:
         else:
             measurement = state.rig.restore(self.rig)
             take_over(self.controller, *before, self._controlled)
-        return measurement, before is not None
+        return measurement
 
     def picture(
         self, time: float, driven: Driven, applied: Array | None, factor: float
@@ -389,7 +373,6 @@ class Part(NamedTuple):
         outcome: How it ended.
         rows: The record's columns by name, shape (K,) each.
         plant: Names of the plant's own columns.
-        snapshots: States to go on from.
         journal: Conditions that were detected.
         factor: Simulated seconds a second of the clock.
     """
@@ -398,7 +381,6 @@ class Part(NamedTuple):
     outcome: Outcome
     rows: Mapping[str, Array]
     plant: tuple[str, ...]
-    snapshots: tuple[Snapshot, ...]
     journal: tuple[Entry, ...]
     factor: float
 
@@ -410,16 +392,6 @@ def rows_of(record: Recorder) -> dict[str, Array]:
     """A copy of what was recorded, column by column."""
     rows = {name: values.copy() for name, _, values in record.columns()}
     return {"time": record.time.copy(), **rows}
-
-
-def worth_keeping(states: Sequence[Kept]) -> tuple[Snapshot, ...]:
-    """The states that a record keeps: each since which it says all that was done, and some more."""
-    calm = [each for each in states if each.time and not each.acted]
-    apart = max(LATER, calm[-1].time / MOST) if calm else LATER
-    first = {(each.time + 1e-9) // apart: each for each in reversed(calm)}
-    chosen = [each for slot, each in first.items() if slot]
-    chosen += [each for each in states if each.acted]
-    return tuple(each.rig for each in sorted(chosen, key=lambda each: each.time))
 
 
 def save_driven(part: Part, folder: Path) -> None:
@@ -440,7 +412,6 @@ def save_driven(part: Part, folder: Path) -> None:
         part.outcome,
         real_time_factor=part.factor,
         journal=part.journal,
-        snapshots=part.snapshots,
         driven=driven.as_dict(),
     )
     save(done, folder, {"driven by hand": done.motion})

@@ -22,7 +22,6 @@ from twin.play.driven import (
     Write,
     rows_of,
     save_driven,
-    worth_keeping,
 )
 from twin.run.assemble import build_controller
 from twin.run.loop import drive
@@ -237,8 +236,8 @@ class Session:
 
     def _begin(self, _: Measurement) -> Measurement:
         """Put the rig into the last state kept, with the controller that was chosen."""
-        measurement, acted = self._both.go_on(self._states.all[-1])
-        self._keep(measurement, acted=acted)
+        measurement = self._both.go_on(self._states.all[-1])
+        self._keep(measurement)
         self._show(self._picture(measurement.time))
         self._say(measurement.time)
         return measurement
@@ -281,7 +280,7 @@ class Session:
             case Push(x_rate, y_rate):
                 self.driven = self.driven.push(time, x_rate, y_rate)
                 self._both.push(x_rate, y_rate)
-                self._keep(measurement, acted=True)
+                self._keep(measurement)
                 self._note(f"pushed by {1000 * math.hypot(x_rate, y_rate):.0f} mm/s")
             case Settings(values):
                 self._change(time, values, measurement)
@@ -341,10 +340,9 @@ class Session:
         self._note(f"back at {state.time:g} s")
         self._again = True
 
-    def _keep(self, measurement: Measurement, *, acted: bool = False) -> None:
+    def _keep(self, measurement: Measurement) -> None:
         """Keep the state of this moment."""
-        row = self.record.length
-        self._states.keep(self._both.kept(measurement, row, self.driven, acted=acted))
+        self._states.keep(self._both.kept(measurement, self.record.length, self.driven))
 
     @property
     def _unsaved(self) -> bool:
@@ -363,7 +361,6 @@ class Session:
                 outcome=self.outcome or Outcome(Ending.FINISHED, end),
                 rows=rows_of(self.record),
                 plant=self._both.rig.channels,
-                snapshots=worth_keeping(self._states.all),
                 journal=tuple(self._both.rig.journal),
                 factor=self._pace.factor,
             ),

@@ -36,7 +36,7 @@ from controllers.controller import (
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.errors import LawError, ModelError, ScenarioError, TwinError
 from twin.hal.cams import CamTable, FixedRatio
-from twin.hal.interface import Limits, Transmission
+from twin.hal.interface import SCREEN, Limits, Transmission
 from twin.hal.linkage import Linkage, TiltTable, Transmitting
 from twin.hal.rig import Rig
 from twin.scenario import schema
@@ -97,9 +97,11 @@ def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scena
 
 def parts_of(scenario: Scenario) -> Parts:
     """What of a rig's mechanism differs from the model file."""
-    lengths = filled(Linkage, [scenario])
-    rods = {"linkage": lengths, "size": scenario.plant.size} if lengths.given else {}
-    return replace(changed(Parts, scenario), **rods)
+    lengths, plant = filled(Linkage, [scenario]), scenario.plant
+    other: dict[str, Any] = {"linkage": lengths} if lengths.given else {}
+    if other or (plant.kind == "mujoco" and plant.size != SCREEN):
+        other |= {"size": plant.size, "rounded": plant.shape == "round"}
+    return replace(changed(Parts, scenario), **other)
 
 
 def drawn_mechanism(scenario: Scenario) -> MjModel:

@@ -29,8 +29,7 @@ from twin.jobs import SecondProcess
 from twin.run import assemble, files
 from twin.run.loop import drive
 from twin.run.metrics import INTERRUPTED, KILLED, Ending, Motion, Outcome, held, measure
-from twin.run.record import CHANNELS, Recorder, classes_of, read_beside, read_run, write_run
-from twin.run.state import SNAPSHOTS, Snapshot, packed
+from twin.run.record import CHANNELS, Recorder, classes_of, read_metadata, read_run, write_run
 from twin.scenario.load import always_friction, check, recorded
 from twin.scenario.schema import Dimensions, Scenario, choices
 from twin.writing import write_json, write_whole
@@ -81,7 +80,6 @@ class Run(files.Signals):
         record: All channels of a run that was just made; None for one that was opened.
         real_time_factor: Simulated seconds per second of the loop, of a run that was just made.
         account: Timing statistics of one in real time.
-        snapshots: States of rig and controller now and then, of a drive by hand.
     """
 
     name: str
@@ -100,7 +98,6 @@ class Run(files.Signals):
     record: Recorder | None = None
     real_time_factor: float | None = None
     account: Mapping[str, Any] = field(default_factory=dict)
-    snapshots: tuple[Snapshot, ...] = ()
 
     @classmethod
     def of(
@@ -368,8 +365,7 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
         **(more or {}),
     }
     assert run.record is not None
-    kept = {SNAPSHOTS: packed(run.snapshots)} if run.snapshots else None
-    write_run(folder, run.record, metadata, kept)
+    write_run(folder, run.record, metadata)
 
 
 def described(scenario: Scenario) -> dict[str, Any]:
@@ -544,7 +540,7 @@ def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:
 def _metadata(folder: Path) -> Mapping[str, Any]:
     """What lies beside the rows of a folder's record; empty if it cannot be read, or has none."""
     try:
-        found = parse_json(read_beside(files.record_in(folder), "ballplate") or b"{}")
+        found = parse_json(read_metadata(files.record_in(folder)) or b"{}")
     except (RecordError, DataError):
         return {}
     return found if isinstance(found, dict) else {}

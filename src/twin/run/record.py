@@ -219,19 +219,13 @@ OLD_COLUMNS = {
 """Names of columns in records of earlier versions, and today's."""
 
 
-def write_run(
-    folder: Path,
-    recorder: Recorder,
-    metadata: Mapping[str, Any],
-    beside: Mapping[str, bytes] | None = None,
-) -> None:
+def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> None:
     """Write ``run.parquet`` into a run folder.
 
     Args:
         folder: The run folder; made if missing.
         recorder: What was recorded.
         metadata: Of the run; JSON.
-        beside: Further metadata of the file by name.
 
     Raises:
         RecordError: If the folder cannot be written.
@@ -242,7 +236,7 @@ def write_run(
     columns = [("time", "s", recorder.time), *recorder.columns()]
     fields = arrow_fields({name: unit for name, unit, _ in columns})
     said = json.dumps(metadata, sort_keys=True)
-    schema = pa.schema(fields, metadata={"ballplate": said, **(beside or {})})
+    schema = pa.schema(fields, metadata={"ballplate": said})
     found = pa.Table.from_arrays([_arrow(values) for *_, values in columns], schema=schema)
     write_whole(folder / "run.parquet", lambda path: pq.write_table(found, path))
     (folder / STREAM).unlink(missing_ok=True)
@@ -351,8 +345,8 @@ def stored(file: Path) -> pa.Table:
         return pa.Table.from_batches(batches, reader.schema)
 
 
-def read_beside(file: Path, name: str) -> bytes | None:
-    """Further metadata of a record by name; None if it has none.
+def read_metadata(file: Path) -> bytes | None:
+    """The metadata of a record in JSON; None if it has none.
 
     Raises:
         RecordError: If there is no readable record.
@@ -365,7 +359,7 @@ def read_beside(file: Path, name: str) -> bytes | None:
         schema = stored(file).schema if streamed else pq.read_schema(file)
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{file}: not a readable record") from error
-    return (schema.metadata or {}).get(name.encode())
+    return (schema.metadata or {}).get(b"ballplate")
 
 
 def _numbers(column: pa.ChunkedArray) -> Array:

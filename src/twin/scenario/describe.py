@@ -146,14 +146,14 @@ def about(kind: str) -> str:
 
 def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
     """Every key of a table and the tables in it."""
-    schema = model.model_json_schema()
+    properties = _properties(model)
     sources = model.sources if issubclass(model, Section) else {}
     for name, field in model.model_fields.items():
         inner = _table(field.annotation)
         if name == "kind" and issubclass(model, Choice):
             table = prefix.rstrip(".")
             meaning = f"The {table}; its own settings stand beside it."
-            kind = _key(f"{table}.kind", schema["properties"][name], meaning)
+            kind = _key(f"{table}.kind", properties[name], meaning)
             yield replace(kind, allowed=", ".join(choices(table)))
         elif inner is not None:
             yield from keys(inner, f"{prefix}{name}.")
@@ -161,7 +161,7 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
             source, attribute = sources.get(name, (model, name))
             yield _key(
                 f"{prefix}{name}",
-                schema["properties"][name],
+                properties[name],
                 meanings(source).get(attribute, ""),
                 settings_of(source)[attribute] if name in sources else None,
             )
@@ -171,7 +171,7 @@ def _settings(table: str, kind: str) -> Iterator[Key]:
     """The settings of a law, observer or reference."""
     cls = choices(table)[kind]
     said = meanings(cls)
-    for name, schema in settings_model(cls).model_json_schema()["properties"].items():
+    for name, schema in _properties(settings_model(cls)).items():
         yield replace(_key(f"{table}.{name}", schema, said.get(name, "")), kind=kind)
 
 
@@ -224,6 +224,12 @@ def _table(annotation: object) -> type[BaseModel] | None:
     """The model of a table, of one that may be left out too; None for a value or a list."""
     parts = () if get_origin(annotation) is tuple else (annotation, *get_args(annotation))
     return next(filter(is_table, parts), None)
+
+
+@cache
+def _properties(model: type[BaseModel]) -> dict[str, Any]:
+    """The JSON schema of every field of a model, by its name."""
+    return model.model_json_schema()["properties"]  # type: ignore[no-any-return]
 
 
 @cache

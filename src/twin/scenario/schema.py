@@ -18,7 +18,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
-from twin.hal.interface import SCREEN, Limits
+from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.settings import Setting, filled, settings_of, value_of
 from twin.sim.plant.friction import Friction, SurfaceModel
@@ -160,6 +160,8 @@ def _known(kind: str) -> str:
 
 CAMS_ONLY = "wheels.stiffness", "wheels.damping_ratio", "spring.preload", "plate.offset_mm"
 """Keys of ``plant`` that are of the mechanism with cams."""
+LEAST_ON_CAMS = 0.32
+"""Least side of a plate on cams in m: its wheels sit 0.16 m beside the cardan joint."""
 CAMS_DEG = 10.0
 """How far the cams tilt the plate either way, deg; thesis chapter 3."""
 LEAST_ROLLING_MM = 0.01
@@ -266,12 +268,10 @@ class PlantKeys(Section):
             if value_of(self, key) != DEFAULTS[f"plant.{key}"]:
                 yield f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
         (x, y), start, disc = inner["size"], inner["start"], self.shape == "round"
-        if mechanism and disc:
-            yield "plant.shape: the mechanism's plate is a rectangle; set plant.kind=lagrange"
-        if mechanism and (x, y) != SCREEN and not any(inner["linkage"].crank_mm):
+        if mechanism and min(x, y) < LEAST_ON_CAMS and not any(inner["linkage"].crank_mm):
             yield (
-                "plant.size: the mechanism's plate on cams is 0.7 m x 0.395 m; set plant.kind="
-                "lagrange, or give plant.linkage.crank_mm"
+                f"plant.size: a plate on the mechanism's cams reaches over both wheels, at least "
+                f"{LEAST_ON_CAMS:g} m; set plant.kind=lagrange, or give plant.linkage.crank_mm"
             )
         if disc and x != y:
             yield f"plant.size: of a round plate its diameter twice, got {x:g} and {y:g}"
@@ -606,6 +606,13 @@ class Scenario(Section):
         ball: BallPlate = BallPlate() if known.kind == "nominal" else self.plant.ball.model
         given = known.model_dump(exclude={"kind"}, exclude_none=True)
         return dataclasses.replace(ball, lag=self.rig.plate_lag, **given)
+
+    @property
+    def lateness(self) -> tuple[float, float]:
+        """How late the ball is seen, the mean wait for a frame with it, and the drives' lag, s."""
+        touch, corner = self.sensors.touch, self.plant.servo.bandwidth_hz
+        wait = 0.5 / touch.frame_rate if touch.frame_rate else 0.0
+        return touch.dead_time + wait, 1 / (2 * math.pi * corner) if corner else 0.0
 
     @property
     def law_ticks(self) -> int:

@@ -202,8 +202,11 @@ class Belief:
         return np.array([[self.values[name] for name in self.names]])
 
     def problem(self, windows: Windows) -> Problem:
-        """Replays of windows with this twin."""
-        return Problem(self.model, windows, self.names, self.grip)
+        """Replays of windows with this twin, whose plate may be cambered."""
+        field, camber = windows.field, np.array(self.scenario.plant.camber)[:, None, None]
+        own = field.own + camber * field.normal[:, None] / self.model.gravity
+        bowed = replace(windows, field=field._replace(own=own))
+        return Problem(self.model, bowed, self.names, self.grip)
 
 
 def believed(log: Log, overrides: Sequence[str] = ()) -> Belief:

@@ -37,8 +37,10 @@ from twin.identify.windows import (
     unknown_motion,
 )
 from twin.run.assemble import parts_of
+from twin.settings import filled
 from twin.shadow.belief import BALL, DRIVES, PARAMETERS, Belief
 from twin.sim.calibration import STATES, linear_mechanism
+from twin.sim.rig import DriveModel
 
 
 @dataclass(frozen=True)
@@ -458,6 +460,10 @@ def plate_angles(
         belief: The twin.
         drives: Time constants in s and widths of the gap in rad.
     """
+    servo = filled(DriveModel, [belief.scenario]).servo(period)
+    if servo.acts.any():
+        turns = [servo.follow(turn) for turn in period * command[:, None]]
+        command = np.concatenate(turns) / period
     shafts = [belief.turned * servo_response(command, period, lag)[0] for lag, _ in drives]
     behind = [_with_play(shaft, play) for shaft, (_, play) in zip(shafts, drives, strict=True)]
     if belief.scenario.plant.kind != "mujoco":

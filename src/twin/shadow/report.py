@@ -14,13 +14,12 @@ import rerun as rr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from controllers.arrays import Array
 from twin.identify.logs import read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges
 from twin.identify.windows import STEP
 from twin.page import Block, Picture, Text, Verdict, html
 from twin.run.assemble import drawn_mechanism
-from twin.run.files import export, run_name
+from twin.run.files import run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm
@@ -235,42 +234,18 @@ def page(found: Shadow) -> str:
     return html(f"The twin beside {found.source}", blocks)
 
 
-PLAIN = ("told", "score", "log_likelihood_ratio", "dead_time_ratio")
-UNITS = {"time": "s", **dict.fromkeys(PLAIN, "1")}
-"""Units of columns; all others are in m."""
-
-
-def scores(found: Shadow, run: Replays) -> dict[str, Array]:
-    """By column, a row a replay: when it ended, error, spread, score, what the tests said."""
-    tests, end = found.tests, run.time + AHEAD
-    before = np.searchsorted(tests.soft.end, end, side="right") - 1
-    return {
-        "time": end,
-        "told": run.counted.astype(float),
-        **{name: getattr(run, name) for name in ("score", "distance", "band")},
-        **{f"error_{axis}": run.error[:, k] for k, axis in enumerate("xy")},
-        **{f"spread_{axis}": np.sqrt(run.spread[:, k, k]) for k, axis in enumerate("xy")},
-        "log_likelihood_ratio": np.where(before >= 0, tests.ratio[before], 0.0),
-        "dead_time_ratio": np.where(before >= 0, tests.delayed[before], 0.0),
-    }
-
-
-FILES = "shadow.html, shadow.json, shadow.parquet"
+FILES = "shadow.html, shadow.json"
 """What is written."""
 
 
 def write(found: Shadow, folder: Path) -> None:
-    """Write shadow.html, shadow.json and, if there are replays, shadow.parquet.
+    """Write shadow.html and shadow.json.
 
     Raises:
         RecordError: If a file cannot be written.
     """
     write_whole(folder / "shadow.html", page(found))
     write_json(folder / "shadow.json", found.as_dict())
-    if found.replays is not None:
-        columns = scores(found, found.replays)
-        units = {name: UNITS.get(name, "m") for name in columns}
-        export(folder / "shadow.parquet", columns, units)
 
 
 def examine(

@@ -64,10 +64,8 @@ class WrongTransmission:
 
     def motor(self, plate: Array) -> Array:
         """Motor angles in rad for the requested plate angles in rad, both (N, 2)."""
-        moved = (1 + np.asarray(self.error.slope)) * plate
-        if np.any(self.error.coupling):
-            moved = moved + column(self.error.coupling) * plate[..., ::-1]
-        return self.known.motor(moved)
+        own, other = np.asarray(self.error.slope), column(self.error.coupling)
+        return self.known.motor((1 + own) * plate + other * plate[..., ::-1])
 
 
 class PerRigTransmission:
@@ -394,6 +392,13 @@ class DriveModel:
     vibration_wander: Number = setting("plant.servo.vibration_wander", 0.0, ge=0, le=1000)
     disturbance: tuple[float, float] | Array = ramp("disturbance.variance", (0.0, 0.0), ge=0)
 
+    def servo(self, period: float, ratio: Number = 1.0, rigs: int = 1) -> PositionServo:
+        """Servos of both axes at a control period in s, a ratio above the plate's angles."""
+        about = self.slew, self.acceleration, self.deadband, self.resolution
+        each = (np.broadcast_to(np.asarray(one, float), (rigs,))[:, None] * ratio for one in about)
+        slew, acceleration, deadband, resolution = each
+        return PositionServo(slew, acceleration, deadband, resolution, period)
+
 
 class SimulatedDrives:
     """Two drives of N rigs: commanded motor rates in, rates of the cam shafts out.
@@ -458,13 +463,7 @@ class SimulatedDrives:
             each(model.vibration_frequency),
             each(model.vibration_wander),
         )
-        self._servo = PositionServo(
-            each(model.slew) * ratio,
-            each(model.acceleration) * ratio,
-            each(model.deadband) * ratio,
-            each(model.resolution) * ratio,
-            period,
-        )
+        self._servo = model.servo(period, ratio, self._rigs)
         train = (
             Play(each(model.backlash) * ratio),
             Hysteresis(each(model.hysteresis) * ratio),

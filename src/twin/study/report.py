@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from SALib.analyze import morris, sobol
+from SALib.analyze import sobol
 from scipy import stats
 
 from controllers.arrays import Array
@@ -28,7 +28,7 @@ from twin.report.numbers import LABELS
 from twin.run.picture import drawn, style
 from twin.study.experiments import labelled
 from twin.study.schema import Point, Study
-from twin.study.work import LEVELS, SEED, Design, Work, problem, quantiles
+from twin.study.work import SEED, Design, Work, problem
 from twin.writing import write_whole
 
 
@@ -38,10 +38,9 @@ class SensitivityIndex:
 
     Attributes:
         key: The parameter.
-        value: Total Sobol index, or Morris's mu* in units of the metric, or Spearman's rank
-            correlation.
-        half: Half-width of its 95 % interval; NaN if there is none. Bootstrap for Sobol and Morris.
-        first: First-order Sobol index, or Morris's sigma; NaN for others.
+        value: Total Sobol index, or Spearman's rank correlation.
+        half: Half-width of its 95 % interval; NaN if there is none. Bootstrap for Sobol.
+        first: First-order Sobol index; NaN for others.
         decided: Whether the interval excludes zero.
     """
 
@@ -100,7 +99,7 @@ class Answer:
         variant: Its name.
         whole: Distribution of the metric over all points.
         indices: One per parameter, for methods that have indices.
-        curves: For one-at-a-time and grid studies.
+        curves: For grid studies.
         notes: What was left out, in words.
         values: The metric of each run, NaN for runs that failed, shape (K,).
     """
@@ -130,11 +129,11 @@ def answers(work: Work, rows: pa.Table) -> list[Answer]:
         at, values = np.array([work.tasks[place].point for place in places]), every[places]
         notes: list[str] = []
         indices: tuple[SensitivityIndex, ...] = ()
-        if study.method in {"sobol", "morris", "lhs", "montecarlo"}:
+        if study.method != "grid":
             # a mean over the seeds of each point, NaN where a run failed
             mean = np.bincount(at, values) / np.bincount(at)
             indices = _indices(study, design, mean, notes)
-        curves = _curves(study, design[at], values) if study.method in {"grid", "oat"} else ()
+        curves = _curves(study, design[at], values) if study.method == "grid" else ()
         whole = spread(values)
         found.append(Answer(variant.name, whole, indices, curves, tuple(notes), values))
     return found
@@ -161,7 +160,7 @@ def _indices(
     keys = list(study.parameters)
     if study.method in {"lhs", "montecarlo"}:
         return _ranks(design, mean)
-    block = len(keys) + (2 if study.method == "sobol" else 1)
+    block = len(keys) + 2
     whole = np.asarray(np.isfinite(mean).reshape(-1, block).all(axis=1))
     if not whole.all():
         notes.append(
@@ -171,14 +170,8 @@ def _indices(
         notes.append("too few whole blocks for indices")
         return ()
     kept = np.repeat(whole, block)
-    if study.method == "morris":
-        got = morris.analyze(
-            problem(study), quantiles(study)[kept], mean[kept], num_levels=LEVELS, seed=SEED
-        )
-        triples = zip(got["mu_star"], got["mu_star_conf"], got["sigma"], strict=True)
-    else:
-        got = sobol.analyze(problem(study), mean[kept], calc_second_order=False, seed=SEED)
-        triples = zip(got["ST"], got["ST_conf"], got["S1"], strict=True)
+    got = sobol.analyze(problem(study), mean[kept], calc_second_order=False, seed=SEED)
+    triples = zip(got["ST"], got["ST_conf"], got["S1"], strict=True)
     return tuple(
         SensitivityIndex(key, float(value), float(half), float(first), bool(value - half > 0))
         for key, (value, half, first) in zip(keys, triples, strict=True)
@@ -203,10 +196,8 @@ def _ranks(design: Design, mean: Array) -> tuple[SensitivityIndex, ...]:
 
 
 def _curves(study: Study, at: Design, values: Array) -> tuple[Curve, ...]:
-    """Of a grid: over its first parameter, one curve per combination of the others."""
+    """Over the first parameter, one curve per combination of the others."""
     keys = list(study.parameters)
-    if study.method == "oat":
-        return tuple(_curve(study, key, {}, at, values) for key in keys)
     others = [
         [(key, value) for value in study.parameters[key].steps(study.samples)] for key in keys[1:]
     ]

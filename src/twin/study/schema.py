@@ -95,7 +95,7 @@ class Parameter(Checked):
         return self.values or tuple(dict.fromkeys(self.at(np.linspace(0, 1, count)).tolist()))
 
 
-def column(values: Sequence[float | str | None]) -> NDArray[Any]:
+def column(values: Sequence[float | str]) -> NDArray[Any]:
     """An array of numbers, or of objects if there is anything else among them."""
     numbers = all(isinstance(value, float) for value in values)
     return np.array(values, float if numbers else object)
@@ -162,7 +162,7 @@ def read_family(name: str) -> Family:
     return read_model(Family, chosen("family", name, shipped_in("families")))
 
 
-Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]
+Method = Literal["grid", "lhs", "montecarlo", "sobol"]
 
 
 class Variant(Checked):
@@ -180,8 +180,8 @@ class Study(Checked):
         scenario: Name or file of the scenario.
         set: Overrides ``key=value`` of all runs.
         method: How points are chosen.
-        samples: ``lhs``, ``montecarlo``: runs; ``sobol``, ``morris``: base samples or
-            trajectories; ``grid``, ``oat``: steps of a distribution.
+        samples: ``lhs``, ``montecarlo``: runs; ``sobol``: base samples; ``grid``: steps of a
+            distribution.
         seeds: Runs a point that differ in their noise, the same for every variant.
         metrics: Indicators of a run that are judged, the first above all.
         family: Name or file of a family of rigs whose parameters are the study's, too.
@@ -222,10 +222,9 @@ class Study(Checked):
                 f"samples: sobol needs a power of 2, such as {power // 2} or {power}, "
                 f"got {self.samples}"
             )
-        if self.method in {"sobol", "morris"}:
-            for key, parameter in self.parameters.items():
-                if not parameter.continuous:
-                    raise ValueError(f"parameters.{key}: {self.method} needs a distribution")
+        for key, parameter in self.parameters.items():
+            if self.method == "sobol" and not parameter.continuous:
+                raise ValueError(f"parameters.{key}: sobol needs a distribution")
         return self
 
     @property

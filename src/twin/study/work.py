@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
-from SALib.sample import latin, morris, sobol
+from SALib.sample import latin, sobol
 
 import controllers
 from controllers.arrays import Array
@@ -34,8 +34,6 @@ from twin.scenario.load import read as read_tables
 from twin.scenario.schema import KINDS, at_study_step, checked_settings, choices
 from twin.study.schema import Point, Study, column
 
-LEVELS = 4
-"""Levels of Morris's trajectories."""
 SEED = 1
 """Of the designs: the same study has the same points."""
 
@@ -52,8 +50,6 @@ def quantiles(study: Study) -> Array:
     found: Array
     if study.method == "sobol":
         found = sobol.sample(about, count, calc_second_order=False, seed=SEED)
-    elif study.method == "morris":
-        found = morris.sample(about, count, num_levels=LEVELS, seed=SEED)
     elif study.method == "lhs":
         found = latin.sample(about, count, seed=SEED)
     else:
@@ -65,7 +61,7 @@ class Design(Sequence[Point]):
     """The points of a study, kept by columns.
 
     Args:
-        columns: Values by key, shape (points,) each; None where a point leaves a key as it is.
+        columns: Values by key, shape (points,) each.
     """
 
     def __init__(self, columns: Mapping[str, NDArray[Any]]) -> None:
@@ -77,8 +73,7 @@ class Design(Sequence[Point]):
     def __getitem__(self, index: Any) -> Any:
         """One point; of a list of places or a slice, a design of those."""
         if isinstance(index, int):
-            values = ((key, each.item(index)) for key, each in self.columns.items())
-            return {key: value for key, value in values if value is not None}
+            return {key: each.item(index) for key, each in self.columns.items()}
         return Design({key: each[index] for key, each in self.columns.items()})
 
 
@@ -89,11 +84,6 @@ def points(study: Study) -> Design:
         steps = [about[key].steps(study.samples) for key in about]
         values = zip(*product(*steps), strict=True)
         return Design({key: column(each) for key, each in zip(about, values, strict=True)})
-    if study.method == "oat":
-        each = [(key, value) for key in about for value in about[key].steps(study.samples)]
-        return Design(
-            {key: column([value if name == key else None for name, value in each]) for key in about}
-        )
     rows = quantiles(study)
     return Design({key: about[key].at(rows[:, k]) for k, key in enumerate(about)})
 

@@ -83,6 +83,11 @@ def sentences(found: TuneResult) -> list[str]:
         broken = [name for name, value in found.verdict.constraints.items() if value > 0]
         lines.append(f"No candidate keeps every constraint; this one breaks: {', '.join(broken)}.")
     loop = found.chosen.loop
+    if loop.disk is not None and loop.delay is not None:
+        lines.append(
+            f"Its nominal loop has a disk margin of {loop.disk:.3f} and bears "
+            f"{1000 * loop.delay:.0f} ms of further dead time."
+        )
     if not loop.refused and loop.disk is None:
         lines.append(
             "The law has no linearisation, so that nothing is said of the margins of its loop."
@@ -140,31 +145,6 @@ def task_table(found: TuneResult) -> list[tuple[str, ...]]:
     return rows
 
 
-def margins_table(found: TuneResult) -> Table:
-    """Margins and verdict before and after, and what was asked."""
-    rows = []
-    for label, candidate in (("before", found.candidates[0]), ("after", found.chosen)):
-        score, loop = found.worth(candidate), candidate.loop
-        rows.append(
-            (
-                label,
-                "-" if loop.disk is None else f"{loop.disk:.3f}",
-                "-" if loop.delay is None else f"{1000 * loop.delay:.0f} ms",
-                digits(score.cost, places=3),
-                digits(score.effort, places=2),
-                f"{score.lost} of {score.rigs}",
-                "yes" if score.kept else "no",
-            )
-        )
-    limits = found.tune.limits
-    note = (
-        f"Nominal loop: disk margin of at least {limits.disk}, {1000 * limits.delay:.0f} ms of "
-        f"further dead time; effort of at most {limits.effort} rad/s² in every run; no rig lost."
-    )
-    heads = ("disk margin", "delay margin", "cost, rigs of the search", "largest effort", "lost")
-    return Table("Constraints", ("", *heads, "all kept"), rows, note=note)
-
-
 def write(trials: Trials, found: TuneResult, folder: Path) -> None:
     """Write report.html, tune.json and tuned.toml.
 
@@ -181,27 +161,9 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
         blocks.append(Text(found.after["reasons"]))
     blocks += [
         Table("Fields", FIELDS, fields_table(found), words=(0, -1)),
-        margins_table(found),
         Code("Run it", f"ballplate run circle --set parameters={folder / FRAGMENT}"),
-        Text(
-            [_about(found)],
-            "The tune",
-            "As data: tune.json beside this page; the tuned controller: tuned.toml.",
-        ),
+        Text(["As data: tune.json beside this page; the tuned controller: tuned.toml."]),
     ]
     write_whole(folder / FRAGMENT, toml(tuned, head))
     write_json(folder / "tune.json", found.as_dict() | {"settings": tuned})
     page.write(folder / "report.html", found.tune.title, blocks)
-
-
-def _about(found: TuneResult) -> str:
-    tune = found.tune
-    tasks = ", ".join(f"{task.name} ({task.scenario})" for task in tune.tasks)
-    judged = ", ".join(tune.verdict) or "the scenarios' plant"
-    return (
-        f"Tasks: {tasks}. A rig costs the mean over them of indicator / scale. All candidates met "
-        f"the same rigs and noise: rungs of {', '.join(map(str, tune.rigs))} rigs, one in "
-        f"{tune.eta} goes on. Searched with {', '.join(tune.search)}; the best {tune.finalists} "
-        f"and the beginning compared, and the certificate given, with {judged}. "
-        f"{found.runs} runs. Overrides of all runs: {', '.join(tune.set) or 'none'}."
-    )

@@ -203,18 +203,21 @@ class NominalLoop(NamedTuple):
         return cls(None, None, None, str(error))
 
 
-def loop_margins(law: Law, observer: Observer, *, dead_time: float) -> NominalLoop:
+def loop_margins(
+    law: Law, observer: Observer, *, dead_time: float, lag: float = 0.0
+) -> NominalLoop:
     """Least margins of a sampled loop over its cuts.
 
     Args:
         law: Any law.
         observer: Any observer, or a predictor around one.
         dead_time: Of the ball's measurement in s.
+        lag: Time constant in s with which the plate's rates follow those commanded.
     """
     full_state = Ideal(model=law.model, period=observer.period)
     for seen, late in ((observer, dead_time), (full_state, 0.0)):
         with suppress(ValueError):
-            loop = _least(sampled_loop(law, seen, dead_time=late))
+            loop = _least(sampled_loop(law, seen, dead_time=late, lag=lag))
             return loop._replace(observed=seen is observer)
     return NominalLoop(None, None, observed=False)  # a law that switches
 
@@ -403,12 +406,12 @@ class Trials:
 
 @lru_cache(maxsize=4096)
 def _loop(text: str) -> NominalLoop:
-    """The loop of law, observer and predictor on the linear plant with the scenario's dead time."""
+    """The loop of law, observer and predictor on the linear plant, as late as the scenario's."""
     scenario = Scenario.model_validate_json(text)
     try:
         with own_errors():
             made = build_controller(scenario)
-            dead_time = scenario.sensors.touch.dead_time
-            return loop_margins(made.law, made.observer, dead_time=dead_time)
+            dead_time, lag = scenario.lateness
+            return loop_margins(made.law, made.observer, dead_time=dead_time, lag=lag)
     except ScenarioError as error:
         return NominalLoop.none(error)

@@ -20,6 +20,7 @@ from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of
 from twin.run.finished import Run, columns, states_of
 from twin.scenario.schema import Dimensions, Scenario
+from twin.sim.plant.model import screen_of
 
 if TYPE_CHECKING:
     from twin.devices.akd.decoding import Conversation
@@ -138,8 +139,8 @@ class Scene:
             model.body("motor_theta").id: f"{root}/motor_theta",
             model.body("ball").id: self.ball,
         }
-        screen, ball = model.geom("plate"), model.geom("ball")
-        self.surface = float(screen.pos[2] + screen.size[2])
+        ball = model.geom("ball")
+        self.surface = screen_of(model).height
         """Height of the screen over the cardan joint, m."""
         self.radius = float(ball.size[0])
         self._lift = float(ball.size[2]) if ball.size[2] > 0 else self.radius

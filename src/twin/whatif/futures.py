@@ -1,8 +1,8 @@
 """Other futures from a moment of a run or a log, and their folder.
 
-Where a rig and its controller are at the moment: of a simulated run it is simulated again from the
-last snapshot before it, to the bit; along a log the twin is led, and let go in the state that the
-log shows, if the log is fit for that.
+Where a rig and its controller are at the moment: a simulated run is simulated again up to it, to
+the bit; along a log, or a run in which a person pushed or chose another law, the twin is led, and
+let go in the state that the log shows, if the log is fit for that.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from twin.run.finished import Run, drawn, open_run, record_run, versions
 from twin.run.loop import drive
 from twin.run.metrics import Motion
 from twin.run.record import Recorder
-from twin.run.state import Snapshot, restore, snapshots_of
+from twin.run.state import Snapshot, restore
 from twin.scenario.load import check, load, put, setting
 from twin.scenario.schema import JUMPS, RAMPS, Scenario
 from twin.sim.rig import SimulatedRig
@@ -143,19 +143,17 @@ def take_over(new: Controller, old: Controller, was: Scenario, now: Scenario) ->
         new.reference = old.reference
 
 
-def exact(run: Run, file: Path, at: float) -> Moment:
+def exact(run: Run, at: float) -> Moment:
     """A moment of a simulated run of this version.
 
     Args:
         run: The run, opened.
-        file: Its record.
         at: The moment, s; a whole number of periods within the run.
 
     Raises:
         RecordError: If the run ends before the twin gets there.
     """
-    before = [each for each in snapshots_of(file) if each.time < at + 1e-9]
-    snapshot, times, ball = _simulated_again(run.scenario, before[-1] if before else None, at)
+    snapshot, times, ball = _simulated_again(run.scenario, at)
     motion = run.motion
     known = motion.ball[np.searchsorted(motion.time, times - 1e-9)]
     last = times > at - LOOK_BACK
@@ -180,9 +178,7 @@ def _controller(scenario: Scenario, snapshot: Snapshot) -> Controller:
     return controller
 
 
-def _simulated_again(
-    scenario: Scenario, since: Snapshot | None, at: float
-) -> tuple[Snapshot, Array, Array]:
+def _simulated_again(scenario: Scenario, at: float) -> tuple[Snapshot, Array, Array]:
     """The state at a moment; times in s, shape (K,), and places of the ball in m on the way there.
 
     Raises:
@@ -198,8 +194,7 @@ def _simulated_again(
         if tick == round(at / period):
             kept.append(Snapshot.take(rig, controller, measurement))
 
-    begin = None if since is None else lambda _: since.restore(rig, controller)
-    drive(rig, controller, at + period, record, begin=begin, keep=keep)
+    drive(rig, controller, at + period, record, keep=keep)
     if not kept:
         raise RecordError(f"--at {at:g}: the twin's run ended before, at {record.end:g} s")
     return kept[0], record.time[:-1], record["state"][:-1, 0, 0::4]
@@ -619,7 +614,8 @@ def moment_of(
         for name, version in versions().items()
         if run.versions.get(name) != version
     ]
-    if "true_x" not in run.rows or "lateness" in run.rows or other:
+    steered = run.driven.get("pushes") or len(run.driven.get("controllers", ())) > 1
+    if "true_x" not in run.rows or "lateness" in run.rows or other or steered:
         whole = read(file)
         check_ranges(whole)
         log = judge(whole, run.scenario, at)
@@ -629,7 +625,7 @@ def moment_of(
     first, last = run.rows["time"][[0, -1]]
     if not first - 1e-9 <= at <= last + 1e-9:
         raise RecordError(f"--at {at:g}: {file} goes from {first:g} to {last:g} s")
-    return exact(run, file, at)
+    return exact(run, at)
 
 
 def _nearest(at: float, scenario: Scenario) -> float:

@@ -123,6 +123,158 @@ static void bend_on(Rig *rig, double vx, double vy, double time) {
     rig->bend[1] -= left * (s * (vy / by) - rig->bend[1]);
 }
 
+/* ---- What lies between servos and plate --------------------------------------------------------
+
+   Cranks and rods in closed form (twin.hal.linkage), or a measured table, cut finely into straight
+   lines; without either the servos turn the plate itself. All angles in rad; axis 0 is phi. */
+
+static const double STANDS = 1e-6; /* by how much the cosine is short of 1 where a linkage locks */
+
+static int has_rods(const double *v) {
+    return v[PLANT_LINKAGE_CRANK] > 0 || v[PLANT_LINKAGE_CRANK + 1] > 0;
+}
+
+static int transmits(const double *v) { return CURVE_ROWS || has_rods(v); }
+
+/* A column of an axis's table where another one is the angle; at_end beyond, NAN for the last. */
+static double curve(int i, double angle, int of, int wanted, double at_end) {
+    const double(*row)[3] = i ? CURVE + CURVE_PHI : CURVE;
+    int low = 0, high = (i ? CURVE_ROWS - CURVE_PHI : CURVE_PHI) - 1;
+    if (angle < row[0][of] || angle > row[high][of])
+        return isnan(at_end) ? row[angle < row[0][of] ? 0 : high][wanted] : at_end;
+    while (high - low > 1) {
+        int middle = (low + high) / 2;
+        if (row[middle][of] <= angle)
+            low = middle;
+        else
+            high = middle;
+    }
+    const double *a = row[low], *b = row[high];
+    return (b[wanted] - a[wanted]) / (b[of] - a[of]) * (angle - a[of]) + a[wanted];
+}
+
+/* Lengths of one axis, m: crank r, arm a, distance d, depth h of the servo, and the rod's square;
+   and the share c of the arm's height that is left where theta turns it aside. */
+typedef struct {
+    double r, a, d, h, square, c;
+} Rod;
+
+static double lean(const double *v, int i) {
+    return v[PLANT_LINKAGE_ARM + i] - v[PLANT_LINKAGE_DISTANCE + i] - v[PLANT_LINKAGE_CRANK + i];
+}
+
+static Rod rod_of(const double *v, int i, double theta) {
+    double rod = v[PLANT_LINKAGE_ROD + i], aside = lean(v, i);
+    Rod found = {v[PLANT_LINKAGE_CRANK + i], v[PLANT_LINKAGE_ARM + i],
+                 v[PLANT_LINKAGE_DISTANCE + i], sqrt(rod * rod - aside * aside),
+                 rod * rod, i ? 1 : cos(theta)};
+    return found;
+}
+
+static double angle_of(double cosine) {
+    return acos(smaller(larger(cosine, STANDS - 1), 1 - STANDS));
+}
+
+/* Servo angles that hold plate angles. */
+static void motor_of(const double *v, const double plate[2], double motor[2]) {
+    for (int i = 0; i < 2; i++) {
+        if (CURVE_ROWS) {
+            motor[i] = curve(i, plate[i], 1, 0, NAN);
+            continue;
+        }
+        Rod at = rod_of(v, i, plate[1]);
+        double up = at.a * sin(plate[i]), p = at.a * cos(plate[i]) - at.d, q = at.c * up + at.h;
+        double reach = p * p + q * q + (1 - at.c * at.c) * (up * up) + at.r * at.r - at.square;
+        motor[i] = atan2(q, p) - angle_of(reach / (2 * at.r) / hypot(p, q));
+    }
+}
+
+/* Plate angles where the servos are at angles; theta first, for phi depends on it. */
+static void plate_of(const double *v, const double motor[2], double plate[2]) {
+    for (int i = 1; i >= 0; i--) {
+        if (CURVE_ROWS) {
+            plate[i] = curve(i, motor[i], 0, 1, NAN);
+            continue;
+        }
+        Rod at = rod_of(v, i, plate[1]);
+        double x = at.d + at.r * cos(motor[i]), y = at.h - at.r * sin(motor[i]);
+        double reach = (at.a * at.a + x * x + y * y - at.square) / (2 * at.a);
+        plate[i] = angle_of(reach / hypot(x, at.c * y)) - atan2(at.c * y, x);
+    }
+}
+
+/* Derivatives of a rod's squared length over -2 a: by crank, by its own and by the other angle. */
+static void slopes(const double *v, int i, const double plate[2], double motor, double by[3]) {
+    Rod at = rod_of(v, i, plate[1]);
+    double sine = sin(plate[i]), cosine = cos(plate[i]);
+    double dx = -at.r * sin(motor), dy = -at.r * cos(motor), x = at.d - dy, y = at.h + dx;
+    by[0] = dx * cosine - at.c * dy * sine - (x * dx + y * dy) / at.a;
+    by[1] = -x * sine - at.c * y * cosine;
+    by[2] = i ? 0 : y * sine * sin(plate[1]);
+}
+
+/* Rates of the plate for those of the servos, where they are. */
+static void plate_rate(const double *v, const double plate[2], const double motor[2],
+                       const double rate[2], double found[2]) {
+    double by[3];
+    for (int i = 1; i >= 0; i--) {
+        if (CURVE_ROWS) {
+            found[i] = rate[i] * curve(i, motor[i], 0, 2, 0);
+            continue;
+        }
+        slopes(v, i, plate, motor[i], by);
+        found[i] = -by[0] * rate[i] / by[1];
+        if (i == 0)
+            found[0] -= by[2] * found[1] / by[1];
+    }
+}
+
+/* Rates of the servos for those of the plate, where they are. */
+static void motor_rate(const double *v, const double plate[2], const double motor[2],
+                       const double rate[2], double found[2]) {
+    double by[3];
+    for (int i = 0; i < 2; i++) {
+        if (CURVE_ROWS) {
+            found[i] = rate[i] / curve(i, motor[i], 0, 2, NAN);
+            continue;
+        }
+        slopes(v, i, plate, motor[i], by);
+        found[i] = -(by[1] * rate[i] + by[2] * rate[1]) / by[0];
+    }
+}
+
+/* Servo angle of an axis per plate angle at level. */
+static double ratio(const double *v, int i) {
+    if (CURVE_ROWS)
+        return 1 / curve(i, curve(i, 0, 1, 0, NAN), 0, 2, NAN);
+    return has_rods(v) ? v[PLANT_LINKAGE_ARM + i] / v[PLANT_LINKAGE_CRANK + i] : 1;
+}
+
+/* What is wrong with the lengths; NULL if nothing is. */
+static const char *misfit(const double *v) {
+    static const double spare = 1.1;
+    if (!has_rods(v))
+        return NULL;
+    if (CURVE_ROWS)
+        return "plant.linkage: this FMU has a table, and no lengths beside it";
+    for (int i = 0; i < 2; i++) {
+        double rod = v[PLANT_LINKAGE_ROD + i];
+        if (!(v[PLANT_LINKAGE_CRANK + i] > 0 && rod > 0 && v[PLANT_LINKAGE_ARM + i] > 0))
+            return "plant.linkage: crank, rod and arm must be above 0 for both axes";
+        if (!(fabs(lean(v, i)) < rod))
+            return "plant.linkage.rod: must be longer than crank and arm end are apart at level";
+    }
+    for (int n = 0; n < 9 * 111; n++) {
+        double most = spare * v[RIG_LIMITS_ANGLE] * (n / 9) / 110, motor[2], found[2];
+        double plate[2] = {(n % 3 - 1) * most, (n / 3 % 3 - 1) * most};
+        motor_of(v, plate, motor);
+        plate_of(v, motor, found);
+        if (!(fabs(found[0] - plate[0]) <= STANDS && fabs(found[1] - plate[1]) <= STANDS))
+            return "plant.linkage: locks within 1.1 times rig.limits.angle";
+    }
+    return NULL;
+}
+
 /* ---- Ball -------------------------------------------------------------------------------------- */
 
 typedef struct {
@@ -252,33 +404,63 @@ static void roll_on(Rig *rig, const Ball *ball, const Rolling at[3]) {
         rig->age = aged(rig->v, rig->age, hypot(vx + rig->vx, vy + rig->vy) / 2, h);
 }
 
-/* Plate angles and rates after a time of constant acceleration u. */
-static void turned(const Rig *rig, const double u[2], double time, double angle[2],
-                   double rate[2]) {
-    for (int i = 0; i < 2; i++) {
-        angle[i] = rig->angle[i] + time * (rig->rate[i] + time / 2 * u[i]);
-        rate[i] = rig->rate[i] + time * u[i];
+/* How the plate moves in a control period: its accelerations at the begin, and its jerks. */
+typedef struct {
+    double u[2], jerk[2];
+} Way;
+
+/* Of a plate whose servos ramp to rates: they run linearly there; through a linkage it moves on
+   the cubic that joins its angles and rates at both ends. */
+static Way way_to(const Rig *rig, const double to[2]) {
+    const double *v = rig->v, *angle = rig->angle, *before = rig->rate;
+    double period = STEPS * STEP, motor[2], turn[2], there[2], after[2];
+    Way way = {{0}, {0}};
+    if (!transmits(v)) {
+        for (int i = 0; i < 2; i++)
+            way.u[i] = (to[i] - before[i]) / period;
+        return way;
     }
+    motor_of(v, angle, motor);
+    motor_rate(v, angle, motor, before, turn);
+    for (int i = 0; i < 2; i++)
+        motor[i] += period / 2 * (turn[i] + to[i]);
+    plate_of(v, motor, there);
+    plate_rate(v, there, motor, to, after);
+    for (int i = 0; i < 2; i++) {
+        double mean = (there[i] - angle[i]) / period;
+        way.u[i] = (6 * mean - 4 * before[i] - 2 * after[i]) / period;
+        way.jerk[i] = 6 * (before[i] + after[i] - 2 * mean) / (period * period);
+    }
+    return way;
 }
 
-/* One control period of plate and ball: each plate rate runs linearly to the one given. */
+/* Plate angles and rates after a time, and the ball's equations there. */
+static Rolling turned(const Rig *rig, const Ball *ball, const Way *way, double time,
+                      double angle[2], double rate[2]) {
+    double u[2];
+    for (int i = 0; i < 2; i++) {
+        double more = time * way->jerk[i];
+        angle[i] = rig->angle[i] + time * (rig->rate[i] + time / 2 * (way->u[i] + more / 3));
+        rate[i] = rig->rate[i] + time * (way->u[i] + more / 2);
+        u[i] = way->u[i] + more;
+    }
+    return rolling(ball, angle, rate, u);
+}
+
+/* One control period of plate and ball, the servos on their way to rates. */
 static void move(Rig *rig, const double to[2]) {
     Ball ball = ball_of(rig->v);
-    double period = STEPS * STEP, angle[2], rate[2], u[2];
-    for (int i = 0; i < 2; i++)
-        u[i] = (to[i] - rig->rate[i]) / period;
+    Way way = way_to(rig, to);
+    double period = STEPS * STEP, angle[2], rate[2];
     Rolling at[3];
-    turned(rig, u, 0, angle, rate);
-    at[2] = rolling(&ball, angle, rate, u);
+    at[2] = turned(rig, &ball, &way, 0, angle, rate);
     for (int i = 0; i < STEPS; i++) {
         at[0] = at[2];
-        for (int k = 1; k <= 2; k++) {
-            turned(rig, u, STEP / 2 * (2 * i + k), angle, rate);
-            at[k] = rolling(&ball, angle, rate, u);
-        }
+        for (int k = 1; k <= 2; k++)
+            at[k] = turned(rig, &ball, &way, STEP / 2 * (2 * i + k), angle, rate);
         roll_on(rig, &ball, at);
     }
-    turned(rig, u, period, angle, rate);
+    turned(rig, &ball, &way, period, angle, rate);
     memcpy(rig->angle, angle, sizeof angle);
     memcpy(rig->rate, rate, sizeof rate);
     double half = rig->v[PLANT_SIZE] / 2, far = rig->x * rig->x + rig->y * rig->y;
@@ -293,16 +475,17 @@ static void move(Rig *rig, const double to[2]) {
 /* A servo that goes to a position: to the sum of the turns commanded, on its grid, once that is
    further away than its dead band, as fast as it can; where its acceleration is limited, with the
    largest turn from which it can still brake: with n smaller ones after it,
-   (n + 1) turn - more n (n + 1) / 2 is the way. */
-static double servo(Rig *rig, int i, double turn) {
+   (n + 1) turn - more n (n + 1) / 2 is the way. As of all drives its angles are those of the servo,
+   whose ratio to the plate is given; those of the scenario are the plate's at level. */
+static double servo(Rig *rig, int i, double ratio, double turn) {
     const double *v = rig->v;
-    double most = v[PLANT_SERVO_SLEW] > 0 ? v[PLANT_SERVO_SLEW] * PERIOD : INFINITY;
-    double step = v[PLANT_SERVO_RESOLUTION], before = rig->servo[i];
+    double most = v[PLANT_SERVO_SLEW] > 0 ? v[PLANT_SERVO_SLEW] * ratio * PERIOD : INFINITY;
+    double step = v[PLANT_SERVO_RESOLUTION] * ratio, before = rig->servo[i];
     rig->ordered[i] += turn;
     double goal = step > 0 ? rint(rig->ordered[i] / step) * step : rig->ordered[i];
-    double more = v[PLANT_SERVO_ACCELERATION] * PERIOD * PERIOD, way = goal - before;
+    double more = v[PLANT_SERVO_ACCELERATION] * ratio * PERIOD * PERIOD, way = goal - before;
     int moves = more > 0 && fabs(rig->servo_turn[i]) > more;
-    if (!rig->goes[i] && !moves && fabs(way) <= v[PLANT_SERVO_DEADBAND])
+    if (!rig->goes[i] && !moves && fabs(way) <= v[PLANT_SERVO_DEADBAND] * ratio)
         return rig->servo_turn[i] = 0;
     rig->servo[i] = smaller(larger(goal, before - most), before + most);
     if (more > 0) {
@@ -317,8 +500,8 @@ static double servo(Rig *rig, int i, double turn) {
 }
 
 /* A gap: the output stands until the input has crossed it. */
-static double play(Rig *rig, int i, double turn) {
-    double half = rig->v[PLANT_SERVO_BACKLASH] / 2, before = rig->play_out[i];
+static double play(Rig *rig, int i, double ratio, double turn) {
+    double half = rig->v[PLANT_SERVO_BACKLASH] * ratio / 2, before = rig->play_out[i];
     rig->play_in[i] += turn;
     rig->play_out[i] =
         smaller(larger(before, rig->play_in[i] - half), rig->play_in[i] + half);
@@ -326,8 +509,8 @@ static double play(Rig *rig, int i, double turn) {
 }
 
 /* Dahl's elastic part against friction: dh/ds = (1 - h sgn(s') / h_max) / 2. */
-static double hysteresis(Rig *rig, int i, double turn) {
-    double width = rig->v[PLANT_SERVO_HYSTERESIS], before = rig->lost[i];
+static double hysteresis(Rig *rig, int i, double ratio, double turn) {
+    double width = rig->v[PLANT_SERVO_HYSTERESIS] * ratio, before = rig->lost[i];
     double end = copysign(width / 2, turn);
     rig->lost[i] = end + (before - end) * exp(-fabs(turn) / width);
     return turn - (rig->lost[i] - before);
@@ -369,10 +552,10 @@ static void vibrate(Rig *rig, double mean[2]) {
             moved[i] = rig->sizes[i] * sine + rig->sizes[i + 2] * cosine;
     }
     for (int i = 0; i < 2; i++)
-        mean[i] += amplitude * moved[i];
+        mean[i] += ratio(v, i) * amplitude * moved[i];
 }
 
-/* Mean rates over the next period for the commanded ones. */
+/* Mean rates of the servos over the next period for the commanded ones. */
 static void follow(Rig *rig, const double command[2], double mean[2]) {
     const double *v = rig->v;
     double share = 2 * PI * v[PLANT_SERVO_BANDWIDTH_HZ] * PERIOD;
@@ -380,9 +563,9 @@ static void follow(Rig *rig, const double command[2], double mean[2]) {
     int goes_to = v[PLANT_SERVO_SLEW] > 0 || v[PLANT_SERVO_ACCELERATION] > 0 ||
                   v[PLANT_SERVO_DEADBAND] > 0 || v[PLANT_SERVO_RESOLUTION] > 0;
     for (int i = 0; i < 2; i++) { /* a part that a rig gets while it runs begins at 0 */
-        double asked = command[i];
+        double asked = command[i], by = ratio(v, i);
         if (goes_to) {
-            asked = servo(rig, i, asked * PERIOD) / PERIOD;
+            asked = servo(rig, i, by, asked * PERIOD) / PERIOD;
         } else {
             rig->ordered[i] = rig->servo[i] = rig->goes[i] = 0;
             rig->servo_turn[i] = asked * PERIOD;
@@ -391,11 +574,11 @@ static void follow(Rig *rig, const double command[2], double mean[2]) {
         mean[i] = asked + of_mean * lacking;
         rig->lagging[i] = asked + left * lacking;
         if (v[PLANT_SERVO_BACKLASH] > 0)
-            mean[i] = play(rig, i, mean[i] * PERIOD) / PERIOD;
+            mean[i] = play(rig, i, by, mean[i] * PERIOD) / PERIOD;
         else
             rig->play_in[i] = rig->play_out[i] = 0;
         if (v[PLANT_SERVO_HYSTERESIS] > 0)
-            mean[i] = hysteresis(rig, i, mean[i] * PERIOD) / PERIOD;
+            mean[i] = hysteresis(rig, i, by, mean[i] * PERIOD) / PERIOD;
         else
             rig->lost[i] = 0;
         if (v[PLANT_SERVO_RESONANCE_HZ] > 0) {
@@ -504,7 +687,7 @@ static void encoders(const Rig *rig, double angle[2]) {
 /* ---- Supervisor: limits, and levelling the plate when one is passed ---------------------------- */
 
 static const double ANGLE_SLACK = 0.5 * 0.017453292519943295; /* rad */
-static const double DRIFT_TIME = 0.1, LOST_AFTER = 0.1, PACE = 0.04; /* s */
+static const double DRIFT_TIME = 0.1, LOST_AFTER = 0.1, PACE = 0.04, ANCHOR = 0.02; /* s */
 
 static void judge(Rig *rig, int is, int fault) {
     if (is && rig->running && !rig->fault)
@@ -553,19 +736,42 @@ static double levelling(const Rig *rig, int i) {
     return rig->believed[i] > 0 ? -rate : rate;
 }
 
+/* Servo angles for the plate angles that are commanded, by what the rig knows of its linkage. */
+static void reckoned(const Rig *rig, double motor[2]) {
+    const double *v = rig->v;
+    double plate[2];
+    for (int i = 0; i < 2; i++)
+        plate[i] = (1 + v[RIG_CAM_ERROR + i]) * rig->aimed[i] +
+                   v[RIG_CAM_COUPLING] * rig->aimed[1 - i];
+    motor_of(v, plate, motor);
+}
+
+/* Rates of the servos. */
 static void command(Rig *rig, double rate[2]) {
     const double *v = rig->v;
-    double wanted[2];
+    double wanted[2], before[2];
+    int in_full = transmits(v) && v[RIG_KNOWS_LINKAGE];
+    if (++rig->unaimed % (int)larger(1, rint(ANCHOR / PERIOD)) == 0) /* rates add up to drift */
+        memcpy(rig->aimed, rig->believed, sizeof rig->aimed);
+    if (in_full)
+        reckoned(rig, before);
     int sound = isfinite(v[RATE_PHI]) && isfinite(v[RATE_THETA]);
     judge(rig, !sound, BAD_REQUEST);
     for (int i = 0; i < 2; i++) {
         wanted[i] = rig->fault ? levelling(rig, i) : v[RATE_PHI + i];
         rig->commanded[i] = clamped(rig, i, wanted[i]);
         rig->believed[i] += PERIOD * rig->commanded[i];
+        rig->aimed[i] += PERIOD * rig->commanded[i];
+    }
+    if (in_full) {
+        reckoned(rig, rate);
+        for (int i = 0; i < 2; i++)
+            rate[i] = (rate[i] - before[i]) / PERIOD;
+        return;
     }
     for (int i = 0; i < 2; i++) /* what the rig knows of its cams may be wrong */
-        rate[i] = (1 + v[RIG_CAM_ERROR + i]) * rig->commanded[i] +
-                  v[RIG_CAM_COUPLING] * rig->commanded[1 - i];
+        rate[i] = ratio(v, i) * ((1 + v[RIG_CAM_ERROR + i]) * rig->commanded[i] +
+                                 v[RIG_CAM_COUPLING] * rig->commanded[1 - i]);
 }
 
 /* ---- The rig ----------------------------------------------------------------------------------- */
@@ -588,8 +794,10 @@ static void measure(Rig *rig) {
     rig->felt[slot] = !rig->fallen && !unseen;
     touch(rig, ball, &age, &felt);
     encoders(rig, plate);
-    if (rig->tick == 0) /* the drives hold the plate where it is measured */
+    if (rig->tick == 0) { /* the drives hold the plate where it is measured */
         memcpy(rig->believed, plate, sizeof plate);
+        memcpy(rig->aimed, plate, sizeof plate);
+    }
     watch(rig, ball, plate, felt);
     v[TIME] = rig->start + (double)rig->tick * PERIOD;
     v[MEASURED_X] = ball[0];
@@ -641,6 +849,9 @@ const char *rig_begin(Rig *rig) {
     if (2 + ceil((latest + (frames > 0 ? 1 / frames : 0)) / PERIOD) > RING)
         return "sensors.touch: the dead time is longer than this FMU remembers; export one from a "
                "scenario that has it";
+    const char *wrong = misfit(rig->v);
+    if (wrong)
+        return wrong;
     memcpy(v, rig->v, sizeof v);
     rig_reset(rig, start);
     memcpy(rig->v, v, sizeof v);
@@ -668,7 +879,7 @@ void rig_advance(Rig *rig) {
     command(rig, rate);
     follow(rig, rate, mean);
     for (int i = 0; i < 2; i++) {
-        double variance = PERIOD * PERIOD * v[DISTURBANCE_VARIANCE + i];
+        double step = ratio(v, i) * PERIOD, variance = step * step * v[DISTURBANCE_VARIANCE + i];
         rig->drift[i] += drawn(rig, SHAKE_PHI + i, variance, rig->tick);
         mean[i] += rig->drift[i];
     }

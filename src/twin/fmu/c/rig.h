@@ -22,6 +22,7 @@ typedef struct {
 } Kind;
 
 extern const Kind KINDS[VARIABLES];
+extern const double CURVE[CURVE_ROWS + 1][3]; /* angles of servo and plate, slope */
 extern const double PATH[PATH_ROWS ? PATH_ROWS : 1][6];
 extern const double SURFACE[SURFACE_X ? SURFACE_X : 1][SURFACE_X ? SURFACE_Y : 1][3];
 
@@ -74,6 +75,8 @@ typedef struct {
     int fault;
     double commanded[2];
     double believed[2]; /* plate angle: commands added up, drawn to what is measured */
+    double aimed[2];    /* plate angle: commands added up since it was looked at */
+    int64_t unaimed;    /* commands until now */
     double unseen;
     int pace;
     double before[2];

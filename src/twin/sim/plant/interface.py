@@ -184,7 +184,8 @@ class Parts:
         plate_centre: Centre of mass of the plate off the cardan joint along x and y, m.
         level: Tilt (phi, theta) of the base that everything stands on, rad; encoders cannot see it.
         linkage: Cranks and rods in place of cams, wheels and spring.
-        size: Sides of the plate on them along x and y, m.
+        size: Sides of the plate along x and y, m; its mass goes with its area.
+        rounded: Whether it is round, with the first side as its diameter.
 
     Raises:
         ModelError: If a number is out of range.
@@ -246,6 +247,7 @@ class Parts:
     )
     linkage: Linkage | None = None
     size: tuple[float, float] | None = None
+    rounded: bool = False
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -254,14 +256,20 @@ class Parts:
     @property
     def compiled(self) -> Parts:
         """Those of ball and plate, with which a mechanism has to be compiled."""
-        names = *("mass", "radius", "inertia", "offset", "oval"), "plate_centre", "linkage", "size"
+        names = (
+            *("mass", "radius", "inertia", "offset", "oval"),
+            "plate_centre",
+            "linkage",
+            "size",
+            "rounded",
+        )
         return Parts(**{name: getattr(self, name) for name in names})
 
     @property
     def balanced(self) -> bool:
         """Whether the mechanism's balance on a level base is that of the file."""
-        size = self.mass, self.radius, self.oval
-        weighs = *size, self.stiffness, self.preload, self.plate_centre, self.linkage
+        shape = self.mass, self.radius, self.oval, self.size
+        weighs = *shape, self.stiffness, self.preload, self.plate_centre, self.linkage
         return all(each is None for each in weighs)
 
 

@@ -20,7 +20,7 @@ from controllers.arrays import Array, Mask, Number, constant, put
 from twin.errors import ModelError
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts, ball_in_plate, from_plate, rolling_ball
-from twin.sim.plant.model import RigModels, motor_ratio
+from twin.sim.plant.model import RigModels, motor_ratio, screen_of
 
 Indices = NDArray[np.integer]
 
@@ -259,9 +259,8 @@ class Mechanism:
         self._ctrl: Array = self._batch.bind("ctrl")
         self._qpos: Array = self._batch.bind("qpos")
         self._qvel: Array = self._batch.bind("qvel")
-        screen = model.geom("plate")
-        self._surface = float(screen.pos[2] + screen.size[2])
-        self._half = self._models.halves()
+        self._surface = screen_of(model).height
+        self._half, self._rounded = self._models.shapes()
         self._height = self._models.heights()
         self._contact = None if friction is None else BallContact(self._batch, friction)
         # how often friction that changes with speed or place is updated: every 2 ms
@@ -303,7 +302,7 @@ class Mechanism:
         """
         self._models.rebuild(self._batch, rigs, parts)
         self._height[rigs] = self._models.heights(rigs)
-        self._half = self._models.halves()
+        self._half, self._rounded = self._models.shapes()
         self._exchange_friction(friction)
 
     def _exchange_friction(self, friction: Friction) -> None:
@@ -390,6 +389,9 @@ class Mechanism:
         self._seen.T[:] = seen[0], seen[3], pose[0], rate[0], seen[1], seen[4], pose[1], rate[1]
         inside = np.abs(seen[:2]) <= self._half
         self._inside = inside[0] & inside[1] & (seen[2] >= self._surface)
+        if self._rounded.any():
+            beyond = seen[0] ** 2 + seen[1] ** 2 > self._half[0] ** 2
+            self._inside &= ~(self._rounded & beyond)
 
     def saved_state(self) -> dict[str, Any]:
         """The engine's integration state and what is read of it, all arrays."""

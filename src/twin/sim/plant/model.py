@@ -10,13 +10,14 @@ from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
 from threading import Lock
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Number
+from controllers.arrays import Array, Mask, Number
 from twin.errors import ModelError
 from twin.hal.linkage import Linkage
 from twin.paths import model_path
@@ -182,21 +183,17 @@ def drawn_model(
     Raises:
         ModelError: If a number is out of range.
     """
-    model = load_model(parts=parts)
-    screen, (x, y) = model.geom("plate"), area
-    share = np.divide(size, 2 * screen.size[:2])
+    known, (x, y) = load_model(parts=parts), area
+    share = np.divide(size, 2 * screen_of(known).half)
+    whole = replace(parts, size=size, rounded=rounded)
+    same = bool((share == 1).all()) and rounded == parts.rounded
+    model = known if same else load_model(parts=whole, stands=known)
     for name, axis, place in (("front", 1, -y), ("rear", 1, y), ("left", 0, -x), ("right", 0, x)):
         line = model.geom(f"area_{name}")
         line.pos[axis], line.size[1 - axis] = place, area[1 - axis]
-    if (share == 1).all():
+    if same:
         return model
-    screen.size[:2] *= share
-    model.geom("screen_back").size[:2] *= share
-    for each in map(model.geom, ("plate", "screen_back") if rounded else ()):
-        each.type = mujoco.mjtGeom.mjGEOM_CYLINDER
-        each.size[1] = each.size[2]
     model.geom("base").size[:2] *= np.minimum(share, 1)
-    model.geom_rbound[:] = np.maximum(model.geom_rbound, np.hypot(*size))
     for geom in map(model.geom, range(model.ngeom)):
         if geom.name.startswith(MECHANISM):
             geom.group[:] = UNSEEN
@@ -251,6 +248,22 @@ def _check(model: mujoco.MjModel, path: Path) -> None:
     ]
     if missing:
         raise ModelError(f"model {path}: missing {', '.join(missing)}")
+
+
+class Screen(NamedTuple):
+    """Half sides of a plate's surface along x and y, m, its height, m, and whether it is round."""
+
+    half: Array
+    height: float
+    rounded: bool
+
+
+def screen_of(model: mujoco.MjModel) -> Screen:
+    """The surface on which the ball rolls."""
+    plate = model.geom("plate")
+    rounded = bool(plate.type[0] == mujoco.mjtGeom.mjGEOM_CYLINDER)
+    thick = plate.size[1 if rounded else 2]
+    return Screen(plate.size[[0, 0 if rounded else 1]], float(plate.pos[2] + thick), rounded)
 
 
 def on_rods(model: mujoco.MjModel) -> bool:
@@ -406,7 +419,9 @@ def _shape(spec: mujoco.MjSpec, parts: Parts) -> float:
             # the screen feels the ball's middle, not its centre of mass
             spec.sensor(name).objtype = mujoco.mjtObj.mjOBJ_XBODY
     if parts.linkage is not None:
-        _link(spec, parts.linkage, parts.size)
+        _link(spec, parts.linkage)
+    if parts.size is not None:
+        _cut(spec, parts.size, parts.rounded)
     if parts.plate_centre is not None:
         plate = spec.body("plate")
         plate.ipos = [*parts.plate_centre, plate.ipos[2]]
@@ -424,12 +439,31 @@ def _shape(spec: mujoco.MjSpec, parts: Parts) -> float:
     return float(upright - nominal)
 
 
-def _link(spec: mujoco.MjSpec, linkage: Linkage, size: tuple[float, float] | None) -> None:
-    """Change cranks, rods and arms; and the plate with its mass, which goes with its area."""
-    if size is not None:
-        plate, over = spec.geom("plate"), spec.site("over_plate")
-        plate.mass *= size[0] * size[1] / (4 * plate.size[0] * plate.size[1])
-        plate.size[:2] = over.size[:2] = np.divide(size, 2)
+def _cut(spec: mujoco.MjSpec, size: tuple[float, float], rounded: bool) -> None:
+    """Change the plate's sides or shape; mass and second moments go with them, as of a slab.
+
+    Of a slab the second moments along its sides are m a^2 / 12, of a disc m d^2 / 16.
+    """
+    plate, body = spec.geom("plate"), spec.body("plate")
+    sides = np.divide(size, 2 * plate.size[:2])
+    more = sides.prod() * (math.pi / 4 if rounded else 1)
+    plate.mass *= more
+    if body.explicitinertial:
+        moments = body.inertia.sum() / 2 - body.inertia
+        moments *= more * np.append(sides**2 * (0.75 if rounded else 1), 1)
+        body.mass *= more
+        body.inertia = moments.sum() - moments
+    for each in (plate, spec.site("over_plate"), spec.geom("screen_back")):
+        if each is None:  # what only a viewer needs may be left out
+            continue
+        each.size[:2] *= sides
+        if rounded:
+            each.type = mujoco.mjtGeom.mjGEOM_CYLINDER
+            each.size = [each.size[0], each.size[2], 0]
+
+
+def _link(spec: mujoco.MjSpec, linkage: Linkage) -> None:
+    """Change cranks, rods and arms."""
     depth, ways = linkage.depth, ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     for i, (axis, way) in enumerate(zip(AXES, ways, strict=True)):
         crank, arm = np.multiply(linkage.crank[i], way), np.multiply(linkage.arm[i], way)
@@ -518,9 +552,10 @@ class RigModels:
         height = self.first.joint("ball").qposadr[0] + 2
         return np.array([model.key("level").qpos[height] for model in models])
 
-    def halves(self) -> Array:
-        """Half sides of the plates along x and y as they were built, m, shape (2, N)."""
-        return np.transpose([model.geom("plate").size[:2] for model in self._built])
+    def shapes(self) -> tuple[Array, Mask]:
+        """Half sides of the plates along x and y in m, (2, N), and whether they are round, (N,)."""
+        half, _, rounded = zip(*map(screen_of, self._built), strict=True)
+        return np.transpose(half), np.array(rounded)
 
     def batch(self, threads: int, *, persistent: bool) -> Batch:
         """A batch of the rigs, with what each has of its own.

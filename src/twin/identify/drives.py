@@ -1,0 +1,157 @@
+"""What drives make of the commands of a log: dead band, play, slew and lag."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter, savgol_filter
+
+from controllers.arrays import Array
+from twin.identify.logs import AxisLog
+from twin.identify.search import SampleWindows
+
+DRIVEN = ("dead_band", "play", "slew")
+"""What a drive does to its commands: tried value by value, for it has no slope."""
+FINE = 0.002
+"""Step of the lag in s."""
+
+
+def followed(
+    time: Array, sent: Array, dead_band: float, play: float, slew: float
+) -> tuple[Array, Array]:
+    """Where a drive takes the plate, as corners of straight lines: times in s and places.
+
+    It stands until the command is further off than the dead band, then goes all the way, but for
+    half the play, which its last move leaves behind.
+
+    Args:
+        time: When each command begins, s, shape (K,).
+        sent: The commands, shape (K,).
+        dead_band: In their unit.
+        play: Half its width.
+        slew: Seconds by unit of the commands.
+    """
+    place = goal = float(sent[0])
+    corners = []
+    rows = zip(time.tolist(), sent.tolist(), np.diff(time, append=time[-1]).tolist(), strict=True)
+    for now, wanted, left in rows:
+        corners.append((now, place))
+        if place != goal or abs(wanted - place) > dead_band:
+            goal = min(max(place, wanted - play), wanted + play)
+        takes = slew * abs(goal - place)
+        if takes > left:
+            place += (goal - place) * left / takes
+        elif place != goal:
+            corners.append((now + takes, goal))
+            place = goal
+    return tuple(np.array(corners).T)
+
+
+class TiltHistory:
+    """What tilts the plate, at any time, behind drives and their lag.
+
+    Attributes:
+        scale: How far it swings: what one unit of the fit's gain is for.
+    """
+
+    def __init__(self, log: AxisLog, usual: float | None = None) -> None:
+        """Of a log; ``usual`` is the swing of another one that it was fitted to."""
+        self.log = log
+        self.scale = usual or float(np.std(log.tilt)) or 1.0
+        steps = int((log.time[-1] - log.time[0]) / FINE) + 2
+        self.time = float(log.time[0]) + FINE * np.arange(steps)
+        self.driven: dict[tuple[float, ...], Array] = {}
+        self.lagged: dict[tuple[float, ...], Array] = {}
+
+    def at(self, time: Array, lag: float, *drive: float) -> Array:
+        """Behind a lag in s, at times in s of any shape.
+
+        Args:
+            time: Seconds.
+            lag: Time constant.
+            drive: Dead band, half the play and slew, see ``followed``, in swings; none for an
+                ideal one.
+        """
+        drive = drive or (0.0, 0.0, 0.0)
+        if drive not in self.driven:
+            self.driven[drive] = self._mean(drive)
+        if (lag, *drive) not in self.lagged:
+            if len(self.lagged) > 40:
+                self.lagged.clear()
+            stay = float(np.exp(-FINE / lag)) if lag > 1e-4 else 0.0
+            mean = self.driven[drive]
+            first = [stay * mean[0]]
+            self.lagged[lag, *drive] = lfilter([1.0 - stay], [1.0, -stay], mean, zi=first)[0]
+        found = self.lagged[lag, *drive]
+        place = np.minimum(np.maximum((time - self.time[1]) / FINE, 0.0), len(found) - 1.001)
+        low = place.astype(int)
+        first = found.take(low)
+        return np.asarray(first + (place - low) * (found.take(low + 1) - first))
+
+    def _mean(self, drive: tuple[float, ...]) -> Array:
+        """Its mean in each fine step in swings, so that no command's time is rounded to a step."""
+        time, place = self.log.time, self.log.tilt / self.scale
+        if self.log.held:
+            time, place = followed(time, place, *drive)
+        step, rise = np.diff(time), np.diff(place)
+        covered = np.concatenate(([0.0], np.cumsum((place[:-1] + rise / 2) * step)))
+        at = np.clip(np.searchsorted(time, self.time, "right") - 1, 0, len(step) - 1)
+        since = np.minimum(self.time - time[at], step[at])
+        bend = rise[at] / np.maximum(step[at], 1e-9) * since / 2
+        return np.diff(covered[at] + since * (place[at] + bend)) / FINE
+
+
+COARSE = 0.008
+"""Step in s at which many dead bands are tried at once."""
+SPARSE = 0.04
+"""Least time in s between the samples that they are tried with."""
+BANDS = np.concatenate(([0.0], np.arange(0.02, 0.2, 0.0008), np.geomspace(0.2, 1.3, 500)))
+"""Those that are tried, in swings: when a drive moves hangs on some thousandths of it."""
+
+
+def unexplained(tilt: TiltHistory, windows: SampleWindows, delay: float, lag: float) -> Array:
+    """What drives with each of ``BANDS`` leave of the ball's motion, m^2, shape (N,).
+
+    By regression: in each window a straight line, over all of them what gain, dead time, level,
+    camber and friction add to it, the friction against the measured velocity.
+
+    Args:
+        tilt: The commands.
+        windows: Positions of the ball.
+        delay: A guess of the dead time in s.
+        lag: Of the lag.
+    """
+    time, sent = tilt.log.time, tilt.log.tilt / tilt.scale
+    grid = np.arange(time[0], time[-1], COARSE)
+    place, places, row = np.full(len(BANDS), sent[0]), np.empty((len(grid), len(BANDS))), 0
+    for k, stop in enumerate(np.searchsorted(time, grid, "right")):
+        for wanted in sent[row:stop]:
+            place = np.where(np.abs(wanted - place) > BANDS, wanted, place)
+        row, places[k] = stop, place
+    stay = np.exp(-COARSE / max(lag, COARSE))
+    pushed = [lfilter([1.0 - stay], [1.0, -stay], places, axis=0)]
+    for _ in range(2):
+        pushed.append(COARSE * np.cumsum(pushed[-1], axis=0))
+    total = np.zeros((len(BANDS), 7, 7))
+    for begin, t, x, weight in zip(
+        windows.begin, windows.time, windows.ball[..., 0], windows.weight[..., 0], strict=True
+    ):
+        at = np.flatnonzero(weight > 0)
+        at = at[:: max(1, round(SPARSE * len(at) / np.ptp(t[at])))]
+        t, x = t[at], x[at]  # noqa: PLW2901
+        step = np.gradient(t)[:, None]
+        speed = np.gradient(savgol_filter(x, min(5, len(x) - 1 | 1), 1), t)
+        forces = np.stack((np.sign(speed), x), axis=-1)
+        moved = np.cumsum(np.cumsum(forces * step, axis=0) * step, axis=0)
+        same = np.column_stack((t**2, moved, x))[..., None].repeat(len(BANDS), axis=-1)
+        place = np.clip((begin + t - delay - grid[0]) / COARSE, 0, len(grid) - 1.001)
+        low = place.astype(int)
+        part = (place - low)[:, None]
+        each = [way[low] + part * (way[low + 1] - way[low]) for way in pushed]
+        Z = np.concatenate((np.stack(each, axis=1), same), axis=1)  # noqa: N806
+        Q = np.linalg.qr(np.stack((np.ones_like(t), t), axis=-1))[0]  # noqa: N806
+        Z = np.moveaxis(Z - np.tensordot(Q @ Q.T, Z, 1), -1, 0)  # noqa: N806
+        total += np.swapaxes(Z, -1, -2) @ Z
+    size = np.sqrt(np.diagonal(total, axis1=-2, axis2=-1)) + 1e-12
+    alike = total / size[:, :, None] / size[:, None] + 1e-9 * np.eye(7)
+    # one over the diagonal of the inverse is what the others leave of the last
+    return np.asarray(size[:, -1] ** 2 / np.linalg.inv(alike)[:, -1, -1])
