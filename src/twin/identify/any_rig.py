@@ -282,16 +282,15 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
 def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
     """The fit with what shows of its drives, beside anything else that may act, where it pays."""
     own = fit.problem.names
-    rich = with_drives(fit.again(fit.log, (*own, *OPTIONAL), longest), longest)
-    new = tuple(name for name in DRIVEN if name in rich.problem.names)
-    what = " and ".join(PLAIN[name].key for name in new)
-    least = crossed(fit, own, longest) if new else 0.0
-    names = (*own, *new)
-    if new and _pays(
-        crossed(rich, names, longest), DRIVEN_PAY, least, f"{what} of the drives", notes
-    ):
-        return rich.again(fit.log, names, longest)
-    return fit
+    rich = fit.again(fit.log, tuple(dict.fromkeys((*own, *OPTIONAL))), longest)
+    found = with_drives(rich, longest)
+    new = tuple(name for name in DRIVEN if name in found.problem.names)
+    if not new:
+        return fit
+    left, least = (crossed(each, each.problem.names, longest) for each in (found, rich))
+    what = f"{' and '.join(PLAIN[name].key for name in new)} of the drives"
+    pays = _pays(left, DRIVEN_PAY, least, what, notes)
+    return found.again(fit.log, (*own, *new), longest) if pays else fit
 
 
 def _richer(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
