@@ -37,6 +37,8 @@ OPTIONAL = ("camber", "viscous")
 """Fitted where it pays, unless asked for."""
 DRIVEN_PAY = 0.8
 """Share of an error that is left with dead band, play or slew that pay: a hand is like them."""
+DRIVEN_WITHIN = 0.01
+"""Error in m with them above which something else is at work: a hand, or a ball that sticks."""
 SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and how a level along them is a tilt of the base."""
 MOST_TURNED = 0.2
@@ -289,7 +291,7 @@ def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
         return fit
     left, least = (crossed(each, each.problem.names, longest) for each in (found, rich))
     what = f"{' and '.join(PLAIN[name].key for name in new)} of the drives"
-    pays = _pays(left, DRIVEN_PAY, least, what, notes)
+    pays = left < DRIVEN_WITHIN and _pays(left, DRIVEN_PAY, least, what, notes)
     return found.again(fit.log, (*own, *new), longest) if pays else fit
 
 
