@@ -37,6 +37,8 @@ OPTIONAL = ("camber", "viscous")
 """Fitted where it pays, unless asked for."""
 DRIVEN_PAY = 0.8
 """Share of an error that is left with dead band, play or slew that pay: a hand is like them."""
+DRIVEN_WITHIN = 0.01
+"""Error in m with them above which something else is at work: a hand, or a ball that sticks."""
 SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and how a level along them is a tilt of the base."""
 MOST_TURNED = 0.2
@@ -282,16 +284,15 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
 def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
     """The fit with what shows of its drives, beside anything else that may act, where it pays."""
     own = fit.problem.names
-    rich = with_drives(fit.again(fit.log, (*own, *OPTIONAL), longest), longest)
-    new = tuple(name for name in DRIVEN if name in rich.problem.names)
-    what = " and ".join(PLAIN[name].key for name in new)
-    least = crossed(fit, own, longest) if new else 0.0
-    names = (*own, *new)
-    if new and _pays(
-        crossed(rich, names, longest), DRIVEN_PAY, least, f"{what} of the drives", notes
-    ):
-        return rich.again(fit.log, names, longest)
-    return fit
+    rich = fit.again(fit.log, tuple(dict.fromkeys((*own, *OPTIONAL))), longest)
+    found = with_drives(rich, longest)
+    new = tuple(name for name in DRIVEN if name in found.problem.names)
+    if not new:
+        return fit
+    left, least = (crossed(each, each.problem.names, longest) for each in (found, rich))
+    what = f"{' and '.join(PLAIN[name].key for name in new)} of the drives"
+    pays = left < DRIVEN_WITHIN and _pays(left, DRIVEN_PAY, least, what, notes)
+    return found.again(fit.log, (*own, *new), longest) if pays else fit
 
 
 def _richer(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:

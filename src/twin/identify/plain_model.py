@@ -246,7 +246,7 @@ def with_drives(fit: AxisFit, longest: float) -> AxisFit:
             last = other.problem.names == found.names
             other = begun_from.again(fit.log, found.names, longest)
             values = NEAR_BY * theta[0, found.names.index(name)] * (not last)
-        if other.sigma < LEFT * fit.sigma:
+        if other.value(name) and other.sigma < LEFT * fit.sigma:
             fit = other
     return fit
 
