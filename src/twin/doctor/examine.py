@@ -17,12 +17,8 @@ from twin.devices.akd.config import AkdConfig, unconfirmed
 from twin.devices.akd.protocol import table
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.config import (
-    HIDRAW_CLASS,
     Calibration,
-    Interface,
-    LumioConfig,
     Mounting,
-    panels,
 )
 from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.devices.own import OwnServos, Reading
@@ -136,7 +132,6 @@ def examine(
         yield from reported(check, "backend", "mend its class (docs/your-rig.md)")
         return
     screen = LumioScreen(rig.screen())
-    yield from plugged_in(screen.config)
     try:
         yield from touch(screen, ask, rig.patience)
     finally:
@@ -173,28 +168,6 @@ def _drives(servos: AkdServos, rig: RigFile, *, move: bool, reset: bool) -> Iter
 ALIKE = 0.05
 """Share by which the size in a panel's descriptor and the measured one may differ: its frame."""
 CALIBRATE = "run `ballplate calibrate touch`, name its file as touch.calibration_file"
-
-
-def plugged_in(config: LumioConfig, root: Path = HIDRAW_CLASS) -> Iterator[CheckResult]:
-    """A line for each interface of the Lumio panels on USB, also if another port is read.
-
-    Args:
-        config: The screen's settings.
-        root: Where the kernel describes raw HID devices.
-    """
-    port = str(Path(config.port).resolve())
-    for each in panels(root):
-        read = each.port == port and config.transport == "hidraw"
-        words = "; this one is read, by its own descriptor" if read else ""
-        yield passed(f"touch panel {each.port}", f"{each.name}: {_what(each)}{words}")
-
-
-def _what(interface: Interface) -> str:
-    layout = interface.layout
-    if layout is None:
-        return "no touch screen"
-    size = f", {_area(layout.extent)}" if layout.extent else ""
-    return f"touch screen{size}, {len(layout.contacts)} contacts per report"
 
 
 def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
