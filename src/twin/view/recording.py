@@ -17,15 +17,12 @@ from twin.run.finished import Run
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.streams import (
-    BUS_UNITS,
     PLOTS,
     TIMELINE,
     TWIN_PLOTS,
     TWIN_RANGE,
     Batch,
     RunStream,
-    bus_batches,
-    conversation,
 )
 from twin.view.viewer import environment
 from twin.writing import write_whole
@@ -58,8 +55,6 @@ def blueprint(
     tabs: dict[str, list[rrb.View]] = {
         name: [*_plots(roots, groups, titles)] for name, titles in PLOTS.items()
     }
-    if tabs["bus"]:
-        tabs["bus"].append(_events(roots, "bus"))
     right = rrb.Tabs(*(rrb.Vertical(*plots, name=name) for name, plots in tabs.items() if plots))
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
@@ -117,9 +112,9 @@ def _plate(roots: Sequence[str], size: tuple[float, float]) -> rrb.Spatial2DView
     )
 
 
-def _events(roots: Sequence[str], entity: str = "events") -> rrb.TextLogView:
-    contents = [f"+ {root}/{entity}" for root in roots]
-    return rrb.TextLogView(origin="/", contents=contents, name=entity)
+def _events(roots: Sequence[str]) -> rrb.TextLogView:
+    contents = [f"+ {root}/events" for root in roots]
+    return rrb.TextLogView(origin="/", contents=contents, name="events")
 
 
 APPLICATION = "ballplate"
@@ -175,16 +170,11 @@ def write(path: Path, runs: Sequence[Run]) -> None:
         RunStream(run.name, run.scenario, i if together else None, run.followed)
         for i, run in enumerate(runs)
     ]
-    spoken = [conversation(run) for run in runs]
-    more = BUS_UNITS.values() if any(spoken) else ()
-    plan = _plan(streams, [run.rows for run in runs], more)
+    plan = _plan(streams, [run.rows for run in runs])
     stream.send_blueprint(plan, make_active=True, make_default=True)
-    for each, run, said in zip(streams, runs, spoken, strict=True):
+    for each, run in zip(streams, runs, strict=True):
         fix(stream, (*each.fixed(), *each.styles(run.rows)))
         send(stream, each.batches(run.rows))
-        for batch, style in bus_batches(each.root, run, said) if said else ():
-            fix(stream, [(batch.entity, style)] if style else ())
-            send(stream, [batch])
     stream.flush()
     write_whole(path, memory.drain_as_bytes())
     stream.disconnect()

@@ -1,10 +1,10 @@
-"""A run as entities and columns for Rerun: mechanism, plate and ball, time plots, its bus."""
+"""A run as entities and columns for Rerun: mechanism, plate and ball, time plots."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,13 +18,9 @@ from twin.data_file import read_toml
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of
-from twin.run.finished import Run, columns, states_of
+from twin.run.finished import columns, states_of
 from twin.scenario.schema import Dimensions, Scenario
 from twin.sim.plant.model import screen_of
-
-if TYPE_CHECKING:
-    from twin.devices.akd.decoding import Conversation
-
 
 Colour = tuple[int, int, int]
 
@@ -514,61 +510,3 @@ TWIN_PLOTS = ("twin_score", "twin_error_mm")
 
 TWIN_RANGE = (-0.4, 12.0)
 """What their axes show: where a ball may or may not stop, its band is as wide as the plate."""
-
-
-BUS_UNITS = {"rad/s": "bus_rad_per_s", "rad": "bus_rad"}
-"""Plots of what PDOs carry, by its unit."""
-PAUSED = 1.0
-"""Time in s by which pauses may part trace and record; from there on more is missing in it."""
-
-
-def conversation(run: Run) -> Conversation | None:
-    """What was said in a run; None where no trace lies in its folder."""
-    from twin.devices.akd import TRACE, decoding, traces  # noqa: PLC0415  heavy, and seldom there
-
-    file = run.folder and run.folder / TRACE
-    return (
-        decoding.Conversation(traces.read_trace(file).frames) if file and file.is_file() else None
-    )
-
-
-def on_record(said: Conversation, run: Run, time: Array) -> Array:
-    """Times of a trace as times of its record, both in s.
-
-    The first command that is not zero is the same in both, and each row has a SYNC.
-    """
-    from twin.devices.akd.decoding import TARGET  # noqa: PLC0415  loaded with what was said
-
-    begun = [s.time[k] for (_, key), s in said.series.items() if key[0] == TARGET
-             for k in np.flatnonzero(s.counts)[:1]]  # fmt: skip
-    moves = [np.flatnonzero(run.rows[f"applied_{axis}_acc"])[:1] for axis in ("phi", "theta")]
-    first = min((int(each[0]) for each in moves if len(each)), default=0)
-    rows, sync = run.rows["time"][first:], np.asarray(said.sync)
-    sync = sync[np.searchsorted(sync, min(begun, default=0.0)) :][: len(rows)]
-    if not len(sync):
-        return time
-    rows = rows[: len(sync)]
-    alike = np.abs(rows - rows[0] - (sync - sync[0])) < PAUSED
-    last = len(rows) if alike.all() else int(np.argmin(alike))
-    at = np.clip(np.searchsorted(sync, time, side="right") - 1, 0, last - 1)
-    return np.asarray(rows[at] + time - sync[at])
-
-
-def bus_batches(
-    root: str, run: Run, said: Conversation
-) -> Iterator[tuple[Batch, rr.AsComponents | None]]:
-    """What PDOs carried of the motors, in SI units, and what was said, with how it is drawn."""
-    for number, ((node, key), series) in enumerate(sorted(said.series.items())):
-        factor, unit = said.scale(node, key)
-        if unit in BUS_UNITS:
-            entity = f"{root}/{BUS_UNITS[unit]}/node_{node}_{key[0]:04X}"
-            shown = rr.Scalars.columns(scalars=factor * np.asarray(series.counts))
-            named = f"{said.called(node)} {said.object_name(key)}"
-            style = line(RUNS[number % len(RUNS)], 1.0, named)
-            yield Batch(entity, on_record(said, run, np.asarray(series.time)), shown), style
-    times = on_record(said, run, np.array([each.time for each in said.events]))
-    lines = rr.TextLog.columns(
-        text=[f"{each.who}, {each.kind}: {each.text}" for each in said.events],
-        level=["ERROR" if each.kind == "EMCY" else "INFO" for each in said.events],
-    )
-    yield Batch(f"{root}/bus", times, lines), None
