@@ -8,7 +8,7 @@ from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig
 from twin.devices.lumio.screen import LumioScreen
 from twin.doctor.check import CheckStatus
 from twin.doctor.drives import judged, measure_touch, usual_points
-from twin.doctor.examine import calibrated, plugged_in, touch
+from twin.doctor.examine import calibrated, touch
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import Protocol, ScreenLine
 from twin.errors import RigError, TwinError
@@ -59,38 +59,6 @@ def test_a_rig_switched_on_with_a_wrong_protocol_says_which_one_is_spoken(scenar
     rig = LockstepRig(scenario(), touch=wrong)
     with pytest.raises(RigError, match="the bytes are of microtouch, not of elo"):
         rig.__enter__()
-
-
-@pytest.fixture
-def root(tmp_path, descriptors):
-    for number, name in enumerate(("mouse", "hid-0006")):
-        folder = tmp_path / f"hidraw{number}" / "device"
-        folder.mkdir(parents=True)
-        (folder / "uevent").write_text("HID_ID=0003:0000202E:00000006\nHID_NAME=LUMIO\n")
-        (folder / "report_descriptor").write_bytes(descriptors[name])
-    return tmp_path
-
-
-@pytest.mark.parametrize(
-    ("port", "protocol", "status", "words"),
-    [
-        ("/dev/hidraw1", "auto", "pass", "this one is read, by its own descriptor"),
-        ("/dev/hidraw1", "hid-0006", "pass", "this one is read"),
-        ("/dev/hidraw1", "hid-0007", "pass", "this one is read"),
-        ("/dev/ttyUSB0", "auto", "pass", "37.6 x 30.1 cm"),
-    ],
-)
-def test_panels_are_listed_with_which_node_is_the_touch_screen(root, port, protocol, status, words):
-    transport = "hidraw" if "hidraw" in port else "serial"
-    chosen = LumioConfig(port=port, transport=transport, protocol=protocol)
-    mouse, screen = plugged_in(chosen, root)
-    assert (mouse.what, mouse.seen) == (
-        "touch panel /dev/hidraw0",
-        "202e:0006 LUMIO: no touch screen",
-    )
-    assert (screen.what, screen.status) == ("touch panel /dev/hidraw1", status)
-    assert screen.seen.startswith("202e:0006 LUMIO: touch screen, 37.6 x 30.1 cm, 4 contacts")
-    assert words in screen.seen
 
 
 def rig_with(**keys):

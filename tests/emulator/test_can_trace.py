@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import can
@@ -14,11 +13,9 @@ from twin.cli import main
 from twin.devices.akd.traces import TraceWriter, read_trace
 from twin.emulator.lockstep import LockstepRig
 from twin.identify.logs import read
-from twin.run.finished import open_run, run, save
+from twin.run.finished import run, save
 from twin.run.logs import read_log
 from twin.scenario.load import check, put, setting
-from twin.view import streams, viewer
-from twin.view.recording import write
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
@@ -329,43 +326,3 @@ def test_drives_of_others_are_not_replayed_and_named(wired, said):
     assert code == 2
     assert "node 1: no AKD" in line
     assert line.count("\n") == 1
-
-
-def test_the_view_has_what_was_said_on_the_bus_at_the_times_of_the_record(wired):
-    folder, rows, _ = wired
-    (opened,) = open_run(folder / "run")
-    said = streams.conversation(opened)
-    for node, name in ((1, "measured_phi"), (2, "measured_theta")):
-        counts = said.series[node, (0x2050, 0)]
-        time = streams.on_record(said, opened, np.asarray(counts.time))
-        newest = np.searchsorted(time, rows["time"] - 1e-6) - 1  # what had come before each row
-        angle = TURN / 245760 * np.asarray(counts.counts)[newest]
-        np.testing.assert_allclose(np.diff(angle), np.diff(rows[name]), atol=1e-12)
-        assert np.ptp(angle) > 0.001
-    write(folder / "view.rrd", [opened])
-    command = [viewer.program(), "rrd", "print", "-vvv", folder / "view.rrd", "--entity"]
-
-    def shown(entity):
-        done = subprocess.run(
-            [*command, f"/run/{entity}"],
-            capture_output=True, text=True, check=True, env=viewer.environment(),
-        )  # fmt: skip
-        return done.stdout
-
-    text = shown("bus")
-    before = text[: text.index("operation enabled")]
-    assert "-PT0.0" in before.splitlines()[-1]  # the drives were enabled before the run began
-    assert "node 1, PDO: 6041h Status word: operation enabled" in text
-    assert "[host, NMT: start: node 1]" in text
-    assert "node 2 606Ch Velocity actual" in shown("bus_rad_per_s/node_2_606C")
-    values = re.findall(r"\[(-?[\d.e-]+)\]", shown("bus_rad_per_s/node_2_606C"))
-    counts = np.array(said.series[2, (0x606C, 0)].counts)
-    values = np.array(values[: len(counts)], float)  # colour and width follow
-    np.testing.assert_allclose(values, counts * 0.001 * RPM, atol=1e-6)
-
-
-def test_a_run_without_a_trace_has_none_in_its_view(wired, tmp_path):
-    shutil.copytree(wired[0] / "run", tmp_path / "run")
-    (tmp_path / "run" / "trace.log").unlink()
-    (opened,) = open_run(tmp_path / "run")
-    assert streams.conversation(opened) is None

@@ -78,10 +78,17 @@ def test_sobol_indices_of_ishigamis_function_are_those_in_closed_form(tmp_path) 
 
 
 def test_the_interval_of_an_index_holds_the_truth_in_small_samples(tmp_path) -> None:
-    found = answered(study("sobol", 64), lambda a, b, c: a + 2 * b + 0 * c, tmp_path)
+    found = answered(study("sobol", 64), lambda a, b, c: a + 2 * b + 0 * c, tmp_path, page=True)
     for index, truth in zip(found.indices, (1 / 5, 4 / 5, 0), strict=True):
         assert abs(index.value - truth) <= index.half + 1e-12
     assert [index.decided for index in found.indices] == [True, True, False]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    table = page[page.index("Indices") :]
+    for index in found.indices[:2]:  # with its interval, as text
+        row = table[table.index(index.key) :]
+        row = row[: row.index("</tr>")]
+        assert f"{index.value:.3g}" in row
+        assert f"{index.half:.3g}" in row
 
 
 @pytest.mark.long

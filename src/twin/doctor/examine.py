@@ -1,6 +1,6 @@
 """The whole examination, in the order of a bring-up: computer, screen, drives, or own hardware.
 
-Of the computer and its installation: scheduling, timer, cam table, limits, extras, ports.
+Of the computer and its installation: scheduling, timer, cam table, extras, ports.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from math import degrees
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +17,8 @@ from twin.devices.akd.config import AkdConfig, unconfirmed
 from twin.devices.akd.protocol import table
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.config import (
-    HIDRAW_CLASS,
     Calibration,
-    Interface,
-    LumioConfig,
     Mounting,
-    panels,
 )
 from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.devices.own import OwnServos, Reading
@@ -37,8 +32,7 @@ from twin.hal.cams import CamTable
 from twin.hal.supervisor import LOST_AFTER
 from twin.jobs import wait_until
 from twin.paths import model_path
-from twin.run.assemble import build_limits
-from twin.run.connect import ComputingTime, cams_of, connect, narrower
+from twin.run.connect import ComputingTime, cams_of, connect
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
@@ -46,8 +40,6 @@ TIMED = 1.0
 """Seconds that the timer is watched."""
 FULL_BUS = 0.6
 """Share of a period's time on the bus above which heartbeats and SDOs come late."""
-OLD = 365
-"""Days after which a cam table should be measured again; wheels and cams wear."""
 
 
 def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
@@ -56,13 +48,6 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
     yield _law(scenario)
     if rig.backend is None:
         yield _cams(rig)
-    limits = narrower(build_limits(scenario.rig.limits), build_limits(rig.limits))
-    yield passed(
-        "limits",
-        f"{degrees(limits.angle):.3g} deg, {degrees(limits.rate):.3g} deg/s, "
-        f"{limits.acceleration:g} rad/s^2, ball within {limits.area[0]:g} x {limits.area[1]:g} m "
-        f"and {limits.margin:g} m beyond",
-    )
     relaxed = ", ".join(rig.relaxed(scenario.rig.period))
     advice = "take these keys out of the rig file; every run is warned of them"
     seen = f"relaxed: {relaxed}" if relaxed else "as by default, or tighter"
@@ -122,12 +107,11 @@ def _cams(rig: RigFile) -> CheckResult:
         own = rig.cams or "cams.json"
         advice = f"run `ballplate calibrate cams --rig FILE --out {own}`"
         return failed("cam table", str(error), advice)
-    days = (time.time() - file.stat().st_mtime) / 86400
-    seen = f"{file.name}: ratio {table.ratio:.2f}, {days:.0f} days old"
+    seen = f"{file.name}: ratio {table.ratio:.2f}"
     if not rig.cams:
         advice = "name a table measured on this rig as 'cams' in the rig file"
         return warned("cam table", f"{seen}, computed from the model", advice)
-    return noted("cam table", seen, "measure it again" if days > OLD else "")
+    return passed("cam table", seen)
 
 
 def examine(
@@ -148,7 +132,6 @@ def examine(
         yield from reported(check, "backend", "mend its class (docs/your-rig.md)")
         return
     screen = LumioScreen(rig.screen())
-    yield from plugged_in(screen.config)
     try:
         yield from touch(screen, ask, rig.patience)
     finally:
@@ -185,28 +168,6 @@ def _drives(servos: AkdServos, rig: RigFile, *, move: bool, reset: bool) -> Iter
 ALIKE = 0.05
 """Share by which the size in a panel's descriptor and the measured one may differ: its frame."""
 CALIBRATE = "run `ballplate calibrate touch`, name its file as touch.calibration_file"
-
-
-def plugged_in(config: LumioConfig, root: Path = HIDRAW_CLASS) -> Iterator[CheckResult]:
-    """A line for each interface of the Lumio panels on USB, also if another port is read.
-
-    Args:
-        config: The screen's settings.
-        root: Where the kernel describes raw HID devices.
-    """
-    port = str(Path(config.port).resolve())
-    for each in panels(root):
-        read = each.port == port and config.transport == "hidraw"
-        words = "; this one is read, by its own descriptor" if read else ""
-        yield passed(f"touch panel {each.port}", f"{each.name}: {_what(each)}{words}")
-
-
-def _what(interface: Interface) -> str:
-    layout = interface.layout
-    if layout is None:
-        return "no touch screen"
-    size = f", {_area(layout.extent)}" if layout.extent else ""
-    return f"touch screen{size}, {len(layout.contacts)} contacts per report"
 
 
 def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:

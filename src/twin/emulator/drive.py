@@ -2,9 +2,9 @@
 
 It has CiA 402's power stage, ramps, faults and STO. Defaults are the documented ones: no heartbeat,
 nobody watched, so that it keeps turning when the master goes silent unless 1016h says otherwise;
-event-driven PDOs; nothing exchanged before NMT start. Not emulated: storing parameters, node
-guarding, homing and every mode but profile velocity (in which the drive turns), the PLL, and the
-bus's own timing.
+nothing exchanged before NMT start. Not emulated: event-driven transmit PDOs, which a host that
+leaves the defaults does not hear here, storing parameters, node guarding, homing and every mode but
+profile velocity (in which the drive turns), the PLL, and the bus's own timing.
 """
 
 from __future__ import annotations
@@ -402,8 +402,6 @@ class EmulatedDrive:
         self._move(dt)
         if abs(self.motor.rate) < _STILL:
             self.power.still()
-        if self.nmt == OPERATIONAL:
-            self._out += self.pdos.events(dt)
         if self.heartbeats.due(dt):
             self._out.append(self._own(0x700, bytes((self.nmt,))))
         return self._sent()

@@ -219,7 +219,6 @@ _UNKNOWN_COMMAND = 0x05040001
 
 _TOO_SHORT, _TOO_LONG = 0x8210, 0x8220
 _SYNCHRONOUS = 240
-_HUNDRED_US = 1e-4
 
 
 def sdo_answer(
@@ -263,8 +262,7 @@ def sdo_answer(
 class Pdos:
     """The four receive and four transmit PDOs of a drive.
 
-    Event-driven ones are sent when a mapped value changes, no faster than their inhibit time; the
-    masks 2014h to 2017h and event timers are not emulated.
+    Not emulated: event-driven transmit PDOs, which are never sent.
 
     Args:
         store: The objects.
@@ -274,14 +272,12 @@ class Pdos:
     def __init__(self, store: ObjectStore, written: Callable[[int, int], None]) -> None:
         self._store = store
         self._written = written
-        self._since = [0.0] * 4
         self.forget()
 
     def forget(self) -> None:
         """Start from nothing, as on entering the operational state."""
         self._pending: dict[int, bytes] = {}
         self._counts = [0] * 4
-        self._last: list[bytes | None] = [None] * 4
 
     def receive(self, frame: Frame) -> int | None:
         """Take in a receive PDO; an emergency code if its length is wrong."""
@@ -313,21 +309,6 @@ class Pdos:
         for number, data in self._pending.items():
             self._apply(number, data)
         self._pending.clear()
-        return sent
-
-    def events(self, dt: float) -> list[Frame]:
-        """Event-driven transmit PDOs that are due after dt seconds more."""
-        sent = []
-        for number in range(4):
-            cob_id, kind = self._parameters(0x1800 + number)
-            self._since[number] += dt
-            if cob_id is None or kind < 254:
-                continue
-            inhibit = self._store.get(0x1800 + number, 3) * _HUNDRED_US
-            data = self._pack(number)
-            if data != self._last[number] and self._since[number] >= inhibit:
-                self._last[number], self._since[number] = data, 0.0
-                sent.append(Frame(cob_id, data))
         return sent
 
     def _parameters(self, index: int) -> tuple[int | None, int]:

@@ -17,15 +17,10 @@ from twin.run.finished import Run
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.streams import (
-    BUS_UNITS,
     PLOTS,
     TIMELINE,
-    TWIN_PLOTS,
-    TWIN_RANGE,
     Batch,
     RunStream,
-    bus_batches,
-    conversation,
 )
 from twin.view.viewer import environment
 from twin.writing import write_whole
@@ -58,8 +53,6 @@ def blueprint(
     tabs: dict[str, list[rrb.View]] = {
         name: [*_plots(roots, groups, titles)] for name, titles in PLOTS.items()
     }
-    if tabs["bus"]:
-        tabs["bus"].append(_events(roots, "bus"))
     right = rrb.Tabs(*(rrb.Vertical(*plots, name=name) for name, plots in tabs.items() if plots))
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
@@ -79,7 +72,6 @@ def _plots(
             name=title,
             background=rrb.archetypes.PlotBackground(color=GROUND),
             axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
-            axis_y=rrb.ScalarAxis(range=TWIN_RANGE) if entity in TWIN_PLOTS else None,
         )
         for entity, title in titles.items()
         if entity in groups
@@ -117,9 +109,9 @@ def _plate(roots: Sequence[str], size: tuple[float, float]) -> rrb.Spatial2DView
     )
 
 
-def _events(roots: Sequence[str], entity: str = "events") -> rrb.TextLogView:
-    contents = [f"+ {root}/{entity}" for root in roots]
-    return rrb.TextLogView(origin="/", contents=contents, name=entity)
+def _events(roots: Sequence[str]) -> rrb.TextLogView:
+    contents = [f"+ {root}/events" for root in roots]
+    return rrb.TextLogView(origin="/", contents=contents, name="events")
 
 
 APPLICATION = "ballplate"
@@ -150,13 +142,10 @@ def send(stream: rr.RecordingStream, batches: Iterable[Batch]) -> None:
         rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
 
 
-def _plan(
-    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], more: Iterable[str] = ()
-) -> rrb.Blueprint:
-    """How runs are arranged, by rows of each, and further plots."""
+def _plan(streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]]) -> rrb.Blueprint:
+    """How runs are arranged, by rows of each."""
     both = zip(streams, blocks, strict=True)
     groups = {group for each, rows in both for group in each.plots(rows)}
-    groups |= {*more}
     return blueprint([each.root for each in streams], groups, streams[0].scenario.plant.size)
 
 
@@ -175,16 +164,11 @@ def write(path: Path, runs: Sequence[Run]) -> None:
         RunStream(run.name, run.scenario, i if together else None, run.followed)
         for i, run in enumerate(runs)
     ]
-    spoken = [conversation(run) for run in runs]
-    more = BUS_UNITS.values() if any(spoken) else ()
-    plan = _plan(streams, [run.rows for run in runs], more)
+    plan = _plan(streams, [run.rows for run in runs])
     stream.send_blueprint(plan, make_active=True, make_default=True)
-    for each, run, said in zip(streams, runs, spoken, strict=True):
+    for each, run in zip(streams, runs, strict=True):
         fix(stream, (*each.fixed(), *each.styles(run.rows)))
         send(stream, each.batches(run.rows))
-        for batch, style in bus_batches(each.root, run, said) if said else ():
-            fix(stream, [(batch.entity, style)] if style else ())
-            send(stream, [batch])
     stream.flush()
     write_whole(path, memory.drain_as_bytes())
     stream.disconnect()
@@ -207,7 +191,7 @@ def work(
         name: What the run is called.
         url: Address of the viewer, or of the server of a page.
         recording: Identity of the recording, if another process adds to it.
-        twin: Whether that is the run's twin, which then has plots.
+        twin: Whether that is the run's twin.
     """
     step_back()
     os.environ.update(environment())
@@ -218,7 +202,7 @@ def work(
             if not block or not len(block["time"]):
                 continue
             if not begun:
-                plan = _plan([run], [block], TWIN_PLOTS if twin else ())
+                plan = _plan([run], [block])
                 stream.connect_grpc(url, default_blueprint=plan)
                 if twin:  # whose process may have come first, and the viewer made its own plan
                     stream.send_blueprint(plan, make_active=True, make_default=True)

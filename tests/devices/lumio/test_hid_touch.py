@@ -172,13 +172,9 @@ def test_without_a_calibration_the_size_is_the_one_that_the_panel_says(hidraw):
         assert screen.read().position[0].tolist() == pytest.approx([0.377 / 2, 0.305 / 2])
 
 
-def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(
-    hidraw, descriptors, monkeypatch
-):
+def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(hidraw, monkeypatch):
     port, _ = hidraw("mouse")
-    right = settings.Interface("/dev/hidraw3", "", TouchLayout.of(descriptors["hid-0006"]))
-    wrong = settings.Interface("/dev/hidraw2", "", None)
-    monkeypatch.setattr(settings, "panels", lambda: [wrong, right])
+    monkeypatch.setattr(settings, "touch_screens", lambda: ["/dev/hidraw3"])
     with pytest.raises(ScreenError, match=r"is none; the touch screen is /dev/hidraw3$"):
         LumioScreen(LumioConfig(port=str(port), transport="hidraw")).start()
 

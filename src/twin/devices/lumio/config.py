@@ -17,7 +17,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from math import atan2, degrees, hypot, pi
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,22 +44,10 @@ UDEV_RULES = Path(__file__).with_name("70-ballplate-touch.rules")
 """Rules that let the user at the computer read a panel, and keep it from moving the pointer."""
 
 
-class Interface(NamedTuple):
-    """One interface of a panel. A panel may have several: screen, mouse, keyboard, ...
+def touch_screens(root: Path = HIDRAW_CLASS) -> list[str]:
+    """Ports of the touch screens among the interfaces of the Lumio panels plugged in.
 
-    Attributes:
-        port: Path of its raw HID device.
-        name: Numbers of the panel, and the name that it gives itself.
-        layout: Of its touch reports; None if it is not the touch screen.
-    """
-
-    port: str
-    name: str
-    layout: TouchLayout | None
-
-
-def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
-    """Every interface of the Lumio panels plugged in.
+    A panel may have several interfaces: screen, mouse, keyboard, ...
 
     Args:
         root: Where the kernel describes raw HID devices.
@@ -69,13 +57,8 @@ def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
         with suppress(OSError, KeyError, ValueError):  # it has gone, or is of another kind
             text = (folder / "device" / "uevent").read_text(encoding="utf-8")
             told = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
-            _, vendor, product = (int(part, 16) for part in told["HID_ID"].split(":"))
-            if vendor == VENDOR:
-                name = f"{vendor:04x}:{product:04x} {told.get('HID_NAME', '')}".rstrip()
-                layout = None
-                with suppress(OSError, DescriptorError):
-                    layout = _layout(folder)
-                found.append(Interface(f"/dev/{folder.name}", name, layout))
+            if int(told["HID_ID"].split(":")[1], 16) == VENDOR and _layout(folder):
+                found.append(f"/dev/{folder.name}")
     return found
 
 
@@ -208,7 +191,7 @@ class HidrawDevice(Transport):
             reason = f"its report descriptor cannot be read: {error}"
             raise ScreenError(f"touch screen {self.port}: {reason}") from error
         if layout is None:
-            others = ", ".join(each.port for each in panels() if each.layout)
+            others = ", ".join(touch_screens())
             hint = f"; the touch screen is {others}" if others else ""
             raise ScreenError(f"touch screen {self.port}: is none{hint}")
         return HidDecoder(layout)
