@@ -500,7 +500,7 @@ def _by_predictions(fit: AxisFit) -> Array:
         (least, most),
         x_scale=step,
         loss="soft_l1",
-        max_nfev=20,
+        max_nfev=100,
     )
     return np.asarray(found.x[None])
 
