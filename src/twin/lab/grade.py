@@ -246,18 +246,14 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
     for at, check in enumerate(checks):
         its = [each["results"][at] for each in judged]
         ends = [ending(each) for each in its]
-        values = pd.Series([each["data"]["value"] for each in its], dtype=float)
-        spread = (values.median(), values.min(), values.max())
         rows.append(
             (
                 f"{at + 1} {check.name}",
                 *(str(ends.count(end)) for end in ENDS),
                 f"{digits(points[at].mean(), places=2)} of {check.points:g}",
-                *(digits(each, places=3) for each in spread),
             )
         )
-    heads = ("check", *ENDS, "mean points", "median", "from", "to")
-    note = "median, from, to: the number that is judged, over the class."
+    heads = ("check", *ENDS, "mean points")
     marks = [
         (
             link(each["student"], folder),
@@ -271,7 +267,7 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
     if problems:
         blocks.append(Table("Not judged", ("student", "why"), problems, words=(0, 1)))
     numbers = map(str, range(1, len(checks) + 1))
-    blocks.append(Table("Checks", heads, rows, note=note))
+    blocks.append(Table("Checks", heads, rows))
     blocks.append(Table("Marks, check by check", ("student", "points", *numbers), marks, words=()))
     return html(f"{lab.title}: {len(found)} students", blocks)
 

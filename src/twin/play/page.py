@@ -214,7 +214,7 @@ class Page:
         self._tables = complete(status.tables)
         self._sliders: list[tuple[Slider, Any, Any]] = []
         self._inputs: list[Any] = []
-        self._drives, self._others = False, -1
+        self._drives: bool | None = None
         self._touched = 0.0
         ui.query("body").style("background:#eef1f4")
         ui.query(".nicegui-content").style("padding:.6rem;gap:.5rem")
@@ -334,7 +334,7 @@ class Page:
                     about = ui.label(gain.help)
                     about.style("font-size:.72rem;line-height:1.25;color:#5b6770")
                 bar, _ = self._slider(gain, MOVED)
-                bar.set_enabled(self._drives)
+                bar.set_enabled(bool(self._drives))
 
     def show(self, rows: list[list[float]]) -> None:
         """Show pictures, oldest first."""
@@ -346,17 +346,16 @@ class Page:
         self._error.text = f"error {rig} (clean {clean})"
         self._clock.text = f"{now['time']:.1f} s, {now['factor']:.2f} × real time"
 
-    def say(self, status: Status, *, drives: bool, others: int) -> None:
+    def say(self, status: Status, *, drives: bool) -> None:
         """Say how things are, and whether this browser drives."""
-        changed = (drives, others) != (self._drives, self._others)
+        changed = drives != self._drives
         if changed:
-            self._drives, self._others = drives, others
+            self._drives = drives
             self.plate.let_drive(drives)
             for each in self._inputs:
                 each.set_enabled(drives)
             self._shown_gains.clear()
-            more = f", {others} more look" if others > 1 else f"{', 1 more looks' * others}"
-            self._role.text = f"you drive{more}" if drives else "you look: another browser drives"
+            self._role.text = "you drive" if drives else "you look: another browser drives"
         settled = self._touched and monotonic() - self._touched > SETTLED
         if settled:
             self._touched = 0.0

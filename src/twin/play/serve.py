@@ -266,9 +266,6 @@ class Audience:
         """Who drives."""
         return self._there[0] if self._there else None
 
-    def __len__(self) -> int:
-        return len(self._there)
-
     def come(self, who: str) -> None:
         """Somebody looks from now on."""
         if who not in self._there:
@@ -446,9 +443,8 @@ class Server:
         rows = self._simulation.pictures().tolist()
         for status in self._simulation.news():
             self._status = status
-        driver, others = self._audience.driver, len(self._audience) - 1
         for who, page in list(self._pages.items()):
             with page.plate.client:
-                page.say(self._status, drives=who == driver, others=others)
+                page.say(self._status, drives=who == self._audience.driver)
                 if rows:
                     page.show(rows)

@@ -102,13 +102,13 @@ def reaction(
     still = _lasting(motion.time, motion.speed < STILL)
     changes = [each for each in trace.changes if begin <= each.time <= end]
     axes = [_axis([each for each in changes if each.axis == axis], settled) for axis in (0, 1)]
-    phi, theta = axes
-    states = [(each.state if ended else None) or trace.state(n, end) for n, each in enumerate(axes)]
+    stoppers, reached, offs = zip(*axes, strict=True)
+    states = [(each if ended else None) or trace.state(n, end) for n, each in enumerate(reached)]
     rest = _latest(still, settled) if level else still
-    off = _latest(phi.off, theta.off)
+    off = _latest(*offs)
     early = np.asarray(motion.time <= begin + within)
     return Reaction(
-        stopped_by=(phi.stopper, theta.stopper),
+        stopped_by=stoppers,
         state=(in_words(states[0]), in_words(states[1])),
         standstill=None if rest is None else rest - begin,
         torque_off=None if off is None else off - begin,
@@ -124,16 +124,10 @@ def in_words(state: Power) -> str:
     return state.name.lower().replace("_", " ")
 
 
-class _Axis(NamedTuple):
-    """Who stopped an axis, the state it reached if not only at the end, when its torque went."""
-
-    stopper: Stopper
-    state: Power | None
-    off: float | None
-
-
-def _axis(changes: list[PowerChange], settled: float | None) -> _Axis:
-    """What happened to an axis.
+def _axis(
+    changes: list[PowerChange], settled: float | None
+) -> tuple[Stopper, Power | None, float | None]:
+    """Who stopped an axis, the state it reached if not only at the end, when its torque went.
 
     Args:
         changes: Those of its drive since the fault.
@@ -143,8 +137,8 @@ def _axis(changes: list[PowerChange], settled: float | None) -> _Axis:
     off = next((each for each in changes if each.lost), None)
     time = off.time if off else None
     if settled is not None and (left is None or settled <= left.time):
-        return _Axis(Stopper.LEVELLING, Power.OPERATION_ENABLED, time)
-    return _Axis(_who(left), off.after if off else None, time)
+        return Stopper.LEVELLING, Power.OPERATION_ENABLED, time
+    return _who(left), off.after if off else None, time
 
 
 def _who(left: PowerChange | None) -> Stopper:
