@@ -467,7 +467,7 @@ def predicting(fit: AxisFit, longest: float) -> AxisFit:
 
 
 def _by_predictions(fit: AxisFit) -> Array:
-    """Parameters fitted to predictions of the log, from the gain of shorter windows, (1, P)."""
+    """Parameters fitted to predictions of the log, the best of several beginnings, (1, P)."""
     problem = _ahead(fit.log, fit, beginnings(fit.log))
     windows, names = problem.windows, problem.names
     known = windows.time < LEAD
@@ -492,16 +492,21 @@ def _by_predictions(fit: AxisFit) -> Array:
 
     usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | USUAL
     usual |= {name: fit.value(name) for name in DRIVEN}
-    guess = np.clip([usual.get(name, 0.0) for name in names], least + 1e-6, most - 1e-6)
-    found = least_squares(
-        off,
-        guess,
-        slopes,
-        (least, most),
-        x_scale=step,
-        loss="soft_l1",
-        max_nfev=100,
-    )
+    begun_at = [[usual.get(name, 0.0) for name in names]]
+    begun_at += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
+    tried = [
+        least_squares(
+            off,
+            np.clip(guess, least + 1e-6, most - 1e-6),
+            slopes,
+            (least, most),
+            x_scale=step,
+            loss="soft_l1",
+            max_nfev=100,
+        )
+        for guess in begun_at
+    ]
+    found = min(tried, key=lambda each: float(each.cost))
     return np.asarray(found.x[None])
 
 
