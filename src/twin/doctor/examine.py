@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers.arrays import Array
-from twin.devices.akd.config import AkdConfig, unconfirmed
+from twin.devices.akd.config import unconfirmed
 from twin.devices.akd.protocol import table
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.config import (
@@ -61,7 +61,10 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
     )
     by_hand = "; ".join(table()["by_hand"])
     yield warned("to be looked at by hand", by_hand, "see docs/bring-up.md")
-    yield _bus_load(rig.servos(scenario.rig.period))
+    load, bus = rig.servos(scenario.rig.period).bus_load, rig.bus
+    seen = f"{100 * load:.0f} % at {bus.bitrate / 1e6:g} Mbit/s, stuffed at worst"
+    advice = "set drives and adapter to 1 Mbit/s"
+    yield noted("bus load", seen, advice if load > FULL_BUS else "")
 
 
 def _law(scenario: Scenario) -> CheckResult:
@@ -72,12 +75,6 @@ def _law(scenario: Scenario) -> CheckResult:
     if found.never:
         return failed(what, f"{found.text}: will not do", found.advice)
     return warned(what, f"{found.text}: may be too late now and then", found.advice)
-
-
-def _bus_load(drives: AkdConfig) -> CheckResult:
-    seen = f"{100 * drives.bus_load:.0f} % at {drives.bus.bitrate / 1e6:g} Mbit/s, stuffed at worst"
-    advice = "set drives and adapter to 1 Mbit/s"
-    return noted("bus load", seen, advice if drives.bus_load > FULL_BUS else "")
 
 
 def _scheduling(period: float) -> Iterator[CheckResult]:

@@ -338,9 +338,6 @@ def come_forward() -> None:
     if sys.platform == "linux":
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-            return
-    with suppress(OSError, AttributeError):
-        os.nice(-10)
 
 
 def _work(pipe: Connection, scenario: Scenario, cells: MutableSequence[float]) -> None:

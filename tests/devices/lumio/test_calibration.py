@@ -73,7 +73,7 @@ def test_the_distance_left_is_that_of_the_noise():
 
 @pytest.mark.parametrize(
     ("points", "words"),
-    [([[0, 0], [1, 1]], "3 or more"), ([[0, 0], [0.5, 0.5], [1, 1]], "on one line")],
+    [([[0, 0], [1, 1]], "on one line"), ([[0, 0], [0.5, 0.5], [1, 1]], "on one line")],
 )
 def test_too_few_points_or_a_line_are_refused_in_words(points, words):
     with pytest.raises(CalibrationError, match=words):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
-from twin.devices.akd.config import AkdConfig, AxisConfig, Scale
+from twin.devices.akd.config import AkdConfig, AxisConfig, counts32
 from twin.devices.akd.protocol import AxisRequest, DriveState, StatusBit
 from twin.devices.common import FaultReports
 from twin.hal.interface import Condition
@@ -107,13 +107,13 @@ class EncoderCounter:
     """A 32-bit position counter, unwrapped; implausible steps are left out.
 
     Args:
-        scale: Counts to rad.
+        unit: One count in rad; negative where signs differ.
         speed: Fastest plausible motion, rad/s.
         slack: Motion that is always plausible, rad.
     """
 
-    def __init__(self, scale: Scale, speed: float, slack: float) -> None:
-        self.scale = scale
+    def __init__(self, unit: float, speed: float, slack: float) -> None:
+        self._unit = unit
         self.counts = 0
         """Position without wraps and jumps; starts at the first value of the drive."""
         self.jump = 0
@@ -124,14 +124,14 @@ class EncoderCounter:
         """Time in s of the SYNC that sampled it."""
         self.travel = self.quiet = 0.0
         """Motion in rad that should have been seen since the last count, and for how long, s."""
-        self._speed = abs(speed / scale.unit)
-        self._slack = abs(slack / scale.unit)
+        self._speed = abs(speed / unit)
+        self._slack = abs(slack / unit)
         self._raw: int | None = None
 
     @property
     def angle(self) -> float:
         """Position in rad."""
-        return self.scale.value(self.counts)
+        return self.counts * self._unit
 
     def update(self, raw: int, elapsed: float) -> int:
         """Take in the drive's counter, s after the last time; return the step in counts."""
@@ -245,7 +245,7 @@ class Axis:
             self._take(self.motor, position, cycle, sync)
         else:
             velocity, position = values
-            self.rate = self.config.velocity.value(velocity)
+            self.rate = velocity * self.config.velocity
             self._take(self.plate, position, cycle, sync)
 
     def _take(self, counter: EncoderCounter, raw: int, cycle: int, sync: float) -> None:
@@ -272,7 +272,7 @@ class Axis:
             control = protocol.DISABLE_VOLTAGE if first else protocol.RESET
         self._reset_cycles = max(0, self._reset_cycles - 1)
         self.sent = self.target if self.enabled else 0.0
-        return protocol.encode_rpdo1(control, self.config.velocity.counts32(self.sent))
+        return protocol.encode_rpdo1(control, counts32(self.sent, self.config.velocity))
 
     def reset(self, at: float) -> None:
         """Request one rising edge of the reset bit, if the drive is, or soon shows, in fault.

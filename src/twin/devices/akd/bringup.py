@@ -422,7 +422,7 @@ def _moved(remote: Remote) -> float:
     """Motion in rad at the cam shaft within the time between two readings."""
     before = remote.read(0x6064)
     remote.network.pump(_POLL)
-    return abs(remote.axis.position.value(difference(remote.read(0x6064), before)))
+    return abs(difference(remote.read(0x6064), before) * remote.axis.position)
 
 
 _PER_UNIT = 1000

@@ -62,23 +62,9 @@ RPM = TURN / 60
 INT32_MIN, INT32_MAX = -(1 << 31), (1 << 31) - 1
 
 
-@dataclass(frozen=True)
-class Scale:
-    """A linear scale between whole counts and a physical quantity.
-
-    Attributes:
-        unit: Value of one count in rad, rad/s or rad/s^2; negative where signs differ.
-    """
-
-    unit: float
-
-    def value(self, counts: float) -> float:
-        """The quantity for counts."""
-        return counts * self.unit
-
-    def counts32(self, value: float) -> int:
-        """The nearest counts that a signed 32-bit object can hold, for a finite quantity."""
-        return max(INT32_MIN, min(INT32_MAX, round(value / self.unit)))
+def counts32(value: float, unit: float) -> int:
+    """The nearest counts of a unit that a signed 32-bit object can hold, for a finite quantity."""
+    return max(INT32_MIN, min(INT32_MAX, round(value / unit)))
 
 
 BITRATES = Literal[125_000, 250_000, 500_000, 1_000_000]
@@ -156,19 +142,19 @@ class AxisConfig(Ranged):
         return f"drive {self.name} (node {self.node})"
 
     @property
-    def position(self) -> Scale:
-        """Counts of the motor encoder to rad at the cam shaft."""
-        return Scale(TURN / (self.motor_counts * self.gear * self.motor_sign))
+    def position(self) -> float:
+        """One count of the motor encoder in rad at the cam shaft; negative where signs differ."""
+        return TURN / (self.motor_counts * self.gear * self.motor_sign)
 
     @property
-    def plate(self) -> Scale:
-        """Counts of the plate encoder to rad."""
-        return Scale(TURN / (self.plate_counts * self.plate_sign))
+    def plate(self) -> float:
+        """One count of the plate encoder in rad; negative likewise."""
+        return TURN / (self.plate_counts * self.plate_sign)
 
     @property
-    def velocity(self) -> Scale:
-        """Counts of velocity to rad/s at the cam shaft."""
-        return Scale(self.velocity_unit / (self.gear * self.motor_sign))
+    def velocity(self) -> float:
+        """One count of velocity in rad/s at the cam shaft; negative likewise."""
+        return self.velocity_unit / (self.gear * self.motor_sign)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -226,13 +226,13 @@ class Conversation:
         axis, values, index = self._axes.get(node), self.values[node], key[0]
         turn = values.get((0x608F, 1))
         if axis is not None and key == axis.plate_object:
-            return axis.plate.unit, "rad"
+            return axis.plate, "rad"
         if index in _POSITIONS and axis is not None:
-            return axis.position.unit, "rad"
+            return axis.position, "rad"
         if index in _POSITIONS and turn:
             return TURN * values.get((0x608F, 2), 1) / turn, "rad"
         if index in _VELOCITIES and (axis or values.get((0x1018, 1)) == AKD):
-            return axis.velocity.unit if axis else 0.001 * RPM, "rad/s"
+            return axis.velocity if axis else 0.001 * RPM, "rad/s"
         return 1.0, ""
 
     def words(self, node: int, key: Key, value: int) -> str:
