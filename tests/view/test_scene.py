@@ -6,9 +6,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from twin.hal.linkage import Linkage
+from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import load_model
-from twin.view.streams import Scene, plate_to_rig
+from twin.view.streams import Scene, plate_to_rig, rolled
 
 ANGLE = st.floats(-0.17, 0.17)
 MODEL = load_model()
@@ -30,7 +31,8 @@ def forward(phi, theta, motor_phi, motor_theta):
 def poses(phi, theta, motor_phi, motor_theta, x=0.1, y=-0.05):
     scene = Scene(MODEL, "/run/mechanism")
     state = np.array([[x, 0, phi, 0, y, 0, theta, 0.0]])
-    return scene, scene.poses(state, np.array([[motor_phi, motor_theta]]))
+    turn = np.array([[0, 0, 0, 1.0]])
+    return scene, scene.poses(state, np.array([[motor_phi, motor_theta]]), turn)
 
 
 def chained(found, path, point):
@@ -38,8 +40,7 @@ def chained(found, path, point):
     point = np.atleast_2d(np.asarray(point, float))
     while path in found:
         pose = found[path]
-        turn = Rotation.from_quat(pose.get("quaternion", [0, 0, 0, 1]))
-        point = turn.apply(point) + pose["translation"]
+        point = Rotation.from_quat(pose["quaternion"]).apply(point) + pose["translation"]
         path = path.rpartition("/")[0]
     return point[0]
 
@@ -85,3 +86,18 @@ def test_the_ball_touches_the_tilted_screen():
     middle = chained(found, scene.ball, [0, 0, 0])
     normal = plate_to_rig(np.array([0.1]), np.array([-0.08])).apply([0, 0, 1.0])[0]
     assert middle @ normal == pytest.approx(0.122 + 0.02)
+
+
+def test_the_drawn_ball_rolls_as_the_simulated_one(scenario):
+    from twin.sim.plant.mechanism import Mechanism
+
+    plant = Mechanism(friction=Friction(rolling=0.0))
+    plant.start(np.array([[0.0, 0.2, 0.05, -0.1]]))
+    adr = MODEL.joint("ball").qposadr[0]
+    path, before = [plant.state[0, 0::4].copy()], plant._qpos[0, adr + 3 : adr + 7].copy()
+    for _ in range(300):
+        plant.advance(np.zeros((1, 2)), 1)
+        path.append(plant.state[0, 0::4].copy())
+    w, x, y, z = plant._qpos[0, adr + 3 : adr + 7]
+    turn = rolled(np.array([*before[1:], before[0]]), np.array(path), 0.02)[-1]
+    assert abs(turn @ [x, y, z, w]) == pytest.approx(1, abs=1e-3)

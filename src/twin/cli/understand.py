@@ -56,6 +56,8 @@ def explain(
 
 
 def _effects(found: Explanation) -> Iterator[Shown]:
+    from twin.explain.attribution import EFFECTS, present
+
     what = "tracking error e_tt [%]" if found.in_percent else "RMS distance [mm]"
     yield bold(f"{found.scenario.title}: {what}")
 
@@ -76,6 +78,10 @@ def _effects(found: Explanation) -> Iterator[Shown]:
     yield Table("", ("effect", "all but this", "this alone", "share"), rows)
     yield f"all effects: {told(found.whole)}"
     yield f"none of them: {told(found.none)}"
+    has = present(found.scenario)
+    lacking = [effect.label for effect in EFFECTS if effect not in has]
+    if lacking:
+        yield f"not in this scenario: {', '.join(lacking)}"
 
 
 PARAMETERS = (

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -49,8 +50,8 @@ ROUND = np.array([(math.cos(0.2 * k), math.sin(0.2 * k)) for k in range(33)]).T
 """A circle of radius 1."""
 RINGS = (1.0, 0.74, 0.5, 0.87, 0.62)
 """Radii of the further runs' rings as shares of that: of balls in one place all are seen."""
-TRAIL = 36
-"""Frames that a trail is long."""
+TRAIL, TONES = 36, 6
+"""Frames that a trail is long, tones in which it fades."""
 STEEPEST = 50
 """How many times as steep as it is the tilt may be drawn."""
 MOST_FRAMES = 2000
@@ -323,8 +324,12 @@ class Film:
         path = _pale(colour, 0.5) if index else PATH
         self._panels["plate"].plot(*act.goal.T, color=path, linewidth=1.1, zorder=2 - index / 10)
         self._panels["error"].plot(self.times, act.error, color=_pale(colour, 0.72), linewidth=1)
-        look = {"color": _pale(colour, 0.4), "linewidth": 2.6 * width, "zorder": 3.5}
-        self._moves("plate", lambda k: act.way[:, k : k + TRAIL + 1], **look)
+        part = TRAIL // TONES
+        for tone in range(TONES):
+            old = 1 - (tone + 1) / TONES
+            at = partial(_part, act.way, tone * part, (tone + 1) * part + 1)
+            thick, pale = 3.4 * width * (1 - 0.6 * old), _pale(colour, 0.15 + 0.85 * old)
+            self._moves("plate", at, color=pale, linewidth=thick, zorder=4 - old)
         entry = Line2D([], [], color=colour, marker="o", linestyle="", ms=10)
         if index:  # a ring, not a marker: those jump from pixel to pixel
             radius, thick = RINGS[index - 1] * self._ball, 2.0 if len(self._acts) < 5 else 1.3
@@ -406,6 +411,11 @@ class Film:
                 if k == 0:
                     palette = frame.quantize(256, Image.Quantize.FASTOCTREE)
             yield frame.quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def _part(points: Array, begin: int, end: int, k: int) -> Array:
+    """The points of a frame's part of a trail, shape (2, end - begin)."""
+    return points[:, k + begin : k + end]
 
 
 def _profile(side: int, along: Array, above: float, tilt: Array) -> Array:

@@ -231,7 +231,7 @@ class Follower:
 
     def _replay(self, log: PreparedLog, until: float) -> None:
         said, since = self.said, self._since["replays"]
-        found = replays(log, self._belief, said.gaps, since, until)
+        found = replays(log, self._belief, said.gaps, AHEAD, since, until)
         if found is not None:
             self._since["replays"] = float(found.time[-1]) + AHEAD
             said.replays = found if said.replays is None else Replays.join([said.replays, found])

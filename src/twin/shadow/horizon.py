@@ -284,15 +284,17 @@ def replays(
     log: PreparedLog,
     belief: Belief,
     gaps: Array,
+    every: float = AHEAD,
     since: float = -np.inf,
     until: float = np.inf,
 ) -> Replays | None:
-    """Replays of a log, one after the other; None if it is too short for any.
+    """Replays of a log from many starts; None if it is too short for any.
 
     Args:
         log: What was recorded.
         belief: The twin.
         gaps: Of the log; a replay over one tells nothing.
+        every: Seconds between the starts of two replays.
         since: The first start in s, where a log goes back further.
         until: Seconds; of replays that end later there is none.
     """
@@ -301,7 +303,7 @@ def replays(
         def chosen(segment: Segment, begin: float, end: float, longest: float) -> Spans:
             del segment, longest
             last = min(end, until) - (LEAD + AHEAD + BIN)
-            begins = np.arange(max(begin, since - LEAD), last, AHEAD) + later
+            begins = np.arange(max(begin, since - LEAD), last, every) + later
             return Spans(begins, np.full(len(begins), length), np.zeros(len(begins), bool))
 
         return chosen

@@ -113,8 +113,7 @@ class Candidate:
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
-        loop = self.loop
-        worth = {name: getattr(self.last, name, None) for name in ("cost", "effort", "lost")}
+        last, loop = self.last, self.loop
         return {
             "number": self.number,
             "fields": self.fields,
@@ -122,9 +121,11 @@ class Candidate:
             "disk_margin": loop.disk,
             "delay_margin": loop.delay,
             "margins_with_observer": loop.observed,
-            "rigs": getattr(self.last, "rigs", 0),
-            **worth,
-            "kept": getattr(self.last, "kept", False),
+            "rigs": 0 if last is None else last.rigs,
+            "cost": None if last is None else last.cost,
+            "effort": None if last is None else last.effort,
+            "lost": None if last is None else last.lost,
+            "kept": last is not None and last.kept,
         }
 
 

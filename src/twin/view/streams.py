@@ -19,16 +19,86 @@ from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of
 from twin.run.finished import columns, states_of
-from twin.scenario.schema import Scenario
+from twin.scenario.schema import Dimensions, Scenario
 from twin.sim.plant.model import screen_of
 
 Colour = tuple[int, int, int]
+
+
+def rolled(turn: Array, position: Array, radius: float) -> Array:
+    """How a ball lies that rolls without slip along positions (K, 2), quaternions (K, 4).
+
+    A way d along the screen turns it by |d| / radius about the axis (-d_y, d_x, 0), in plate axes.
+    The first entry is ``turn``, the way it lay at the first position. Spin about the normal is not
+    seen in positions and so left out.
+    """
+    x, y = np.diff(position, axis=0).T / radius
+    steps = Rotation.from_rotvec(np.stack((-y, x, np.zeros(len(x))), axis=1))
+    found = [Rotation.from_quat(turn)]
+    for step in steps:
+        found.append(step * found[-1])
+    return np.stack([each.as_quat() for each in found])
 
 
 def in_view(points: Array) -> Array:
     """Points in m, (..., 2), as the view draws them: mm, y upwards (its own y goes down)."""
     drawn: Array = points * np.array([1000.0, -1000.0])
     return drawn
+
+
+def fixed(
+    root: str,
+    path: Array,
+    plate: Dimensions,
+    *,
+    colour: Colour,
+) -> Iterator[tuple[str, rr.AsComponents]]:
+    """What does not move in the top view.
+
+    Args:
+        root: Entity of the top view.
+        path: Reference path in m, shape (K, 2).
+        plate: Screen, operating area and ball.
+        colour: Of the ball and its trail.
+    """
+    half = 500 * np.array(plate.screen)
+    for name, sides, dot, thick, order in (
+        ("screen", half, (120, 130, 140), 1.2, 1.0),
+        ("operating_area", 1000 * np.array(plate.area), (120, 170, 200), 0.7, 2.0),
+    ):
+        look = {"colors": [dot], "radii": thick, "draw_order": order}
+        outline: rr.AsComponents = rr.Boxes2D(centers=[[0, 0]], half_sizes=[sides], **look)
+        if plate.round and name == "screen":
+            turn = np.linspace(0, 2 * np.pi, 121)
+            rim = half * np.column_stack((np.cos(turn), np.sin(turn)))
+            outline = rr.LineStrips2D([rim], **look)
+        yield f"{root}/{name}", outline
+    corner = 0.9 * np.array([-0.5, -0.5]) * plate.screen
+    tips = in_view(np.array([[0.06, 0.0], [0.0, 0.06]]))
+    yield (
+        f"{root}/axes",
+        rr.Arrows2D(
+            origins=[in_view(corner)] * 2,
+            vectors=tips,
+            colors=[[230, 80, 80], [80, 200, 90]],
+            labels=["x", "y"],
+            radii=1.5,
+        ),
+    )
+    yield (
+        f"{root}/reference_path",
+        rr.LineStrips2D([in_view(path)], colors=[[235, 235, 235]], radii=0.6, draw_order=10.0),
+    )
+    for name, dot, radius, order in (
+        ("ball", colour, 1000 * plate.ball, 15.0),
+        ("measured", (160, 160, 160), 5.0, 20.0),
+        ("estimate", (230, 159, 0), 5.0, 21.0),
+        ("reference", (255, 255, 255), 5.0, 22.0),
+    ):
+        point = rr.Points2D.from_fields(colors=[dot], radii=[radius], draw_order=order)
+        yield f"{root}/{name}", point
+    trail = rr.LineStrips2D.from_fields(colors=[colour], radii=[1.6], draw_order=12.0)
+    yield f"{root}/trail", trail
 
 
 VISIBLE_GROUPS = 3
@@ -38,8 +108,7 @@ TURNED = ("cardan", "plate", "motor_phi", "motor_theta")
 
 
 Pose = dict[str, Array]
-"""Where an entity is over time: ``translation`` (K, 3) in m, of one that is turned also
-``quaternion`` (K, 4) xyzw."""
+"""Where an entity is over time: ``translation`` (K, 3) in m and ``quaternion`` (K, 4) xyzw."""
 
 
 class Scene:
@@ -92,9 +161,14 @@ class Scene:
             f"{self.plate}/trail",
             rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0022]),
         )
-        look = {"colors": [[248, 246, 238]], "fill_mode": rr.components.FillMode.Solid}
-        sizes = [self.radius, self.radius, self._lift]
-        yield f"{self.ball}/ball", rr.Ellipsoids3D(half_sizes=[sizes], **look)
+        # rings on the ball, so that one sees it roll
+        for name, wide, rgb, mode in (
+            ("ball", 1.0, [248, 246, 238], rr.components.FillMode.Solid),
+            ("rings", 1.01, [238, 120, 20], rr.components.FillMode.MajorWireframe),
+        ):
+            sizes = wide * np.array([self.radius, self.radius, self._lift])
+            look = {"colors": [rgb], "fill_mode": mode, "line_radii": 0.001}
+            yield f"{self.ball}/{name}", rr.Ellipsoids3D(half_sizes=[sizes], **look)
         for entity in self._lines:
             thick, colour = (0.006, (26, 115, 64)) if entity.endswith("spring") else (0.003, STEEL)
             yield entity, rr.LineStrips3D.from_fields(colors=[colour], radii=[thick])
@@ -121,12 +195,13 @@ class Scene:
         start = model.geom_pos[i] - size[1] * turn.as_matrix()[:, 2]
         return rr.Capsules3D(translations=[start], **place)
 
-    def poses(self, state: Array, motor: Array) -> dict[str, Pose]:
+    def poses(self, state: Array, motor: Array, roll: Array) -> dict[str, Pose]:
         """How the entities lie at K instants.
 
         Args:
             state: States of (5.5), shape (K, 8).
             motor: Motor shaft angles (phi, theta) in rad, shape (K, 2).
+            roll: Turn of the ball in plate axes, quaternions xyzw, shape (K, 4).
         """
         model, count = self._model, len(state)
         phi, theta = state[:, 2], state[:, 6]
@@ -141,7 +216,7 @@ class Scene:
             }
         height = np.full(count, self.surface + self._lift)
         place = np.stack((state[:, 0], state[:, 4], height), axis=1)
-        poses[self.ball] = {"translation": place}
+        poses[self.ball] = {"translation": place, "quaternion": roll}
         return poses
 
     def lines(self, state: Array, motor: Array) -> dict[str, Array]:
@@ -288,51 +363,29 @@ class RunStream:
         self.scenario = scenario
         self.scene = Scene(drawn_mechanism(scenario), f"{self.root}/mechanism")
         self._cams = parts_of(scenario).linkage or CamTable.packaged()
+        self._turn = np.array([0.0, 0.0, 0.0, 1.0])
+        self._last: Array | None = None
         self._trail = np.empty((0, 3))
         self._next_frame = -1.0
         self._state = -1
+        self._marks: dict[str, bool] = {}
 
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
         """What does not change over the run: shapes, top view of the plate, reference path."""
         yield from self.scene.shapes(self._colour)
         times = np.linspace(0, self.scenario.duration, 2000)
         path = self._reference(times)[0]
-        yield from self._from_above(path)
+        yield from fixed(
+            f"{self.root}/plate_mm",
+            path,
+            self.scenario.dimensions,
+            colour=self._colour,
+        )
         lifted = np.column_stack((path, np.full(len(path), self.scene.surface + 0.001)))
         yield (
             f"{self.scene.plate}/reference_path",
             rr.LineStrips3D([lifted], colors=[[235, 235, 235]], radii=0.0008),
         )
-
-    def _from_above(self, path: Array) -> Iterator[tuple[str, rr.AsComponents]]:
-        """What does not move in the top view, with a reference path in m, shape (K, 2)."""
-        above, plate = f"{self.root}/plate_mm", self.scenario.dimensions
-        half = 500 * np.array(plate.screen)
-        for name, sides, dot, thick, order in (
-            ("screen", half, (120, 130, 140), 1.2, 1.0),
-            ("operating_area", 1000 * np.array(plate.area), (120, 170, 200), 0.7, 2.0),
-        ):
-            look = {"colors": [dot], "radii": thick, "draw_order": order}
-            outline: rr.AsComponents = rr.Boxes2D(centers=[[0, 0]], half_sizes=[sides], **look)
-            if plate.round and name == "screen":
-                turn = np.linspace(0, 2 * np.pi, 121)
-                rim = half * np.column_stack((np.cos(turn), np.sin(turn)))
-                outline = rr.LineStrips2D([rim], **look)
-            yield f"{above}/{name}", outline
-        yield (
-            f"{above}/reference_path",
-            rr.LineStrips2D([in_view(path)], colors=[[235, 235, 235]], radii=0.6, draw_order=10.0),
-        )
-        for name, dot, radius, order in (
-            ("ball", self._colour, 1000 * plate.ball, 15.0),
-            ("measured", (160, 160, 160), 5.0, 20.0),
-            ("estimate", (230, 159, 0), 5.0, 21.0),
-            ("reference", (255, 255, 255), 5.0, 22.0),
-        ):
-            point = rr.Points2D.from_fields(colors=[dot], radii=[radius], draw_order=order)
-            yield f"{above}/{name}", point
-        trail = rr.LineStrips2D.from_fields(colors=[self._colour], radii=[1.6], draw_order=12.0)
-        yield f"{above}/trail", trail
 
     def batches(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
         """A block of rows, shape (K,) per column, as columns for the viewer."""
@@ -344,11 +397,15 @@ class RunStream:
             for name, values in plot.items():
                 shown = rr.Scalars.columns(scalars=values)
                 yield Batch(f"{self.root}/{group}/{name}", time, shown)
-        yield from self._states(rows)
+        yield from self._states_and_events(rows)
         keep = self._frames(time)
         if len(keep):
             frames = {name: column[keep] for name, column in rows.items()}
-            yield from self._moving(frames)
+            ball = states_of(frames)[:, 0::4]
+            before = ball[:1] if self._last is None else self._last
+            turns = rolled(self._turn, np.concatenate((before, ball)), self.scene.radius)[1:]
+            self._last, self._turn = ball[-1:], turns[-1]
+            yield from self._moving(frames, turns)
             yield from self._on_plate(frames, reference[keep])
 
     def plots(self, rows: Mapping[str, Array]) -> dict[str, dict[str, Array]]:
@@ -369,8 +426,7 @@ class RunStream:
                 if self._among is not None:
                     called = f"{self.name}: {called}"
                     colour = colour if name in SHARED else shade(self._among, number)
-                look = {"colors": [colour], "widths": [width], "names": [called]}
-                yield f"{self.root}/{group}/{name}", rr.SeriesLines(**look)
+                yield f"{self.root}/{group}/{name}", line(colour, width, called)
 
     def _frames(self, time: Array) -> NDArray[np.integer]:
         """Indices of the rows of which a picture is made, FRAMES per second."""
@@ -379,22 +435,32 @@ class RunStream:
         self._next_frame = float(slot[-1])
         return np.flatnonzero(first)
 
-    def _states(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
-        """States of the supervisor as they change, in words."""
+    def _states_and_events(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
+        """States of the supervisor as they change, and what else happens, in words."""
         time, state = rows["time"], rows["supervisor"].astype(int)
         changed = np.flatnonzero(np.diff(state, prepend=self._state))
         self._state = int(state[-1])
         names = [State(value).name.lower() for value in state[changed]]
         events = [(time[k], f"supervisor: {name}") for k, name in zip(changed, names, strict=True)]
-        yield from told(self.root, events, "INFO")
+        active = {"ball not detected": rows.get("touched", np.ones(len(time))) < 0.5}
+        for axis in ("phi", "theta"):
+            requested, applied = rows[f"requested_{axis}_acc"], rows[f"applied_{axis}_acc"]
+            active[f"{axis} effort limited"] = np.abs(requested - applied) > 0.01
+            if f"wheel_{axis}_N" in rows:
+                active[f"wheel {axis} lifted off its cam"] = rows[f"wheel_{axis}_N"] <= 0
+        for what, mask in active.items():
+            began = np.flatnonzero(np.diff(mask.astype(int), prepend=self._marks.get(what, 0)) > 0)
+            self._marks[what] = bool(mask[-1])
+            events += [(time[k], what) for k in began[:20]]
+        yield from told(self.root, sorted(events, key=lambda event: event[0]), "INFO")
 
-    def _moving(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
+    def _moving(self, rows: Mapping[str, Array], turns: Array) -> Iterator[Batch]:
         time, state = rows["time"], states_of(rows)
         if "motor_phi_rad" in rows:
             motor = np.stack((rows["motor_phi_rad"], rows["motor_theta_rad"]), axis=1)
         else:
             motor = self._cams.motor(state[:, 2::4])
-        for entity, pose in self.scene.poses(state, motor).items():
+        for entity, pose in self.scene.poses(state, motor, turns).items():
             yield Batch(entity, time, rr.Transform3D.columns(**pose))
         for entity, ends in self.scene.lines(state, motor).items():
             yield Batch(entity, time, rr.LineStrips3D.columns(strips=ends))
@@ -424,6 +490,11 @@ class RunStream:
         high = self.scene.surface + 0.0015
         lifted = [np.column_stack((trail, np.full(len(trail), high))) for trail in trails]
         yield Batch(f"{self.scene.plate}/trail", time, rr.LineStrips3D.columns(strips=lifted))
+
+
+def line(colour: Colour, width: float, called: str) -> rr.AsComponents:
+    """How a line of the plots is drawn."""
+    return rr.SeriesLines(colors=[colour], widths=[width], names=[called])
 
 
 def told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterator[Batch]:
