@@ -87,6 +87,7 @@ def test_the_band_that_is_drawn_is_the_band_of_the_verdict():
     assert ((run.distance <= run.band) == (run.square <= BAND)).all()
     assert run.band == pytest.approx(np.sqrt(BAND) / 1000)  # in every direction
     batches = {each.entity: each for each in TwinStream("a", load("circle")).batches(run, [])}
+    assert batches["/a/twin_error_mm/band"].time.tolist() == [1, 2, 3]
     ball = batches["/a/mechanism/cardan/plate/twin_ball"]
     assert ball.time[[0, 50, 51]] == pytest.approx([0.0, 1.0, 1.0])
 

@@ -28,7 +28,7 @@ from twin.shadow.follow import LEARNING, MARGIN, SETTLING, LiveFollower, Shadow,
 from twin.shadow.horizon import AHEAD, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
-from twin.view.streams import Batch, Scene, in_view, told
+from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, Scene, in_view, line, told
 from twin.writing import write_json, write_whole
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
@@ -61,7 +61,7 @@ class TwinStream:
         self._ball = f"{self._scene.plate}/twin_ball"
 
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
-        """What does not change: the ghost's shape."""
+        """What does not change: the ghost's shape, and the looks of the lines."""
         radius = self._scene.radius
         solid = rr.components.FillMode.Solid
         yield (
@@ -72,6 +72,14 @@ class TwinStream:
             f"{self.root}/plate_mm/twin",
             rr.Points2D.from_fields(colors=[GHOST], radii=[9.0]),
         )
+        for entity, colour, called in (
+            ("twin_score/score", VERMILION, "score"),
+            ("twin_error_mm/distance", GREY, "distance"),
+        ):
+            look = {"colors": [colour], "marker_sizes": [4.0], "markers": ["circle"]}
+            yield f"{self.root}/{entity}", rr.SeriesPoints(names=[called], **look)
+        yield f"{self.root}/twin_score/as_predicted", line(BLACK, 1.2, "as predicted")
+        yield f"{self.root}/twin_error_mm/band", line(PINK, 1.2, "95 % band")
 
     def batches(self, said: Replays | None, events: Sequence[tuple[float, str]]) -> Iterator[Batch]:
         """What is new, as columns for the viewer.
@@ -81,6 +89,14 @@ class TwinStream:
             events: Time in s and text of what happened.
         """
         if said is not None and len(said.time):
+            run, end = said.take(said.counted), said.time[said.counted] + AHEAD
+            for entity, values in (
+                ("twin_score/score", run.score),
+                ("twin_score/as_predicted", np.ones(len(end))),
+                ("twin_error_mm/distance", 1000 * run.distance),
+                ("twin_error_mm/band", 1000 * run.band),
+            ):
+                yield Batch(f"{self.root}/{entity}", end, rr.Scalars.columns(scalars=values))
             steps = DRAWN * STEP * np.arange(said.path.shape[1])
             time = (said.time[:, None] + steps).ravel()
             ball = said.path.reshape(-1, 2)

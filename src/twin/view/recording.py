@@ -19,6 +19,8 @@ from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.streams import (
     PLOTS,
     TIMELINE,
+    TWIN_PLOTS,
+    TWIN_RANGE,
     Batch,
     RunStream,
 )
@@ -72,6 +74,7 @@ def _plots(
             name=title,
             background=rrb.archetypes.PlotBackground(color=GROUND),
             axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+            axis_y=rrb.ScalarAxis(range=TWIN_RANGE) if entity in TWIN_PLOTS else None,
         )
         for entity, title in titles.items()
         if entity in groups
@@ -142,10 +145,13 @@ def send(stream: rr.RecordingStream, batches: Iterable[Batch]) -> None:
         rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
 
 
-def _plan(streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]]) -> rrb.Blueprint:
-    """How runs are arranged, by rows of each."""
+def _plan(
+    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], more: Iterable[str] = ()
+) -> rrb.Blueprint:
+    """How runs are arranged, by rows of each, and further plots."""
     both = zip(streams, blocks, strict=True)
     groups = {group for each, rows in both for group in each.plots(rows)}
+    groups |= {*more}
     return blueprint([each.root for each in streams], groups, streams[0].scenario.plant.size)
 
 
@@ -191,7 +197,7 @@ def work(
         name: What the run is called.
         url: Address of the viewer, or of the server of a page.
         recording: Identity of the recording, if another process adds to it.
-        twin: Whether that is the run's twin.
+        twin: Whether that is the run's twin, which then has plots.
     """
     step_back()
     os.environ.update(environment())
@@ -202,7 +208,7 @@ def work(
             if not block or not len(block["time"]):
                 continue
             if not begun:
-                plan = _plan([run], [block])
+                plan = _plan([run], [block], TWIN_PLOTS if twin else ())
                 stream.connect_grpc(url, default_blueprint=plan)
                 if twin:  # whose process may have come first, and the viewer made its own plan
                     stream.send_blueprint(plan, make_active=True, make_default=True)

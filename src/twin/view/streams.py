@@ -503,3 +503,10 @@ def told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterator
         times, texts = zip(*events, strict=True)
         lines = rr.TextLog.columns(text=texts, level=[level] * len(events))
         yield Batch(f"{root}/events", np.array(times), lines)
+
+
+TWIN_PLOTS = ("twin_score", "twin_error_mm")
+"""Groups of the plots of the twin."""
+
+TWIN_RANGE = (-0.4, 12.0)
+"""What their axes show: where a ball may or may not stop, its band is as wide as the plate."""
