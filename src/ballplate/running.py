@@ -250,13 +250,15 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
         label: Which of several runs it is.
     """
     from controllers.analysis import instability, slow_observer
+    from controllers.ballplate import LONGEST_LAG
     from twin.run.assemble import build_controller, own_errors
 
     with own_errors():
         controller = build_controller(scenario)
     (late, lag), knows = scenario.lateness, scenario.predictor
     dead = scenario.sensors.touch.dead_time - (knows.delay if knows else 0.0)
-    unknown = lag - scenario.rig.plate_lag
+    told, encoders = scenario.rig.plate_lag, getattr(scenario.observer, "plate", "") != "modelled"
+    unknown = lag - told if told or not encoders else max(0.0, lag - LONGEST_LAG)
     dangers = [instability(controller.law, controller.observer, dead_time=late, lag=lag)]
     dangers.append(slow_observer(controller.law, controller.observer))
     for (said, most), by in ((LATER, 1000 * (dead + unknown)), (EARLIER, -1000 * dead)):

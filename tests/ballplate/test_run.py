@@ -145,6 +145,10 @@ def test_a_rig_more_than_30_ms_later_than_the_cure_believes_is_a_warning():
     assert "40 ms later" in told
     (told,) = dangers("cure", "sensors.touch.dead_time=0.08")
     assert "38 ms later" in told
+    slow = "plant.servo.bandwidth_hz=8.0", "sensors.touch.dead_time=0.055"  # 20 ms and 13 ms
+    assert dangers("cure", *slow) == []  # the observer finds a lag of up to 30 ms
+    (told,) = dangers("cure", *slow, "observer.plate=modelled")
+    assert "33 ms later" in told
     assert dangers("cure_afl", on, "rig.plate_lag=0.0", "controller.gains=[60,54,30,8]") == []
 
 
