@@ -42,7 +42,7 @@ def usable(rig):
     """Whether what a rig file says can be worked with."""
     for axis in rig.servos(0.002).axes:
         for scale in (axis.position, axis.plate, axis.velocity):
-            assert scale.unit != 0
+            assert scale != 0
     calibration = rig.screen().calibration
     if calibration is not None:
         calibration.screen(0.1, 0.1)
