@@ -135,7 +135,6 @@ class Belief:
         pitch = np.divide(touch.size, grid) if grid else np.zeros(2)
         counts = float(np.ravel(encoders.counts)[0])
         count = 2 * np.pi / counts if counts else 0.0
-        corner = float(np.ravel(drives.bandwidth)[0])
         scale = np.array([values["rolling"] if name == "rolling" else 1.0 for name in PARAMETERS])
         # a window crosses a few patches of an uneven screen, which average out in part
         uneven = np.array(
@@ -157,7 +156,7 @@ class Belief:
             scenario=scenario,
             model=model,
             values=values,
-            lag=1 / (2 * np.pi * corner) if corner else 0.0,
+            lag=scenario.lateness[1],
             own_lag=log.own_lag,
             play=float(np.ravel(drives.backlash)[0]),
             turned=1 + _pair(filled(TransmissionError, [scenario]).slope),
