@@ -267,7 +267,8 @@ class SlowPlate:
         """Plate rate commanded last, rad/s."""
         self.commanded = rate
         """The same as far as the drives have followed it, rad/s."""
-        self._left = math.exp(-period / lag) if lag else 0.0
+        self.left: Any = math.exp(-period / lag) if lag else 0.0
+        """Share of a change of the commanded rate that the drives have left after a period."""
         self._bias = 0 * angle
         self._period = period
         self._gain = 2 * pole * period, pole * pole * period
@@ -279,15 +280,11 @@ class SlowPlate:
         self._bias = self._bias + self._gain[1] * error
         return self.angle, self.commanded + self._bias
 
-    def late(self, left: Any) -> None:
-        """Take the drives to have this share of a change left after a period, a component."""
-        self._left = left
-
     def predict(self, u: Any) -> None:
         """One period under the applied acceleration in rad/s^2."""
         T, before = self._period, self.commanded
         self.told = self.told + T * u
-        self.commanded = self.told + self._left * (before - self.told)
+        self.commanded = self.told + self.left * (before - self.told)
         self.angle = self.angle + T * (before + self.commanded) / 2 + T * self._bias
 
 
@@ -319,8 +316,10 @@ class DriveLag:
     def __init__(self, period: float, angle: Sequence[Any], by: Arithmetic) -> None:
         self._period, self._by = period, by
         none = 0.0 * angle[0]
-        self._turned = list(angle)
+        self._sent = list(angle)
+        """Where drives without any lag would be, rad."""
         self._axes = [(none, none, none)] * 2
+        """Way since an axis turned round, slow means of what it is behind by and of its rate."""
         self._squares = self._products = none
         self.lag = none
         """T, s."""
@@ -334,7 +333,7 @@ class DriveLag:
         by, share = self._by, self._period / CHANGE
         squares, products = self._squares, self._products
         for axis, (turned, slow_behind, slow_rate) in enumerate(self._axes):
-            r, behind = rate[axis], self._turned[axis] - measured[axis]
+            r, behind = rate[axis], self._sent[axis] - measured[axis]
             way = by.where(turned * r < 0, 0.0, turned) + self._period * r
             engaged = abs(way) > GAP
             b, c = engaged * (behind - slow_behind), engaged * (r - slow_rate)
@@ -350,7 +349,7 @@ class DriveLag:
 
     def predict(self, told: Sequence[Any]) -> None:
         """One period at commanded rates in rad/s."""
-        self._turned = [a + self._period * w for a, w in zip(self._turned, told, strict=True)]
+        self._sent = [a + self._period * w for a, w in zip(self._sent, told, strict=True)]
 
 
 @dataclass(kw_only=True)
@@ -415,9 +414,7 @@ class LateBall(DelayedObserver):
         theta, theta_rate = across.correct(theta)
         commanded = along.commanded, across.commanded
         if self._drives is not None:
-            left = self._drives.correct(measured, commanded)
-            along.late(left)
-            across.late(left)
+            along.left = across.left = self._drives.correct(measured, commanded)
         begin, then = self._ball.measured(measured, commanded, self._state)
         self._advance(begin, then)
         age, touched = numbers(measurement.age), numbers(measurement.touched)
