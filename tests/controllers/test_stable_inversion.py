@@ -113,6 +113,23 @@ def test_a_lag_that_is_found_counts_as_one_that_is_told_while_the_ball_moves(lag
     np.testing.assert_array_equal(law._gains_for(lag, 0.0), [*law.K, 0.0])  # at rest
 
 
+def test_where_the_ball_is_to_rest_a_lag_that_is_found_is_left_out():
+    law, x = StableInversion(), np.array([[0.01, 0.02, 0.003, 0.04, -0.02, 0.0, 0.01, 0.05]])
+
+    def of(path):
+        known = [(0.05, 0.01, 0.0, 0.0, 0.0, lag) for lag in (0.0, 0.02)]
+        plans = [law.start(np.zeros((1, 8)), path, T) for _ in known]
+        return [
+            law.command(feedback(3.0, x, path, plan, known=each))
+            for plan, each in zip(plans, known, strict=True)
+        ]
+
+    without, found = of(Hold())
+    np.testing.assert_array_equal(without, found)
+    without, found = of(Circle())
+    assert (np.abs(without - found) > 0.01).all()
+
+
 def test_a_lag_is_each_rigs_own():
     law, path, known = StableInversion(), Circle(), (0.05, 0.01, 0.0, 0.0, 0.0)
     lags, x = (0.0, 0.004, 0.02), np.zeros((3, 8))
