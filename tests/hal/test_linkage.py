@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
-from scipy.optimize import fsolve
+from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from twin.errors import ScenarioError
@@ -32,11 +32,18 @@ def gaps(plate, motor):
     return found
 
 
+def closed(gap, guess):
+    """Where the loops close, to the rounding of their lengths."""
+    found = root(gap, guess, tol=1e-11).x
+    assert gap(found) == pytest.approx([0.0, 0.0], abs=1e-13)
+    return found
+
+
 def test_plate_and_crank_angles_close_both_loops_in_space():
     for plate in TILT:
-        expected = fsolve(lambda motor, p=plate: gaps(p, motor), plate * LINKAGE.ratio, xtol=1e-11)
+        expected = closed(lambda motor, p=plate: gaps(p, motor), plate * LINKAGE.ratio)
         assert LINKAGE.motor(plate) == pytest.approx(expected, abs=1e-9)
-        back = fsolve(lambda p, m=expected: gaps(p, m), 0.9 * plate, xtol=1e-11)
+        back = closed(lambda p, m=expected: gaps(p, m), 0.9 * plate)
         assert LINKAGE.plate(expected) == pytest.approx(back, abs=1e-9)
 
 

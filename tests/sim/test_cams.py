@@ -66,7 +66,7 @@ def test_the_plate_stands_where_the_geometry_of_discs_and_wheels_puts_it():
     told = dict(zip(plant.channels, plant.telemetry().T, strict=True))
     for i, pose in enumerate(plant.motor):
         sink = np.array([told["wheel_phi_N"][i], told["wheel_theta_N"][i]]) / STIFFNESS
-        expected = fsolve(lambda p, m=pose, s=sink: gaps(p, m) + s, pose / 5, xtol=1e-12)
+        expected = fsolve(lambda p, m=pose, s=sink: gaps(p, m) + s, pose / 5, xtol=1e-9)
         assert np.degrees(plant.state[i, [2, 6]]) == pytest.approx(np.degrees(expected), abs=1e-3)
 
 
@@ -75,7 +75,7 @@ def test_the_table_closes_the_geometry_too(table):
     sink = np.array([66.15, 66.49]) / STIFFNESS
     line = np.radians(np.linspace(-8, 8, 6))
     for plate in np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2):
-        expected = fsolve(lambda m, p=plate: gaps(p, m) + sink, 5 * plate, xtol=1e-12)
+        expected = fsolve(lambda m, p=plate: gaps(p, m) + sink, 5 * plate, xtol=1e-9)
         error = (table.motor(plate) - expected) / table.ratio
         assert np.degrees(np.abs(error)).max() < 0.05
 
