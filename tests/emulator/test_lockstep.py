@@ -47,13 +47,15 @@ def test_the_emulated_screen_sees_what_the_scenarios_sees_and_as_often():
     assert len(plant("sensors.touch.hidden=[0.05,0.0,0.15,0.04]").ball()) == 1
     looked = []
     line = turned.screen_line(lambda: looked.append(0) or (), Protocol.MICROTOUCH)
-    camera = plant("sensors.touch.frame_rate=25", "sensors.touch.lost=0.5")
+    camera = plant(
+        "sensors.touch.frame_rate=25", "sensors.touch.lost=0.5", "sensors.touch.jitter=0.003"
+    )
     assert len(camera.ball()) == 1
     slower = camera.screen_line(lambda: looked.append(1) or (), Protocol.MICROTOUCH)
     for tick in range(2000):
         line.step(0.001 * tick)
         slower.step(0.001 * tick)
-    assert looked.count(1) == pytest.approx(2 * 25, abs=1)
+    assert looked.count(1) == pytest.approx(25, abs=4 * np.sqrt(50 * 0.5 * 0.5))
     assert looked.count(0) == pytest.approx(2 / FRAME, abs=2)
 
 

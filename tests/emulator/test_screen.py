@@ -55,6 +55,30 @@ def test_nothing_arrives_before_the_dead_time_is_over():
     assert ends[0] == pytest.approx(0.1, abs=0.0015)
 
 
+def test_frames_jitter_about_their_clock_get_lost_and_take_longer_or_shorter():
+    looked = []
+    line = ScreenLine(
+        lambda: looked.append(now) or [(0.0, 0.0)],
+        protocol=Protocol.HID_0007,
+        frame=0.02,
+        dead_time=0.005,
+        spread=0.001,
+        jitter=0.003,
+        lost=0.2,
+    )
+    arrived = []
+    for now in np.arange(0.0, 100.0, 1e-4).tolist():
+        arrived += [now] * bool(line.step(now))
+    assert len(looked) == pytest.approx(0.8 * 5000, abs=4 * np.sqrt(5000 * 0.8 * 0.2))
+    about = np.remainder(np.array(looked[1:]) + 0.01, 0.02) - 0.01
+    off = 4 / np.sqrt(2 * len(about))  # four standard deviations of an estimated one
+    assert np.mean(about) == pytest.approx(0.0, abs=4 * 0.003 / np.sqrt(len(about)) + 1e-4)
+    assert np.std(about) == pytest.approx(0.003, rel=off)
+    took = np.array(arrived) - looked[: len(arrived)]
+    assert np.mean(took) == pytest.approx(0.005, abs=4 * 0.001 / np.sqrt(len(took)) + 1e-4)
+    assert np.std(took) == pytest.approx(0.001, rel=off)
+
+
 def test_a_port_has_the_same_path_after_plugging_in_again_and_none_in_between():
     with emulate(list) as screen:
         screen.unplug()

@@ -255,6 +255,10 @@ class ScreenLine:
         baud: Bits per second of a serial protocol, ten bits per byte.
         frame: Seconds between frames.
         dead_time: Seconds from looking to arrival.
+        spread: Standard deviation of the dead time in s.
+        jitter: Standard deviation in s of when a frame is taken, about its clock; at most half a
+            frame counts.
+        lost: Share of the frames that are never sent.
         calibration: How it is mounted: plate to screen units.
         seed: Of everything random in the faults injected.
     """
@@ -270,6 +274,9 @@ class ScreenLine:
         baud: int = 9600,
         frame: float = FRAME,
         dead_time: float = DEAD_TIME,
+        spread: float = 0.0,
+        jitter: float = 0.0,
+        lost: float = 0.0,
         calibration: Calibration | None = None,
         seed: int = 0,
     ) -> None:
@@ -282,7 +289,11 @@ class ScreenLine:
         self._byte = 10 / baud if protocol in {Protocol.MICROTOUCH, Protocol.ELO} else 0.0
         self._baud = baud
         self._frame = frame
-        self._dead_time = dead_time
+        self._dead_time, self._spread = dead_time, spread
+        self._jitter, self._lost = jitter, lost
+        self._random = random.Random(f"frames of {seed}")
+        self._early = 0.0
+        """Seconds by which the next frame is taken before its clock says so."""
         self._calibration = calibration or Calibration.nominal()
         self._next: float | None = None
         self._queue: deque[tuple[float, bytes]] = deque()
@@ -292,9 +303,12 @@ class ScreenLine:
     def step(self, now: float) -> list[bytes]:
         """Look if a frame is due; the portions of bytes that are due by now, in order."""
         frame = now if self._next is None else self._next
-        if now >= frame:
-            self._look(now)
+        if now >= frame - self._early:
+            if self._random.random() >= self._lost:
+                self._look(now)
             frame += self._frame * max(1, int((now - frame) / self._frame))
+            drawn = self._random.gauss(0.0, self._jitter)
+            self._early = max(-self._frame / 2, min(self._frame / 2, drawn))
         self._next = frame
         sent = []
         while self._queue and self._queue[0][0] <= now:
@@ -309,7 +323,7 @@ class ScreenLine:
             for name, (x, y) in enumerate(shares, start=1)
             if 0 <= x <= 1 and 0 <= y <= 1
         ]
-        arrival = now + self._dead_time
+        arrival = now + max(0.0, self._random.gauss(self._dead_time, self._spread))
         spots = self.damage.contacts(now, seen)
         lifted = () if self.damage.hides_lift(now) else self._lifted(spots)
         self._down = spots

@@ -50,8 +50,8 @@ TICK = 0.001
 class EmulatedPlant:
     """A scenario's plant, with its noise and its drives' imperfections, for emulated devices.
 
-    Dead time, frames and quantisation are those of the emulated devices, whose frames come as often
-    as the scenario's, if that has some; all of them come, and on time.
+    Dead time, frames and quantisation are those of the emulated devices; the screen's frames come,
+    are late and get lost as the scenario's, if that has some.
 
     Args:
         scenario: Whose plant it is.
@@ -93,8 +93,17 @@ class EmulatedPlant:
     def screen_line(self, ball: Ball, protocol: Protocol) -> ScreenLine:
         """What a screen on it sends, that speaks a protocol and senses where ``ball`` says."""
         seen, seed = self._scenario.sensors.touch, self._scenario.seed
-        frame = 1 / seen.frame_rate if seen.frame_rate else FRAME
-        return ScreenLine(ball, protocol=protocol, frame=frame, dead_time=seen.dead_time, seed=seed)
+        framed = bool(seen.frame_rate)
+        return ScreenLine(
+            ball,
+            protocol=protocol,
+            frame=1 / seen.frame_rate if framed else FRAME,
+            dead_time=seen.dead_time,
+            spread=seen.dead_time_spread,
+            jitter=seen.jitter * framed,
+            lost=seen.lost * framed,
+            seed=seed,
+        )
 
     def advance(self, seconds: float) -> None:
         """Let time pass in whole ticks; the rest is kept for the next call."""
