@@ -34,7 +34,6 @@ import numpy as np
 import controllers
 from controllers.arrays import Array
 from controllers.interfaces import Law, Observer, Reference
-from controllers.references import Hold
 
 Kind = TypeVar("Kind", Law, Observer, Reference)
 _HELD = (bool, int, float, complex, str, PurePath, Enum, tuple, list, dict, type(None))
@@ -336,7 +335,8 @@ def wrong_answer(law: Law) -> str | None:
     """
     if type(law).command is not Law.command:
         return None
-    asked = (0.0, np.zeros((1, 8)), Hold(), np.zeros((1, law.memory)))
+    hold: Reference = dict(catalog(Reference))["hold"]()  # type: ignore[type-abstract]
+    asked = (0.0, np.zeros((1, 8)), hold, np.zeros((1, law.memory)))
     try:
         inspect.signature(law.control).bind(*asked)
     except TypeError:

@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 
 from controllers.arrays import Array, NotNegative, Pair, Positive
+from controllers.catalog import catalog
 from controllers.interfaces import Reference
 
 __all__ = ["Circle", "Hold", "Lissajous", "Path", "Setpoints", "Sine", "Step", "Transition"]
@@ -583,8 +584,6 @@ def _made(settings: Mapping[str, Any] | None) -> Reference | None:
     """The reference of a table with its kind and settings; None of None."""
     if settings is None:
         return None
-    from controllers.catalog import catalog  # noqa: PLC0415  it imports every module, this one too
-
     known = dict(catalog(Reference))  # type: ignore[type-abstract]
     kind = settings.get("kind")
     if kind not in known or kind == Setpoints.name:

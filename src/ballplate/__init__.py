@@ -35,8 +35,8 @@ from twin.run.files import Signals
 
 if TYPE_CHECKING:
     from ballplate import lab, laws, observers, references, systems
-    from ballplate.comparing import Comparison, compare
-    from ballplate.results import Identified, Log, Result, identify, load
+    from ballplate.comparing import Comparison, compare, load
+    from ballplate.results import Identified, Log, Result, identify
     from ballplate.rigs import Rig, fmu, rig
     from ballplate.solvers import Symbolic, symbolic
     from ballplate.studies import StudyResult, Sweep, study, sweep
@@ -79,8 +79,8 @@ __all__ = [
 _MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
 _NAMES = {
-    "comparing": ("Comparison", "compare"),
-    "results": ("Identified", "Log", "Result", "identify", "load"),
+    "comparing": ("Comparison", "compare", "load"),
+    "results": ("Identified", "Log", "Result", "identify"),
     "rigs": ("Rig", "fmu", "rig"),
     "solvers": ("Symbolic", "symbolic"),
     "studies": ("StudyResult", "Sweep", "study", "sweep"),

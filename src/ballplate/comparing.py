@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from ballplate.results import Result
+    from ballplate.results import Log, Result
     from twin.run.finished import Run
     from twin.run.metrics import Motion
     from twin.scenario.schema import Dimensions, Scenario
@@ -393,3 +393,28 @@ def attempt(scenario: Scenario) -> Run | LawError:
     if done.interrupted:
         raise KeyboardInterrupt
     return done
+
+
+def load(path: str | Path) -> Result | Comparison | Log:
+    """Open what was recorded before.
+
+    Args:
+        path: A run folder or its ``run.parquet``; a folder of run folders, as ``compare`` writes
+            them; or a CSV log with named columns, units in the header as ``measured_x [mm]``.
+
+    Returns:
+        A ``Result`` for a run, a ``Comparison`` for several, a ``Log`` for a CSV file.
+
+    Raises:
+        TwinError: If it cannot be opened: what is wrong with it, or which column it lacks.
+    """
+    from ballplate.results import Result, log_of
+    from twin.run.finished import open_runs
+
+    file = Path(path)
+    if file.suffix == ".csv":
+        return log_of(file)
+    runs = {each.name: Result.from_run(each) for each in open_runs((file,), tell=default().warn)}
+    if len(runs) == 1:
+        return next(iter(runs.values()))
+    return Comparison(runs, f"Comparison of {len(runs)} runs", {})

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 from ballplate.reporter import Reporter, default, overview, showable
 from twin.errors import RecordError, ScenarioError
 from twin.run.files import MOVING, Signals, free
-from twin.run.finished import Run, of_other_class, open_runs, save
+from twin.run.finished import Run, of_other_class, save
 from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ballplate.comparing import Comparison
     from controllers.arrays import Array
     from twin.identify import logs
     from twin.identify.judged import Identification, ParameterVerdict
@@ -193,31 +192,8 @@ class Log(Signals):
     units: Mapping[str, str]
 
 
-def load(path: str | Path) -> Result | Comparison | Log:
-    """Open what was recorded before.
-
-    Args:
-        path: A run folder or its ``run.parquet``; a folder of run folders, as ``compare`` writes
-            them; or a CSV log with named columns, units in the header as ``measured_x [mm]``.
-
-    Returns:
-        A ``Result`` for a run, a ``Comparison`` for several, a ``Log`` for a CSV file.
-
-    Raises:
-        TwinError: If it cannot be opened: what is wrong with it, or which column it lacks.
-    """
-    from ballplate.comparing import Comparison
-
-    file = Path(path)
-    if file.suffix == ".csv":
-        return _log(file)
-    runs = {each.name: Result.from_run(each) for each in open_runs((file,), tell=default().warn)}
-    if len(runs) == 1:
-        return next(iter(runs.values()))
-    return Comparison(runs, f"Comparison of {len(runs)} runs", {})
-
-
-def _log(file: Path) -> Log:
+def log_of(file: Path) -> Log:
+    """A CSV log, by its columns."""
     from twin.identify import logs
 
     log = logs.read(file)
