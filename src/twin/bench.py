@@ -39,7 +39,7 @@ from twin.study.experiments import CHUNK, Store, carry
 from twin.study.schema import Point, drawn, read_family
 from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest
 from twin.validation import Checked, read_model
-from twin.writing import write_json, write_whole
+from twin.writing import why, write_json, write_whole
 
 ALLOWED = ("controller", "observer", "predictor")
 """The tables of a scenario that are an entry's."""
@@ -370,7 +370,7 @@ class Benchmark:
                 Replayed.commands = [commands[f"arr_{i}"] for i in range(len(commands.files))]
             same = [each._asdict() for each in self.scores(rows)] == told
         except (OSError, LookupError, TypeError, ValueError, BadZipFile) as error:
-            raise RecordError(f"{folder}: holds no finished entry: {error}") from error
+            raise RecordError(f"{folder}: holds no finished entry: {why(error)}") from error
         if not same:
             yield "scores.json: not the scores of runs.parquet"
         whole = self.relative(rows)
@@ -554,7 +554,7 @@ def scores_of(folder: Path) -> tuple[list[dict[str, Any]], str]:
         found: dict[str, Any] = json.loads((folder / "scores.json").read_bytes())
         return found["scores"], str(found.get("season", ""))
     except (OSError, ValueError, LookupError, TypeError) as error:
-        raise RecordError(f"{folder}: holds no finished entry: {error}") from error
+        raise RecordError(f"{folder}: holds no finished entry: {why(error)}") from error
 
 
 def beside(folders: Sequence[Path]) -> tuple[dict[str, list[dict[str, Any]]], str]:

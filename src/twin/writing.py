@@ -36,7 +36,7 @@ def check_writable(folder: Path, option: str = "--out") -> Path:
         for each in above:
             each.rmdir()
     except OSError as error:
-        raise ScenarioError(f"{option} {folder}: cannot be written: {_why(error)}") from error
+        raise ScenarioError(f"{option} {folder}: cannot be written: {why(error)}") from error
     return folder
 
 
@@ -96,7 +96,7 @@ def write_whole(path: Path, content: str | bytes | Callable[[Path], object]) -> 
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise RecordError(f"cannot write {path}: {_why(error)}") from error
+        raise RecordError(f"cannot write {path}: {why(error)}") from error
 
 
 def write_folder(path: Path, fill: Callable[[Path], object]) -> None:
@@ -115,14 +115,14 @@ def write_folder(path: Path, fill: Callable[[Path], object]) -> None:
             fill(inner)
             inner.replace(path)
     except OSError as error:
-        raise RecordError(f"cannot write {path}: {_why(error)}") from error
+        raise RecordError(f"cannot write {path}: {why(error)}") from error
 
 
-def _why(error: OSError) -> str:
-    """Why nothing can be written, in words."""
+def why(error: Exception) -> str:
+    """Why a file cannot be read or written, in words."""
     if isinstance(error, FileExistsError | NotADirectoryError):
         return "a file is where a folder should be"
-    return error.strerror or str(error)
+    return getattr(error, "strerror", None) or str(error)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

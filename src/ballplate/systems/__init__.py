@@ -149,9 +149,9 @@ def mechanism(
     ``ball_turn_y`` in rad/s.
 
     In: what ``plant`` says of ball, wheels, spring or linkage, servos' limits and plate;
-    ``plant.step``, ``rig.period``, ``sensors.touch.dead_time``. Out: friction of ball and joints, a
-    tilted base, what drives and sensors do besides, limits, and that the rig compares its plate
-    angle with the encoders every 20 ms.
+    ``plant.step``, ``rig.period``, ``sensors.touch.dead_time``. Out: friction of ball and joints,
+    surface and camber, a tilted base, what drives and sensors do besides, limits, and that the rig
+    compares its plate angle with the encoders every 20 ms.
 
     Args and errors are those of ``linear``, but a scenario must be named, and a ball that is oval
     or out of balance is refused: its attitude would have to be states, too.

@@ -24,7 +24,7 @@ from twin.shipped import shipped_labs
 from twin.study.schema import Family, Point, drawn, read_family
 from twin.study.work import Builder
 from twin.validation import Checked, check_named_once, read_model, read_tables
-from twin.writing import write_folder, write_whole
+from twin.writing import why, write_folder, write_whole
 
 SCHEMA = "ballplate/lab/v1"
 Kind = Literal["law", "observer", "function", "numbers", "parameters"]
@@ -296,7 +296,7 @@ def text_of(file: Path, called: str) -> str:
     try:
         return file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{called}: cannot be read: {error}") from None
+        raise ScenarioError(f"{called}: cannot be read: {why(error)}") from None
 
 
 def read(name: str | Path) -> Lab:
@@ -435,7 +435,7 @@ def students(path: Path) -> list[str]:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [row[0].strip() for row in csv.reader(file) if row and row[0].strip()][1:]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+        raise ScenarioError(f"{path}: cannot be read: {why(error)}") from None
     twice = next((name for name in rows if rows.count(name) > 1), None)
     if not rows or twice:
         what = f"two students are called '{twice}'" if twice else "names nobody below its heading"
