@@ -502,8 +502,15 @@ def law_of(scenario: Scenario) -> tuple[str, BallPlate]:
     return scenario.controller.model_dump_json(), scenario.designed_on
 
 
-def _observed(scenario: Scenario) -> tuple[str, BallPlate]:
-    return scenario.model_dump_json(include={"observer", "predictor"}), scenario.designed_on
+def _observed(scenario: Scenario) -> tuple[str, BallPlate, tuple[str, ...]]:
+    settings = scenario.model_dump_json(include={"observer", "predictor"})
+    return settings, scenario.designed_on, _needs(scenario)
+
+
+def _needs(scenario: Scenario) -> tuple[str, ...]:
+    """What the law of a scenario needs of its observer."""
+    needs: tuple[str, ...] = choices("controller")[scenario.controller.kind].needs
+    return needs
 
 
 def _observer(scenario: Scenario) -> Observer:
@@ -516,7 +523,8 @@ def _observer(scenario: Scenario) -> Observer:
                 f"predictor.kind: observer '{choice.kind}' makes up for the dead time itself; "
                 "leave kind out, predictor.delay then goes to the observer"
             )
-        own: Observer = _build("observer", choice, model=model, period=period, delay=delay)
+        given = {"model": model, "period": period, "delay": delay, "needed": _needs(scenario)}
+        own: Observer = _build("observer", choice, **given)
         return own
     observer: Observer = _build("observer", choice, model=model, period=period)
     if predictor is None:
