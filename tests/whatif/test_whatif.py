@@ -155,6 +155,7 @@ def test_another_law_is_given_a_lag_of_the_drives_that_was_found_only_if_it_coun
     each = [load("circle", ["observer.kind=friction_kalman", f"controller.kind={x}"]) for x in laws]
     cure, afl, again = map(build_controller, each)
     observer = cure.observer
+    assert "plate_lag" in observer.needed
     for controller in (cure, afl, again):
         controller.start(Measurement(0.0, np.zeros((1, 4)), np.zeros(1), np.ones(1, bool)))
     take_over(afl, cure, *each[:2])
