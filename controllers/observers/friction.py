@@ -15,16 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from controllers.arrays import (
-    Array,
-    Mask,
-    Positive,
-    column,
-    components,
-    every,
-    numbers,
-    together,
-)
+from controllers.arrays import Array, Mask, Positive, column, components, every, numbers, together
 from controllers.interfaces import Measurement, Quantity
 from controllers.observers.late_ball import LAG, Derivatives, LateBall, LocalState, Tilt
 from controllers.observers.thesis import NOISE

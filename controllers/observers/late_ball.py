@@ -311,19 +311,16 @@ class DriveLag:
 
     Args:
         period: Control period in s.
-        angle: Of the plate, (phi, theta), rad, components.
-        rate: Of the plate, rad/s, alike.
+        state: State (5.5) to begin with, components.
         by: How components are calculated with.
     """
 
-    def __init__(
-        self, period: float, angle: Sequence[Any], rate: Sequence[Any], by: Arithmetic
-    ) -> None:
+    def __init__(self, period: float, state: Sequence[Any], by: Arithmetic) -> None:
         self._period, self._by = period, by
-        none = 0.0 * angle[0]
-        self._sent = list(angle)
+        none = 0.0 * state[2]
+        self._sent = list(state[2::4])
         """Where drives without any lag would be, rad."""
-        self._followed = list(rate)
+        self._followed = list(state[3::4])
         """Rates as the drives with the lag that is found follow, rad/s."""
         self._axes = [(none, none, none)] * 2
         """Way since an axis turned round, slow means of what it is behind by and of its rate."""
@@ -353,8 +350,8 @@ class DriveLag:
     def predict(self, told: Sequence[Any]) -> None:
         """One period at commanded rates in rad/s."""
         self._sent = [a + self._period * w for a, w in zip(self._sent, told, strict=True)]
-        before, left = self._followed, self.left
-        self._followed = [w + left * (r - w) for w, r in zip(told, before, strict=True)]
+        followed = zip(self._followed, told, strict=True)
+        self._followed = [w + self.left * (r - w) for r, w in followed]
 
 
 @dataclass(kw_only=True)
@@ -393,14 +390,10 @@ class LateBall(DelayedObserver):
         self._by = NUMBERS if self._rigs == 1 else ARRAYS
         self._ball = RollingBall(self.model, smooth, self.period, self.delay, rows)
         self._state = state = components(rows)
-        plates = [
-            SlowPlate(self.plate_pole, self.period, self.model.lag, *state[k : k + 2])
-            for k in (2, 6)
-        ]
-        self._plates = plates
+        as_told = self.plate_pole, self.period, self.model.lag
+        self._plates = [SlowPlate(*as_told, *state[k : k + 2]) for k in (2, 6)]
         known = self.model.lag or self.plate == "modelled" or LAG not in dict(self.knows)
-        angle, rate = self._state[2::4], self._state[3::4]
-        self._drives = None if known else DriveLag(self.period, angle, rate, self._by)
+        self._drives = None if known else DriveLag(self.period, state, self._by)
         c2 = self.model.c2
         s = np.zeros((self._rigs, 9))
         s[:, 0:2] = rows[:, 0::4] + c2 * SIGN * rows[:, 2::4]
