@@ -229,3 +229,6 @@ class DelayedObserver(Observer):
 
     delay: NotNegative = 0.0
     """Dead time of the ball's position in s; given by whoever builds the observer."""
+    needed: tuple[str, ...] = ()
+    """What the law behind it ``needs``, given likewise; the estimate may leave out what else is
+    found."""

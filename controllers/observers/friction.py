@@ -15,18 +15,9 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from controllers.arrays import (
-    Array,
-    Mask,
-    Positive,
-    column,
-    components,
-    every,
-    numbers,
-    together,
-)
+from controllers.arrays import Array, Mask, Positive, column, components, every, numbers, together
 from controllers.interfaces import Measurement, Quantity
-from controllers.observers.late_ball import Derivatives, LateBall, LocalState, Tilt
+from controllers.observers.late_ball import LAG, Derivatives, LateBall, LocalState, Tilt
 from controllers.observers.thesis import NOISE
 
 LONGEST = 50
@@ -124,7 +115,7 @@ KNOWN = (
     Quantity("friction_spread", "m/s^2"),
     Quantity("tilt_gain_x_spread", "1"),
     Quantity("tilt_gain_y_spread", "1"),
-    Quantity("plate_lag", "s"),
+    Quantity(LAG, "s"),
 )
 """What the filter knows beyond the state; tilt gains are errors, spreads standard deviations, and
 the lag is that of the drives."""
@@ -169,8 +160,8 @@ class FrictionKalman(LateBall):
     A law is given the plate's angle and rate as a slow estimate from the commanded rate and the
     encoders (``SlowPlate``): slower than the plate's resonances at 13 and 19 Hz, but fast enough
     to see a plate that stands still in the play of its drive. The lag with which the drives follow
-    the commanded rate is found, if it is not told (``DriveLag``). The ``equivalent`` angles have
-    friction and disturbance in them,
+    the commanded rate is found, if it is not told (``DriveLag``), and counts in the estimate for a
+    law that needs ``plate_lag``. The ``equivalent`` angles have friction and disturbance in them,
 
         phi_eq = (1 + kappa) phi + (d - F v / |v|) / k1,
 

@@ -288,6 +288,8 @@ class SlowPlate:
         self.angle = self.angle + T * (before + self.commanded) / 2 + T * self._bias
 
 
+LAG = "plate_lag"
+"""What a law needs that counts the lag of the drives."""
 GAP = 0.0052
 """Way in rad after a reversal of a drive within which its play, at most 0.3 deg, may be crossed."""
 CHANGE = 0.03
@@ -309,31 +311,29 @@ class DriveLag:
 
     Args:
         period: Control period in s.
-        angle: Of the plate, (phi, theta), rad, components.
+        state: State (5.5) to begin with, components.
         by: How components are calculated with.
     """
 
-    def __init__(self, period: float, angle: Sequence[Any], by: Arithmetic) -> None:
+    def __init__(self, period: float, state: Sequence[Any], by: Arithmetic) -> None:
         self._period, self._by = period, by
-        none = 0.0 * angle[0]
-        self._sent = list(angle)
+        none = 0.0 * state[2]
+        self._sent = list(state[2::4])
         """Where drives without any lag would be, rad."""
+        self._followed = list(state[3::4])
+        """Rates as the drives with the lag that is found follow, rad/s."""
         self._axes = [(none, none, none)] * 2
         """Way since an axis turned round, slow means of what it is behind by and of its rate."""
         self._squares = self._products = none
-        self.lag = none
-        """T, s."""
+        self.lag = self.left = none
+        """T, s, and the share of a change of the commanded rate that it leaves after a period."""
 
-    def correct(self, measured: Sequence[Any], rate: Sequence[Any]) -> Any:
-        """Take in angles in rad, measured at rates in rad/s as the drives followed.
-
-        Returns:
-            The share of a change of the commanded rate that is left after a period.
-        """
+    def correct(self, measured: Sequence[Any]) -> None:
+        """Take in the measured angles in rad."""
         by, share = self._by, self._period / CHANGE
         squares, products = self._squares, self._products
         for axis, (turned, slow_behind, slow_rate) in enumerate(self._axes):
-            r, behind = rate[axis], self._sent[axis] - measured[axis]
+            r, behind = self._followed[axis], self._sent[axis] - measured[axis]
             way = by.where(turned * r < 0, 0.0, turned) + self._period * r
             engaged = abs(way) > GAP
             b, c = engaged * (behind - slow_behind), engaged * (r - slow_rate)
@@ -345,11 +345,13 @@ class DriveLag:
         sure = by.least(found, 2 * (found - UNSURE))
         self.lag = lag = by.least(by.most(sure, 0.0), LONGEST_LAG)
         # exp(-period / lag) by what gives one rig the same bits as beside others
-        return (lag > self._period) * (2 * lag - self._period) / (2 * lag + self._period)
+        self.left = (lag > self._period) * (2 * lag - self._period) / (2 * lag + self._period)
 
     def predict(self, told: Sequence[Any]) -> None:
         """One period at commanded rates in rad/s."""
         self._sent = [a + self._period * w for a, w in zip(self._sent, told, strict=True)]
+        followed = zip(self._followed, told, strict=True)
+        self._followed = [w + self.left * (r - w) for r, w in followed]
 
 
 @dataclass(kw_only=True)
@@ -360,6 +362,8 @@ class LateBall(DelayedObserver):
     has them. It is driven by the plate angles of then, and its estimate is carried to t with those
     measured since. A frame of the screen is taken once, when it is new, and as old as it is. A law
     is given the plate's angle and rate as a slow estimate from the commanded rate and the encoders.
+    A lag of the drives that is found, not told, is in the estimate for a law that needs it alone:
+    the others are made for drives that follow at once, and err more where it is.
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
@@ -386,14 +390,10 @@ class LateBall(DelayedObserver):
         self._by = NUMBERS if self._rigs == 1 else ARRAYS
         self._ball = RollingBall(self.model, smooth, self.period, self.delay, rows)
         self._state = state = components(rows)
-        plates = [
-            SlowPlate(self.plate_pole, self.period, self.model.lag, *state[k : k + 2])
-            for k in (2, 6)
-        ]
-        self._plates = plates
-        known = self.model.lag or self.plate == "modelled"
-        angle = self._state[2], self._state[6]
-        self._drives = None if known else DriveLag(self.period, angle, self._by)
+        as_told = self.plate_pole, self.period, self.model.lag
+        self._plates = [SlowPlate(*as_told, *state[k : k + 2]) for k in (2, 6)]
+        known = self.model.lag or self.plate == "modelled" or LAG not in dict(self.knows)
+        self._drives = None if known else DriveLag(self.period, state, self._by)
         c2 = self.model.c2
         s = np.zeros((self._rigs, 9))
         s[:, 0:2] = rows[:, 0::4] + c2 * SIGN * rows[:, 2::4]
@@ -414,7 +414,8 @@ class LateBall(DelayedObserver):
         theta, theta_rate = across.correct(theta)
         commanded = along.commanded, across.commanded
         if self._drives is not None:
-            along.left = across.left = self._drives.correct(measured, commanded)
+            self._drives.correct(measured)
+            along.left = across.left = self._drives.left if LAG in self.needed else 0.0
         begin, then = self._ball.measured(measured, commanded, self._state)
         self._advance(begin, then)
         age, touched = numbers(measurement.age), numbers(measurement.touched)

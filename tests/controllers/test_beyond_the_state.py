@@ -10,7 +10,7 @@ import pytest
 from controllers.classical import AFL
 from controllers.controller import Controller, Smith
 from controllers.interfaces import Law, Measurement
-from controllers.observers import FrictionKalman, Luenberger
+from controllers.observers import FrictionKalman, Luenberger, late_ball
 from controllers.references import Circle, Hold
 from controllers.stable_inversion import StableInversion
 from twin.errors import ScenarioError
@@ -129,6 +129,21 @@ def test_rigs_of_differing_observers_and_laws_run_side_by_side_as_alone():
     # the jump was known ahead in the batch, too: the plate moves before it
     before = round(0.08 / T)
     assert np.abs(together["applied"][:before, 3]).max() > 0.02
+
+
+def test_a_law_that_counts_no_lag_of_the_drives_is_given_none_that_is_found(monkeypatch):
+    on = ["plant.kind=lagrange", "plant.step=0.002", "plant.servo.bandwidth_hz=8", "duration=0.8"]
+    on += ["metrics.start=0", "plant.start.x=0.03", "observer.kind=friction_map_kalman"]
+    laws = "stable_inversion", "afl", "backstepping", "mpc"
+    each = [load("circle", [*on, f"controller.kind={law}"]) for law in laws]
+    found = run(each, ticks=400)
+    assert (found["further"][-1, :, -1] > 0).all()
+    monkeypatch.setattr(late_ball, "LONGEST_LAG", 0.0)
+    without = run(each, ticks=400)
+    assert not without["further"][:, :, -1].any()
+    for name in ("state", "estimate", "applied"):
+        same = (found[name] == without[name]).all(axis=(0, 2))
+        assert same.tolist() == [False, True, True, True]
 
 
 def written(folder, record):

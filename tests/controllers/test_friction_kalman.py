@@ -7,7 +7,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Measurement
-from controllers.observers import FrictionKalman, FrictionMapKalman, friction
+from controllers.observers import FrictionKalman, FrictionMapKalman, friction, late_ball
 
 MODEL = BallPlate()
 T = 0.002
@@ -471,6 +471,21 @@ def test_the_lag_of_the_drives_is_found_beside_their_play_and_none_where_there_i
     alone = turned(FrictionKalman(), lags[1:2], np.deg2rad(play), own=OWN, seconds=0.5)
     beside = turned(FrictionKalman(), lags[1:2] * 2, np.deg2rad(play), own=OWN, seconds=0.5)
     np.testing.assert_array_equal(beside, [*alone, *alone])
+
+
+@pytest.mark.parametrize("kind", [FrictionKalman, FrictionMapKalman])
+def test_a_lag_that_is_found_is_in_the_estimate_for_a_law_alone_that_needs_it(kind, monkeypatch):
+    def estimated(*needed):
+        observer = kind(needed=needed)
+        return turned(observer, [0.02], 0.0, own=OWN).item(), observer.x
+
+    (found, counted), (left_out, others) = estimated("plate_lag"), estimated("friction")
+    assert left_out == found == pytest.approx(0.02, abs=0.0025)  # recorded all the same
+    monkeypatch.setattr(late_ball, "LONGEST_LAG", 0.0)
+    none, without = estimated("plate_lag")
+    assert none == 0.0
+    np.testing.assert_array_equal(others, without)
+    assert (counted != without)[:, 3::4].all()
 
 
 @pytest.mark.parametrize("how", [{"model": BallPlate(lag=0.01)}, {"plate": "modelled"}])

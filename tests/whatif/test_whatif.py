@@ -10,9 +10,11 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from controllers.interfaces import Measurement
 from twin.cli import ballplate
 from twin.errors import TwinError
 from twin.run import finished
+from twin.run.assemble import build_controller
 from twin.run.files import export
 from twin.run.finished import open_run, open_runs
 from twin.run.metrics import INTERRUPTED
@@ -27,6 +29,7 @@ from twin.whatif.futures import (
     futures,
     moment_of,
     path,
+    take_over,
 )
 
 AT = 1.2
@@ -145,6 +148,22 @@ def test_another_controller_begins_where_the_old_one_is(run):
         # one period cannot bring the plate further off the rate it had
         assert np.abs(record["applied"][0, 0]).max() < 20
         assert old.rate.any()
+
+
+def test_another_law_is_given_a_lag_of_the_drives_that_was_found_only_if_it_counts_it():
+    laws = "stable_inversion", "afl", "stable_inversion"
+    each = [load("circle", ["observer.kind=friction_kalman", f"controller.kind={x}"]) for x in laws]
+    cure, afl, again = map(build_controller, each)
+    observer = cure.observer
+    assert "plate_lag" in observer.needed
+    for controller in (cure, afl, again):
+        controller.start(Measurement(0.0, np.zeros((1, 4)), np.zeros(1), np.ones(1, bool)))
+    take_over(afl, cure, *each[:2])
+    assert afl.observer is observer  # with all that it has learnt
+    assert "plate_lag" not in observer.needed
+    take_over(again, afl, *each[1:])
+    assert again.observer is observer
+    assert "plate_lag" in observer.needed
 
 
 def test_what_a_csv_log_shows_is_where_the_twin_begins(run, log):

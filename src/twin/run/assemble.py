@@ -502,23 +502,25 @@ def law_of(scenario: Scenario) -> tuple[str, BallPlate]:
     return scenario.controller.model_dump_json(), scenario.designed_on
 
 
-def _observed(scenario: Scenario) -> tuple[str, BallPlate]:
-    return scenario.model_dump_json(include={"observer", "predictor"}), scenario.designed_on
+def _observed(scenario: Scenario) -> tuple[str, BallPlate, tuple[str, ...]]:
+    settings = scenario.model_dump_json(include={"observer", "predictor"})
+    return settings, scenario.designed_on, build_law(scenario).needs
 
 
 def _observer(scenario: Scenario) -> Observer:
     """The observer with what makes up for the dead time: itself, or a predictor around it."""
     model, period, predictor = scenario.designed_on, scenario.rig.period, scenario.predictor
     choice, delay = scenario.observer, 0.0 if predictor is None else predictor.delay
+    given: dict[str, Any] = {"model": model, "period": period}
     if issubclass(choices("observer")[choice.kind], DelayedObserver):
         if predictor is not None and predictor.kind is not None:
             raise ScenarioError(
                 f"predictor.kind: observer '{choice.kind}' makes up for the dead time itself; "
                 "leave kind out, predictor.delay then goes to the observer"
             )
-        own: Observer = _build("observer", choice, model=model, period=period, delay=delay)
-        return own
-    observer: Observer = _build("observer", choice, model=model, period=period)
+        given |= {"delay": delay, "needed": build_law(scenario).needs}
+        predictor = None
+    observer: Observer = _build("observer", choice, **given)
     if predictor is None:
         return observer
     return Smith(observer=observer, delay=delay + predictor.wait, model=model, period=period)

@@ -18,7 +18,7 @@ from scipy.signal import savgol_filter
 
 from controllers.arrays import Array
 from controllers.controller import Controller
-from controllers.interfaces import Measurement
+from controllers.interfaces import DelayedObserver, Measurement
 from twin.errors import RecordError, ScenarioError
 from twin.identify.logs import Log, read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges, interpolated
@@ -136,6 +136,8 @@ def take_over(new: Controller, old: Controller, was: Scenario, now: Scenario) ->
     if now.controller == was.controller:
         new.memory = old.memory
     if (now.observer, now.predictor) == (was.observer, was.predictor):
+        if isinstance(old.observer, DelayedObserver):
+            old.observer.needed = new.law.needs
         new.observer = old.observer
     else:
         new.observer.start(old.observer.x)
