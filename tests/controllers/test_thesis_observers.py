@@ -324,6 +324,7 @@ def errors_on_the_flat_model(observer, wrong, ticks):
     return np.array(found)
 
 
+@pytest.mark.parametrize("period", [T, 0.005])
 @pytest.mark.parametrize("kind", [Luenberger, NonlinearLuenberger])
 @pytest.mark.parametrize(
     "poles",
@@ -335,9 +336,9 @@ def errors_on_the_flat_model(observer, wrong, ticks):
     ],
 )
 def test_small_error_at_the_level_plate_goes_from_tick_to_tick_with_the_poles_asked_for(
-    kind, poles
+    kind, poles, period
 ):
-    observer = kind(poles=poles)
+    observer = kind(poles=poles, period=period)
     observer.start(1e-7 * np.eye(8))
     observer.correct(measured(np.zeros((8, 4))))
     observer.predict(np.zeros((8, 2)))
@@ -345,7 +346,7 @@ def test_small_error_at_the_level_plate_goes_from_tick_to_tick_with_the_poles_as
     np.testing.assert_allclose([step[:4, 4:], step[4:, :4]], 0, atol=1e-12)
     for axis, mine in enumerate((poles[:4], poles[-4:])):
         own = slice(4 * axis, 4 * axis + 4)
-        found = np.log(np.linalg.eigvals(step[own, own]).astype(complex)) / T
+        found = np.log(np.linalg.eigvals(step[own, own]).astype(complex)) / period
         np.testing.assert_allclose(
             np.sort_complex(np.round(found, 4)), np.sort_complex(mine), rtol=1e-4
         )
