@@ -1,11 +1,13 @@
 """What every test may use."""
 
 import gc
+from functools import cache
 
 import one_thread  # noqa: F401  before numpy
 import pytest
 from hypothesis import HealthCheck, settings
 
+from controllers import catalog
 from controllers.catalog import forget
 from twin.data_file import packaged
 from twin.scenario.load import check, put, setting
@@ -50,6 +52,14 @@ def long_lived():
     """
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def installed_once():
+    """What is installed stays so; to look for it is most of what the catalog takes to be made."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(catalog, "entry_points", cache(catalog.entry_points))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -18,7 +19,7 @@ import scipy
 from annotated_types import Len
 
 from controllers.arrays import Array, Positive, every
-from controllers.ballplate import MEASURED
+from controllers.ballplate import MEASURED, BallPlate
 from controllers.design import Pole, listed, place_poles, sample, stable_poles
 from controllers.interfaces import Measurement, Observer
 
@@ -126,12 +127,18 @@ class Luenberger(LinearObserver):
     def __post_init__(self) -> None:
         """Design the gain."""
         super().__post_init__()
-        A, B, _ = self.model.linear()
-        self.A, self.B = sample(A, B, self.period)
-        self.L = np.zeros((8, 4))
-        for axis, mine in enumerate(axis_poles(self.poles)):
-            states, outputs = slice(4 * axis, 4 * axis + 4), slice(2 * axis, 2 * axis + 2)
-            self.L[states, outputs] = current_gain(self.A[states, states], mine, self.period)
+        self.A, self.B, self.L = luenberger_design(self.model, tuple(self.poles), self.period)
+
+
+@lru_cache
+def luenberger_design(model: BallPlate, poles: tuple[Pole, ...], T: float) -> tuple[Array, ...]:
+    """A, B and L of a Luenberger observer, the same arrays each time: the search takes long."""
+    A, B = sample(*model.linear()[:2], T)
+    L = np.zeros((8, 4))
+    for axis, mine in enumerate(axis_poles(poles)):
+        states, outputs = slice(4 * axis, 4 * axis + 4), slice(2 * axis, 2 * axis + 2)
+        L[states, outputs] = current_gain(A[states, states], mine, T)
+    return A, B, L
 
 
 def axis_poles(poles: Sequence[Pole]) -> tuple[tuple[Pole, ...], tuple[Pole, ...]]:

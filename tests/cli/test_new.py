@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers.catalog import add, broken, catalog, forget, outside
+from controllers.catalog import add, catalog, forget, outside
 from controllers.interfaces import Law, Observer, Reference
 from twin.cli.runs import LIKE
 from twin.run.finished import run
@@ -126,15 +126,6 @@ def test_a_law_of_any_file_is_taken_in_here_and_in_children(mine):
         check=True, capture_output=True, text=True, env=dict(os.environ),
     )  # fmt: skip
     assert "mine" in json.loads(child.stdout)
-
-
-def test_a_name_that_is_taken_is_told_and_the_first_one_stays(mine):
-    Path("laws").mkdir()
-    Path("laws/afl.py").write_text(LAW.format(name="afl"))
-    assert catalog(Law)["afl"].__module__ == "controllers.classical"
-    (line,) = broken()
-    assert "laws/afl.py" in line
-    assert "the name 'afl' is taken by" in line
 
 
 def test_a_study_knows_when_an_own_law_has_changed(mine):

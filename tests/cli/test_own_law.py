@@ -373,6 +373,8 @@ def test_from_python_a_law_that_goes_wrong_is_the_same_line(rewrite):
     done = bp.sweep("circle", {"controller.kind": ["lqr", "mine"]}, processes=1, **BRIEF)
     assert done["outcome"] == ["finished", "failed"]
     assert wrong in done["reason"][1]
+    assert done.rows[1]["outcome_time"] is None
+    assert "failed at" not in str(done.table())
 
 
 def test_a_field_that_no_scenario_can_hold_is_told_and_breaks_nothing_else(ballplate, rewrite):
@@ -475,12 +477,3 @@ def test_of_a_law_that_says_nothing_of_itself_no_sentence_is_shown(ballplate, mi
     told = ballplate("describe", "mine")[1]
     assert "controller.ball = " in told
     assert "factory" not in told
-
-
-def test_a_law_that_raises_has_failed_at_no_time_that_a_sweep_knows(mine, rewrite):
-    rewrite("        r = reference(t)", "        r = reference(t)\n        1 / (t < 0.05)")
-    laws = {"controller.kind": ["mine", "afl"]}
-    done = bp.sweep("circle", laws, settings=SHORT[3::2], processes=1)
-    assert [row["outcome"] for row in done.rows] == ["failed", "finished"]
-    assert done.rows[0]["outcome_time"] is None
-    assert "failed at" not in str(done.table())

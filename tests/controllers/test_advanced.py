@@ -329,15 +329,7 @@ def test_rigs_with_paths_of_their_own_get_what_each_gets_alone():
     rng = np.random.default_rng(1)
     x = rng.normal(size=(2, 8)) * 0.05
 
-    def commands(path, x):
-        plan, found = law.start(0 * x, path, T), []
-        still = np.zeros((*x.shape[:-1], 2))
-        for tick in range(300):
-            now = Feedback(tick * T, x, x, still[..., :0], still, still, path, still[..., :0], plan)
-            found.append(law.command(now))
-        return np.array(found)
-
-    together = commands(Both(), x)
+    together = commands(law, Both(), x, 300)
     for rig, path in enumerate(paths):
-        alone = commands(path, x[rig])
-        np.testing.assert_allclose(together[:, rig], alone, rtol=1e-9, atol=1e-9)
+        alone = commands(law, path, x[rig : rig + 1], 300)
+        np.testing.assert_allclose(together[:, rig], alone[:, 0], rtol=1e-9, atol=1e-9)

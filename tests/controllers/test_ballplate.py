@@ -20,25 +20,27 @@ def lagrange():
     """Ball accelerations (x'', y'') from the energies (4.14b), (4.16) and R = Rx(theta) Ry(phi)."""
     import sympy
 
-    m, r, J, g, h, t = sympy.symbols("m r J g h t")
-    x, y, phi, theta = (sympy.Function(name)(t) for name in ("x", "y", "phi", "theta"))
+    m, r, J, g, h = sympy.symbols("m r J g h")
+    place = x, phi, y, theta = sympy.symbols("x phi y theta")
+    rate = sympy.symbols("x' phi' y' theta'")
+    acceleration = sympy.symbols("x'' phi'' y'' theta''")
+
+    def derivative(expression):
+        slopes = zip((*place, *rate), (*rate, *acceleration), strict=True)
+        return sum((expression.diff(each) * slope for each, slope in slopes), 0 * expression)
+
     R = sympy.rot_axis1(-theta) * sympy.rot_axis2(-phi)
     position = R * sympy.Matrix([x, y, h + r])
-    spin = R.T * R.diff(t)
-    omega = sympy.Matrix([spin[2, 1] - y.diff(t) / r, spin[0, 2] + x.diff(t) / r, spin[1, 0]])
-    velocity = position.diff(t)
+    spin = R.T * derivative(R)
+    omega = sympy.Matrix([spin[2, 1] - rate[2] / r, spin[0, 2] + rate[0] / r, spin[1, 0]])
+    velocity = derivative(position)
     L = m * velocity.dot(velocity) / 2 + J * omega.dot(omega) / 2 - m * g * position[2]
-    forces = [L.diff(q.diff(t)).diff(t) - L.diff(q) for q in (x, y)]
-    ax, ay = x.diff(t, 2), y.diff(t, 2)
-    mass = sympy.Matrix(forces).jacobian([ax, ay])
-    rest = sympy.Matrix([force.subs({ax: 0, ay: 0}) for force in forces])
-    plain = sympy.symbols("q:10")
-    ordered = (x, phi, y, theta)
-    swap = [(q.diff(t, 2), plain[8 + i]) for i, q in enumerate((phi, theta))]
-    swap += [(q.diff(t), plain[2 * i + 1]) for i, q in enumerate(ordered)]
-    swap += [(q, plain[2 * i]) for i, q in enumerate(ordered)]
-    names = [*plain, m, r, J, g, h]
-    function = sympy.lambdify(names, [mass.subs(swap), rest.subs(swap)], cse=True)
+    forces = sympy.Matrix([derivative(L.diff(rate[i])) - L.diff(place[i]) for i in (0, 2)])
+    ball, plate = acceleration[::2], acceleration[1::2]
+    rest = forces.subs(dict.fromkeys(ball, 0))
+    state = [each for pair in zip(place, rate, strict=True) for each in pair]
+    names = [*state, *plate, m, r, J, g, h]
+    function = sympy.lambdify(names, [forces.jacobian(ball), rest], cse=True)
 
     def accelerations(state, u, parameters):
         M, b = function(*state, *u, *parameters.values())

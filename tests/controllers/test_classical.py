@@ -240,11 +240,10 @@ def recursion():
     e3 = k * sp.sin(a) - alpha2
     alpha3 = (rate(alpha2) - e2 - c[2] * e3) / (k * sp.cos(a))
     e4 = w - alpha3
-    law = rate(alpha3) - k * sp.cos(a) * e3 - c[3] * e4
     V = (e1**2 + e2**2 + e3**2 + e4**2) / 2
     given = (p, v, a, w, k, c, r[:5])
     errors = sp.lambdify(given, (e1, e2, e3, e4), cse=True)
-    return errors, sp.lambdify(given, law, cse=True), sp.lambdify((*given, u), rate(V), cse=True)
+    return errors, sp.lambdify((*given, u), rate(V), cse=True)
 
 
 gains = st.tuples(*[st.floats(0.05, 6.0)] * 4)
@@ -258,18 +257,9 @@ def axes(x, r, c):
 
 @settings(max_examples=50)
 @given(x=states, c=gains, t=times)
-def test_the_law_is_what_the_recursion_gives_for_both_axes(x, c, t):
-    u = Backstepping(c=c).control(t, x, PATH, NOTHING)
-    _, law, _ = recursion()
-    expected = [law(*axis) for axis in axes(x, PATH(t), c)]
-    np.testing.assert_allclose(u, expected, rtol=1e-9, atol=1e-9)
-
-
-@settings(max_examples=50)
-@given(x=states, c=gains, t=times)
 def test_the_lyapunov_function_falls_by_the_squares_of_the_errors(x, c, t):
     u = Backstepping(c=c).control(t, x, PATH, NOTHING)
-    errors, _, fall = recursion()
+    errors, fall = recursion()
     for axis, own in zip(axes(x, PATH(t), c), u, strict=True):
         squares = np.square(errors(*axis))
         scale = 1 + np.abs(own) * np.sqrt(squares.sum()) + squares.sum()
@@ -299,12 +289,6 @@ def test_the_input_is_the_nested_sigmoid_with_opposite_signs_for_x_and_y(x, t, b
     s1, s2 = z1 - PATH(t)[:4, 0], z2 - PATH(t)[:4, 1]
     expected = -1.5 * psi(*s1, betas, epsilon), 1.5 * psi(*s2, betas, epsilon)
     np.testing.assert_allclose(u, expected, rtol=1e-9, atol=1e-12)
-
-
-@settings(max_examples=25)
-@given(x=states, t=times, alpha=st.floats(0.1, 7))
-def test_the_input_never_exceeds_alpha(x, t, alpha):
-    assert (np.abs(SlidingMode(alpha=alpha).control(t, x, PATH, NOTHING)) < alpha).all()
 
 
 @pytest.mark.parametrize("start", [(0.1, 0.0), (0.0, 0.1)], ids=["x", "y"])

@@ -397,22 +397,14 @@ def test_a_ball_that_is_struck_has_its_new_velocity_within_hundredths_of_a_secon
     assert np.abs(seen(kind(), struck)[after] - STRUCK).max() > 0.1
 
 
-def test_neither_noise_nor_one_wrong_sample_is_taken_for_a_blow(monkeypatch):
-    def one_wrong(since):
-        return 0.05 * (0 <= since < T / 2)
+def test_two_samples_on_one_side_are_a_blow_and_neither_noise_nor_one_is(monkeypatch):
+    def wrong(samples):
+        return seen(FrictionKalman(), lambda since: 0.05 * (0 <= since < (samples - 0.5) * T))
 
-    with_it = seen(FrictionKalman(), one_wrong)
+    one, two = wrong(1), wrong(2)
     monkeypatch.setattr(friction, "BLOW", 0.0)
-    np.testing.assert_array_equal(with_it, seen(FrictionKalman(), one_wrong))
-
-
-def test_two_samples_on_one_side_are_a_blow(monkeypatch):
-    def two_wrong(since):
-        return 0.05 * (0 <= since < 1.5 * T)
-
-    with_it = seen(FrictionKalman(), two_wrong)
-    monkeypatch.setattr(friction, "BLOW", 0.0)
-    assert np.abs(with_it - seen(FrictionKalman(), two_wrong)).max() > 0.01
+    np.testing.assert_array_equal(one, wrong(1))
+    assert np.abs(two - wrong(2)).max() > 0.01
 
 
 def test_a_modelled_plate_follows_a_commanded_rate_as_the_lag_says_whatever_is_measured():

@@ -117,10 +117,3 @@ def simulated(law, reference, times):
     ).y.T
     u = [law.control(t, y[:8], reference, y[8:]) for t, y in zip(times, s, strict=True)]
     return s[:, :8], np.array(u)
-
-
-# Peaks of Tables 8.1 to 8.11: the largest |phi| in degrees and |u1| in rad/s^2. The thesis's own
-# solver kept few points and missed peaks by up to 3.4 %.
-
-
-# Tracking errors on x in m of a sine of 0.5 rad/s over 25 s: RMS, which the thesis calls average.

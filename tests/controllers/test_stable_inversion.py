@@ -198,12 +198,6 @@ def feedback(t, x, path, plan, known=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0)):
     return Feedback(t, x, x, needed, still, still, path, np.zeros((len(x), 0)), plan)
 
 
-def commands(law, path, ticks=200, x=None):
-    x = np.zeros((1, 8)) if x is None else x
-    plan = law.start(x, path, T)
-    return np.array([law.command(feedback(k * T, x, path, plan))[0] for k in range(ticks)])
-
-
 def test_a_ball_at_rest_has_friction_fed_forward_along_its_own_heading():
     law, known = StableInversion(), (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
     x = np.zeros((1, 8))

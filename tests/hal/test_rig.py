@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from every_setting import QUIET
 from own_board import VirtualBoard, own_rig
 
 from twin.devices.own import OwnServos
@@ -9,16 +10,6 @@ from twin.emulator.lockstep import LockstepRig
 from twin.hal.rig import Rig
 from twin.hal.supervisor import State
 from twin.run.assemble import assemble
-
-QUIET = (
-    "sensors.touch.dead_time=0",
-    "sensors.touch.grid=0",
-    "sensors.touch.variance=[0,0]",
-    "sensors.encoders.counts=0",
-    "sensors.encoders.variance=[0,0]",
-    "disturbance.variance=[0,0]",
-)
-
 
 LINKAGE = "plant.linkage={crank_mm=[40,30],rod_mm=[90,100],arm_mm=[100,70],distance_mm=[50,45]}"
 PLANTS = {

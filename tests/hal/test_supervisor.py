@@ -19,7 +19,6 @@ LIMITS = Limits()
 MOVING = {State.RUNNING, State.HOLDING}
 numbers = st.floats(-50, 50) | st.sampled_from([np.nan, np.inf, -np.inf])
 pairs = st.tuples(numbers, numbers)
-FELT = np.array([True])
 WISHES = arrays(float, (20, 2, 2), elements=st.floats(-50, 50))
 
 
@@ -198,10 +197,6 @@ def test_a_ball_faster_than_the_limit_makes_the_rig_hold(speed, state):
     assert supervisor.state[0] == state
 
 
-def measured(ball, plate=(0.0, 0.0)):
-    return np.array([[ball[0], plate[0], ball[1], plate[1]]])
-
-
 @settings(max_examples=60)
 @given(WISHES, st.integers(1, 40))
 def test_whatever_is_requested_the_commands_keep_angle_rate_and_acceleration_limits(wishes, hold):
@@ -236,19 +231,18 @@ def test_a_wish_that_is_no_number_stops_its_rig_and_only_that(bad):
 
 
 @pytest.mark.parametrize(
-    ("ball", "plate"),
-    [((0.291, 0.0), (0.0, 0.0)), ((0.0, -0.191), (0.0, 0.0)), ((0.0, 0.0), (0.0, np.radians(11)))],
+    ("x", "y", "theta_deg", "state"),
+    [
+        (0.29, 0.19, 0.0, State.RUNNING),  # on the edge of area and margin
+        (0.291, 0.0, 0.0, State.HOLDING),
+        (0.0, -0.191, 0.0, State.HOLDING),
+        (0.0, 0.0, 11.0, State.HOLDING),
+    ],
 )
-def test_a_ball_or_plate_past_its_limit_stops_the_rig(ball, plate):
+def test_a_ball_or_plate_past_its_limit_stops_the_rig(x, y, theta_deg, state):
     supervisor = running()
-    supervisor.watch(measured(ball, plate), FELT)
-    assert supervisor.state[0] == State.HOLDING
-
-
-def test_a_ball_on_the_edge_of_area_and_margin_is_allowed():
-    supervisor = running()
-    supervisor.watch(measured((0.29, 0.19)), FELT)
-    assert supervisor.state[0] == State.RUNNING
+    supervisor.watch(np.array([[x, 0.0, y, np.radians(theta_deg)]]), np.array([True]))
+    assert supervisor.state[0] == state
 
 
 @settings(max_examples=6)

@@ -21,6 +21,7 @@ from twin.shipped import folder
 from twin.study.schema import drawn, read_family
 
 MINI = Path(__file__).parent / "mini"
+SOLUTION = (MINI / "solution.py").read_text()
 OBSERVER = (folder() / "starts" / "observer.py").read_text()
 FUNCTION = """
 import numpy as np
@@ -109,7 +110,7 @@ def test_a_function_that_gives_none_fails_with_one_line(
     tmp_path: Path, line: str, said: str
 ) -> None:
     text = f"import numpy as np\n\ndef begin(log, late=0.0):\n    {line}\n"
-    lab = LAB.replace("seconds = 3", "seconds = 1")
+    lab = LAB[: LAB.rindex("[[check]]")].replace("seconds = 3", "seconds = 1")
     why = judged(tmp_path, text, lab)["results"][0]["cause"]["rationale"]
     assert said in why
     assert why.startswith("answer.py")
@@ -144,25 +145,36 @@ def test_a_wrong_table_of_a_function_is_one_line(tmp_path: Path) -> None:
     assert "must define a function begin" in why["rationale"]
 
 
+LAW = AnswerTable(kind="law", file="answer.py", seconds=5.0)
 ABOUT = AnswerTable(kind="observer", file="answer.py", seconds=5.0)
 SETTINGS = ["duration=0.4", "metrics.start=0", "plant.start.x=0.05", "controller.period=0.002"]
 
 
-def test_an_observer_in_a_process_of_its_own_gives_the_same_bits(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("about", "key", "text", "rigs"),
+    [
+        (LAW, "controller.kind", SOLUTION.replace('"mine"', '"here_of_lab"'), 1),
+        (ABOUT, "observer.kind", OBSERVER.replace('"alpha_beta"', '"here_of_lab"'), 3),
+    ],
+    ids=["law", "observer"],
+)
+def test_an_answer_in_a_process_of_its_own_gives_the_same_bits(
+    tmp_path: Path, about: AnswerTable, key: str, text: str, rigs: int
+) -> None:
     file, scenario = tmp_path / "here.py", str(MINI / "hold.toml")
-    file.write_text(OBSERVER.replace('"alpha_beta"', '"here_of_lab"'))
+    file.write_text(text)
     catalog.add(file)
-    both = [[*SETTINGS, f"seed={seed}"] for seed in (1, 2, 3)]
+    each = [[*SETTINGS, f"seed={seed}"] for seed in range(rigs)]
     try:
-        here = simulate([load(scenario, [*each, "observer.kind=here_of_lab"]) for each in both])
+        here = simulate([load(scenario, [*own, f"{key}=here_of_lab"]) for own in each])
     finally:
         del os.environ[catalog.ADDED]
         catalog.forget()
-    with answering(file, ABOUT):
-        there = simulate([load(scenario, [*each, f"observer.kind={NAME}"]) for each in both])
+    with answering(file, about):
+        there = simulate([load(scenario, [*own, f"{key}={NAME}"]) for own in each])
     assert NAME not in catalog.registered()
     assert here == there
-    assert here[0]["rms_distance"] != here[1]["rms_distance"]
+    assert len({one["rms_distance"] for one in here}) == rigs
 
 
 @pytest.mark.parametrize(

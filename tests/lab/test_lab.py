@@ -280,28 +280,6 @@ def test_a_wrong_answer_in_numbers_fails_with_one_line(
     assert said in found["results"][0]["cause"]["rationale"]
 
 
-def test_a_law_in_a_process_of_its_own_gives_the_same_bits(tmp_path: Path) -> None:
-    from controllers import catalog
-
-    lab, file = read(MINI), tmp_path / "here.py"
-    file.write_text(SOLUTION.replace('"mine"', '"here_of_lab"'))
-    settings = ["duration=0.4", "metrics.start=0", "plant.start.x=0.05", "controller.period=0.01"]
-    scenario = str(MINI / "hold.toml")
-    with answering(MINI / "solution.py", lab.answer):
-        (there,) = simulate([load(scenario, [*settings, f"controller.kind={NAME}"])])
-    assert NAME not in catalog.registered()
-    catalog.add(file)
-    try:
-        (here,) = simulate([load(scenario, [*settings, "controller.kind=here_of_lab"])])
-    finally:
-        import os
-
-        del os.environ[catalog.ADDED]
-        catalog.forget()
-    assert there == here
-    assert here["rms_distance"] is not None
-
-
 SAY = "import os, __main__; os.write(__main__._OUT"
 LINES = {
     "t.true_x": "AttributeError",

@@ -1,4 +1,4 @@
-"""A list that more than one test goes through."""
+"""Lists of settings that more than one test goes through."""
 
 OTHER = {
     "plant.size": "[0.6, 0.32]",
@@ -79,3 +79,13 @@ OTHER = {
     "seed": "5",
 }
 """Every setting that may differ from rig to rig, and a value that shows."""
+
+QUIET = (
+    "sensors.touch.dead_time=0",
+    "sensors.touch.grid=0",
+    "sensors.touch.variance=[0,0]",
+    "sensors.encoders.counts=0",
+    "sensors.encoders.variance=[0,0]",
+    "disturbance.variance=[0,0]",
+)
+"""A rig that shows everything as it is, at once."""

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from every_setting import OTHER
+from every_setting import OTHER, QUIET
 
 from controllers.controller import PerRigReference
 from controllers.references import Circle, Hold
@@ -142,19 +142,8 @@ def test_the_references_of_a_batch_can_be_asked_ahead():
 
 
 def test_the_estimate_of_a_row_is_that_of_its_own_time():
-    quiet = (
-        "duration=3",
-        "metrics.start=1",
-        "plant.kind=lagrange",
-        "plant.friction.rolling_mm=0",
-        "sensors.touch.dead_time=0",
-        "sensors.touch.grid=0",
-        "sensors.touch.variance=[0,0]",
-        "sensors.encoders.counts=0",
-        "sensors.encoders.variance=[0,0]",
-        "disturbance.variance=[0,0]",
-    )
-    scenario = load("circle", quiet).model_copy(update={"predictor": None})
+    smooth = ("plant.kind=lagrange", "plant.friction.rolling_mm=0", "duration=3", "metrics.start=1")
+    scenario = load("circle", (*smooth, *QUIET)).model_copy(update={"predictor": None})
     record = run(scenario).record
     late = record.time > 1.5
     ball = record["estimate"][late, 0, 0::4] - record["state"][late, 0, 0::4]

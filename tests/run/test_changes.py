@@ -41,14 +41,15 @@ def columns(found, name):
         ("mujoco", "plant.friction.rolling_mm", 0.36),
         ("lagrange", "plant.servo.bandwidth_hz", 5.0),
         ("lagrange", "sensors.encoders.variance", [1e-6, 1e-6]),
+        ("lagrange", "sensors.touch.lost", 0.5),
         ("mujoco", "rig.cam_error_percent", [9.0, 5.0]),
     ],
 )
 def test_until_a_change_begins_the_run_is_the_one_without_it_and_then_another(plant, key, value):
-    moving = "plant.start.x_rate=0.1"
+    moving = "plant.start.x_rate=0.1", "sensors.touch.frame_rate=80"
     change = one(key, value, at=0.2)
-    without = run(scenario(plant, "[]", moving, duration=0.4))
-    changed = run(scenario(plant, change, moving, duration=0.4))
+    without = run(scenario(plant, "[]", *moving, duration=0.4))
+    changed = run(scenario(plant, change, *moving, duration=0.4))
     before = without.record.time <= 0.2
     for name in ("state", "measured", "estimate", "applied"):
         assert np.array_equal(columns(without, name)[before], columns(changed, name)[before])
@@ -132,6 +133,7 @@ CHANGES = (
     '"plant.servo.resonance_hz"=12.0}}]',
     '[{at=0.24, set={"plant.servo.deadband_deg"=0.05, "plant.servo.resolution_deg"=0.04, '
     '"plant.servo.resonance_hz"=12.0}}]',
+    one("sensors.touch.lost", 0.5, at=0.1),
 )
 
 
@@ -139,8 +141,12 @@ CHANGES = (
 def test_rigs_side_by_side_change_as_each_of_them_does_alone(plant):
     # with dead times of their own: what one screen remembers is not what another does
     waits = [f"sensors.touch.dead_time={0.02 + 0.015 * i}" for i in range(len(CHANGES))]
+    # and a camera that begins to lose frames beside one that has lost some all along
+    frames = "sensors.touch.frame_rate=80", "sensors.touch.jitter=0.003"
+    more = {0: (*frames, "sensors.touch.lost=0.3"), len(CHANGES) - 1: frames}
+    moving = "plant.start.x_rate=0.1"
     each = [
-        scenario(plant, change, f"seed={i}", wait, "plant.start.x_rate=0.1", duration=0.4)
+        scenario(plant, change, f"seed={i}", wait, moving, *more.get(i, ()), duration=0.4)
         for i, (change, wait) in enumerate(zip(CHANGES, waits, strict=True))
     ]
     rig, controller = assemble(each)

@@ -9,7 +9,7 @@ from twin.errors import RecordError
 from twin.run.files import STREAM
 from twin.run.finished import described, open_run, run, save
 from twin.run.record import Recorder, read_run, stream, write_run
-from twin.writing import write_json, write_whole
+from twin.writing import write_whole
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
@@ -36,12 +36,6 @@ def test_a_failing_write_leaves_nothing_behind(tmp_path):
     with pytest.raises(RecordError, match="No space left"):
         write_whole(tmp_path / "file.txt", half)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(RecordError, match="cannot write"):
-        write_json(tmp_path / "file" / "metrics.json", {})
 
 
 def test_a_record_of_an_earlier_version_has_todays_columns(tmp_path, scenario):

@@ -316,10 +316,8 @@ def test_mass_and_inertia_of_another_plate_are_those_of_a_slab_of_its_shape(side
         assert found == pytest.approx(np.diag(moments), rel=7e-3, abs=1e-4)
 
 
-@pytest.mark.parametrize("parts", [ROUND, ROUND_RODS], ids=["cams", "rods"])
-def test_a_ball_on_a_round_plate_that_moves_follows_the_exact_equations(parts):
-    plant = Mechanism(parts=parts, friction=Friction(rolling=0.0))
-    told = ExactPlant(size=(0.7, 0.7), rounded=True)
+def test_a_ball_on_a_plate_that_moves_follows_the_exact_equations(mechanism):
+    plant, told = mechanism(friction=Friction(rolling=0.0)), ExactPlant()
     ball = np.array([[0.02, 0.02, -0.03, 0.01]])
     for each in (plant, told):
         each.start(ball)

@@ -6,7 +6,6 @@ import pytest
 
 from controllers.ballplate import BallPlate
 from twin.hal.linkage import Linkage
-from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.mechanism import Mechanism
@@ -92,20 +91,6 @@ def test_without_damping_servos_and_ball_the_energy_stays():
     assert moved > np.radians(5)
     kinetic = 0.5 * rate @ rate * 1e-3
     assert np.ptp(energy) < 0.01 * kinetic
-
-
-def test_a_ball_on_the_moving_plate_follows_the_exact_equations():
-    plant = Mechanism(parts=PARTS, friction=Friction(rolling=0.0))
-    told = ExactPlant()
-    ball = np.array([[0.02, 0.02, -0.03, 0.01]])
-    plant.start(ball)
-    told.start(ball)
-    for tick in range(1000):
-        wave = np.sin(tick * np.array([0.006, 0.008]))
-        plant.advance(1.2 * (wave**2 * np.cos(tick * np.array([0.006, 0.008])))[None], 1)
-        told.advance(plant.state[:, 3::4], 1)
-    assert np.abs(plant.state[0, 2::4]).max() > np.radians(1)
-    assert plant.state[:, 0::4] == pytest.approx(told.state[:, 0::4], abs=1e-4)
 
 
 def test_a_ball_of_steel_on_a_small_plate_rolls_down_as_it_should():

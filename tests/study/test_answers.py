@@ -77,27 +77,23 @@ def test_sobol_indices_of_ishigamis_function_are_those_in_closed_form(tmp_path) 
     assert all(index.decided for index in found.indices)
 
 
-def test_the_interval_of_an_index_holds_the_truth_in_small_samples(tmp_path) -> None:
-    found = answered(study("sobol", 64), lambda a, b, c: a + 2 * b + 0 * c, tmp_path, page=True)
+def test_the_interval_of_an_index_holds_the_truth_and_an_undecided_one_is_called_so(
+    tmp_path,
+) -> None:
+    about = study("sobol", 64)
+    found = answered(about, lambda a, b, c: a + 2 * b + 0 * c, tmp_path, page=True)
     for index, truth in zip(found.indices, (1 / 5, 4 / 5, 0), strict=True):
         assert abs(index.value - truth) <= index.half + 1e-12
     assert [index.decided for index in found.indices] == [True, True, False]
+    assert any("Undecided" in line and KEYS[2] in line for line in sentences(about, [found]))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "undecided" in page
     table = page[page.index("Indices") :]
     for index in found.indices[:2]:  # with its interval, as text
         row = table[table.index(index.key) :]
         row = row[: row.index("</tr>")]
         assert f"{index.value:.3g}" in row
         assert f"{index.half:.3g}" in row
-
-
-@pytest.mark.long
-def test_an_undecided_index_is_called_so_and_never_shown_as_a_number(tmp_path) -> None:
-    about = study("sobol", 64)
-    found = answered(about, lambda a, b, c: a + 2 * b + 0 * c, tmp_path, page=True)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "undecided" in page
-    assert any("Undecided" in line and KEYS[2] in line for line in sentences(about, [found]))
 
 
 @pytest.mark.long

@@ -56,19 +56,16 @@ def deceleration() -> np.ndarray:
 
 
 @pytest.mark.long
-def test_at_low_frequency_the_error_is_k3_over_k1_times_the_friction_acceleration(tmp_path) -> None:
-    p0, _, p2, _ = GAINS
-    expected = p2 / p0 * deceleration()
-    assert errors(tmp_path, 0.2, 45.0, 28.0) == pytest.approx(expected, rel=0.03)
-
-
-@pytest.mark.long
-def test_at_the_thesis_frequency_the_error_is_the_loops_gain_for_a_turning_disturbance(
-    tmp_path,
+@pytest.mark.parametrize(
+    ("omega", "duration", "start", "within"),
+    [(0.2, 45.0, 28.0, 0.03), (0.75, 24.0, 12.0, 0.01)],
+)
+def test_the_error_is_the_loops_gain_for_a_turning_disturbance(
+    tmp_path, omega, duration, start, within
 ) -> None:
     # friction turns with the ball, so that it is one complex amplitude; (6.59) with it in x''
-    s = 0.75j
+    s = 1j * omega
     p0, p1, p2, p3 = GAINS
     gain = abs((s**2 + p3 * s + p2) / (s**4 + p3 * s**3 + p2 * s**2 + p1 * s + p0))
-    found = errors(tmp_path, 0.75, 24.0, 12.0)
-    assert found == pytest.approx(gain * deceleration(), rel=0.01)
+    found = errors(tmp_path, omega, duration, start)
+    assert found == pytest.approx(gain * deceleration(), rel=within)

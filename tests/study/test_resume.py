@@ -66,13 +66,6 @@ def test_every_process_has_work_and_many_runs_make_large_batches(runs, processes
     assert sorted(int(task.key) for chunk in chunks for task in chunk) == list(range(runs))
 
 
-def test_any_executor_will_do_and_gives_the_same_bits(tmp_path) -> None:
-    with ThreadPoolExecutor(1) as executor:
-        assert carried(study(), tmp_path / "a", executor=executor) == carried(
-            study(), tmp_path / "b"
-        )
-
-
 def never(_: Sequence[Job]) -> list[Row]:
     """In the place of the twin, where nothing is to be run."""
     raise AssertionError

@@ -11,9 +11,10 @@ from rerun.experimental import ViewerClient
 
 from twin.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, run, save
+from twin.scenario import load
 from twin.view import viewer
 from twin.view.recording import blueprint, write
-from twin.view.streams import LINES, PLOTS, signals, telling
+from twin.view.streams import LINES, PLOTS, TIMELINE, signals, telling
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
@@ -53,8 +54,6 @@ PROMISED = (
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    from twin.scenario import load
-
     chosen = load(
         "circle",
         ("duration=1.2", "metrics.start=0", "baseline=false", "plant.surface.spread_percent=30"),
@@ -71,6 +70,14 @@ def printed(path, *options):
         command, capture_output=True, text=True, check=True, env=viewer.environment()
     )
     return done.stdout
+
+
+def numbers(path, entity, part):
+    """The numbers of the only component of an entity that is called so."""
+    text = printed(path, "-vvv", "--entity", entity)
+    cells = [line.split("┆") for line in text.splitlines() if re.search("RowId|row_", line)]
+    (found,) = (v for name, v in zip(*cells, strict=True) if part in name)
+    return [float(each) for each in re.findall(r"-?[\d.]+", found)]
 
 
 def test_a_recording_holds_everything_promised_on_one_time_line(folder, tmp_path):
@@ -90,17 +97,12 @@ MECHANISM = ("motor_phi", "motor_theta", "spring", "wheel_", "cam_", "shaft_", "
 
 
 def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(tmp_path):
-    from twin.scenario import load
-
     settings = ("parameters=course", "plant.linkage.crank_mm=[0,0]", "rig.cams=table", *SHORT)
     write(tmp_path / "view.rrd", [run(load("circle", settings))])
 
     def half(entity):
-        """The only half sizes of an entity."""
-        text = printed(tmp_path / "view.rrd", "-vvv", "--entity", f"{root}/{entity}")
-        cells = [line.split("┆") for line in text.splitlines() if re.search("RowId|row_", line)]
-        (numbers,) = (v for name, v in zip(*cells, strict=True) if "half_sizes" in name)
-        return pytest.approx([float(each) for each in re.findall(r"[\d.]+", numbers)], abs=1e-6)
+        found = numbers(tmp_path / "view.rrd", f"{root}/{entity}", "half_sizes")
+        return pytest.approx(found, abs=1e-6)
 
     text = printed(tmp_path / "view.rrd")
     (root,) = set(re.findall(r"(/\S+)/mechanism/base/base", text))
@@ -117,8 +119,6 @@ def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(tmp_p
 
 @pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
 def test_a_plate_on_rods_is_drawn_with_them(tmp_path, kind):
-    from twin.scenario import load
-
     settings = ("parameters=course", f"plant.kind={kind}", *SHORT)
     write(tmp_path / "view.rrd", [run(load("circle", settings))])
     text = printed(tmp_path / "view.rrd")
@@ -136,23 +136,18 @@ def test_a_plate_on_rods_is_drawn_with_them(tmp_path, kind):
     ],
 )
 def test_a_round_plate_is_drawn_round(tmp_path, rig, thick):
-    from twin.scenario import load
-
     small = ("rig.limits.area=[0.1,0.1]", "duration=0.1", "metrics.start=0", "plant.shape=round")
     settings = (*rig, *small)
     write(tmp_path / "view.rrd", [run(load("circle", settings))])
     text = printed(tmp_path / "view.rrd")
     (root,) = set(re.findall(r"(/\S+)/mechanism/base/base", text))
 
-    def numbers(entity, part):
-        text = printed(tmp_path / "view.rrd", "-vvv", "--entity", f"{root}/{entity}")
-        cells = [line.split("┆") for line in text.splitlines() if re.search("RowId|row_", line)]
-        (found,) = (v for name, v in zip(*cells, strict=True) if part in name)
-        return [float(each) for each in re.findall(r"-?[\d.]+", found)]
+    def drawn(entity, part):
+        return numbers(tmp_path / "view.rrd", f"{root}/{entity}", part)
 
-    assert numbers("mechanism/cardan/plate/plate", "radii") == pytest.approx([0.15])
-    assert numbers("mechanism/cardan/plate/plate", "lengths") == pytest.approx([thick])
-    rim = np.reshape(numbers("plate_mm/screen", "strips")[:8], (-1, 2))  # the rest is cut short
+    assert drawn("mechanism/cardan/plate/plate", "radii") == pytest.approx([0.15])
+    assert drawn("mechanism/cardan/plate/plate", "lengths") == pytest.approx([thick])
+    rim = np.reshape(drawn("plate_mm/screen", "strips")[:8], (-1, 2))  # the rest is cut short
     assert np.hypot(*rim.T) == pytest.approx(np.full(len(rim), 150), abs=1e-3)
 
 
@@ -212,8 +207,6 @@ def test_the_viewer_is_told_to_report_nothing(monkeypatch):
 
 @pytest.mark.long
 def test_the_viewer_opens_a_recording_without_a_warning_of_our_making(folder, tmp_path):
-    from twin.view.streams import TIMELINE
-
     write(tmp_path / "view.rrd", open_run(folder))
     try:
         with headless(tmp_path / "view.rrd") as (client, _):

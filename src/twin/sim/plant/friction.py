@@ -96,12 +96,11 @@ class SurfaceMap:
             position: Ball in plate axes in m, shape (..., 2); beside the screen its edge counts.
         """
         rig = np.arange(len(self.grids)) if len(self.grids) > 1 else 0
-        n, m = self._steps[rig, 0], self._steps[rig, 1]
-        along, across = np.moveaxis(position / self.size + 0.5, -1, 0)
-        u, v = np.clip(along * n, 0, n), np.clip(across * m, 0, m)
-        i = np.minimum(u.astype(int), n - 1)
-        j = np.minimum(v.astype(int), m - 1)
-        s, t = (u - i)[..., None], (v - j)[..., None]
+        steps = self._steps[rig]
+        place = np.clip((position / self.size + 0.5) * steps, 0, steps)
+        corner = np.minimum(place.astype(int), steps - 1)
+        i, j = corner[..., 0], corner[..., 1]
+        s, t = (place[..., 0] - i)[..., None], (place[..., 1] - j)[..., None]
         g = self.grids
         near = (1 - t) * g[rig, i, j] + t * g[rig, i, j + 1]
         far = (1 - t) * g[rig, i + 1, j] + t * g[rig, i + 1, j + 1]
