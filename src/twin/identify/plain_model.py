@@ -1,9 +1,10 @@
 """The plain model of any rig's axis, fitted to simulated windows whose beginnings are free.
 
-    x'' = gain (u - lever u'' / g)(t - dead time) + level + camber x - viscous x' - friction sign(x')
+    x'' = gain (u - lever u'' / g) + level + camber x - viscous x' - friction sign(x')
 
-u is the command behind a first-order lag, or the measured angle; a ball that friction can hold
-rests. Axes are independent of one another. Dead time is all between command and measured ball.
+u is the command behind a first-order lag, or the measured angle; the ball is as good as ``lever``
+above the plate's axis, and rests where friction can hold it. Axes are independent of one another.
+Dead time is all between command and measured ball.
 """
 
 from __future__ import annotations
@@ -160,6 +161,12 @@ class PlainProblem(Fitting):
         return Linearisation(r, by_start, np.pad(found.by_parameter, room), prior)
 
 
+class LeverHeld(PlainProblem):
+    """The same with the lever where it is."""
+
+    about = PLAIN | {"lever": replace(PLAIN["lever"], difference=0.0, spread=np.inf)}
+
+
 FRICTIONS = (0.0, 0.02, 0.08, 0.25)
 """First guesses of friction, m/s^2."""
 DELAYS = (0.02, 0.1, 0.2, 0.35)
@@ -183,6 +190,8 @@ NEAR_BY = np.array([0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0, 1.005, 1.01, 1.02, 1
 """What is tried beside a value that was found, by it."""
 FINER = 200
 """Values between those tried at which the costs of windows are interpolated."""
+LEVERS = (-0.1, 0.25)
+"""Between these a lever is, as a rule, in m."""
 LEFT = 0.9
 """Share of the usual residual that is left with what is taken."""
 EXPLAINS = 0.7
@@ -262,6 +271,18 @@ def profiled(fit: AxisFit) -> AxisFit:
         for name in DRIVEN
     )
     return replace(fit, profiles=tuple(found))
+
+
+def with_other_levers(fit: AxisFit) -> Array:
+    """Parameters with a lever held at each of ``LEVERS`` that explain the log as well, (K, P).
+
+    Friction that nobody knows can make a lever look known of a plate that swings at one frequency.
+    """
+    held = replace(fit, problem=LeverHeld(**vars(fit.problem)))
+    found = profile(held, "lever", sorted((*LEVERS, fit.value("lever"))))
+    worse = found.costs - found.costs[found.own]
+    scatter = np.sqrt(((worse - worse.mean(axis=1, keepdims=True)) ** 2).sum(axis=1))
+    return found.theta[worse.sum(axis=1) < 2 * np.maximum(scatter, 2.0)]
 
 
 @dataclass(frozen=True)
@@ -444,7 +465,7 @@ PAYS = 0.9
 """Share of an error that is left with what pays."""
 SLOWEST = 0.4
 """Most dead time and lag of such a fit in s."""
-USUAL = {"dead_time": 0.1, "lag": 0.1, "lever": 0.1, "friction": 0.03}
+USUAL = {"dead_time": 0.1, "lag": 0.1, "lever": 0.05, "friction": 0.03}
 """First guesses of that fit, beside those of a fit to windows."""
 
 
