@@ -26,6 +26,7 @@ from twin.identify.plain_model import (
     predicting,
     profiled,
     with_drives,
+    with_other_levers,
 )
 from twin.identify.search import Estimate
 
@@ -344,6 +345,10 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         told = f"{why} give another value, which the interval holds: a model error"
         reasons = [each + [told] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
     alike = np.abs(own.correlation) > judged.CORRELATED
+    for theta in with_other_levers(fit):
+        another = np.append(theta, theta[1:3].sum())[: len(own.value)]
+        alike[:, names.index("lever")] |= (another < low) | (another > high)
+        low, high = np.minimum(low, another), np.maximum(high, another)
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):
