@@ -363,7 +363,8 @@ class LateBall(DelayedObserver):
     measured since. A frame of the screen is taken once, when it is new, and as old as it is. A law
     is given the plate's angle and rate as a slow estimate from the commanded rate and the encoders.
     A lag of the drives that is found, not told, is in the estimate for a law that needs it alone:
-    the others are made for drives that follow at once, and err more where it is.
+    the others, made for drives that follow at once, lose more by it on a line and at rest than they
+    gain on a circle.
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
