@@ -127,12 +127,13 @@ class Luenberger(LinearObserver):
     def __post_init__(self) -> None:
         """Design the gain."""
         super().__post_init__()
-        self.A, self.B, self.L = luenberger_design(self.model, tuple(self.poles), self.period)
+        design = luenberger_design(self.model, tuple(self.poles), self.period)
+        self.A, self.B, self.L = (each.copy() for each in design)
 
 
 @lru_cache
 def luenberger_design(model: BallPlate, poles: tuple[Pole, ...], T: float) -> tuple[Array, ...]:
-    """A, B and L of a Luenberger observer, the same arrays each time: the search takes long."""
+    """A, B and L of a Luenberger observer, kept, for the search takes long."""
     A, B = sample(*model.linear()[:2], T)
     L = np.zeros((8, 4))
     for axis, mine in enumerate(axis_poles(poles)):
