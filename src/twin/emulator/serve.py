@@ -32,7 +32,7 @@ from twin.emulator.can_bus import (
     check_pseudo_terminals,
 )
 from twin.emulator.drive import EmulatedDrive
-from twin.emulator.screen import FRAME, Ball, Protocol, ScreenLine
+from twin.emulator.screen import Ball, Protocol, ScreenLine
 from twin.errors import RigError
 from twin.hal.interface import Touch, Transmission
 from twin.jobs import let_go, program_left_out, undisturbed
@@ -92,18 +92,11 @@ class EmulatedPlant:
 
     def screen_line(self, ball: Ball, protocol: Protocol) -> ScreenLine:
         """What a screen on it sends, that speaks a protocol and senses where ``ball`` says."""
-        seen, seed = self._scenario.sensors.touch, self._scenario.seed
-        framed = bool(seen.frame_rate)
-        return ScreenLine(
-            ball,
-            protocol=protocol,
-            frame=1 / seen.frame_rate if framed else FRAME,
-            dead_time=seen.dead_time,
-            spread=seen.dead_time_spread,
-            jitter=seen.jitter * framed,
-            lost=seen.lost * framed,
-            seed=seed,
-        )
+        seen, frames = self._scenario.sensors.touch, {}
+        if rate := seen.frame_rate:
+            frames = {"frame": 1 / rate, "jitter": seen.jitter, "lost": seen.lost}
+        late = {"dead_time": seen.dead_time, "spread": seen.dead_time_spread}
+        return ScreenLine(ball, protocol=protocol, seed=self._scenario.seed, **late, **frames)
 
     def advance(self, seconds: float) -> None:
         """Let time pass in whole ticks; the rest is kept for the next call."""
