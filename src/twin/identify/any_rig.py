@@ -227,10 +227,12 @@ def _joined(logs: list[AxisLog]) -> AxisLog:
     start, shifted = 0.0, []
     for each in logs:
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
-        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball))
+        across = each.across + np.array([[shift], [0.0]])
+        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
         start = float(each.time[-1]) + shift + PAUSE
-    time, tilt, sampled, ball = (np.concatenate(part) for part in zip(*shifted, strict=True))
-    return AxisLog(time, tilt, logs[0].held, sampled, ball)
+    parts = zip(*shifted, strict=True)
+    time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
+    return AxisLog(time, tilt, logs[0].held, sampled, ball, across)
 
 
 def _check_excited(log: AxisLog) -> None:

@@ -127,11 +127,13 @@ class PlainProblem(Fitting):
         by_place = STEP * camber * (1 - (STEP / 2) * viscous)
         kept = 1 + STEP * ((STEP / 2) * (camber + viscous**2) - viscous)
         most = STEP * friction
+        across = np.interp(grid, *self.tilt.log.across)[:, None]
         out = np.empty((steps, *p.shape))
         out[0] = p
         for n in range(steps - 1):
             free = given[n] + by_place * p + kept * v
-            after = free - np.maximum(np.minimum(free, most), -most)
+            speed = np.maximum(np.hypot(free, across[n]), 1e-300)
+            after = free * np.maximum(1 - most / speed, 0.0)
             p = p + (STEP / 2) * (v + after)
             v = after
             out[n + 1] = p
