@@ -588,23 +588,14 @@ def _cleaned(
     # rows of one frame, told by its age, are one sample
     shown = shown[np.diff(sampled[shown], prepend=-np.inf) > min(step / 2, 1e-4)]
     axes, tilts = {}, {}
-    for axis, (name, angle) in AXES.items():
-        if name not in columns:
-            continue
+    seen_along = {axis: columns[name][shown] for axis, (name, _) in AXES.items() if name in columns}
+    for axis, place in seen_along.items():
+        angle = AXES[axis][1]
         role = f"measured_{angle}" if f"measured_{angle}" in columns else f"command_{angle}"
         known = np.isfinite(columns[role])
-        held = role.startswith("command")
-        others = [
-            columns[each][shown] for each, _ in AXES.values() if each in columns.keys() - {name}
-        ]
-        axes[axis] = AxisLog(
-            time[known],
-            columns[role][known],
-            held,
-            sampled[shown],
-            columns[name][shown],
-            *(_speed(sampled[shown], other) for other in others),
-        )
+        held, at = role.startswith("command"), sampled[shown]
+        across = (_speed(at, other) for other in seen_along.values() if other is not place)
+        axes[axis] = AxisLog(time[known], columns[role][known], held, at, place, *across)
         tilts[axis] = units[role]
     return AnyLog(source, axes, tilts, tuple(notes))
 
