@@ -348,9 +348,9 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         reasons = [each + [told] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
     alike = np.abs(own.correlation) > judged.CORRELATED
     for theta in with_other_levers(fit):
-        another = np.append(theta, theta[1:3].sum())[: len(own.value)]
-        alike[:, names.index("lever")] |= (another < low) | (another > high)
-        low, high = np.minimum(low, another), np.maximum(high, another)
+        there = np.append(theta, theta[1:3].sum())[: len(own.value)]
+        alike[:, names.index("lever")] |= (there < low) | (there > high)
+        low, high = np.minimum(low, there), np.maximum(high, there)
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):

@@ -282,7 +282,7 @@ def with_other_levers(fit: AxisFit) -> Array:
     found = profile(held, "lever", sorted((*LEVERS, fit.value("lever"))))
     worse = found.costs - found.costs[found.own]
     scatter = np.sqrt(((worse - worse.mean(axis=1, keepdims=True)) ** 2).sum(axis=1))
-    return found.theta[worse.sum(axis=1) < 2 * np.maximum(scatter, 2.0)]
+    return np.asarray(found.theta[worse.sum(axis=1) < 2 * np.maximum(scatter, 2.0)])
 
 
 @dataclass(frozen=True)
