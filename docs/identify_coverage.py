@@ -139,8 +139,9 @@ def axis_log(
         place += min(max(goal - place, -most), most)
         turned = h / lag * (place - u) if lag else place - u
         u += turned
-        a = gain * (u - lever / 9.81 * (turned / h - turning) / h) + level + camber * x
+        v -= gain * lever / 9.81 * (turned / h - turning)
         turning = turned / h
+        a = gain * u + level + camber * x
         if v == 0.0 and abs(a) <= friction:
             continue
         a -= friction * math.copysign(1.0, v if v else a)

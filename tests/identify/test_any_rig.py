@@ -217,6 +217,23 @@ def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_
     assert places[-1, 0, 1] == pytest.approx(0.03**2 / (2 * 0.03), rel=0.01)
 
 
+def test_friction_acts_against_the_way_of_a_ball_that_is_seen_along_both_axes(tmp_path):
+    """Across at w: v' = -f v / hypot(v, w), so v slows by an e-th in w / f where v is small."""
+    time = np.arange(0.0, 6.0, 0.02)
+    rows = [
+        f"{t:.3f},{0.01 * np.sin(t):.6f},{0.1 * t - 0.3:.6f},{0.1 * np.cos(t):.5f}" for t in time
+    ]
+    columns = "time=1:s,measured_x=2:m,measured_y=3:m,command_x=4:rad,command_y=4:rad"
+    log = read_any(written(tmp_path, rows), wanted_columns(columns)).axes["x"]
+    assert log.across[1] == pytest.approx(0.1, abs=1e-6)
+    windows = axis_windows(log, np.array([0.0]), np.array([2.5]))
+    names = ("gain", "dead_time", "level", "friction")
+    problem = PlainProblem(windows, names, TiltHistory(log), 2.5, (0.0, 0.5))
+    starts = np.array([[[0.0]], [[0.005]]])
+    places = problem.simulated(np.array([[0.0, 0.0, 0.0, 0.05]]), starts)[:, 0, 0]
+    assert places[-1] == pytest.approx(0.005 * 2 * (1 - np.exp(-2.5 / 2)), rel=0.01)
+
+
 def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
     time = np.arange(6.0)
     sent = np.array([0.0, 1.0, 1.4, 2.0, 1.0, 1.0])
@@ -305,8 +322,7 @@ def test_of_a_plate_that_swings_at_one_frequency_gain_and_lever_are_not_told_apa
     log = AnyLog("rig.csv", {"x": AxisLog(time, tilt, False, time, ball)}, {"x": "rad"}, ())
     found = identify_any([log], 1 / 3, ("friction",))
     gain, other = (
-        next(each for each in found.verdicts if each.name == name)
-        for name in ("gain_x", "lever_x")
+        next(each for each in found.verdicts if each.name == name) for name in ("gain_x", "lever_x")
     )
     assert gain.word != IDENTIFIED
     assert gain.low <= 6.0 <= gain.high

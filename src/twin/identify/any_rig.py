@@ -227,10 +227,12 @@ def _joined(logs: list[AxisLog]) -> AxisLog:
     start, shifted = 0.0, []
     for each in logs:
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
-        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball))
+        across = each.across + np.array([[shift], [0.0]])
+        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
         start = float(each.time[-1]) + shift + PAUSE
-    time, tilt, sampled, ball = (np.concatenate(part) for part in zip(*shifted, strict=True))
-    return AxisLog(time, tilt, logs[0].held, sampled, ball)
+    parts = zip(*shifted, strict=True)
+    time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
+    return AxisLog(time, tilt, logs[0].held, sampled, ball, across)
 
 
 def _check_excited(log: AxisLog) -> None:
@@ -346,9 +348,9 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         reasons = [each + [told] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
     alike = np.abs(own.correlation) > judged.CORRELATED
     for theta in with_other_levers(fit):
-        another = np.append(theta, theta[1:3].sum())[: len(own.value)]
-        alike[:, names.index("lever")] |= (another < low) | (another > high)
-        low, high = np.minimum(low, another), np.maximum(high, another)
+        there = np.append(theta, theta[1:3].sum())[: len(own.value)]
+        alike[:, names.index("lever")] |= (there < low) | (there > high)
+        low, high = np.minimum(low, there), np.maximum(high, there)
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):

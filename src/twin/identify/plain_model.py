@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -51,7 +51,6 @@ PRIOR = np.diag(np.array([0.02, 0.3]) ** -2.0)
 """Weak knowledge of a start: m and m/s."""
 FORCES = ("gain", "level", "camber", "viscous", "friction", "lever")
 """What accelerates the ball."""
-GRAVITY = BallPlate().gravity
 START_STEPS = np.array([1e-4, 1e-3, 1e-3])
 """Steps of finite differences of a start: m, m/s, and m/s^2 of a level of its own."""
 
@@ -123,15 +122,17 @@ class PlainProblem(Fitting):
         push = gain * inputs[:, which] + (level + starts[2] if len(starts) > 2 else level + 0 * p)
         # a step of Heun's method is linear in what is pushed, p and v, but for friction
         given = STEP * ((push[:-1] + push[1:]) / 2 - (STEP / 2) * viscous * push[:-1])
-        given -= gain * lever / GRAVITY * np.diff(rates, axis=0)[:, which]
+        given -= gain * lever / BallPlate.gravity * np.diff(rates, axis=0)[:, which]
         by_place = STEP * camber * (1 - (STEP / 2) * viscous)
         kept = 1 + STEP * ((STEP / 2) * (camber + viscous**2) - viscous)
         most = STEP * friction
+        across = np.interp(grid, *self.tilt.log.across)[:, None]
         out = np.empty((steps, *p.shape))
         out[0] = p
         for n in range(steps - 1):
             free = given[n] + by_place * p + kept * v
-            after = free - np.maximum(np.minimum(free, most), -most)
+            speed = np.maximum(np.hypot(free, across[n]), 1e-300)
+            after = free * np.maximum(1 - most / speed, 0.0)
             p = p + (STEP / 2) * (v + after)
             v = after
             out[n + 1] = p
@@ -244,9 +245,8 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
 
 def with_drives(fit: AxisFit, longest: float) -> AxisFit:
     """The fit with what the log shows of its drives: dead band, play, slew."""
-    rest = unexplained(
-        fit.problem.tilt, fit.problem.windows, fit.value("dead_time"), fit.value("lag")
-    )
+    tilt, windows = fit.problem.tilt, fit.problem.windows
+    rest = unexplained(tilt, windows, fit.value("dead_time"), fit.value("lag"))
     few = np.argsort(rest)[:8]
     bands = BANDS[np.sort(few[rest[few] < EXPLAINS * rest[0]])]
     for name in DRIVEN:
@@ -282,7 +282,7 @@ def with_other_levers(fit: AxisFit) -> Array:
     found = profile(held, "lever", sorted((*LEVERS, fit.value("lever"))))
     worse = found.costs - found.costs[found.own]
     scatter = np.sqrt(((worse - worse.mean(axis=1, keepdims=True)) ** 2).sum(axis=1))
-    return found.theta[worse.sum(axis=1) < 2 * np.maximum(scatter, 2.0)]
+    return np.asarray(found.theta[worse.sum(axis=1) < 2 * np.maximum(scatter, 2.0)])
 
 
 @dataclass(frozen=True)
@@ -322,11 +322,8 @@ class AxisFit(Fit):
         """The fit of other parameters, windows or parts of a log, begun from this one."""
         guess = np.array([[self.value(name) for name in names]])
         problem = replace(self.problem, names=names)
-        return replace(
-            _fitted(log, problem, longest, guess, self.sigma),
-            noise=self.noise,
-            pushed=self.pushed,
-        )
+        found = _fitted(log, problem, longest, guess, self.sigma)
+        return replace(found, noise=self.noise, pushed=self.pushed)
 
 
 def fit_axis(
@@ -517,20 +514,11 @@ def _by_predictions(fit: AxisFit) -> Array:
 
     usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | USUAL
     usual |= {name: fit.value(name) for name in DRIVEN}
-    begun_at = [[usual.get(name, 0.0) for name in names]]
-    begun_at += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
-    tried = [
-        least_squares(
-            off,
-            np.clip(guess, least + 1e-6, most - 1e-6),
-            slopes,
-            (least, most),
-            x_scale=step,
-            loss="soft_l1",
-            max_nfev=100,
-        )
-        for guess in begun_at
-    ]
+    first = [[usual.get(name, 0.0) for name in names]]
+    first += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
+    begun_at = np.clip(first, least + 1e-6, most - 1e-6)
+    how: Any = {"bounds": (least, most), "x_scale": step, "loss": "soft_l1", "max_nfev": 100}
+    tried = [least_squares(off, guess, slopes, **how) for guess in begun_at]
     found = min(tried, key=lambda each: float(each.cost))
     return np.asarray(found.x[None])
 

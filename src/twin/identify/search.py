@@ -22,8 +22,6 @@ DRAWS = 4000
 """Bootstrap draws."""
 LEVEL = 0.95
 """Coverage of the intervals."""
-WEAK = 1e-9
-"""Eigenvalue of the scaled information below which a direction is not determined, nor believed."""
 
 
 # Webb's six weights: mean 0, variance 1, and smooth with few windows.
@@ -99,7 +97,7 @@ def estimate(
     # Scaled so that no unit matters; tiny eigenvalues mark directions the data do not determine.
     scaled = total / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(scaled)
-    weak = values < WEAK
+    weak = values < 1e-9
     identifiable = (diagonal > 0) & ~(np.abs(vectors[:, weak]) > 0.1).any(axis=1)
     inverse = (vectors[:, ~weak] / values[~weak]) @ vectors[:, ~weak].T / np.outer(scale, scale)
     shares = np.stack(
