@@ -408,12 +408,14 @@ def load(path: str | Path) -> Result | Comparison | Log:
     Raises:
         TwinError: If it cannot be opened: what is wrong with it, or which column it lacks.
     """
-    from ballplate.results import Result, log_of
+    from ballplate.results import Log, Result
+    from twin.identify import logs
     from twin.run.finished import open_runs
 
     file = Path(path)
     if file.suffix == ".csv":
-        return log_of(file)
+        log = logs.read(file)
+        return Log(log.source, log.columns, {name: logs.COLUMNS[name] for name in log.columns})
     runs = {each.name: Result.from_run(each) for each in open_runs((file,), tell=default().warn)}
     if len(runs) == 1:
         return next(iter(runs.values()))

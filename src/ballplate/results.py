@@ -192,14 +192,6 @@ class Log(Signals):
     units: Mapping[str, str]
 
 
-def log_of(file: Path) -> Log:
-    """A CSV log, by its columns."""
-    from twin.identify import logs
-
-    log = logs.read(file)
-    return Log(log.source, log.columns, {name: logs.COLUMNS[name] for name in log.columns})
-
-
 HOLD_OUT = 1 / 3
 """Share of a log that is held out from the fit."""
 
