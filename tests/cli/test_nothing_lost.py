@@ -86,6 +86,7 @@ def test_ctrl_c_is_one_line_also_where_a_library_makes_another_error_of_it(
 
 INTERRUPTED_WITHIN = """
 import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job would ignore it
 class Finder:
     def find_spec(self, name, *_):
         if name == "twin.cli":
