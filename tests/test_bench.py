@@ -343,7 +343,7 @@ def test_what_is_no_entry_s_is_refused(small, tmp_path):
             ran(small, Entry(title="Cheat", file=file), tmp_path)
     with pytest.raises(ScenarioError, match="neither a shipped law"):
         small.entry("none")
-    with pytest.raises(RecordError, match="holds no finished entry: No such file or directory$"):
+    with pytest.raises(RecordError, match=r"holds no finished entry: No such file or directory$"):
         list(small.replayed(tmp_path))
     result = CliRunner().invoke(command, ["bench", "run", "lqrr"])
     assert "did you mean 'lqr'?" in str(result.exception)

@@ -16,10 +16,7 @@ from controllers.arrays import Array
 from twin.devices.akd.config import unconfirmed
 from twin.devices.akd.protocol import table
 from twin.devices.akd.servos import AkdServos
-from twin.devices.lumio.config import (
-    Calibration,
-    Mounting,
-)
+from twin.devices.lumio.config import Calibration, Mounting
 from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.devices.own import OwnServos, Reading
 from twin.devices.realtime import RealTimeClock, TimingLog, real_time

@@ -594,7 +594,8 @@ def _cleaned(
         role = f"measured_{angle}" if f"measured_{angle}" in columns else f"command_{angle}"
         known = np.isfinite(columns[role])
         held, at = role.startswith("command"), sampled[shown]
-        across = (_speed(at, other) for other in seen_along.values() if other is not place)
+        others = () if held else (each for each in seen_along.values() if each is not place)
+        across = (_speed(at, other) for other in others)
         axes[axis] = AxisLog(time[known], columns[role][known], held, at, place, *across)
         tilts[axis] = units[role]
     return AnyLog(source, axes, tilts, tuple(notes))

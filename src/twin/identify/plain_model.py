@@ -184,15 +184,15 @@ work: no longer window goes over it."""
 OUTLIER = 4.0
 """Residual of a sample over that of its window above which it is left out."""
 SMOOTH = ("gain", "dead_time", "lag", "level", "lever")
-"""What is always fitted; the lag is 0 of a measured angle."""
+"""What is always fitted: the lag of commands, the lever of measured angles."""
 
 
 NEAR_BY = np.array([0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2])
 """What is tried beside a value that was found, by it."""
 FINER = 200
 """Values between those tried at which the costs of windows are interpolated."""
-LEVERS = (-0.1, 0.25)
-"""Between these a lever is, as a rule, in m."""
+LEVERS = (-0.1, 0.1, 0.15, 0.25)
+"""Levers in m that are tried beside the one of a fit; as a rule one is between them."""
 LEFT = 0.9
 """Share of the usual residual that is left with what is taken."""
 EXPLAINS = 0.7
@@ -277,12 +277,14 @@ def with_other_levers(fit: AxisFit) -> Array:
     """Parameters with a lever held at each of ``LEVERS`` that explain the log as well, (K, P).
 
     Friction that nobody knows can make a lever look known of a plate that swings at one frequency.
+    Of commands none is fitted, for it is not told from how dead time and lag share a delay.
     """
     held = replace(fit, problem=LeverHeld(**vars(fit.problem)))
     found = profile(held, "lever", sorted((*LEVERS, fit.value("lever"))))
     worse = found.costs - found.costs[found.own]
     scatter = np.sqrt(((worse - worse.mean(axis=1, keepdims=True)) ** 2).sum(axis=1))
-    return np.asarray(found.theta[worse.sum(axis=1) < 2 * np.maximum(scatter, 2.0)])
+    as_well = worse.sum(axis=1) < 2 * np.maximum(scatter, 2.0)
+    return np.asarray(found.theta[as_well, : len(fit.problem.names)])
 
 
 @dataclass(frozen=True)
