@@ -181,25 +181,20 @@ def axis_of(axis_log):
     return of
 
 
-@pytest.mark.parametrize("lever", [0.0, 0.15, -0.08])
-def test_a_simulation_without_friction_is_the_closed_form(lever):
-    """A step of the command behind dead time and lag: s^2/2 - T s + T^2 (1 - e^-s/T) of it.
-
-    The lever takes the plate's angle from it, (1 - e^-s/T) lever / g.
-    """
+def test_a_simulation_without_friction_is_the_closed_form():
+    """A step of the command behind dead time and lag: s^2/2 - T s + T^2 (1 - e^-s/T) of it."""
     time = np.arange(0.0, 4.0, 0.02)
     tilt = np.where(time >= 1.0, 0.02, 0.0)
     log = AxisLog(time, tilt, True, time, np.zeros_like(time))
     windows = axis_windows(log, np.array([0.5]), np.array([3.5]))
-    names = ("gain", "dead_time", "lag", "level", "lever")
+    names = ("gain", "dead_time", "lag", "level")
     source = TiltHistory(log)
     problem = PlainProblem(windows, names, source, 3.0, (0.0, 0.5))
-    theta = np.array([[6.0 * source.scale, 0.13, 0.1, 0.03, lever]])
+    theta = np.array([[6.0 * source.scale, 0.13, 0.1, 0.03]])
     found = problem.reported(theta, np.array([[[0.01]], [[0.02]]]))[0][0, 0, :, 0]
     t = windows.time[0]
     s = np.maximum(t + 0.5 - 1.0 - 0.13, 0.0)
-    turned = 1 - np.exp(-s / 0.1)
-    moved = 0.12 * (s**2 / 2 - 0.1 * s + (0.01 - lever / 9.81) * turned)
+    moved = 0.12 * (s**2 / 2 - 0.1 * s + 0.01 * (1 - np.exp(-s / 0.1)))
     assert found == pytest.approx(0.01 + 0.02 * t + 0.015 * t**2 + moved, abs=2e-4)
 
 
@@ -215,23 +210,6 @@ def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_
     )
     assert places[-1, 0, 0] == 0.0
     assert places[-1, 0, 1] == pytest.approx(0.03**2 / (2 * 0.03), rel=0.01)
-
-
-def test_friction_acts_against_the_way_of_a_ball_that_is_seen_along_both_axes(tmp_path):
-    """Across at w: v' = -f v / hypot(v, w), so v slows by an e-th in w / f where v is small."""
-    time = np.arange(0.0, 6.0, 0.02)
-    rows = [
-        f"{t:.3f},{0.01 * np.sin(t):.6f},{0.1 * t - 0.3:.6f},{0.1 * np.cos(t):.5f}" for t in time
-    ]
-    columns = "time=1:s,measured_x=2:m,measured_y=3:m,measured_phi=4:rad,measured_theta=4:rad"
-    log = read_any(written(tmp_path, rows), wanted_columns(columns)).axes["x"]
-    assert log.across[1] == pytest.approx(0.1, abs=1e-6)
-    windows = axis_windows(log, np.array([0.0]), np.array([2.5]))
-    names = ("gain", "dead_time", "level", "friction")
-    problem = PlainProblem(windows, names, TiltHistory(log), 2.5, (0.0, 0.5))
-    starts = np.array([[[0.0]], [[0.005]]])
-    places = problem.simulated(np.array([[0.0, 0.0, 0.0, 0.05]]), starts)[:, 0, 0]
-    assert places[-1] == pytest.approx(0.005 * 2 * (1 - np.exp(-2.5 / 2)), rel=0.01)
 
 
 def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
@@ -291,48 +269,6 @@ def test_a_rig_is_found_by_commands_alone_within_its_intervals(axis_of, rate, ab
         assert each.value == pytest.approx(truth[name], rel=0.1, abs=0.01)
     both = truth["dead_time"] + truth["lag"]
     assert found["delay"].value == pytest.approx(both, abs=0.004)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("angles", [True, False])
-@pytest.mark.parametrize("lever", [0.155, -0.08])
-def test_what_the_plates_acceleration_does_is_not_taken_for_gain(axis_of, lever, angles):
-    """Under a quick controller: half as much again by acceleration. Commands do not tell it."""
-    truth = {**TRUTH, "lag": 0.06, "dead_time": 0.05, "camber": 0.2}
-    log = axis_of(
-        5, rate=60.0, seconds=40, lever=lever, angles=angles, stiff=3.0, damped=1.4, **truth
-    )
-    log = replace(log, held=not angles)
-    found = identify_any([AnyLog("rig.csv", {"x": log}, {"x": "rad"}, ())], 1 / 3)
-    told = {each.name[:-2]: each for each in found.verdicts}
-    if angles:
-        assert told["gain"].word == told["lever"].word == IDENTIFIED
-        assert told["gain"].value == pytest.approx(truth["gain"], rel=0.05)
-        assert told["lever"].value == pytest.approx(lever, abs=0.015)
-        width = told["lever"].high - told["lever"].low
-        assert told["lever"].value == pytest.approx(lever, abs=1.5 * width)
-    else:
-        assert "lever" not in told
-        assert told["gain"].word != IDENTIFIED
-        assert "lever" in told["gain"].why
-
-
-@pytest.mark.parametrize("lever", [0.2, -0.1])
-def test_of_a_plate_that_swings_at_one_frequency_gain_and_lever_are_not_told_apart(lever):
-    """There u'' = -w^2 u: only gain (1 + lever w^2 / g) shows."""
-    time, w = np.arange(0.0, 30.0, 0.02), 4.0
-    tilt = 0.1 * np.sin(w * time)
-    seen = np.random.default_rng(0).normal(0.0, 2e-4, len(time))
-    ball = -6.0 * (1 / w**2 + lever / 9.81) * tilt + seen
-    log = AnyLog("rig.csv", {"x": AxisLog(time, tilt, False, time, ball)}, {"x": "rad"}, ())
-    found = identify_any([log], 1 / 3, ("friction",))
-    gain, other = (
-        next(each for each in found.verdicts if each.name == name) for name in ("gain_x", "lever_x")
-    )
-    assert gain.word != IDENTIFIED
-    assert gain.low <= 6.0 <= gain.high
-    assert other.low <= lever <= other.high
-    assert "lever" in gain.why
 
 
 @pytest.mark.long

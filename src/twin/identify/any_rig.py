@@ -26,7 +26,6 @@ from twin.identify.plain_model import (
     predicting,
     profiled,
     with_drives,
-    with_other_levers,
 )
 from twin.identify.search import Estimate
 
@@ -149,7 +148,7 @@ def identify_any(
                 judged.ParameterVerdict(
                     about=_about(name, unit), name=f"{name}_{axis}", why=str(error)
                 )
-                for name in (*SMOOTH[:-1], "friction")
+                for name in (*SMOOTH, "friction")
             ]
             continue
         fits[axis] = fit
@@ -227,12 +226,10 @@ def _joined(logs: list[AxisLog]) -> AxisLog:
     start, shifted = 0.0, []
     for each in logs:
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
-        across = each.across + np.array([[shift], [0.0]])
-        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
+        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball))
         start = float(each.time[-1]) + shift + PAUSE
-    parts = zip(*shifted, strict=True)
-    time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
-    return AxisLog(time, tilt, logs[0].held, sampled, ball, across)
+    time, tilt, sampled, ball = (np.concatenate(part) for part in zip(*shifted, strict=True))
+    return AxisLog(time, tilt, logs[0].held, sampled, ball)
 
 
 def _check_excited(log: AxisLog) -> None:
@@ -249,8 +246,7 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     """The fit with the parameters that pay, and what is to be said of it."""
     notes: list[str] = []
     asked = tuple(name for name in PLAIN if name in names and name not in SMOOTH)
-    left_out = "lever" if log.held else "lag"
-    chosen = (*(each for each in SMOOTH if each != left_out), *(asked or ("friction",)))
+    chosen = (*(each for each in SMOOTH if log.held or each != "lag"), *(asked or ("friction",)))
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
     fit = fit_axis(log, chosen, longest, delays)
     dead_time, lag = fit.value("dead_time"), fit.value("lag")
@@ -348,26 +344,18 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         told = f"{why} give another value, which the interval holds: a model error"
         reasons = [each + [told] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
     alike = np.abs(own.correlation) > judged.CORRELATED
-    levered = np.zeros(len(rows), bool)
-    for theta in with_other_levers(fit):
-        there = np.append(theta, theta[1:3].sum())[: len(own.value)]
-        levered |= (there < low) | (there > high)
-        low, high = np.minimum(low, there), np.maximum(high, there)
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):
         swing = fit.problem.tilt.scale
         scale = {"gain": 1 / swing, "dead_band": swing, "play": swing}.get(name, 1.0)
         others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
-        unsure = bool(levered[k]) and "lever" not in names
-        others += ["lever"] * unsure
         values = (own.value[k], low[k], high[k])
         if name == "delay":
             about, others = replace(PLAIN["dead_time"], key="dead time + lag"), []
         else:
             about = _about(name, unit)
-        values_of = (f"{name}_{axis}", values, ends[k], reasons[k], others, scale)
-        verdict = _verdict(about, *values_of, unsure=unsure)
+        verdict = _verdict(about, f"{name}_{axis}", values, ends[k], reasons[k], others, scale)
         verdict = _as_slew(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
     for each in fit.profiles:
@@ -412,8 +400,6 @@ def _verdict(
     reasons: list[str],
     alike: list[str],
     scale: float = 1.0,
-    *,
-    unsure: bool = False,
 ) -> judged.ParameterVerdict:
     """The verdict of one parameter.
 
@@ -425,7 +411,6 @@ def _verdict(
         reasons: What has been found wrong so far.
         alike: Keys of what it cannot be told from.
         scale: From these values to those that are told.
-        unsure: Whether it depends on what is not fitted.
     """
     (value, low, high), (least, most) = map(float, values), map(float, ends)
     if not math.isfinite(high - low):
@@ -434,8 +419,7 @@ def _verdict(
     high = min(max(high, value + about.floor), most)
     slack = 1e-3 * (most - least)
     at_bound = value < least + slack or value > most - slack
-    narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value))
-    narrow = narrow and not at_bound and not unsure
+    narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value)) and not at_bound
     nothing = name.startswith("gain") and low <= 0 <= high
     if value < least + slack and least == 0:
         reasons.append(f"not told from none; {about.experiment}")

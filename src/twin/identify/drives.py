@@ -14,9 +14,6 @@ DRIVEN = ("dead_band", "play", "slew")
 FINE = 0.002
 """Step of the lag in s."""
 
-SMOOTHED = 51
-"""Fine steps over which a measured angle is smoothed: its counts would shake the ball loose."""
-
 
 def followed(
     time: Array, sent: Array, dead_band: float, play: float, slew: float
@@ -100,8 +97,7 @@ class TiltHistory:
         at = np.clip(np.searchsorted(time, self.time, "right") - 1, 0, len(step) - 1)
         since = np.minimum(self.time - time[at], step[at])
         bend = rise[at] / np.maximum(step[at], 1e-9) * since / 2
-        mean = np.diff(covered[at] + since * (place[at] + bend)) / FINE
-        return mean if self.log.held else np.asarray(savgol_filter(mean, SMOOTHED, 3))
+        return np.diff(covered[at] + since * (place[at] + bend)) / FINE
 
 
 COARSE = 0.008

@@ -1,23 +1,21 @@
 """The plain model of any rig's axis, fitted to simulated windows whose beginnings are free.
 
-    x'' = gain (u - lever u'' / g) + level + camber x - viscous x' - friction sign(x')
+    x'' = gain u(t - dead time) + level + camber x - viscous x' - friction sign(x')
 
-u is the command behind a first-order lag, or the measured angle; the ball is as good as ``lever``
-above the plate's axis, and rests where friction can hold it. Axes are independent of one another.
-Dead time is all between command and measured ball.
+u is the command behind a first-order lag, or the measured angle; a ball that friction can hold
+rests. Axes are independent of one another. Dead time is all between command and measured ball.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from controllers.arrays import Array
-from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify.drives import BANDS, DRIVEN, TiltHistory, unexplained
 from twin.identify.judged import (
@@ -49,8 +47,6 @@ STEP = 0.008
 """Step of the simulation in s."""
 PRIOR = np.diag(np.array([0.02, 0.3]) ** -2.0)
 """Weak knowledge of a start: m and m/s."""
-FORCES = ("gain", "level", "camber", "viscous", "friction", "lever")
-"""What accelerates the ball."""
 START_STEPS = np.array([1e-4, 1e-3, 1e-3])
 """Steps of finite differences of a start: m, m/s, and m/s^2 of a level of its own."""
 
@@ -111,28 +107,26 @@ class PlainProblem(Fitting):
         each = theta if theta.ndim > 2 else theta[:, None]
         values = {name: each[..., k] for k, name in enumerate(self.names)}
         zero = np.zeros((len(theta), 1))
-        gain, level, camber, viscous, friction, lever = (values.get(name, zero) for name in FORCES)
+        gain, level, camber, viscous, friction = (
+            values.get(name, zero) for name in ("gain", "level", "camber", "viscous", "friction")
+        )
         steps = int(np.ceil(self.longest / STEP)) + 1
         grid = self.windows.begin + STEP * np.arange(steps)[:, None]
         told = (values.get(name, zero)[:, 0] for name in ("dead_time", "lag", *DRIVEN))
         kinds, which = np.unique(np.stack(tuple(told), axis=-1), axis=0, return_inverse=True)
         inputs = np.stack([self.tilt.at(grid - delay, *each) for delay, *each in kinds], axis=1)
-        rates = np.gradient(inputs, STEP, axis=0)
         p, v = starts[0], starts[1]
         push = gain * inputs[:, which] + (level + starts[2] if len(starts) > 2 else level + 0 * p)
         # a step of Heun's method is linear in what is pushed, p and v, but for friction
         given = STEP * ((push[:-1] + push[1:]) / 2 - (STEP / 2) * viscous * push[:-1])
-        given -= gain * lever / BallPlate.gravity * np.diff(rates, axis=0)[:, which]
         by_place = STEP * camber * (1 - (STEP / 2) * viscous)
         kept = 1 + STEP * ((STEP / 2) * (camber + viscous**2) - viscous)
         most = STEP * friction
-        across = np.interp(grid, *self.tilt.log.across)[:, None]
         out = np.empty((steps, *p.shape))
         out[0] = p
         for n in range(steps - 1):
             free = given[n] + by_place * p + kept * v
-            speed = np.maximum(np.hypot(free, across[n]), 1e-300)
-            after = free * np.maximum(1 - most / speed, 0.0)
+            after = free - np.maximum(np.minimum(free, most), -most)
             p = p + (STEP / 2) * (v + after)
             v = after
             out[n + 1] = p
@@ -162,12 +156,6 @@ class PlainProblem(Fitting):
         return Linearisation(r, by_start, np.pad(found.by_parameter, room), prior)
 
 
-class LeverHeld(PlainProblem):
-    """The same with the lever where it is."""
-
-    about = PLAIN | {"lever": replace(PLAIN["lever"], difference=0.0, spread=np.inf)}
-
-
 FRICTIONS = (0.0, 0.02, 0.08, 0.25)
 """First guesses of friction, m/s^2."""
 DELAYS = (0.02, 0.1, 0.2, 0.35)
@@ -183,16 +171,14 @@ PUSHED = 5.0
 work: no longer window goes over it."""
 OUTLIER = 4.0
 """Residual of a sample over that of its window above which it is left out."""
-SMOOTH = ("gain", "dead_time", "lag", "level", "lever")
-"""What is always fitted: the lag of commands, the lever of measured angles."""
+SMOOTH = ("gain", "dead_time", "lag", "level")
+"""What is always fitted; the lag is 0 of a measured angle."""
 
 
 NEAR_BY = np.array([0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2])
 """What is tried beside a value that was found, by it."""
 FINER = 200
 """Values between those tried at which the costs of windows are interpolated."""
-LEVERS = (-0.1, 0.1, 0.15, 0.25)
-"""Levers in m that are tried beside the one of a fit; as a rule one is between them."""
 LEFT = 0.9
 """Share of the usual residual that is left with what is taken."""
 EXPLAINS = 0.7
@@ -245,8 +231,9 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
 
 def with_drives(fit: AxisFit, longest: float) -> AxisFit:
     """The fit with what the log shows of its drives: dead band, play, slew."""
-    tilt, windows = fit.problem.tilt, fit.problem.windows
-    rest = unexplained(tilt, windows, fit.value("dead_time"), fit.value("lag"))
+    rest = unexplained(
+        fit.problem.tilt, fit.problem.windows, fit.value("dead_time"), fit.value("lag")
+    )
     few = np.argsort(rest)[:8]
     bands = BANDS[np.sort(few[rest[few] < EXPLAINS * rest[0]])]
     for name in DRIVEN:
@@ -271,20 +258,6 @@ def profiled(fit: AxisFit) -> AxisFit:
         for name in DRIVEN
     )
     return replace(fit, profiles=tuple(found))
-
-
-def with_other_levers(fit: AxisFit) -> Array:
-    """Parameters with a lever held at each of ``LEVERS`` that explain the log as well, (K, P).
-
-    Friction that nobody knows can make a lever look known of a plate that swings at one frequency.
-    Of commands none is fitted, for it is not told from how dead time and lag share a delay.
-    """
-    held = replace(fit, problem=LeverHeld(**vars(fit.problem)))
-    found = profile(held, "lever", sorted((*LEVERS, fit.value("lever"))))
-    worse = found.costs - found.costs[found.own]
-    scatter = np.sqrt(((worse - worse.mean(axis=1, keepdims=True)) ** 2).sum(axis=1))
-    as_well = worse.sum(axis=1) < 2 * np.maximum(scatter, 2.0)
-    return np.asarray(found.theta[as_well, : len(fit.problem.names)])
 
 
 @dataclass(frozen=True)
@@ -324,8 +297,11 @@ class AxisFit(Fit):
         """The fit of other parameters, windows or parts of a log, begun from this one."""
         guess = np.array([[self.value(name) for name in names]])
         problem = replace(self.problem, names=names)
-        found = _fitted(log, problem, longest, guess, self.sigma)
-        return replace(found, noise=self.noise, pushed=self.pushed)
+        return replace(
+            _fitted(log, problem, longest, guess, self.sigma),
+            noise=self.noise,
+            pushed=self.pushed,
+        )
 
 
 def fit_axis(
@@ -464,7 +440,7 @@ PAYS = 0.9
 """Share of an error that is left with what pays."""
 SLOWEST = 0.4
 """Most dead time and lag of such a fit in s."""
-USUAL = {"dead_time": 0.1, "lag": 0.1, "lever": 0.05, "friction": 0.03}
+USUAL = {"dead_time": 0.1, "lag": 0.1, "level": 0.0, "friction": 0.03, "camber": 0.0}
 """First guesses of that fit, beside those of a fit to windows."""
 
 
@@ -500,14 +476,14 @@ def _by_predictions(fit: AxisFit) -> Array:
     target = (windows.weight[..., 0] > 0) & ~known
     # what has no slope stays as it is
     step = np.array([PLAIN[name].difference or 1e-12 for name in names])
-    (least, most), (mean, precision) = problem.bounds, problem.known
+    least, most = problem.bounds
     most[[name in ("dead_time", "lag") for name in names]] = SLOWEST
 
     def off(theta: Array) -> Array:
         theta = np.atleast_2d(theta)
         places = problem.reported(theta, begun(before, theta, 4))[0]
         each = np.clip((places - windows.ball)[:, target, 0] / WRONG, -1e3, 1e3)
-        return np.squeeze(np.hstack((each, np.sqrt(precision) * (theta - mean))))
+        return np.asarray(np.squeeze(each))
 
     def slopes(theta: Array) -> Array:
         moved = theta + np.diag(np.where(theta + step > most, -step, step))
@@ -516,11 +492,20 @@ def _by_predictions(fit: AxisFit) -> Array:
 
     usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | USUAL
     usual |= {name: fit.value(name) for name in DRIVEN}
-    first = [[usual.get(name, 0.0) for name in names]]
-    first += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
-    begun_at = np.clip(first, least + 1e-6, most - 1e-6)
-    how: Any = {"bounds": (least, most), "x_scale": step, "loss": "soft_l1", "max_nfev": 100}
-    tried = [least_squares(off, guess, slopes, **how) for guess in begun_at]
+    begun_at = [[usual.get(name, 0.0) for name in names]]
+    begun_at += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
+    tried = [
+        least_squares(
+            off,
+            np.clip(guess, least + 1e-6, most - 1e-6),
+            slopes,
+            (least, most),
+            x_scale=step,
+            loss="soft_l1",
+            max_nfev=100,
+        )
+        for guess in begun_at
+    ]
     found = min(tried, key=lambda each: float(each.cost))
     return np.asarray(found.x[None])
 

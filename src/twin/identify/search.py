@@ -69,11 +69,7 @@ class Estimate:
 
 
 def estimate(
-    value: Array,
-    information: Array,
-    score: Array,
-    noise: Array | None = None,
-    believed: Array | float = 0.0,
+    value: Array, information: Array, score: Array, noise: Array | None = None
 ) -> Estimate:
     """Bootstrap a least-squares fit over W windows that are independent of each other.
 
@@ -81,23 +77,21 @@ def estimate(
     slope of the cost, gets a random weight, and the fit follows to first order. Scores are those of
     the fit without the window (leave one out), which keeps the intervals from being too narrow
     where a few windows decide. The degrees of freedom are those of Satterthwaite: the windows, as
-    many as there were if all told as much of a parameter, at most windows less parameters. What is
-    believed before is normal, and its scatter known.
+    many as there were if all told as much of a parameter, at most windows less parameters.
 
     Args:
         value: The fit, shape (P,).
         information: J'J of each window, shape (W, P, P).
         score: J'r of each window, r being fit minus data, shape (W, P).
         noise: Covariance of the sum of the scores by noise alone, shape (P, P), if it is known.
-        believed: Precision of what is believed of each before, shape (P,); 0 for nothing.
     """
-    total = information.sum(axis=0) + believed * np.eye(len(value))
+    total = information.sum(axis=0)
     diagonal = np.diagonal(total)
     scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     # Scaled so that no unit matters; tiny eigenvalues mark directions the data do not determine.
     scaled = total / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(scaled)
-    weak = values < 1e-9
+    weak = values < 1e-6
     identifiable = (diagonal > 0) & ~(np.abs(vectors[:, weak]) > 0.1).any(axis=1)
     inverse = (vectors[:, ~weak] / values[~weak]) @ vectors[:, ~weak].T / np.outer(scale, scale)
     shares = np.stack(
@@ -106,14 +100,12 @@ def estimate(
             for part, s in zip(information, score, strict=True)
         ]
     )
-    rng = np.random.default_rng(0)
-    weights = rng.choice(_WEIGHTS.ravel(), (DRAWS, len(score)))
-    moved = weights @ shares + rng.normal(size=(DRAWS, len(value))) * np.sqrt(believed) @ inverse
+    weights = np.random.default_rng(0).choice(_WEIGHTS.ravel(), (DRAWS, len(score)))
     told = np.einsum("ij,wjk,ki->wi", inverse, information, inverse)
-    alike = np.diagonal(inverse) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
+    alike = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
     known = 0.0 if noise is None else np.sqrt(np.diagonal(inverse @ noise @ inverse))
     freedom = np.minimum(alike, len(score) - len(value))
-    return Estimate(value, value + moved, identifiable, freedom, known)
+    return Estimate(value, value + weights @ shares, identifiable, freedom, known)
 
 
 def _leave_one_out(total: Array, inverse: Array, part: Array, score: Array) -> Array:
@@ -548,11 +540,17 @@ class Fit:
         free, _ = line.eliminate_starts()
         r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
         weight = self.problem.weights(line.r)[0]
-        precision = self.problem.known[1]
+        theta, (mean, precision) = self.found.theta[0], self.problem.known
+        # what is believed before counts as one window more
         information = np.einsum("wmi,wmj,w->wij", J, J, weight)
         score = np.einsum("wmi,wm,w->wi", J, r, weight)
         noise = np.einsum("wmi,wmj,w->ij", J, J, weight**2) + np.diag(precision)
         if (shared := self.problem.windows.shared) is not None:
             each = np.swapaxes(J, -1, -2) @ shared * weight[:, None, None]
             noise += each.sum(axis=0) @ each.sum(axis=0).T - np.einsum("wik,wjk->ij", each, each)
-        return estimate(self.found.theta[0], information, score, noise, precision)
+        return estimate(
+            theta,
+            np.concatenate((information, np.diag(precision)[None])),
+            np.concatenate((score, (precision * (theta - mean))[None])),
+            noise,
+        )
