@@ -199,6 +199,7 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
         rows = np.reshape(rest, (rigs, -1))
         if step == 0:
             begun = now
+        due = max(step, round((now - begun) / period)) + 1
         answers = []
         for unit, values in zip(
             units, rows[:, [INPUTS.index(each) for each in wanted]].tolist(), strict=True
@@ -213,13 +214,14 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
                 put(takes, values)
                 unit.exitInitializationMode()
             put(takes, values)
-            unit.doStep(begun + step * period, period)
+            for each in range(step, due):  # periods that were missed, too: its time is the loop's
+                unit.doStep(begun + each * period, period)
             answers.append(get(gives))
         u = np.array(answers, dtype=float)
         if given[0] is RATES:
             u = (u - rows[:, -2:]) / period
         os.write(out, NUMBERS + u.tobytes())
-        step += 1
+        step = due
 
 
 if __name__ == "__main__":

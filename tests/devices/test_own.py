@@ -266,7 +266,8 @@ def test_the_doctor_examines_own_hardware(tmp_path):
     found = {each["what"]: each for each in json.loads(said)}
     assert code == 0, said
     assert found["backend"]["verdict"] == found["ball"]["verdict"] == "pass"
-    assert "x +30" in found["ball"]["seen"]
+    x = float(re.match(r"x ([+\d.]+)", found["ball"]["seen"])[1])
+    assert x == pytest.approx(30, abs=0.5)  # mm; a pixel of its camera is 0.5
     assert found["tilt of phi"]["verdict"] == "warn"
 
 

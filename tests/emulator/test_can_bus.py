@@ -159,6 +159,9 @@ MS = 1e-3
         ([(0, 28, 30), (1, 10, 31)], [0, 0]),
         # one computed from 5 on, and the computer paused from 10 to 30
         ([(1, 10, 30), (0, 5, 30.5)], [20, 20]),
+        # what the other missed in two parts before this one looked, and what it misses still
+        ([(1, 10, 30), (1, 31, 36), (0, 10, 37)], [20, 5, 26]),
+        ([(1, 10, 30), (0, 10, 60)], [20, 50]),
         # a missed period is no pause
         ([(1, 10, 14), (0, 10, 14)], [0, 0]),
         # what the other told of an earlier one is not counted again

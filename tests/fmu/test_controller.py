@@ -14,7 +14,7 @@ import pytest
 
 import ballplate as bp
 from ballplate.changes import changes_of, scenario_of
-from controllers import catalog
+from controllers import catalog, fmu
 from controllers.interfaces import Law
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.traces import read_trace
@@ -137,6 +137,17 @@ def test_rates_are_what_the_plate_is_told(tmp_path):
     expected = (-error @ GAINS.T - before) / record.period
     np.testing.assert_allclose(record["requested"][:, 0], expected, rtol=1e-9, atol=1e-9)
     assert np.abs(expected).max() > 1.0
+
+
+def test_periods_that_a_loop_missed_pass_for_an_fmu_too(tmp_path):
+    # its integrator adds up x once a step of 2 ms: three of them, then those missed up to 20 ms
+    law = fmu.FmuLaw(file=str(written(tmp_path, total=1.0)))
+    process = law.start(np.zeros(8), None, 0.002)
+    given = np.zeros((1, len(fmu.INPUTS)))
+    given[0, fmu.INPUTS.index("equivalent_x")] = 1.0
+    times = [0.0, 0.002, 0.004, 0.020, 0.022]
+    sums = [-(GAINS[0, 0] + process.ask(each, given)[0]) for each in times]
+    assert sums == pytest.approx([1, 2, 3, 11, 12])
 
 
 @pytest.mark.parametrize(

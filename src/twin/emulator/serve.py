@@ -294,14 +294,17 @@ class PauseWatch:
             end = self._waited(end)
         late = end - begin > self.LONG
         if late:
-            cells[own + 1], cells[own + 2] = begin, end
+            if begin - cells[own + 2] > self.LONG:  # else one gap: who looks late sees it whole
+                cells[own + 1] = begin
+            cells[own + 2] = end
         cells[own] = end  # last: who sees that one has come round reads what it missed
         if not late:
             return 0.0
         seen, since, until = (cells[self._other + each] for each in range(3))
-        if end - seen <= self.LONG:  # the other goes on already, and has said what it missed
-            return max(0.0, min(end, until) - max(begin, since))
-        return end - max(begin, seen) if seen else 0.0
+        gone = max(0.0, min(end, until) - max(begin, since))  # what the other says it missed
+        if seen and end - seen > self.LONG:
+            gone += end - max(begin, seen)
+        return gone
 
     def _waited(self, now: float) -> float:
         """The time in s when the other one has come round lately, or is waited for no longer."""
