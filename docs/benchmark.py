@@ -20,7 +20,8 @@ import numpy as np
 import pandas as pd
 from pages import HERE, filled
 
-from twin.bench import FAMILY, LOCKED, MODEL, Benchmark, hashed
+from twin.bench import FAMILY, LOCKED, MODEL, Benchmark, entered, hashed
+from twin.run.loop import simulate
 from twin.run.picture import drawn
 from twin.study.experiments import Store
 from twin.study.schema import drawn as rigs_of
@@ -30,6 +31,8 @@ from twin.writing import write_whole
 DRAW, RIGS = 2026, 128
 EXPECTED, FIRST = ("lqr", "afl", "cure"), 4
 """The laws whose errors on the first rigs are locked, and how many rigs."""
+BESIDE = (0.0, 1e-6, 2e-6, 3e-6)
+"""Where the ball also begins, m on along x, to see what goes by the last bit."""
 LEAST = 0.005
 """Least error of the picture."""
 KEPT = HERE.parent / "runs" / "bench"
@@ -91,7 +94,30 @@ def freeze(folder: Any) -> None:
         lines += ["", f"[expected.{law}]"]
         for task, its in rows[rows["rig"] < FIRST].groupby("task", sort=False):
             lines.append(f'"{task}" = {its[bench.about.metric].tolist()}')
+        lines += ["", f"[rounding.{law}]"]
+        lines += [f'"{task}" = {apart}' for task, apart in rounding(bench, law).items()]
     write_whole(folder / "lock.toml", "\n".join(lines) + "\n")
+
+
+def rounding(bench: Benchmark, law: str) -> dict[str, list[float]]:
+    """By task, how far apart in m an error is where the ball begins elsewhere by ``BESIDE``."""
+    with entered(bench.about.laws[law], bench.folder) as (fixed, _):
+        listed = bench.runs(fixed, rigs=FIRST)
+    found = {}
+    for task in bench.about.tasks:
+        its = [each.scenario for each in listed if each.task == task.name]
+        errors = [
+            [row[bench.about.metric] for row in simulate([moved(each, by) for each in its])]
+            for by in BESIDE
+        ]
+        found[task.name] = [float(f"{each:.1g}") for each in np.ptp(errors, axis=0)]
+    return found
+
+
+def moved(scenario: Any, shift: float) -> Any:
+    """The scenario with the ball's beginning so many m on along x."""
+    start = scenario.plant.start.model_copy(update={"x": scenario.plant.start.x + shift})
+    return scenario.model_copy(update={"plant": scenario.plant.model_copy(update={"start": start})})
 
 
 def picture(bench: Benchmark, errors: dict[str, Any]) -> Any:

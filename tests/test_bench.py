@@ -5,6 +5,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -368,6 +369,18 @@ def test_version_1_has_the_size_that_it_says():
     names = [f"{name}-v1" for name in ("Circle", "Lissajous", "Line", "Step", "Hold", "Faults")]
     assert [task.name for task in about.about.tasks] == names
     assert len(pd.read_csv(V1 / "reference.csv")) == 6 * 128 * 2
+
+
+def test_an_error_may_be_another_by_what_rounding_makes_and_no_more():
+    told = np.array([0.04, 0.0003, 0.0003])
+    rows = pd.DataFrame({"task": "Hold-v1", "rig": [0, 1, 2], "noise": 0})
+    for error, apart, wrong in (
+        ([0.0407, 0.00037, 0.00037], [0.0, 1e-4, 1e-5], [2]),
+        ([0.0409, 0.00041, 0.0003], [0.0, 1e-4, 0.0], [0, 1]),
+        ([0.0409, np.nan, 0.0003], [1e-4, 1e-4, 0.0], [1]),
+    ):
+        seen = bench.unlike(rows.assign(rms_distance=error), told, "rms_distance", "own", apart)
+        assert [int(re.search(r"rig (\d)", line)[1]) for line in seen] == wrong
 
 
 @pytest.mark.long
