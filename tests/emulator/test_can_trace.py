@@ -218,13 +218,6 @@ def added(identifier, data, before=2000):
     return more
 
 
-def late(frames):
-    for each in frames:
-        if each.arbitration_id == 0x181 and each.timestamp > frames[-1].timestamp - 0.5:
-            each.timestamp += 0.11
-    return sorted(frames, key=lambda each: each.timestamp)
-
-
 def status(data):
     data[0] = 0x18  # fault
     return data

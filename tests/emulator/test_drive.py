@@ -296,12 +296,6 @@ def test_the_mode_cannot_change_in_motion(drive):
     assert write(drive, 0x6060, 0, 1, 1)[:1] == b"\x80"
 
 
-def test_a_position_wraps_as_32_bit_counters_do():
-    drive = EmulatedDrive(NODE, start_counts=2**31 - 10)
-    drive.motor.sense(math.radians(1.0), 0.0)
-    assert drive.motor.encoder.counts == -(2**31) + math.floor(2**20 / 360) - 10
-
-
 def test_a_plant_that_tells_where_it_is_replaces_the_drive_s_own_integration(drive):
     drive.motor.sense(0.5, -0.1)
     enable(drive, 3.0)

@@ -1,7 +1,7 @@
 """The LAWICEL protocol against software that is not ours, and lines that are not ours.
 
 The emulated adapter has python-can's stock slcan bus as its host, and the host's own bus is given
-the lines that the maker's CAN232 manual (version 3) prints, and any line that the stock bus reads.
+the lines that the maker's CAN232 manual (version 3) prints, and any bytes.
 """
 
 import os
@@ -204,22 +204,6 @@ def test_our_host_makes_error_frames_of_the_manual_s_status_bits(flags, identifi
         heard = adapter.play(b"F%02X\r" % flags)
         assert [each.arbitration_id for each in heard] == ([identifier] if identifier else [])
         assert all(each.is_error_frame for each in heard)
-
-
-def line(frame, *, upper, stamp):
-    digits = f"{frame.cob_id:03x}{len(frame.data)}{frame.data.hex()}" + ("4d67" if stamp else "")
-    return b"t" + (digits.upper() if upper else digits).encode() + b"\r"
-
-
-LINES = st.one_of(
-    st.builds(
-        line,
-        FRAMES.filter(lambda frame: not frame.remote),
-        upper=st.booleans(),
-        stamp=st.booleans(),
-    ),
-    st.sampled_from([b"z\r", b"Z\r", b"\r", b"\a", b"F00\r"]),
-)
 
 
 @given(st.lists(st.binary(max_size=40), max_size=6))

@@ -313,12 +313,6 @@ def test_a_wrong_request_is_told_in_a_line(tmp_path, monkeypatch, arguments, lin
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_scenario_that_changes_has_no_fmu(tmp_path):
-    change = [{"at": 1.0, "set": {"plant.friction.rolling_mm": 0.1}}]
-    with pytest.raises(ScenarioError, match=r"change: an FMU does not change by itself"):
-        bp.fmu("circle", tmp_path / "rig.fmu", {"change": change})
-
-
 @pytest.mark.long
 def test_the_sanitizers_find_nothing(library, tmp_path):
     source = library.parents[2] / "sources"
