@@ -117,20 +117,12 @@ TRANSITIONS = [
 ]
 
 
-@pytest.mark.parametrize(("before", "word", "after", "number"), TRANSITIONS)
-def test_a_control_word_makes_its_transition(before, word, after, number):
-    stage = PowerStage()
-    stage.state = before
-    assert stage.control(word) == []
-    assert stage.state is after, number
-
-
 @pytest.mark.parametrize("state", Power)
 @pytest.mark.parametrize("word", [0x00, 0x02, 0x06, 0x07, 0x0F, 0x80])
-def test_no_other_control_word_changes_the_state(state, word):
+def test_a_control_word_makes_its_transition_and_no_other(state, word):
     stage = PowerStage()
     stage.state = state
-    stage.control(word)
+    assert stage.control(word) == []
     known = [after for before, sent, after, _ in TRANSITIONS if (before, sent) == (state, word)]
     if word == 0x80 and state not in {Power.FAULT, Power.FAULT_REACTION}:
         known = [Power.SWITCH_ON_DISABLED]  # as 00: the reset bit means nothing else
