@@ -98,7 +98,7 @@ def small(tmp_path_factory):
     rows = (V1 / "rigs.csv").read_text().splitlines(keepends=True)
     (folder / "rigs.csv").write_text("".join(rows[: RIGS + 1]))
     found = Benchmark(folder)
-    known = ran(found, found.about.laws["lqr"], folder)
+    known = ran(found, found.about.laws["lqr"], folder, Store(folder / "runs"))
     known = known.assign(reference=known["rms_distance"])[["task", "rig", "noise", "reference"]]
     known.to_csv(folder / "reference.csv", index=False)
     return found
@@ -132,7 +132,7 @@ def test_the_mean_between_the_quartiles_and_its_interval():
 
 
 def test_the_reference_law_is_one_everywhere_and_lost_balls_are_the_worst(small):
-    rows = ran(small, small.about.laws["lqr"], small.folder)
+    rows = ran(small, small.about.laws["lqr"], small.folder, Store(small.folder / "runs"))
     for score in small.scores(rows):
         assert (score.error, score.low, score.high, score.worst) == (1.0, 1.0, 1.0, 1.0)
         assert score.kept == RIGS

@@ -89,12 +89,6 @@ def test_a_law_that_computes_for_longer_than_a_period_never_meets_a_rig(tmp_path
         bp.run("circle", controller="busy", on="emulated")
 
 
-@pytest.mark.parametrize("on", ["emulated", "rig.toml"])
-def test_a_rig_on_a_wire_is_not_changed_by_its_scenario(on):
-    with pytest.raises(TwinError, match=rf"on {on}: \[\[change\]\] .* none on a wire"):
-        bp.run("circle", ['change=[{at=1, set={"plant.level_deg"=[1.0, 0.0]}}]'], on=on)
-
-
 @pytest.mark.parametrize(
     ("median", "worst", "enough", "never"),
     [(0.4, 0.7, True, False), (0.4, 0.9, False, False), (0.6, 0.7, False, False), (0.9, 1, 0, 1)],
@@ -203,18 +197,6 @@ def test_a_bus_that_was_never_opened_leaves_no_trace(tmp_path):
     ):
         raise DriveError(NODE_ABSENT, "CAN", "cannot be opened")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("on", "trace", "line"),
-    [
-        (None, "a.log", "a simulated rig has no bus"),
-        ("emulated", "a.pcap", r"one of \.asc, \.blf, \.csv, \.log, \.trc"),
-    ],
-)
-def test_a_trace_that_cannot_be_is_refused_before_anything_runs(on, trace, line):
-    with pytest.raises(TwinError, match=line):
-        bp.run("circle", on=on, trace=trace)
 
 
 @pytest.mark.parametrize("fails", [False, True])

@@ -8,6 +8,7 @@ import pytest
 import ballplate as bp
 import ballplate.gym
 
+CHANGES = [{"at": 1.0, "set": {"plant.level_deg": [1.0, 0.0]}}]
 IDEAL = {"observer": "ideal", "predictor": None, "sensors": {"ideal": True}}
 
 
@@ -50,6 +51,17 @@ CALLS = {
     "must be a number": [lambda: bp.run("hold", {"duration": object()})],
     "out /proc/nowhere: cannot be": [lambda: bp.run("hold", out="/proc/nowhere")],
     "reset: a simulated rig .* needs on": [lambda: bp.run("hold", reset=True)],
+    r"on (emulated|rig\.toml): \[\[change\]\] .* none on a wire": [
+        lambda on=on: bp.run("circle", {"change": CHANGES}, on=on)
+        for on in ("emulated", "rig.toml")
+    ],
+    "change: an FMU does not change by itself": [
+        lambda: bp.fmu("circle", "rig.fmu", {"change": CHANGES})
+    ],
+    "a simulated rig has no bus": [lambda: bp.run("circle", trace="a.log")],
+    r"one of \.asc, \.blf, \.csv, \.log, \.trc": [
+        lambda: bp.run("circle", on="emulated", trace="a.pcap")
+    ],
     "mujoco": [lambda: bp.run("hold", {"plant.kind": "x"}, on="r.toml")],
     "no such record": [lambda: bp.load("nowhere")],
     "log nowhere: not found": [lambda: bp.identify("nowhere")],

@@ -193,7 +193,7 @@ BOTH = ('controller.kind=["lqr","mine"]', "--set", "duration=0.1", "--set", "pla
 BEGIN = "        position, velocity"
 COMMANDS = {
     "run": (("run", "circle", *SHORT), None),
-    "explain": (("explain", "circle", *SHORT), None),
+    "explain": (("explain", "circle", *SHORT, "-j", "1"), None),
     "sweep": (("sweep", "circle", *BOTH, "-j", "1"), "sweep.csv"),
     "compare": (("compare", "circle", "--vary", *BOTH), "compare.png"),
     "study": (("study", "both.toml", "--processes", "1"), "rows.csv"),

@@ -1,5 +1,6 @@
 import math
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -18,35 +19,29 @@ def states(count=200, seed=0):
 @pytest.fixture(scope="module")
 def lagrange():
     """Ball accelerations (x'', y'') from the energies (4.14b), (4.16) and R = Rx(theta) Ry(phi)."""
-    import sympy
-
-    m, r, J, g, h = sympy.symbols("m r J g h")
-    place = x, phi, y, theta = sympy.symbols("x phi y theta")
-    rate = sympy.symbols("x' phi' y' theta'")
-    acceleration = sympy.symbols("x'' phi'' y'' theta''")
+    state, ball, plate, p = (
+        ca.SX.sym(name, n) for name, n in (("x", 8), ("ball", 2), ("plate", 2), ("p", 5))
+    )
+    m, r, J, g, h = ca.vertsplit(p)
+    place, rate = state[0::2], state[1::2]
+    slope = ca.vec(ca.horzcat(rate, ca.vertcat(ball[0], plate[0], ball[1], plate[1])).T)
 
     def derivative(expression):
-        slopes = zip((*place, *rate), (*rate, *acceleration), strict=True)
-        return sum((expression.diff(each) * slope for each, slope in slopes), 0 * expression)
+        return ca.reshape(ca.jtimes(ca.vec(expression), state, slope), expression.shape)
 
-    R = sympy.rot_axis1(-theta) * sympy.rot_axis2(-phi)
-    position = R * sympy.Matrix([x, y, h + r])
-    spin = R.T * derivative(R)
-    omega = sympy.Matrix([spin[2, 1] - rate[2] / r, spin[0, 2] + rate[0] / r, spin[1, 0]])
-    velocity = derivative(position)
-    L = m * velocity.dot(velocity) / 2 + J * omega.dot(omega) / 2 - m * g * position[2]
-    forces = sympy.Matrix([derivative(L.diff(rate[i])) - L.diff(place[i]) for i in (0, 2)])
-    ball, plate = acceleration[::2], acceleration[1::2]
-    rest = forces.subs(dict.fromkeys(ball, 0))
-    state = [each for pair in zip(place, rate, strict=True) for each in pair]
-    names = [*state, *plate, m, r, J, g, h]
-    function = sympy.lambdify(names, [forces.jacobian(ball), rest], cse=True)
+    def turn(axis, angle):
+        K = ca.skew(ca.DM.eye(3)[:, axis])
+        return ca.DM.eye(3) + ca.sin(angle) * K + (1 - ca.cos(angle)) * K @ K
 
-    def accelerations(state, u, parameters):
-        M, b = function(*state, *u, *parameters.values())
-        return np.linalg.solve(np.array(M, dtype=float), -np.array(b, dtype=float)[:, 0])
-
-    return accelerations
+    R = turn(0, place[3]) @ turn(1, place[1])
+    position = R @ ca.vertcat(place[0], place[2], h + r)
+    spin = R.T @ derivative(R)
+    omega = ca.vertcat(spin[2, 1] - rate[2] / r, spin[0, 2] + rate[0] / r, spin[1, 0])
+    L = m * ca.sumsqr(derivative(position)) / 2 + J * ca.sumsqr(omega) / 2 - m * g * position[2]
+    by = ca.gradient(L, state)
+    forces = derivative(by[[1, 5]]) - by[[0, 4]]
+    rest = ca.substitute(forces, ball, ca.DM.zeros(2))
+    return ca.Function("lagrange", [state, plate, p], [-ca.solve(ca.jacobian(forces, ball), rest)])
 
 
 @pytest.mark.parametrize(
@@ -56,7 +51,7 @@ def test_exact_model_is_the_lagrange_equation_of_the_energies(lagrange, changes)
     parameters = PLAIN | changes
     model = BallPlate(**parameters)
     x, u = states(50)
-    expected = np.array([lagrange(*pair, parameters) for pair in zip(x, u, strict=True)])
+    expected = lagrange(x.T, u.T, [*parameters.values()]).full().T
     np.testing.assert_allclose(model.derivative(x, u)[:, 1::4], expected, rtol=1e-11, atol=1e-12)
 
 

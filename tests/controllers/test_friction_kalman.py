@@ -429,7 +429,7 @@ def turned(observer, lags, play, own=0.0, seconds=2.5):
     A plate that swings about both axes; its encoders count after the play, and it has a lag of its
     own after that.
     """
-    lags, fine = np.array(lags), 10
+    lags, fine = np.array(lags), 4
     motor, rate, plate, seen = (np.zeros((len(lags), 2)) for _ in range(4))
     told, noise = np.zeros(2), np.random.default_rng(3)
     observer.start(np.zeros((len(lags), 8)))

@@ -30,7 +30,6 @@ from twin.hal.supervisor import BALL_LOST, State
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
-from twin.scenario.rig import check_rig
 
 PAGE = (EXAMPLE.parents[1] / "docs" / "your-rig.md").read_text(encoding="utf-8")
 
@@ -199,11 +198,6 @@ def test_a_start_that_fails_stops_the_hardware(scenario):
     with pytest.raises(RigError, match="cable gone"), own_rig(hardware, scenario()):
         pass
     assert hardware.stopped == 1
-
-
-def test_wider_thresholds_are_told():
-    rig = check_rig({"backend": "a.py:A", "own": {"silent": 1.0}}, "rig.toml")
-    assert rig.relaxed(0.002) == ("own.silent = 1.0 (default 0.25)",)
 
 
 @contextlib.contextmanager

@@ -7,15 +7,15 @@ from types import SimpleNamespace
 
 import can
 import pytest
-from serving import serving
+from serving import serving, servos_on
 
-from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
-from twin.devices.akd.servos import AkdServos
+from twin.devices.akd.config import BusConfig
 from twin.emulator import serve
 from twin.emulator.can_bus import BusFaults, BusServer, EmulatedBus, Towards, message
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.drive_objects import Frame
 from twin.emulator.serve import PauseWatch
+from twin.jobs import wait_until
 
 
 @pytest.fixture
@@ -53,13 +53,7 @@ class VirtualPort:
 @pytest.mark.real_time
 def test_the_servos_run_on_any_interface_of_python_can_in_real_time(bus):
     with VirtualPort(bus, "bring-up") as port, serving(BusServer(bus, port)) as server:
-        # Patient, because the machine that runs the tests may be busy.
-        channel = BusConfig(interface="virtual", channel="bring-up")
-        config = AkdConfig(
-            bus=channel, silence=0.5, answer=5.0, watch=MonitorConfig(stale=50, unsteady=51)
-        )
-        servos = AkdServos(config)
-        try:
+        with servos_on(BusConfig(interface="virtual", channel="bring-up")) as servos:
             servos.start()
             servos.enable()
             for _ in range(200):
@@ -69,8 +63,6 @@ def test_the_servos_run_on_any_interface_of_python_can_in_real_time(bus):
                 if servos.enabled:
                     break
             assert servos.enabled
-        finally:
-            servos.stop()
         with server.lock:
             assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
             assert [drive.power.faults for drive in bus.drives] == [[], []]
@@ -118,10 +110,7 @@ def test_an_emulator_that_starves_says_how_far_it_was_behind(bus):
     with VirtualPort(bus, "starved") as port, serving(BusServer(bus, port)) as server:
         with server.lock:
             time.sleep(0.08)
-        deadline = time.monotonic() + 10.0
-        while server.lag.longest < 0.06 and time.monotonic() < deadline:
-            time.sleep(0.005)
-        assert server.lag.longest > 0.06
+        assert wait_until(lambda: server.lag.longest > 0.06, 10.0)
 
 
 FORWARD = """

@@ -146,8 +146,6 @@ def test_the_bring_up_itself_fails_if_the_drive_has_no_such_object(key, monkeypa
         ((0x6091, 1), 80, "gear ratio 6091h is 80:1"),
         ((0x6092, 1), 360, "feed constant 6092h is 360:1"),
         ((0x6502, 0), 0xE9, "no profile velocity mode"),
-        ((0x365F, 0), 3, "UNIT.VROTARY"),
-        ((0x3659, 0), 3, "UNIT.ACCROTARY"),
     ],
     ids=lambda each: text(each) if isinstance(each, tuple) else "",
 )

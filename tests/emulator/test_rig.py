@@ -24,6 +24,7 @@ from twin.devices.akd.traces import read_trace
 from twin.emulator.drive import MASTER_SILENT
 from twin.emulator.screen import Protocol
 from twin.emulator.serve import TICK, VirtualRig, emulated
+from twin.jobs import wait_until
 from twin.report.numbers import flat
 from twin.run.finished import open_run
 from twin.run.record import read_run
@@ -105,13 +106,6 @@ def running(virtual):
     """Wait until the host moves the plate."""
     assert wait_until(lambda: any(abs(drive.rate) > 1e-3 for drive in virtual.drives), 60)
     time.sleep(1.0)
-
-
-def wait_until(true, seconds):
-    end = time.monotonic() + seconds
-    while not true() and time.monotonic() < end:
-        time.sleep(0.01)
-    return true()
 
 
 def test_a_virtual_rig_finds_its_way_through_its_rig_file(virtual, tmp_path):

@@ -2,17 +2,16 @@ import os
 import random
 import re
 import time
-from contextlib import contextmanager
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from serving import serving
+from serving import serving, servos_on
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd.bus import open_bus
 from twin.devices.akd.conditions import DriveError
-from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
+from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.can_bus import BusServer, EmulatedBus, SlcanAdapter, SlcanPort, nothing
 from twin.emulator.drive import EmulatedDrive, Power
@@ -65,20 +64,6 @@ def config(port, **changes):
     quick = {"sleep_after_open": 0.0}
     settings = {"interface": "slcan", "channel": str(port.path), "options": quick}
     return BusConfig(**{**settings, **changes})
-
-
-@contextmanager
-def servos_on(port):
-    # Patient, because the machine that runs the tests may be busy.
-    servos = AkdServos(
-        AkdConfig(
-            bus=config(port), silence=0.5, answer=5.0, watch=MonitorConfig(stale=50, unsteady=51)
-        )
-    )
-    try:
-        yield servos
-    finally:
-        servos.stop()
 
 
 def run(servos, seconds, found=None, until=lambda: False):
@@ -159,7 +144,7 @@ def test_the_adapter_takes_any_bytes_and_answers_every_line(data):
 
 @pytest.mark.real_time
 def test_the_servos_run_over_a_real_pty(bus, port):
-    with serving(BusServer(bus, port)) as server, servos_on(port) as servos:
+    with serving(BusServer(bus, port)) as server, servos_on(config(port)) as servos:
         turn(servos, 1.0)
         servos.stop()
         with server.lock:
@@ -169,7 +154,7 @@ def test_the_servos_run_over_a_real_pty(bus, port):
 
 @pytest.mark.real_time
 def test_syncs_that_waited_for_an_emulator_that_paused_each_have_their_own_time(bus, port):
-    with serving(BusServer(bus, port)) as server, servos_on(port) as servos:
+    with serving(BusServer(bus, port)) as server, servos_on(config(port)) as servos:
         turn(servos, 5.0)
         seen = []
         for _ in range(5):
@@ -206,7 +191,7 @@ def test_of_syncs_that_have_waited_it_is_told_which_share_of_the_time_each_is(bu
     ids=["bus off", "error passive", "unplugged", "garbled", "stalled"],
 )
 def test_trouble_with_the_adapter_is_noticed(bus, port, cause, condition):
-    with serving(BusServer(bus, port)) as server, servos_on(port) as servos:
+    with serving(BusServer(bus, port)) as server, servos_on(config(port)) as servos:
         servos.start()
         servos.enable()
         run(servos, 0.1)
@@ -220,7 +205,7 @@ def test_trouble_with_the_adapter_is_noticed(bus, port, cause, condition):
 @pytest.mark.real_time
 def test_another_bit_rate_is_named_as_the_likely_cause(port, bus):
     bus.bitrate = 500_000
-    with serving(BusServer(bus, port)), servos_on(port) as servos:
+    with serving(BusServer(bus, port)), servos_on(config(port)) as servos:
         with pytest.raises(DriveError) as caught:
             servos.start()
         assert caught.value.fault.condition == c.BIT_RATE

@@ -89,7 +89,8 @@ def written(folder, *, fmi=2, bad=0, at=1.0, total=0.0, inputs=INPUTS, outputs=A
 
 def changed(kind, **settings):
     keys = {key.replace("__", "."): value for key, value in settings.items()}
-    return {"plant.kind": "lagrange", "duration": 2.0, "controller.kind": kind} | keys
+    brief = {"plant.kind": "lagrange", "duration": 0.6, "metrics.start": 0.0}
+    return brief | {"plant.start.x": 0.05, "plant.start.y": 0.02} | {"controller.kind": kind} | keys
 
 
 def scenario(kind, **settings):

@@ -244,6 +244,13 @@ def test_every_name_on_the_page_about_simulink_is_one_of_the_fmu(fmu):
         assert quoted in names, quoted
 
 
+@pytest.fixture
+def quickly_compiled(monkeypatch):
+    """To optimise is most of what an FMU takes to be made."""
+    monkeypatch.setattr("twin.fmu.export.FLAGS", ("-std=c99", "-fPIC", "-shared"))
+
+
+@pytest.mark.usefixtures("quickly_compiled")
 def test_every_name_of_the_maestro_files_is_one_of_the_fmu_of_the_right_kind(tmp_path):
     page = (HERE.parents[1] / "docs" / "simulink.md").read_text(encoding="utf-8")
     files = re.findall(r"^```json\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
@@ -313,12 +320,6 @@ def test_a_wrong_request_is_told_in_a_line(tmp_path, monkeypatch, arguments, lin
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_scenario_that_changes_has_no_fmu(tmp_path):
-    change = [{"at": 1.0, "set": {"plant.friction.rolling_mm": 0.1}}]
-    with pytest.raises(ScenarioError, match=r"change: an FMU does not change by itself"):
-        bp.fmu("circle", tmp_path / "rig.fmu", {"change": change})
-
-
 @pytest.mark.long
 def test_the_sanitizers_find_nothing(library, tmp_path):
     source = library.parents[2] / "sources"
@@ -345,6 +346,7 @@ def test_the_sanitizers_find_nothing(library, tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.usefixtures("quickly_compiled")
 @pytest.mark.parametrize("fmi", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_the_reference_is_an_output_where_it_is_asked_for(tmp_path, fmi, exported):
     path = tmp_path / "rig.fmu"

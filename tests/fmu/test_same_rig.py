@@ -85,26 +85,11 @@ EFFECTS["linkage"] = {
 }
 EFFECTS["linkage_ratio"] = EFFECTS["linkage"] | {"rig__cams": "ratio"} | EFFECTS["cams"]
 EFFECTS["linkage_wrong"] = EFFECTS["linkage"] | EFFECTS["cams"] | EFFECTS["limits"]
-EFFECTS["linkage_driven"] = {
-    key: value
-    for each in ("linkage", "servo", "train", "wander", "disturbance", "cams")
-    for key, value in EFFECTS[each].items()
-}
-EFFECTS["all"] = {
-    key: value
-    for each in (
-        "ageing",
-        "viscous",
-        "level",
-        "servo",
-        "train",
-        "wander",
-        "disturbance",
-        "frames",
-        "cams",
-    )
-    for key, value in EFFECTS[each].items()
-}
+for together, names in {
+    "linkage_driven": "linkage servo train wander disturbance cams",
+    "all": "ageing viscous level servo train wander disturbance frames cams",
+}.items():
+    EFFECTS[together] = dict(item for name in names.split() for item in EFFECTS[name].items())
 FAULTS = ["", "ball at", "plate at", "no longer detected", "too fast"]
 
 

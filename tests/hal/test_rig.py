@@ -117,7 +117,7 @@ def test_leaving_the_rig_levels_the_plate_even_after_an_error(rig):
     def run_until_it_dies():
         with rig:
             rig.start()
-            turn(rig, both(rig, 0.1), 300)
+            turn(rig, both(rig, 0.1), 100)
             raise RuntimeError("controller died")
 
     with pytest.raises(RuntimeError, match="controller died"):

@@ -1,7 +1,10 @@
 """Two emulated drives and the host's servos on them, run in one loop."""
 
 import numpy as np
+import pytest
 
+from twin.devices.akd import conditions as c
+from twin.devices.akd.conditions import DriveError
 from twin.emulator.lockstep import LockstepDrives
 
 
@@ -41,3 +44,13 @@ class SteppedDrives(LockstepDrives):
             self.seen.extend(self.servos.faults())
             self.adapter.sleep(self.config.period)
         return self.seen[before:]
+
+
+def refused(rig, condition=c.WRONG_SETTING):
+    """What a start that ends in a condition says, in one line."""
+    with pytest.raises(DriveError) as caught:
+        rig.servos.start()
+    assert caught.value.fault.condition == condition
+    assert "\n" not in str(caught.value)
+    assert not rig.servos.enabled
+    return str(caught.value)

@@ -25,7 +25,10 @@ from twin.shadow.horizon import (
 )
 
 NO_GAPS = np.zeros((0, 2))
-QUICK = ("plant.kind=lagrange", "plant.step=0.002", "seed=4", "reference.omega=1.0")
+QUICK = (
+    *("plant.kind=lagrange", "plant.step=0.004", "rig.period=0.004"),
+    *("seed=4", "reference.omega=1.0"),
+)
 
 
 def circled(*settings):
@@ -52,7 +55,7 @@ SIZES = {  # of what is believed, before anything is seen
 
 
 def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
-    log, belief = circled("duration=7", "plant.friction.breakaway_ratio=1.2")
+    log, belief = circled("duration=5.5", "plant.friction.breakaway_ratio=1.2")
 
     def spans(segment, begin, end, longest):
         begins = np.arange(begin + 2, end - longest, 2.0)  # the ball rolls

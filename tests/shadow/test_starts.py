@@ -23,7 +23,8 @@ def log():
     chosen = load(
         "excite",
         (
-            *("plant.kind=lagrange", "plant.step=0.002", "duration=6", "seed=5"),
+            *("plant.kind=lagrange", "plant.step=0.004", "rig.period=0.004"),
+            *("duration=6", "seed=5"),
             "plant.surface.spread_percent=10",
         ),
     )

@@ -50,7 +50,7 @@ def test_a_run_gives_the_same_bits_whatever_shares_its_batch(kind: str) -> None:
 
 
 def test_the_cure_gives_the_same_bits_beside_other_references() -> None:
-    short = ["plant.kind=lagrange", "duration=0.5", "metrics.start=0"]
+    short = ["plant.kind=lagrange", "duration=0.3", "metrics.start=0"]
     kinds = (
         ["reference.kind=lissajous", "reference.amplitude=0.12"],
         ["reference.kind=hold", "reference.x=0.1"],

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
-from stepped import SteppedDrives
+from stepped import SteppedDrives, refused
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd.bringup import Network, absent
-from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepRig
@@ -15,15 +14,6 @@ from twin.errors import RigError
 def rig():
     with SteppedDrives() as rig:
         yield rig
-
-
-def refused(rig, condition):
-    with pytest.raises(DriveError) as caught:
-        rig.servos.start()
-    assert caught.value.fault.condition == condition
-    assert "\n" not in str(caught.value)
-    assert not rig.servos.enabled
-    return str(caught.value)
 
 
 WRITTEN = {

@@ -75,8 +75,10 @@ def test_every_condition_that_a_module_names_is_in_the_table():
     assert not [each for each in named if not hasattr(sys.modules[each[0]], each[1])]
 
 
-def test_names_of_conditions_are_all_different():
-    assert len({each.name for each in c.CONDITIONS}) == len(c.CONDITIONS)
+@pytest.mark.parametrize("room", ROOMS)
+def test_names_of_conditions_are_all_different(room):
+    every = sys.modules[f"{room}.conditions"].CONDITIONS
+    assert len({each.name for each in every}) == len(every)
 
 
 def test_a_command_that_is_no_number_stops_at_once(rig):

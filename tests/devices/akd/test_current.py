@@ -4,10 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from stepped import SteppedDrives
+from stepped import SteppedDrives, refused
 
-from twin.devices.akd import conditions as c
-from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.hal.cams import CamTable
 from twin.paths import model_path
@@ -39,13 +37,6 @@ def test_the_torque_limit_leaves_the_plate_half_as_much_again_and_the_motor_cool
     peak = torque_of_the_hardest_motion()
     assert peak > 2.0
     assert 1.5 * peak < config.torque_limit < config.motor_torque
-
-
-def refused(rig):
-    with pytest.raises(DriveError) as caught:
-        rig.servos.start()
-    assert caught.value.fault.condition == c.WRONG_SETTING
-    return str(caught.value)
 
 
 @pytest.mark.parametrize(("gear", "amperes"), [(1.0, 2.0), (2.0, 1.0)])

@@ -6,11 +6,9 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stepped import SteppedDrives
+from stepped import SteppedDrives, refused
 
-from twin.devices.akd import conditions as c
 from twin.devices.akd.bringup import DriveQuantity
-from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
 from twin.devices.akd.protocol import kept
 from twin.emulator.drive import EmulatedDrive
@@ -33,14 +31,6 @@ def drives(unit=0, per_unit=1000):
             drive.store.set(index, 0, value)
         made.append(drive)
     return made
-
-
-def refused(rig, condition=c.WRONG_SETTING):
-    with pytest.raises(DriveError) as caught:
-        rig.servos.start()
-    assert caught.value.fault.condition == condition
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
 
 
 def held(rig):

@@ -1,7 +1,6 @@
 """Touch reports by the panel's own word, on the decoder and through a raw HID device."""
 
 import os
-import time
 
 import pytest
 from hypothesis import given
@@ -12,6 +11,7 @@ from twin.devices.lumio.config import LumioConfig, ScreenError
 from twin.devices.lumio.protocols import HidDecoder, TouchLayout, decoder_of
 from twin.devices.lumio.screen import LumioScreen
 from twin.emulator.screen import ENCODERS, Protocol, Spot
+from twin.jobs import wait_until
 
 PANELS = [Protocol.HID_0006, Protocol.HID_0007]
 SHARE = st.floats(0, 1)
@@ -145,13 +145,7 @@ def hidraw(descriptors, monkeypatch, tmp_path):
 
 def sees(screen, send, text):
     """Whether a screen feels a ball while a report is repeated."""
-    end = time.monotonic() + 5
-    while time.monotonic() < end:
-        send(text)
-        if screen.read().touched[0]:
-            return True
-        time.sleep(0.005)
-    return False
+    return wait_until(lambda: send(text) and bool(screen.read().touched[0]), 5.0)
 
 
 @pytest.mark.real_time

@@ -12,6 +12,7 @@ from served_screen import EmulatedScreen
 from twin.devices.lumio.config import LumioConfig, ScreenError
 from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.emulator.screen import Protocol, ScreenLine
+from twin.jobs import wait_until
 
 pytestmark = pytest.mark.real_time
 
@@ -30,19 +31,9 @@ def config(emulated, **options):
     return LumioConfig(port=str(emulated.path), transport=transport, **options)
 
 
-def until(done, seconds=3.0):
-    """Whether something comes true soon."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if done():
-            return True
-        time.sleep(0.002)
-    return False
-
-
 def sees(screen):
     """Whether a screen feels a ball soon."""
-    return until(lambda: bool(screen.read().touched[0]))
+    return wait_until(lambda: bool(screen.read().touched[0]), 3.0)
 
 
 class Watch:
@@ -53,7 +44,7 @@ class Watch:
         self.names = []
 
     def told(self, name):
-        return until(lambda: name in self.look())
+        return wait_until(lambda: name in self.look(), 3.0)
 
     def look(self):
         self.names += [fault.condition.name for fault in self.screen.faults()]

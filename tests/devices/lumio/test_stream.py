@@ -86,10 +86,6 @@ def screen(request):
     return FedScreen(request.param)
 
 
-def test_every_condition_has_a_name_of_its_own():
-    assert len({condition.name for condition in CONDITIONS}) == len(CONDITIONS)
-
-
 def test_a_rolling_ball_is_followed_without_a_fault(screen):
     screen.roll(40, (-0.15, 0.1), 0.4)
     x, y = screen.stream.tracker.sample.position
