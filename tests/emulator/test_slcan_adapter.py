@@ -2,7 +2,9 @@ import os
 import random
 import re
 import time
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,6 +15,7 @@ from twin.devices.akd.bus import open_bus
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.servos import AkdServos
+from twin.emulator import can_bus
 from twin.emulator.can_bus import BusServer, EmulatedBus, SlcanAdapter, SlcanPort, nothing
 from twin.emulator.drive import EmulatedDrive, Power
 
@@ -153,16 +156,31 @@ def test_the_servos_run_over_a_real_pty(bus, port):
 
 
 @pytest.mark.real_time
-def test_syncs_that_waited_for_an_emulator_that_paused_each_have_their_own_time(bus, port):
+def test_answers_of_an_emulator_that_paused_are_late(bus, port):
     with serving(BusServer(bus, port)) as server, servos_on(config(port)) as servos:
         turn(servos, 5.0)
         seen = []
-        for _ in range(5):
+        for _ in range(10):
             with server.lock:
                 seen += run(servos, 0.03)
-            seen += run(servos, 0.1)
+            seen += run(servos, 0.1, c.PDO_LATE)
         assert c.PDO_LATE in seen
-        assert c.ENCODER_JUMP not in seen
+
+
+def test_syncs_that_waited_for_an_emulator_that_paused_each_have_their_own_time(monkeypatch):
+    clock, steps, at = SimpleNamespace(now=100.0), [], []
+
+    def pump(told):
+        for share in np.arange(1, 16) / 15:
+            told(share)
+            at.append(sum(steps))
+        server.stop()
+
+    monkeypatch.setattr(can_bus, "time", SimpleNamespace(monotonic=lambda: clock.now))
+    waits = SimpleNamespace(wait=lambda _: setattr(clock, "now", clock.now + 0.03), pump=pump)
+    server = BusServer(SimpleNamespace(step=steps.append), waits, step=0.0005)
+    server.run()
+    assert at == pytest.approx(0.002 * np.arange(1, 16), abs=0.0005 + 1e-9)
 
 
 def test_of_syncs_that_have_waited_it_is_told_which_share_of_the_time_each_is(bus, port):
