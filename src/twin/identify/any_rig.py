@@ -252,7 +252,7 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     asked = tuple(name for name in PLAIN if name in names and name not in SMOOTH)
     chosen = (*(each for each in SMOOTH if log.held or each != "lag"), *(asked or ("friction",)))
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
-    ways = (log, log.alone) if log.across[1].any() else (log,)
+    ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
     fits = [fit_axis(each, chosen, longest, delays) for each in ways]
     log, fit = min(zip(ways, fits, strict=True), key=lambda own: own[1].sigma)
     if log.across[1].any():
@@ -375,12 +375,12 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         found.insert(3 if name == "delay" else k, verdict)
     for each in fit.profiles:
         if each.name not in names:  # how much of it there may be
-            least, most = np.quantile(each.moved(1000)[each.name], (1 - judged.SURE, judged.SURE))
+            share = (1 - judged.SURE, judged.SURE)
+            least, most = np.quantile(each.moved(1000)[each.name], share).tolist()
             by = 1.0 if each.name in {"slew", "lever"} else swing
             of = (PLAIN[each.name], f"{each.name}_{axis}", "not told from none")
-            none = judged.ParameterVerdict.unknown(*of)
-            low_high = by * min(float(least), 0.0), by * float(most or abs(each.theta[1, -1]))
-            none = replace(none, low=low_high[0], high=low_high[1])
+            least, most = by * min(least, 0.0), by * (most or abs(float(each.theta[1, -1])))
+            none = replace(judged.ParameterVerdict.unknown(*of), low=least, high=most)
             found.append(_as_slew(none, swing) if each.name == "slew" else none)
     return found
 

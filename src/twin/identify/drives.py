@@ -76,8 +76,7 @@ class TiltHistory:
             drive: Dead band, half the play and slew, see ``followed``, in swings, and the lever in
                 m, by which the plate's acceleration moves the ball; none for an ideal one.
         """
-        *driven, lever = drive or (0.0, 0.0, 0.0, 0.0)
-        key = tuple(driven)
+        key, lever = (drive[:3], drive[3]) if drive else ((0.0, 0.0, 0.0), 0.0)
         if key not in self.driven:
             self.driven[key] = self._mean(key)
         if (lag, *key, lever) not in self.lagged:
@@ -85,7 +84,7 @@ class TiltHistory:
                 self.lagged.clear()
             stay = float(np.exp(-FINE / lag)) if lag > 1e-4 else 0.0
             mean = self.driven[key]
-            place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=[stay * mean[0]])[0]
+            place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=stay * mean[:1])[0]
             if lever:
                 wide = np.pad(place, TURNS, "edge")
                 bend = (wide[2 * TURNS :] - 2 * place + wide[: -2 * TURNS]) / (TURNS * FINE) ** 2

@@ -261,11 +261,6 @@ class AxisLog:
     ball: Array
     across: Array = field(default_factory=lambda: np.zeros((2, 1)))
 
-    @property
-    def alone(self) -> AxisLog:
-        """The axis by itself."""
-        return replace(self, across=np.zeros((2, 1)))
-
     def between(self, begin: float, end: float) -> AxisLog:
         """That with the samples between two times in s."""
         there = (self.sampled >= begin) & (self.sampled < end)

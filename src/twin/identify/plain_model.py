@@ -410,7 +410,7 @@ def axis_predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True
         at: When predictions begin.
         follow: Whether a level that is followed is tried as well, and the model without friction.
     """
-    log = log if fit.log.across[1].any() else log.alone
+    log = replace(log, across=log.across * fit.log.across[1].any())
     theta, tilt = fit.found.theta, TiltHistory(log, fit.problem.tilt.scale)
     by = {"model": theta}
     if follow:
