@@ -86,13 +86,17 @@ def axis_log(
     damped: float = 0.45,
     dead_band: float = 0.0,
     slew: float = 0.0,
+    lever: float = 0.0,
+    angles: bool = False,
 ) -> tuple[Array, Array, Array]:
     """Time in s, position in m and command in rad of one axis under a clumsy controller.
 
     Forward Euler at 0.25 ms. Half of the dead time lies between command and servo, half in the
     camera. The controller, PD on noisy readings, follows steps and sines that change with the seed.
     The servo stands until a command is further off than its dead band in rad, then goes all the
-    way at its slew in rad/s (0 for at once).
+    way at its slew in rad/s (0 for at once). The plate's angular acceleration moves the ball as one
+    whose centre is above the plate's axis, by `lever` in m. `angles` logs the plate's in place of
+    the commands.
     """
     rng = np.random.default_rng(seed)
     h = 2.5e-4
@@ -103,7 +107,7 @@ def axis_log(
     at = np.round(np.array(frames[:-1]) / h).astype(int)
     at = np.unique(at[at < steps])
     before, after = round(dead_time / 2 / h), round(dead_time / h) - round(dead_time / 2 / h)
-    x, v, u = 0.3 * swing * rng.standard_normal(), 0.0, 0.0
+    x, v, u, turning = 0.3 * swing * rng.standard_normal(), 0.0, 0.0, 0.0
     places, sent = np.zeros(steps), np.zeros(steps)
     command, reading, last, speed, place, goal = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     target, until = 0.0, 0.0
@@ -126,14 +130,17 @@ def axis_log(
             command = float(np.clip(command, -0.14, 0.14)) if excited else 0.0
             times.append(t)
             readings.append(reading)
-            commands.append(command)
+            commands.append(u if angles else command)
             frame += 1
         sent[k] = command
         wanted = sent[max(0, k - before)]
         goal = wanted if place != goal or abs(wanted - place) > dead_band else goal
         most = slew * h or math.inf
         place += min(max(goal - place, -most), most)
-        u += h / lag * (place - u) if lag else place - u
+        turned = h / lag * (place - u) if lag else place - u
+        u += turned
+        v -= gain * lever / 9.81 * (turned / h - turning)
+        turning = turned / h
         a = gain * u + level + camber * x
         if v == 0.0 and abs(a) <= friction:
             continue

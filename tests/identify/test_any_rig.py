@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from ballplate import identify
+from ballplate import identify, run
 from twin.cli.understand import identify as command
 from twin.errors import LogError, ScenarioError
 from twin.identify.any_rig import _chosen, _joined, _verdicts, identify_any
@@ -181,20 +181,25 @@ def axis_of(axis_log):
     return of
 
 
-def test_a_simulation_without_friction_is_the_closed_form():
-    """A step of the command behind dead time and lag: s^2/2 - T s + T^2 (1 - e^-s/T) of it."""
+@pytest.mark.parametrize("lever", [0.0, 0.15, -0.08])
+def test_a_simulation_without_friction_is_the_closed_form(lever):
+    """A step of the command behind dead time and lag: s^2/2 - T s + T^2 (1 - e^-s/T) of it.
+
+    The lever takes the plate's angle from it, (1 - e^-s/T) lever / g.
+    """
     time = np.arange(0.0, 4.0, 0.02)
     tilt = np.where(time >= 1.0, 0.02, 0.0)
     log = AxisLog(time, tilt, True, time, np.zeros_like(time))
     windows = axis_windows(log, np.array([0.5]), np.array([3.5]))
-    names = ("gain", "dead_time", "lag", "level")
+    names = ("gain", "dead_time", "lag", "level", "lever")
     source = TiltHistory(log)
     problem = PlainProblem(windows, names, source, 3.0, (0.0, 0.5))
-    theta = np.array([[6.0 * source.scale, 0.13, 0.1, 0.03]])
+    theta = np.array([[6.0 * source.scale, 0.13, 0.1, 0.03, lever]])
     found = problem.reported(theta, np.array([[[0.01]], [[0.02]]]))[0][0, 0, :, 0]
     t = windows.time[0]
     s = np.maximum(t + 0.5 - 1.0 - 0.13, 0.0)
-    moved = 0.12 * (s**2 / 2 - 0.1 * s + 0.01 * (1 - np.exp(-s / 0.1)))
+    turned = 1 - np.exp(-s / 0.1)
+    moved = 0.12 * (s**2 / 2 - 0.1 * s + (0.01 - lever / 9.81) * turned)
     assert found == pytest.approx(0.01 + 0.02 * t + 0.015 * t**2 + moved, abs=2e-4)
 
 
@@ -212,6 +217,23 @@ def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_
     assert places[-1, 0, 1] == pytest.approx(0.03**2 / (2 * 0.03), rel=0.01)
 
 
+def test_friction_acts_against_the_way_of_a_ball_that_is_seen_along_both_axes(tmp_path):
+    """Across at w: v' = -f v / hypot(v, w), so v slows by an e-th in w / f where v is small."""
+    time = np.arange(0.0, 6.0, 0.02)
+    rows = [
+        f"{t:.3f},{0.01 * np.sin(t):.6f},{0.1 * t - 0.3:.6f},{0.1 * np.cos(t):.5f}" for t in time
+    ]
+    columns = "time=1:s,measured_x=2:m,measured_y=3:m,measured_phi=4:rad,measured_theta=4:rad"
+    log = read_any(written(tmp_path, rows), wanted_columns(columns)).axes["x"]
+    assert log.across[1] == pytest.approx(0.1, abs=1e-6)
+    windows = axis_windows(log, np.array([0.0]), np.array([2.5]))
+    names = ("gain", "dead_time", "level", "friction")
+    problem = PlainProblem(windows, names, TiltHistory(log), 2.5, (0.0, 0.5))
+    starts = np.array([[[0.0]], [[0.005]]])
+    places = problem.simulated(np.array([[0.0, 0.0, 0.0, 0.05]]), starts)[:, 0, 0]
+    assert places[-1] == pytest.approx(0.005 * 2 * (1 - np.exp(-2.5 / 2)), rel=0.01)
+
+
 def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
     time = np.arange(6.0)
     sent = np.array([0.0, 1.0, 1.4, 2.0, 1.0, 1.0])
@@ -224,7 +246,7 @@ def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
     at, place = followed(time, sent, 0.5, 0.0, 2.0)  # half a unit a second
     assert np.interp(np.arange(1.0, 6.0), at, place) == pytest.approx([0, 0.5, 1.0, 1.5, 1.0])
     log = AxisLog(time, sent, True, time, 0 * time)
-    ramp = TiltHistory(log, 1.0).at(np.array([1.5, 2.5]), 0.0, 0.5, 0.0, 2.0)
+    ramp = TiltHistory(log, 1.0).at(np.array([1.5, 2.5]), 0.0, 0.5, 0.0, 2.0, 0.0)
     assert ramp == pytest.approx([0.25, 0.75], abs=2e-3)  # half a fine step
 
 
@@ -240,7 +262,7 @@ def test_dead_band_and_slew_of_the_drives_are_found_and_bias_nothing_else(axis_o
         truth = {**TRUTH, "camber": 0.35}[other]
         half = 1.5 * (told[other].high - told[other].low)
         assert told[other].value == pytest.approx(truth, abs=half)
-    assert any("of the drives fitted along" in note for note in found.notes)
+    assert any("fitted along" in note for note in found.notes)
     without = ({"dead_band", "slew"} - {name}).pop()
     assert told[without].value is None
 
@@ -269,6 +291,64 @@ def test_a_rig_is_found_by_commands_alone_within_its_intervals(axis_of, rate, ab
         assert each.value == pytest.approx(truth[name], rel=0.1, abs=0.01)
     both = truth["dead_time"] + truth["lag"]
     assert found["delay"].value == pytest.approx(both, abs=0.004)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("angles", [True, False])
+@pytest.mark.parametrize("lever", [0.155, -0.08])
+def test_what_the_plates_acceleration_does_is_not_taken_for_gain(axis_of, lever, angles):
+    """Under a quick controller: half as much again by acceleration."""
+    truth = {**TRUTH, "lag": 0.06, "dead_time": 0.05, "camber": 0.2}
+    log = axis_of(
+        5, rate=60.0, seconds=40, lever=lever, angles=angles, stiff=3.0, damped=1.4, **truth
+    )
+    log = replace(log, held=not angles)
+    found = identify_any([AnyLog("rig.csv", {"x": log}, {"x": "rad"}, ())], 1 / 3)
+    told = {each.name[:-2]: each for each in found.verdicts}
+    for name, true in (("gain", truth["gain"]), ("lever", lever)):
+        assert told[name].low <= true <= told[name].high
+    if angles:
+        assert told["gain"].word == IDENTIFIED
+        assert told["gain"].value == pytest.approx(truth["gain"], rel=0.05)
+        assert told["lever"].value == pytest.approx(lever, abs=0.015)
+
+
+@pytest.mark.parametrize(("w", "word"), [(1.0, IDENTIFIED), (5.0, NOT)])
+@pytest.mark.parametrize("lever", [0.2, -0.05])
+def test_of_a_plate_that_swings_at_one_frequency_the_gain_holds_what_a_lever_does(lever, w, word):
+    """There u'' = -w^2 u: only gain (1 + lever w^2 / g) shows, little of a slow one."""
+    time = np.arange(0.0, 30.0, 0.02)
+    tilt = 0.006 * w**2 * np.sin(w * time)
+    seen = np.random.default_rng(0).normal(0.0, 2e-4, len(time))
+    ball = -6.0 * (1 / w**2 + lever / 9.81) * tilt + seen
+    log = AnyLog("rig.csv", {"x": AxisLog(time, tilt, False, time, ball)}, {"x": "rad"}, ())
+    found = identify_any([log], 1 / 3, ("friction",))
+    told = {each.name: each for each in found.verdicts}
+    gain = told["gain_x"]
+    assert gain.word == word
+    assert gain.low <= 6.0 <= gain.high
+    assert ("lever" in gain.why) == (word == NOT)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("rig", "gain", "friction"), [("hobby", 5.886, 0.02943),
+                                                       ("course", 7.007, 0.04671)])  # fmt: skip
+def test_gain_and_friction_of_a_shipped_rig_are_those_of_its_ball(rig, gain, friction, tmp_path):
+    """By hand from its file: 3/5 and 5/7 of gravity, and the arm of friction by the radius."""
+    ran = run("excite", (f"parameters={rig}", "seed=5"), out=tmp_path / "run")
+    names = ("time", "measured_x", "measured_y", "measured_phi", "measured_theta", "age", "touched")
+    rows = np.column_stack([ran[name] for name in names])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(names), comments="")
+    found = identify(tmp_path / "log.csv", columns=",".join(f"{e}={e}" for e in names)).found
+    told = {each.name: each for each in found.verdicts}
+    for axis, sign in (("x", 1), ("y", -1)):
+        assert told[f"gain_{axis}"].word == IDENTIFIED
+        for each, true in (
+            (told[f"gain_{axis}"], sign * gain),
+            (told[f"friction_{axis}"], friction),
+        ):
+            assert each.low <= true <= each.high
+        assert told[f"gain_{axis}"].value == pytest.approx(sign * gain, rel=0.07)
 
 
 @pytest.mark.long

@@ -12,7 +12,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify import judged
-from twin.identify.drives import DRIVEN
+from twin.identify.drives import TRIED
 from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain_model import (
@@ -43,6 +43,8 @@ SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and how a level along them is a tilt of the base."""
 MOST_TURNED = 0.2
 """How much too far or too little a command may tilt the twin's plate."""
+HIDDEN = 0.5
+"""Share of the scatter of a parameter from which on it is told with what is not fitted only."""
 PAUSE = 10.0
 """Time in s between two logs that are fitted as one."""
 
@@ -226,10 +228,12 @@ def _joined(logs: list[AxisLog]) -> AxisLog:
     start, shifted = 0.0, []
     for each in logs:
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
-        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball))
+        across = each.across + np.array([[shift], [0.0]])
+        shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
         start = float(each.time[-1]) + shift + PAUSE
-    time, tilt, sampled, ball = (np.concatenate(part) for part in zip(*shifted, strict=True))
-    return AxisLog(time, tilt, logs[0].held, sampled, ball)
+    parts = zip(*shifted, strict=True)
+    time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
+    return AxisLog(time, tilt, logs[0].held, sampled, ball, across)
 
 
 def _check_excited(log: AxisLog) -> None:
@@ -248,7 +252,11 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     asked = tuple(name for name in PLAIN if name in names and name not in SMOOTH)
     chosen = (*(each for each in SMOOTH if log.held or each != "lag"), *(asked or ("friction",)))
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
-    fit = fit_axis(log, chosen, longest, delays)
+    ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
+    fits = [fit_axis(each, chosen, longest, delays) for each in ways]
+    log, fit = min(zip(ways, fits, strict=True), key=lambda own: own[1].sigma)
+    if log.across[1].any():
+        notes.append("friction acts against the way of the ball along both axes")
     dead_time, lag = fit.value("dead_time"), fit.value("lag")
     least, most = delays
     # an ideal drive beside a camera whose clock is behind: where dead time and lag end at none
@@ -260,9 +268,8 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
             "command differ by, and is negative where that is more"
         )
     if not names:
-        fit = _richer(_driven(fit, longest, notes) if log.held else fit, longest, notes)
-    if log.held:
-        fit = profiled(fit)
+        fit = _richer(_driven(fit, longest, notes), longest, notes)
+    fit = profiled(fit)
     try:
         brief = tuple(fit.again(fit.log, fit.problem.names, part * longest) for part in BRIEFER)
     except LogError:
@@ -286,11 +293,11 @@ def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
     own = fit.problem.names
     rich = fit.again(fit.log, tuple(dict.fromkeys((*own, *OPTIONAL))), longest)
     found = with_drives(rich, longest)
-    new = tuple(name for name in DRIVEN if name in found.problem.names)
+    new = tuple(name for name in TRIED if name in found.problem.names)
     if not new:
         return fit
     left, least = (crossed(each, each.problem.names, longest) for each in (found, rich))
-    what = f"{' and '.join(PLAIN[name].key for name in new)} of the drives"
+    what = " and ".join(PLAIN[name].key for name in new)
     pays = left < DRIVEN_WITHIN and _pays(left, DRIVEN_PAY, least, what, notes)
     return found.again(fit.log, (*own, *new), longest) if pays else fit
 
@@ -344,12 +351,20 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         told = f"{why} give another value, which the interval holds: a model error"
         reasons = [each + [told] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
     alike = np.abs(own.correlation) > judged.CORRELATED
+    drawn = own.draws - own.value
+    hidden: dict[str, Array] = {}  # share of the scatter of each that is of what is not fitted
+    for each in fit.profiles:
+        if each.name not in names:
+            moved = each.moved(len(drawn))[each.name]
+            size = (moved @ moved) * (drawn**2).sum(axis=0)
+            hidden[each.name] = (moved @ drawn) ** 2 / np.maximum(size, 1e-300)
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):
         swing = fit.problem.tilt.scale
         scale = {"gain": 1 / swing, "dead_band": swing, "play": swing}.get(name, 1.0)
         others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
+        others += [PLAIN[name].key for name, share in hidden.items() if share[k] > HIDDEN]
         values = (own.value[k], low[k], high[k])
         if name == "delay":
             about, others = replace(PLAIN["dead_time"], key="dead time + lag"), []
@@ -360,12 +375,13 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         found.insert(3 if name == "delay" else k, verdict)
     for each in fit.profiles:
         if each.name not in names:  # how much of it there may be
-            most = np.quantile(each.moved(1000)[each.name], judged.SURE) or each.theta[1, -1]
-            label, why = f"{each.name}_{axis}", "not told from none"
-            none = judged.ParameterVerdict.unknown(PLAIN[each.name], label, why)
-            slow = each.name == "slew"
-            none = replace(none, low=0.0, high=float(most) * (1.0 if slow else swing))
-            found.append(_as_slew(none, swing) if slow else none)
+            share = (1 - judged.SURE, judged.SURE)
+            least, most = np.quantile(each.moved(1000)[each.name], share).tolist()
+            by = 1.0 if each.name in {"slew", "lever"} else swing
+            of = (PLAIN[each.name], f"{each.name}_{axis}", "not told from none")
+            least, most = by * min(least, 0.0), by * (most or abs(float(each.theta[1, -1])))
+            none = replace(judged.ParameterVerdict.unknown(*of), low=least, high=most)
+            found.append(_as_slew(none, swing) if each.name == "slew" else none)
     return found
 
 

@@ -6,13 +6,18 @@ import numpy as np
 from scipy.signal import lfilter, savgol_filter
 
 from controllers.arrays import Array
+from controllers.ballplate import BallPlate
 from twin.identify.logs import AxisLog
 from twin.identify.search import SampleWindows
 
 DRIVEN = ("dead_band", "play", "slew")
-"""What a drive does to its commands: tried value by value, for it has no slope."""
+"""What a drive does to its commands."""
+TRIED = (*DRIVEN, "lever")
+"""What is tried value by value: a drive has no slope, and a lever may be dead time as well."""
 FINE = 0.002
 """Step of the lag in s."""
+TURNS = 20
+"""Fine steps over which the plate's acceleration is seen, that counts of an encoder make none."""
 
 
 def followed(
@@ -68,20 +73,24 @@ class TiltHistory:
         Args:
             time: Seconds.
             lag: Time constant.
-            drive: Dead band, half the play and slew, see ``followed``, in swings; none for an
-                ideal one.
+            drive: Dead band, half the play and slew, see ``followed``, in swings, and the lever in
+                m, by which the plate's acceleration moves the ball; none for an ideal one.
         """
-        drive = drive or (0.0, 0.0, 0.0)
-        if drive not in self.driven:
-            self.driven[drive] = self._mean(drive)
-        if (lag, *drive) not in self.lagged:
+        key, lever = (drive[:3], drive[3]) if drive else ((0.0, 0.0, 0.0), 0.0)
+        if key not in self.driven:
+            self.driven[key] = self._mean(key)
+        if (lag, *key, lever) not in self.lagged:
             if len(self.lagged) > 40:
                 self.lagged.clear()
             stay = float(np.exp(-FINE / lag)) if lag > 1e-4 else 0.0
-            mean = self.driven[drive]
-            first = [stay * mean[0]]
-            self.lagged[lag, *drive] = lfilter([1.0 - stay], [1.0, -stay], mean, zi=first)[0]
-        found = self.lagged[lag, *drive]
+            mean = self.driven[key]
+            place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=stay * mean[:1])[0]
+            if lever:
+                wide = np.pad(place, TURNS, "edge")
+                bend = (wide[2 * TURNS :] - 2 * place + wide[: -2 * TURNS]) / (TURNS * FINE) ** 2
+                place -= lever / BallPlate.gravity * bend
+            self.lagged[lag, *key, lever] = place
+        found = self.lagged[lag, *key, lever]
         place = np.minimum(np.maximum((time - self.time[1]) / FINE, 0.0), len(found) - 1.001)
         low = place.astype(int)
         first = found.take(low)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.signal import lfilter
+from scipy.signal import lfilter, savgol_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
@@ -217,6 +217,10 @@ WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
 
 GAP = 0.5
 """Time in s without a row over which nothing is known of the command."""
+SEEN = 0.2
+"""Time in s over which a speed is seen."""
+SLOW = 0.005
+"""Speed in m/s below which a ball may as well rest."""
 JUMP = 0.004
 """Way in m at once before or after a repeated reading by which it is false or held."""
 
@@ -246,6 +250,8 @@ class AxisLog:
         held: Whether it is held from row to row, as commands are.
         sampled: When each sample of the ball was taken, s, shape (M,).
         ball: The samples, m, shape (M,).
+        across: Times in s, and how fast the ball goes along the other axis, m/s, shape (2, N);
+            nowhere if friction is to act on this axis by itself.
     """
 
     time: Array
@@ -253,6 +259,7 @@ class AxisLog:
     held: bool
     sampled: Array
     ball: Array
+    across: Array = field(default_factory=lambda: np.zeros((2, 1)))
 
     def between(self, begin: float, end: float) -> AxisLog:
         """That with the samples between two times in s."""
@@ -582,17 +589,25 @@ def _cleaned(
     # rows of one frame, told by its age, are one sample
     shown = shown[np.diff(sampled[shown], prepend=-np.inf) > min(step / 2, 1e-4)]
     axes, tilts = {}, {}
-    for axis, (name, angle) in AXES.items():
-        if name not in columns:
-            continue
+    seen_along = {axis: columns[name][shown] for axis, (name, _) in AXES.items() if name in columns}
+    for axis, place in seen_along.items():
+        angle = AXES[axis][1]
         role = f"measured_{angle}" if f"measured_{angle}" in columns else f"command_{angle}"
         known = np.isfinite(columns[role])
-        held = role.startswith("command")
-        axes[axis] = AxisLog(
-            time[known], columns[role][known], held, sampled[shown], columns[name][shown]
-        )
+        held, at = role.startswith("command"), sampled[shown]
+        across = (_speed(at, e) for e in seen_along.values() if e is not place and not held)
+        axes[axis] = AxisLog(time[known], columns[role][known], held, at, place, *across)
         tilts[axis] = units[role]
     return AnyLog(source, axes, tilts, tuple(notes))
+
+
+def _speed(time: Array, place: Array) -> Array:
+    """Times in s and speeds in m/s, 0 of a slow ball, by parabolas over ``SEEN``, shape (2, N)."""
+    step = float(np.median(np.diff(time)))
+    even = np.arange(time[0], time[-1], step)
+    count = min(2 * round(SEEN / step / 2) + 3, (len(even) - 1) // 2 * 2 + 1)
+    speed = savgol_filter(np.interp(even, time, place), count, 2, deriv=1, delta=step)
+    return np.stack((even, np.where(np.abs(speed) > SLOW, np.abs(speed), 0.0)))
 
 
 def _false(ball: Array, seen: Mask) -> Mask:

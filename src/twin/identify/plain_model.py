@@ -1,23 +1,24 @@
 """The plain model of any rig's axis, fitted to simulated windows whose beginnings are free.
 
-    x'' = gain u(t - dead time) + level + camber x - viscous x' - friction sign(x')
+    x'' = gain (u - lever u''/g) + level + camber x - viscous x' - friction sign(x')
 
-u is the command behind a first-order lag, or the measured angle; a ball that friction can hold
-rests. Axes are independent of one another. Dead time is all between command and measured ball.
+u is the command behind a first-order lag, or the measured angle, a dead time ago; a ball that
+friction can hold rests. The lever is how far above the plate's axis the ball is as good as. Axes
+are independent but for friction. Dead time is all between command and measured ball.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from controllers.arrays import Array
 from twin.errors import LogError
-from twin.identify.drives import BANDS, DRIVEN, TiltHistory, unexplained
+from twin.identify.drives import BANDS, DRIVEN, TRIED, TiltHistory, unexplained
 from twin.identify.judged import (
     EVERY,
     HORIZONS,
@@ -112,7 +113,7 @@ class PlainProblem(Fitting):
         )
         steps = int(np.ceil(self.longest / STEP)) + 1
         grid = self.windows.begin + STEP * np.arange(steps)[:, None]
-        told = (values.get(name, zero)[:, 0] for name in ("dead_time", "lag", *DRIVEN))
+        told = (values.get(name, zero)[:, 0] for name in ("dead_time", "lag", *TRIED))
         kinds, which = np.unique(np.stack(tuple(told), axis=-1), axis=0, return_inverse=True)
         inputs = np.stack([self.tilt.at(grid - delay, *each) for delay, *each in kinds], axis=1)
         p, v = starts[0], starts[1]
@@ -122,11 +123,13 @@ class PlainProblem(Fitting):
         by_place = STEP * camber * (1 - (STEP / 2) * viscous)
         kept = 1 + STEP * ((STEP / 2) * (camber + viscous**2) - viscous)
         most = STEP * friction
+        across = np.interp(grid, *self.tilt.log.across)[:, None]
         out = np.empty((steps, *p.shape))
         out[0] = p
         for n in range(steps - 1):
             free = given[n] + by_place * p + kept * v
-            after = free - np.maximum(np.minimum(free, most), -most)
+            speed = np.maximum(np.hypot(free, across[n]), 1e-300)
+            after = free * np.maximum(1 - most / speed, 0.0)
             p = p + (STEP / 2) * (v + after)
             v = after
             out[n + 1] = p
@@ -205,7 +208,8 @@ class Profile(NamedTuple):
     def moved(self, count: int) -> dict[str, Array]:
         """How far parameters are off in the best fits of windows drawn at random, (count,) each.
 
-        The Bayesian bootstrap: each window counts by an exponential number.
+        The Bayesian bootstrap: each window counts by an exponential number. A lever is drawn by its
+        likelihood, as the largest of Gumbel's numbers and its logarithm.
         """
         held = self.theta[:, self.names.index(self.name)]
         fine = np.interp(np.linspace(0, len(held) - 1, FINER), np.arange(len(held)), held)
@@ -213,8 +217,11 @@ class Profile(NamedTuple):
             np.stack([np.interp(fine, held, each) for each in part.T], axis=-1)
             for part in (self.costs, self.theta - self.theta[self.own])
         )
-        weights = np.random.default_rng(1).exponential(size=(count, costs.shape[1]))
-        return dict(zip(self.names, theta[(weights @ costs.T).argmin(axis=1)].T, strict=True))
+        rng = np.random.default_rng(1)
+        drawn = rng.exponential(size=(count, costs.shape[1])) @ costs.T
+        if self.name == "lever":  # windows of one frequency agree in what they hardly know
+            drawn -= 2 * rng.gumbel(size=drawn.shape)
+        return dict(zip(self.names, theta[drawn.argmin(axis=1)].T, strict=True))
 
 
 def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile:
@@ -231,12 +238,11 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
 
 def with_drives(fit: AxisFit, longest: float) -> AxisFit:
     """The fit with what the log shows of its drives: dead band, play, slew."""
-    rest = unexplained(
-        fit.problem.tilt, fit.problem.windows, fit.value("dead_time"), fit.value("lag")
-    )
+    tilt, windows = fit.problem.tilt, fit.problem.windows
+    rest = unexplained(tilt, windows, fit.value("dead_time"), fit.value("lag"))
     few = np.argsort(rest)[:8]
     bands = BANDS[np.sort(few[rest[few] < EXPLAINS * rest[0]])]
-    for name in DRIVEN:
+    for name in TRIED if fit.log.held else TRIED[-1:]:
         values, other = bands if name == "dead_band" else np.array(PLAIN[name].tried), fit
         while values.any():
             found = profile(other, name, values)
@@ -252,10 +258,10 @@ def with_drives(fit: AxisFit, longest: float) -> AxisFit:
 
 
 def profiled(fit: AxisFit) -> AxisFit:
-    """The fit with profiles of its drives, by which its intervals know of them."""
+    """The fit with profiles of drives and lever, by which its intervals know of them."""
     found = (
         profile(fit, name, sorted({*PLAIN[name].tried, *(NEAR_BY * fit.value(name))}))
-        for name in DRIVEN
+        for name in (TRIED if fit.log.held else TRIED[-1:])
     )
     return replace(fit, profiles=tuple(found))
 
@@ -287,7 +293,8 @@ class AxisFit(Fit):
         for each in self.profiles:
             moved = each.moved(len(own.draws))
             for at, name in enumerate(names):
-                own.draws[:, at] += moved.get(name, 0.0)
+                if name == "gain" or each.name in (*DRIVEN, *names):
+                    own.draws[:, at] += moved.get(name, 0.0)
                 if name == each.name:
                     own.identifiable[at] = True
                     own.degrees_of_freedom[at] = max(len(self.problem.windows) - len(names), 1)
@@ -297,11 +304,8 @@ class AxisFit(Fit):
         """The fit of other parameters, windows or parts of a log, begun from this one."""
         guess = np.array([[self.value(name) for name in names]])
         problem = replace(self.problem, names=names)
-        return replace(
-            _fitted(log, problem, longest, guess, self.sigma),
-            noise=self.noise,
-            pushed=self.pushed,
-        )
+        found = _fitted(log, problem, longest, guess, self.sigma)
+        return replace(found, noise=self.noise, pushed=self.pushed)
 
 
 def fit_axis(
@@ -406,6 +410,7 @@ def axis_predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True
         at: When predictions begin.
         follow: Whether a level that is followed is tried as well, and the model without friction.
     """
+    log = replace(log, across=log.across * fit.log.across[1].any())
     theta, tilt = fit.found.theta, TiltHistory(log, fit.problem.tilt.scale)
     by = {"model": theta}
     if follow:
@@ -440,7 +445,7 @@ PAYS = 0.9
 """Share of an error that is left with what pays."""
 SLOWEST = 0.4
 """Most dead time and lag of such a fit in s."""
-USUAL = {"dead_time": 0.1, "lag": 0.1, "level": 0.0, "friction": 0.03, "camber": 0.0}
+USUAL = {"dead_time": 0.1, "lag": 0.1, "friction": 0.03}
 """First guesses of that fit, beside those of a fit to windows."""
 
 
@@ -491,21 +496,12 @@ def _by_predictions(fit: AxisFit) -> Array:
         return np.asarray(((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T)
 
     usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | USUAL
-    usual |= {name: fit.value(name) for name in DRIVEN}
-    begun_at = [[usual.get(name, 0.0) for name in names]]
-    begun_at += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
-    tried = [
-        least_squares(
-            off,
-            np.clip(guess, least + 1e-6, most - 1e-6),
-            slopes,
-            (least, most),
-            x_scale=step,
-            loss="soft_l1",
-            max_nfev=100,
-        )
-        for guess in begun_at
-    ]
+    usual |= {name: fit.value(name) for name in TRIED}
+    first = [[usual.get(name, 0.0) for name in names]]
+    first += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
+    begun_at = np.clip(first, least + 1e-6, most - 1e-6)
+    how: Any = {"bounds": (least, most), "x_scale": step, "loss": "soft_l1", "max_nfev": 100}
+    tried = [least_squares(off, guess, slopes, **how) for guess in begun_at]
     found = min(tried, key=lambda each: float(each.cost))
     return np.asarray(found.x[None])
 
