@@ -16,17 +16,7 @@ from ballplate.changes import scenarios
 from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
 from twin.cli import options
-from twin.cli.output import (
-    TERMINAL,
-    Shown,
-    bold,
-    dim,
-    indicators,
-    reasons,
-    say,
-    show,
-    show_titles,
-)
+from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, reasons, say, show, show_titles
 from twin.data_file import read_toml
 from twin.errors import LogError, RecordError, ScenarioError, TwinError, ViewError
 from twin.paths import model_path

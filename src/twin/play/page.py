@@ -13,17 +13,7 @@ from nicegui.element import Element
 
 from controllers.interfaces import DelayedObserver, Law, Observer
 from twin.play.driven import drivable
-from twin.play.session import (
-    COLUMNS,
-    PAGE,
-    Back,
-    Event,
-    Goal,
-    Pause,
-    Push,
-    Settings,
-    Status,
-)
+from twin.play.session import COLUMNS, PAGE, Back, Event, Goal, Pause, Push, Settings, Status
 from twin.scenario.describe import every_kind
 from twin.scenario.schema import Dimensions, choices
 

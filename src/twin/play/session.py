@@ -13,16 +13,7 @@ from typing import Any, NamedTuple
 from controllers.interfaces import Measurement
 from twin.data_file import read_toml
 from twin.errors import TwinError
-from twin.play.driven import (
-    LONGEST,
-    Driven,
-    DrivenRig,
-    Part,
-    States,
-    Write,
-    rows_of,
-    save_driven,
-)
+from twin.play.driven import LONGEST, Driven, DrivenRig, Part, States, Write, rows_of, save_driven
 from twin.run.assemble import build_controller
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Outcome

@@ -32,11 +32,7 @@ from twin.devices.lumio import conditions as lumio
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import Towards
-from twin.emulator.drive import (
-    COASTING,
-    STOP_RAMP,
-    Power,
-)
+from twin.emulator.drive import COASTING, STOP_RAMP, Power
 from twin.emulator.drive_objects import Frame
 from twin.emulator.lockstep import PATIENCE, LockstepRig
 from twin.emulator.screen import Protocol, ScreenFault

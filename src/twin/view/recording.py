@@ -16,14 +16,7 @@ from twin.hal.interface import SCREEN
 from twin.run.finished import Run
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, SharedRingBuffer, step_back
-from twin.view.streams import (
-    PLOTS,
-    TIMELINE,
-    TWIN_PLOTS,
-    TWIN_RANGE,
-    Batch,
-    RunStream,
-)
+from twin.view.streams import PLOTS, TIMELINE, TWIN_PLOTS, TWIN_RANGE, Batch, RunStream
 from twin.view.viewer import environment
 from twin.writing import write_whole
 
