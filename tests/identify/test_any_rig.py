@@ -328,6 +328,7 @@ def test_of_a_plate_that_swings_at_one_frequency_the_gain_holds_what_a_lever_doe
     assert gain.word == word
     assert gain.low <= 6.0 <= gain.high
     assert ("lever" in gain.why) == (word == NOT)
+    assert "% of the ball's swing is at one frequency" in " ".join(found.notes)
 
 
 @pytest.mark.long
@@ -349,6 +350,7 @@ def test_gain_and_friction_of_a_shipped_rig_are_those_of_its_ball(rig, gain, fri
         ):
             assert each.low <= true <= each.high
         assert told[f"gain_{axis}"].value == pytest.approx(sign * gain, rel=0.07)
+    assert "at one frequency" not in " ".join(found.notes)
 
 
 @pytest.mark.long
