@@ -375,6 +375,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
             moved = each.moved(len(drawn))[each.name]
             size = (moved @ moved) * (drawn**2).sum(axis=0)
             hidden[each.name] = (moved @ drawn) ** 2 / np.maximum(size, 1e-300)
+    one = "lever" in names and _at_one_frequency(fit.log) > ALMOST
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):
@@ -382,6 +383,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         scale = {"gain": 1 / swing, "dead_band": swing, "play": swing}.get(name, 1.0)
         others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
         others += [PLAIN[name].key for name, share in hidden.items() if share[k] > HIDDEN]
+        others = others or ["lever"] * (one and name in {"gain", "friction"})
         values = (own.value[k], low[k], high[k])
         if name == "delay":
             about, others = replace(PLAIN["dead_time"], key="dead time + lag"), []
