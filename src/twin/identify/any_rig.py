@@ -383,13 +383,15 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         scale = {"gain": 1 / swing, "dead_band": swing, "play": swing}.get(name, 1.0)
         others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
         others += [PLAIN[name].key for name, share in hidden.items() if share[k] > HIDDEN]
-        others = others or ["lever"] * (one and name in {"gain", "friction"})
         values = (own.value[k], low[k], high[k])
         if name == "delay":
             about, others = replace(PLAIN["dead_time"], key="dead time + lag"), []
         else:
             about = _about(name, unit)
         verdict = _verdict(about, f"{name}_{axis}", values, ends[k], reasons[k], others, scale)
+        if one and name in {"gain", "friction"} and verdict.word == judged.IDENTIFIED:
+            why = "at one frequency told together with lever only"
+            verdict = replace(verdict, word=judged.NOT, why=why)
         verdict = _as_slew(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
     for each in fit.profiles:
