@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import detrend
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
@@ -46,8 +45,6 @@ MOST_TURNED = 0.2
 """How much too far or too little a command may tilt the twin's plate."""
 HIDDEN = 0.5
 """Share of the scatter of a parameter from which on it is told with what is not fitted only."""
-ALMOST = 0.85
-"""Share of the ball's power at one frequency above which a log tells little of gain."""
 PAUSE = 10.0
 """Time in s between two logs that are fitted as one."""
 
@@ -249,15 +246,6 @@ def _check_excited(log: AxisLog) -> None:
         )
 
 
-def _at_one_frequency(log: AxisLog) -> float:
-    """The share of the power of the ball's way that is at its strongest frequency."""
-    even = np.arange(log.sampled[0], log.sampled[-1], 0.02)
-    ball = detrend(np.interp(even, log.sampled, log.ball)) * np.hanning(len(even))
-    power = np.abs(np.fft.rfft(ball)) ** 2
-    most = max(int(power.argmax()), 3)  # less than three times to and fro is no frequency
-    return float(power[most - 2 : most + 3].sum() / power.sum())
-
-
 def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisFit, list[str]]:
     """The fit with the parameters that pay, and what is to be said of it."""
     notes: list[str] = []
@@ -278,11 +266,6 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
         notes.append(
             "dead time at a bound, which was widened: it holds what the clocks of camera and "
             "command differ by, and is negative where that is more"
-        )
-    if (share := _at_one_frequency(log)) > ALMOST:
-        notes.append(
-            f"{100 * share:.0f} % of the ball's swing is at one frequency: gain and friction are "
-            "hardly told apart, and intervals hold only if the model does; a log of `excite` tells"
         )
     if not names:
         fit = _richer(_driven(fit, longest, notes), longest, notes)
@@ -375,7 +358,6 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
             moved = each.moved(len(drawn))[each.name]
             size = (moved @ moved) * (drawn**2).sum(axis=0)
             hidden[each.name] = (moved @ drawn) ** 2 / np.maximum(size, 1e-300)
-    one = "lever" in names and _at_one_frequency(fit.log) > ALMOST
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):
@@ -389,9 +371,6 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         else:
             about = _about(name, unit)
         verdict = _verdict(about, f"{name}_{axis}", values, ends[k], reasons[k], others, scale)
-        if one and name in {"gain", "friction"} and verdict.word == judged.IDENTIFIED:
-            why = "at one frequency told together with lever only"
-            verdict = replace(verdict, word=judged.NOT, why=why)
         verdict = _as_slew(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
     for each in fit.profiles:
