@@ -288,7 +288,10 @@ def test_the_page_leads_from_a_log_to_a_twin_and_back_to_the_rig(tmp_path):
     with board(tmp_path):
         for line in commands:
             assert line.startswith("uv run ballplate ")
-            code, said = ballplate(tmp_path, *line.split()[3:])
+            for _ in range(3):  # a computer that is busy elsewhere ends a run on a rig, rightly
+                code, said = ballplate(tmp_path, *line.split()[3:])
+                if "loop overrun" not in said:
+                    break
             assert code == 0, said
     found = tomllib.loads((tmp_path / "runs/identify-mine/parameters.toml").read_text())
     assert found["parameters"] == "hobby"
