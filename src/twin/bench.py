@@ -347,10 +347,9 @@ class Benchmark:
                 yield f"{name}: not the file that was frozen"
         for law, told in lock.expected.items() if rigs else ():
             rows = self.carried_out(self.about.laws[law], self.folder, Store(None), rigs=rigs)
-            expected, apart = (
-                np.concatenate([its[task.name][: rigs * self.about.seeds] for task in tasks])
-                for its in (told, lock.rounding[law])
-            )
+            runs, near = rigs * self.about.seeds, lock.rounding[law]
+            expected = np.concatenate([told[task.name][:runs] for task in tasks])
+            apart = np.concatenate([near.get(task.name, (0.0,) * runs)[:runs] for task in tasks])
             yield from unlike(rows, expected, self.about.metric, law, 2 * apart)
 
     def replayed(self, folder: Path, **how: Any) -> Iterator[str]:
@@ -431,8 +430,8 @@ class Lock(Checked):
     Attributes:
         files: SHA-256 of its files and of the model's, by name.
         expected: By law and task, errors in m on the first rigs, noise by noise.
-        rounding: In the same order, how far apart they were, m, with the ball begun up to 3 um
-            beside: where it sticks, under some laws, goes by the last bit.
+        rounding: Of tasks in which the ball is held, in the same order, how far apart they were, m,
+            with it begun up to 3 um beside: where it sticks, under some laws, goes by the last bit.
     """
 
     files: dict[str, str]
