@@ -3,6 +3,7 @@
 import contextlib
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -288,10 +289,12 @@ def test_the_page_leads_from_a_log_to_a_twin_and_back_to_the_rig(tmp_path):
     with board(tmp_path):
         for line in commands:
             assert line.startswith("uv run ballplate ")
+            words = line.split()[3:]
             for _ in range(3):  # a computer that is busy elsewhere ends a run on a rig, rightly
-                code, said = ballplate(tmp_path, *line.split()[3:])
+                code, said = ballplate(tmp_path, *words)
                 if "loop overrun" not in said:
                     break
+                shutil.rmtree(tmp_path / words[-1])  # the next try is to have its name
             assert code == 0, said
     found = tomllib.loads((tmp_path / "runs/identify-mine/parameters.toml").read_text())
     assert found["parameters"] == "hobby"
@@ -303,9 +306,9 @@ def test_the_page_leads_from_a_log_to_a_twin_and_back_to_the_rig(tmp_path):
         name: json.loads((tmp_path / "runs" / name / "metrics.json").read_text())[
             "tracking_error_percent"
         ]
-        for name in ("mine", "cured")
+        for name in ("before", "cured")
     }
-    assert error["cured"] < 0.8 * error["mine"]
+    assert error["cured"] < 0.8 * error["before"]
 
 
 @pytest.mark.parametrize("what", ["cams", "touch", "lost-motion"])
