@@ -325,6 +325,8 @@ def _pays(left: float, share: float, of: float, what: str, notes: list[str]) -> 
 
 
 def _about(name: str, unit: str) -> IdentifiedParameter:
+    if name == "delay":
+        return replace(PLAIN["dead_time"], key="dead time + lag")
     about = PLAIN[name]
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
@@ -348,40 +350,33 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         unlike = apart > np.hypot(own.half_width, another.half_width)
         low = np.where(unlike, np.minimum(low, another.value - another.half_width), low)
         high = np.where(unlike, np.maximum(high, another.value + another.half_width), high)
-        told = f"{why} give another value, which the interval holds: a model error"
-        reasons = [each + [told] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
+        word = f"{why} give another value, which the interval holds: a model error"
+        reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
     alike = np.abs(own.correlation) > judged.CORRELATED
     drawn = own.draws - own.value
-    hidden: dict[str, Array] = {}  # share of the scatter of each that is of what is not fitted
-    for each in fit.profiles:
-        if each.name not in names:
-            moved = each.moved(len(drawn))[each.name]
-            size = (moved @ moved) * (drawn**2).sum(axis=0)
-            hidden[each.name] = (moved @ drawn) ** 2 / np.maximum(size, 1e-300)
+    hidden = {each.name: each.moved[each.name] for each in fit.profiles if each.name not in names}
+    shares = {  # of the scatter of each that is of what is not fitted
+        name: (moved @ drawn) ** 2 / np.maximum((moved @ moved) * (drawn**2).sum(axis=0), 1e-300)
+        for name, moved in hidden.items()
+    }
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
+    swing = fit.problem.tilt.scale
+    scales = {"gain": 1 / swing, "dead_band": swing, "play": swing}
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):
-        swing = fit.problem.tilt.scale
-        scale = {"gain": 1 / swing, "dead_band": swing, "play": swing}.get(name, 1.0)
         others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
-        others += [PLAIN[name].key for name, share in hidden.items() if share[k] > HIDDEN]
+        others += [PLAIN[each].key for each, share in shares.items() if share[k] > HIDDEN]
         values = (own.value[k], low[k], high[k])
-        if name == "delay":
-            about, others = replace(PLAIN["dead_time"], key="dead time + lag"), []
-        else:
-            about = _about(name, unit)
-        verdict = _verdict(about, f"{name}_{axis}", values, ends[k], reasons[k], others, scale)
+        told = values, ends[k], reasons[k], others * (name != "delay"), scales.get(name, 1.0)
+        verdict = _verdict(_about(name, unit), f"{name}_{axis}", *told)
         verdict = _as_slew(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
-    for each in fit.profiles:
-        if each.name not in names:  # how much of it there may be
-            share = (1 - judged.SURE, judged.SURE)
-            least, most = np.quantile(each.moved(1000)[each.name], share).tolist()
-            by = 1.0 if each.name in {"slew", "lever"} else swing
-            of = (PLAIN[each.name], f"{each.name}_{axis}", "not told from none")
-            least, most = by * min(least, 0.0), by * (most or abs(float(each.theta[1, -1])))
-            none = replace(judged.ParameterVerdict.unknown(*of), low=least, high=most)
-            found.append(_as_slew(none, swing) if each.name == "slew" else none)
+    for name, moved in hidden.items():  # how much of it there may be
+        least, most = np.quantile(moved, (1 - judged.SURE, judged.SURE)).tolist()
+        by, about = scales.get(name, 1.0), PLAIN[name]
+        none = judged.ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
+        none = replace(none, low=by * min(least, 0.0), high=by * (most or abs(about.tried[1])))
+        found.append(_as_slew(none, swing) if name == "slew" else none)
     return found
 
 

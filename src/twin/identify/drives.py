@@ -56,6 +56,7 @@ class TiltHistory:
 
     Attributes:
         scale: How far it swings: what one unit of the fit's gain is for.
+        tried: What of ``TRIED`` may be: no drive lies between a measured angle and the ball.
     """
 
     def __init__(self, log: AxisLog, usual: float | None = None) -> None:
@@ -66,6 +67,7 @@ class TiltHistory:
         self.time = float(log.time[0]) + FINE * np.arange(steps)
         self.driven: dict[tuple[float, ...], Array] = {}
         self.lagged: dict[tuple[float, ...], Array] = {}
+        self.tried = TRIED if log.held else TRIED[len(DRIVEN) :]
 
     def at(self, time: Array, lag: float, *drive: float) -> Array:
         """Behind a lag in s, at times in s of any shape.

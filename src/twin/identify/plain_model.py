@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -33,6 +34,7 @@ from twin.identify.judged import (
 from twin.identify.logs import GAP, AxisLog
 from twin.identify.parameters import PLAIN
 from twin.identify.search import (
+    DRAWS,
     Estimate,
     Fit,
     Fitting,
@@ -188,7 +190,8 @@ EXPLAINS = 0.7
 """Share of what an ideal drive leaves unexplained that is left with a dead band worth a fit."""
 
 
-class Profile(NamedTuple):
+@dataclass(frozen=True)
+class Profile:
     """Fits with a parameter held at one value after another.
 
     Attributes:
@@ -205,8 +208,9 @@ class Profile(NamedTuple):
     costs: Array
     own: int
 
-    def moved(self, count: int) -> dict[str, Array]:
-        """How far parameters are off in the best fits of windows drawn at random, (count,) each.
+    @cached_property
+    def moved(self) -> dict[str, Array]:
+        """How far parameters are off in the best fits of windows drawn at random, (DRAWS,) each.
 
         The Bayesian bootstrap: each window counts by an exponential number. A lever is drawn by its
         likelihood, as the largest of Gumbel's numbers and its logarithm.
@@ -218,7 +222,7 @@ class Profile(NamedTuple):
             for part in (self.costs, self.theta - self.theta[self.own])
         )
         rng = np.random.default_rng(1)
-        drawn = rng.exponential(size=(count, costs.shape[1])) @ costs.T
+        drawn = rng.exponential(size=(DRAWS, costs.shape[1])) @ costs.T
         if self.name == "lever":  # windows of one frequency agree in what they hardly know
             drawn -= 2 * rng.gumbel(size=drawn.shape)
         return dict(zip(self.names, theta[drawn.argmin(axis=1)].T, strict=True))
@@ -242,7 +246,7 @@ def with_drives(fit: AxisFit, longest: float) -> AxisFit:
     rest = unexplained(tilt, windows, fit.value("dead_time"), fit.value("lag"))
     few = np.argsort(rest)[:8]
     bands = BANDS[np.sort(few[rest[few] < EXPLAINS * rest[0]])]
-    for name in TRIED if fit.log.held else TRIED[-1:]:
+    for name in tilt.tried:
         values, other = bands if name == "dead_band" else np.array(PLAIN[name].tried), fit
         while values.any():
             found = profile(other, name, values)
@@ -261,7 +265,7 @@ def profiled(fit: AxisFit) -> AxisFit:
     """The fit with profiles of drives and lever, by which its intervals know of them."""
     found = (
         profile(fit, name, sorted({*PLAIN[name].tried, *(NEAR_BY * fit.value(name))}))
-        for name in (TRIED if fit.log.held else TRIED[-1:])
+        for name in fit.problem.tilt.tried
     )
     return replace(fit, profiles=tuple(found))
 
@@ -291,10 +295,9 @@ class AxisFit(Fit):
         """The parameters and their uncertainty, as far as drives that suit the log change them."""
         own, names = super().estimate(), self.problem.names
         for each in self.profiles:
-            moved = each.moved(len(own.draws))
             for at, name in enumerate(names):
                 if name == "gain" or each.name in (*DRIVEN, *names):
-                    own.draws[:, at] += moved.get(name, 0.0)
+                    own.draws[:, at] += each.moved.get(name, 0.0)
                 if name == each.name:
                     own.identifiable[at] = True
                     own.degrees_of_freedom[at] = max(len(self.problem.windows) - len(names), 1)
