@@ -234,11 +234,6 @@ def _unwatched(case: FaultCase, detected: float) -> float:
     return detected + min(case.host.watch.stop, LEAVING) + 2 * case.host.period + watch
 
 
-def _stopped_itself(case: FaultCase, _: float, __: AtFault) -> float:
-    """One period, the ramp."""
-    return case.host.period + RAMP
-
-
 def _run_out(case: FaultCase, _: float, at: AtFault) -> float:
     """Two periods, then down to 1/e in every time constant without torque."""
     rate = at.rate + 2 * ACCELERATION * case.host.period
@@ -265,7 +260,7 @@ STOPS: dict[Stopper, Callable[[FaultCase, float, AtFault], float]] = {
     Stopper.HEARTBEAT: _watched,
     Stopper.STO: _run_out,
     Stopper.LOST_TORQUE: _run_out,
-    Stopper.DRIVE: _stopped_itself,
+    Stopper.DRIVE: lambda case, *_: case.host.period + RAMP,
 }
 """Longest time to standstill by who has to stop an axis, from case, detection in s and fault."""
 
