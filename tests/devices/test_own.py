@@ -14,6 +14,7 @@ from command_line import called
 from own_board import EXAMPLE, VirtualBoard, own_rig
 from own_board import board as example
 
+import ballplate as bp
 from twin.devices.own import (
     ASTRAY,
     FAILED,
@@ -234,6 +235,21 @@ def test_a_start_that_fails_stops_the_hardware(change, words, scenario):
     with pytest.raises(RigError, match=words), own_rig(hardware, scenario()):
         pass
     assert hardware.stopped == 1
+
+
+@pytest.mark.real_time
+def test_a_record_has_the_limits_of_the_rig_where_they_are_narrower(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        f"{HEAD}class B(Hardware):\n"
+        "  measure = lambda self: Reading(0.0, 0.0, self.time())\n"
+        "  start = command = stop = lambda *_: None\n"
+    )
+    rig = tmp_path / "rig.toml"
+    rig.write_text('backend = "mine.py:B"\n[limits]\nangle_deg = 0.5\narea = [0.3, 0.1]\n')
+    done = bp.run("hold", on=str(rig), duration=0.1)
+    assert done.scenario.rig.limits.area == (0.25, 0.1)
+    assert done.scenario.rig.limits.rate_deg == 35
+    assert done.limits.angle == pytest.approx(np.radians(0.5))
 
 
 @contextlib.contextmanager
