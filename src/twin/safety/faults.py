@@ -582,10 +582,6 @@ def _words(name: str) -> str:
     return cause.words if cause else (globals()[name].__doc__ or "").rstrip(".")
 
 
-def _host(table: dict[str, Any]) -> AkdConfig:
-    return AkdConfig(**table | {"watch": MonitorConfig(**table.get("watch", {}))})
-
-
 READ: dict[str, Callable[[Any], Any]] = {
     "act": _done,
     "begins": _done,
@@ -595,7 +591,7 @@ READ: dict[str, Callable[[Any], Any]] = {
     "states": lambda names: tuple(Power[name] for name in names),
     "protocol": lambda name: Protocol[name],
     "wait": lambda names: sum(WAITS[name] for name in names),
-    "host": _host,
+    "host": lambda table: AkdConfig(**table | {"watch": MonitorConfig(**table.get("watch", {}))}),
     "gate": lambda table: PlausibilityLimits(**table),
 }
 """What a key's value stands for, where that is not the value itself."""
