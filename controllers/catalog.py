@@ -178,9 +178,9 @@ def register(cls: type[Law | Observer | Reference]) -> None:
     Raises:
         ValueError: If it is abstract, has no name, or its name is that of a class of the catalog.
     """
-    name = vars(cls).get("name")
-    if not isinstance(name, str) or not _whole(cls):
-        raise ValueError(f"{cls.__name__}: needs a name of its own and every method of its kind")
+    if lacking := _lacking(cls):
+        raise ValueError(f"{cls.__name__} lacks {lacking}")
+    name = cls.name
     known = {item.name: item for module in _modules()[0] for item in _classes(module)}
     if name in known and _home(known[name]) == _home(cls):
         if _is_stale(known[name]):
@@ -280,24 +280,36 @@ def _all_classes() -> list[type[Law | Observer | Reference]]:
 
 def _classes(module: ModuleType) -> list[type[Law | Observer | Reference]]:
     """The concrete laws, observers and references that a module names."""
-    return [
-        item
-        for _, item in inspect.getmembers(module, inspect.isclass)
-        if issubclass(item, Law | Observer | Reference)
-        and isinstance(vars(item).get("name"), str)
-        and _whole(item)
-    ]
+    return [item for item in _kinds(module) if not _lacking(item)]
 
 
-def _whole(cls: type) -> bool:
-    """Whether a class has every method of its kind; a law acts by ``control`` or ``command``."""
+def _kinds(module: ModuleType) -> list[type[Law | Observer | Reference]]:
+    """The laws, observers and references in a module, whole or not."""
+    every = inspect.getmembers(module, inspect.isclass)
+    return [item for _, item in every if issubclass(item, Law | Observer | Reference)]
+
+
+def _lacking(cls: type[Law | Observer | Reference]) -> str:
+    """What a class lacks to be one of its kind; a law acts by ``control`` or ``command``."""
+    if not isinstance(vars(cls).get("name"), str):
+        return 'a name of its own, as in name: ClassVar[str] = "mine"'
     idle = issubclass(cls, Law) and cls.control is Law.control and cls.command is Law.command
-    return not (idle or inspect.isabstract(cls))
+    return "control" if idle else ", ".join(sorted(getattr(cls, "__abstractmethods__", ())))
 
 
 def broken() -> tuple[str, ...]:
     """A line for each module that could not be imported: file, line and error."""
     return _modules()[1]
+
+
+def unfinished() -> list[str]:
+    """A line for each class of an outside module that is none of its kind: file, class and why."""
+    return [
+        f"{module.__file__}: {item.__name__} lacks {_lacking(item)}"
+        for module in outside()
+        for item in _kinds(module)
+        if _lacking(item) and item.__module__ == module.__name__
+    ]
 
 
 def blamed(error: BaseException) -> str | None:
@@ -394,11 +406,13 @@ def estimated(observer: Observer, x: Any, like: Array) -> Array:
 
 
 def _wrong(law: Law | Observer, method: str, what: str, given: Any, expected: Array) -> AnswerError:
-    kind = "complex numbers of " if np.iscomplexobj(given) else ""
-    said = "None" if given is None else f"{kind}shape {np.shape(given)}"
+    said = "None" if given is None else f"a {type(given).__name__}"
+    if isinstance(given, np.ndarray | np.generic):
+        kind = {"f": "", "i": "", "c": "complex numbers of "}
+        said = f"{kind.get(given.dtype.kind, f'{given.dtype} of ')}shape {given.shape}"
     return AnswerError(
         f"{_place(law, method)}: {method} must give {what}, here real numbers of shape "
-        f"{expected.shape}; it gave {said}"
+        f"{expected.shape} in an array; it gave {said}"
     )
 
 

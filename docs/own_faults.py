@@ -27,7 +27,6 @@ from twin.hal.cams import FixedRatio
 from twin.hal.interface import Condition, Severity
 from twin.hal.supervisor import Supervisor
 from twin.run.assemble import build_controller, build_limits
-from twin.run.connect import narrower
 from twin.run.loop import drive
 from twin.run.metrics import Ending
 from twin.run.record import Recorder
@@ -216,7 +215,7 @@ GIVEN = (
     "controller.gains=[60,54,30,8]",
 )
 SCENARIO = load("circle", GIVEN)
-LIMITS = narrower(build_limits(SCENARIO.rig.limits), build_limits(FILE.limits))
+LIMITS = build_limits(FILE.limited(SCENARIO).rig.limits)
 PERIOD = SCENARIO.rig.period
 SEEN = BOARD.LATE + BOARD.FRAME + PERIOD
 """What passes in s until a picture arrives: its age, a frame, a period."""

@@ -308,7 +308,8 @@ class FrictionKalman(LateBall):
         self._reduce(W, moving)
         self._correct_by(change)
         if by.any(struck):
-            self._P[np.reshape(struck, -1), :4, :4] += _blow()
+            passed = np.vstack((SINCE * np.eye(2), np.eye(2)))  # by a blow, eta and eta'
+            self._P[np.reshape(struck, -1), :4, :4] += BLOW**2 * passed @ passed.T
         least, most, (*_, kx, ky, friction) = by.least, by.most, self._s
         self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
@@ -325,12 +326,6 @@ class FrictionKalman(LateBall):
     def _correct_by(self, change: Array) -> None:
         """Add to the estimate what a touch sample says of it, shape (N, 9)."""
         self._s = [a + b for a, b in zip(self._s, components(change), strict=True)]
-
-
-def _blow() -> Array:
-    """What a blow adds to the covariance of (eta, eta'), shape (4, 4)."""
-    passed = np.vstack((SINCE * np.eye(2), np.eye(2)))
-    return BLOW**2 * passed @ passed.T
 
 
 def diagonal(P: Array) -> Array:

@@ -10,13 +10,5 @@ from controllers.ballplate import BallPlate
 from controllers.interfaces import DelayedObserver, Measurement, Observer, Quantity
 from controllers.observers import *  # noqa: F403  what it says that it has
 
-__all__ = [
-    "Array",
-    "BallPlate",
-    "DelayedObserver",
-    "Mask",
-    "Measurement",
-    "Observer",
-    "Quantity",
-]
+__all__ = ["Array", "BallPlate", "DelayedObserver", "Mask", "Measurement", "Observer", "Quantity"]
 __all__ += _shipped.__all__

@@ -85,7 +85,7 @@ def run(
     others = [beside] if isinstance(beside, str | Path) else beside
     for name in others:
         find(str(name))
-    chosen = scenario_of(scenario, changed)
+    chosen = _limited(scenario_of(scenario, changed), on)
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess, cores
@@ -132,6 +132,15 @@ def run(
             folder = free(folder)  # what is finished is worth more than a beginning
         kept(result, folder, second)
         return result
+
+
+def _limited(scenario: Scenario, on: str | None) -> Scenario:
+    """A scenario within the limits of the rig that it is to run on, as its record says them."""
+    if on is None or on == EMULATED:
+        return scenario
+    from twin.scenario.rig import read_rig
+
+    return read_rig(Path(on)).limited(scenario)
 
 
 @contextmanager
@@ -187,7 +196,7 @@ def traced(
     if file is None:
         yield None
         return
-    from twin.devices.akd.traces import COLUMNS, PART, appended, parts, to_row
+    from twin.devices.akd.traces import COLUMNS, PART, appended, to_row
     from twin.view.live_process import LiveProcess
 
     with ExitStack() as end:
@@ -200,11 +209,11 @@ def traced(
             yield lambda message: put(to_row(message))
         except TwinError as error:
             live.finish()
-            if parts(file):
+            if live.taken:
                 error.args = (f"{error}; what was said on the bus: ballplate trace {file}",)
             raise
         live.finish()
-        if not bounded and not parts(file):
+        if not bounded and not live.taken:
             reporter.warn(f"{file}: not written, for nothing was said on a CAN bus")
         if live.dropped:
             reporter.warn(f"{file}: {live.dropped} frames are missing: the computer was too busy")

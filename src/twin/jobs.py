@@ -200,7 +200,9 @@ def program_left_out() -> Iterator[None]:
 def pool(processes: int) -> Iterator[_Pool]:
     """Processes that end, whatever they are at, when this context is left."""
     before = set(multiprocessing.active_children())
-    executor = _Pool(processes, _start_method())
+    # a fork imports nothing anew; it is safe on Linux, where there is no thread but this one
+    alone = sys.platform == "linux" and len(list(Path("/proc/self/task").iterdir())) == 1
+    executor = _Pool(processes, "fork" if alone else "spawn")
     try:
         yield executor
     finally:
@@ -208,12 +210,6 @@ def pool(processes: int) -> Iterator[_Pool]:
         executor.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
-
-
-def _start_method() -> str:
-    """``fork``, which imports nothing anew, where it is safe: Linux, and no thread but this one."""
-    alone = sys.platform == "linux" and len(list(Path("/proc/self/task").iterdir())) == 1
-    return "fork" if alone else "spawn"
 
 
 def let_go(process: BaseProcess) -> None:

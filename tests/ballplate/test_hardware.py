@@ -190,13 +190,16 @@ def test_an_error_on_the_wire_ends_with_where_the_trace_lies(tmp_path):
     assert [bytes(each.data) for each in read_trace(file).frames] == [bytes(8)]
 
 
-def test_a_bus_that_was_never_opened_leaves_no_trace(tmp_path):
+@pytest.mark.parametrize("older", [[], ["trace.log"]])
+def test_a_bus_that_was_never_opened_leaves_no_trace_and_an_older_one_is_not_its(tmp_path, older):
+    for name in older:
+        (tmp_path / name).touch()
     with (
         pytest.raises(DriveError, match=r"cannot be opened$"),
         traced(tmp_path / "trace.log", Heard(), bounded=True),
     ):
         raise DriveError(NODE_ABSENT, "CAN", "cannot be opened")
-    assert not list(tmp_path.iterdir())
+    assert [each.name for each in tmp_path.iterdir()] == older
 
 
 @pytest.mark.parametrize("fails", [False, True])

@@ -279,9 +279,11 @@ def test_in_a_study_an_observer_that_gives_no_estimate_is_told(ballplate):
         (BEGIN, f"        return x[..., :2] * np.nan\n{BEGIN}", "control must give numbers; of"),
         (BEGIN, f"        return np.zeros(3)\n{BEGIN}", r"control .*it gave shape \(3,\)"),
         (BEGIN, f"        return None\n{BEGIN}", "control .*it gave None"),
+        (BEGIN, f"        return [[0.0, 0.0]]\n{BEGIN}", "control .* in an array; it gave a list"),
+        (BEGIN, f"        return x[..., :2] > 1\n{BEGIN}", "control .*it gave bool of shape"),
         ("reference: Reference, ", "", r"control takes \(self, t, x, reference, q\)"),
     ],
-    ids=["numbers", "shape", "none", "signature"],
+    ids=["numbers", "shape", "none", "list", "bool", "signature"],
 )
 def test_a_law_that_does_not_answer_is_told_before_anything_runs(
     ballplate, rewrite, old, new, said
@@ -291,6 +293,22 @@ def test_a_law_that_does_not_answer_is_told_before_anything_runs(
     assert (code, out) == (2, "")
     assert re.search(rf"laws/mine.py, line \d+: {said}", err)
     assert "no such file" in ballplate("run", "circle", "--law", "laws/none.py")[2]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "lacks"),
+    [
+        ("def control(", "def contrl(", "Mine lacks control"),
+        ('    name: ClassVar[str] = "mine"\n', "", "Mine lacks a name of its own"),
+    ],
+)
+def test_a_law_without_name_or_method_is_told_to_who_asks_for_it(
+    ballplate, rewrite, old, new, lacks
+):
+    rewrite(old, new)
+    code, _, err = ballplate("run", "circle", *SHORT)
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"laws/mine.py: {lacks}" in err
 
 
 TUNE = """

@@ -15,6 +15,7 @@ from command_line import called
 from own_board import EXAMPLE, VirtualBoard, own_rig
 from own_board import board as example
 
+import ballplate as bp
 from twin.devices.own import (
     ASTRAY,
     FAILED,
@@ -24,6 +25,7 @@ from twin.devices.own import (
     REPORTED,
     SILENT,
     OwnConfig,
+    Reading,
     load_backend,
 )
 from twin.errors import RigError, ScenarioError
@@ -87,17 +89,39 @@ def talking_nonsense(hardware):
     hardware.measure = lambda: (0.0, 0.0)
 
 
+def gives(reading):
+    """A change: what is measured from now on, made of the time."""
+
+    def change(hardware):
+        hardware.measure = lambda: reading(hardware.now)
+
+    return change
+
+
 FAULTS = {
     "measure raises": (fails("measure"), State.FAULT, "OSError: cable gone", 0.004, FAILED),
     "command raises": (fails("command"), State.FAULT, "OSError: cable gone", 0.004, FAILED),
     "faults raises": (fails("faults"), State.FAULT, "OSError: cable gone", 0.004, FAILED),
     "no reading": (talking_nonsense, State.FAULT, "a ballplate.hardware.Reading", 0.004, FAILED),
+    "exits": (gives(lambda now: sys.exit(3)), State.FAULT, "SystemExit: 3", 0.004, FAILED),
+    "no numbers": (
+        gives(lambda now: Reading(None, None, now)), State.FAULT, "NaN for a ball not seen",
+        0.004, FAILED,
+    ),
+    "another clock": (
+        gives(lambda now: Reading(0.0, 0.0, now + 1e9)), State.FAULT, "1e+09 s ahead of time()",
+        0.004, FAILED,
+    ),
+    "reports one text": (
+        lambda hardware: setattr(hardware, "words", "servo too hot"), State.FAULT,
+        "servo too hot", 0.004, REPORTED,
+    ),
     "reports": (reporting, State.FAULT, "servo too hot", 0.004, REPORTED),
     "silent": (silent, State.HOLDING, "measurements ended: none for 0.25 s", 0.27, SILENT),
     "stuck": (stuck, State.FAULT, "deg off for", 1.2, ASTRAY),
     "frozen": (frozen, State.HOLDING, "the same for 0.50 s", 0.51, FROZEN),
     "blind": (blind, State.HOLDING, "the ball is no longer detected", 0.22, BALL_LOST),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -193,12 +217,40 @@ def test_a_class_that_is_none_is_one_line(named, tmp_path, monkeypatch):
     assert "\n" not in str(caught.value)
 
 
-def test_a_start_that_fails_stops_the_hardware(scenario):
+def test_a_class_may_import_what_lies_beside_its_file(tmp_path):
+    (tmp_path / "its_driver.py").write_text("NAME = 'mine'\n")
+    file = tmp_path / "mine.py"
+    file.write_text(
+        f"{HEAD}from its_driver import NAME as n\nclass B(Hardware):\n  name = n\n{WHOLE}"
+    )
+    assert load_backend(f"{file}:B", OwnConfig()).name == "mine"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [(fails("measure"), "cable gone"), (gives(lambda now: sys.exit(3)), "SystemExit: 3")],
+)
+def test_a_start_that_fails_stops_the_hardware(change, words, scenario):
     hardware = VirtualBoard()
-    fails("measure")(hardware)
-    with pytest.raises(RigError, match="cable gone"), own_rig(hardware, scenario()):
+    change(hardware)
+    with pytest.raises(RigError, match=words), own_rig(hardware, scenario()):
         pass
     assert hardware.stopped == 1
+
+
+@pytest.mark.real_time
+def test_a_record_has_the_limits_of_the_rig_where_they_are_narrower(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        f"{HEAD}class B(Hardware):\n"
+        "  measure = lambda self: Reading(0.0, 0.0, self.time())\n"
+        "  start = command = stop = lambda *_: None\n"
+    )
+    rig = tmp_path / "rig.toml"
+    rig.write_text('backend = "mine.py:B"\n[limits]\nangle_deg = 0.5\narea = [0.3, 0.1]\n')
+    done = bp.run("hold", on=str(rig), duration=0.1)
+    assert done.scenario.rig.limits.area == (0.25, 0.1)
+    assert done.scenario.rig.limits.rate_deg == 35
+    assert done.limits.angle == pytest.approx(np.radians(0.5))
 
 
 @contextlib.contextmanager

@@ -36,6 +36,8 @@ def test_every_key_says_what_it_means_and_in_which_unit():
         assert key.meaning.endswith("."), key
         if (suffix := key.key.rpartition("_")[2]) in SUFFIX and key.key.count("_"):
             assert key.unit.partition("/")[0].partition(" ")[0] == SUFFIX[suffix], key
+        if " in m/s^2" in key.meaning:
+            assert key.unit == "m/s^2", key
 
 
 def test_every_key_that_a_scenario_has_is_described():

@@ -1,13 +1,14 @@
 """Rig files with anything in them: a rig, or one line."""
 
 import datetime
+from pathlib import Path
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.errors import TwinError
 from twin.scenario.load import put
-from twin.scenario.rig import RigFile, check_rig
+from twin.scenario.rig import RigFile, check_rig, read_rig
 from twin.validation import keys_of
 
 KEYS = sorted(keys_of(RigFile))
@@ -58,6 +59,20 @@ def test_whatever_a_rig_file_sets_it_is_a_rig_or_is_refused_in_one_line(changes)
     except TwinError as error:
         words = str(error)
     assert len(words) < 1000
+
+
+def test_a_file_that_a_rig_file_names_lies_beside_it_or_in_the_working_folder(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    Path("there").mkdir()
+    Path("there/rig.toml").write_text(
+        'cams = "cams.json"\n[touch]\nport = "x"\ncalibration_file = "touch.json"\n'
+    )
+    Path("cams.json").touch()
+    Path("there/touch.json").touch()
+    found = read_rig(Path("there/rig.toml"))
+    assert (found.cams, found.touch.calibration_file) == ("cams.json", "there/touch.json")
 
 
 def test_the_rig_file_that_the_others_change_is_a_rig():

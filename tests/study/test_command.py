@@ -87,6 +87,16 @@ def test_report_pictures_and_data_are_written(study, tmp_path) -> None:
     ]
 
 
+@pytest.mark.parametrize("method", ["grid", "lhs"])
+def test_what_is_said_to_be_written_is_there_and_nothing_else(study, tmp_path, method) -> None:
+    (tmp_path / "short.toml").write_text(STUDY.replace('"grid"', f'"{method}"\nsamples = 2'))
+    told = study("short.toml", "--processes", "1")[1].rpartition("written to")[2]
+    folder, _, names = " ".join(told.split()).partition(": ")
+    there = {path.name for path in (tmp_path / folder).iterdir()} - {"chunks"}
+    assert {name.strip("/") for name in names.split(", ")} == there
+    assert ("figures/" in (tmp_path / folder / "report.html").read_text()) == ("figures" in there)
+
+
 @pytest.mark.long
 def test_a_summary_for_the_documentation_has_its_pictures_beside_it(
     study, tmp_path, monkeypatch

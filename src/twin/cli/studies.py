@@ -65,7 +65,8 @@ def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int
         *done.sentences,
         *early,
     )
-    files = "report.html, figures/, rows.parquet, rows.csv"
+    drawn = "figures/, " if any(each.curves or each.indices for each in found) else ""
+    files = f"report.html, {drawn}rows.parquet, rows.csv"
     show(_numbers(about, found) | {"endings": early}, shown, folder, files)
     return 0
 

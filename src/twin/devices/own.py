@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 import runpy
+import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -32,7 +34,7 @@ class Reading(NamedTuple):
     Attributes:
         x: Ball along the longer side in m, from the middle of the plate; NaN where it is not seen.
         y: The same along the shorter side.
-        at: When that arrived, s of ``Hardware.time``.
+        at: When that arrived, s of ``Hardware.time``, so never ahead of it.
         phi: Measured plate angle in rad, positive where it lets the ball roll to larger x; None
             where there is no encoder.
         theta: The same; positive where it lets the ball roll to smaller y.
@@ -136,18 +138,16 @@ def load_backend(named: str, config: OwnConfig) -> Hardware:
     file, _, name = named.rpartition(":")
     if not file.endswith(".py") or not Path(file).is_file():
         raise ScenarioError(f"backend: {named!r} must be FILE.py:CLASS; no file {file!r}")
+    sys.path.append(str(Path(file).resolve().parent))  # what it imports may lie beside it
     try:
         kind = runpy.run_path(file).get(name)
-        if not (isinstance(kind, type) and issubclass(kind, Hardware)):
-            raise ScenarioError(
-                f"backend: {file} has no class {name!r} derived from ballplate.hardware.Hardware"
-            )
-        found = kind(**config.options)
-    except ScenarioError:
-        raise
+        if isinstance(kind, type) and issubclass(kind, Hardware):
+            return kind(**config.options)
     except (Exception, SystemExit) as error:
         raise ScenarioError(f"backend: {_told(error, file)}") from error
-    return found
+    raise ScenarioError(
+        f"backend: {file} has no class {name!r} derived from ballplate.hardware.Hardware"
+    )
 
 
 def _told(error: BaseException, file: str) -> str:
@@ -206,7 +206,7 @@ class OwnServos:
         try:
             self._hardware.start()
             self.reading = self._checked(self._hardware.measure())
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             self.stop()
             raise RigError(f"{self.where}: {_told(error, self._file)}") from error
 
@@ -226,7 +226,7 @@ class OwnServos:
 
     def receive(self) -> None:
         """Take in the newest measurement."""
-        for words in self._asked(self._hardware.faults) or ():
+        for words in self._asked(self._said) or ():
             self._report(REPORTED, str(words))
         answer = self._asked(lambda: self._checked(self._hardware.measure()))
         if answer is not None:
@@ -286,9 +286,19 @@ class OwnServos:
         if not isinstance(reading, Reading):
             raise TypeError(f"measure must give a ballplate.hardware.Reading, not {reading!r}")
         angles = [each for each in (reading.phi, reading.theta) if each is not None]
-        if len(angles) == 1 or not all(map(math.isfinite, (reading.at, *angles))):
+        numbers = (reading.x, reading.y, reading.at, *angles)
+        if not all(isinstance(each, Real) for each in numbers):
+            raise TypeError(f"measure must give numbers, NaN for a ball not seen: {reading}")
+        if len(angles) == 1 or not all(map(math.isfinite, numbers[2:])):
             raise TypeError(f"measure must give a time, and two finite angles or none: {reading}")
+        if (ahead := reading.at - self.now()) > self.config.silent:
+            raise TypeError(f"at is {ahead:.3g} s ahead of time(): give self.time() as it arrived")
         return reading
+
+    def _said(self) -> tuple[str, ...]:
+        """What the hardware reports, a text by itself or several."""
+        said = self._hardware.faults()
+        return (said,) if isinstance(said, str) else tuple(said or ())
 
     def _watch(self) -> None:
         reading, now = self.reading, self.now()
@@ -315,7 +325,7 @@ class OwnServos:
         """What a method of the hardware gives; None, and a fault, where it fails."""
         try:
             return method()
-        except Exception as error:  # noqa: BLE001 - a user's file may do anything
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
             self._report(FAILED, _told(error, self._file))
             return None
 

@@ -305,7 +305,9 @@ class Pdos:
             self._counts[number] += 1
             if self._counts[number] >= kind:
                 self._counts[number] = 0
-                sent.append(Frame(cob_id, self._pack(number)))
+                entries = self._entries(0x1A00 + number)
+                packed = (self._store.read(index, sub) for index, sub, _ in entries)
+                sent.append(Frame(cob_id, b"".join(packed)))
         for number, data in self._pending.items():
             self._apply(number, data)
         self._pending.clear()
@@ -320,10 +322,6 @@ class Pdos:
         for sub in range(1, self._store.get(index, 0) + 1):
             entry = self._store.get(index, sub)
             yield entry >> 16, entry >> 8 & 0xFF, (entry & 0xFF) // 8
-
-    def _pack(self, number: int) -> bytes:
-        entries = self._entries(0x1A00 + number)
-        return b"".join(self._store.read(index, sub) for index, sub, _ in entries)
 
     def _apply(self, number: int, data: bytes) -> None:
         at = 0

@@ -160,7 +160,8 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
         several = isinstance(value, list | tuple)
         numbers = list(value) if several else [value]
         replaced = item.name == "poles" and present.get("gains") is not None
-        if item.name in given or replaced or not all(map(_multipliable, numbers)):
+        plain = all(type(n) in (int, float) and n for n in numbers)  # a slider multiplies
+        if item.name in given or replaced or not plain:
             continue
         key = f"{table}.{item.name}"
         for entry, number in enumerate(numbers):
@@ -171,11 +172,6 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
                 Slider(key, entry if several else None, label, "", 1, low, high, 0, meaning)
             )
     return found
-
-
-def _multipliable(value: Any) -> bool:
-    """Whether a value is a number other than 0."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and value != 0
 
 
 Do = Callable[[Event], None]

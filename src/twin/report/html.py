@@ -108,7 +108,9 @@ def html(runs: Sequence[Run]) -> str:
     folded = f"all {len(settings)}"
     blocks.append(Table("Settings", ("key", "value"), settings, words=(0, 1), folded=folded))
     versions = [f"{run.name}: {', '.join(map(' '.join, run.versions.items()))}" for run in runs]
-    return html_of(_title(runs), [*blocks, Text(versions, "Versions")])
+    same = len({run.scenario.title for run in runs}) == 1
+    title = runs[0].scenario.title if same else f"Comparison of {len(runs)} runs"
+    return html_of(title, [*blocks, Text(versions, "Versions")])
 
 
 def _sources(runs: Sequence[Run]) -> list[tuple[str, str, str]]:
@@ -119,12 +121,6 @@ def _sources(runs: Sequence[Run]) -> list[tuple[str, str, str]]:
             if its.get("source"):
                 found.setdefault((its["file"], its["source"]), []).append(run.name)
     return [(", ".join(dict.fromkeys(names)), *each) for each, names in found.items()]
-
-
-def _title(runs: Sequence[Run]) -> str:
-    """What all have in common, or how many are compared."""
-    same = len({run.scenario.title for run in runs}) == 1
-    return runs[0].scenario.title if same else f"Comparison of {len(runs)} runs"
 
 
 def _timing(ledger: Mapping[str, Any]) -> list[tuple[str, ...]]:

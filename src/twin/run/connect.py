@@ -26,7 +26,7 @@ from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never
 from twin.devices.rig import HardwareRig
 from twin.errors import LogError
 from twin.hal.cams import CamTable, FixedRatio
-from twin.hal.interface import Limits, Transmission
+from twin.hal.interface import Transmission
 from twin.run.assemble import assemble, build_limits, own_errors
 from twin.run.logs import AXES, UNITS, read_csv
 from twin.scenario.rig import RigFile
@@ -56,7 +56,7 @@ def connect(
         TwinError: If the settings do not go together.
     """
     period, allowed = scenario.rig.period, rig.late_periods
-    limits = narrower(build_limits(scenario.rig.limits), build_limits(rig.limits))
+    limits = build_limits(rig.limited(scenario).rig.limits)
     common: dict[str, Any] = {
         "limits": limits,
         "home": (radians(rig.home_deg[0]), radians(rig.home_deg[1])),
@@ -173,18 +173,6 @@ def cams_of(rig: RigFile) -> CamTable:
         ModelError: If it cannot be used.
     """
     return CamTable.from_file(Path(rig.cams)) if rig.cams else CamTable.packaged()
-
-
-def narrower(one: Limits, other: Limits) -> Limits:
-    """Limits that keep both."""
-    pairs = vars(other)
-    kept: dict[str, Any] = {
-        name: tuple(np.minimum(value, pairs[name]).tolist())
-        if name == "area"
-        else min(value, pairs[name])
-        for name, value in vars(one).items()
-    }
-    return Limits(**kept)
 
 
 TOUCH = {"time": "s", "measured_x": "m", "measured_y": "m"}

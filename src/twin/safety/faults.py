@@ -234,11 +234,6 @@ def _unwatched(case: FaultCase, detected: float) -> float:
     return detected + min(case.host.watch.stop, LEAVING) + 2 * case.host.period + watch
 
 
-def _stopped_itself(case: FaultCase, _: float, __: AtFault) -> float:
-    """One period, the ramp."""
-    return case.host.period + RAMP
-
-
 def _run_out(case: FaultCase, _: float, at: AtFault) -> float:
     """Two periods, then down to 1/e in every time constant without torque."""
     rate = at.rate + 2 * ACCELERATION * case.host.period
@@ -265,7 +260,7 @@ STOPS: dict[Stopper, Callable[[FaultCase, float, AtFault], float]] = {
     Stopper.HEARTBEAT: _watched,
     Stopper.STO: _run_out,
     Stopper.LOST_TORQUE: _run_out,
-    Stopper.DRIVE: _stopped_itself,
+    Stopper.DRIVE: lambda case, *_: case.host.period + RAMP,
 }
 """Longest time to standstill by who has to stop an axis, from case, detection in s and fault."""
 
@@ -587,10 +582,6 @@ def _words(name: str) -> str:
     return cause.words if cause else (globals()[name].__doc__ or "").rstrip(".")
 
 
-def _host(table: dict[str, Any]) -> AkdConfig:
-    return AkdConfig(**table | {"watch": MonitorConfig(**table.get("watch", {}))})
-
-
 READ: dict[str, Callable[[Any], Any]] = {
     "act": _done,
     "begins": _done,
@@ -600,7 +591,7 @@ READ: dict[str, Callable[[Any], Any]] = {
     "states": lambda names: tuple(Power[name] for name in names),
     "protocol": lambda name: Protocol[name],
     "wait": lambda names: sum(WAITS[name] for name in names),
-    "host": _host,
+    "host": lambda table: AkdConfig(**table | {"watch": MonitorConfig(**table.get("watch", {}))}),
     "gate": lambda table: PlausibilityLimits(**table),
 }
 """What a key's value stands for, where that is not the value itself."""

@@ -411,7 +411,8 @@ class Trial:
         run = self._run(self.scenario.duration, act=True)
         refused_at = self.rig.now() if run.refusal else None
         allowed = self._allowed()
-        at = self._at_fault()
+        x, x_rate, plate, plate_rate = np.abs(self._state).reshape(2, 4).T
+        at = AtFault(float(plate.max()), float(plate_rate.max()), x, x_rate)
         seen, stop = self._seen(run, allowed, at)
         line = str(run.refusal) if run.refusal else run.outcome.reason
         return FaultRow(
@@ -463,10 +464,6 @@ class Trial:
     def _act(self) -> None:
         self.case.act(self.rig)
         self.trace.note_injection()
-
-    def _at_fault(self) -> AtFault:
-        x, x_rate, plate, plate_rate = np.abs(self._state).reshape(2, 4).T
-        return AtFault(float(plate.max()), float(plate_rate.max()), x, x_rate)
 
     def _allowed(self) -> float:
         """Longest time to the detection, s."""

@@ -38,7 +38,7 @@ PRINTED = {
 """What a key's unit is called, and the SI unit in the field's docstring that it stands for."""
 UNIT = re.compile(
     r"(?:,| in) (?P<unit>\(rad/s\^2\)\^2(?: s)?|m\^2 s and rad\^2 s|kg m\^2|kg|N/m|N m|N|"
-    r"1/s\^2|1/s|Hz|%|mm per m/s|mm|um|m/s|m s|m\^2|m|rad/s\^2|rad/s|rad\^2|rad|"
+    r"1/s\^2|1/s|Hz|%|mm per m/s|mm|um|m/s\^2|m/s|m s|m\^2|m|rad/s\^2|rad/s|rad\^2|rad|"
     r"deg/s\^2|deg/s|deg|s)(?=[\s.,;:]|$)"
 )
 """The unit in a sentence, after a comma or the word in."""

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from controllers.catalog import broken
+from controllers.catalog import broken, unfinished
 from twin.data_file import DEEPEST, DataError, parse_toml
 from twin.errors import ScenarioError, nearest, shortened
 from twin.scenario import schema
@@ -359,7 +359,7 @@ def recorded(tables: Mapping[str, Any], source: str) -> tuple[Scenario, dict[str
         if choice.kind not in known:
             absent[table] = (
                 f"{source}: {table}.kind: no '{choice.kind}'{nearest(choice.kind, known)}"
-                + "".join(f"; not imported: {line}" for line in broken())
+                + "".join(f"; not imported: {line}" for line in (*broken(), *unfinished()))
             )
             continue
         try:

@@ -14,7 +14,7 @@ from twin.devices.lumio.config import CalibrationError, LumioConfig, read_calibr
 from twin.devices.own import OwnConfig
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
-from twin.scenario.schema import CAMS_DEG, RigLimitsTable, Section
+from twin.scenario.schema import CAMS_DEG, RigLimitsTable, Scenario, Section
 from twin.validation import read_tables
 
 LATE_PERIODS = 25
@@ -58,7 +58,20 @@ class RigFile(Section):
             raise ValueError("own is for hardware of one's own; it needs backend = 'FILE.py:CLASS'")
         if self.backend is not None and wired:
             raise ValueError(f"{', '.join(sorted(wired))}: a rig with a backend has none of these")
+        if self.backend is None:
+            self.servos(0.002), self.uncalibrated_screen()
         return self
+
+    def limited(self, scenario: Scenario) -> Scenario:
+        """A scenario within the narrower of its own limits and the rig's."""
+        both = zip(scenario.rig.limits, self.limits, strict=True)
+        kept = {
+            name: tuple(map(min, one, other)) if name == "area" else min(one, other)
+            for (name, one), (_, other) in both
+        }
+        limits = scenario.rig.limits.model_copy(update=kept)
+        rig = scenario.rig.model_copy(update={"limits": limits})
+        return scenario.model_copy(update={"rig": rig})
 
     def _on_the_wire(self) -> None:
         if self.backend is not None:
@@ -130,8 +143,11 @@ def read_rig(file: Path) -> RigFile:
         TwinError: If it cannot be read, or anything in it is unknown or out of range.
     """
     tables = read_tables(file, f"--rig {file}")
-    if isinstance(named := tables.get("backend"), str):
-        tables["backend"] = str(file.parent / named)
+    places = (tables, "backend"), (tables, "cams"), (tables.get("touch"), "calibration_file")
+    for table, key in places:
+        if isinstance(table, dict) and isinstance(named := table.get(key), str):
+            beside = file.parent / named
+            table[key] = str(beside if key == "backend" or beside.is_file() else named)
     return check_rig(tables, file.name)
 
 
@@ -142,11 +158,8 @@ def check_rig(tables: Tables, source: str) -> RigFile:
         TwinError: If anything in them is unknown or out of range.
     """
     axes = {
-        name: {"name": name, **axis}
-        for name in ("phi", "theta")
+        name: {"name": name, "node": node, **axis}
+        for node, name in enumerate(("phi", "theta"), start=1)
         if isinstance(axis := tables.get(name), dict)
     }
-    rig = validated(RigFile, {**tables, **axes}, source)
-    if rig.backend is None:
-        rig.servos(0.002), rig.uncalibrated_screen()
-    return rig
+    return validated(RigFile, {**tables, **axes}, source)

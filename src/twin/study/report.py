@@ -431,7 +431,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
         first, second = WORDS["names"].get(study.method, ("", ""))
         heads = ("parameter", "variant", first, "± 95 %", second, "verdict")
         blocks.append(Table("Indices", heads, ranks, words=(0, 1, -1)))
-    note = "Rows as data: rows.parquet and rows.csv beside this page; pictures in figures/."
+    note = f"Beside this page, as data: rows.parquet, rows.csv{', figures/' if pictures else ''}."
     blocks.append(Text([what_ran(work)], "The study", note))
     page.write(folder / "report.html", study.title, blocks)
 

@@ -193,6 +193,8 @@ class LiveProcess:
         self._plan: list[tuple[str, int, int]] = []
         self.dropped = 0
         """Rows that the process missed, known after ``finish``."""
+        self.taken = 0
+        """Rows that it took, likewise."""
         context = multiprocessing.get_context("spawn")
         self._process = context.Process(
             target=work, args=(self._ring.address, *arguments), daemon=True
@@ -259,7 +261,7 @@ class LiveProcess:
         while self.alive and self._ring.taken != taken:
             taken = self._ring.taken
             self._process.join(wait)
-        self.dropped = self._ring.dropped
+        self.dropped, self.taken = self._ring.dropped, self._ring.taken
         return self._process.exitcode == 0
 
     def close(self) -> None:

@@ -40,7 +40,7 @@ def blueprint(
         rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
         rrb.Horizontal(
             _plate(roots, size),
-            _events(roots),
+            rrb.TextLogView(contents=[f"+ {root}/events" for root in roots], name="events"),
             column_shares=[2, 1],
         ),
         row_shares=[3, 2],
@@ -103,11 +103,6 @@ def _plate(roots: Sequence[str], size: tuple[float, float]) -> rrb.Spatial2DView
         background=GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y]),
     )
-
-
-def _events(roots: Sequence[str]) -> rrb.TextLogView:
-    contents = [f"+ {root}/events" for root in roots]
-    return rrb.TextLogView(origin="/", contents=contents, name="events")
 
 
 APPLICATION = "ballplate"

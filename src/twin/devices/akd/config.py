@@ -85,7 +85,7 @@ class BusConfig:
     Attributes:
         interface: Any python-can interface: socketcan, slcan, pcan, virtual, ...
         channel: Its channel, as ``can0`` or ``/dev/ttyACM0``.
-        bitrate: Bit/s; two drives at 2 ms need 1 Mbit/s (39 % load).
+        bitrate: Bit/s; two drives at 2 ms need 1 Mbit/s (40 % load).
         options: Further keywords for python-can.
     """
 
@@ -213,9 +213,9 @@ class AkdConfig(DriveSettings):
         if (phi.name, theta.name) != ("phi", "theta"):
             raise ScenarioError("axes must be phi, then theta")
         if len({phi.node, theta.node, self.host}) < 3:
-            raise ScenarioError(f"nodes {phi.node}, {theta.node}, {self.host} must differ")
+            raise ScenarioError("phi.node, theta.node, drives.host: must differ")
         if round(self.period * 1e3) < 1 or abs(self.period * 1e3 % 1) > 1e-9:
-            raise ScenarioError(f"period {self.period} s must be a whole number of ms")
+            raise ScenarioError(f"rig.period = {self.period} s: drives take whole ms")
         super().__post_init__()
         if self.heartbeat >= self.silence:
             raise ScenarioError("drives.heartbeat must be below drives.silence")
