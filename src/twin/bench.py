@@ -383,10 +383,9 @@ class Benchmark:
         catalog.register(Replayed)
         try:
             listed = self.runs((f"controller.kind={Replayed.name}",), rigs=self.about.replayed)
-            told = (ControllerChoice(kind=Replayed.name, number=n) for n in range(len(listed)))
             work = ScenarioRuns(
-                each.scenario.model_copy(update={"controller": controller})
-                for each, controller in zip(listed, told, strict=True)
+                each.scenario.model_copy(update={"controller": _replaying(number)})
+                for number, each in enumerate(listed)
             )
             again = pd.DataFrame(carry_out(work.jobs(work.tasks)))
         finally:
@@ -460,6 +459,10 @@ class Replayed(Law):
         kept = self.commands[self.number]  # as long as the longest run beside it
         u = kept[min(round(now.time / now.plan), len(kept) - 1)]
         return np.broadcast_to(u, now.rate.shape)
+
+
+def _replaying(number: int) -> ControllerChoice:
+    return ControllerChoice.model_validate({"kind": Replayed.name, "number": number})
 
 
 @contextmanager
