@@ -85,7 +85,7 @@ def run(
     others = [beside] if isinstance(beside, str | Path) else beside
     for name in others:
         find(str(name))
-    chosen = _limited(scenario_of(scenario, changed), on)
+    chosen = scenario_of(scenario, changed)
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess, cores
@@ -104,11 +104,11 @@ def run(
     saves = chosen.duration >= WORTH_PROCESS and cores() > 1 and importable(chosen)
     parallel = SecondProcess(wanted=compared and on is None and saves)
     with alone, parallel as second, ExitStack() as written:
-        baseline = _begun(chosen, second, report) if compared else None
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
         with traced(file, report, bounded=trace is None) as heard:
             rig = connected(on, chosen, keys, report, reset=reset, hear=heard)
-            with rig as real, attached as attach:
+            with rig as (real, chosen), attached as attach:
+                baseline = _begun(chosen, second, report) if compared else None
                 observed = attach
                 if real is not None and folder is not None:
                     observed = written.enter_context(streamed(chosen, folder, attach))
@@ -132,15 +132,6 @@ def run(
             folder = free(folder)  # what is finished is worth more than a beginning
         kept(result, folder, second)
         return result
-
-
-def _limited(scenario: Scenario, on: str | None) -> Scenario:
-    """A scenario within the limits of the rig that it is to run on, as its record says them."""
-    if on is None or on == EMULATED:
-        return scenario
-    from twin.scenario.rig import read_rig
-
-    return read_rig(Path(on)).limited(scenario)
 
 
 @contextmanager
@@ -349,8 +340,8 @@ def connected(
     *,
     reset: bool,
     hear: Callable[[Any], None] | None = None,
-) -> Iterator[HardwareRig | None]:
-    """The requested rig, not switched on; None for the simulation.
+) -> Iterator[tuple[HardwareRig | None, Scenario]]:
+    """The requested rig, not switched on, or None for the simulation; the scenario in its limits.
 
     Args:
         on: Rig file, ``emulated`` or None.
@@ -368,7 +359,7 @@ def connected(
         if reset:
             what = reporter.name_of("reset")
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
-        yield None
+        yield None, scenario
         return
     from twin.run.assemble import believed, build_reference
     from twin.run.connect import connect
@@ -393,11 +384,12 @@ def connected(
             real = connect(scenario, file, reset=reset, hear=hear)
             build_reference(scenario, real.supervisor.limits.area)
             _judge_computer(f"{name} {on}", scenario, reporter)
-            yield real
+            yield real, file.limited(scenario)
             return
         # what a virtual rig knows of its cams is part of its scenario
         known, paused = believed(scenario), virtual.pauses.paused
-        yield connect(scenario, file, reset=reset, transmission=known, paused=paused, hear=hear)
+        real = connect(scenario, file, reset=reset, transmission=known, paused=paused, hear=hear)
+        yield real, scenario
 
 
 def _judge_computer(where: str, scenario: Scenario, reporter: Reporter) -> None:

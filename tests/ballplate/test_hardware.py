@@ -216,7 +216,9 @@ def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails
 
 @pytest.mark.usefixtures("unlocked")
 def test_a_run_on_a_rig_never_replaces_one(tmp_path, monkeypatch):
-    monkeypatch.setattr("ballplate.running.connected", lambda *_, **__: nullcontext())
+    monkeypatch.setattr(
+        "ballplate.running.connected", lambda _, its, *__, **___: nullcontext((None, its))
+    )
     short = {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
     for on, names in (("my.toml", ["one", "one~2"]), (None, ["one", "one"])):
         made = [bp.run("hold", on=on, out=tmp_path / str(on) / "one", **short) for _ in names]

@@ -146,7 +146,7 @@ def test_the_lines_that_the_tutorial_adds_to_the_law_make_a_setting(tmp_path, mo
     added(dict(PARTS.findall(PAGES["tutorial"]))["diff"])
     forget()
     _, told, _ = called(capsys, "describe", "mine")
-    assert "controller.push = 0.0 Push against friction" in squeezed(told)
+    assert "controller.push = 0.0 m/s^2 Push against friction" in squeezed(told)
 
 
 @pytest.mark.long
