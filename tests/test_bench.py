@@ -342,6 +342,12 @@ def test_what_is_no_entry_s_is_refused(small, tmp_path):
     for file in ("none.py", "../own.py"):
         with pytest.raises(ScenarioError, match=r"must be a file beside the entry\.toml"):
             ran(small, Entry(title="Cheat", file=file), tmp_path)
+        with pytest.raises(ScenarioError, match=r"must be a file beside the entry\.toml"):
+            small.processor_time(Entry(title="Cheat", file=file), tmp_path)
+    own(tmp_path)
+    for text in ("controller.kind=pid", 'controller={kind="pid"}'):
+        with pytest.raises(ScenarioError, match="set: controller: is the entry's own file"):
+            ran(small, Entry(title="Both", file="own.py", set=(text,)), tmp_path)
     with pytest.raises(ScenarioError, match="neither a shipped law"):
         small.entry("none")
     with pytest.raises(RecordError, match=r"holds no finished entry: No such file or directory$"):

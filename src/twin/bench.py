@@ -235,13 +235,9 @@ class Benchmark:
             LawError: If its code fails: file, line and error.
             ScenarioError: If it sets what is not its own.
         """
-        if (entry.file or entry.command) and not (
-            Path(entry.file).name == entry.file and (place / entry.file).is_file()
-        ):
-            raise ScenarioError(f"file: '{entry.file}': must be a file beside the entry.toml")
-        text = (place / entry.file).read_bytes().hex() if entry.file else ""
         with entered(entry, place) as (fixed, _):
             listed = self.runs(fixed, rigs=rigs)
+        text = (place / entry.file).read_bytes().hex() if entry.file else ""
         mark = digest(" ".join((text, *entry.command))) if text else ""
         work = ScenarioRuns((each.scenario for each in listed), mark=mark)
         do = partial(_carried_out, entry, place) if text else None
@@ -483,13 +479,17 @@ def entered(
     for text in entry.set:
         if re.split(r"[.=]", text)[0] not in ALLOWED:
             raise ScenarioError(f"set: '{text}': an entry sets {', '.join(ALLOWED)} and no more")
-    if not entry.file:
+    if not entry.file and not entry.command:
         yield entry.set, None
         return
+    if Path(entry.file).name != entry.file or not (place / entry.file).is_file():
+        raise ScenarioError(f"file: '{entry.file}': must be a file beside the entry.toml")
+    table = "controller" if entry.kind == "law" else "observer"
+    if any(re.match(rf"{table}(\.kind)?=", text) for text in entry.set):
+        raise ScenarioError(f"set: {table}: is the entry's own file; leave one of them out")
     said = entry.model_dump(include={"kind", "file", "command"})
     about = AnswerTable.model_validate({**said, "seconds": MAY * max(1, runs / CHUNK)})
     with answering(place / entry.file, about) as process:
-        table = "controller" if entry.kind == "law" else "observer"
         yield (*entry.set, f"{table}.kind={NAME}"), process
 
 

@@ -85,8 +85,8 @@ CALLS = {
     "has no linearisation": [lambda: bp.systems.law("circle", controller="sliding_mode")],
     "systems.law is the law with": [lambda: bp.systems.controller("circle", **IDEAL)],
     "by its attitude": [lambda: bp.systems.mechanism("circle", plant={"ball": {"oval_mm": 0.1}})],
-    "hold: must divide the 5000 control periods": [env(hold=7)],
-    "rate: must be more than 0": [env(rate=0.0)],
+    "hold: must divide the 5000 control periods": [env(hold=7), env(hold=2.5)],
+    "rate: must be more than 0": [env(rate=0.0), env(rate="x")],
     "preview: must be times": [env(preview=(-1.0,))],
     "autoreset_mode: must be NextStep or Disabled": [env(autoreset_mode="SameStep")],
 }

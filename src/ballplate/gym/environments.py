@@ -33,7 +33,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
 import gymnasium
 import numpy as np
@@ -107,14 +107,15 @@ class Task:
         self._one = one = self._build(self._fixed, {})
         self.period = one.rig.period
         self.ticks = round(one.duration / self.period)
-        self.rate = math.radians(one.rig.limits.rate_deg) if rate is None else float(rate)
+        said = math.radians(one.rig.limits.rate_deg) if rate is None else rate
+        self.rate = float(said) if isinstance(said, SupportsFloat) else math.nan
         if not (0 < self.rate < math.inf):
             raise ScenarioError(f"rate: must be more than 0 rad/s, got {rate}")
-        if hold < 1 or self.ticks % hold:
+        if hold not in range(1, self.ticks + 1) or self.ticks % hold:
             raise ScenarioError(
                 f"hold: must divide the {self.ticks} control periods of an episode, got {hold}"
             )
-        self.hold = hold
+        self.hold = int(hold)
         self.scale = REWARD_SCALE * float(np.divide(one.plant.size, SCREEN).min())
         if not 0 <= computing_time <= hold * self.period * (1 + 1e-9):
             raise ScenarioError(
