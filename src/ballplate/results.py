@@ -302,9 +302,8 @@ def identify(
         fitted = chosen(",".join(names) or None, tuple(PLAIN), ())
         rig = load("hold", [f"parameters={on}"]).plant.ball.model if on else None
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
-            over = str(on or "")
             found = identify_any(
-                logs, held, fitted, factor, progress=advance, ball=rig, on=over, heights=heights
+                logs, held, fitted, factor, progress=advance, ball=rig, on=on, heights=heights
             )
         return Identified(found)
     from twin.identify.twin_model import identify as fit

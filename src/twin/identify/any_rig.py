@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -112,7 +113,7 @@ def identify_any(
     longest: float = LONGEST,
     progress: Callable[[float], None] = lambda _: None,
     ball: BallPlate | None = None,
-    on: str = "",
+    on: str | Path | None = None,
     heights: tuple[float, float] | None = None,
 ) -> PlainIdentification:
     """Fit the plain model to logs and try it on others, or on their last share.
@@ -127,7 +128,7 @@ def identify_any(
         longest: Length of the windows in s.
         progress: Called with the share of the work done.
         ball: That of the rig; None for the thesis's.
-        on: Name of the rig that the parameters are to lie over.
+        on: The rig, or file of parameters, that the parameters are to lie over.
         heights: Of the ball's centre above the plate's axis along x and y, m; None if unknown.
 
     Raises:
@@ -187,7 +188,7 @@ def identify_any(
         notes=tuple(notes),
         factor=factor,
         ball=ball,
-        on=on,
+        on=str(on or ""),
     )
 
 
@@ -202,12 +203,11 @@ def _share(axis: str, fit: AxisFit, factor: float) -> str:
         "ball's share of gravity is told, and commands are taken as angles of the plate, whatever "
         "linkage a rig has."
     )
-    if _another(turned):
-        told += (
-            f" For compare, shadow and whatif tell the command times {turned:.3g} (a - before its "
-            "name turns the sign, a factor stands before its unit)."
-        )
-    return told
+    more = (
+        f" For compare, shadow and whatif tell the command times {turned:.3g} (a - before its name "
+        "turns the sign, a factor stands before its unit)."
+    )
+    return told + more * _another(turned)
 
 
 def _another(turned: float) -> bool:

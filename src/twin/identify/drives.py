@@ -68,8 +68,7 @@ class TiltHistory:
         self.time = float(log.time[0]) + FINE * np.arange(steps)
         self.driven: dict[tuple[float, ...], Array] = {}
         self.lagged: dict[tuple[float, ...], Array] = {}
-        drives = DRIVEN if log.held else ()
-        self.tried = (*drives, "lever") if log.lever is None else drives
+        self.tried = DRIVEN * log.held + ("lever",) * (log.lever is None)
 
     def at(self, time: Array, lag: float, *drive: float) -> Array:
         """Behind a lag in s, at times in s of any shape.

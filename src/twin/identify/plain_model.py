@@ -271,10 +271,8 @@ def with_drives(fit: AxisFit, longest: float) -> AxisFit:
 
 def profiled(fit: AxisFit) -> AxisFit:
     """The fit with profiles of drives and lever, by which its intervals know of them."""
-    tried = {
-        name: sorted({*PLAIN[name].tried, *(NEAR_BY * fit.value(name))})
-        for name in fit.problem.tilt.tried
-    }
+    near = {name: NEAR_BY * fit.value(name) for name in fit.problem.tilt.tried}
+    tried = {name: sorted({*PLAIN[name].tried, *values}) for name, values in near.items()}
     tried.setdefault("lever", [-2 * RULER, 0.0, 2 * RULER])  # of one that is known
     return replace(fit, profiles=tuple(profile(fit, *each) for each in tried.items()))
 
