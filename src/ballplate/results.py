@@ -255,6 +255,7 @@ def identify(
     separator: str | None = None,
     ball: str | float | None = None,
     on: str | Path | None = None,
+    ball_height: float | str | None = None,
     reporter: Reporter | None = None,
 ) -> Identified:
     """Fit friction, dead time, drives and level to a recorded motion.
@@ -270,12 +271,15 @@ def identify(
         ball: ``"hollow"``, ``"solid"``, or the share of gravity that accelerates it.
         on: With ``columns``: a shipped rig, or a file of parameters, over which what is found is to
             lie. Its ball is the one of the log.
+        ball_height: With ``columns``: metres from the axis about which the plate tilts up to the
+            ball's centre, or ``"X,Y"`` of two axes. What the plate's acceleration does to the ball
+            is held at it, else fitted.
         reporter: Who is told progress; a notebook has its own.
 
     Raises:
         TwinError: If the log cannot be read, or nothing can be learned from it.
     """
-    from twin.identify.logs import ball_factor, read_any, wanted_columns
+    from twin.identify.logs import ball_factor, ball_heights, read_any, wanted_columns
     from twin.identify.parameters import PLAIN, chosen
     from twin.scenario import load
 
@@ -283,6 +287,7 @@ def identify(
         raise ScenarioError(f"hold_out: must be 0 to 0.8, got {hold_out:g}")
     names = [parameters] if isinstance(parameters, str) else parameters
     factor = None if ball is None else ball_factor(ball)
+    heights = None if ball_height is None else ball_heights(ball_height)
     report = reporter or default()
     if columns is not None:
         from twin.identify.any_rig import identify_any
@@ -298,13 +303,13 @@ def identify(
         rig = load("hold", [f"parameters={on}"]).plant.ball.model if on else None
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
             found = identify_any(
-                logs, held, fitted, factor, progress=advance, ball=rig, on=str(on or "")
+                logs, held, fitted, factor, progress=advance, ball=rig, on=on, heights=heights
             )
         return Identified(found)
     from twin.identify.twin_model import identify as fit
 
-    if on:
-        raise ScenarioError("on: with columns only; a run knows its rig")
+    if alone := "on" if on else "ball_height" if heights else "":
+        raise ScenarioError(f"{alone}: with columns only; a run knows its rig")
     if not isinstance(log, str | Path | Result):
         log, *others = log
         if others:

@@ -12,8 +12,9 @@ import pytest
 from click.testing import CliRunner
 
 from ballplate import identify, run
+from controllers.ballplate import BallPlate
 from twin.cli.understand import identify as command
-from twin.errors import LogError, ScenarioError
+from twin.errors import LogError, ScenarioError, TwinError
 from twin.identify.any_rig import _chosen, _joined, _verdicts, identify_any
 from twin.identify.drives import TiltHistory, followed
 from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, score
@@ -27,6 +28,7 @@ from twin.identify.logs import (
 )
 from twin.identify.plain_model import (
     PlainProblem,
+    Profile,
     axis_predicted,
     beginnings,
     fit_axis,
@@ -42,6 +44,8 @@ REAL_COLUMNS = (
     "command_theta=-theta_y_ACTUATE_deg:deg,touched=detected"
 )
 TRUTH = {"gain": 6.0, "dead_time": 0.1, "lag": 0.08, "level": 0.05, "friction": 0.03}
+OWN = ("time", "measured_x", "measured_y", "measured_phi", "measured_theta", "age", "touched")
+OWN_COLUMNS = ",".join(f"{each}={each}" for each in OWN)
 T = np.arange(400) / 40.0
 X = 0.05 * np.sin(1.3 * T)
 
@@ -61,6 +65,12 @@ def written(tmp_path, rows):
 
 
 COLUMNS = "time=ms:ms,measured_x=x,command_x=-u:0.3deg,touched=seen"
+
+
+def logged(ran, tmp_path):
+    rows = np.column_stack([ran[name] for name in OWN])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(OWN), comments="")
+    return tmp_path / "log.csv"
 
 
 @pytest.mark.parametrize(
@@ -330,16 +340,96 @@ def test_of_a_plate_that_swings_at_one_frequency_the_gain_holds_what_a_lever_doe
     assert ("lever" in gain.why) == (word == NOT)
 
 
+@pytest.mark.parametrize(
+    ("ball", "factor"), [("solid", 5 / 7), pytest.param("hollow", 3 / 5, marks=pytest.mark.long)]
+)
+def test_at_a_known_height_one_frequency_tells_the_gain(ball, factor, tmp_path):
+    """By differences of the exact equations, of axes at two heights: x'' = a u + b u''."""
+    w, nudge, heights = 5.0, 1e-6, (0.1, 0.23)
+    time = np.arange(0.0, 20.0, 0.04)
+    tilt = 0.006 * w**2 * np.sin(w * time)
+    seen = np.random.default_rng(0).normal(0.0, 5e-5, (2, len(time)))
+    columns, truth = [time], {}
+    for k, (axis, height) in enumerate(zip("xy", heights, strict=True)):
+        inertia = 0.01 * 0.02**2 * (1 / factor - 1)
+        exact = BallPlate(mass=0.01, radius=0.02, inertia=inertia, height=height - 0.02)
+        x, u = np.zeros((2, 8)), np.zeros((2, 2))
+        x[1, 2 + 4 * k] = u[1, k] = nudge
+        by_angle, by_acceleration = (
+            np.diff(exact.derivative(*each)[:, 1 + 4 * k])[0] / nudge
+            for each in ((x, 0 * u), (0 * x, u))
+        )
+        truth[axis] = by_angle, -9.81 * by_acceleration / by_angle
+        columns += [-(by_angle / w**2 - by_acceleration) * tilt + seen[k], tilt]
+    rows = np.column_stack(columns)
+    np.savetxt(tmp_path / "rig.csv", rows, delimiter=",", header="t,x,a,y,b", comments="")
+    told = "time=t,measured_x=x,measured_phi=a,measured_y=y,measured_theta=b"
+    how = ("--columns", told, "--ball", ball, "--ball-height", "0.1,0.23", "--json")
+    how += ("--parameters", "friction", "--out", str(tmp_path / "out"))
+    done = CliRunner().invoke(command, [str(tmp_path / "rig.csv"), *how])
+    assert done.exit_code == 0, done.output
+    found = {each["name"]: each for each in json.loads(done.stdout)["parameters"]}
+    for axis, (gain, lever) in truth.items():
+        assert found[f"gain_{axis}"]["verdict"] == IDENTIFIED
+        assert found[f"gain_{axis}"]["value"] == pytest.approx(gain, rel=0.01)
+        # a ruler is taken to be right within 1 cm, and gain (1 + lever w^2 / g) is what shows
+        half = (found[f"gain_{axis}"]["high"] - found[f"gain_{axis}"]["low"]) / 2
+        by_ruler = abs(gain) * 0.01 / (9.81 / w**2 + lever)
+        assert 0.9 * by_ruler < half < 2.0 * by_ruler
+        assert found[f"lever_{axis}"]["high"] - lever == pytest.approx(0.01)
+        assert found[f"lever_{axis}"]["verdict"] == "given"
+        assert found[f"lever_{axis}"]["value"] == pytest.approx(lever, rel=1e-6)
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Held as it was told, not fitted: lever (x), lever (y)." in page
+
+
+def test_a_lever_that_is_told_is_as_far_off_as_a_ruler_whatever_the_log_prefers():
+    theta = np.array([[6.2, -0.01], [6.0, 0.0], [5.8, 0.01]])
+    costs = np.array([[100.0] * 5, [50.0] * 5, [0.0] * 5])
+    moved = Profile("lever", ("gain", "lever"), theta, costs, 1, known=True).moved
+    assert moved["lever"].mean() == pytest.approx(0.0, abs=3e-4)
+    assert np.quantile(np.abs(moved["lever"]), 0.68) == pytest.approx(0.005, rel=0.05)
+    assert moved["gain"] == pytest.approx(-20 * moved["lever"])
+
+
+@pytest.mark.parametrize(
+    ("height", "about", "says"),
+    [
+        *((each, {}, "metres from the axis") for each in ("142", "high", "nan", "", "0,0,0")),
+        (0.142, {"parameters": "friction,lever"}, "it tells the lever"),
+        (0.142, {"columns": None}, "with columns only; a run knows its rig"),
+    ],
+)
+def test_a_height_that_cannot_be_or_is_not_asked_for_is_refused(height, about, says, tmp_path):
+    columns = "time=ms:ms,measured_x=X,command_phi=u"
+    log = written(tmp_path, lines(","))
+    with pytest.raises(TwinError, match=f"^ball_height: .*{says}") as caught:
+        identify(log, **{"columns": columns, "ball_height": height, **about})
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("rig", "gain"), [("hobby", 5.886), ("course", 7.007)])
+def test_a_circle_tells_the_gain_of_a_rig_whose_height_is_told(rig, gain, tmp_path):
+    """Play makes the plate of hobby swing at one frequency: without its height 5.1 comes out."""
+    ran = run("circle", (f"parameters={rig}", "seed=1"), out=tmp_path / "run")
+    height = 0.122 + ran.scenario.plant.ball.radius
+    found = identify(logged(ran, tmp_path), columns=OWN_COLUMNS, ball_height=height).found
+    told = {each.name: each for each in found.verdicts}
+    for axis, sign in (("x", 1), ("y", -1)):
+        one = told[f"gain_{axis}"]
+        assert one.word == IDENTIFIED
+        assert one.low <= sign * gain <= one.high
+        assert one.value == pytest.approx(sign * gain, rel=0.025)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("rig", "gain", "friction"), [("hobby", 5.886, 0.02943),
                                                        ("course", 7.007, 0.04671)])  # fmt: skip
 def test_gain_and_friction_of_a_shipped_rig_are_those_of_its_ball(rig, gain, friction, tmp_path):
     """By hand from its file: 3/5 and 5/7 of gravity, and the arm of friction by the radius."""
     ran = run("excite", (f"parameters={rig}", "seed=5"), out=tmp_path / "run")
-    names = ("time", "measured_x", "measured_y", "measured_phi", "measured_theta", "age", "touched")
-    rows = np.column_stack([ran[name] for name in names])
-    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(names), comments="")
-    found = identify(tmp_path / "log.csv", columns=",".join(f"{e}={e}" for e in names)).found
+    found = identify(logged(ran, tmp_path), columns=OWN_COLUMNS).found
     told = {each.name: each for each in found.verdicts}
     for axis, sign in (("x", 1), ("y", -1)):
         assert told[f"gain_{axis}"].word == IDENTIFIED

@@ -107,6 +107,7 @@ PARAMETERS = (
     help="With --columns: the rig, or file of parameters, that what is found lies over.",
     shell_complete=options.rigs,
 )
+@click.option("--ball-height", metavar="M", help="Metres from the plate's axis up to its centre.")
 @click.option("--out", type=options.PATH, help="Folder [runs/identify-LOG].")
 @options.JSON
 def identify(
@@ -131,11 +132,7 @@ def identify(
     done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)
     done.save(folder)
     found = done.found
-    why = (
-        f"{row[0]}: {each.why}"
-        for row, each in zip(rows(found), found.verdicts, strict=True)
-        if each.why
-    )
+    why = (f"{each.label}: {each.why}" for each in found.verdicts if each.why)
     notes = (f"note: {note}" for note in found.notes)
     table = Table("", HEADS, rows(found), words=(0, *range(3, len(HEADS))))
     shown = (table, *why, *done.sentences, *notes)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from twin.identify.logs import AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain_model import (
     PAYS,
+    RULER,
     SMOOTH,
     AxisFit,
     axis_predicted,
@@ -45,6 +47,8 @@ MOST_TURNED = 0.2
 """How much too far or too little a command may tilt the twin's plate."""
 HIDDEN = 0.5
 """Share of the scatter of a parameter from which on it is told with what is not fitted only."""
+HELD = "held: the height that was told and 2/3 of a hollow, 2/5 of a solid ball's radius"
+"""What is said of a lever that is known."""
 PAUSE = 10.0
 """Time in s between two logs that are fitted as one."""
 
@@ -109,7 +113,8 @@ def identify_any(
     longest: float = LONGEST,
     progress: Callable[[float], None] = lambda _: None,
     ball: BallPlate | None = None,
-    on: str = "",
+    on: str | Path | None = None,
+    heights: tuple[float, float] | None = None,
 ) -> PlainIdentification:
     """Fit the plain model to logs and try it on others, or on their last share.
 
@@ -123,13 +128,18 @@ def identify_any(
         longest: Length of the windows in s.
         progress: Called with the share of the work done.
         ball: That of the rig; None for the thesis's.
-        on: Name of the rig that the parameters are to lie over.
+        on: The rig, or file of parameters, that the parameters are to lie over.
+        heights: Of the ball's centre above the plate's axis along x and y, m; None if unknown.
 
     Raises:
         LogError: If no axis can be identified: what each of them lacks.
     """
     ball = ball or BallPlate()
     factor = factor or ball.c1
+    if heights and "lever" in names:
+        raise LogError("ball_height: it tells the lever; leave that out of the parameters")
+    more = ball.radius * (1 / factor - 1)  # J / (m r): c4 of (5.1) is the height and this
+    levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]
     fits: dict[str, AxisFit] = {}
     found: list[judged.ParameterVerdict] = []
@@ -140,18 +150,14 @@ def identify_any(
     others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
     for k, (axis, unit) in enumerate(first.unit.items()):
         try:
-            log = _joined([part[axis] for part in known])
+            log = _joined([part[axis] for part in known], levers.get(axis))
             _check_excited(log)
             fit, about = _chosen(log, names, longest)
             notes += [f"{axis}: {each}" for each in about]
         except LogError as error:
             reasons.append(f"{axis}: {error}")
-            found += [
-                judged.ParameterVerdict(
-                    about=_about(name, unit), name=f"{name}_{axis}", why=str(error)
-                )
-                for name in (*SMOOTH, "friction")
-            ]
+            lost = [(_about(name, unit), f"{name}_{axis}") for name in (*SMOOTH, "friction")]
+            found += [judged.ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
             continue
         fits[axis] = fit
         found += _verdicts(fit, axis, unit, longest)
@@ -162,7 +168,7 @@ def identify_any(
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
     there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
-    unseen = {axis: _joined(own) for axis, own in there.items() if own}
+    unseen = {axis: _joined(own, levers.get(axis)) for axis, own in there.items() if own}
     # all axes from the same times on: the ball is seen along both or neither
     at = beginnings(next(iter(unseen.values()))) if unseen else np.zeros(0)
     tried = {axis: axis_predicted(log, fits[axis], at) for axis, log in unseen.items() if len(at)}
@@ -182,7 +188,7 @@ def identify_any(
         notes=tuple(notes),
         factor=factor,
         ball=ball,
-        on=on,
+        on=str(on or ""),
     )
 
 
@@ -190,23 +196,18 @@ def _share(axis: str, fit: AxisFit, factor: float) -> str:
     """How much of what a ball does an axis does, in a sentence."""
     per = fit.value("gain") / fit.problem.tilt.scale
     share = per / (factor * BallPlate().gravity)
-    return (
+    turned = dict(SIGNS)[axis] * share
+    told = (
         f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball does that "
         f"takes {factor:.3g} of gravity: only this product of the plate's tilt per command and the "
         "ball's share of gravity is told, and commands are taken as angles of the plate, whatever "
-        f"linkage a rig has.{_told(axis, share)}"
+        "linkage a rig has."
     )
-
-
-def _told(axis: str, share: float) -> str:
-    """What a command is to be multiplied by where the twin's is another, in a sentence."""
-    turned = dict(SIGNS)[axis] * share
-    return (
+    more = (
         f" For compare, shadow and whatif tell the command times {turned:.3g} (a - before its name "
         "turns the sign, a factor stands before its unit)."
-        if _another(turned)
-        else ""
     )
+    return told + more * _another(turned)
 
 
 def _another(turned: float) -> bool:
@@ -223,8 +224,8 @@ def _parts(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, Axi
     )
 
 
-def _joined(logs: list[AxisLog]) -> AxisLog:
-    """Logs of an axis one after another, with a pause between."""
+def _joined(logs: list[AxisLog], lever: float | None = None) -> AxisLog:
+    """Logs of an axis one after another, with a pause between, and its lever in m if known."""
     start, shifted = 0.0, []
     for each in logs:
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
@@ -233,7 +234,7 @@ def _joined(logs: list[AxisLog]) -> AxisLog:
         start = float(each.time[-1]) + shift + PAUSE
     parts = zip(*shifted, strict=True)
     time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
-    return AxisLog(time, tilt, logs[0].held, sampled, ball, across)
+    return AxisLog(time, tilt, logs[0].held, sampled, ball, across, lever=lever)
 
 
 def _check_excited(log: AxisLog) -> None:
@@ -377,6 +378,9 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
         none = judged.ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
         none = replace(none, low=by * min(least, 0.0), high=by * (most or abs(about.tried[1])))
         found.append(_as_slew(none, swing) if name == "slew" else none)
+    if (lever := fit.log.lever) is not None:
+        given = replace(found.pop(), value=lever, word=judged.GIVEN, why=HELD)
+        found.append(replace(given, low=lever - 2 * RULER, high=lever + 2 * RULER))
     return found
 
 

@@ -56,7 +56,8 @@ class TiltHistory:
 
     Attributes:
         scale: How far it swings: what one unit of the fit's gain is for.
-        tried: What of ``TRIED`` may be: no drive lies between a measured angle and the ball.
+        tried: What of ``TRIED`` may be: no drive lies between a measured angle and the ball, and a
+            lever may be known.
     """
 
     def __init__(self, log: AxisLog, usual: float | None = None) -> None:
@@ -67,7 +68,7 @@ class TiltHistory:
         self.time = float(log.time[0]) + FINE * np.arange(steps)
         self.driven: dict[tuple[float, ...], Array] = {}
         self.lagged: dict[tuple[float, ...], Array] = {}
-        self.tried = TRIED if log.held else TRIED[len(DRIVEN) :]
+        self.tried = DRIVEN * log.held + ("lever",) * (log.lever is None)
 
     def at(self, time: Array, lag: float, *drive: float) -> Array:
         """Behind a lag in s, at times in s of any shape.
@@ -76,9 +77,11 @@ class TiltHistory:
             time: Seconds.
             lag: Time constant.
             drive: Dead band, half the play and slew, see ``followed``, in swings, and the lever in
-                m, by which the plate's acceleration moves the ball; none for an ideal one.
+                m beyond a known one, by which the plate's acceleration moves the ball; none for an
+                ideal one.
         """
         key, lever = (drive[:3], drive[3]) if drive else ((0.0, 0.0, 0.0), 0.0)
+        lever += self.log.lever or 0.0
         if key not in self.driven:
             self.driven[key] = self._mean(key)
         if (lag, *key, lever) not in self.lagged:

@@ -16,6 +16,8 @@ from twin.identify.search import fit_starts
 from twin.page import digits
 
 IDENTIFIED, BOUNDED, NOT = "identified", "bounded", "not identifiable"
+GIVEN = "given"
+"""What is not fitted but held at what was told."""
 REJECTED = "model rejected"
 """What is fitted to a log that the model does not explain: a value, but nothing known of it."""
 SURE = 0.95
@@ -35,7 +37,7 @@ class ParameterVerdict:
         low: Lower end of the 95 % interval, in the same unit; None if unknown.
         high: Upper end.
         word: ``identified``, ``bounded`` (only a bound is known), ``model rejected`` (the value
-            is the best fit, and has no interval) or ``not identifiable``.
+            is the best fit, and has no interval), ``given`` or ``not identifiable``.
         why: What is wrong and what experiment would show it; empty if identified.
     """
 

@@ -203,6 +203,8 @@ COUNTS = dict.fromkeys(("counts", "count", "1", ""), 1.0)
 """Units of a command beside angles."""
 BALLS = {"hollow": 3 / 5, "solid": 5 / 7}
 """Share of gravity that accelerates a ball which rolls."""
+HEIGHTS = -0.3, 0.5
+"""Least and largest height in m of a ball's centre above the plate's axis."""
 SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
 
 
@@ -252,6 +254,8 @@ class AxisLog:
         ball: The samples, m, shape (M,).
         across: Times in s, and how fast the ball goes along the other axis, m/s, shape (2, N);
             nowhere if friction is to act on this axis by itself.
+        lever: How far above the plate's axis the ball is known to be as good as, m; None if it is
+            not.
     """
 
     time: Array
@@ -260,6 +264,7 @@ class AxisLog:
     sampled: Array
     ball: Array
     across: Array = field(default_factory=lambda: np.zeros((2, 1)))
+    lever: float | None = field(default=None, kw_only=True)
 
     def between(self, begin: float, end: float) -> AxisLog:
         """That with the samples between two times in s."""
@@ -360,6 +365,24 @@ def ball_factor(text: str | float) -> float:
     if not 0.5 <= factor <= 1.0:
         raise LogError(f"--ball {text}: give hollow (3/5), solid (5/7) or a share from 0.5 to 1")
     return factor
+
+
+def ball_heights(text: str | float) -> tuple[float, float]:
+    """Heights of a ball's centre above the plate's axis along x and y, m: one for both, or two.
+
+    Raises:
+        LogError: If they are no such heights.
+    """
+    try:
+        heights = [float(part) for part in str(text).split(",")]
+    except ValueError:
+        heights = []
+    if len(heights) not in (1, 2) or not all(HEIGHTS[0] <= each <= HEIGHTS[1] for each in heights):
+        raise LogError(
+            f"ball_height: {text}: give metres from the axis about which the plate tilts up to the "
+            f"ball's centre, {HEIGHTS[0]:g} to {HEIGHTS[1]:g}, or two of them, along x and y: X,Y"
+        )
+    return heights[0], heights[-1]
 
 
 def wanted_columns(text: str) -> dict[str, ColumnWanted]:

@@ -184,6 +184,8 @@ NEAR_BY = np.array([0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0, 1.005, 1.01, 1.02, 1
 """What is tried beside a value that was found, by it."""
 FINER = 200
 """Values between those tried at which the costs of windows are interpolated."""
+RULER = 0.005
+"""How far off in m a height that is told may be: standard deviation."""
 LEFT = 0.9
 """Share of the usual residual that is left with what is taken."""
 EXPLAINS = 0.7
@@ -200,6 +202,7 @@ class Profile:
         theta: The fits, rising in it, shape (K, P).
         costs: What each window costs, shape (K, W).
         own: Which of them is the fit that is told.
+        known: Whether it is a lever that is known, and how far off that is.
     """
 
     name: str
@@ -207,13 +210,15 @@ class Profile:
     theta: Array
     costs: Array
     own: int
+    known: bool = False
 
     @cached_property
     def moved(self) -> dict[str, Array]:
         """How far parameters are off in the best fits of windows drawn at random, (DRAWS,) each.
 
         The Bayesian bootstrap: each window counts by an exponential number. A lever is drawn by its
-        likelihood, as the largest of Gumbel's numbers and its logarithm.
+        likelihood, as the largest of Gumbel's numbers and its logarithm; one that is known as far
+        off as it may be, whatever the windows say.
         """
         held = self.theta[:, self.names.index(self.name)]
         fine = np.interp(np.linspace(0, len(held) - 1, FINER), np.arange(len(held)), held)
@@ -225,6 +230,8 @@ class Profile:
         drawn = rng.exponential(size=(DRAWS, costs.shape[1])) @ costs.T
         if self.name == "lever":  # windows of one frequency agree in what they hardly know
             drawn -= 2 * rng.gumbel(size=drawn.shape)
+        if self.known:
+            drawn = (fine - rng.normal(0.0, RULER, (DRAWS, 1))) ** 2
         return dict(zip(self.names, theta[drawn.argmin(axis=1)].T, strict=True))
 
 
@@ -237,7 +244,8 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
     theta[:, at] = values
     starts = fit_starts(problem, theta, fit.found.starts.repeat(len(values), axis=1), 4)
     found = minimise(problem, theta, starts, 12, 2, 2)
-    return Profile(name, names, found.theta, problem.costs(found.linearisation.r), own)
+    known = name == "lever" and fit.log.lever is not None
+    return Profile(name, names, found.theta, problem.costs(found.linearisation.r), own, known)
 
 
 def with_drives(fit: AxisFit, longest: float) -> AxisFit:
@@ -263,11 +271,10 @@ def with_drives(fit: AxisFit, longest: float) -> AxisFit:
 
 def profiled(fit: AxisFit) -> AxisFit:
     """The fit with profiles of drives and lever, by which its intervals know of them."""
-    found = (
-        profile(fit, name, sorted({*PLAIN[name].tried, *(NEAR_BY * fit.value(name))}))
-        for name in fit.problem.tilt.tried
-    )
-    return replace(fit, profiles=tuple(found))
+    near = {name: NEAR_BY * fit.value(name) for name in fit.problem.tilt.tried}
+    tried = {name: sorted({*PLAIN[name].tried, *values}) for name, values in near.items()}
+    tried.setdefault("lever", [-2 * RULER, 0.0, 2 * RULER])  # of one that is known
+    return replace(fit, profiles=tuple(profile(fit, *each) for each in tried.items()))
 
 
 @dataclass(frozen=True)

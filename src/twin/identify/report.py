@@ -29,6 +29,7 @@ def sentences(found: judged.Identification) -> list[str]:
         ("Identified", (judged.IDENTIFIED,)),
         ("Fitted, but the log rejects the model, so that no error is known", (judged.REJECTED,)),
         ("Not identified from this log", (judged.BOUNDED, judged.NOT)),
+        ("Held as it was told, not fitted", (judged.GIVEN,)),
     ):
         names = [each.short_label for each in found.verdicts if each.word in among]
         if names:
