@@ -300,7 +300,7 @@ def identify(
             else [read_any(path, wanted, separator) for path in _paths(hold_out)]
         )
         fitted = chosen(",".join(names) or None, tuple(PLAIN), ())
-        rig = load("hold", [f"parameters={on}"]).plant.ball.model if on else None
+        rig = load("hold", [f"parameters={on}"]).plant.model if on else None
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
             found = identify_any(
                 logs, held, fitted, factor, progress=advance, ball=rig, on=on, heights=heights

@@ -414,13 +414,15 @@ def test_a_circle_tells_the_gain_of_a_rig_whose_height_is_told(rig, gain, tmp_pa
     """Play makes the plate of hobby swing at one frequency: without its height 5.1 comes out."""
     ran = run("circle", (f"parameters={rig}", "seed=1"), out=tmp_path / "run")
     height = 0.122 + ran.scenario.plant.ball.radius
-    found = identify(logged(ran, tmp_path), columns=OWN_COLUMNS, ball_height=height).found
+    about = {"columns": OWN_COLUMNS, "ball_height": height, "on": rig}
+    found = identify(logged(ran, tmp_path), **about).found
     told = {each.name: each for each in found.verdicts}
     for axis, sign in (("x", 1), ("y", -1)):
         one = told[f"gain_{axis}"]
         assert one.word == IDENTIFIED
         assert one.low <= sign * gain <= one.high
         assert one.value == pytest.approx(sign * gain, rel=0.025)
+    assert float(found.settings(())["plant.plate.height"].split()[0]) == pytest.approx(0.122, 1e-3)
 
 
 @pytest.mark.long
@@ -498,9 +500,9 @@ def test_what_is_found_lies_over_the_rig_that_is_named(axis_of, rig, tmp_path, m
         load("hold", [f"parameters={each}"]) for each in ("runs/identify-log/parameters.toml", rig)
     )
     assert twin.plant.size == named.plant.size
-    assert twin.plant.ball.model.c1 == pytest.approx(named.plant.ball.model.c1, rel=1e-5)
+    assert twin.plant.model.c1 == pytest.approx(named.plant.model.c1, rel=1e-5)
     # friction as a deceleration is what the log has, whatever the ball's radius
-    ball, arm = twin.plant.ball.model, twin.plant.friction.rolling_mm / 1000
+    ball, arm = twin.plant.model, twin.plant.friction.rolling_mm / 1000
     assert ball.k1 * arm / ball.radius == pytest.approx(TRUTH["friction"], rel=0.1)
 
 

@@ -32,6 +32,7 @@ OTHER = {
     "plant.servo.vibration": "0.5",
     "plant.servo.vibration_hz": "20.0",
     "plant.servo.vibration_wander": "1.0",
+    "plant.plate.height": "0.1",
     "plant.plate.offset_mm": "[1.0, 1.0]",
     "plant.plate.joint_friction": "1.0",
     "plant.level_deg": "[0.5, -0.5]",

@@ -119,7 +119,7 @@ def test_rigs_with_other_linkages_do_not_run_side_by_side():
 @pytest.mark.parametrize("key", SHARED_EXACT)
 def test_balls_on_the_exact_equations_are_alike(key):
     exact = "plant.kind=lagrange"
-    value = {"mass": 0.03, "radius": 0.021, "inertia": 5e-6}[key.rpartition(".")[2]]
+    value = {"mass": 0.03, "radius": 0.021, "inertia": 5e-6, "height": 0.1}[key.rpartition(".")[2]]
     with pytest.raises(ScenarioError, match=key):
         assemble([load("circle", [exact]), load("circle", [exact, f"{key}={value}"])])
 

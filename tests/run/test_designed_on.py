@@ -91,6 +91,10 @@ def test_what_a_study_or_family_draws_of_the_ball_is_not_known_to_the_designer()
     assert rig.designed_on == load("circle", (STEEL,)).designed_on
     told = {"plant.ball.inertia": 9e-6, "controller.model.inertia": 8e-6}
     assert build((), told).designed_on.inertia == 8e-6
+    assert build((), {"plant.plate.height": 0.05}).designed_on == BallPlate()
+    assert build(("plant.plate.height=0.05",), {}).designed_on == BallPlate(height=0.05)
+    both = build(("plant.plate.height=0.05",), {"plant.ball.mass": 0.03, "plant.plate.height": 0.1})
+    assert (both.plant.model.height, both.designed_on.height) == (0.1, 0.05)
 
 
 def test_no_shipped_scenario_is_designed_on_another_ball_than_the_nominal_one():

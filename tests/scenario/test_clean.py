@@ -13,8 +13,9 @@ BALL = {
     "plant.ball.mass": "0.03",
     "plant.ball.radius": "0.021",
     "plant.ball.inertia": "5e-6",
+    "plant.plate.height": "0.1",
 }
-"""Keys of the ball, for which a controller is designed unless it is told of another."""
+"""Keys of ball and plate, for which a controller is designed unless it is told of another."""
 KEPT = {"plant.kind", "plant.step", "plant.size", "plant.shape", "sensors.ideal"} | {
     f"plant.start.{name}" for name in ("x", "y", "x_rate", "y_rate")
 }
@@ -77,7 +78,7 @@ def test_the_clean_model_has_no_linkage():
 @pytest.mark.parametrize(("key", "value"), BALL.items(), ids=BALL)
 def test_the_clean_model_has_the_ball_that_the_controller_is_designed_on(key, value):
     other = load("circle", (f"{key}={value}",))
-    assert clean(other).designed_on == other.designed_on == clean(other).plant.ball.model
+    assert clean(other).designed_on == other.designed_on == clean(other).plant.model
     hidden = (f"{key}={value}", "controller.model=nominal")
     assert clean(load("circle", hidden)).plant == clean(load("circle")).plant
 

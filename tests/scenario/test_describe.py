@@ -48,7 +48,7 @@ def test_every_key_that_a_scenario_has_is_described():
             else:
                 yield f"{prefix}{name}"
 
-    ball = {"kind": "nominal", "mass": 0.1, "radius": 0.02, "inertia": 1e-5}
+    ball = {"kind": "nominal", "mass": 0.1, "radius": 0.02, "inertia": 1e-5, "height": 0.1}
     tables = {**TABLES, "predictor": {}, "controller": {**TABLES["controller"], "model": ball}}
     whole = check(tables, "test").model_dump(mode="json")
     assert set(leaves(whole)) == {key.key for key in described()}

@@ -316,18 +316,24 @@ def test_mass_and_inertia_of_another_plate_are_those_of_a_slab_of_its_shape(side
         assert found == pytest.approx(np.diag(moments), rel=7e-3, abs=1e-4)
 
 
-def test_a_ball_on_a_plate_that_moves_follows_the_exact_equations(mechanism):
-    plant, told = mechanism(friction=Friction(rolling=0.0)), ExactPlant()
+@pytest.mark.parametrize("height", [None, 0.02, 0.25])
+def test_a_ball_on_a_plate_that_moves_follows_the_exact_equations(mechanism, height):
+    parts = replace(mechanism.keywords["parts"] or Parts(), height=height)
+    plant = Mechanism(friction=Friction(rolling=0.0), parts=parts)
+    high = BallPlate().height if height is None else height
+    told, other = (ExactPlant(model=BallPlate(height=each)) for each in (high, high + 0.05))
     ball = np.array([[0.02, 0.02, -0.03, 0.01]])
-    for each in (plant, told):
+    for each in (plant, told, other):
         each.start(ball)
     for tick in range(1000):
         wave = np.sin(tick * np.array([0.006, 0.008]))
         tilt_rate = 0.5 * wave**2 * np.cos(tick * np.array([0.006, 0.008]))
         plant.advance((plant.ratio * tilt_rate)[None], 1)
         told.advance(plant.state[:, 3::4], 1)
+        other.advance(plant.state[:, 3::4], 1)
     assert np.abs(plant.state[0, 2::4]).max() > np.radians(1)
     assert plant.state[:, 0::4] == pytest.approx(told.state[:, 0::4], abs=1e-4)
+    assert np.abs(plant.state - other.state)[:, 0::4].max() > 5e-4
 
 
 @pytest.mark.parametrize(

@@ -114,7 +114,7 @@ def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[V
         phase: At which share of a frame the first frame of the screen comes.
         path: Whether its reference is an output, too.
     """
-    model: BallPlate = scenario.plant.ball.model
+    model: BallPlate = scenario.plant.model
     values = {
         "rig.period": scenario.rig.period,
         "plant.step": scenario.plant.step,

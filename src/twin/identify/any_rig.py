@@ -81,6 +81,10 @@ class PlainIdentification(judged.Identification):
         inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
         lines = {f"plant.ball.{name}": str(getattr(ball, name)) for name in ("mass", "radius")}
         lines |= self.over
+        given = [each.value or 0.0 for each in self.verdicts if each.word == judged.GIVEN]
+        height = float(np.mean(given)) - ball.radius / self.factor if given else -1.0
+        if height >= 0:  # laws take no surface below the axes
+            lines["plant.plate.height"] = f"{height:.6g}  # of the surface, as it was told"
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
         turned = [gain.get(axis, sign * push) * sign / push for axis, sign in SIGNS]

@@ -165,6 +165,7 @@ def _rig(metadata: dict[str, Any]) -> dict[str, Any]:
     plant = scenario.get("plant", {})
     period = float(scenario.get("rig", {}).get("period", 0.0))
     ball = {key: plant.get("ball", {}).get(key) for key in ("mass", "radius", "inertia")}
+    ball["height"] = plant.get("plate", {}).get("height")
     return {
         "model": BallPlate(**{key: float(v) for key, v in ball.items() if v is not None}),
         "own_lag": period / 2 if plant.get("kind") == "lagrange" else MECHANISM_LAG,
@@ -346,7 +347,7 @@ class AnyLog:
             age=age,
             touched=seen,
             command=rate,
-            model=scenario.plant.ball.model,
+            model=scenario.plant.model,
             own_lag=0.0,
             grips=(0.0,),
         )

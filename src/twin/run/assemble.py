@@ -132,7 +132,7 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
 def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
     """What scenarios say of the exact equations: ball, friction, level and screen."""
     return {
-        "model": scenarios[0].plant.ball.model,
+        "model": scenarios[0].plant.model,
         "friction": build_friction(scenarios),
         "level": per_rig(settings_of(Parts)["level"], scenarios),
         "size": per_rig(settings_of(TouchModel)["size"], scenarios),
@@ -230,7 +230,7 @@ def _table(kind: str) -> Transmission:
 def build_friction(scenarios: Sequence[Scenario]) -> Friction | None:
     """The resistance of N balls on their screens; None if all are level and without friction."""
     surfaces = SurfaceMap.stacked(
-        [_drawn(_surface(each), each.plant.size, each.plant.ball.model) for each in scenarios]
+        [_drawn(_surface(each), each.plant.size, each.plant.model) for each in scenarios]
     )
     friction = filled(Friction, scenarios, map=surfaces)
     return None if friction.absent.all() and friction.map is None else friction
@@ -572,7 +572,7 @@ SHARED = (
 )
 """Keys in which the rigs of a batch must agree: engine, time base, whether the truth is seen, and
 what tilts the plate."""
-SHARED_EXACT = ("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia")
+SHARED_EXACT = "plant.plate.height", *(f"plant.ball.{of}" for of in ("mass", "radius", "inertia"))
 """The same of rigs on the exact equations, besides."""
 
 

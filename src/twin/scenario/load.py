@@ -118,9 +118,10 @@ def _with(model: Any, key: str, value: Any) -> Any:
 def clean(scenario: Scenario) -> Scenario:
     """The same controller and motion on the exact equations that the controller is designed on.
 
-    Nothing a scenario may say of its rig is left but the ball that the designer knows, where it
-    starts, the plate's size, control period and limits: no friction, tilt or mechanism, no dead
-    time, quantisation or noise, no computing time, and no predictor, which has nothing to predict.
+    Nothing a scenario may say of its rig is left but the ball and the plate's height that the
+    designer knows, where the ball starts, the plate's size, control period and limits: no friction,
+    tilt or mechanism, no dead time, quantisation or noise, no computing time, and no predictor,
+    which has nothing to predict.
     """
     known = scenario.designed_on
     none = (0.0, 0.0)
@@ -132,6 +133,7 @@ def clean(scenario: Scenario) -> Scenario:
             "size": scenario.plant.size,
             "shape": scenario.plant.shape,
             "ball": ball,
+            "plate": {"height": known.height},
             "friction": {"rolling_mm": 0.0},
             "start": scenario.plant.start.model_dump() | {"spin": 0.0},
         },

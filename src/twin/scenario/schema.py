@@ -186,11 +186,6 @@ class BallKeys(Section):
     kind: Literal["hollow", "steel"] = "hollow"
     """Hollow plastic ball, or a solid steel ball, which sets mass, inertia and friction."""
 
-    @property
-    def model(self) -> BallPlate:
-        """The exact equations with this ball."""
-        return BallPlate(**{name: vars(self)[name] for name in ("mass", "radius", "inertia")})
-
     def problem(self) -> str:
         """What is wrong with it as a whole, in one line; empty if nothing is."""
         ball: Any = self
@@ -256,6 +251,13 @@ class PlantKeys(Section):
             if left:
                 object.__setattr__(self, name, section.model_copy(update=left))
         return self
+
+    @property
+    def model(self) -> BallPlate:
+        """The exact equations with this ball and plate."""
+        inner: Any = vars(self)
+        ball = {name: vars(inner["ball"])[name] for name in ("mass", "radius", "inertia")}
+        return BallPlate(**ball, height=inner["plate"].height)
 
     def problem(self) -> str:
         """What is wrong with it as a whole, in one line; empty if nothing is."""
@@ -432,7 +434,7 @@ class Choice(BaseModel):
 
 
 class KnownBall(Section):
-    """The ball that the designer of law, observer and predictor believes in."""
+    """Ball and plate that the designer of law, observer and predictor believes in."""
 
     kind: Literal["scenario", "nominal"] = "scenario"
     """The ball of plant.ball, or the nominal one of Table A.2, whatever rolls on the plate; model =
@@ -444,6 +446,8 @@ class KnownBall(Section):
     """Radius in m in place of that ball's."""
     inertia: Positive | None = None
     """Moment of inertia in kg m^2 in place of that ball's."""
+    height: NotNegative | None = None
+    """Height of the surface over the axes in m in place of plant.plate.height."""
 
     @model_validator(mode="before")
     @classmethod
@@ -603,7 +607,7 @@ class Scenario(Section):
         part of it, and a study writes what was known into ``controller.model``.
         """
         known = self.controller.model
-        ball: BallPlate = BallPlate() if known.kind == "nominal" else self.plant.ball.model
+        ball: BallPlate = BallPlate() if known.kind == "nominal" else self.plant.model
         given = known.model_dump(exclude={"kind"}, exclude_none=True)
         return dataclasses.replace(ball, lag=self.rig.plate_lag, **given)
 

@@ -149,7 +149,7 @@ class Belief:
                 for name in PARAMETERS
             ]
         )
-        model: BallPlate = scenario.plant.ball.model
+        model: BallPlate = scenario.plant.model
         braking = model.k1 * values["rolling"] / model.radius
         windows = [[of[name] for name in PARAMETERS] for of in (CHANGING, STOPPING)]
         return cls(

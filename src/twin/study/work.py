@@ -89,8 +89,8 @@ def points(study: Study) -> Design:
 
 
 _MISSING = object()
-KNOWN = ("mass", "radius", "inertia")
-"""What a controller's designer knows of the ball."""
+KNOWN = ("mass", "radius", "inertia", "height")
+"""What a controller's designer knows of ball and plate."""
 
 
 def _with_defaults(scenario: Scenario) -> dict[str, Any]:
@@ -133,7 +133,7 @@ class Builder:
             ScenarioError: If a key does not exist, or a value is out of range.
         """
         given: dict[str, Any] = {}
-        if any(key.startswith("plant.ball.") for key in point):
+        if any(key.startswith(("plant.ball.", "plant.plate.height")) for key in point):
             known = self._built([*map(self._setting, fixed)]).designed_on
             given["controller.model"] = {key: getattr(known, key) for key in KNOWN}
         for key, value in point.items():

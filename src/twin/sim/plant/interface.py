@@ -181,6 +181,8 @@ class Parts:
         speed: Largest speed of a motor, rad/s.
         joint_friction: Dry friction of each of the plate's two joints, N m: as wheels and servos
             give way, lost motion between motor and plate.
+        height: Height of the surface over the axes about which the plate tilts, m; what else the
+            plate on cams weighs stays where it is.
         plate_centre: Centre of mass of the plate off the cardan joint along x and y, m.
         level: Tilt (phi, theta) of the base that everything stands on, rad; encoders cannot see it.
         linkage: Cranks and rods in place of cams, wheels and spring.
@@ -235,6 +237,7 @@ class Parts:
         le=20,
         exact="have a plate that goes where it is told",
     )
+    height: float | None = setting("plant.plate.height", 0.122, otherwise=None, ge=0, le=0.5)
     plate_centre: tuple[float, float] | None = setting(
         "plant.plate.offset_mm",
         None,
@@ -256,19 +259,14 @@ class Parts:
     @property
     def compiled(self) -> Parts:
         """Those of ball and plate, with which a mechanism has to be compiled."""
-        names = (
-            *("mass", "radius", "inertia", "offset", "oval"),
-            "plate_centre",
-            "linkage",
-            "size",
-            "rounded",
-        )
-        return Parts(**{name: getattr(self, name) for name in names})
+        ball = "mass", "radius", "inertia", "offset", "oval"
+        plate = "height", "plate_centre", "linkage", "size", "rounded"
+        return Parts(**{name: getattr(self, name) for name in (*ball, *plate)})
 
     @property
     def balanced(self) -> bool:
         """Whether the mechanism's balance on a level base is that of the file."""
-        shape = self.mass, self.radius, self.oval, self.size
+        shape = self.mass, self.radius, self.oval, self.height, self.size
         weighs = *shape, self.stiffness, self.preload, self.plate_centre, self.linkage
         return all(each is None for each in weighs)
 
