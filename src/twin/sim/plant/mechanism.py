@@ -20,7 +20,7 @@ from controllers.arrays import Array, Mask, Number, constant, put
 from twin.errors import ModelError
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts, ball_in_plate, from_plate, rolling_ball
-from twin.sim.plant.model import RigModels, motor_ratio, screen_of
+from twin.sim.plant.model import RigModels, motor_ratio
 
 Indices = NDArray[np.integer]
 
@@ -259,8 +259,7 @@ class Mechanism:
         self._ctrl: Array = self._batch.bind("ctrl")
         self._qpos: Array = self._batch.bind("qpos")
         self._qvel: Array = self._batch.bind("qvel")
-        self._surface = screen_of(model).height
-        self._half, self._rounded = self._models.shapes()
+        self._half, self._surface, self._rounded = self._models.shapes()
         self._height = self._models.heights()
         self._contact = None if friction is None else BallContact(self._batch, friction)
         # how often friction that changes with speed or place is updated: every 2 ms
@@ -302,7 +301,7 @@ class Mechanism:
         """
         self._models.rebuild(self._batch, rigs, parts)
         self._height[rigs] = self._models.heights(rigs)
-        self._half, self._rounded = self._models.shapes()
+        self._half, self._surface, self._rounded = self._models.shapes()
         self._exchange_friction(friction)
 
     def _exchange_friction(self, friction: Friction) -> None:
@@ -335,7 +334,7 @@ class Mechanism:
         batch.reset(rigs, keyframe=self._at.level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         which = slice(None) if rigs is None else rigs
         x, vx, y, vy = ball.T
-        zero, radius = np.zeros(len(ball)), self._height[which] - self._surface
+        zero, radius = np.zeros(len(ball)), self._height[which] - self._surface[which]
         self._qpos[which, self._at.ball_pose] = np.stack((x, y, self._height[which]), axis=-1)
         turn = (-vy / radius, vx / radius, zero + spin)
         self._qvel[which, self._at.ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)

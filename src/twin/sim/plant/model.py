@@ -565,10 +565,10 @@ class RigModels:
         height = self.first.joint("ball").qposadr[0] + 2
         return np.array([model.key("level").qpos[height] for model in models])
 
-    def shapes(self) -> tuple[Array, Mask]:
-        """Half sides of the plates along x and y in m, (2, N), and whether they are round, (N,)."""
-        half, _, rounded = zip(*map(screen_of, self._built), strict=True)
-        return np.transpose(half), np.array(rounded)
+    def shapes(self) -> tuple[Array, Array, Mask]:
+        """Half sides of the plates in m, (2, N), heights in m and whether they are round, (N,)."""
+        half, surface, rounded = zip(*map(screen_of, self._built), strict=True)
+        return np.transpose(half), np.array(surface), np.array(rounded)
 
     def batch(self, threads: int, *, persistent: bool) -> Batch:
         """A batch of the rigs, with what each has of its own.
