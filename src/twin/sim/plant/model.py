@@ -420,6 +420,7 @@ def _shape(spec: mujoco.MjSpec, parts: Parts) -> float:
             spec.sensor(name).objtype = mujoco.mjtObj.mjOBJ_XBODY
     if parts.linkage is not None:
         _link(spec, parts.linkage)
+    higher = 0.0 if parts.height is None else _raise(spec, parts.height)
     if parts.size is not None:
         _cut(spec, parts.size, parts.rounded)
     if parts.plate_centre is not None:
@@ -436,15 +437,13 @@ def _shape(spec: mujoco.MjSpec, parts: Parts) -> float:
         # An ellipsoid's contact is searched for; at the usual tolerance the ball rocks untrue.
         spec.option.ccd_tolerance = 1e-12
         spec.option.ccd_iterations = 200
-    higher = 0.0 if parts.height is None else _raise(spec, parts.height)
     return float(upright - nominal) + higher
 
 
 def _raise(spec: mujoco.MjSpec, height: float) -> float:
     """Move the surface and what is drawn on it to a height over the axes; by how much, m."""
-    plate = spec.geom("plate")
-    thick = plate.size[1 if plate.type == mujoco.mjtGeom.mjGEOM_CYLINDER else 2]
-    higher = float(height - plate.pos[2] - thick)
+    plate = spec.geom("plate")  # still the file's box
+    higher = float(height - plate.pos[2] - plate.size[2])
     drawn = "screen_back", "centre_mark", "area_front", "area_rear", "area_left", "area_right"
     for each in (plate, spec.site("over_plate"), *map(spec.geom, drawn)):
         if each is not None:
