@@ -65,8 +65,7 @@ class TimeVaryingLQR(AboutMotion):
         x[..., 1::4] -= wanted.velocity
         x[..., 2::4] -= SIGN * wanted.slope.angle
         x[..., 3::4] -= SIGN * wanted.slope.rate
-        out: Array = SIGN * wanted.slope.acceleration - np.einsum("...ij,...j->...i", K, x)
-        return out
+        return SIGN * wanted.slope.acceleration - np.einsum("...ij,...j->...i", K, x)
 
     def weight(self) -> Array:
         """Q as a weight of the state (5.5), shape (8, 8)."""
@@ -132,8 +131,7 @@ class VaryingGain:
             self._turn()
         if self._left:
             self._step()
-        K: Array = self._laid[knot - self._begin]
-        return K
+        return self._laid[knot - self._begin]
 
     def _turn(self) -> None:
         """Take the gains of the next sweep, and begin another."""
@@ -238,8 +236,7 @@ class Predictive(AboutMotion):
         P = scipy.linalg.solve_discrete_are(A, B, np.diag(self.Q), np.eye(1))
         for name, value in (("A", A), ("B", B[:, 0]), ("P", P)):
             object.__setattr__(self, name, value)
-        gain: Array = (B.T @ P @ A)[0] / (1 + B[:, 0] @ P @ B[:, 0])
-        return gain
+        return (B.T @ P @ A)[0] / (1 + B[:, 0] @ P @ B[:, 0])
 
     @property
     def steps(self) -> int:
@@ -260,8 +257,7 @@ class Predictive(AboutMotion):
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2)."""
-        out: Array = SIGN * now.plan.input(now.time, now.equivalent)
-        return out
+        return SIGN * now.plan.input(now.time, now.equivalent)
 
 
 class Program:
@@ -356,8 +352,7 @@ class Horizon:
             self._v = self._best(x)
         share = (tick % self._ticks) / self._ticks
         acceleration = self._ahead[0, 4] + share * (self._ahead[1, 4] - self._ahead[0, 4])
-        out: Array = acceleration + self._v
-        return out
+        return acceleration + self._v
 
     def _best(self, x: Array) -> Array:
         """The first input v of every rig and axis, rad/s^2, shape (..., 2)."""
@@ -385,8 +380,7 @@ class Horizon:
                 solved = np.clip(given + gone_on, -most, most) - given
             inputs[place] = solved
         self._inputs = inputs
-        out: Array = inputs[..., 0].copy()
-        return out
+        return inputs[..., 0].copy()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -464,15 +458,13 @@ class InternalModel(Law):
         slope, rate = SIGN * x[..., 2::4] - r[2] / k1, SIGN * x[..., 3::4] - r[3] / k1
         e, e_rate = x[..., 0::4] - r[0], x[..., 1::4] - r[1]
         u = r[4] / k1 - K[0] * e - K[1] * e_rate - K[2] * slope - K[3] * rate
-        out: Array = SIGN * (u - K[4:] @ self._by_axis(q))
-        return out
+        return SIGN * (u - K[4:] @ self._by_axis(q))
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """S q + b e of either axis, shape (..., memory)."""
         e = x[..., 0::4] - reference(t)[0]
         slope = self.oscillators() @ self._by_axis(q) + self._driven()[:, None] * e[..., None, :]
-        out: Array = slope.reshape(q.shape)
-        return out
+        return slope.reshape(q.shape)
 
     def _by_axis(self, q: Array) -> Array:
         """The memory of both axes side by side, shape (..., 1 + 2 n, 2)."""
@@ -592,8 +584,7 @@ class Laps:
         length = 2 * math.pi / self._law.omega
         times = np.linspace(0, length, CHECKED, endpoint=False) + self._lap * length
         change = np.abs(self._reference(times)[0] - self._reference(times - length)[0]).max(axis=0)
-        alike: Array = (change.max(axis=-1, keepdims=True) < ALIKE).astype(float)
-        return alike
+        return (change.max(axis=-1, keepdims=True) < ALIKE).astype(float)
 
 
 class Inverse:

@@ -104,8 +104,7 @@ def _answer_to(law: Law, reference: Reference) -> Array:
     """(u, memory rate) of a law at rest on the centre that is asked for another path."""
     x, q = np.zeros((1, 8)), np.zeros((1, law.memory))
     u, slope = law.control(0.0, x, reference, q), law.memory_rate(0.0, x, reference, q)
-    out: Array = np.concatenate([u, slope], axis=-1)[0]
-    return out
+    return np.concatenate([u, slope], axis=-1)[0]
 
 
 def _law_jacobian(law: Law, step: float) -> Array:
@@ -355,8 +354,7 @@ class Loop(NamedTuple):
         v = np.zeros((len(omega), len(b)), complex)
         for k in reversed(range(len(b))):
             v[:, k] = (b[k] + (v[:, k + 1 :] * T[k, k + 1 :]).sum(axis=1)) / (s - T[k, k])
-        out: Complex = 1 + v @ (self.C[i] @ Z)
-        return out
+        return 1 + v @ (self.C[i] @ Z)
 
 
 @lru_cache(maxsize=1)

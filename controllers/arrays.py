@@ -97,8 +97,7 @@ def elementwise(
         *arrays: What it is calculated from.
     """
     if len(arrays[0]) > 1:
-        several: Array = formula(ARRAYS, *arrays)
-        return several
+        return formula(ARRAYS, *arrays)
     one = map(formula, repeat(NUMBERS), *[array.tolist()[0] for array in arrays])
     return np.array([list(one)])
 

@@ -376,8 +376,7 @@ def commanded(law: Law, u: Any, like: Array) -> Array:
     if getattr(u, "shape", None) != like.shape or u.dtype.kind not in "fi":
         method = "control" if type(law).command is Law.command else "command"
         raise _wrong(law, method, "plate accelerations (..., 2)", u, like)
-    answer: Array = u
-    return answer
+    return u
 
 
 def remembered(law: Law, slope: Any, like: Array) -> Array:
@@ -388,8 +387,7 @@ def remembered(law: Law, slope: Any, like: Array) -> Array:
     """
     if np.shape(slope) != like.shape or np.iscomplexobj(slope):
         raise _wrong(law, "memory_rate", "the rate of the memory (..., memory)", slope, like)
-    answer: Array = slope
-    return answer
+    return slope
 
 
 def estimated(observer: Observer, x: Any, like: Array) -> Array:
@@ -401,8 +399,7 @@ def estimated(observer: Observer, x: Any, like: Array) -> Array:
     expected = (*like.shape[:-1], 8)
     if getattr(x, "shape", None) != expected or x.dtype.kind not in "fi":
         raise _wrong(observer, "correct", "the estimate (..., 8)", x, np.empty(expected))
-    answer: Array = x
-    return answer
+    return x
 
 
 def _wrong(law: Law | Observer, method: str, what: str, given: Any, expected: Array) -> AnswerError:

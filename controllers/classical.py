@@ -269,8 +269,7 @@ class Pid(Law):
         angle, rate = x[..., 2::4], x[..., 3::4]
         wanted = np.clip(self._asked(t, x, reference, q), -self._most, self._most)
         goal = SIGN * np.arcsin(wanted / self.model.k1)
-        u: Array = self.plate[0] * (goal - angle) - self.plate[1] * rate
-        return u
+        return self.plate[0] * (goal - angle) - self.plate[1] * rate
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Rates of the error's integral, shape (..., 2), and of the filtered error, (..., 2)."""
@@ -285,8 +284,7 @@ class Pid(Law):
         """Acceleration of the ball in m/s^2, before the angle's limit, shape (..., 2)."""
         error = reference(t)[0] - x[..., 0::4]
         derivative = (error - q[..., 2:]) / self.filter
-        asked: Array = self.kp * error + self.ki * q[..., :2] + self.kd * derivative
-        return asked
+        return self.kp * error + self.ki * q[..., :2] + self.kd * derivative
 
     @property
     def _most(self) -> float:
@@ -338,8 +336,7 @@ class AFL(Law):
         v = r[4] - (z - desired(r[:4])).dot(self.p[:4])
         if self.memory:
             v = v - self.p[4] * q
-        out: Array = (v + z[..., 2] * rate * rate) / a
-        return out
+        return (v + z[..., 2] * rate * rate) / a
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -423,8 +420,7 @@ class Backstepping(Law):
         # (6.90): the derivatives of 1 / cos, of e1 to e3, and of what e4 adds to e3'.
         alpha3_rate = np.tan(angle) * rate * alpha3
         alpha3_rate = alpha3_rate + (bracket_rate + r[4]) / a - (c1 + c2 + c3) * e4
-        out: Array = alpha3_rate - a * e3 - c4 * e4
-        return out
+        return alpha3_rate - a * e3 - c4 * e4
 
 
 POWERS = np.array((3.0, 4.0, 6.0))

@@ -327,8 +327,7 @@ class SampledReference(Reference):
             self._first, index = tick, 0
             times = (tick + np.arange(self.BLOCK)) * self._period
             self._block = np.ascontiguousarray(self.original(times).swapaxes(0, 1))
-        block: Array = self._block[index]
-        return block
+        return self._block[index]
 
 
 Member = TypeVar("Member")
@@ -632,5 +631,4 @@ class Smith(Observer):
         share = (periods - whole)[..., np.newaxis]
         slots = (self._tick - np.stack([whole, whole + 1])) % self._length
         newer, older = np.take_along_axis(self._past, slots[..., np.newaxis], axis=0)
-        ball: Array = newer + share * (older - newer)
-        return ball
+        return newer + share * (older - newer)

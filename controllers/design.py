@@ -145,8 +145,7 @@ def place_poles(A: Array, B: Array, poles: Sequence[Pole] | Array) -> Array:
         V[:, i], V[:, i + 1] = X[:, i] - 1j * X[:, i + 1], X[:, i] + 1j * X[:, i + 1]
         values += [pole, pole.conjugate()]
     closed = np.linalg.solve(V.T, np.diag(values) @ V.T).T
-    K: Array = B.T @ (A - closed.real)
-    return K
+    return B.T @ (A - closed.real)
 
 
 def _turned(x: Array, y: Array, P: Array, Q: Array, u: Array, v: Array) -> tuple[Array, Array]:

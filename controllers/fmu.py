@@ -72,8 +72,7 @@ class FmuLaw(Law):
         """Plate accelerations in rad/s^2, shape (..., 2)."""
         path = (np.broadcast_to(r, now.rate.shape) for r in now.reference(now.time)[:3])
         given = np.concatenate((now.x, now.equivalent, *path, now.rate), axis=-1)
-        answer: Array = now.plan.ask(now.time, given).reshape(now.rate.shape)
-        return answer
+        return now.plan.ask(now.time, given).reshape(now.rate.shape)
 
 
 class FmuProcess:

@@ -364,8 +364,7 @@ class Oscillation:
         angle = self._omega * t[..., None]
         shape = (5, *(1,) * t.ndim, 2)
         sine, cosine = self._sine.reshape(shape), self._cosine.reshape(shape)
-        out: Array = sine * np.sin(angle) + cosine * np.cos(angle)
-        return out
+        return sine * np.sin(angle) + cosine * np.cos(angle)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -661,8 +660,7 @@ class _Filter:
 
     def _powers(self, s: Array) -> Array:
         """exp(-a s) (1, s, ..., s^4), shape (*shape(s), 5)."""
-        powers: Array = np.exp(-self._a * s)[..., None] * s[..., None] ** np.arange(ORDER)
-        return powers
+        return np.exp(-self._a * s)[..., None] * s[..., None] ** np.arange(ORDER)
 
     def fading(self, s: Array) -> Array:
         """What is left of a step after a time s, and its four derivatives, shape (5, *shape(s))."""

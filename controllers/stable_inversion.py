@@ -520,8 +520,7 @@ class AboutMotion(Law):
         """K, shape (4,)."""
         A, B = flat_axis(self.model)
         P = scipy.linalg.solve_continuous_are(A, B, np.diag(self.Q), np.eye(1))
-        gain: Array = P[3]
-        return gain
+        return P[3]
 
     def start(self, x: Array, reference: Reference, period: float) -> Any:
         """The motion of ball and plate, its first slice laid."""
@@ -577,8 +576,7 @@ class AboutMotion(Law):
         """Feedback about a motion, rad/s^2, shape (..., 2)."""
         axis = x[..., 0::4], x[..., 1::4], SIGN * x[..., 2::4], SIGN * x[..., 3::4]
         K = (*self.K[:3], self.K[3:].sum())  # of a plate that is as fast as it is told
-        out: Array = SIGN * self._about(K, axis, (position, velocity), wanted)
-        return out
+        return SIGN * self._about(K, axis, (position, velocity), wanted)
 
     def _about(
         self, K: Sequence[float] | Array, axis: Sequence[Any], path: Sequence[Any], wanted: Tilts
@@ -689,8 +687,7 @@ class StableInversion(AboutMotion):
         A, B = np.eye(5, k=1), np.eye(5)[:, 4:]
         A[1, 2], A[3, 3:] = self.model.k1, (-1 / lag, 1 / lag)
         P = scipy.linalg.solve_continuous_are(A, B, np.diag((*self.Q, 0.0)), np.eye(1))
-        gain: Array = P[4]
-        return gain
+        return P[4]
 
     def start(self, x: Array, reference: Reference, period: float) -> InversePlan:
         """The motion of ball and plate, its first slice laid."""

@@ -269,8 +269,7 @@ class FrictionKalman(LateBall):
 
     def _propagated(self, A: Array, step: Derivatives) -> Array:
         """Covariance a period on, from what the period does to the nine states."""
-        P: Array = A @ self._P @ A.swapaxes(1, 2)
-        return P
+        return A @ self._P @ A.swapaxes(1, 2)
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""

@@ -300,8 +300,7 @@ def model(
 
     if scenario is None:
         return BallPlate()
-    found: BallPlate = scenario_of(scenario, changes_of(settings, changes)).plant.model
-    return found
+    return scenario_of(scenario, changes_of(settings, changes)).plant.model
 
 
 GIVEN = ("t", "x", "reference")

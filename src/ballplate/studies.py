@@ -108,8 +108,7 @@ class Sweep:
         names = ["outcome", *(name for name in UNITS if name != "real_time_factor")]
         frame = self.to_pandas().reindex(columns=[*self.keys, *names])
         frame.columns = [f"{name} [{UNITS[name]}]" if name in UNITS else name for name in frame]
-        text: str = frame.to_csv(index=False, lineterminator="\n")
-        return text
+        return frame.to_csv(index=False, lineterminator="\n")
 
     def plot(self, *metrics: str) -> Figure:
         """Indicators over the first key, a curve for each value of the others.

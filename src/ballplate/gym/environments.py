@@ -262,8 +262,7 @@ class Rigs:
     def _goal(self, ticks: NDArray[np.integer]) -> Array:
         """Goal (x, y) in m at ticks of each rig, shape (..., N), as (..., N, 2)."""
         last = self._paths.shape[1] - 1  # rigs whose episode is over are past it
-        found: Array = self._paths[self._which, np.minimum(ticks, last)]
-        return found
+        return self._paths[self._which, np.minimum(ticks, last)]
 
 
 class RigEnv(gymnasium.Env[Array, Array]):

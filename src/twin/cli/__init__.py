@@ -35,8 +35,7 @@ LONGEST_LINE = 1000
 
 def _command(name: str) -> Command:
     module, _, place = COMMANDS[name].partition(":")
-    command: Command = getattr(import_module(module), place)
-    return command
+    return getattr(import_module(module), place)
 
 
 class Commands(click.Group):

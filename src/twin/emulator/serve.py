@@ -434,6 +434,5 @@ def _rig_file(pipe: Connection) -> Tables:
     """
     with suppress(EOFError):
         if pipe.poll(START):
-            tables: Tables = pipe.recv()
-            return tables
+            return pipe.recv()
     raise RigError("emulated rig: its process did not start; run ballplate emulate to see why")

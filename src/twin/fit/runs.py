@@ -344,5 +344,4 @@ def rounded(share: Array, table: FitTable) -> Sample:
 def shares(sample: Sample, table: FitTable) -> Array:
     """Where a sample lies in the ranges, each 0 to 1, shape (parameters,)."""
     ends = np.array([(p.low, p.high) for p in table.parameters.values()])
-    found: Array = (np.array(sample) - ends[:, 0]) / (ends[:, 1] - ends[:, 0])
-    return found
+    return (np.array(sample) - ends[:, 0]) / (ends[:, 1] - ends[:, 0])

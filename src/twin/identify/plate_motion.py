@@ -349,8 +349,7 @@ def triangle(amplitude: float, rate: float, cycles: int, period: float) -> Array
     """
     length = 4 * amplitude / rate
     phase = np.arange(round((cycles + 0.25) * length / period) + 1) * period / length
-    angles: Array = amplitude * (4 * np.abs((phase - 0.25) % 1.0 - 0.5) - 1)
-    return angles
+    return amplitude * (4 * np.abs((phase - 0.25) % 1.0 - 0.5) - 1)
 
 
 def as_plate(cams: CamTable, motor: Array, axis: int) -> Array:

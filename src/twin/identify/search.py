@@ -64,8 +64,7 @@ class Estimate:
         """Correlation of the draws, shape (P, P)."""
         moved = self.draws - self.value
         scale = np.sqrt((moved**2).mean(axis=0))
-        result: Array = moved.T @ moved / len(moved) / np.maximum(np.outer(scale, scale), 1e-300)
-        return result
+        return moved.T @ moved / len(moved) / np.maximum(np.outer(scale, scale), 1e-300)
 
 
 def estimate(

@@ -563,8 +563,7 @@ WAITS = {
 
 def _condition(name: str) -> Condition:
     source, _, which = name.partition(".")
-    found: Condition = getattr(SOURCES[source], which)
-    return found
+    return getattr(SOURCES[source], which)
 
 
 def _done(given: list[Any]) -> Callable[[LockstepRig], Any]:

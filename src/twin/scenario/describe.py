@@ -229,7 +229,7 @@ def _table(annotation: object) -> type[BaseModel] | None:
 @cache
 def _properties(model: type[BaseModel]) -> dict[str, Any]:
     """The JSON schema of every field of a model, by its name."""
-    return model.model_json_schema()["properties"]  # type: ignore[no-any-return]
+    return model.model_json_schema()["properties"]
 
 
 @cache

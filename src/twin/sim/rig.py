@@ -141,8 +141,7 @@ class Vibration:
             self._sizes = np.where(age == 1, 0.0, self._kept * self._sizes) + fresh * drawn
             wandering = self._sizes[:, :2] * sine + self._sizes[:, 2:] * cosine
             steady = np.where(self._random, wandering, steady)
-        moved: Array = self._amplitude * steady
-        return moved
+        return self._amplitude * steady
 
 
 class TrainPart(ABC):
@@ -243,8 +242,7 @@ class PositionServo(TrainPart):
         more, far = self._more, np.abs(way)
         n = np.floor((np.sqrt(1 + 8 * far / more) - 1) / 2)
         wanted = np.copysign(np.minimum(far / (n + 1) + more * n / 2, self._most), way)
-        braked: Array = np.minimum(np.maximum(wanted, self._turn - more), self._turn + more)
-        return braked
+        return np.minimum(np.maximum(wanted, self._turn - more), self._turn + more)
 
 
 class Play(TrainPart):

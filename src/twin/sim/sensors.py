@@ -73,8 +73,7 @@ class Noise:
             return self._block[index]
         for rig in np.flatnonzero((index == 0) & (tick % self._hold == 0)).tolist():
             self._fill(rig)
-        each: Array = self._block[index, self._rows]
-        return each
+        return self._block[index, self._rows]
 
     def adopt(self, rigs: Rigs, other: Noise) -> None:
         """Let some rigs go on with the streams of another noise, from where each of those is.

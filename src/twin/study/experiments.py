@@ -362,8 +362,7 @@ def evaluate(
     Raises:
         TwinError: If a process is killed, or a chunk of runs is lost too often.
     """
-    found: pd.DataFrame = labelled(labels, carry(runs, store, **how)).to_pandas()
-    return found
+    return labelled(labels, carry(runs, store, **how)).to_pandas()
 
 
 def labelled(labels: Mapping[str, Any], rows: pa.Table) -> pa.Table:

@@ -145,8 +145,7 @@ def stored(chapter: str) -> dict[str, Any]:
     what ``ballplate fit chapter_9`` found: parameters, correlation, of every search its end with
     all tables and without each, and what docs/chapter9.py finds of its goals.
     """
-    found: dict[str, Any] = json.loads((files(HERE) / f"data/{chapter}.json").read_bytes())
-    return found
+    return json.loads((files(HERE) / f"data/{chapter}.json").read_bytes())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -45,8 +45,7 @@ def rig_costs(indicators: Array, scales: Array) -> Array:
         indicators: Shape (rigs, tasks); NaN where a run did not finish.
         scales: Of the tasks, shape (tasks,).
     """
-    found: Array = (indicators / scales).mean(axis=1)
-    return found
+    return (indicators / scales).mean(axis=1)
 
 
 def violation(constraints: dict[str, float]) -> float:

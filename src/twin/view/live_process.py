@@ -67,13 +67,11 @@ class SharedRingBuffer:
         """Names of the columns; empty until they are known."""
         if not self._counters[_NAMED]:
             return []
-        names: list[str] = json.loads(bytes(self._text))
-        return names
+        return json.loads(bytes(self._text))
 
     def slot(self) -> Array:
         """The row to fill next; it is handed over by ``put``."""
-        row: Array = self._rows[int(self._counters[_WRITTEN]) % self._size]
-        return row
+        return self._rows[int(self._counters[_WRITTEN]) % self._size]
 
     def put(self) -> None:
         """Hand over the row that was filled."""

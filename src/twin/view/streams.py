@@ -42,8 +42,7 @@ def rolled(turn: Array, position: Array, radius: float) -> Array:
 
 def in_view(points: Array) -> Array:
     """Points in m, (..., 2), as the view draws them: mm, y upwards (its own y goes down)."""
-    drawn: Array = points * np.array([1000.0, -1000.0])
-    return drawn
+    return points * np.array([1000.0, -1000.0])
 
 
 def fixed(

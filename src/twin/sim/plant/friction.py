@@ -329,8 +329,7 @@ class Friction:
 
     def settled(self, speed: Array) -> Array:
         """Age of a contact that has long rolled at a speed in m/s, shape (...)."""
-        share: Array = 1 / (1 + (speed / np.asarray(self.stribeck_speed)) ** 2)
-        return share
+        return 1 / (1 + (speed / np.asarray(self.stribeck_speed)) ** 2)
 
     def aged(self, age: Array, speed: Array, time: float) -> Array:
         """Age after a time in s at a constant speed in m/s, all shape (...)."""
@@ -339,8 +338,7 @@ class Friction:
         with np.errstate(divide="ignore"):
             # at dwell_time 0 the exponent is -inf: the age is the settled one at once
             left = np.exp(-time / (goal * dwell))
-        result: Array = goal + (age - goal) * left
-        return result
+        return goal + (age - goal) * left
 
     def arm(self, speed: Array, position: Array, age: Array | None = None) -> Array:
         """Resistance arm in m, shape (...).
