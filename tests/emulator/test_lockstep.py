@@ -7,8 +7,10 @@ import pytest
 
 from controllers import catalog
 from controllers.interfaces import Law
+from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import FRAME, Protocol
+from twin.emulator.serve import VirtualRig
 from twin.errors import LawError
 from twin.hal.supervisor import State
 from twin.run.assemble import build_controller
@@ -19,8 +21,8 @@ from twin.run.record import Recorder
 from twin.scenario import load
 
 
-def tracked(chosen):
-    rig, controller = LockstepRig(chosen), build_controller(chosen)
+def tracked(chosen, config=None):
+    rig, controller = LockstepRig(chosen, config=config), build_controller(chosen)
     record = Recorder(round(chosen.duration / rig.period), 1, rig.period)
     (outcome,) = drive(rig, controller, chosen.duration, record)
     return rig, record, outcome
@@ -87,6 +89,20 @@ def test_interrupted_while_it_takes_hold_a_rig_is_switched_off(scenario, monkeyp
         pass
     assert rig.supervisor.state[0] == State.OFF
     assert not any(each.enabled for each in rig.lockstep.drives)
+
+
+def test_a_dead_band_of_the_servos_is_no_frozen_motor_on_an_emulated_rig():
+    still = ("sensors.touch.lost=0", "sensors.touch.jitter=0", "duration=1.2")
+    chosen = load("circle", ("parameters=three_legs", *still))
+    with VirtualRig(chosen) as banded, VirtualRig(load("circle")) as mechanism:
+        told, usual = (rig.tables()["drives"]["watch"]["travel"] for rig in (banded, mechanism))
+    assert usual == MonitorConfig().travel
+    assert told == pytest.approx(0.005 + np.radians(0.3))  # its motors turn as far as its plate
+    assert tracked(chosen)[2].reason.endswith(
+        "motor position frozen: no count over 0.005 rad commanded"
+    )
+    outcome = tracked(chosen, AkdConfig(watch=MonitorConfig(travel=told)))[2]
+    assert outcome.ending is Ending.FINISHED
 
 
 @pytest.mark.long

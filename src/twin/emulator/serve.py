@@ -40,7 +40,7 @@ from twin.run.assemble import build_devices, build_plant, start_plant
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 from twin.settings import filled
-from twin.sim.rig import SimulatedDevices
+from twin.sim.rig import DriveModel, SimulatedDevices
 from twin.sim.sensors import EncoderModel, TouchModel
 
 TICK = 0.001
@@ -84,6 +84,14 @@ class EmulatedPlant:
 
     _touch: Touch
     """What the screen is touched by now."""
+
+    @property
+    def kept_back(self) -> float:
+        """Motor angle in rad that its servos may not have turned of the one they were told."""
+        servo = filled(DriveModel, [self._scenario])
+        plate = np.full((1, 2), servo.deadband + servo.resolution)
+        turn = self.transmission.motor(plate) - self.transmission.motor(0 * plate)
+        return float(np.abs(turn).max())
 
     def attach(self, drives: Sequence[EmulatedDrive]) -> None:
         """Let the drives, phi then theta, move the plant and read its encoders."""
@@ -182,6 +190,7 @@ class VirtualRig:
             screen=self.screen.path,
             transport="serial" if serial else "hidraw",
             protocol=self.line.protocol,
+            travel=0.005 + self.plant.kept_back,
         )
 
     def tables(self) -> Tables:
