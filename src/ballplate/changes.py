@@ -343,7 +343,11 @@ def law(function: Callable[..., Any]) -> type[Law]:
         """What the function gives."""
         return function(t, x, reference, **{name: getattr(self, name) for name in settings})
 
-    fields = [(name, type(each.default), each.default) for name, each in settings.items()]
+    kinds = {int: int | float}  # of kp=6 as well 6.5
+    fields = [
+        (name, kinds.get(type(each.default), type(each.default)), each.default)
+        for name, each in settings.items()
+    ]
     made = dataclasses.make_dataclass(
         function.__name__,
         fields,

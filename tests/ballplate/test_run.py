@@ -232,7 +232,7 @@ def test_the_import_loads_no_library_but_its_own():
     assert loaded - {"ballplate", "twin", "controllers"} <= set(sys.stdlib_module_names)
 
 
-def pd(t, x, reference, *, kp=6.0, kd=5.0):
+def pd(t, x, reference, *, kp=6.0, kd=5):
     """Proportional and derivative, of ball and plate."""
     r = reference(t)
     goal = (kp * (r[0] - x[..., 0::4]) + kd * (r[1] - x[..., 1::4])) / 5.886
@@ -241,11 +241,14 @@ def pd(t, x, reference, *, kp=6.0, kd=5.0):
 
 def test_a_function_is_a_law_with_its_keywords_as_settings():
     law = ballplate.law(pd)
-    done = ballplate.run("hold", controller=law(kp=7.0), duration=0.2, plant={"kind": "lagrange"})
+    brief = {"duration": 0.2, "plant.kind": "lagrange"}
+    done = ballplate.run("hold", brief, controller=law(kp=7.0))
     assert done.finished
     assert done.scenario.controller.kind == "pd"
-    assert done.classes["controller"]["settings"] == {"kp": 7.0, "kd": 5.0}
+    assert done.classes["controller"]["settings"] == {"kp": 7.0, "kd": 5}
     assert done.classes["controller"]["file"] == "test_run.py"
+    other = ballplate.run("hold", brief | {"controller": law, "controller.kd": 5.5}, baseline=False)
+    assert other.scenario.controller.settings["kd"] == 5.5  # of a 5, any number
     x = np.array([[0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08]])
     hold = ballplate.references.Hold()
     np.testing.assert_array_equal(law().control(0.0, x, hold, x[:, :0]), pd(0.0, x, hold))
