@@ -33,6 +33,7 @@ from twin.identify.plain_model import (
     beginnings,
     fit_axis,
     predicting,
+    profiled,
 )
 from twin.identify.windows import axis_windows, spans
 from twin.scenario import load
@@ -390,6 +391,19 @@ def test_a_lever_that_is_told_is_as_far_off_as_a_ruler_whatever_the_log_prefers(
     assert moved["lever"].mean() == pytest.approx(0.0, abs=3e-4)
     assert np.quantile(np.abs(moved["lever"]), 0.68) == pytest.approx(0.005, rel=0.05)
     assert moved["gain"] == pytest.approx(-20 * moved["lever"])
+
+
+@pytest.mark.long
+def test_dead_time_and_lag_are_as_uncertain_as_the_ruler_makes_them(axis_log):
+    """A lever that is a centimetre off is made up for by ms of dead time for as many of lag."""
+    truth = TRUTH | {"gain": 5.5, "dead_time": 0.12, "level": 0.04}
+    time, ball, command = axis_log(1, rate=60.0, seconds=45, lever=0.14, **truth)
+    log = AxisLog(time, command, True, time, ball, lever=0.15)
+    names = ("gain", "dead_time", "lag", "level", "friction")
+    found = profiled(fit_axis(log, names, 2.5, (0.0, 0.5))).estimate()
+    for name, value, half in zip(names, found.value, found.half_width, strict=True):
+        if name in {"dead_time", "lag"}:
+            assert abs(value - truth[name]) < half < 0.02
 
 
 @pytest.mark.parametrize(

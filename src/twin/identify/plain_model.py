@@ -303,7 +303,7 @@ class AxisFit(Fit):
         own, names = super().estimate(), self.problem.names
         for each in self.profiles:
             for at, name in enumerate(names):
-                if name == "gain" or each.name in (*DRIVEN, *names):
+                if name == "gain" or each.known or each.name in (*DRIVEN, *names):
                     own.draws[:, at] += each.moved.get(name, 0.0)
                 if name == each.name:
                     own.identifiable[at] = True
