@@ -258,7 +258,15 @@ def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
     assert np.interp(np.arange(1.0, 6.0), at, place) == pytest.approx([0, 0.5, 1.0, 1.5, 1.0])
     log = AxisLog(time, sent, True, time, 0 * time)
     ramp = TiltHistory(log, 1.0).at(np.array([1.5, 2.5]), 0.0, 0.5, 0.0, 2.0, 0.0)
-    assert ramp == pytest.approx([0.25, 0.75], abs=2e-3)  # half a fine step
+    assert ramp == pytest.approx([0.25, 0.75], abs=1e-9)
+
+
+@pytest.mark.parametrize("lag", [0.0, 5e-5, 1e-3, 0.02, 0.2])
+def test_a_plate_that_turns_steadily_is_behind_its_angle_by_the_lag_and_no_more(lag):
+    time = np.cumsum(np.random.default_rng(0).uniform(0.003, 0.05, 200))
+    measured = AxisLog(time, 0.3 * time, False, time, np.zeros_like(time))
+    at = np.array([3.3001, 4.7])
+    assert TiltHistory(measured, 1.0).at(at, lag) == pytest.approx(0.3 * (at - lag), abs=1e-7)
 
 
 @pytest.mark.long

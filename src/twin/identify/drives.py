@@ -84,10 +84,10 @@ class TiltHistory:
         lever += self.log.lever or 0.0
         if key not in self.driven:
             self.driven[key] = self._mean(key)
+        stay = float(np.exp(-FINE / lag)) if lag > 1e-4 else 0.0
         if (lag, *key, lever) not in self.lagged:
             if len(self.lagged) > 40:
                 self.lagged.clear()
-            stay = float(np.exp(-FINE / lag)) if lag > 1e-4 else 0.0
             mean = self.driven[key]
             place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=stay * mean[:1])[0]
             if lever:
@@ -96,7 +96,9 @@ class TiltHistory:
                 place -= lever / BallPlate.gravity * bend
             self.lagged[lag, *key, lever] = place
         found = self.lagged[lag, *key, lever]
-        place = np.minimum(np.maximum((time - self.time[1]) / FINE, 0.0), len(found) - 1.001)
+        early = FINE * (0.5 + stay / (1 - stay)) - lag  # of a mean's answer, before its step ends
+        place = (time - self.time[1] + early) / FINE
+        place = np.minimum(np.maximum(place, 0.0), len(found) - 1.001)
         low = place.astype(int)
         first = found.take(low)
         return np.asarray(first + (place - low) * (found.take(low + 1) - first))
