@@ -96,7 +96,8 @@ class TiltHistory:
                 place -= lever / BallPlate.gravity * bend
             self.lagged[lag, *key, lever] = place
         found = self.lagged[lag, *key, lever]
-        early = FINE * (0.5 + stay / (1 - stay)) - lag  # of a mean's answer, before its step ends
+        # a mean stands in the middle of its step; what follows it slowly is right at its end
+        early = FINE * (0.5 + stay / (1 - stay)) - lag if lag < 5 * FINE else 0.0
         place = (time - self.time[1] + early) / FINE
         place = np.minimum(np.maximum(place, 0.0), len(found) - 1.001)
         low = place.astype(int)
