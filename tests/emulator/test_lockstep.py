@@ -94,9 +94,13 @@ def test_interrupted_while_it_takes_hold_a_rig_is_switched_off(scenario, monkeyp
 def test_a_dead_band_of_the_servos_is_no_frozen_motor_on_an_emulated_rig():
     still = ("sensors.touch.lost=0", "sensors.touch.jitter=0", "duration=1.2")
     chosen = load("circle", ("parameters=three_legs", *still))
-    with VirtualRig(chosen) as banded, VirtualRig(load("circle")) as mechanism:
-        told, usual = (rig.tables()["drives"]["watch"]["travel"] for rig in (banded, mechanism))
+    files = []
+    for each in (chosen, load("circle"), load("circle", ("plant.servo.deadband_deg=1.5",))):
+        with VirtualRig(each) as virtual:
+            files.append(virtual.tables()["drives"]["watch"]["travel"])
+    told, usual, most = files
     assert usual == MonitorConfig().travel
+    assert most == 0.1  # no rig file may have more
     assert told == pytest.approx(0.005 + np.radians(0.3))  # its motors turn as far as its plate
     assert tracked(chosen)[2].reason.endswith(
         "motor position frozen: no count over 0.005 rad commanded"

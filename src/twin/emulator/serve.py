@@ -190,7 +190,7 @@ class VirtualRig:
             screen=self.screen.path,
             transport="serial" if serial else "hidraw",
             protocol=self.line.protocol,
-            travel=0.005 + self.plant.kept_back,
+            travel=min(0.005 + self.plant.kept_back, 0.1),  # its default, and the most it may be
         )
 
     def tables(self) -> Tables:
