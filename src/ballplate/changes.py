@@ -343,9 +343,8 @@ def law(function: Callable[..., Any]) -> type[Law]:
         """What the function gives."""
         return function(t, x, reference, **{name: getattr(self, name) for name in settings})
 
-    kinds = {int: int | float}  # of kp=6 as well 6.5
-    fields = [
-        (name, kinds.get(type(each.default), type(each.default)), each.default)
+    fields = [  # of kp=6 as well 6.5
+        (name, int | float if type(each.default) is int else type(each.default), each.default)
         for name, each in settings.items()
     ]
     made = dataclasses.make_dataclass(
