@@ -83,10 +83,7 @@ def known(
 
     None if it is not known.
     """
-    found: list[float | None] | None = kept(
-        "cure", key(runs, judged), lambda: simulated(runs, judged), simulate=simulate
-    )
-    return found
+    return kept("cure", key(runs, judged), lambda: simulated(runs, judged), simulate=simulate)
 
 
 def simulated(runs: list[Any], judged: str) -> list[float | None]:

@@ -163,8 +163,7 @@ UNTOLD = "rig.plate_lag=0"
 
 def radius(rig: str) -> float:
     """Of the circle of a shipped rig, m."""
-    found: float = Builder("circle")([f"parameters={rig}"], {}).reference.settings["amplitude"]
-    return found
+    return Builder("circle")([f"parameters={rig}"], {}).reference.settings["amplitude"]
 
 
 def others(plan: dict[str, Any], rig: str, task: dict[str, Any]) -> list[Cell]:

@@ -175,8 +175,7 @@ def known(seed: int) -> dict[str, Any]:
     """The same, as kept, or found and then kept."""
     room = sorted(Path(str(files("twin.identify"))).rglob("*.py"))
     how = " ".join(each.read_text(encoding="utf-8") for each in (Path(__file__), *room))
-    found: dict[str, Any] = kept("coverage", digest(f"{how} {seed}"), lambda: identified(seed))
-    return found
+    return kept("coverage", digest(f"{how} {seed}"), lambda: identified(seed))
 
 
 def coverage(found: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -130,8 +130,7 @@ class Stepped(ARDUINO.Arduino):  # type: ignore[name-defined,misc]
 
     def time(self) -> float:
         """Time of the line, s."""
-        now: float = self.line.now
-        return now
+        return self.line.now
 
     def wait(self, seconds: float) -> None:
         """Let it pass."""

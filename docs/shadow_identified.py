@@ -131,8 +131,7 @@ def known(job: tuple[bool, tuple[int, ...]]) -> list[dict[str, Any]]:
     how = " ".join(each.read_text(encoding="utf-8") for each in sources)
     key = digest(f"{code()} {how} {job}")
     make = carry_out if watching else judged
-    found: list[dict[str, Any]] = kept("shadow_identified", key, lambda: make(numbers))
-    return found
+    return kept("shadow_identified", key, lambda: make(numbers))
 
 
 def judged(numbers: Sequence[int]) -> list[dict[str, Any]]:

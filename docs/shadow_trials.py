@@ -218,8 +218,7 @@ def known(job: Job) -> list[dict[str, Any]]:
     sources = [Path(__file__), HERE / "shadow.toml", *room]
     how = " ".join(each.read_text(encoding="utf-8") for each in sources)
     key = digest(f"{code()} {how} {job!r}")
-    found: list[dict[str, Any]] = kept("shadow", key, lambda: carry_out(job))
-    return found
+    return kept("shadow", key, lambda: carry_out(job))
 
 
 def carry_out(job: Job) -> list[dict[str, Any]]:
