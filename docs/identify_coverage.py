@@ -40,6 +40,7 @@ DRAWN = {
     "level": (-0.1, 0.1),
     "friction": (0.01, 0.06),
     "camber": (0.3, 0.4),
+    "lever": (0.0, 0.15),
 }
 """Ranges from which rigs are drawn evenly, SI; the rate by its logarithm."""
 COLUMNS = wanted_columns(
@@ -144,11 +145,16 @@ def axis_log(
         a = gain * u + level + camber * x
         if v == 0.0 and abs(a) <= friction:
             continue
-        a -= friction * math.copysign(1.0, v if v else a)
-        new = v + h * a
-        v = 0.0 if v * new < 0 else new
+        v = _after(h, v, a, friction)
         x += h * v
     return np.array(times), np.array(readings), np.array(commands)
+
+
+def _after(h: float, v: float, a: float, friction: float) -> float:
+    """Velocity in m/s after a step of h in s, in which the ball may turn, or come to rest."""
+    slowed = a - friction * math.copysign(1.0, v or a)
+    new = v + h * slowed
+    return new if v * new >= 0 else new / slowed * math.copysign(max(abs(a) - friction, 0.0), a)
 
 
 def identified(seed: int) -> dict[str, Any]:
@@ -183,10 +189,10 @@ def coverage(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     rows = []
     for name in filter(SHOWN.__contains__, found[0]["told"] | {"camber": None}):
         of = [(_truth(each["rig"], name), each["told"].get(name)) for each in found]
-        told = [(truth, *one) for truth, one in of if one is not None and None not in one[:2]]
+        told = [(truth, *one) for truth, one in of if one is not None and None not in one[1:3]]
         held = sum(low <= truth <= high for truth, _, low, high, _ in told)
         share = stats.binomtest(held, max(len(told), 1)).proportion_ci(method="wilson")
-        off = [abs(value - truth) for truth, value, *_ in told]
+        off = [abs(value - truth) for truth, value, *_ in told if value is not None]
         half = [(high - low) / 2 for _, _, low, high, _ in told]
         rows.append(
             {
@@ -207,9 +213,10 @@ def _truth(rig: Mapping[str, float], name: str) -> float:
     return rig["dead_time"] + rig["lag"] if name == "delay" else rig.get(name, 0.0)
 
 
-SHOWN = ("gain", "dead_time", "lag", "delay", "level", "friction", "camber")
+SHOWN = ("gain", "dead_time", "lag", "delay", "lever", "level", "friction", "camber")
 """Parameters that every rig has."""
-UNITS = {"gain": "m/s^2 by rad", "level": "m/s^2", "friction": "m/s^2", "camber": "1/s^2"}
+UNITS = {"gain": "m/s^2 by rad", "lever": "m", "level": "m/s^2", "friction": "m/s^2"}
+UNITS["camber"] = "1/s^2"
 LABELS = {"delay": "dead time + lag", "dead_time": "dead time"}
 
 

@@ -15,9 +15,15 @@ from ballplate import identify, run
 from controllers.ballplate import BallPlate
 from twin.cli.understand import identify as command
 from twin.errors import LogError, ScenarioError, TwinError
-from twin.identify.any_rig import _chosen, _joined, _verdicts, identify_any
+from twin.identify.any_rig import (
+    PlainIdentification,
+    _chosen,
+    _joined,
+    _verdicts,
+    identify_any,
+)
 from twin.identify.drives import TiltHistory, followed
-from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, score
+from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, ParameterVerdict, score
 from twin.identify.logs import (
     AnyLog,
     AxisLog,
@@ -26,6 +32,7 @@ from twin.identify.logs import (
     unit_factor,
     wanted_columns,
 )
+from twin.identify.parameters import PLAIN
 from twin.identify.plain_model import (
     PlainProblem,
     Profile,
@@ -33,8 +40,10 @@ from twin.identify.plain_model import (
     beginnings,
     fit_axis,
     predicting,
+    profile,
     profiled,
 )
+from twin.identify.search import begun, fit_starts
 from twin.identify.windows import axis_windows, spans
 from twin.scenario import load
 
@@ -190,6 +199,44 @@ def axis_of(axis_log):
         return AxisLog(time, command, True, time, ball)
 
     return of
+
+
+def left_by(log, truth):
+    """What the true parameters leave of each window, m RMS."""
+    windows, tilt = axis_windows(log, *spans(log, 2.5)), TiltHistory(log)
+    windows = replace(windows, weight=windows.weight / 1e-5)
+    problem = PlainProblem(windows, tuple(truth), tilt, 2.6, (0.0, 0.5))
+    theta = np.array([[*truth.values()]])
+    theta[0, 0] *= tilt.scale
+    starts = fit_starts(problem, theta, begun(problem, theta, 4), 10)
+    off = (problem.reported(theta, starts)[0][0] - windows.ball)[..., 0]
+    return np.sqrt(np.nanmean(np.where(windows.weight[..., 0] > 0, off, np.nan) ** 2, axis=1))
+
+
+def test_the_truth_explains_a_log_that_begins_while_commands_from_before_it_act(axis_log):
+    truth = TRUTH | {"dead_time": 0.2, "lag": 0.06, "camber": 0.3, "lever": 0.08}
+    whole = axis_log(3, seconds=22, rate=100.0, noise=0.0, pixel=0.0, **truth)
+    time, ball, command = (each[1200:] for each in whole)
+    log = AxisLog(time, command, True, time, ball)
+    all_of_it, known = left_by(log, truth), left_by(_joined([log]), truth)
+    step = 2.5e-4 * np.abs(np.gradient(ball, time)).max()  # of the simulation, by the ball's speed
+    assert (known < step).all()
+    assert all_of_it[0] > 4 * step
+    assert (all_of_it[1:] < step).all()
+
+
+def test_along_levers_dead_time_and_lag_are_found_from_a_fit_that_has_no_lag(axis_log):
+    """As a lag is a lever of - g lag^2 / 2 and so much dead time less, a lever may hide it."""
+    truth = TRUTH | {"dead_time": 0.2, "lag": 0.05}
+    rig = truth | {"lever": 0.03, "noise": 0.0, "pixel": 0.0, "rate": 100.0}
+    time, ball, command = axis_log(3, seconds=22, **rig)
+    log = _joined([AxisLog(time, command, True, time, ball)])
+    fit = fit_axis(log, tuple(truth), 2.5, (0.0, 0.5))
+    found = profile(fit, "lever", (0.0, 0.02, 0.03, 0.04))
+    assert fit.value("lag") < 0.02
+    assert found.costs.sum(axis=1).argmin() == 2
+    lags = found.theta[2:, found.names.index("lag")]
+    assert lags == pytest.approx(np.sqrt(0.05**2 + 2 * np.array([0.0, 0.01]) / 9.81), abs=0.003)
 
 
 @pytest.mark.parametrize("lever", [0.0, 0.15, -0.08])
@@ -495,6 +542,28 @@ def test_an_axis_that_nobody_moved_is_not_blamed_and_the_other_is_identified(axi
     assert twin.rig.plate_lag == pytest.approx(lag, rel=1e-5)  # six digits in the file
 
 
+@pytest.mark.parametrize(
+    ("alone", "both", "written"),
+    [(NOT, IDENTIFIED, True), (NOT, NOT, False), (IDENTIFIED, NOT, True)],
+)
+def test_dead_time_and_lag_of_which_only_the_sum_is_told_are_written_both(alone, both, written):
+    rows = (("dead_time", 0.12, alone), ("lag", 0.05, alone), ("delay", 0.17, both))
+    verdicts = [
+        ParameterVerdict(about=PLAIN["lag"], name=f"{name}_x", value=value, word=word)
+        for name, value, word in rows
+    ]
+    found = PlainIdentification(
+        source="log.csv", seconds=30.0, verdicts=tuple(verdicts), scores=(), predictions={},
+        notes=(), extent="", remarks=(), factor=0.6, ball=BallPlate(),
+    )  # fmt: skip
+    lines = found.settings({IDENTIFIED})
+    assert ("rig.plate_lag" in lines) == ("predictor.delay" in lines) == written
+    if written:
+        lag, _, remark = lines["rig.plate_lag"].partition("  # ")
+        assert (float(lag), float(lines["predictor.delay"])) == (0.05, 0.12)
+        assert ("sum" in remark) == (alone == NOT)
+
+
 @pytest.mark.long
 def test_a_camber_that_is_found_is_one_of_the_twin(axis_of, tmp_path):
     log = AnyLog("rig.csv", {"x": axis_of(3, seconds=50, camber=0.35)}, {"x": "rad"}, ())
@@ -689,11 +758,13 @@ def test_a_coverage_counts_what_lies_within_and_leaves_out_what_has_no_interval(
     told = (
         {"gain": one, "delay": (0.15, 0.14, 0.16, "identified")} for one in (inside, above, below)
     )
-    found = [{"rig": rig, "told": each} for each in (*told, {"gain": none, "delay": none})]
-    gain, delay, camber = coverage(found)
+    hidden = {"gain": none, "delay": none, "lever": (None, -0.01, 0.02, "not identifiable")}
+    found = [{"rig": rig, "told": each} for each in (hidden, *told)]
+    gain, delay, lever, camber = coverage(found)
     assert (gain["rigs"], gain["held"], gain["identified"]) == (3, 1, 1)
     assert (gain["low"], gain["high"]) == pytest.approx(
         (0.0615, 0.7923), abs=1e-3
     )  # Wilson, 1 of 3
     assert (delay["rigs"], delay["held"]) == (3, 3)
+    assert (lever["rigs"], lever["held"]) == (1, 1)
     assert camber["rigs"] == 0

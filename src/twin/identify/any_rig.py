@@ -51,6 +51,8 @@ HELD = "held: the height that was told and 2/3 of a hollow, 2/5 of a solid ball'
 """What is said of a lever that is known."""
 PAUSE = 10.0
 """Time in s between two logs that are fitted as one."""
+BEFORE = 0.5
+"""How long commands from before a log may still move the ball, s: so much of it is left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,12 +70,15 @@ class PlainIdentification(judged.Identification):
     def settings(self, words: Collection[str]) -> dict[str, str]:
         """Scenario keys to values in TOML with remarks, of those with one of some verdicts.
 
-        Friction, dead time and lag are the mean of the axes; a scenario has one of each.
+        Friction, dead time and lag are the mean of the axes; a scenario has one of each. Dead time
+        and lag of which only the sum has it are told as well: these two together are known.
         """
         known: dict[str, dict[str, float]] = {}
+        told = {each.name: each.word in words for each in self.verdicts}
         for each in self.verdicts:
-            if each.word in words and each.value is not None:
-                name, _, axis = each.name.rpartition("_")
+            name, _, axis = each.name.rpartition("_")
+            summed = name in {"dead_time", "lag"} and told.get(f"delay_{axis}")
+            if (told[each.name] or summed) and each.value is not None:
                 known.setdefault(name, {})[axis] = each.value
         mean = {name: float(np.mean(list(values.values()))) for name, values in known.items()}
         ball = self.ball
@@ -99,7 +104,9 @@ class PlainIdentification(judged.Identification):
             lines["sensors.touch.dead_time"] = f"{dead_time}  # all of it, commands' too"
             lines["predictor.delay"] = dead_time
         if "lag" in mean:
-            lines["rig.plate_lag"] = f"{mean['lag']:.6g}"
+            alone = any(told.get(f"lag_{axis}") for axis in "xy")
+            remark = "" if alone else "  # its sum with the dead time is known, neither by itself"
+            lines["rig.plate_lag"] = f"{mean['lag']:.6g}{remark}"
             lines["plant.servo.bandwidth_hz"] = f"{judged.corner_frequency(mean['lag']):.6g}"
         if camber := known.get("camber"):
             lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
@@ -231,7 +238,7 @@ def _parts(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, Axi
 def _joined(logs: list[AxisLog], lever: float | None = None) -> AxisLog:
     """Logs of an axis one after another, with a pause between, and its lever in m if known."""
     start, shifted = 0.0, []
-    for each in logs:
+    for each in (log.between(log.time[0] + BEFORE, np.inf) for log in logs):
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
         across = each.across + np.array([[shift], [0.0]])
         shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))

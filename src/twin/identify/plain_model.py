@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from controllers.arrays import Array
+from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify.drives import BANDS, DRIVEN, TRIED, TiltHistory, unexplained
 from twin.identify.judged import (
@@ -186,6 +187,8 @@ FINER = 200
 """Values between those tried at which the costs of windows are interpolated."""
 RULER = 0.005
 """How far off in m a height that is told may be: standard deviation."""
+BY_LEVER = ("gain", "dead_time", "lag")
+"""What a lever that is not fitted may be taken for."""
 LEFT = 0.9
 """Share of the usual residual that is left with what is taken."""
 EXPLAINS = 0.7
@@ -217,8 +220,8 @@ class Profile:
         """How far parameters are off in the best fits of windows drawn at random, (DRAWS,) each.
 
         The Bayesian bootstrap: each window counts by an exponential number. A lever is drawn by its
-        likelihood, as the largest of Gumbel's numbers and its logarithm; one that is known as far
-        off as it may be, whatever the windows say.
+        likelihood, as the largest of Gumbel's numbers and its logarithm, and is as far off as a
+        ruler; one that is known by that alone, whatever the windows say.
         """
         held = self.theta[:, self.names.index(self.name)]
         fine = np.interp(np.linspace(0, len(held) - 1, FINER), np.arange(len(held)), held)
@@ -230,22 +233,43 @@ class Profile:
         drawn = rng.exponential(size=(DRAWS, costs.shape[1])) @ costs.T
         if self.name == "lever":  # windows of one frequency agree in what they hardly know
             drawn -= 2 * rng.gumbel(size=drawn.shape)
-        if self.known:
-            drawn = (fine - rng.normal(0.0, RULER, (DRAWS, 1))) ** 2
+            best = 0.0 if self.known else fine[drawn.argmin(axis=1), None]
+            drawn = (fine - best - rng.normal(0.0, RULER, (DRAWS, 1))) ** 2
         return dict(zip(self.names, theta[drawn.argmin(axis=1)].T, strict=True))
 
 
 def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile:
-    """Fits with a parameter at each of K rising values, begun from one fit."""
+    """Fits with a parameter at each of K rising values, begun from one fit.
+
+    Those of a lever behind a lag are begun from those beside as well, and the better taken: a ball
+    that sticks for a moment has many a minimum.
+    """
     names = tuple(dict.fromkeys((*fit.problem.names, name)))
-    problem, at = replace(fit.problem, names=names), names.index(name)
-    theta = np.array([[fit.value(each) for each in names]]).repeat(len(values), axis=0)
+    problem, at, K = replace(fit.problem, names=names), names.index(name), len(values)  # noqa: N806
+    theta = np.array([[fit.value(each) for each in names]]).repeat(K, axis=0)
+    starts, costs = fit.found.starts.repeat(K, axis=1), np.full((K, 1), np.inf)
     own = int(np.abs(np.subtract(values, theta[0, at])).argmin())
-    theta[:, at] = values
-    starts = fit_starts(problem, theta, fit.found.starts.repeat(len(values), axis=1), 4)
-    found = minimise(problem, theta, starts, 12, 2, 2)
+    pair = [
+        names.index(each) for each in ("lag", "dead_time") if name == "lever" and "lag" in names
+    ]
+    for beside in (0, 1, -1)[: 3 if pair else 1]:
+        source = np.clip(np.arange(K) + beside, 0, K - 1)
+        guess = theta[source]
+        guess[:, at] = values
+        if pair:  # to second order lag^2 / 2 - lever / g shows, and the sum of lag and dead time
+            more = 2 / BallPlate.gravity * (guess[:, at] - theta[source, at])
+            both = guess[:, pair].sum(axis=1)
+            lags = np.sqrt(np.maximum(guess[:, pair[0]] ** 2 + more, 1e-6))
+            lags = np.minimum(lags, both - problem.delays[0])
+            guess[:, pair] = np.transpose((lags, both - lags))
+        begin = fit_starts(problem, guess, starts[:, source], 4)
+        found = minimise(problem, guess, begin, 12, 2, 2)
+        each = problem.costs(found.linearisation.r)
+        better = each.sum(axis=1, keepdims=True) < costs.sum(axis=1, keepdims=True)
+        theta, costs = np.where(better, found.theta, theta), np.where(better, each, costs)
+        starts = np.where(better, found.starts, starts)
     known = name == "lever" and fit.log.lever is not None
-    return Profile(name, names, found.theta, problem.costs(found.linearisation.r), own, known)
+    return Profile(name, names, theta, costs, own, known)
 
 
 def with_drives(fit: AxisFit, longest: float) -> AxisFit:
@@ -303,7 +327,7 @@ class AxisFit(Fit):
         own, names = super().estimate(), self.problem.names
         for each in self.profiles:
             for at, name in enumerate(names):
-                if name == "gain" or each.known or each.name in (*DRIVEN, *names):
+                if name in BY_LEVER or each.known or each.name in (*DRIVEN, *names):
                     own.draws[:, at] += each.moved.get(name, 0.0)
                 if name == each.name:
                     own.identifiable[at] = True
