@@ -297,6 +297,12 @@ def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
     sent = np.array([0.0, 1.0, 1.4, 2.0, 1.0, 1.0])
     at, place = followed(time, sent, 0.5, 0.0, 0.0)
     assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx([0, 1, 1, 2, 1, 1])
+    for first, places in (
+        (0.4, [0.0, 1.4, 1.4, 2.4, 1.4, 1.4]),
+        (0.6, [0.6, 1.6, 1.6, 2.6, 1.6, 1.6]),
+    ):
+        at, place = followed(time, sent + first, 0.5, 0.0, 0.0)  # it stood at 0 before
+        assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx(places)
     at, place = followed(time, sent, 0.0, 0.1, 0.0)
     assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx(
         [0, 0.9, 1.3, 1.9, 1.1, 1.1]

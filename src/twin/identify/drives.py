@@ -26,7 +26,8 @@ def followed(
     """Where a drive takes the plate, as corners of straight lines: times in s and places.
 
     It stands until the command is further off than the dead band, then goes all the way, but for
-    half the play, which its last move leaves behind.
+    half the play, which its last move leaves behind. Before the first command it stood at none, as
+    where a rig is switched on.
 
     Args:
         time: When each command begins, s, shape (K,).
@@ -35,7 +36,7 @@ def followed(
         play: Half its width.
         slew: Seconds by unit of the commands.
     """
-    place = goal = float(sent[0])
+    place = goal = float(sent[0]) if abs(sent[0]) > dead_band else 0.0
     corners = []
     rows = zip(time.tolist(), sent.tolist(), np.diff(time, append=time[-1]).tolist(), strict=True)
     for now, wanted, left in rows:
@@ -139,7 +140,8 @@ def unexplained(tilt: TiltHistory, windows: SampleWindows, delay: float, lag: fl
     """
     time, sent = tilt.log.time, tilt.log.tilt / tilt.scale
     grid = np.arange(time[0], time[-1], COARSE)
-    place, places, row = np.full(len(BANDS), sent[0]), np.empty((len(grid), len(BANDS))), 0
+    place, row = np.where(abs(sent[0]) > BANDS, sent[0], 0.0), 0
+    places = np.empty((len(grid), len(BANDS)))
     for k, stop in enumerate(np.searchsorted(time, grid, "right")):
         for wanted in sent[row:stop]:
             place = np.where(np.abs(wanted - place) > BANDS, wanted, place)
