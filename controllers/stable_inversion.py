@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -660,6 +660,12 @@ class StableInversion(AboutMotion):
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1. An
     uneven friction and a ball that sticks ask for a stiff feedback; noise, effort and play of the
     drives for a soft one."""
+    slow_Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] | None = None
+    """Those weights where the ball is to be slower than about ``slow_speed``, at rest and where it
+    turns back; None for the same. There friction changes and it may stick, which asks for a stiff
+    feedback."""
+    slow_speed: Positive = 0.05
+    """Wished speed in m/s."""
     smooth: Positive = 0.006
     """Wished speed vs in m/s over which the friction fed forward changes its sign."""
     resting_speed: NotNegative = 0.015
@@ -667,11 +673,15 @@ class StableInversion(AboutMotion):
     moved: friction is then fed forward along the ball's own heading, there being no other. 0 for
     never."""
 
+    _slow: StableInversion | None = field(init=False, repr=False, compare=False, default=None)
+    """The same with those weights."""
     _cubic: Sequence[tuple[float, ...]] = field(init=False, repr=False, compare=False, default=())
     """Coefficients of the gain as a cubic of the lag in s, constant first, if none is told."""
 
     def _gain(self) -> Array:
         """K, shape (4,); for drives with a lag (5,)."""
+        if self.slow_Q:
+            object.__setattr__(self, "_slow", replace(self, Q=self.slow_Q, slow_Q=None))
         if self.model.lag:
             return self._gain_at(self.model.lag)
         K = super()._gain()
@@ -701,10 +711,13 @@ class StableInversion(AboutMotion):
         if self.resting_speed:
             share = motion[0].pace / self.resting_speed**2
             planned = share * share / (1 + share * share)
-        if self.model.lag:
-            lag, K = self.model.lag, self.K.tolist()
-        else:  # a resting ball is better off with a plate that swings in the play of its drives
-            K, lag = self._gains_for(lag, planned), planned * lag
+        K = self._gains_for(lag, planned)
+        if self._slow is not None:
+            share = (motion[0].velocity ** 2 + motion[1].velocity ** 2) / self.slow_speed**2
+            fast, slow = share * share / (1 + share * share), self._slow._gains_for(lag, planned)
+            K = [k + fast * (full - k) for k, full in zip(slow, K, strict=True)]
+        # a resting ball is better off with a plate that swings in the play of its drives
+        lag = self.model.lag or planned * lag
         sqrt, vx, vy, u = (NUMBERS if len(rows) == 1 else ARRAYS).sqrt, x[1], x[5], []
         length = sqrt(vx * vx + vy * vy + self.smooth**2)
         for axis, wanted in enumerate(motion):
@@ -732,7 +745,7 @@ class StableInversion(AboutMotion):
     def _gains_for(self, lag: Any, planned: Any) -> Sequence[Any]:
         """K for drives with a lag in s while the ball is to move, by how much it is planned to."""
         K: Sequence[Any] = self.K.tolist()
-        if not (lag if isinstance(lag, float) else np.any(lag)):
+        if self.model.lag or not (lag if isinstance(lag, float) else np.any(lag)):
             return K
         planned, cubic = planned * (lag > 0), zip(*self._cubic, strict=True)
         return [

@@ -6,6 +6,8 @@ What it runs is cure_attacks.toml. A task that is done is kept as in cure.py.
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 from cure import known
 from pages import HERE, filled, planned, said
@@ -16,16 +18,21 @@ from twin.writing import write_whole
 @click.command()
 def main() -> None:
     """Simulate what is not kept, then write the page."""
+    from twin.run.assemble import shared  # noqa: PLC0415
     from twin.scenario.load import load  # noqa: PLC0415
 
     plan = planned("cure_attacks")
-    table: dict[str, list[float | None]] = {}
-    for attack in plan["attacks"]:
-        table[attack["name"]] = []
-        for task in plan["tasks"]:
+    table: dict[str, list[float | None]] = {attack["name"]: [] for attack in plan["attacks"]}
+    for task in plan["tasks"]:
+        batches: dict[str, dict[str, Any]] = {}
+        for attack in plan["attacks"]:
             run = load(plan["scenario"], [*plan["set"], *task["set"], *attack["set"]])
-            table[attack["name"]] += known([run], task["judged"]) or [None]
-        click.echo(f"{attack['name']}: {table[attack['name']]}")
+            batches.setdefault(str(shared(run)), {})[attack["name"]] = run
+        for batch in batches.values():
+            values = known(list(batch.values()), task["judged"]) or []
+            for name, value in zip(batch, values, strict=True):
+                table[name].append(value)
+                click.echo(f"{task['name']}, {name}: {value}")
     write_whole(HERE / "cure_attacks.md", filled("cure_attacks", plan=plan, table=table, said=said))
 
 
