@@ -613,6 +613,12 @@ LEAVING, RETURNING = 0.01, 0.05
 """Errors of eta in m that are fed back at most: of a larger one than ``FAR`` that grows, of any."""
 
 
+def beyond(square: Any, speed: float) -> Any:
+    """From 0 at rest to 1 where the square of a speed, in (m/s)^2, is far beyond another one."""
+    share = square / speed**2
+    return share * share / (1 + share * share)
+
+
 @dataclass(frozen=True, kw_only=True)
 class StableInversion(AboutMotion):
     """Follows a motion of ball and plate that makes the ball itself follow the reference.
@@ -660,12 +666,12 @@ class StableInversion(AboutMotion):
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1. An
     uneven friction and a ball that sticks ask for a stiff feedback; noise, effort and play of the
     drives for a soft one."""
-    slow_Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] | None = None
+    Q_slow: tuple[NotNegative, NotNegative, NotNegative, NotNegative] | None = None
     """Those weights where the ball is to be slower than about ``slow_speed``, at rest and where it
-    turns back; None for the same. There friction changes and it may stick, which asks for a stiff
-    feedback."""
+    turns back; None for the same. There it may stick, and friction changes its sign, which asks
+    for a stiff feedback; elsewhere a heavier rate of the slope lets less noise through."""
     slow_speed: Positive = 0.05
-    """Wished speed in m/s."""
+    """Wished speed in m/s about which the weights change."""
     smooth: Positive = 0.006
     """Wished speed vs in m/s over which the friction fed forward changes its sign."""
     resting_speed: NotNegative = 0.015
@@ -680,8 +686,8 @@ class StableInversion(AboutMotion):
 
     def _gain(self) -> Array:
         """K, shape (4,); for drives with a lag (5,)."""
-        if self.slow_Q:
-            object.__setattr__(self, "_slow", replace(self, Q=self.slow_Q, slow_Q=None))
+        if self.Q_slow:
+            object.__setattr__(self, "_slow", replace(self, Q=self.Q_slow, Q_slow=None))
         if self.model.lag:
             return self._gain_at(self.model.lag)
         K = super()._gain()
@@ -709,12 +715,11 @@ class StableInversion(AboutMotion):
         x, (F, *known, lag) = components(rows), components(now.needed.reshape(-1, 6))
         motion, planned = now.plan.at(now.time), 1.0
         if self.resting_speed:
-            share = motion[0].pace / self.resting_speed**2
-            planned = share * share / (1 + share * share)
+            planned = beyond(motion[0].pace, self.resting_speed)
         K = self._gains_for(lag, planned)
         if self._slow is not None:
-            share = (motion[0].velocity ** 2 + motion[1].velocity ** 2) / self.slow_speed**2
-            fast, slow = share * share / (1 + share * share), self._slow._gains_for(lag, planned)
+            fast = beyond(motion[0].velocity ** 2 + motion[1].velocity ** 2, self.slow_speed)
+            slow = self._slow._gains_for(lag, planned)
             K = [k + fast * (full - k) for k, full in zip(slow, K, strict=True)]
         # a resting ball is better off with a plate that swings in the play of its drives
         lag = self.model.lag or planned * lag

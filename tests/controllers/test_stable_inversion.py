@@ -6,7 +6,7 @@ import scipy.optimize
 
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Reference
-from controllers.references import Circle, Hold, Step, Transition
+from controllers.references import Circle, Hold, Sine, Step, Transition
 from controllers.stable_inversion import AHEAD, SLICE, InversePlan, StableInversion, TwoSided
 
 MODEL = BallPlate()
@@ -130,8 +130,33 @@ def test_where_the_ball_is_to_rest_a_lag_that_is_found_is_left_out():
     assert (np.abs(without - found) > 0.01).all()
 
 
+@pytest.mark.parametrize(("told", "found"), [(0.0, 0.0), (0.0, 0.02), (LAG, 0.0)])
+def test_a_slow_ball_is_fed_back_by_its_own_weights_and_a_fast_one_by_those_of_the_law(told, found):
+    soft, stiff = (3e5, 3e4, 1e4, 8000.0), (3e5, 3e4, 1e4, 300.0)
+    both, fast, slow = (
+        StableInversion(model=BallPlate(lag=told), Q=Q, Q_slow=more)
+        for Q, more in ((soft, stiff), (soft, None), (stiff, None))
+    )
+    x, known = np.array([[0.01, 0.02, 0.003, 0.04, -0.02, 0.0, 0.01, 0.05]]), (0.0,) * 5
+
+    def of(law, path, t):
+        plan = law.start(np.zeros((1, 8)), path, T)
+        return law.command(feedback(t, x, path, plan, known=(*known, found)))
+
+    line = Sine(amplitude=(0.15, 0.0), omega=1.0)
+    turning, middle = 1.5 * math.pi, 2 * math.pi  # 0 and 3 times the speed about which they change
+    quick = Circle(amplitude=0.15, omega=2.0)  # 6 times
+    for path, t, share in ((Hold(), 3.0, 0.0), (line, turning, 0.0), (line, middle, 81 / 82)):
+        stiffly, softly = of(slow, path, t), of(fast, path, t)
+        expected = stiffly + share * (softly - stiffly)
+        assert (np.abs(stiffly - softly) > 0.05).all()
+        np.testing.assert_allclose(of(both, path, t), expected, atol=1e-3)
+    np.testing.assert_allclose(of(both, quick, 3.0), of(fast, quick, 3.0), rtol=0.01)
+
+
 def test_a_lag_is_each_rigs_own():
-    law, path, known = StableInversion(), Circle(), (0.05, 0.01, 0.0, 0.0, 0.0)
+    law = StableInversion(Q_slow=(3e5, 3e4, 1e4, 50.0))
+    path, known = Circle(), (0.05, 0.01, 0.0, 0.0, 0.0)
     lags, x = (0.0, 0.004, 0.02), np.zeros((3, 8))
     x[:, :4] = 0.01, 0.02, 0.003, 0.04
     plan = law.start(0 * x, path, T)
