@@ -667,11 +667,12 @@ class StableInversion(AboutMotion):
     uneven friction and a ball that sticks ask for a stiff feedback; noise, effort and play of the
     drives for a soft one."""
     Q_slow: tuple[NotNegative, NotNegative, NotNegative, NotNegative] | None = None
-    """Those weights where the ball is to be slower than about ``slow_speed``, at rest and where it
-    turns back; None for the same. There it may stick, and friction changes its sign, which asks
-    for a stiff feedback; elsewhere a heavier rate of the slope lets less noise through."""
+    """Those weights where the ball is to be slower than about ``slow_speed`` within the preview: at
+    rest, before it, and where it turns back; None for the same. There it may stick, and friction
+    changes its sign, which asks for a stiff feedback; a ball that goes on and on asks for a
+    heavier rate of the slope, which lets less noise through."""
     slow_speed: Positive = 0.05
-    """Wished speed in m/s about which the weights change."""
+    """Least wished speed in m/s about which the weights change."""
     smooth: Positive = 0.006
     """Wished speed vs in m/s over which the friction fed forward changes its sign."""
     resting_speed: NotNegative = 0.015
@@ -718,7 +719,7 @@ class StableInversion(AboutMotion):
             planned = beyond(motion[0].pace, self.resting_speed)
         K = self._gains_for(lag, planned)
         if self._slow is not None:
-            fast = beyond(motion[0].velocity ** 2 + motion[1].velocity ** 2, self.slow_speed)
+            fast = beyond(motion[0].going, self.slow_speed)
             slow = self._slow._gains_for(lag, planned)
             K = [k + fast * (full - k) for k, full in zip(slow, K, strict=True)]
         # a resting ball is better off with a plate that swings in the play of its drives
@@ -779,6 +780,8 @@ class InverseMotion(NamedTuple):
     """Of the ball, m/s."""
     pace: Any
     """Square of its speed along both, and of what its acceleration adds in a second, (m/s)^2."""
+    going: Any
+    """Square of its least speed along both from now to the horizon, (m/s)^2."""
     free: Tilts
     """Slopes that it takes without friction, rad."""
     drag: Tilts
@@ -806,11 +809,11 @@ class InversePlan(Slices):
     def at(self, t: float) -> list[InverseMotion]:
         """What is wanted along x and y at a time in s not before the one asked for last."""
         tick = self._tick(t)
-        rows = self._laid[tick].reshape(11, -1, 2).transpose(2, 0, 1)
+        rows = self._laid[tick].reshape(12, -1, 2).transpose(2, 0, 1)
         axes = rows[..., 0].tolist() if rows.shape[2] == 1 else rows.copy()
         return [
-            InverseMotion(x, v, pace, Tilts(*slopes[:3]), Tilts(*slopes[3:6]), (free, drag))
-            for x, v, pace, *slopes, free, drag in axes
+            InverseMotion(x, v, pace, going, Tilts(*slopes[:3]), Tilts(*slopes[3:6]), (free, drag))
+            for x, v, pace, going, *slopes, free, drag in axes
         ]
 
     def _parts(self) -> Sequence[Callable[[], None]]:
@@ -824,10 +827,11 @@ class InversePlan(Slices):
         position, velocity, acceleration = self._preview.window
         square = square_of(velocity)
         pace = square[:count] + square_of(acceleration[:count])
+        going = np.broadcast_to(square.min(axis=0), pace.shape)
         speed = np.sqrt(square + self._law.smooth**2)
         drag = self._drag.lay(velocity / (k1 * speed))
-        self._next = np.empty((count, 11, *position.shape[1:]))
+        self._next = np.empty((count, 12, *position.shape[1:]))
         jerks = self._free.jerk, self._drag.jerk
-        parts = position[:count], velocity[:count], pace, *self._free_laid, *drag, *jerks
+        parts = position[:count], velocity[:count], pace, going, *self._free_laid, *drag, *jerks
         for number, each in enumerate(parts):
             self._next[:, number] = each

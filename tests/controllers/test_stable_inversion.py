@@ -131,7 +131,9 @@ def test_where_the_ball_is_to_rest_a_lag_that_is_found_is_left_out():
 
 
 @pytest.mark.parametrize(("told", "found"), [(0.0, 0.0), (0.0, 0.02), (LAG, 0.0)])
-def test_a_slow_ball_is_fed_back_by_its_own_weights_and_a_fast_one_by_those_of_the_law(told, found):
+def test_a_ball_that_goes_on_has_the_weights_of_the_law_and_any_other_those_of_a_slow_one(
+    told, found
+):
     soft, stiff = (3e5, 3e4, 1e4, 8000.0), (3e5, 3e4, 1e4, 300.0)
     both, fast, slow = (
         StableInversion(model=BallPlate(lag=told), Q=Q, Q_slow=more)
@@ -143,10 +145,17 @@ def test_a_slow_ball_is_fed_back_by_its_own_weights_and_a_fast_one_by_those_of_t
         plan = law.start(np.zeros((1, 8)), path, T)
         return law.command(feedback(t, x, path, plan, known=(*known, found)))
 
-    line = Sine(amplitude=(0.15, 0.0), omega=1.0)
-    turning, middle = 1.5 * math.pi, 2 * math.pi  # 0 and 3 times the speed about which they change
+    line, middle = Sine(amplitude=(0.15, 0.0), omega=1.0), 2 * math.pi
+    begin, horizon = 6.25, 1.4 - 0.008  # of the slice there, and of a preview that begins early
+    left = (0.15 * math.cos(begin + horizon) / 0.05) ** 4  # of 3 times the speed they change about
+    go_on = Circle(amplitude=0.15, omega=1.0)
     quick = Circle(amplitude=0.15, omega=2.0)  # 6 times
-    for path, t, share in ((Hold(), 3.0, 0.0), (line, turning, 0.0), (line, middle, 81 / 82)):
+    for path, t, share in (
+        (Hold(), 3.0, 0.0),
+        (line, middle + 0.7, 0.0),  # turns back within the preview
+        (line, middle, left / (1 + left)),
+        (go_on, middle, 81 / 82),
+    ):
         stiffly, softly = of(slow, path, t), of(fast, path, t)
         expected = stiffly + share * (softly - stiffly)
         assert (np.abs(stiffly - softly) > 0.05).all()
