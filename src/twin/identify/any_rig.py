@@ -14,7 +14,7 @@ from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify import judged
 from twin.identify.drives import TRIED
-from twin.identify.logs import AnyLog, AxisLog
+from twin.identify.logs import GAP, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN, IdentifiedParameter
 from twin.identify.plain_model import (
     PAYS,
@@ -52,7 +52,7 @@ HELD = "held: the height that was told and 2/3 of a hollow, 2/5 of a solid ball'
 PAUSE = 10.0
 """Time in s between two logs that are fitted as one."""
 BEFORE = 0.5
-"""How long commands from before a log may still move the ball, s: so much of it is left out."""
+"""How long commands from before a log or a pause may move the ball, s: so much is left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,7 +238,9 @@ def _parts(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, Axi
 def _joined(logs: list[AxisLog], lever: float | None = None) -> AxisLog:
     """Logs of an axis one after another, with a pause between, and its lever in m if known."""
     start, shifted = 0.0, []
-    for each in (log.between(log.time[0] + BEFORE, np.inf) for log in logs):
+    for log in logs:
+        pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > GAP)
+        each = log.without(log.time[pauses], BEFORE)
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
         across = each.across + np.array([[shift], [0.0]])
         shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))

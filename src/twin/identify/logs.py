@@ -269,7 +269,14 @@ class AxisLog:
 
     def between(self, begin: float, end: float) -> AxisLog:
         """That with the samples between two times in s."""
-        there = (self.sampled >= begin) & (self.sampled < end)
+        return self._where((self.sampled >= begin) & (self.sampled < end))
+
+    def without(self, begin: Array, seconds: float) -> AxisLog:
+        """That without the samples of so many seconds from each of some times in s on."""
+        since = self.sampled - begin[:, None]
+        return self._where(((since < 0) | (since >= seconds)).all(axis=0))
+
+    def _where(self, there: Any) -> AxisLog:
         return replace(self, sampled=self.sampled[there], ball=self.ball[there])
 
 

@@ -365,9 +365,7 @@ def fit_axis(
     brief = _fitted(log, problem, BRIEF, problem.first_guesses(dead_time=DELAYS), 2e-3)
     rms = np.sqrt(brief.problem.misfit(brief.found.linearisation.r)[0])
     pushed = brief.problem.windows.begin[rms > PUSHED * np.median(rms)]
-    into = log.sampled - pushed[:, None]
-    kept = ~((into >= 0) & (into <= BRIEF)).any(axis=0)
-    log = replace(log, sampled=log.sampled[kept], ball=log.ball[kept])
+    log = log.without(pushed, BRIEF)
     guess = np.array([[brief.value(name) for name in names]]).repeat(2 * len(FRICTIONS), axis=0)
     guess[: len(FRICTIONS), 0] = np.copysign(BY_TILT * problem.tilt.scale, guess[0, 0])
     if "friction" in names:
