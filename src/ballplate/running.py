@@ -238,7 +238,7 @@ def one_run(
 
 LATER = "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say", 30
 EARLIER = "the dead time is {:.0f} ms shorter than predictor.delay says", 15
-"""How a rig may differ from what the cure is told, and from how many ms on its error doubles."""
+"""How a rig may differ from what the cure is told, and from how many ms on its error may double."""
 
 
 def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
@@ -263,7 +263,7 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     dangers.append(slow_observer(controller.law, controller.observer))
     for (said, most), by in ((LATER, 1000 * (dead + unknown)), (EARLIER, -1000 * dead)):
         if scenario.controller.kind == "stable_inversion" and by > most:
-            dangers.append(f"{said.format(by)}: from {most} ms on the cure errs twice as much")
+            dangers.append(f"{said.format(by)}: from {most} ms on the cure may err twice as much")
     for danger in dangers:
         if danger:
             reporter.warn(f"{label}: {danger}" if label else danger)
