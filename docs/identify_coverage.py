@@ -215,8 +215,13 @@ def _truth(rig: Mapping[str, float], name: str) -> float:
 
 SHOWN = ("gain", "dead_time", "lag", "delay", "lever", "level", "friction", "camber")
 """Parameters that every rig has."""
-UNITS = {"gain": "m/s^2 by rad", "lever": "m", "level": "m/s^2", "friction": "m/s^2"}
-UNITS["camber"] = "1/s^2"
+UNITS = {
+    "gain": "m/s^2 by rad",
+    "lever": "m",
+    "level": "m/s^2",
+    "friction": "m/s^2",
+    "camber": "1/s^2",
+}
 LABELS = {"delay": "dead time + lag", "dead_time": "dead time"}
 
 

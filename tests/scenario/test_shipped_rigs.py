@@ -86,8 +86,9 @@ def test_the_cure_keeps_the_ball_on_every_rig_and_must_be_told_a_lag_it_cannot_f
     assert told.metrics["outcome"] == "finished"
     assert told.metrics["tracking_error_percent"] < 4.0
     error, worse = (run.metrics["tracking_error_percent"] for run in (told, not_told))
+    least = 1.2 if rig == "hobby" else 1.5
     if told.scenario.rig.plate_lag > 0.05:
-        assert not_told.metrics["outcome"] != "finished" or worse > 1.2 * error
+        assert not_told.metrics["outcome"] != "finished" or worse > least * error
     else:
         assert worse < 1.2 * error
 

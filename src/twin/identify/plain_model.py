@@ -249,19 +249,15 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
     theta = np.array([[fit.value(each) for each in names]]).repeat(K, axis=0)
     starts, costs = fit.found.starts.repeat(K, axis=1), np.full((K, 1), np.inf)
     own = int(np.abs(np.subtract(values, theta[0, at])).argmin())
-    pair = [
-        names.index(each) for each in ("lag", "dead_time") if name == "lever" and "lag" in names
-    ]
-    for beside in (0, 1, -1)[: 3 if pair else 1]:
+    hides = name == "lever" and "lag" in names
+    for beside in (0, 1, -1)[: 3 if hides else 1]:
         source = np.clip(np.arange(K) + beside, 0, K - 1)
         guess = theta[source]
         guess[:, at] = values
-        if pair:  # to second order lag^2 / 2 - lever / g shows, and the sum of lag and dead time
+        if hides:  # to second order lag^2 / 2 - lever / g shows, and the sum of lag and dead time
             more = 2 / BallPlate.gravity * (guess[:, at] - theta[source, at])
-            both = guess[:, pair].sum(axis=1)
-            lags = np.sqrt(np.maximum(guess[:, pair[0]] ** 2 + more, 1e-6))
-            lags = np.minimum(lags, both - problem.delays[0])
-            guess[:, pair] = np.transpose((lags, both - lags))
+            lags = np.sqrt(np.maximum(guess[:, names.index("lag")] ** 2 + more, 1e-6))
+            guess = _with_lags(guess, names, lags, problem.delays)
         begin = fit_starts(problem, guess, starts[:, source], 4)
         found = minimise(problem, guess, begin, 12, 2, 2)
         each = problem.costs(found.linearisation.r)
@@ -419,12 +415,19 @@ def _along(theta: Array, names: tuple[str, ...], delays: tuple[float, float]) ->
 
     Without a lag its slope is none, so that no step would ever leave there.
     """
+    guesses = _with_lags(theta.repeat(len(LAGS), axis=0), names, LAGS, delays)
+    return np.concatenate((theta, guesses))
+
+
+def _with_lags(
+    theta: Array, names: tuple[str, ...], lags: Sequence[float] | Array, delays: tuple[float, float]
+) -> Array:
+    """C candidates, shape (C, P), with other lags and as much dead time less."""
     at, lag = names.index("dead_time"), names.index("lag")
-    both = float(theta[0, at] + theta[0, lag])
-    guesses = np.repeat(theta, 1 + len(LAGS), axis=0)
-    guesses[1:, lag] = np.clip(LAGS, 0.0, max(both - delays[0], 0.0))
-    guesses[1:, at] = np.clip(both - guesses[1:, lag], *delays)
-    return guesses
+    both, found = theta[:, at] + theta[:, lag], theta.copy()
+    found[:, lag] = np.clip(lags, 0.0, np.maximum(both - delays[0], 0.0))
+    found[:, at] = np.clip(both - found[:, lag], *delays)
+    return found
 
 
 PAST = 2.4
