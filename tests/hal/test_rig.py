@@ -126,6 +126,18 @@ def test_leaving_the_rig_levels_the_plate_even_after_an_error(rig):
     assert np.abs(true_plate(rig)).max() < np.radians(0.1)
 
 
+@pytest.mark.parametrize("rate", [-0.3, 0.3])
+def test_a_plate_that_passes_its_level_as_the_rig_is_left_is_brought_to_rest_there(rig, rate):
+    with rig:
+        rig.start()
+        turn(rig, both(rig, -rate), 50)
+        while np.max(rate * rig.read().y[:, 1::2]) < 0:
+            turn(rig, both(rig, rate), 1)
+    assert np.abs(true_plate(rig)).max() < np.radians(0.1)
+    if not isinstance(getattr(rig, "servos", None), OwnServos):
+        assert np.abs(true_state(rig)[:, 3::4]).max() < 0.1  # rad/s, of 0.3
+
+
 def test_a_tilted_plate_sends_the_ball_the_way_of_the_thesis(rig):
     with rig:
         rig.start()
