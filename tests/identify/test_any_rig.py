@@ -277,6 +277,37 @@ def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_
     assert places[-1, 0, 1] == pytest.approx(0.03**2 / (2 * 0.03), rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ("across", "most"), [(0.0, 1e-5), (0.001, 2e-4), (0.005, 1e-5), (0.02, 1e-5)]
+)
+def test_a_ball_turns_under_friction_that_acts_against_its_old_way_then_its_new(across, most):
+    """Its speed passes none anywhere in a step: one way for all of the step is 0.8 mm/s off then.
+
+    That is twice what friction does in a step, and stays for all time after it.
+    """
+    f, level = 0.05, -0.15
+    v = np.linspace(0.05, 0.06, 40)
+    time = np.arange(0.0, 3.0, 0.02)
+    ways = np.array([[0.0, 3.0], [across, across]])
+    log = AxisLog(time, np.sin(time), True, time, 0 * time, ways)
+    windows = axis_windows(log, np.zeros(40), np.full(40, 1.2))
+    names = ("gain", "dead_time", "level", "friction")
+    problem = PlainProblem(windows, names, TiltHistory(log), 1.2, (0.0, 0.5))
+    theta = np.array([[0.0, 0.0, level, f]])
+    found = problem.simulated(theta, np.stack((0 * v, v))[:, None])[-1, 0]
+    if across:
+        p, h = 0 * v, 1e-4
+        for _ in range(12_000):
+            middle = v + h / 2 * (level - f * v / np.hypot(v, across))
+            v = v + h * (level - f * middle / np.hypot(middle, across))
+            p = p + h * middle
+    else:
+        turn = v / (f - level)
+        p = v * turn / 2 + (level + f) * (1.2 - turn) ** 2 / 2
+    assert found == pytest.approx(p, abs=most)
+    assert np.mean(found - p) == pytest.approx(0.0, abs=4e-5)
+
+
 def test_friction_acts_against_the_way_of_a_ball_that_is_seen_along_both_axes(tmp_path):
     """Across at w: v' = -f v / hypot(v, w), so v slows by an e-th in w / f where v is small."""
     time = np.arange(0.0, 6.0, 0.02)

@@ -16,8 +16,9 @@ TRIED = (*DRIVEN, "lever")
 """What is tried value by value: a drive has no slope, and a lever may be dead time as well."""
 FINE = 0.002
 """Step of the lag in s."""
-TURNS = 20
-"""Fine steps over which the plate's acceleration is seen, that counts of an encoder make none."""
+TURNS = (20, 4)
+"""Fine steps over which the plate's acceleration is seen: measured, so that counts of an encoder
+make none; and behind a lag, a step of the simulation."""
 
 
 def followed(
@@ -92,8 +93,9 @@ class TiltHistory:
             mean = self.driven[key]
             place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=stay * mean[:1])[0]
             if lever:
-                wide = np.pad(place, TURNS, "edge")
-                bend = (wide[2 * TURNS :] - 2 * place + wide[: -2 * TURNS]) / (TURNS * FINE) ** 2
+                turns = TURNS[self.log.held]
+                wide = np.pad(place, turns, "edge")
+                bend = (wide[2 * turns :] - 2 * place + wide[: -2 * turns]) / (turns * FINE) ** 2
                 place -= lever / BallPlate.gravity * bend
             self.lagged[lag, *key, lever] = place
         found = self.lagged[lag, *key, lever]

@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.identify.drives import BANDS, DRIVEN, TRIED, TiltHistory, unexplained
+from twin.identify.drives import BANDS, TRIED, TiltHistory, unexplained
 from twin.identify.judged import (
     EVERY,
     HORIZONS,
@@ -131,8 +131,7 @@ class PlainProblem(Fitting):
         out[0] = p
         for n in range(steps - 1):
             free = given[n] + by_place * p + kept * v
-            speed = np.maximum(np.hypot(free, across[n]), 1e-300)
-            after = free * np.maximum(1 - most / speed, 0.0)
+            after = _slowed(v, free, most, across[n])
             p = p + (STEP / 2) * (v + after)
             v = after
             out[n + 1] = p
@@ -162,6 +161,31 @@ class PlainProblem(Fitting):
         return Linearisation(r, by_start, np.pad(found.by_parameter, room), prior)
 
 
+def _slowed(v: Array, free: Array, most: Array, across: Array) -> Array:
+    """Velocity in m/s after a step in which friction takes up to ``most`` of the ``free`` one.
+
+    It acts against the mean way; of a ball that turns, against the old way, then against the new.
+
+    Args:
+        v: Velocity before, shape (C, W).
+        free: After the step without friction.
+        most: m/s.
+        across: How fast the ball goes along the other axis.
+    """
+    before = np.maximum(np.hypot(v, across), 1e-300)
+    after = free * np.maximum(1 - most / np.maximum(np.hypot(free, across), 1e-300), 0.0)
+    turned, pushed = (v * after <= 0) & (v != 0), np.abs(free - v)
+    if turned.any():
+        taken, by = (most * np.abs(v) / before)[turned], pushed[turned]
+        left = free[turned] - np.copysign(taken, v[turned])
+        after[turned] = left * np.maximum(by - taken, 0.0) / (by + taken)
+    if across.any():
+        kept = (after == 0) | (turned & (across < pushed))
+        mean = (v + after) / (before + np.hypot(after, across))
+        after = np.where(kept, after, free - most * mean)
+    return after
+
+
 FRICTIONS = (0.0, 0.02, 0.08, 0.25)
 """First guesses of friction, m/s^2."""
 DELAYS = (0.02, 0.1, 0.2, 0.35)
@@ -187,8 +211,6 @@ FINER = 200
 """Values between those tried at which the costs of windows are interpolated."""
 RULER = 0.005
 """How far off in m a height that is told may be: standard deviation."""
-BY_LEVER = ("gain", "dead_time", "lag")
-"""What a lever that is not fitted may be taken for."""
 LEFT = 0.9
 """Share of the usual residual that is left with what is taken."""
 EXPLAINS = 0.7
@@ -319,12 +341,11 @@ class AxisFit(Fit):
     profiles: tuple[Profile, ...] = ()
 
     def estimate(self) -> Estimate:
-        """The parameters and their uncertainty, as far as drives that suit the log change them."""
+        """The parameters, as uncertain as what drives and lever may be makes them, too."""
         own, names = super().estimate(), self.problem.names
         for each in self.profiles:
             for at, name in enumerate(names):
-                if name in BY_LEVER or each.known or each.name in (*DRIVEN, *names):
-                    own.draws[:, at] += each.moved.get(name, 0.0)
+                own.draws[:, at] += each.moved[name]
                 if name == each.name:
                     own.identifiable[at] = True
                     own.degrees_of_freedom[at] = max(len(self.problem.windows) - len(names), 1)
