@@ -19,7 +19,7 @@ from twin.cli.output import progress
 from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
 from twin.devices.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
 from twin.devices.own import OWN_CONDITIONS
-from twin.devices.realtime import TIMING_CONDITIONS
+from twin.devices.realtime import LOOP_OVERRUN
 from twin.hal.interface import SCREEN, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
 from twin.jobs import cores
@@ -28,7 +28,7 @@ from twin.safety.trial import AFTER, HEADING, LEFT, FaultRow, cells, run_all
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,
-    "The control loop": TIMING_CONDITIONS,
+    "The control loop": (LOOP_OVERRUN,),
     "The touch screen": SCREEN_CONDITIONS,
     "Drives and bus": DRIVE_CONDITIONS,
     "Hardware of one's own": OWN_CONDITIONS,

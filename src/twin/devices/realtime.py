@@ -176,9 +176,6 @@ LOOP_OVERRUN = Condition(
     "close other programs, allow real-time priority, then run again",
 )
 
-TIMING_CONDITIONS = (LOOP_OVERRUN,)
-"""Every condition the clock reports."""
-
 
 Paused = Callable[[float, float], float]
 """Of a time in which a loop did not come round, beginning and end in s: how much of it its computer

@@ -442,7 +442,8 @@ class SlcanAdapter:
         frames = self._bus.to_host()
         if not self.open or self.bitrate != self._bus.bitrate:
             return b""
-        return b"".join(_written(frame) for frame in frames)
+        each = ((one.cob_id, len(one.data), one.data.hex().upper().encode()) for one in frames)
+        return b"".join(b"t%03X%d%s\r" % one for one in each)
 
     def _command(self, line: bytes) -> bytes:
         commands: dict[bytes, Callable[[bytes], bytes]] = {
@@ -539,10 +540,6 @@ class SlcanPort(PseudoTerminal):
                 passing(number / len(waited))
             self.write(self.adapter.feed(newest))
             self.write(self.adapter.heard())
-
-
-def _written(frame: Frame) -> bytes:
-    return b"t%03X%d%s\r" % (frame.cob_id, len(frame.data), frame.data.hex().upper().encode())
 
 
 def _read(line: bytes) -> Frame | None:

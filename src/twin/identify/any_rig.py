@@ -353,12 +353,10 @@ def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged
     low, high = own.value - own.half_width, own.value + own.half_width
     unlike = np.zeros(len(rows), bool)
     reasons: list[list[str]] = [[] for _ in rows]
-    for other, why in (
-        (fit.windowed, "windows of one level"),
-        *((each, f"windows of {each.problem.longest:.1f} s") for each in fit.briefer),
-    ):
-        if other is None:
-            continue
+    beside = [(each, f"windows of {each.problem.longest:.1f} s") for each in fit.briefer]
+    if fit.windowed:
+        beside.insert(0, (fit.windowed, "windows of one level"))
+    for other, why in beside:
         another = _told_together(other)
         apart = np.abs(own.value - another.value)
         unlike = apart > np.hypot(own.half_width, another.half_width)

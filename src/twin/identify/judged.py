@@ -56,11 +56,6 @@ class ParameterVerdict:
         return self.about.key + (f" ({axis})" if axis in {"phi", "theta", "x", "y"} else "")
 
     @property
-    def short_label(self) -> str:
-        """The same without the first tables of the key."""
-        return self.label.removeprefix("plant.").removeprefix("sensors.")
-
-    @property
     def interval(self) -> str:
         """Its interval in words."""
         if self.low is None and self.high is None:

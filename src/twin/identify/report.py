@@ -31,7 +31,8 @@ def sentences(found: judged.Identification) -> list[str]:
         ("Not identified from this log", (judged.BOUNDED, judged.NOT)),
         ("Held as it was told, not fitted", (judged.GIVEN,)),
     ):
-        names = [each.short_label for each in found.verdicts if each.word in among]
+        labels = [each.label for each in found.verdicts if each.word in among]
+        names = [each.removeprefix("plant.").removeprefix("sensors.") for each in labels]
         if names:
             words.append(f"{said}: {', '.join(names)}.")
     return [*words, *_judged(found.scores), *found.remarks]

@@ -437,9 +437,12 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
             "controller.computing_time: 'measured' is for a run by itself, as rigs side by side "
             "share their computer; give seconds"
         )
-    laws = _each(scenarios, law_of, build_law)
-    observers = _each(scenarios, _observed, _observer)
-    references = _each(scenarios, _referred, build_reference)
+    laws = _each(scenarios, [law_of(each) for each in scenarios], build_law)
+    told = [each.model_dump_json(include={"observer", "predictor"}) for each in scenarios]
+    needs = [(each.designed_on, law.needs) for each, law in zip(scenarios, laws, strict=True)]
+    observers = _each(scenarios, list(zip(told, needs, strict=True)), _observer)
+    ways = [(each.reference.model_dump_json(), str(each.rig.limits.area)) for each in scenarios]
+    references = _each(scenarios, ways, build_reference)
     for law, observer in zip(laws, observers, strict=True):
         try:
             needed(law, observer)
@@ -465,14 +468,12 @@ def build_controller(scenario: Scenario) -> Controller:
 
 
 def _each(
-    scenarios: Sequence[Scenario], name: Callable[[Scenario], Hashable], make: Callable[..., Made]
+    scenarios: Sequence[Scenario], names: Sequence[Hashable], make: Callable[..., Made]
 ) -> list[Made]:
     """What is made of each scenario, once for those of one name."""
-    known: dict[Hashable, Made] = {}
-    for scenario in scenarios:
-        if name(scenario) not in known:
-            known[name(scenario)] = make(scenario)
-    return [known[name(scenario)] for scenario in scenarios]
+    alike = dict(zip(names, scenarios, strict=True))
+    made = {name: make(scenario) for name, scenario in alike.items()}
+    return [made[name] for name in names]
 
 
 def build_law(scenario: Scenario) -> Law:
@@ -502,11 +503,6 @@ def law_of(scenario: Scenario) -> tuple[str, BallPlate]:
     return scenario.controller.model_dump_json(), scenario.designed_on
 
 
-def _observed(scenario: Scenario) -> tuple[str, BallPlate, tuple[str, ...]]:
-    settings = scenario.model_dump_json(include={"observer", "predictor"})
-    return settings, scenario.designed_on, build_law(scenario).needs
-
-
 def _observer(scenario: Scenario) -> Observer:
     """The observer with what makes up for the dead time: itself, or a predictor around it."""
     model, period, predictor = scenario.designed_on, scenario.rig.period, scenario.predictor
@@ -524,10 +520,6 @@ def _observer(scenario: Scenario) -> Observer:
     if predictor is None:
         return observer
     return Smith(observer=observer, delay=delay + predictor.wait, model=model, period=period)
-
-
-def _referred(scenario: Scenario) -> str:
-    return f"{scenario.reference.model_dump_json()} {scenario.rig.limits.area}"
 
 
 def build_reference(scenario: Scenario, allowed: ArrayLike | None = None) -> Reference:

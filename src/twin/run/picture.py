@@ -146,7 +146,9 @@ def _arranged(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figu
         for name, (left, low, wide, high) in PLACES.items()
     }
     _outline(panels["plate"], plate)
-    gone = [_gone(motion, plate) for motion in runs.values()]
+    last = [motion.ball[-1] for motion in runs.values()]
+    # seen last at the edge of the screen: it left the plate
+    gone = [bool((plate.within(each, EDGE) != each).any()) for each in last]
     for index, (label, motion) in enumerate(runs.items()):
         _add(panels, motion, label, index, gone=gone[index])
     _refer(panels, runs)
@@ -239,11 +241,6 @@ def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, 
     panels["angle"].plot(motion.time, plate[:, 1], **other)
     panels["effort"].plot(motion.time, motion.u[:, 0], **{**look, "linewidth": 0.8})
     panels["effort"].plot(motion.time, motion.u[:, 1], **{**other, "linewidth": 0.8})
-
-
-def _gone(motion: Motion, plate: Dimensions) -> bool:
-    """Whether the ball was seen last at the edge of the screen: it left the plate."""
-    return bool((plate.within(motion.ball[-1], EDGE) != motion.ball[-1]).any())
 
 
 def _label(panels: Mapping[str, Axes]) -> None:
