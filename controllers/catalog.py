@@ -55,7 +55,9 @@ def _modules() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
     modules: list[ModuleType] = []
     lines: list[str] = []
     taken: dict[str, type] = {}
-    for place, load in chain(_own(controllers.__path__, "controllers."), _outside(), _files()):
+    # entry points of outside packages: what to call them, and how to import them
+    outside = ((f"entry point '{e.name}' ({e.value})", e.load) for e in entry_points(group=GROUP))
+    for place, load in chain(_own(controllers.__path__, "controllers."), outside, _files()):
         try:
             module = load()
             for item in _classes(module):
@@ -108,12 +110,6 @@ def _own(path: Iterable[str], prefix: str) -> Iterator[tuple[str, Callable[[], M
         yield origin or found.name, partial(importlib.import_module, found.name)
         if found.ispkg and found.name in sys.modules:
             yield from _own(sys.modules[found.name].__path__, f"{found.name}.")
-
-
-def _outside() -> Iterator[tuple[str, Callable[[], ModuleType]]]:
-    """Entry points of outside packages: what to call them, and how to import them."""
-    for entry in entry_points(group=GROUP):
-        yield f"entry point '{entry.name}' ({entry.value})", entry.load
 
 
 def _files() -> Iterator[tuple[str, Callable[[], ModuleType]]]:

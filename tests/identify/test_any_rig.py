@@ -278,7 +278,7 @@ def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_
 
 
 @pytest.mark.parametrize(
-    ("across", "most"), [(0.0, 1e-5), (0.001, 2e-4), (0.005, 1e-5), (0.02, 1e-5)]
+    ("across", "most"), [(0.0, 1e-5), (5e-4, 5e-5), (0.001, 3e-5), (0.005, 1e-5), (0.02, 1e-5)]
 )
 def test_a_ball_turns_under_friction_that_acts_against_its_old_way_then_its_new(across, most):
     """Its speed passes none anywhere in a step: one way for all of the step is 0.8 mm/s off then.
@@ -305,7 +305,6 @@ def test_a_ball_turns_under_friction_that_acts_against_its_old_way_then_its_new(
         turn = v / (f - level)
         p = v * turn / 2 + (level + f) * (1.2 - turn) ** 2 / 2
     assert found == pytest.approx(p, abs=most)
-    assert np.mean(found - p) == pytest.approx(0.0, abs=4e-5)
 
 
 def test_friction_acts_against_the_way_of_a_ball_that_is_seen_along_both_axes(tmp_path):

@@ -49,6 +49,8 @@ from twin.identify.windows import BIN, SHORT, axis_windows, spans
 
 STEP = 0.008
 """Step of the simulation in s."""
+ASLANT = 0.3
+"""Speed along the other axis by the most that a step changes one, from which on the two are one."""
 PRIOR = np.diag(np.array([0.02, 0.3]) ** -2.0)
 """Weak knowledge of a start: m and m/s."""
 START_STEPS = np.array([1e-4, 1e-3, 1e-3])
@@ -125,8 +127,9 @@ class PlainProblem(Fitting):
         given = STEP * ((push[:-1] + push[1:]) / 2 - (STEP / 2) * viscous * push[:-1])
         by_place = STEP * camber * (1 - (STEP / 2) * viscous)
         kept = 1 + STEP * ((STEP / 2) * (camber + viscous**2) - viscous)
-        most = STEP * friction
-        across = np.interp(grid, *self.tilt.log.across)[:, None]
+        most = STEP * friction + 0 * p
+        ways = self.tilt.log.across
+        across = np.interp(grid, *ways)[:, None] if ways[1].any() else [None] * steps
         out = np.empty((steps, *p.shape))
         out[0] = p
         for n in range(steps - 1):
@@ -161,29 +164,33 @@ class PlainProblem(Fitting):
         return Linearisation(r, by_start, np.pad(found.by_parameter, room), prior)
 
 
-def _slowed(v: Array, free: Array, most: Array, across: Array) -> Array:
+def _slowed(v: Array, free: Array, most: Array, across: Array | None) -> Array:
     """Velocity in m/s after a step in which friction takes up to ``most`` of the ``free`` one.
 
-    It acts against the mean way; of a ball that turns, against the old way, then against the new.
+    Of a ball that turns it acts against the old way, then against the new one; of one that goes
+    along the other axis as well, against the mean way.
 
     Args:
         v: Velocity before, shape (C, W).
         free: After the step without friction.
-        most: m/s.
-        across: How fast the ball goes along the other axis.
+        most: m/s, same shape.
+        across: How fast the ball goes along the other axis; None for not at all.
     """
+    after = free - np.minimum(np.maximum(free, -most), most)
+    at = np.flatnonzero(v * after <= 0)
+    if at.size:
+        was, end, taken = v.take(at), free.take(at), most.take(at)
+        pushed = np.abs(end - was)
+        share = np.maximum(pushed - taken, 0.0) / np.maximum(pushed + taken, 1e-300)
+        turned = (end - np.copysign(taken, was)) * share
+        after.put(at, np.where(was == 0, after.take(at), turned))
+    if across is None:
+        return after
     before = np.maximum(np.hypot(v, across), 1e-300)
-    after = free * np.maximum(1 - most / np.maximum(np.hypot(free, across), 1e-300), 0.0)
-    turned, pushed = (v * after <= 0) & (v != 0), np.abs(free - v)
-    if turned.any():
-        taken, by = (most * np.abs(v) / before)[turned], pushed[turned]
-        left = free[turned] - np.copysign(taken, v[turned])
-        after[turned] = left * np.maximum(by - taken, 0.0) / (by + taken)
-    if across.any():
-        kept = (after == 0) | (turned & (across < pushed))
-        mean = (v + after) / (before + np.hypot(after, across))
-        after = np.where(kept, after, free - most * mean)
-    return after
+    end = free - most * v / before
+    mean = (v + end) / (before + np.hypot(end, across))
+    aslant = across >= ASLANT * (np.abs(free - v) + most)
+    return np.where(aslant, free - most * mean, after)
 
 
 FRICTIONS = (0.0, 0.02, 0.08, 0.25)

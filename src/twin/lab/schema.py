@@ -502,16 +502,12 @@ def starter(solution: str) -> str:
     ``# BEGIN STARTER`` and ``# END STARTER`` the comment signs do.
     """
     given = re.sub(MARKED.format("SOLUTION"), "", solution)
-    return re.sub(MARKED.format("STARTER"), lambda found: uncommented(found[1]), given)
+    sign = r"(?m)^( *)# ?"
+    return re.sub(MARKED.format("STARTER"), lambda found: re.sub(sign, r"\1", found[1]), given)
 
 
 MARKED = r"(?ms)^ *# BEGIN {0}$\n(.*?)^ *# END {0}$\n"
 """Lines between two marks."""
-
-
-def uncommented(lines: str) -> str:
-    """Lines without the signs that make them comments."""
-    return re.sub(r"(?m)^( *)# ?", r"\1", lines)
 
 
 def filled(text: str, told: Mapping[str, Any]) -> str:

@@ -471,8 +471,7 @@ def _each(
     scenarios: Sequence[Scenario], names: Sequence[Hashable], make: Callable[..., Made]
 ) -> list[Made]:
     """What is made of each scenario, once for those of one name."""
-    alike = dict(zip(names, scenarios, strict=True))
-    made = {name: make(scenario) for name, scenario in alike.items()}
+    made = {name: make(one) for name, one in dict(zip(names, scenarios, strict=True)).items()}
     return [made[name] for name in names]
 
 
