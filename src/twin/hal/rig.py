@@ -45,7 +45,9 @@ class Rig:
     LEVELLING_TIME = 2.0
     """Longest time in s that leaving the rig spends on levelling the plate."""
     LEVEL = 5e-4
-    """Plate angle in rad that counts as level, 0.03 deg; and a fifth of it a period as at rest."""
+    """Plate angle in rad that counts as level, 0.03 deg."""
+    LEVEL_FOR = 10
+    """Periods for which it has to: the time constant of the supervisor's last way there."""
     ANCHOR = 0.02
     """Default time in s from one look at the measured plate angle to the next."""
 
@@ -111,18 +113,16 @@ class Rig:
     def level(self) -> None:
         """Bring the plate level, as far as the drives can; the controller has no say any more."""
         self.supervisor.handle(Event.LEVEL)
-        still = np.zeros_like(self.supervisor.rate)
-        before = np.full_like(still, np.inf)
+        still, plate, level = np.zeros_like(self.supervisor.rate), self.supervisor.angle, 0
         for _ in range(round(self.LEVELLING_TIME / self.period)):
-            angle, holding = self.supervisor.angle, self.supervisor.state == State.HOLDING
-            # a plate that only passes its level would go on, by what the drives lag
-            off = np.maximum(np.abs(angle), 5 * np.abs(angle - before))[holding]
-            if not (off >= self.LEVEL).any():
+            holding = self.supervisor.state == State.HOLDING
+            # as it is measured, and not one that only passes its level or is seen there late
+            level = 0 if (np.abs(plate)[holding] >= self.LEVEL).any() else level + 1
+            if level > self.LEVEL_FOR or not holding.any():
                 break
-            before = angle
             self.write(still)
             self.wait()
-            self.read()
+            plate = self.read().y[:, 1::2]
 
     def meanwhile(self, work: Callable[[], None]) -> None:
         """Do what may take longer than a period, before the controller moves the plate."""
