@@ -138,6 +138,19 @@ def test_a_plate_that_passes_its_level_as_the_rig_is_left_is_brought_to_rest_the
         assert np.abs(true_state(rig)[:, 3::4]).max() < 0.1  # rad/s, of 0.3
 
 
+@pytest.mark.parametrize("kind", [*SIMULATED, "emulated", OWN[0]])
+def test_a_plate_is_levelled_as_it_is_measured_not_as_its_commands_add_up(kind, scenario):
+    rig = build(kind, scenario)
+    with rig:
+        rig.start()
+        turn(rig, both(rig, 0.05), 50)
+        turn(rig, both(rig, 0.0), 50)
+        while np.abs(rig.read().y[:, 1::2]).max() > np.radians(0.15):
+            turn(rig, both(rig, -0.01), 1)
+        rig.supervisor.angle = both(rig, 0.0)  # as after periods that were missed
+    assert np.abs(true_plate(rig)).max() < np.radians(0.1)
+
+
 def test_a_tilted_plate_sends_the_ball_the_way_of_the_thesis(rig):
     with rig:
         rig.start()

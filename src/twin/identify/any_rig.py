@@ -268,9 +268,10 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
     ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
     fits = [fit_axis(each, chosen, longest, delays) for each in ways]
-    # of all windows, not the usual one, in which the ball may rest
-    left = [np.log(f.sigma**2 * f.problem.misfit(f.found.linearisation.r)).mean() for f in fits]
-    log, fit = ways[int(np.argmin(left))], fits[int(np.argmin(left))]
+    # of all windows, not the usual one, in which the ball may rest; 10 um are as good as none
+    squares = [f.sigma**2 * f.problem.misfit(f.found.linearisation.r) for f in fits]
+    at = int(np.argmin([np.log(1e-10 + each).mean() for each in squares]))
+    log, fit = ways[at], fits[at]
     if log.across[1].any():
         notes.append("friction acts against the way of the ball along both axes")
     dead_time, lag = fit.value("dead_time"), fit.value("lag")

@@ -146,9 +146,8 @@ def _arranged(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figu
         for name, (left, low, wide, high) in PLACES.items()
     }
     _outline(panels["plate"], plate)
-    last = [motion.ball[-1] for motion in runs.values()]
     # seen last at the edge of the screen: it left the plate
-    gone = [bool((plate.within(each, EDGE) != each).any()) for each in last]
+    gone = [bool((plate.within(m.ball[-1], EDGE) != m.ball[-1]).any()) for m in runs.values()]
     for index, (label, motion) in enumerate(runs.items()):
         _add(panels, motion, label, index, gone=gone[index])
     _refer(panels, runs)
