@@ -96,8 +96,9 @@ def session(pytester, monkeypatch):
         for name, content in PROJECT.items():
             (pytester.path / name).write_text(content.replace("{most}", str(most)))
         done = pytester.inline_run("-n0", *arguments, plugins=[verified_long])
-        passed, _, failed = done.listoutcomes()
-        return len(passed), len(failed)
+        passed, skipped, failed = done.listoutcomes()
+        left = (len(skipped),) if skipped else ()
+        return len(passed), len(failed), *left
 
     return run
 
@@ -115,3 +116,18 @@ def test_only_whole_files_that_passed_are_recorded(session):
     assert session("-m", "long", "--only-changed") == (3, 0)
     assert session("-m", "long", "--record-verified", "-k", "0 or clock") == (2, 0)
     assert session("-m", "long", "--only-changed") == (3, 0)
+
+
+def test_those_to_which_no_time_is_left_are_told_and_not_taken_for_passed(session, capfd):
+    assert session("-m", "", "--within", "0", "--record-verified") == (1, 0, 3)  # the short one
+    assert "no time was left for it" in capfd.readouterr().out
+    assert session("-m", "long", "--only-changed", "--within", "1") == (3, 0)
+
+
+def test_every_word_has_an_order_of_whole_files(session, capfd):
+    orders = set()
+    for word in range(6):
+        session("-m", "long", "-v", "--order", str(word))
+        lines = [line.split() for line in capfd.readouterr().out.splitlines() if "PASSED" in line]
+        orders.add("".join("c" if "test_clock" in name else "o" for name, *_ in lines))
+    assert orders == {"coo", "ooc"}

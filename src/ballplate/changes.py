@@ -90,10 +90,13 @@ class KeyChange(NamedTuple):
 def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[KeyChange]:
     """What is changed by dotted keys or texts, and over that by tables.
 
+    An object or class of a law, observer or reference is all of it: it comes before the keys.
+
     Raises:
         ScenarioError: If a text is not ``KEY=VALUE``, or a value none that a scenario can hold.
     """
     from twin.scenario.load import setting
+    from twin.scenario.schema import KINDS
 
     if isinstance(settings, str) or not isinstance(settings, Iterable):
         raise ScenarioError(f"settings: must be a table or a list of texts, got {settings!r}")
@@ -101,7 +104,9 @@ def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[KeyChange]
         found = [KeyChange.of(*pair) for pair in flattened(settings)]
     else:
         found = [KeyChange(*setting(text), text) for text in map(str, settings)]
-    return [*found, *(KeyChange.of(*pair) for pair in flattened(tables))]
+    own = [KeyChange.of(*pair) for pair in flattened(tables)]
+    whole = [each for each in own if each.key in KINDS]
+    return [*whole, *found, *(each for each in own if each not in whole)]
 
 
 def scenario_of(name: str | Path, changed: Sequence[KeyChange], *, titled: bool = True) -> Scenario:
@@ -117,8 +122,7 @@ def scenario_of(name: str | Path, changed: Sequence[KeyChange], *, titled: bool 
     """
     from twin.scenario.load import check, comparison, read, resolved
 
-    pairs = [(each.key, each.value) for each in changed]
-    chosen = check(*resolved(*read(str(name)), pairs))
+    chosen = check(*resolved(*read(str(name)), [(each.key, each.value) for each in changed]))
     title = comparison(chosen.title, (), [each.text for each in changed])
     return chosen.model_copy(update={"title": title}) if titled else chosen
 
@@ -134,7 +138,7 @@ def flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
     for name, value in tables.items():
         key = f"{prefix}{name}"
         if key in KINDS and not isinstance(value, Mapping):
-            yield from _choice(key, value)
+            yield from _choice(key, KINDS[key], value)
         elif isinstance(value, Mapping):
             yield from flattened(value, f"{key}.")
         else:
@@ -174,14 +178,12 @@ def _varied(key: str, value: Any) -> Any:
     return found if named == key else {"kind": found}
 
 
-def _choice(table: str, value: Any) -> Iterator[tuple[str, Any]]:
+def _choice(table: str, kind: type, value: Any) -> Iterator[tuple[str, Any]]:
     """What names a law, observer or reference: a kind alone, or an object, which is all of it."""
-    from twin.scenario.schema import KINDS
-
     if isinstance(value, str):
         yield f"{table}.kind", value
         return
-    kind, cls = KINDS[table], value if isinstance(value, type) else type(value)
+    cls = value if isinstance(value, type) else type(value)
     if not issubclass(cls, kind):
         allowed = f"a table, the name of a kind, or a {kind.__name__.lower()}"
         raise ScenarioError(f"{table}: must be {allowed}, got {value!r}")

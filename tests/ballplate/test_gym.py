@@ -28,7 +28,8 @@ def test_gymnasiums_own_checker_has_nothing_to_say(name):
     check_env(gymnasium.make(f"ballplate.gym:{name}").unwrapped)
 
 
-@pytest.mark.parametrize("mode", ["NextStep", pytest.param("Disabled", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
 def test_a_vector_does_what_gymnasiums_own_does_with_as_many_single_environments(mode):
     about = {"settings": EXACT, "family": "placed", "hold": 20, "preview": (0.3,)}
     name = "ballplate.gym:ballplate/Track-v0"

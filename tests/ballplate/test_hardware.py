@@ -126,6 +126,7 @@ with streamed(scenario, Path(sys.argv[1]), lambda _: None) as both:
 """
 
 
+@pytest.mark.long
 def test_what_a_killed_run_recorded_is_written_to_the_last_row(tmp_path):
     folder = tmp_path / "runs" / "killed"
     done = subprocess.run([sys.executable, "-c", KILLED, folder], check=False)
@@ -157,6 +158,7 @@ with traced(Path(sys.argv[1]), Reporter(), bounded=True) as hear:
 """
 
 
+@pytest.mark.long
 def test_the_trace_of_a_killed_run_has_its_last_frame(tmp_path):
     file = tmp_path / "runs" / "killed" / "trace.log"
     done = subprocess.run([sys.executable, "-c", SAYING, file], check=False)
@@ -214,6 +216,7 @@ def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails
     assert folder.exists() is fails
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("unlocked")
 def test_a_run_on_a_rig_never_replaces_one(tmp_path, monkeypatch):
     monkeypatch.setattr(

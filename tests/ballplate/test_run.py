@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import ballplate
-from ballplate.changes import changes_of
+from ballplate.changes import changes_of, scenario_of
 from ballplate.reporter import Notebook, Reporter
 from ballplate.running import warn_of_dangers
 from twin.cli import main
@@ -79,6 +79,13 @@ def test_a_law_by_class_is_all_of_its_settings_not_those_of_the_scenario():
     )
     assert given["requested_phi_acc"].tobytes() == kept["requested_phi_acc"].tobytes()
     assert default.scenario.controller.settings == {}
+
+
+def test_keys_beside_a_law_by_class_change_what_it_says():
+    keys = {"controller.period": 0.004, "controller.gains": [1.0, 2.0, 3.0, 4.0]}
+    changed = scenario_of("circle", changes_of(keys, {"controller": ballplate.laws.AFL}))
+    assert changed.controller.period == 0.004
+    assert changed.controller.settings == {"gains": [1.0, 2.0, 3.0, 4.0]}
 
 
 @pytest.mark.filterwarnings("ignore::ballplate.BallplateWarning")

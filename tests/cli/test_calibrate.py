@@ -21,6 +21,7 @@ def test_a_person_is_asked_in_words():
     assert request("lift").startswith("lift the ball")
 
 
+@pytest.mark.long
 @pytest.mark.real_time
 def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(tmp_path, monkeypatch):
     monkeypatch.setattr("twin.doctor.drives.READINGS", 5)  # of a point, instead of 20

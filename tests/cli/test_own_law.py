@@ -56,6 +56,7 @@ def test_a_record_says_what_the_law_was(ballplate, mine):
     assert set(about_law(RUN)["observer"]) == {"settings"}  # one that is shipped
 
 
+@pytest.mark.long
 def test_a_record_without_its_law_is_shown_and_that_is_said_but_nothing_goes_on_from_it(
     ballplate, mine
 ):
@@ -120,6 +121,7 @@ def test_a_law_changed_within_the_second_is_the_changed_one(ballplate, mine, rew
     assert catalog(Law)["mine"]().plate == (61.0, 14.0)
 
 
+@pytest.mark.long
 def test_a_record_whose_law_takes_other_settings_is_shown(ballplate, rewrite):
     ballplate("run", "circle", *SHORT, "--set", "controller.plate=[50,10]", "--out", "x")
     rewrite("    plate:", "    angle:")

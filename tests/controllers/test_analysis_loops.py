@@ -191,6 +191,7 @@ def test_an_observer_with_hidden_memory_is_refused_rather_than_misjudged():
         sampled_loop(LQR(), Secretive())
 
 
+@pytest.mark.long
 def test_how_late_a_ball_may_be_seen_is_where_powers_of_the_loop_begin_to_grow():
     law, observer = LQR(), Luenberger()
     told = instability(law, observer, dead_time=0.4)

@@ -131,6 +131,7 @@ def test_rigs_of_differing_observers_and_laws_run_side_by_side_as_alone():
     assert np.abs(together["applied"][:before, 3]).max() > 0.02
 
 
+@pytest.mark.long
 def test_a_law_that_counts_no_lag_of_the_drives_is_given_none_that_is_found(monkeypatch):
     on = ["plant.kind=lagrange", "plant.step=0.002", "plant.servo.bandwidth_hz=8", "duration=0.8"]
     on += ["metrics.start=0", "plant.start.x=0.03", "observer.kind=friction_map_kalman"]

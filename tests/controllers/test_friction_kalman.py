@@ -154,6 +154,7 @@ def test_errors_and_innovations_are_as_large_as_the_filter_says(consistency):
     assert within(nis[2:, :, 1], 1)
 
 
+@pytest.mark.long
 def test_friction_and_tilt_gain_are_found_within_the_spread_stated(consistency):
     observer, world, *_ = consistency
     found, truth = known(observer), world.truth()
@@ -267,6 +268,7 @@ def learnt():
     return observer, world, np.array(nis), np.array(way)
 
 
+@pytest.mark.long
 def test_states_and_map_are_known_as_well_as_the_filter_says(learnt):
     observer, world, nis, _ = learnt
     more = observer.friction_map.reshape(len(world.x), -1) - observer.s[:, 8:]
@@ -277,6 +279,7 @@ def test_states_and_map_are_known_as_well_as_the_filter_says(learnt):
     assert within(nis[1:], 1)
 
 
+@pytest.mark.long
 def test_the_map_is_found_where_the_ball_has_been(learnt):
     observer, world, _, way = learnt
     way = way[3:]
@@ -454,6 +457,7 @@ OWN = 0.0025
 """Lag in s that the plate of the rig has by itself."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("play", [0.0, 0.15, 0.3])
 def test_the_lag_of_the_drives_is_found_beside_their_play_and_none_where_there_is_none(play):
     lags = [0.0, 0.008, 0.014, 0.02]
@@ -465,6 +469,7 @@ def test_the_lag_of_the_drives_is_found_beside_their_play_and_none_where_there_i
     np.testing.assert_array_equal(beside, [*alone, *alone])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [FrictionKalman, FrictionMapKalman])
 def test_a_lag_that_is_found_is_in_the_estimate_for_a_law_alone_that_needs_it(kind, monkeypatch):
     def estimated(*needed):

@@ -102,6 +102,7 @@ def test_behind_drives_with_a_lag_that_is_told_the_ball_follows_as_on_drives_wit
     assert follows(StableInversion(slope=0.0), LAG, path) > 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lag", [0.003, 0.011, 0.028])
 def test_a_lag_that_is_found_counts_as_one_that_is_told_while_the_ball_moves(lag):
     path = Circle(amplitude=0.06, omega=2.0)

@@ -91,6 +91,7 @@ def test_interrupted_while_it_takes_hold_a_rig_is_switched_off(scenario, monkeyp
     assert not any(each.enabled for each in rig.lockstep.drives)
 
 
+@pytest.mark.long
 def test_a_dead_band_of_the_servos_is_no_frozen_motor_on_an_emulated_rig():
     still = ("sensors.touch.lost=0", "sensors.touch.jitter=0", "duration=1.2")
     chosen = load("circle", ("parameters=three_legs", *still))

@@ -155,6 +155,7 @@ def test_the_servos_run_over_a_real_pty(bus, port):
             assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
 
 
+@pytest.mark.long
 @pytest.mark.real_time
 def test_answers_of_an_emulator_that_paused_are_late(bus, port):
     with serving(BusServer(bus, port)) as server, servos_on(config(port)) as servos:

@@ -21,6 +21,7 @@ def turn(rig, seconds, rate=0.3):
         rig.read()
 
 
+@pytest.mark.long
 def test_a_quick_stop_shorter_than_a_step_of_the_bus_is_seen(rig):
     trace = MotionTrace(rig)
     with rig:

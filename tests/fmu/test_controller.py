@@ -117,6 +117,7 @@ def test_it_does_what_the_same_feedback_does_in_python(tmp_path, fmi):
     assert one != pytest.approx(other, rel=1e-3)
 
 
+@pytest.mark.long
 def test_each_rig_has_an_instance_that_remembers_its_own(tmp_path):
     path = str(written(tmp_path, total=0.02))
     rigs = [scenario("fmu", controller__file=path, seed=seed) for seed in (1, 2)]

@@ -31,6 +31,7 @@ def fmu(request, exported):
     return exported / f"rig{request.param}.fmu"
 
 
+@pytest.mark.long
 def test_fmpy_finds_nothing_to_complain_of(fmu):
     assert validate_fmu(str(fmu)) == []
     assert fmpy.read_model_description(str(fmu)).fmiVersion == f"{fmu.stem[-1]}.0"

@@ -131,6 +131,7 @@ def both(scenario, c, ticks, rates=wish, seed=0):
 LONG = [pytest.param(each, 700, marks=pytest.mark.long) for each in EFFECTS]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("effect", "ticks"), [("all", 300), ("linkage_driven", 300), *LONG])
 def test_every_effect_is_that_of_the_twin(library, effect, ticks):
     scenario = exact(seed=7, **EFFECTS[effect])

@@ -136,6 +136,7 @@ def uneven(seed, n):
     return tuple(zip(*(np.cumsum(rng.uniform(0.01, 0.2, n)) - 0.5 for _ in "xy"), strict=True))
 
 
+@pytest.mark.long
 def test_a_table_of_any_rising_rows_goes_through_them_and_back_and_rises_between_them():
     table = TiltTable(phi=uneven(1, 12), theta=uneven(2, 7))
     for axis, rows in enumerate((table.phi, table.theta)):

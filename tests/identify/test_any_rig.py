@@ -227,6 +227,7 @@ def test_the_truth_explains_a_log_where_commands_from_before_it_or_a_pause_act(
     assert (all_of_it > 4 * step).sum() == 1
 
 
+@pytest.mark.long
 def test_along_levers_dead_time_and_lag_are_found_from_a_fit_that_has_no_lag(axis_log):
     """As a lag is a lever of - g lag^2 / 2 and so much dead time less, a lever may hide it."""
     truth = TRUTH | {"dead_time": 0.2, "lag": 0.05}
@@ -417,6 +418,7 @@ def test_what_the_plates_acceleration_does_is_not_taken_for_gain(axis_of, lever,
         assert told["lever"].value == pytest.approx(lever, abs=0.015)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("w", "word"), [(1.0, IDENTIFIED), (5.0, NOT)])
 @pytest.mark.parametrize("lever", [0.2, -0.05])
 def test_of_a_plate_that_swings_at_one_frequency_the_gain_holds_what_a_lever_does(lever, w, word):
@@ -434,9 +436,8 @@ def test_of_a_plate_that_swings_at_one_frequency_the_gain_holds_what_a_lever_doe
     assert ("lever" in gain.why) == (word == NOT)
 
 
-@pytest.mark.parametrize(
-    ("ball", "factor"), [("solid", 5 / 7), pytest.param("hollow", 3 / 5, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("ball", "factor"), [("solid", 5 / 7), ("hollow", 3 / 5)])
 def test_at_a_known_height_one_frequency_tells_the_gain(ball, factor, tmp_path):
     """By differences of the exact equations, of axes at two heights: x'' = a u + b u''."""
     w, nudge, heights = 5.0, 1e-6, (0.1, 0.23)

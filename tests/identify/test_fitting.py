@@ -74,7 +74,8 @@ def driven(*parts, rows=7500):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("width", [0.0, pytest.param(0.05, marks=pytest.mark.long), 0.3])
+@pytest.mark.long
+@pytest.mark.parametrize("width", [0.0, 0.05, 0.3])
 def test_a_lag_is_told_from_play_of_any_width(width):
     parts = [Play(np.radians([[width]]))] if width else []
     found = fit_drives(driven(*parts))
@@ -92,6 +93,7 @@ def test_the_lag_of_a_plate_that_swings_on_its_drive_train_is_right(resonance):
     assert found.half_width < 0.1 * LAG
 
 
+@pytest.mark.long
 def test_of_drives_of_another_kind_the_interval_of_the_lag_is_wide_and_holds_the_truth():
     found = fit_drives(driven(Hysteresis(np.radians([[0.3]]))))
     assert found.lag == pytest.approx(LAG, abs=found.half_width)

@@ -148,7 +148,8 @@ def test_an_unknown_parameter_is_refused_with_those_known():
     assert all(name in str(caught.value) for name in CHOICES)
 
 
-@pytest.mark.parametrize("rate", [50, pytest.param(200, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("rate", [50, 200])
 def test_the_ball_that_stays_stays_where_it_was_at_the_last_sample(tmp_path, rate):
     """On a screen of few frames some bins have no sample; a ball on a circle tells by its way."""
     touch = f"sensors.touch.frame_rate={rate}"

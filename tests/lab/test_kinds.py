@@ -76,6 +76,7 @@ def judged(tmp_path: Path, text: str, lab: str = LAB) -> dict[str, object]:
     return bp.lab.check(tmp_path, tmp_path / "answer.py")
 
 
+@pytest.mark.long
 def test_a_function_is_judged_by_the_worst_of_rigs_it_has_not_seen(tmp_path: Path) -> None:
     found = judged(tmp_path, FUNCTION)
     assert [each["score"] for each in found["results"]] == [4.0, 1.0]
@@ -117,6 +118,7 @@ def test_a_function_that_gives_none_fails_with_one_line(
     assert "\n" not in why
 
 
+@pytest.mark.long
 def test_a_process_that_reads_nothing_more_keeps_nobody_waiting(tmp_path: Path) -> None:
     file = tmp_path / "answer.py"
     file.write_text(
@@ -198,6 +200,7 @@ def test_an_observer_that_gives_none_fails_with_one_line(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
 def test_an_observers_lab_tells_a_good_one_from_a_perverse_one(tmp_path: Path) -> None:
     lab = (
         LAB[: LAB.index("[answer]")]

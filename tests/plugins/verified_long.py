@@ -4,8 +4,13 @@
 (``dependencies.py``) when all its long tests passed. ``--only-changed`` leaves out the files whose
 hash is still the same and says so; ``--record-verified`` writes the hashes of files whose long
 tests have all just passed. Tests by the clock depend on the machine and always run.
+
+``--within`` ends that after some minutes, so that whoever waits for it knows for how long; what it
+leaves out is said, and ``--order`` makes it another part every time.
 """
 
+import hashlib
+import time
 import tomllib
 from dataclasses import dataclass, field
 
@@ -27,6 +32,7 @@ class LongTests:
         whole: All of each file, chosen or not.
         unchanged: How many were left out of each file.
         before: Hash of each file as the session began.
+        late: Files to whose tests, or some of them, no time was left.
         passed: Those whose call has passed.
         spoilt: Those of which any part has not.
     """
@@ -34,11 +40,14 @@ class LongTests:
     whole: dict[str, list[str]] = field(default_factory=dict)
     unchanged: dict[str, int] = field(default_factory=dict)
     before: dict[str, str] = field(default_factory=dict)
+    late: set[str] = field(default_factory=set)
     passed: set[str] = field(default_factory=set)
     spoilt: set[str] = field(default_factory=set)
 
 
 KNOWN = pytest.StashKey[LongTests]()
+BEGUN = pytest.StashKey[float]()
+LATE = "no time was left for it"
 
 
 def pytest_addoption(parser):
@@ -53,6 +62,8 @@ def pytest_addoption(parser):
         action="store_true",
         help="write down what the long tests that pass depend on",
     )
+    group.addoption("--within", type=float, help="minutes after which no more of them begin")
+    group.addoption("--order", help="any word: each has its own order of the files")
 
 
 def read_verified() -> dict[str, str]:
@@ -110,8 +121,23 @@ def pytest_collection_modifyitems(config, items):
             known.unchanged[file] = known.unchanged.get(file, 0) + 1
         config.hook.pytest_deselected(items=out)
         items[:] = [item for item in items if item not in out]
+    if config.option.order:
+        items.sort(key=lambda item: _shuffled(f"{config.option.order} {item.path.name}"))
     if hasattr(config, "workerinput"):
         config.workeroutput["long"] = (known.whole, known.unchanged)
+
+
+def _shuffled(word: str) -> str:
+    return hashlib.sha256(word.encode()).hexdigest()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    """Begin no long test when their time is over."""
+    most = item.config.option.within
+    over = most is not None and time.monotonic() > item.session.stash[BEGUN] + 60 * most
+    if over and item.get_closest_marker("long"):
+        pytest.skip(LATE)
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -131,11 +157,14 @@ class Outcomes:
         """Count a test as passed only if no part of it was anything else."""
         if not report.passed:
             self.known.spoilt.add(report.nodeid)
-        elif report.when == "call":
+        if report.skipped and LATE in str(report.longrepr):
+            self.known.late.add(report.nodeid.partition("::")[0])
+        if report.passed and report.when == "call":
             self.known.passed.add(report.nodeid)
 
 
 def pytest_sessionstart(session):
+    session.stash[BEGUN] = time.monotonic()
     if not hasattr(session.config, "workerinput"):
         session.config.pluginmanager.register(Outcomes(session.config.stash[KNOWN]))
 
@@ -148,6 +177,8 @@ def pytest_terminal_summary(terminalreporter, config):
             f"{file}: {count} long tests not run: nothing they depend on has changed since they "
             "passed"
         )
+    if known.late:
+        terminalreporter.write_line(f"{LATE}, or for some of it: {', '.join(sorted(known.late))}")
     if config.option.record_verified:
         good = known.passed - known.spoilt
         passed = {file for file, tests in known.whole.items() if good.issuperset(tests)}

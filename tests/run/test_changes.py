@@ -137,6 +137,7 @@ CHANGES = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("plant", PLANTS)
 def test_rigs_side_by_side_change_as_each_of_them_does_alone(plant):
     # with dead times of their own: what one screen remembers is not what another does

@@ -101,6 +101,7 @@ def test_no_shipped_scenario_is_designed_on_another_ball_than_the_nominal_one():
     assert {load(name).designed_on for name in shipped()} == {BallPlate()}
 
 
+@pytest.mark.long
 def test_a_steel_ball_is_tracked_better_by_what_is_designed_for_it():
     own = (STEEL, "plant.kind=lagrange", "plant.step=0.002", "duration=8", "metrics.start=4")
     told, untold = (

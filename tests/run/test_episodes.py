@@ -97,6 +97,7 @@ CAMS = ("rig.limits.area=[0.1,0.1]", "reference.amplitude=0.05", "plant.size=[0.
 EXACT = ("parameters=hobby", *SMOOTH, "plant.surface.spread_percent=20")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("count", "fixed", "plate"),
     [

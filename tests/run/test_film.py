@@ -249,6 +249,7 @@ def test_an_mp4_shows_what_the_frames_do_and_names_the_extra_it_needs(
     assert not (tmp_path / "b.mp4").exists()
 
 
+@pytest.mark.long
 def test_the_mechanism_in_3d_shows_ball_and_tilt_or_says_what_it_needs(circle):
     try:
         stage = Stage(circle, (640, 360))
@@ -352,6 +353,7 @@ def test_what_export_cannot_do_is_one_line_and_writes_nothing(circle, tmp_path, 
         assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.long
 def test_neither_a_screen_nor_opengl_is_needed(circle, tmp_path):
     record_run(circle, tmp_path / "made")
     program = "import sys; from twin.cli import main\ntry: main(sys.argv[1:])\n"

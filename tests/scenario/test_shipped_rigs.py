@@ -24,6 +24,7 @@ def farthest(scenario):
     return np.abs(reference(np.linspace(0, scenario.duration, 5001))[0]).max(axis=0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("name", shipped())
 def test_a_scenario_on_a_rig_starts_with_a_reference_in_its_area(name, rig):

@@ -54,6 +54,7 @@ SIZES = {  # of what is believed, before anything is seen
 }
 
 
+@pytest.mark.long
 def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
     log, belief = circled("duration=5.5", "plant.friction.breakaway_ratio=1.2")
 
@@ -98,6 +99,7 @@ def test_of_a_plate_with_camber_that_is_known_replays_are_as_near_as_of_a_flat_o
     assert np.median(np.abs(unknown.error[:, :2])) > 10 * far[1]
 
 
+@pytest.mark.long
 def test_on_an_uneven_screen_replays_stray_as_far_as_predicted(uneven):
     log, belief = uneven
     run = replays(log, belief, NO_GAPS)
@@ -108,6 +110,7 @@ def test_on_an_uneven_screen_replays_stray_as_far_as_predicted(uneven):
     assert (even.square[even.counted] <= BAND).mean() < 0.5
 
 
+@pytest.mark.long
 def test_replays_in_parts_are_those_in_one_go(uneven):
     log, belief = uneven
     whole = replays(log, belief, NO_GAPS)

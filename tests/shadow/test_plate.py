@@ -22,6 +22,7 @@ def recorded(*more):
     return prepare(log), believed(log)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "more",
     [

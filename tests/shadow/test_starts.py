@@ -38,6 +38,7 @@ def recorded(log):
     return belief, ball_windows(prepare(log), belief, NO_GAPS)[0]
 
 
+@pytest.mark.long
 def test_windows_in_portions_say_what_all_at_once_say(log, recorded, monkeypatch):
     belief, windows = recorded
     whole = ball_evidence(windows, belief)

@@ -32,6 +32,7 @@ def test_cranks_that_ramp_take_the_plate_where_the_linkage_does_without_drift():
     assert plant.state[0, 3::4] == pytest.approx((nudged[0] - nudged[1]) / 2e-6, abs=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("rows", "most"), [(9, 0.02), (33, 4e-4)])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_table_made_of_a_linkage_takes_the_plate_where_that_does(axis, rows, most):

@@ -91,6 +91,7 @@ def test_the_ball_sticks_up_to_the_breakaway_slope_and_slips_beyond(kind):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", PLANTS)
 @pytest.mark.parametrize("rolling", [0.05e-3, ROLLING, 0.4e-3])
 def test_without_breakaway_the_ball_slips_from_the_rolling_slope_on(kind, rolling):

@@ -138,6 +138,7 @@ def test_a_study_none_of_whose_runs_finish_says_so_instead_of_numbers(tmp_path) 
     assert "nan" not in page.split("<h2>In all")[1].split("<svg")[0].lower()
 
 
+@pytest.mark.long
 def test_blocks_of_a_sobol_design_with_a_failed_run_are_left_out_whole(tmp_path) -> None:
     function = lambda a, b, c: np.nan if c > 3.0 else a + 2 * b  # noqa: E731
     found = answered(study("sobol", 256), function, tmp_path)

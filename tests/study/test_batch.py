@@ -49,6 +49,7 @@ def test_a_run_gives_the_same_bits_whatever_shares_its_batch(kind: str) -> None:
         assert simulate([all_of_them[i] for i in some]) == [whole[i] for i in some]
 
 
+@pytest.mark.long
 def test_the_cure_gives_the_same_bits_beside_other_references() -> None:
     short = ["plant.kind=lagrange", "duration=0.3", "metrics.start=0"]
     kinds = (

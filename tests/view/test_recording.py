@@ -270,6 +270,7 @@ def test_every_plot_of_columns_has_a_title_and_its_columns_are_those_of_records(
     assert np.array_equal(torque, opened.rows["torque_theta_Nm"])
 
 
+@pytest.mark.long
 def test_runs_are_drawn_without_the_library_that_reads_a_bus():
     done = subprocess.run(
         [sys.executable, "-c", "import sys, twin.view.recording; print('can' in sys.modules)"],

@@ -309,6 +309,7 @@ def test_settings_hold_for_every_branch():
     assert branches_of(["a=1"], ["b=2; c=[1, 2]", ""]) == [("a=1", "b=2", "c=[1, 2]"), ("a=1",)]
 
 
+@pytest.mark.long
 @given(seed=st.integers(0, 10_000), rate=st.sampled_from([30, 58, 200]))
 def test_the_path_is_the_parabola_of_least_squares_through_the_touches_about_it(seed, rate):
     noise = np.random.default_rng(seed)

@@ -253,7 +253,6 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
                 f"{digits(points[at].mean(), places=2)} of {check.points:g}",
             )
         )
-    heads = ("check", *ENDS, "mean points")
     marks = [
         (
             link(each["student"], folder),
@@ -267,7 +266,7 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
     if problems:
         blocks.append(Table("Not judged", ("student", "why"), problems, words=(0, 1)))
     numbers = map(str, range(1, len(checks) + 1))
-    blocks.append(Table("Checks", heads, rows))
+    blocks.append(Table("Checks", ("check", *ENDS, "mean points"), rows))
     blocks.append(Table("Marks, check by check", ("student", "points", *numbers), marks, words=()))
     return html(f"{lab.title}: {len(found)} students", blocks)
 
