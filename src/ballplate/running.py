@@ -256,11 +256,13 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     with own_errors():
         controller = build_controller(scenario)
     (late, lag), knows = scenario.lateness, scenario.predictor
+    dangers = [instability(controller.law, controller.observer, dead_time=late, lag=lag)]
+    dangers.append(slow_observer(controller.law, controller.observer))
     dead = scenario.sensors.touch.dead_time - (knows.delay if knows else 0.0)
     told, encoders = scenario.rig.plate_lag, getattr(scenario.observer, "plate", "") != "modelled"
     unknown = lag - told if told or not encoders else max(0.0, lag - LONGEST_LAG)
-    dangers = [instability(controller.law, controller.observer, dead_time=late, lag=lag)]
-    dangers.append(slow_observer(controller.law, controller.observer))
+    drives = scenario.plant.servo.dead_time  # which encoders tell, and the predictor without them
+    dead, unknown = (dead, unknown + drives) if encoders else (dead + drives, unknown)
     for (said, most), by in ((LATER, 1000 * (dead + unknown)), (EARLIER, -1000 * dead)):
         if scenario.controller.kind == "stable_inversion" and by > most:
             dangers.append(f"{said.format(by)}: from {most} ms on the cure may err twice as much")

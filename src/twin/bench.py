@@ -31,10 +31,10 @@ from controllers.interfaces import Feedback, Law, Reference
 from twin.errors import LawError, RecordError, ScenarioError, nearest
 from twin.lab.process import NAME, AnswerProcess, answering
 from twin.lab.schema import AnswerTable, toml
-from twin.paths import model_path
 from twin.run.loop import simulate
 from twin.scenario.schema import ControllerChoice, MetricsTable, Scenario
 from twin.shipped import folder as scenarios_folder
+from twin.shipped import model_path
 from twin.study.experiments import CHUNK, Store, carry
 from twin.study.schema import Point, drawn, read_family
 from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest

@@ -1,4 +1,4 @@
-"""The shipped scenarios by name, found without importing what checks and runs them."""
+"""The shipped scenarios and models, found without importing what checks and runs them."""
 
 from __future__ import annotations
 
@@ -18,6 +18,16 @@ OTHERS = {"studies", "fits", "families", "tunes", "labs", "starts", "rigs", "ben
 def folder() -> Path:
     """Where the shipped scenarios lie: beside the controllers, in a checkout and installed."""
     return Path(controllers.__file__).parent.parent / "scenarios"
+
+
+def model_path(name: str = "ballplate.xml") -> Path:
+    """Path of a file of ``models/``, installed (twin/models) or in the repository.
+
+    The file itself need not exist; whoever opens it says so in its own words.
+    """
+    package = Path(__file__).resolve().parent
+    installed = package / "models" / name
+    return installed if installed.exists() else package.parents[1] / "models" / name
 
 
 @cache

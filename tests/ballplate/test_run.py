@@ -157,6 +157,14 @@ def test_a_rig_more_than_30_ms_later_than_the_cure_believes_is_a_warning():
     (told,) = dangers("cure", *slow, "observer.plate=modelled")
     assert "33 ms later" in told
     assert dangers("cure_afl", on, "rig.plate_lag=0.0", "controller.gains=[60,54,30,8]") == []
+    late, blind = (on, "plant.servo.dead_time=0.05"), "observer.plate=modelled"
+    for each in (late, (*late, blind)):
+        (told,) = dangers("cure", *each)
+        assert "50 ms later" in told
+    # what the predictor knows is where the ball was seen, and without encoders all of it
+    assert dangers("cure", *late, blind, "predictor.delay=0.08") == []
+    (told,) = dangers("cure", *late, "predictor.delay=0.08")
+    assert "50 ms shorter" in told
 
 
 def test_a_dead_time_more_than_15_ms_below_what_the_cure_is_told_is_a_warning():

@@ -21,10 +21,10 @@ from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.serve import EmulatedPlant
 from twin.hal.cams import CamTable, FixedRatio
-from twin.paths import model_path
 from twin.run.finished import record_run, run
 from twin.scenario import load
 from twin.scenario.rig import check_rig
+from twin.shipped import model_path
 
 RIG = check_rig({"touch": {"port": "/dev/null"}}, "test")
 

@@ -24,7 +24,9 @@ EFFECTS = {
     "acceleration": {"plant__servo__acceleration_deg": 60.0},
     "deadband": {"plant__servo__deadband_deg": 0.3},
     "resolution": {"plant__servo__resolution_deg": 0.7},
+    "late": {"plant__servo__dead_time": 0.0413},
     "servo": {
+        "plant__servo__dead_time": 0.0213,
         "plant__servo__slew_deg": 10.0,
         "plant__servo__acceleration_deg": 150.0,
         "plant__servo__deadband_deg": 0.1,

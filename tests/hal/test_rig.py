@@ -10,6 +10,7 @@ from twin.emulator.lockstep import LockstepRig
 from twin.hal.rig import Rig
 from twin.hal.supervisor import State
 from twin.run.assemble import assemble
+from twin.scenario import load
 
 LINKAGE = "plant.linkage={crank_mm=[40,30],rod_mm=[90,100],arm_mm=[100,70],distance_mm=[50,45]}"
 PLANTS = {
@@ -204,3 +205,20 @@ def test_the_plate_is_looked_at_again_every_20_ms_at_any_period(period, scenario
             rig.wait()
             rig.read()
         assert len(seen) == 20
+
+
+@pytest.mark.parametrize(("dead_time", "most"), [(0.0, 0.2), (0.05, 0.2), (0.1, 0.5)])
+@pytest.mark.parametrize("on", ["hobby", "three_legs"])
+def test_a_rig_is_left_level_with_late_drives_too(on, dead_time, most):
+    late = f"plant.servo.dead_time={dead_time}"
+    rig = assemble(load("circle", [f"parameters={on}", late])).rig
+    with rig:
+        rig.read()
+        rig.start()
+        for _ in range(120):
+            rig.write(np.array([[0.4, -0.25]]))
+            rig.wait()
+            rig.read()
+        tilted = np.abs(rig.devices.state[0, 2::4]).max()
+    assert tilted > np.radians(1.0)
+    assert np.abs(rig.devices.state[0, 2::4]).max() < np.radians(most)

@@ -24,6 +24,7 @@ OTHER = {
     "plant.servo.acceleration_deg": "1.0",
     "plant.servo.deadband_deg": "0.1",
     "plant.servo.resolution_deg": "0.1",
+    "plant.servo.dead_time": "0.03",
     "plant.servo.bandwidth_hz": "10.0",
     "plant.servo.backlash_deg": "0.1",
     "plant.servo.hysteresis_deg": "0.1",

@@ -15,7 +15,7 @@ from scipy.optimize import fsolve
 
 from twin.errors import ModelError
 from twin.hal.cams import CamTable, FixedRatio
-from twin.paths import model_path
+from twin.shipped import model_path
 from twin.sim.calibration import sweep_cams
 from twin.sim.plant.mechanism import Mechanism
 

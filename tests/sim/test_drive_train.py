@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from twin.run.finished import run
+from twin.scenario import load
 from twin.sim.rig import DriveModel, Hysteresis, Play, Resonance, SimulatedDrives, Vibration
 
 
@@ -253,6 +255,76 @@ def test_a_servo_has_its_effects_in_the_order_that_is_told():
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("dead_time", [0.0, 0.0005, 0.006, 0.0317, 0.1])
+def test_a_dead_time_shows_what_was_commanded_so_long_ago(dead_time):
+    rates = np.random.default_rng(3).normal(0, 0.4, 300)
+    t = PERIOD * np.arange(301)
+    commanded = np.concatenate(([0.0], PERIOD * np.cumsum(rates)))
+    expected = np.interp(t[1:] - dead_time, t, commanded)
+    found = angles(DriveModel(dead_time=dead_time), rates)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+    # then it goes there as any servo does
+    jump = np.zeros(300)
+    jump[0] = 0.1 / PERIOD
+    begun = np.floor(dead_time / PERIOD) * PERIOD
+    slewed = angles(DriveModel(dead_time=dead_time, slew=0.5), jump)
+    expected = np.clip(0.5 * (t[1:] - begun), 0.0, 0.1)
+    np.testing.assert_allclose(slewed, expected, rtol=0, atol=1e-12)
+
+
+def test_a_dead_time_that_comes_or_grows_lets_a_servo_stand_and_one_that_ends_lets_it_catch_up():
+    drives = SimulatedDrives(DriveModel(), PERIOD, RATIO, streams(1))
+
+    def went(rate, ticks):
+        rates = np.full((ticks, 1, 2), RATIO * rate)
+        return np.array([PERIOD * drives.follow(each)[0, 0] for each in rates]) / RATIO
+
+    one = 0.3 * PERIOD  # in a period
+    np.testing.assert_allclose(went(0.3, 20), one)
+    for dead_time, stands in ((0.02, 10), (0.05, 15)):
+        drives.change(DriveModel(dead_time=dead_time), np.full((1, 2), RATIO * 0.3))
+        turned = went(0.3, 40)
+        np.testing.assert_allclose(turned[:stands], 0.0, atol=1e-12)
+        np.testing.assert_allclose(turned[stands + 1 :], one)
+    drives.change(DriveModel(dead_time=0.0, slew=5.0), np.full((1, 2), RATIO * 0.3))
+    assert went(0.3, 40).sum() == pytest.approx(40 * one + 0.05 * 0.3, abs=1e-9)
+
+
+def test_without_encoders_a_law_asks_the_same_of_late_drives_as_of_a_later_screen():
+    """And the ball does the same, later by as much."""
+    common = (
+        *("parameters=hobby", "duration=2", "observer.plate=modelled", "predictor.delay=0.074"),
+        *("sensors.touch.frame_rate=0", "sensors.touch.variance=[0,0]"),
+    )
+    drives = "sensors.touch.dead_time=0.03", "plant.servo.dead_time=0.044"
+    late = run(load("cure", (*common, *drives)))
+    seen = run(load("cure", (*common, "sensors.touch.dead_time=0.074")))
+    asked = seen["requested_phi_acc"]
+    assert np.abs(asked).max() > 0.1
+    np.testing.assert_allclose(late["requested_phi_acc"], asked, rtol=0, atol=1e-9)
+    moved, ticks = seen["true_x"], 22
+    assert np.abs(moved[ticks:] - moved[:-ticks]).max() > 3e-4
+    np.testing.assert_allclose(late["true_x"][ticks:], moved[:-ticks], rtol=0, atol=1e-12)
+
+
+def test_dead_times_side_by_side_change_to_the_bit_as_each_alone():
+    rates = np.cumsum(np.random.default_rng(6).normal(0, 0.4, (90, 1, 2)), axis=0)
+    changes = np.array([[0.0, 0.1, 0.02, 0.0313], [0.05, 0.02, 0.1, 0.06], [0.0, 0.0, 0.08, 0.0]])
+
+    def went(dead_times):
+        count = dead_times.shape[1]
+        drives = SimulatedDrives(DriveModel(), PERIOD, RATIO, streams(count))
+        turned = []
+        for part, each in zip(np.split(rates, 3), dead_times, strict=True):
+            drives.change(DriveModel(dead_time=each, slew=3.0), np.tile(part[0], (count, 1)))
+            turned += [drives.follow(np.tile(rate, (count, 1))) for rate in part]
+        return np.array(turned)
+
+    together = went(changes)
+    for rig in range(4):
+        assert np.array_equal(went(changes[:, rig : rig + 1])[:, 0], together[:, rig])
+
+
 def test_servos_side_by_side_turn_to_the_bit_as_each_alone():
     rates = np.cumsum(np.random.default_rng(5).normal(0, 0.4, (300, 2)), axis=0)
     every = {
@@ -260,6 +332,7 @@ def test_servos_side_by_side_turn_to_the_bit_as_each_alone():
         "deadband": [0.0, 0.0, 0.004, 0.003, 0.0],
         "resolution": [0.0, 0.0, 0.0, 0.002, 0.003],
         "acceleration": [0.0, 4.0, 0.0, 0.0, 6.0],
+        "dead_time": [0.0, 0.031, 0.0, 0.1, 0.06],
     }
     together = SimulatedDrives(
         DriveModel(**{name: np.array(each) for name, each in every.items()}),

@@ -17,7 +17,7 @@ from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.cams import CamTable
 from twin.hal.linkage import Linkage
-from twin.paths import model_path
+from twin.shipped import model_path
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts, ball_in_plate

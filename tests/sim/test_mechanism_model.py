@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from twin.errors import ModelError
-from twin.paths import model_path
+from twin.shipped import model_path
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import differing, fields_of, fitted, load_model, shaped
 

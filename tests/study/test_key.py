@@ -67,7 +67,6 @@ def test_what_a_simulated_run_never_sees_is_not(key, parts):
 BESIDE = {
     "data_file",
     "errors",
-    "paths",
     "run/files",
     "scenario/__init__",
     "shipped",

@@ -19,9 +19,8 @@ from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, reasons, say, show, show_titles
 from twin.data_file import read_toml
 from twin.errors import LogError, RecordError, ScenarioError, TwinError, ViewError
-from twin.paths import model_path
 from twin.run.files import LAST, MOVING, check_no_scenario, free, run_folder
-from twin.shipped import folder
+from twin.shipped import folder, model_path
 from twin.writing import write_whole
 
 if TYPE_CHECKING:

@@ -28,10 +28,10 @@ from twin.errors import RigError, TwinError
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import LOST_AFTER
 from twin.jobs import wait_until
-from twin.paths import model_path
 from twin.run.connect import ComputingTime, cams_of, connect
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
+from twin.shipped import model_path
 
 TIMED = 1.0
 """Seconds that the timer is watched."""

@@ -18,7 +18,7 @@ import numpy as np
 from controllers.arrays import Array, Number
 from twin.data_file import parse_json
 from twin.errors import ModelError
-from twin.paths import model_path
+from twin.shipped import model_path
 
 
 def cubic(grid: Array, values: Array) -> Array:

@@ -114,12 +114,14 @@ class Rig:
         """Bring the plate level, as far as the drives can; the controller has no say any more."""
         self.supervisor.handle(Event.LEVEL)
         still, plate, level = np.zeros_like(self.supervisor.rate), self.supervisor.angle, 0
-        for _ in range(round(self.LEVELLING_TIME / self.period)):
+        for tick in range(round(self.LEVELLING_TIME / self.period)):
             holding = self.supervisor.state == State.HOLDING
             # as it is measured, and not one that only passes its level or is seen there late
             level = 0 if (np.abs(plate)[holding] >= self.LEVEL).any() else level + 1
             if level > self.LEVEL_FOR or not holding.any():
                 break
+            # the longer it takes, the later a plate may do what it is told
+            self.supervisor.drift_time = max(Supervisor.DRIFT_TIME, tick * self.period / 4)
             self.write(still)
             self.wait()
             plate = self.read().y[:, 1::2]

@@ -116,7 +116,8 @@ class Supervisor:
     """How far a measured plate angle may pass the limit (encoder, spring) before a stop."""
 
     DRIFT_TIME = 0.1
-    """Time in s within which a measured drift of the plate off its commands is taken in."""
+    """Time in s within which a measured drift of the plate off its commands is taken in, while it
+    is not levelled for longer."""
 
     def __init__(self, limits: Limits, period: float, rigs: int = 1) -> None:
         self.limits = limits
@@ -138,7 +139,7 @@ class Supervisor:
         self._bounds: Array = np.empty((rigs, 4))
         self._bounds[:, 0::2] = np.add(limits.area, column(limits.margin))
         self._bounds[:, 1::2] = column(limits.angle) + self.ANGLE_SLACK
-        self._trust = constant(period / self.DRIFT_TIME)
+        self.drift_time = self.DRIFT_TIME
         self._unseen: float | Array = 0.0
         self._paces = max(1, round(PACE / period))
         self._way = column(limits.ball_speed) * self._paces * period
@@ -147,10 +148,9 @@ class Supervisor:
 
     def handle(self, event: Event, which: Mask | None = None) -> Mask:
         """Let an event happen to some rigs, all by default; return which of them it changed."""
-        asked = np.ones(len(self.state), bool) if which is None else which
         changed = np.zeros(len(self.state), bool)
         old = self.state.copy()
-        for rig in np.flatnonzero(asked):
+        for rig in range(len(old)) if which is None else np.flatnonzero(which):
             new = TRANSITIONS.get((State(old[rig]), event))
             if new is not None:
                 self.state[rig], changed[rig] = new, True
@@ -164,7 +164,7 @@ class Supervisor:
         fresh = self.handle(Event.POWERED)[:, None]
         self.angle = np.where(fresh, plate, self.angle)
         self.rate = np.where(fresh, 0.0, self.rate)
-        self._unseen = 0.0
+        self._unseen, self.drift_time = 0.0, self.DRIFT_TIME
         self._before[:] = np.nan
 
     def adopt(self, rigs: NDArray[np.integer], other: Supervisor) -> None:
@@ -206,7 +206,7 @@ class Supervisor:
             y: Measured x, phi, y, theta in m and rad, shape (N, 4).
             touched: Whether the screen feels the ball, shape (N,).
         """
-        self.angle = self.angle + self._trust * (y[:, 1::2] - self.angle)
+        self.angle = self.angle + self._period / self.drift_time * (y[:, 1::2] - self.angle)
         beyond = np.abs(y) > self._bounds
         if some(beyond):
             ball, plate = beyond[:, 0::2].any(axis=1), beyond[:, 1::2].any(axis=1)

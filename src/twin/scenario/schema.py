@@ -613,10 +613,11 @@ class Scenario(Section):
 
     @property
     def lateness(self) -> tuple[float, float]:
-        """How late the ball is seen, the mean wait for a frame with it, and the drives' lag, s."""
+        """Dead time of ball and drives, with the mean wait for a frame, and the drives' lag, s."""
         touch, corner = self.sensors.touch, self.plant.servo.bandwidth_hz
         wait = 0.5 / touch.frame_rate if touch.frame_rate else 0.0
-        return touch.dead_time + wait, 1 / (2 * math.pi * corner) if corner else 0.0
+        dead = touch.dead_time + self.plant.servo.dead_time
+        return dead + wait, 1 / (2 * math.pi * corner) if corner else 0.0
 
     @property
     def law_ticks(self) -> int:

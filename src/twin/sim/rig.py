@@ -103,8 +103,7 @@ class Vibration:
         self._begun = np.zeros((len(seeds), 1), int)
         self._noise = Noise(np.full(4, 0.5), [s.spawn(1)[0] for s in seeds])
         self._sizes: Array = np.zeros((len(seeds), 4))
-        none = np.zeros((len(seeds), 1))
-        self.be(none, none, none)
+        self.be(*np.zeros((3, len(seeds), 1)))
 
     def be(self, amplitude: Array, frequency: Array, wander: Array) -> None:
         """Swing so from now on.
@@ -148,8 +147,8 @@ class TrainPart(ABC):
     """A part of the drives of N rigs.
 
     Attributes:
-        states: Names of the arrays, shape (N, 2), that have a past; 0 at the beginning, and where
-            a rig gets the part while it runs.
+        states: Names of the arrays, shape (N, ..., 2), that have a past; 0 at the beginning, and
+            where a rig gets the part while it runs.
         acts: Which rigs have the part, shape (N, 1).
     """
 
@@ -165,7 +164,7 @@ class TrainPart(ABC):
         """
         del rate
         for name in self.states:
-            setattr(self, name, getattr(before, name) * before.acts)
+            setattr(self, name, (getattr(before, name).T * before.acts[:, 0]).T)
 
     def begin(self, rigs: Rigs) -> None:
         """Let some rigs begin as they were when they were made."""
@@ -180,47 +179,52 @@ class TrainPart(ABC):
 class PositionServo(TrainPart):
     """A servo that goes to a position: to the sum of the turns that it was commanded, if it can.
 
-    That angle is rounded to the servo's steps. It stands until that is further away than its dead
-    band, then it goes there, however that moves on, as fast as it can; what it has not yet turned
-    it does not forget. Limited in acceleration it brakes in time to stop there, so that a step is
-    followed in the shortest time (bang-bang, in whole periods).
+    It hears of that angle late, between two periods by a straight line, and rounds it to its steps.
+    It stands until that is further away than its dead band, then it goes there, however that moves
+    on, as fast as it can; what it has not yet turned it does not forget. Limited in acceleration it
+    brakes in time to stop there, so that a step is followed in the shortest time (bang-bang, in
+    whole periods).
 
     Args:
-        slew: Largest rate in rad/s, shape (N, 1); 0 for any.
-        acceleration: Largest acceleration in rad/s^2, shape (N, 1); 0 for any.
-        deadband: In rad, shape (N, 1); 0 for none.
-        resolution: Its steps in rad, shape (N, 1); 0 for none.
+        about: Largest rate in rad/s and acceleration in rad/s^2, 0 for any; dead band and steps in
+            rad, 0 for none; shape (N, 1) each.
+        dead_time: From a command to what it makes of it, s, shape (N, 1).
         period: Control period in s.
     """
 
     states = ("_commanded", "_angle", "_goes", "_turn")
 
-    def __init__(
-        self, slew: Array, acceleration: Array, deadband: Array, resolution: Array, period: float
-    ) -> None:
+    def __init__(self, about: Sequence[Array], dead_time: Array, period: float) -> None:
+        slew, acceleration, deadband, resolution = about
         self._brakes = acceleration > 0
-        self.acts = (slew > 0) | self._brakes | (deadband > 0) | (resolution > 0)
+        self.acts = (slew > 0) | self._brakes | (deadband > 0) | (resolution > 0) | (dead_time > 0)
         self._period = period
         self._most = np.where(slew > 0, slew * period, np.inf)
         self._more = np.where(self._brakes, acceleration * period**2, 1.0)
         self._deadband = deadband
         self._rounds = resolution > 0
         self._step = np.where(self._rounds, resolution, 1.0)
-        self._commanded: Array = np.zeros((len(slew), 2))
-        self._angle: Array = np.zeros((len(slew), 2))
+        late, self._share = sensors.periods(dead_time[:, 0], period)
+        self._late = np.arange(len(slew)), late
+        self._commanded = np.zeros((len(slew), int(late.max()) + 2, 2))  # of now and before
+        self._angle, self._turn = np.zeros((2, len(slew), 2))
         self._goes = np.zeros((len(slew), 2), bool)
-        self._turn: Array = np.zeros((len(slew), 2))
 
     def go_on(self, before: PositionServo, rate: Array) -> None:
         """Begin in the state of another one, at commanded rates in rad/s, shape (N, 2)."""
+        known = before._late[1][:, None] + (before._share > 0)
+        order = np.minimum(np.arange(self._commanded.shape[1]), known)
         super().go_on(before, rate)
+        self._commanded = np.take_along_axis(self._commanded, order[..., None], axis=1)
         self._turn = np.where(before.acts, before._turn, rate * self._period)
 
     def follow(self, turn: Array) -> Array:
         """Turn of the servo in rad for a commanded one."""
-        self._commanded = self._commanded + turn
-        rounded = np.round(self._commanded / self._step) * self._step
-        goal = np.where(self._rounds, rounded, self._commanded)
+        past = self._commanded
+        past = np.concatenate((past[:, :1] + turn[:, None], past[:, :-1]), axis=1)
+        self._commanded, goal = past, past[self._late]
+        goal = goal + self._share * (past[:, 1:][self._late] - goal)
+        goal = np.where(self._rounds, np.round(goal / self._step) * self._step, goal)
         before = self._angle
         goes = self._goes | (np.abs(goal - before) > self._deadband)
         goes |= self._brakes & (np.abs(self._turn) > self._more)
@@ -257,8 +261,7 @@ class Play(TrainPart):
     def __init__(self, width: Array) -> None:
         self._half = width / 2
         self.acts = width > 0
-        self._input: Array = np.zeros((len(width), 2))
-        self._output: Array = np.zeros((len(width), 2))
+        self._input, self._output = np.zeros((2, len(width), 2))
 
     def follow(self, turn: Array) -> Array:
         """Turn of the output in rad for one of the input."""
@@ -324,9 +327,8 @@ class Resonance(TrainPart):
         self._period = period
         self._angle = cos + decay * sine, sine
         self._rate = -(w**2) * sine, cos - decay * sine
-        self._d: Array = np.zeros((len(frequency), 2))
-        self._d_rate: Array = np.zeros((len(frequency), 2))
-        self._motor_rate: Array = np.zeros((len(frequency), 2))
+        still: Array = np.zeros((3, len(frequency), 2))
+        self._d, self._d_rate, self._motor_rate = still
 
     def go_on(self, before: Resonance, rate: Array) -> None:
         """Begin in the state of another one, at input rates in rad/s, shape (N, 2)."""
@@ -350,8 +352,9 @@ class DriveModel:
     Fields may be arrays with one entry per rig.
 
     A servo that goes to a position has the effects in this order: its command, the integral of the
-    commanded rate, is rounded, held back by the dead band, followed within slew and acceleration,
-    then with the lag. Where it stands off its command it is the measured angle that tells the rig.
+    commanded rate, is late, rounded, held back by the dead band, followed within slew and
+    acceleration, then with the lag. Where it stands off its command it is the measured angle that
+    tells the rig.
 
     Attributes:
         slew: Largest plate rate in rad/s at which a servo can go to a commanded position.
@@ -360,6 +363,7 @@ class DriveModel:
         deadband: Angle in rad, as plate angle, by which the commanded one must be away from where
             such a servo stands until it goes; then it goes all the way.
         resolution: Steps in rad, as plate angle, to which such a servo rounds the commanded angle.
+        dead_time: Time in s after which such a servo acts on a command.
         bandwidth: Corner frequency in Hz of a first-order lag of the speed loop.
         backlash: Angle in rad that the drive turns without moving the plate, as plate angle.
         hysteresis: Angle in rad, as plate angle, by which the plate is left behind after a
@@ -380,6 +384,7 @@ class DriveModel:
     acceleration: Number = ramp("plant.servo.acceleration_deg", 0.0, Unit.DEG, ge=0, le=1e6)
     deadband: Number = ramp("plant.servo.deadband_deg", 0.0, Unit.DEG, ge=0, le=5)
     resolution: Number = ramp("plant.servo.resolution_deg", 0.0, Unit.DEG, ge=0, le=5)
+    dead_time: Number = ramp("plant.servo.dead_time", 0.0, ge=0, le=0.1)
     bandwidth: Number = ramp("plant.servo.bandwidth_hz", 0.0, ge=0, le=1000)
     backlash: Number = ramp("plant.servo.backlash_deg", 0.0, Unit.DEG, ge=0, le=5)
     hysteresis: Number = ramp("plant.servo.hysteresis_deg", 0.0, Unit.DEG, ge=0, le=5)
@@ -392,10 +397,9 @@ class DriveModel:
 
     def servo(self, period: float, ratio: Number = 1.0, rigs: int = 1) -> PositionServo:
         """Servos of both axes at a control period in s, a ratio above the plate's angles."""
-        about = self.slew, self.acceleration, self.deadband, self.resolution
-        each = (np.broadcast_to(np.asarray(one, float), (rigs,))[:, None] * ratio for one in about)
-        slew, acceleration, deadband, resolution = each
-        return PositionServo(slew, acceleration, deadband, resolution, period)
+        about = self.slew, self.acceleration, self.deadband, self.resolution, self.dead_time
+        *limits, dead_time = (np.broadcast_to(column(each), (rigs, 1)) for each in about)
+        return PositionServo([each * ratio for each in limits], dead_time, period)
 
 
 class SimulatedDrives:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.arrays import Array, Mask, Number, column, constant, put
+from controllers.arrays import Array, Mask, Number, column, constant, put, some
 from twin.hal.interface import SCREEN, Touch
 from twin.settings import Unit, jump, ramp, setting
 
@@ -102,6 +102,16 @@ class Noise:
         drawn = self._streams[rig].standard_normal((self.BLOCK, self._scale.shape[1]))
         self._drawn[:, rig] = drawn
         self._block[:, rig] = drawn * self._scale[rig]
+
+
+def periods(time: Array, period: float) -> tuple[NDArray[np.integer], Array]:
+    """Whole periods of times in s, shape (N,), and the share of one that is left, (N, 1)."""
+    back = time / period
+    whole = np.floor(back).astype(int)
+    share = (back - whole)[:, None]
+    # rounding is not a share of a period
+    share[share < 1e-9] = 0.0
+    return whole, share
 
 
 COUNTS = 245760
@@ -271,9 +281,9 @@ class SimulatedScreen:
         self._latest = delay + 4 * spread
         self._own = 2 + np.ceil((self._latest + self._frame) / self._period).astype(int)
         self._length = int(self._own.max())
-        self._whole, self._share = self._periods(delay)
+        whole, self._share = periods(delay, self._period)
         # one dead time for all: their samples lie side by side
-        self._together = int(self._whole[0]) if len(set(delay.tolist())) == 1 else None
+        self._whole = int(whole[0]) if len(set(delay.tolist())) == 1 else whole
 
     def change(self, model: TouchModel) -> None:
         """Have the imperfections of another model from now on.
@@ -345,10 +355,9 @@ class SimulatedScreen:
         if self._frames:
             return self._newest_frame()
         if self._spread.silent:
-            whole = self._whole if self._together is None else self._together
-            position, touched = self._look_back(whole, self._share)
+            position, touched = self._look_back(self._whole, self._share)
         else:
-            position, touched = self._look_back(*self._periods(self._drawn_delay()))
+            position, touched = self._look_back(*periods(self._drawn_delay(), self._period))
         return Touch(self._imperfect(position), self._fresh, touched)
 
     def _newest_frame(self) -> Touch:
@@ -368,33 +377,19 @@ class SimulatedScreen:
         new = ~self._framed | (last != shown)
         self._frame_times = np.array((frame, due, before, last))
         late = self._delay if self._spread.silent else self._drawn_delay()
-        position, touched = self._look_back(*self._periods(late + age))
+        position, touched = self._look_back(*periods(late + age, self._period))
         position = self._imperfect(position)
         before, felt = self._held
         self._held = np.where(new[:, None], position, before), np.where(new, touched, felt)
         return Touch(self._held[0], age, self._held[1])
 
-    def _periods(self, time: Array) -> tuple[NDArray[np.integer], Array | None]:
-        """Whole control periods of times in s, shape (N,), and the share of one left, (N, 1).
-
-        The share is None if nobody has one.
-        """
-        back = time / self._period
-        whole = np.floor(back).astype(int)
-        share = (back - whole)[:, None]
-        # rounding is not a share of a period
-        share[share < 1e-9] = 0.0
-        return whole, share if share.any() else None
-
-    def _look_back(
-        self, whole: int | NDArray[np.integer], share: Array | None
-    ) -> tuple[Array, Mask]:
+    def _look_back(self, whole: int | NDArray[np.integer], share: Array) -> tuple[Array, Mask]:
         """Ball so many periods ago, between two samples by a straight line."""
         newer = (self._tick - whole) % self._length
         one_for_all = isinstance(newer, int)
         at: Any = newer if one_for_all else (newer, self._rows)
         after, felt = self._past[at], self._felt[at]
-        if share is None:
+        if not some(share):
             return after.copy(), felt
         older = (newer - 1) % self._length
         before = self._past[older if one_for_all else (older, self._rows)]

@@ -23,7 +23,6 @@ import controllers
 from controllers.arrays import Array
 from controllers.catalog import outside
 from twin.errors import ScenarioError, TwinError
-from twin.paths import model_path
 from twin.run.assemble import build_controller, own_errors
 from twin.run.files import METRICS
 from twin.run.loop import alike, simulate
@@ -32,6 +31,7 @@ from twin.scenario import Scenario
 from twin.scenario.load import check, resolved, setting, validated
 from twin.scenario.load import read as read_tables
 from twin.scenario.schema import KINDS, at_study_step, checked_settings, choices
+from twin.shipped import model_path
 from twin.study.schema import Point, Study, column
 
 SEED = 1

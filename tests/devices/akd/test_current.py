@@ -8,7 +8,7 @@ from stepped import SteppedDrives, refused
 
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.hal.cams import CamTable
-from twin.paths import model_path
+from twin.shipped import model_path
 from twin.sim.plant.mechanism import Mechanism
 
 

@@ -472,7 +472,8 @@ static void move(Rig *rig, const double to[2]) {
 
 /* ---- Drives ------------------------------------------------------------------------------------ */
 
-/* A servo that goes to a position: to the sum of the turns commanded, on its grid, once that is
+/* A servo that goes to a position: to the sum of the turns commanded a dead time ago, between two
+   periods by a straight line, on its grid, once that is
    further away than its dead band, as fast as it can; where its acceleration is limited, with the
    largest turn from which it can still brake: with n smaller ones after it,
    (n + 1) turn - more n (n + 1) / 2 is the way. As of all drives its angles are those of the servo,
@@ -481,8 +482,13 @@ static double servo(Rig *rig, int i, double ratio, double turn) {
     const double *v = rig->v;
     double most = v[PLANT_SERVO_SLEW] > 0 ? v[PLANT_SERVO_SLEW] * ratio * PERIOD : INFINITY;
     double step = v[PLANT_SERVO_RESOLUTION] * ratio, before = rig->servo[i];
-    rig->ordered[i] += turn;
-    double goal = step > 0 ? rint(rig->ordered[i] / step) * step : rig->ordered[i];
+    double back = v[PLANT_SERVO_DEAD_TIME] / PERIOD, whole = floor(back + 1e-9);
+    int64_t now = rig->tick + RING, late = now - (int64_t)whole;
+    rig->ordered[now % RING][i] = rig->ordered[(now - 1) % RING][i] + turn;
+    double goal = rig->ordered[late % RING][i], older = rig->ordered[(late - 1) % RING][i];
+    goal += larger(back - whole, 0) * (older - goal);
+    if (step > 0)
+        goal = rint(goal / step) * step;
     double more = v[PLANT_SERVO_ACCELERATION] * ratio * PERIOD * PERIOD, way = goal - before;
     int moves = more > 0 && fabs(rig->servo_turn[i]) > more;
     if (!rig->goes[i] && !moves && fabs(way) <= v[PLANT_SERVO_DEADBAND] * ratio)
@@ -561,13 +567,16 @@ static void follow(Rig *rig, const double command[2], double mean[2]) {
     double share = 2 * PI * v[PLANT_SERVO_BANDWIDTH_HZ] * PERIOD;
     double left = share > 0 ? exp(-share) : 0, of_mean = share > 0 ? -expm1(-share) / share : 0;
     int goes_to = v[PLANT_SERVO_SLEW] > 0 || v[PLANT_SERVO_ACCELERATION] > 0 ||
-                  v[PLANT_SERVO_DEADBAND] > 0 || v[PLANT_SERVO_RESOLUTION] > 0;
+                  v[PLANT_SERVO_DEADBAND] > 0 || v[PLANT_SERVO_RESOLUTION] > 0 ||
+                  v[PLANT_SERVO_DEAD_TIME] > 0;
+    if (!goes_to)
+        memset(rig->ordered, 0, sizeof rig->ordered);
     for (int i = 0; i < 2; i++) { /* a part that a rig gets while it runs begins at 0 */
         double asked = command[i], by = ratio(v, i);
         if (goes_to) {
             asked = servo(rig, i, by, asked * PERIOD) / PERIOD;
         } else {
-            rig->ordered[i] = rig->servo[i] = rig->goes[i] = 0;
+            rig->servo[i] = rig->goes[i] = 0;
             rig->servo_turn[i] = asked * PERIOD;
         }
         double lacking = rig->lagging[i] - asked;

@@ -51,8 +51,9 @@ typedef struct {
     int fallen;
 
     /* drives */
-    double ordered[2], servo[2]; /* angle commanded, and where the servo is */
-    double servo_turn[2];        /* in the last period */
+    double ordered[RING][2]; /* angle commanded in each of the last periods */
+    double servo[2];         /* where the servo is */
+    double servo_turn[2];    /* in the last period */
     int goes[2];
     double lagging[2];
     double play_in[2], play_out[2];

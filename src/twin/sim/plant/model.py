@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from controllers.arrays import Array, Mask, Number
 from twin.errors import ModelError
 from twin.hal.linkage import Linkage
-from twin.paths import model_path
+from twin.shipped import model_path
 from twin.sim.plant.interface import Parts, tilted_gravity
 
 AXES = ("phi", "theta")
