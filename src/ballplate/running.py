@@ -261,7 +261,7 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     dead = scenario.sensors.touch.dead_time - (knows.delay if knows else 0.0)
     told, encoders = scenario.rig.plate_lag, getattr(scenario.observer, "plate", "") != "modelled"
     unknown = lag - told if told or not encoders else max(0.0, lag - LONGEST_LAG)
-    drives = scenario.plant.servo.dead_time  # which encoders tell, and the predictor without them
+    drives = scenario.plant.servo.dead_time  # beside encoders nothing told has it in it
     dead, unknown = (dead, unknown + drives) if encoders else (dead + drives, unknown)
     for (said, most), by in ((LATER, 1000 * (dead + unknown)), (EARLIER, -1000 * dead)):
         if scenario.controller.kind == "stable_inversion" and by > most:
