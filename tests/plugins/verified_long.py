@@ -90,7 +90,8 @@ def pytest_configure(config):
     config.stash[KNOWN] = LongTests()
     if config.option.record_verified:
         chosen = [each for each in config.invocation_params.args if "::" in str(each)]
-        if chosen or config.option.lf or config.option.failedfirst:
+        some = (getattr(config.option, name, False) for name in ("lf", "failedfirst"))
+        if chosen or any(some):
             raise pytest.UsageError("--record-verified needs whole files of tests")
         if not hasattr(config, "workerinput"):
             config.stash[KNOWN].before = {file: fingerprint(ROOT / file) for file in candidates()}
