@@ -86,7 +86,9 @@ class BusTimes:
 @contextmanager
 def host(folder, *more):
     """The command line running on the virtual rig, in a separate process."""
-    code = "from twin.cli import main; raise SystemExit(main())"
+    # below a shell that ignores Ctrl-C in the background this process would, too
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{heed}; from twin.cli import main; raise SystemExit(main())"
     arguments = ["run", "hold", "--rig", str(folder / "rig.toml"), "--set", "duration=60"]
     arguments += ["--out", str(folder / "out"), *more]
     with subprocess.Popen(
