@@ -121,8 +121,6 @@ KNOWN = (
 the lag is that of the drives."""
 F = 8
 """Where the friction stands in the filter's state."""
-DISTURBANCE = [4, 5]
-"""Where the disturbance along x and y stands there."""
 LEARNT = slice(6, None)
 """Tilt gain and friction, which are learnt in motion alone."""
 RESTING = 0.004
@@ -187,7 +185,8 @@ class FrictionKalman(LateBall):
     as standard deviation after a second."""
     resting_walk: Positive | None = None
     """Random walk of the disturbance while the ball rests, alike: its friction may then be anything
-    up to the breakaway. None for the same as in motion."""
+    up to the breakaway, and nothing of friction and tilt gain is seen, which do not change then.
+    None for the same as in motion."""
     spread: tuple[Positive, Positive, Positive] = (0.03, 0.03, 0.02)
     """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
     R: tuple[Positive, Positive] = (NOISE[0], NOISE[2])
@@ -204,8 +203,8 @@ class FrictionKalman(LateBall):
         self._Q = np.append(np.repeat((0.0, velocity, disturbance, gain), 2), friction)
         self._at_rest = self.resting_walk is not None
         if self.resting_walk is not None:
-            self._Q_at_rest = np.zeros(9)
-            self._Q_at_rest[DISTURBANCE] = self.resting_walk**2 * T - disturbance
+            still = np.repeat((0.0, velocity, self.resting_walk**2 * T, 0.0), 2)
+            self._Q_at_rest = np.append(still, 0.0) - self._Q
         d, F0, kappa = np.square(self.spread)
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
 

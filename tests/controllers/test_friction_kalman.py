@@ -210,7 +210,7 @@ def test_friction_is_not_learnt_from_a_ball_that_lies_still(observer):
 
 def test_what_holds_a_ball_at_rest_is_found_sooner_and_no_motion_is_taken_for_rest():
     quick, slow = FrictionKalman(resting_walk=0.1), FrictionKalman()
-    spreads = {}
+    spreads, learnt = {}, {}
     for speed in (0.0, 0.1):
         for observer in (quick, slow):
             x = np.array([[0.0, speed, 0, 0, 0, 0, 0, 0]])
@@ -219,9 +219,15 @@ def test_what_holds_a_ball_at_rest_is_found_sooner_and_no_motion_is_taken_for_re
                 observer.correct(measured(np.zeros((2, 4)), touched=False))
                 observer.predict(np.zeros((2, 2)))
             spreads[speed, observer is quick] = observer.P[:, 4, 4]
+            learnt[speed, observer is quick] = np.diagonal(observer.P, axis1=1, axis2=2)[:, 6:]
     walked = 100 * T * (0.1**2 - 0.02**2)
     assert spreads[0.0, True] - spreads[0.0, False] == pytest.approx(np.full(2, walked))
     assert np.all(spreads[0.1, True] - spreads[0.1, False] < 0.01 * walked)
+    # tilt gain and friction, of which a ball at rest tells nothing, do not go on meanwhile
+    begun, walks = np.square((0.02, 0.02, 0.03)), 100 * T * np.square((0.0005, 0.0005, 0.005))
+    np.testing.assert_allclose(learnt[0.0, True], [begun] * 2, rtol=1e-9)
+    np.testing.assert_allclose(learnt[0.1, True], [begun + walks] * 2, rtol=1e-3)
+    np.testing.assert_allclose(learnt[0.0, False], [begun + walks] * 2, rtol=1e-9)
 
 
 def test_a_frame_is_taken_once_and_as_old_as_it_is():

@@ -10,6 +10,9 @@ import pytest
 from controllers.ballplate import BallPlate
 from twin.hal.interface import SCREEN
 from twin.hal.linkage import Linkage
+from twin.identify.logs import MECHANISM_GRIP
+from twin.run.finished import run as finished
+from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts
@@ -134,6 +137,26 @@ def test_a_ball_off_its_middle_swings_as_a_physical_pendulum():
     about_contact = BALL.inertia + BALL.mass * (RADIUS - below) ** 2
     expected = 2 * math.pi * math.sqrt(about_contact / (BALL.mass * GRAVITY * below))
     assert period == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("omega", [0.75, 1.0])
+def test_friction_is_against_the_way_and_in_the_mechanism_turns_with_it_a_contact_late(omega):
+    """In the steady circle eta'' = f - F v / |v|, turned by omega times what it is late."""
+    turns, late = 4 * math.pi / omega, {}
+    for kind in ("lagrange", "mujoco"):
+        on = (f"plant.kind={kind}", f"reference.omega={omega}", f"duration={6.0 + turns}")
+        record = finished(load("circle", (*on, "sensors.ideal=true", "metrics.start=0"))).record
+        end = record.time > record.time[-1] - turns
+        x, turned = record["state"][end, 0], np.exp(1j * omega * record.time[end])
+        ball, slope = x[:, 0] + 1j * x[:, 4], x[:, 2] - 1j * x[:, 6]
+        free = BALL.derivative(x, np.zeros((len(x), 2)))[:, [1, 5]] @ (1, 1j)
+        at, tilt, pull = (np.mean(each * turned) for each in (ball, slope, free))
+        drag = -(omega**2) * (at + BALL.c2 * tilt) - pull
+        assert abs(drag) == pytest.approx(K1 * 0.18e-3 / RADIUS, rel=0.01)
+        late[kind] = -np.angle(drag / (1j * omega * at)) / omega
+    assert abs(late["lagrange"]) < 2e-3
+    assert late["mujoco"] == pytest.approx(MECHANISM_GRIP, abs=3e-3)
 
 
 def test_spin_about_the_vertical_is_braked_by_its_own_arm():
