@@ -185,8 +185,10 @@ class FrictionKalman(LateBall):
     as standard deviation after a second."""
     resting_walk: Positive | None = None
     """Random walk of the disturbance while the ball rests, alike: its friction may then be anything
-    up to the breakaway, and nothing of friction and tilt gain is seen, which do not change then.
-    None for the same as in motion."""
+    up to the breakaway. None for the same as in motion."""
+    keep_at_rest: bool = False
+    """Whether what is known of friction and tilt gain is kept while the ball rests, which tells
+    nothing of them, and does not grow uncertain by their random walks."""
     spread: tuple[Positive, Positive, Positive] = (0.03, 0.03, 0.02)
     """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
     R: tuple[Positive, Positive] = (NOISE[0], NOISE[2])
@@ -201,10 +203,10 @@ class FrictionKalman(LateBall):
         self._F = model.c1 * self.believed_mm / 1000 / model.radius * model.gravity
         velocity, disturbance, friction, gain = np.square(self.walk) * T
         self._Q = np.append(np.repeat((0.0, velocity, disturbance, gain), 2), friction)
-        self._at_rest = self.resting_walk is not None
-        if self.resting_walk is not None:
-            still = np.repeat((0.0, velocity, self.resting_walk**2 * T, 0.0), 2)
-            self._Q_at_rest = np.append(still, 0.0) - self._Q
+        at_rest = disturbance if self.resting_walk is None else self.resting_walk**2 * T
+        self._Q_at_rest = np.append(np.repeat((0.0, 0.0, at_rest - disturbance, 0.0), 2), 0.0)
+        if self.keep_at_rest:
+            self._Q_at_rest[LEARNT] = -self._Q[LEARNT]
         d, F0, kappa = np.square(self.spread)
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
 
@@ -259,7 +261,7 @@ class FrictionKalman(LateBall):
         A[:, 2, 6], A[:, 3, 7] = step.gain
         self._P = P = self._propagated(A, step)
         Q = self._Q
-        if self._at_rest:
+        if self._Q_at_rest.any():
             vx, vy = self._ball.velocity(self._s, then)
             rest = 1 / (1 + (vx * vx + vy * vy) / RESTING**2) ** 2
             Q = Q + column(rest) * self._Q_at_rest

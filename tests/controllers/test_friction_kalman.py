@@ -209,7 +209,7 @@ def test_friction_is_not_learnt_from_a_ball_that_lies_still(observer):
 
 
 def test_what_holds_a_ball_at_rest_is_found_sooner_and_no_motion_is_taken_for_rest():
-    quick, slow = FrictionKalman(resting_walk=0.1), FrictionKalman()
+    quick, slow = FrictionKalman(resting_walk=0.1, keep_at_rest=True), FrictionKalman()
     spreads, learnt = {}, {}
     for speed in (0.0, 0.1):
         for observer in (quick, slow):
