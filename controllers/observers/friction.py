@@ -201,12 +201,13 @@ class FrictionKalman(LateBall):
         super().__post_init__()
         model, T = self.model, self.period
         self._F = model.c1 * self.believed_mm / 1000 / model.radius * model.gravity
-        velocity, disturbance, friction, gain = np.square(self.walk) * T
+        walks = *self.walk, self.resting_walk or self.walk[1]
+        velocity, disturbance, friction, gain, resting = np.square(walks) * T
         self._Q = np.append(np.repeat((0.0, velocity, disturbance, gain), 2), friction)
-        at_rest = disturbance if self.resting_walk is None else self.resting_walk**2 * T
-        self._Q_at_rest = np.append(np.repeat((0.0, 0.0, at_rest - disturbance, 0.0), 2), 0.0)
+        self._Q_at_rest = np.append(np.repeat((0.0, 0.0, resting - disturbance, 0.0), 2), 0.0)
         if self.keep_at_rest:
             self._Q_at_rest[LEARNT] = -self._Q[LEARNT]
+        self._at_rest = bool(self._Q_at_rest.any())
         d, F0, kappa = np.square(self.spread)
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
 
@@ -261,7 +262,7 @@ class FrictionKalman(LateBall):
         A[:, 2, 6], A[:, 3, 7] = step.gain
         self._P = P = self._propagated(A, step)
         Q = self._Q
-        if self._Q_at_rest.any():
+        if self._at_rest:
             vx, vy = self._ball.velocity(self._s, then)
             rest = 1 / (1 + (vx * vx + vy * vy) / RESTING**2) ** 2
             Q = Q + column(rest) * self._Q_at_rest
@@ -407,8 +408,7 @@ class FrictionMapKalman(FrictionKalman):
     def friction_map(self) -> Array:
         """Friction at the points of the grid, m/s^2, shape (..., n, m), first along x."""
         n, m = self._cells
-        F0 = np.reshape(self._s[F], (-1, 1))
-        return (F0 + self._m).reshape(*self._shape, n + 1, m + 1)
+        return (np.reshape(self._s[F], (-1, 1)) + self._m).reshape(*self._shape, n + 1, m + 1)
 
     def _varies(self) -> Any:
         """What the map adds to the variance of the friction where the ball is now."""
