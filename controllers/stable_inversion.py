@@ -655,11 +655,8 @@ class StableInversion(AboutMotion):
     name: ClassVar[str] = "stable_inversion"
     needs: ClassVar[tuple[str, ...]] = (
         "friction",
-        "disturbance_x",
-        "disturbance_y",
-        "tilt_gain_x",
-        "tilt_gain_y",
         "plate_lag",
+        *(f"{each}_{axis}" for each in ("disturbance", "tilt_gain", "plate_bias") for axis in "xy"),
     )
 
     Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (3e5, 3e4, 1e4, 200.0)
@@ -679,6 +676,11 @@ class StableInversion(AboutMotion):
     """Wished speed in m/s, now and a second on, below which the ball is to be held rather than
     moved: friction is then fed forward along the ball's own heading, there being no other. 0 for
     never."""
+
+    rate_bias: bool = False
+    """Whether a law about drives with a lag counts what the observer finds that the plate turns
+    faster than they were told, while the ball is to go on and on: play changes the plate's rate all
+    the time there. Where the ball turns back the bias comes late and counts for nothing."""
 
     _slow: StableInversion | None = field(init=False, repr=False, compare=False, default=None)
     """The same with those weights."""
@@ -713,8 +715,8 @@ class StableInversion(AboutMotion):
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
         rows, k1 = now.x.reshape(-1, 8), self.model.k1
-        x, (F, *known, lag) = components(rows), components(now.needed.reshape(-1, 6))
-        motion, planned = now.plan.at(now.time), 1.0
+        x, (F, lag, *known) = components(rows), components(now.needed.reshape(-1, 8))
+        motion, planned, fast = now.plan.at(now.time), 1.0, 1.0
         if self.resting_speed:
             planned = beyond(motion[0].pace, self.resting_speed)
         K = self._gains_for(lag, planned)
@@ -741,7 +743,8 @@ class StableInversion(AboutMotion):
             seen = ball, v, sign * angle, sign * rate
             asked = self._about(K, seen, (wanted.position, wanted.velocity), slope)
             if len(K) > 4:
-                commanded = sign * numbers(now.rate[..., axis])
+                counted = self.rate_bias * fast * known[4 + axis]
+                commanded = sign * (numbers(now.rate[..., axis]) + counted)
                 jerk = (wanted.jerk[0] + F * planned * wanted.jerk[1]) / gain
                 ahead = commanded - slope.rate - lag * slope.acceleration
                 asked = asked + lag * jerk - K[4] * ahead

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from controllers.arrays import Array, Mask, Positive, column, components, every, numbers, together
-from controllers.interfaces import Measurement, Quantity
+from controllers.interfaces import Quantity
 from controllers.observers.late_ball import LAG, Derivatives, LateBall, LocalState, Tilt
 from controllers.observers.thesis import NOISE
 
@@ -51,9 +51,8 @@ class DisturbanceObserver(LateBall):
     """
 
     name: ClassVar[str] = "disturbance_observer"
-    knows: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("disturbance_x", "m/s^2"),
-        Quantity("disturbance_y", "m/s^2"),
+    knows: ClassVar[tuple[Quantity, ...]] = tuple(
+        Quantity(f"disturbance_{axis}", "m/s^2") for axis in "xy"
     )
 
     pole: Positive = 6.0
@@ -108,17 +107,15 @@ def gains(pole: float, T: float) -> Array:
 
 KNOWN = (
     Quantity("friction", "m/s^2"),
-    Quantity("disturbance_x", "m/s^2"),
-    Quantity("disturbance_y", "m/s^2"),
-    Quantity("tilt_gain_x", "1"),
-    Quantity("tilt_gain_y", "1"),
+    *DisturbanceObserver.knows,
+    *(Quantity(f"tilt_gain_{axis}", "1") for axis in "xy"),
     Quantity("friction_spread", "m/s^2"),
-    Quantity("tilt_gain_x_spread", "1"),
-    Quantity("tilt_gain_y_spread", "1"),
+    *(Quantity(f"tilt_gain_{axis}_spread", "1") for axis in "xy"),
+    *(Quantity(f"plate_bias_{axis}", "rad/s") for axis in "xy"),
     Quantity(LAG, "s"),
 )
-"""What the filter knows beyond the state; tilt gains are errors, spreads standard deviations, and
-the lag is that of the drives."""
+"""What the filter knows beyond the state; tilt gains are errors, spreads standard deviations, the
+lag is that of the drives, and the bias what the plate turns faster than they were told."""
 F = 8
 """Where the friction stands in the filter's state."""
 LEARNT = slice(6, None)
@@ -127,6 +124,8 @@ RESTING = 0.004
 """Speed in m/s at which a ball counts as resting by a quarter: what noise leaves of rest."""
 LARGEST_GAIN = 0.2
 """Bound of the error of the tilt gain."""
+FREE = 0.006
+"""Speed in m/s at which a ball that rested has come free by a half."""
 UNLIKELY = 36.0
 """Square of a touch sample's distance from what is expected, in standard deviations: noise is so
 far away once in 10^8 samples. Two in a row on the same side, and the ball has been struck: after a
@@ -189,6 +188,10 @@ class FrictionKalman(LateBall):
     keep_at_rest: bool = False
     """Whether what is known of friction and tilt gain is kept while the ball rests, which tells
     nothing of them, and does not grow uncertain by their random walks."""
+    forget_rest: Positive | None = None
+    """Time in s within which the filter forgets, once the ball comes free, what it added to the
+    disturbance while the ball rested: its breakaway friction held it then, and no longer does.
+    None for never."""
     spread: tuple[Positive, Positive, Positive] = (0.03, 0.03, 0.02)
     """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
     R: tuple[Positive, Positive] = (NOISE[0], NOISE[2])
@@ -207,7 +210,7 @@ class FrictionKalman(LateBall):
         self._Q_at_rest = np.append(np.repeat((0.0, 0.0, resting - disturbance, 0.0), 2), 0.0)
         if self.keep_at_rest:
             self._Q_at_rest[LEARNT] = -self._Q[LEARNT]
-        self._at_rest = bool(self._Q_at_rest.any())
+        self._at_rest = bool(self._Q_at_rest.any() or self.forget_rest)
         d, F0, kappa = np.square(self.spread)
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
 
@@ -218,18 +221,11 @@ class FrictionKalman(LateBall):
         self._A = np.tile(np.eye(9), (self._rigs, 1, 1))
         for k in range(4):
             self._A[:, k, k + 2] = self.period
-        self._seen = self._unseen = components(np.full((self._rigs, 4), np.nan))
         self._far: tuple[Any, Any] = (0.0, 0.0)
-
-    @property
-    def innovation(self) -> Array:
-        """Last innovation in m, shape (..., 2); NaN where no new sample was taken."""
-        return together(self._seen[:2], self._rigs).reshape(*self._shape, 2)
-
-    @property
-    def innovation_variance(self) -> Array:
-        """What the filter takes for its variance, m^2, alike."""
-        return together(self._seen[2:], self._rigs).reshape(*self._shape, 2)
+        self._rest: Any = 0.0
+        """How much the ball rests, from 0 to 1."""
+        self._added: Any = components(np.zeros((self._rigs, 2)))
+        """What was found of the disturbance while it did, m/s^2."""
 
     @property
     def P(self) -> Array:
@@ -238,13 +234,13 @@ class FrictionKalman(LateBall):
 
     @property
     def further(self) -> Array:
-        """What is ``KNOWN`` of friction, disturbance, tilt gain and lag, shape (..., 9)."""
+        """What is ``KNOWN`` of friction, disturbance, tilt gain and drives, shape (..., 11)."""
         by, (_, _, _, _, dx, dy, kx, ky, friction) = self._by, self._now.s
         along, across, variance = components(diagonal(self._P)[:, 6:])
         variance = by.most(variance + self._varies(), 0.0)  # a map is rounded
         spreads = map(by.sqrt, (variance, along, across))
-        lag = self._lag + 0.0 * friction
-        found = together((friction, dx, dy, kx, ky, *spreads, lag), self._rigs)
+        drives = *(plate.bias for plate in self._plates), self._lag + 0.0 * friction
+        found = together((friction, dx, dy, kx, ky, *spreads, *drives), self._rigs)
         return found.reshape(*self._shape, len(KNOWN))
 
     def _varies(self) -> Any:
@@ -264,19 +260,21 @@ class FrictionKalman(LateBall):
         Q = self._Q
         if self._at_rest:
             vx, vy = self._ball.velocity(self._s, then)
-            rest = 1 / (1 + (vx * vx + vy * vy) / RESTING**2) ** 2
+            square = vx * vx + vy * vy
+            rest = 1 / (1 + square / RESTING**2) ** 2
             Q = Q + column(rest) * self._Q_at_rest
+            if self.forget_rest:
+                free = 1 - 1 / (1 + (square / FREE**2) ** 2)
+                self._rest, kept = 1 - free, 1 - self.period / self.forget_rest * free
+                for axis, added in enumerate(self._added):
+                    self._s[4 + axis] = self._s[4 + axis] - (1 - kept) * added
+                self._added = [kept * added for added in self._added]
         spread = diagonal(P)
         spread += Q
 
     def _propagated(self, A: Array, step: Derivatives) -> Array:
         """Covariance a period on, from what the period does to the nine states."""
         return A @ self._P @ A.swapaxes(1, 2)
-
-    def correct(self, measurement: Measurement) -> Array:
-        """Take in plate angles of now and a ball position of a dead time ago."""
-        self._seen = self._unseen
-        return super().correct(measurement)
 
     def _take(self, seen: tuple[Any, Any], age: Any, new: Any, then: Tilt) -> None:
         """Correct by a touch sample.
@@ -308,6 +306,9 @@ class FrictionKalman(LateBall):
             change[~moving, LEARNT] = 0.0
         self._reduce(W, moving)
         self._correct_by(change)
+        if self.forget_rest:
+            told_at_rest = zip(self._added, components(change[:, 4:6]), strict=True)
+            self._added = [a + self._rest * d for a, d in told_at_rest]
         if by.any(struck):
             passed = np.vstack((SINCE * np.eye(2), np.eye(2)))  # by a blow, eta and eta'
             self._P[np.reshape(struck, -1), :4, :4] += BLOW**2 * passed @ passed.T
@@ -315,7 +316,6 @@ class FrictionKalman(LateBall):
         self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[F] = least(most(friction, 0.0), self.most_friction * self._F)
-        self._seen = [by.where(new, each, math.nan) for each in (ex, ey, a, c)]
 
     def _reduce(self, W: Array, moving: Mask) -> None:
         """Take from the covariance what a touch sample tells; nothing of F and kappa at rest."""

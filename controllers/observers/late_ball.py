@@ -269,7 +269,8 @@ class SlowPlate:
         """The same as far as the drives have followed it, rad/s."""
         self.left: Any = math.exp(-period / lag) if lag else 0.0
         """Share of a change of the commanded rate that the drives have left after a period."""
-        self._bias = 0 * angle
+        self.bias = 0 * angle
+        """What the plate turns faster than that, rad/s: play of the drives, disturbed motors."""
         self._period = period
         self._gain = 2 * pole * period, pole * pole * period
 
@@ -277,15 +278,15 @@ class SlowPlate:
         """Angle in rad and rate in rad/s, once the angle has been measured."""
         error = measured - self.angle
         self.angle = self.angle + self._gain[0] * error
-        self._bias = self._bias + self._gain[1] * error
-        return self.angle, self.commanded + self._bias
+        self.bias = self.bias + self._gain[1] * error
+        return self.angle, self.commanded + self.bias
 
     def predict(self, u: Any) -> None:
         """One period under the applied acceleration in rad/s^2."""
         T, before = self._period, self.commanded
         self.told = self.told + T * u
         self.commanded = self.told + self.left * (before - self.told)
-        self.angle = self.angle + T * (before + self.commanded) / 2 + T * self._bias
+        self.angle = self.angle + T * (before + self.commanded) / 2 + T * self.bias
 
 
 LAG = "plate_lag"

@@ -1,5 +1,7 @@
 """Observers of a rolling ball's friction, and of its map, on balls that obey what they assume."""
 
+import copy
+
 import numpy as np
 import pytest
 from observing import measured, normalised, within
@@ -121,6 +123,22 @@ class World:
         return np.concatenate((eta, speed, d, kappa, F[:, None], self.fields), axis=1)
 
 
+def unsampled(observer, measurement):
+    """What the observer would be after a measurement without its touch sample."""
+    unseen = copy.deepcopy(observer)
+    unseen.correct(measurement._replace(touched=np.zeros(len(measurement.y), bool)))
+    return unseen
+
+
+def innovations_squared(observer, world, measurement):
+    """Of the sample that comes, over the variance that the filter expects of it, shape (N, 2)."""
+    unseen = unsampled(observer, measurement)
+    lever = MODEL.c2 * np.array([1.0, -1.0])
+    expected = unseen.s[:, :2] - lever * world.then()[0][:, 2::4]
+    variance = np.diagonal(unseen.P, axis1=1, axis2=2)[:, :2] + observer.R
+    return (measurement.y[:, 0::2] - expected) ** 2 / variance
+
+
 def known(observer):
     """What an observer knows beyond the state, by name."""
     names = [quantity.name for quantity in observer.knows]
@@ -135,10 +153,12 @@ def consistency():
     world = World(observer, rigs=200)
     errors, nis, carried = [], [], []
     for tick in range(1000):
-        x = observer.correct(world.measure())
+        sample = world.measure()
+        if tick % 100 == 99:
+            nis.append(innovations_squared(observer, world, sample))
+        x = observer.correct(sample)
         if tick % 100 == 99:
             errors.append(normalised(observer.s - world.truth(), observer.P))
-            nis.append(observer.innovation**2 / observer.innovation_variance)
             carried.append(x[:, 0::4] - world.x[:, 0::4])
         observer.predict(world.advance())
     return observer, world, np.array(errors), np.array(nis), np.array(carried)
@@ -230,15 +250,35 @@ def test_what_holds_a_ball_at_rest_is_found_sooner_and_no_motion_is_taken_for_re
     np.testing.assert_allclose(learnt[0.0, False], [begun + walks] * 2, rtol=1e-9)
 
 
+@pytest.mark.parametrize("forgets", [False, True])
+def test_what_held_a_ball_at_rest_is_forgotten_once_it_comes_free(forgets):
+    forget_rest = 0.05 if forgets else None
+    observer = FrictionKalman(resting_walk=0.03, keep_at_rest=True, forget_rest=forget_rest)
+    observer.start(np.zeros((1, 8)))
+    x, v, push = 0.0, 0.0, MODEL.k1 * np.sin(np.radians(1.0))
+    believed = known(observer)["friction"][0]
+    for tick in range(1275):
+        if tick == 1000:  # its breakaway friction is behind it
+            assert observer.s[0, 4] == pytest.approx(-push, rel=0.2)
+        v = v + T * (push - believed) * (tick >= 1000)
+        x = x + T * v
+        observer.correct(measured(np.array([[x, np.radians(1.0), 0.0, 0.0]])))
+        observer.predict(np.zeros((1, 2)))
+    # the level is right: all that held it was friction; else that of motion is learnt wrongly
+    assert (abs(observer.s[0, 4]) < 0.05 * push) == forgets
+    assert (abs(observer.s[0, 8] / believed - 1) < 0.05) == forgets
+
+
 def test_a_frame_is_taken_once_and_as_old_as_it_is():
     observer = FrictionKalman()
     observer.start(np.zeros((1, 8)))
     y = np.array([[0.05, 0.0, 0.0, 0.0]])
     taken = []
     for tick in range(20):
-        age = np.full(1, (tick % 8) * T)
-        observer.correct(Measurement(tick * T, y, age, np.ones(1, bool)))
-        taken.append(bool(np.isfinite(observer.innovation).all()))
+        sample = Measurement(tick * T, y, np.full(1, (tick % 8) * T), np.ones(1, bool))
+        unseen = unsampled(observer, sample)
+        observer.correct(sample)
+        taken.append(not np.array_equal(observer.P, unseen.P))
         observer.predict(np.zeros((1, 2)))
     assert [tick for tick, new in enumerate(taken) if new] == [0, 8, 16]
 
@@ -265,10 +305,11 @@ def learnt():
     world = World(observer, rigs=16)
     nis, way = [], []
     for tick in range(2100):
-        observer.correct(world.measure())
+        sample = world.measure()
         if tick % 100 == 99:
-            nis.append(observer.innovation**2 / observer.innovation_variance)
+            nis.append(innovations_squared(observer, world, sample))
             way.append(world.x[:, 0::4])
+        observer.correct(sample)
         if tick < 2099:
             observer.predict(world.advance())
     return observer, world, np.array(nis), np.array(way)

@@ -131,6 +131,26 @@ def test_where_the_ball_is_to_rest_a_lag_that_is_found_is_left_out():
     assert (np.abs(without - found) > 0.01).all()
 
 
+@pytest.mark.parametrize(
+    "path", [Circle(amplitude=0.15, omega=2.0), Sine(amplitude=(0.15, 0.0), omega=1.0)]
+)
+def test_a_plate_that_turns_faster_than_told_counts_as_told_so_while_the_ball_goes_on(path):
+    x = np.array([[0.01, 0.02, 0.003, 0.04, -0.02, 0.0, 0.01, 0.05]])
+    rate, bias = np.array([[0.05, -0.03]]), np.array([[0.01, 0.02]])
+
+    def of(counts, rate, bias):
+        law = StableInversion(rate_bias=counts, Q_slow=(3e5, 3e4, 1e4, 300.0))
+        plan = law.start(np.zeros((1, 8)), path, T)
+        known = (0.05, 0.01, 0.0, 0.0, 0.0, 0.02)
+        now = feedback(2 * math.pi, x, path, plan, known=known, bias=bias[0])
+        return law.command(now._replace(rate=rate))
+
+    plain, faster = (of(False, each, bias) for each in (rate, rate + bias))
+    goes_on = isinstance(path, Circle)  # a line turns back within the preview
+    assert (np.abs(faster - plain) > 0.1).all()
+    np.testing.assert_allclose(of(True, rate, bias), faster if goes_on else plain, rtol=1e-2)
+
+
 @pytest.mark.parametrize(("told", "found"), [(0.0, 0.0), (0.0, 0.02), (LAG, 0.0)])
 def test_a_ball_that_goes_on_has_the_weights_of_the_law_and_any_other_those_of_a_slow_one(
     told, found
@@ -170,8 +190,8 @@ def test_a_lag_is_each_rigs_own():
     lags, x = (0.0, 0.004, 0.02), np.zeros((3, 8))
     x[:, :4] = 0.01, 0.02, 0.003, 0.04
     plan = law.start(0 * x, path, T)
-    now = feedback(3.0, x, path, plan)
-    beside = law.command(now._replace(needed=np.array([(*known, lag) for lag in lags])))
+    rows = [feedback(3.0, x[:1], path, plan, known=(*known, lag)).needed[0] for lag in lags]
+    beside = law.command(feedback(3.0, x, path, plan)._replace(needed=np.array(rows)))
     for lag, row in zip(lags, beside, strict=True):
         plan = law.start(np.zeros((1, 8)), path, T)
         alone = law.command(feedback(3.0, x[:1], path, plan, known=(*known, lag)))
@@ -227,9 +247,11 @@ def test_the_future_beyond_the_preview_has_no_influence(preview, slope):
     assert parting - preview - further - 1e-9 <= first <= parting + 2 * T
 
 
-def feedback(t, x, path, plan, known=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0)):
+def feedback(t, x, path, plan, known=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0), bias=(0.0, 0.0)):
+    """With what is known of friction, disturbance, tilt gain and lag."""
     still = np.zeros((len(x), 2))
-    needed = np.tile(known, (len(x), 1))
+    F, *disturbance_and_gain, lag = known
+    needed = np.tile((F, lag, *disturbance_and_gain, *bias), (len(x), 1))
     return Feedback(t, x, x, needed, still, still, path, np.zeros((len(x), 0)), plan)
 
 
