@@ -679,8 +679,8 @@ class StableInversion(AboutMotion):
 
     rate_bias: bool = False
     """Whether a law about drives with a lag counts what the observer finds that the plate turns
-    faster than they were told, while the ball is to go on and on: play changes the plate's rate all
-    the time there. Where the ball turns back the bias comes late and counts for nothing."""
+    faster than they were told: play changes the plate's rate all the time. With ``Q_slow`` only
+    while the ball is to go on and on; where it turns back the bias comes late."""
 
     _slow: StableInversion | None = field(init=False, repr=False, compare=False, default=None)
     """The same with those weights."""

@@ -125,7 +125,7 @@ RESTING = 0.004
 LARGEST_GAIN = 0.2
 """Bound of the error of the tilt gain."""
 FREE = 0.006
-"""Speed in m/s at which a ball that rested has come free by a half."""
+"""Speed in m/s at which a ball that rested has come free by a half: beyond what noise leaves."""
 UNLIKELY = 36.0
 """Square of a touch sample's distance from what is expected, in standard deviations: noise is so
 far away once in 10^8 samples. Two in a row on the same side, and the ball has been struck: after a
@@ -264,8 +264,8 @@ class FrictionKalman(LateBall):
             rest = 1 / (1 + square / RESTING**2) ** 2
             Q = Q + column(rest) * self._Q_at_rest
             if self.forget_rest:
-                free = 1 - 1 / (1 + (square / FREE**2) ** 2)
-                self._rest, kept = 1 - free, 1 - self.period / self.forget_rest * free
+                self._rest = 1 / (1 + (square / FREE**2) ** 2)
+                kept = 1 - self.period / self.forget_rest * (1 - self._rest)
                 for axis, added in enumerate(self._added):
                     self._s[4 + axis] = self._s[4 + axis] - (1 - kept) * added
                 self._added = [kept * added for added in self._added]
