@@ -269,6 +269,19 @@ def test_what_held_a_ball_at_rest_is_forgotten_once_it_comes_free(forgets):
     assert (abs(observer.s[0, 8] / believed - 1) < 0.05) == forgets
 
 
+def test_what_a_plate_turns_faster_than_it_was_told_is_known_of_each_axis():
+    observer, rates = FrictionKalman(), np.array([0.01, -0.02])
+    observer.start(np.zeros((1, 8)))
+    for tick in range(500):
+        y = np.zeros((1, 4))
+        y[0, 1::2] = rates * tick * T
+        observer.correct(measured(y))
+        observer.predict(np.zeros((1, 2)))
+    found = known(observer)
+    bias = [found["plate_bias_x"][0], found["plate_bias_y"][0]]
+    np.testing.assert_allclose(bias, rates, rtol=1e-3)
+
+
 def test_a_frame_is_taken_once_and_as_old_as_it_is():
     observer = FrictionKalman()
     observer.start(np.zeros((1, 8)))
