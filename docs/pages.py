@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ballplate.changes import KeyChange
 from twin.page import filled as filled_template
+from twin.scenario.load import read
 from twin.writing import write_json, write_whole
 
 if TYPE_CHECKING:
@@ -43,8 +45,13 @@ def write(path: Path, text: str) -> None:
 
 
 def planned(name: str) -> dict[str, Any]:
-    """What a script of this folder is to run."""
-    return tomllib.loads((HERE / f"{name}.toml").read_text(encoding="utf-8"))
+    """What a script of this folder is to run; a law ``of`` a scenario sets what that has of it."""
+    plan = tomllib.loads((HERE / f"{name}.toml").read_text(encoding="utf-8"))
+    for law in plan.get("laws", ()):
+        if "of" in law:
+            tables = read(law["of"])[0]
+            law["set"] = [KeyChange.of(key, tables[key]).text for key in ("controller", "observer")]
+    return plan
 
 
 def said(value: float | None, form: str = ".3g") -> str:

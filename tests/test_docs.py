@@ -51,7 +51,7 @@ def regenerate():
 
 def test_the_page_about_the_cure_hides_no_lost_ball_and_no_missed_goal():
     cure = script("cure")
-    plan = tomllib.loads((ROOT / "docs" / "cure.toml").read_text(encoding="utf-8"))
+    plan = cure.planned("cure")
     plan = {**plan, "laws": plan["laws"][:2], "tasks": plan["tasks"][:2], "rigs": 2}
     plan["noises"] = 2
     first, last = cure.cells(plan, [0.1, 0.3, 0.3, None, 6.0, 4.0, 1.5, 0.9])
@@ -202,7 +202,7 @@ def test_a_result_of_the_tuned_laws_is_kept_only_while_all_that_a_search_reads_i
 
 def test_what_is_kept_for_the_page_of_the_cure_has_all_that_it_depends_on_in_its_key(monkeypatch):
     cure = script("cure")
-    plan = tomllib.loads((ROOT / "docs" / "cure.toml").read_text(encoding="utf-8"))
+    plan = cure.planned("cure")
     plan = plan | {"rigs": 1, "noises": 1, "laws": plan["laws"][:1]}
     task = plan["tasks"][0]
     runs = cure.scenarios(plan, task)
@@ -231,7 +231,7 @@ def test_what_is_kept_for_the_page_of_the_cure_has_all_that_it_depends_on_in_its
 @pytest.mark.parametrize("number", [4, 6])
 def test_every_law_of_the_page_about_the_cure_is_made_for_a_task(number):
     cure = script("cure")
-    plan = tomllib.loads((ROOT / "docs" / "cure.toml").read_text(encoding="utf-8")) | {"rigs": 1}
+    plan = cure.planned("cure") | {"rigs": 1}
     runs = cure.scenarios(plan, plan["tasks"][number])
     assert len(runs) == (plan["noises"] + 1) * len(plan["laws"])
     kinds = {run.controller.kind for run in runs}

@@ -63,7 +63,7 @@ def test_a_run_whose_numbers_run_away_has_diverged_and_is_saved(
             (plant._x if kind == "lagrange" else plant._qvel)[:] = 1e300
 
     monkeypatch.setattr(plant, "advance", run_away)
-    monkeypatch.setattr(twin.run.assemble, "assemble", lambda _: (rig, controller))
+    monkeypatch.setattr(twin.run.assemble, "assemble", lambda *_, **__: (rig, controller))
     with np.errstate(all="ignore"):
         done = run(chosen)
     assert done.outcome == Ending.DIVERGED
@@ -84,7 +84,7 @@ def test_ctrl_c_ends_a_run_as_aborted_with_its_record(scenario, monkeypatch, tmp
         return original(measurement)
 
     monkeypatch.setattr(controller, "command", interrupted)
-    monkeypatch.setattr(twin.run.assemble, "assemble", lambda _: (rig, controller))
+    monkeypatch.setattr(twin.run.assemble, "assemble", lambda *_, **__: (rig, controller))
     done = run(chosen)
     assert done.outcome == Ending.ABORTED
     assert done.record.length == 49

@@ -72,6 +72,11 @@ def study(capsys, tmp_path: Path, monkeypatch):
             VALUES + '\n[[variants]]\nname = "a"\n[[variants]]\nname = "a"',
             "variants: two of them are called 'a'",
         ),
+        (
+            VALUES,
+            VALUES + '\n[[variants]]\nname = "a"\nscenario = "cuer"',
+            "scenario 'cuer': not found; did you mean 'cure'",
+        ),
         ('title = "short"', "title = ", "not a TOML file"),
         (
             f'"{KEY}"]',

@@ -66,6 +66,19 @@ def test_a_study_that_says_its_step_keeps_it(where: str, tmp_path) -> None:
     assert set(steps(made)) == {0.001}
 
 
+def test_a_variant_with_a_scenario_of_its_own_is_that_one_at_the_study_s_points() -> None:
+    own = {"name": "cure", "scenario": "cure", "set": ["controller.spread=1.1"]}
+    made = work("duration=3.0", variants=[{"name": "afl"}, own])
+    runs = [made.scenario(task) for task in made.tasks]
+    for run, rolling in zip(runs[1::2], (0.1, 0.2), strict=True):
+        cure = load("cure", ["duration=3.0", "controller.spread=1.1", "plant.step=0.002", "seed=0"])
+        assert run.controller == cure.controller
+        assert run.observer == cure.observer
+        assert run.plant.friction.rolling_mm == rolling
+        assert run.duration == 3.0
+    assert [run.controller.kind for run in runs[::2]] == ["afl", "afl"]
+
+
 @pytest.mark.parametrize(
     "setting",
     [

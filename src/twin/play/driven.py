@@ -86,8 +86,7 @@ class DrivenRig:
 
     def __init__(self, driven: Driven) -> None:
         self._controlled = driven.scenario
-        self.rig, self.controller = assemble(self._controlled, changeable=True)
-        self.rig.LEVELLING_TIME = 0.0
+        self.rig, self.controller = assemble(self._controlled, changeable=True, unseen=True)
         self.ghost = Ghost(self._controlled, driven.reference)
         self._before: tuple[Controller, Scenario] | None = None
         self.follow(driven.reference)
@@ -181,8 +180,7 @@ class Ghost:
 
     def __init__(self, scenario: Scenario, reference: Reference) -> None:
         self._scenario = clean(scenario)
-        self.rig, self.controller = assemble(self._scenario)
-        self.rig.LEVELLING_TIME = 0.0
+        self.rig, self.controller = assemble(self._scenario, unseen=True)
         self.rig.__enter__()
         self.measurement = self.rig.read()
         self.follow(reference)

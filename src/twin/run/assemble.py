@@ -581,6 +581,7 @@ def assemble(
     seeds: Sequence[np.random.SeedSequence] | None = None,
     anchor: float = Rig.ANCHOR,
     changeable: bool = False,
+    unseen: bool = False,
 ) -> Assembled:
     """N rigs and their controllers from N scenarios.
 
@@ -591,6 +592,7 @@ def assemble(
             rig has the same noise alone and in a batch.
         anchor: Time in s from one look of the rig at its measured plate angle to the next.
         changeable: Whether it may be told of further changes while it runs (``Changes.follow``).
+        unseen: Whether nobody sees how the plate is left, so that it need not be levelled.
 
     Raises:
         ScenarioError: If the parts do not fit together, or scenarios differ in what the rigs of a
@@ -602,9 +604,10 @@ def assemble(
         agree(shared(each[0]), shared(other), "rigs that run side by side")
     controller = build_controllers(each)
     plant, transmission = build_plant(each, threads=threads)
-    return Assembled(
-        build_rig(each, plant, transmission, seeds, anchor, changeable=changeable), controller
-    )
+    rig = build_rig(each, plant, transmission, seeds, anchor, changeable=changeable)
+    if unseen:
+        rig.LEVELLING_TIME = 0.0
+    return Assembled(rig, controller)
 
 
 def build_rig(

@@ -284,8 +284,7 @@ def run(
         TwinError: If the scenario cannot be assembled.
     """
     if rig is None:
-        rig, controller = assemble.assemble(scenario)
-        rig.LEVELLING_TIME = 0.0  # nobody sees how it is left
+        rig, controller = assemble.assemble(scenario, unseen=True)
     else:
         controller = assemble.build_controller(scenario.in_real_time)
     period = scenario.rig.period

@@ -268,8 +268,7 @@ def simulate(
     """
     order = _padded(scenarios)
     first = scenarios[0]
-    rig, controller = assemble.assemble([scenarios[i] for i in order], threads=1)
-    rig.LEVELLING_TIME = 0.0  # nobody sees how it is left
+    rig, controller = assemble.assemble([scenarios[i] for i in order], threads=1, unseen=True)
     ticks = round(first.duration / first.rig.period)
     late = [bool(scenario.controller.computing_time) for scenario in scenarios]
     record = Recorder(

@@ -166,9 +166,16 @@ Method = Literal["grid", "lhs", "montecarlo", "sobol"]
 
 
 class Variant(Checked):
-    """One of several things to compare on equal terms: a name and what it changes."""
+    """One of several things to compare on equal terms: a name and what it changes.
+
+    Attributes:
+        name: What it is called.
+        scenario: Name or file of a scenario in place of the study's.
+        set: Overrides ``key=value``, over those of the study.
+    """
 
     name: str
+    scenario: str = ""
     set: tuple[str, ...] = ()
 
 

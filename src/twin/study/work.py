@@ -294,11 +294,13 @@ class Work(ScenarioRuns):
         super().__init__(())
         self.study = study
         self.design = points(study)
-        self._build = Builder(study.scenario)
         self._relative = {key for key, item in study.parameters.items() if item.relative}
-        self._fixed = {each.name: (*study.set, *each.set) for each in study.compared}
+        self._bases = {
+            each.name: (Builder(each.scenario or study.scenario), (*study.set, *each.set))
+            for each in study.compared
+        }
         self.steps: set[float] = set()
-        for point, seed, name in product(range(len(self.design)), range(study.seeds), self._fixed):
+        for point, seed, name in product(range(len(self.design)), range(study.seeds), self._bases):
             scenario = self._made(name, point, seed)
             self.steps.add(scenario.plant.step)
             self.tasks.append(self._task(scenario, name, point, seed))
@@ -317,8 +319,9 @@ class Work(ScenarioRuns):
         return self._made(task.variant, task.point, task.seed)
 
     def _made(self, variant: str, point: int, seed: int) -> Scenario:
-        fixed = (*self._fixed[variant], f"seed={seed}")
-        return untitled(at_study_step(self._build(fixed, self.design[point], self._relative)))
+        build, fixed = self._bases[variant]
+        scenario = build((*fixed, f"seed={seed}"), self.design[point], self._relative)
+        return untitled(at_study_step(scenario))
 
 
 def untitled(scenario: Scenario) -> Scenario:

@@ -186,8 +186,7 @@ def _simulated_again(scenario: Scenario, at: float) -> tuple[Snapshot, Array, Ar
     Raises:
         RecordError: If the run ends before.
     """
-    rig, controller = assemble(scenario)
-    rig.LEVELLING_TIME = 0.0
+    rig, controller = assemble(scenario, unseen=True)
     period = scenario.rig.period
     record = Recorder(round(at / period) + 1, 1, period, rig.channels, keep=("state",))
     kept: list[Snapshot] = []
@@ -402,8 +401,7 @@ def _apart(log: Usable, scenario: Scenario, at: float) -> float | None:
     period = scenario.rig.period
     if log.unbroken_since(at) > begin - LED / 2:
         return None
-    rig, _ = assemble(scenario)
-    rig.LEVELLING_TIME = 0.0
+    rig, _ = assemble(scenario, unseen=True)
     times = begin + period * np.arange(round(LOOK_BACK / period))
     found: list[Array] = []
     with rig:
@@ -504,8 +502,7 @@ def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Fut
     Raises:
         TwinError: If the branch cannot be assembled.
     """
-    rig, controller = assemble(scenario)
-    rig.LEVELLING_TIME = 0.0
+    rig, controller = assemble(scenario, unseen=True)
     period = scenario.rig.period
 
     def begin(_: Measurement) -> Measurement:
