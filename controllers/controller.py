@@ -387,6 +387,7 @@ class _PartOf(Reference):
 
     def __init__(self, whole: Reference, place: Place) -> None:
         self._whole, self._place = whole, place
+        self.original = getattr(whole, "original", whole)
 
     def __call__(self, t: float | Array) -> Array:
         """Positions and four derivatives, shape (5, *shape(t), n, 2)."""

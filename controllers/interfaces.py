@@ -119,6 +119,8 @@ class Law(ABC):
     """Length of q, the law's own integrator states; 0 for a static law."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Names of the quantities beyond the state without which the law cannot work."""
+    replans: ClassVar[bool] = False
+    """Whether its plan takes in that the path ahead has become another."""
 
     model: BallPlate = field(default_factory=BallPlate, repr=False)
     """The model the law is designed on."""

@@ -62,9 +62,10 @@ class Slices(ABC):
         self._first, self._made = -preview.count, 0
         self._turn()
 
-    def _tick(self, t: float) -> int:
+    def _tick(self, t: float, reference: Reference | None = None) -> int:
         """Where in its slice a time in s stands that does not lie before the one asked for last."""
         count = self._preview.count
+        self._preview.reference = reference or self._preview.reference
         tick = round(t / self._period) - self._first
         while tick >= count:
             self._turn()
@@ -269,6 +270,10 @@ class FeasiblePath:
         self._warm: tuple[Array, Array] | None = None
         self._astray: Mask = np.zeros((), bool)
 
+    def begin_anew(self) -> None:
+        """Expect another path: whether it goes on from the slice before is to be seen."""
+        self._warm, self._astray = None, np.ones((), bool)
+
     def within(self, path: Array) -> Mask:
         """Whether acceleration and jerk of a path keep to the limits, shape (...,).
 
@@ -385,7 +390,10 @@ class Preview:
         spread: float,
         limits: tuple[float, float] | None = None,
     ) -> None:
-        self._reference, self._period, self._spread = reference, period, spread
+        self._period, self._spread = period, spread
+        self.reference = reference
+        """The path; another one is asked from the next slice on."""
+        self._asked_of: Any = None
         ahead = math.floor(horizon / period + 1e-9)
         self.early = EARLY if ahead >= SLICE + EARLY else 0
         """Ticks before a slice begins at which it is asked for, so that the window is shorter."""
@@ -393,7 +401,7 @@ class Preview:
         """Ticks of the window."""
         self.count = min(SLICE, self.length)
         """Ticks of a slice."""
-        self._known = 0
+        self._known = self._begun = 0
         able = limits is not None and self.early > 0
         self._feasible = FeasiblePath(limits, period, self.count) if able and limits else None
         self._further = math.ceil(AHEAD / period) if able else 0
@@ -406,14 +414,16 @@ class Preview:
         self._last = np.stack((start, 0 * start))
 
     def ask(self) -> None:
-        """Ask for a slice more of the reference, its jumps spread."""
+        """Ask for a slice more of the reference, its jumps spread; of another one for all of it."""
         count = self.count
-        if not self._known:
-            count = self.length
-            if self._feasible is not None:
-                count = -(-self.length // self.count) * self.count + self._further
+        original = getattr(self.reference, "original", self.reference)
+        if self._known and original != self._asked_of:
+            self._forget()
+        self._asked_of = original
+        if self._known == self._begun:
+            count = -(-self.length // count) * count + self._further
         times = (self._known + np.arange(count)) * self._period
-        given = self._reference(times)[:3]
+        given = self.reference(times)[:3]
         rigs = self.window.shape[2:-1]
         r = np.empty((3, count, *rigs, 2))
         r[...] = given.reshape(3, count, *given.shape[2:-1] or [1] * len(rigs), 2)
@@ -422,25 +432,34 @@ class Preview:
         self._asked = np.concatenate((self._asked, r), axis=1)
         self._known += count
 
+    def _forget(self) -> None:
+        """Of what was asked for and made keep the slice that is under way."""
+        self._known = self._begun
+        self._asked, self._made = self._asked[:, :0], self._made[:, : self.count]
+        self._last, self._jumps = self._made[:2, -1], []
+        if self._feasible is not None:
+            self._feasible.begin_anew()
+
     def go_on(self) -> None:
         """Go on by a slice, along what plate and ball can do of what was asked for."""
-        made = self._made[:, self.count :]
+        passed, made = self._made[:, : self.count], self._made[:, self.count :]
         while made.shape[1] < self.length:
             slice_ = self._asked[:, : self.count]
             if self._feasible is not None:
-                before = made[:, -1] if made.shape[1] else slice_[:, 0]
+                last = made if made.shape[1] else passed
+                before = last[:, -1] if last.shape[1] else slice_[:, 0]
                 slice_ = self._feasible.follow(before, self._asked)
             made = np.concatenate((made, slice_), axis=1)
             self._asked = self._asked[:, self.count :]
         self._made, self.window = made, made[:, : self.length]
+        self._begun += self.count
 
     def _spread_jumps(self, r: Array, times: Array) -> None:
         """Spread the jumps of what was asked for last, shape (3, K, ..., 2), in place."""
-        T, count, first = self._period, len(times), self._known == 0
+        T, count, begin = self._period, len(times), int(self._known == 0)
         position, velocity = np.concatenate((self._last[:, None], r[:2]), axis=1)
         self._last = r[:2, -1].copy()
         way = position[1:] - position[:-1]
-        begin = 1 if first else 0
         way[begin:] -= T / 2 * (velocity[begin + 1 :] + velocity[begin:-1])
         far = (np.abs(way) > JUMP).any(axis=-1, keepdims=True)
         if far.any():
@@ -522,10 +541,6 @@ class AboutMotion(Law):
         P = scipy.linalg.solve_continuous_are(A, B, np.diag(self.Q), np.eye(1))
         return P[3]
 
-    def start(self, x: Array, reference: Reference, period: float) -> Any:
-        """The motion of ball and plate, its first slice laid."""
-        return MotionPlan(self, x, reference, period)
-
     def ahead(
         self, x: Array, reference: Reference, period: float, *, feasible: bool = True
     ) -> Preview:
@@ -561,10 +576,6 @@ class AboutMotion(Law):
         laid, wished = paths
         away = np.hypot(*(laid - wished).T)
         return np.where(away[:, None] > DIFFERENT, laid, np.nan)
-
-    def command(self, now: Feedback) -> Array:
-        """Plate accelerations in rad/s^2, shape (..., 2), about the motion."""
-        return self.about(now.equivalent, *now.plan.at(now.time))
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """The same without a plan: the flat model's slope."""
@@ -653,6 +664,7 @@ class StableInversion(AboutMotion):
     """
 
     name: ClassVar[str] = "stable_inversion"
+    replans: ClassVar[bool] = True
     needs: ClassVar[tuple[str, ...]] = (
         "friction",
         "plate_lag",
@@ -716,7 +728,7 @@ class StableInversion(AboutMotion):
         """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
         rows, k1 = now.x.reshape(-1, 8), self.model.k1
         x, (F, lag, *known) = components(rows), components(now.needed.reshape(-1, 8))
-        motion, planned, fast = now.plan.at(now.time), 1.0, 1.0
+        motion, planned, fast = now.plan.at(now.time, now.reference), 1.0, 1.0
         if self.resting_speed:
             planned = beyond(motion[0].pace, self.resting_speed)
         K = self._gains_for(lag, planned)
@@ -809,9 +821,14 @@ class InversePlan(Slices):
         self._free, self._drag = (inverse(law.model, preview, period) for _ in range(2))
         super().__init__(preview, period)
 
-    def at(self, t: float) -> list[InverseMotion]:
-        """What is wanted along x and y at a time in s not before the one asked for last."""
-        tick = self._tick(t)
+    def at(self, t: float, reference: Reference | None = None) -> list[InverseMotion]:
+        """What is wanted along x and y at a time in s not before the one asked for last.
+
+        Args:
+            t: The time.
+            reference: The path from now on; as before by default.
+        """
+        tick = self._tick(t, reference)
         rows = self._laid[tick].reshape(12, -1, 2).transpose(2, 0, 1)
         axes = rows[..., 0].tolist() if rows.shape[2] == 1 else rows.copy()
         return [

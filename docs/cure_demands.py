@@ -25,6 +25,8 @@ from twin.writing import write_whole
 AREA = np.array((0.2, 0.12))
 """Within which goals lie, m along x and y."""
 EVERY = 5
+AFTER = 1500
+"""Periods after a push in which a ball that is lost from it is lost."""
 BACK = 0.005
 """Distance in m from its reference within which a ball is back."""
 RIGS = 20
@@ -138,8 +140,37 @@ def simulated(runs: list[Run], law: list[str], family: bool) -> list[list[float 
     return found
 
 
-def table(runs: list[Run], *, family: bool, column: int) -> list[tuple[str, str, str, str]]:
-    """Of every law: balls kept, the median of a column, and balls it kept that the cure lost."""
+def lost_from_there(number: int, run: Run, law: list[str], family: bool) -> bool:
+    """Whether a law loses a ball that it takes over from the cure at the moment of the push."""
+    build, rigs = Builder(PLAN["scenario"]), drawn(read_family(PLAN["family"]), 31, RIGS)
+    point = rigs[number % RIGS].point if family else {}
+    (rig, controller), (_, other) = (
+        assemble(build([*PLAN["set"], *run.settings, *each, f"seed={number}"], point), threads=1)
+        for each in (LAWS[CURE], law)
+    )
+
+    def pushed(tick: int, measurement: Any) -> None:
+        if tick == run.tick:
+            ball = rig.devices.state[:, (0, 1, 4, 5)].copy()
+            ball[:, 1::2] += run.blow
+            rig.devices.place(ball)
+            other.start(measurement)
+            other.observer.start(controller.observer.x)
+            other.rate = controller.rate
+            vars(controller).update(vars(other))
+
+    ticks, period = run.tick + AFTER, controller.period
+    record = Recorder(ticks, 1, period, keep=("state",))
+    with np.errstate(all="ignore"):
+        (outcome,) = drive(rig, controller, ticks * period, record, keep=pushed)
+    return outcome.ending is not Ending.FINISHED
+
+
+def table(runs: list[Run], *, family: bool, column: int) -> list[tuple[str, ...]]:
+    """Of every law: balls kept, the median of a column, and balls it kept that the cure lost.
+
+    Then how many of these it loses as well, where it has the ball from the cure.
+    """
     how = inspect.getsource(simulated)
     found = {}
     for name, law in LAWS.items():
@@ -149,14 +180,16 @@ def table(runs: list[Run], *, family: bool, column: int) -> list[tuple[str, str,
     rows = []
     for name, each in found.items():
         values = [np.inf if value[column] is None else value[column] for value in each]
-        more = sum(
-            value[0] is not None and cure[0] is None
-            for value, cure in zip(each, found[CURE], strict=True)
-        )
+        pairs = enumerate(zip(each, found[CURE], strict=True))
+        more = [at for at, (own, cure) in pairs if own[0] is not None and cure[0] is None]
+        asked = [(at, runs[at], LAWS[name], family) for at in more]
+        key = digest(f"{code()} {inspect.getsource(lost_from_there)} {LAWS[CURE]} {asked}")
+        too = kept("demands", key, lambda asked=asked: [lost_from_there(*each) for each in asked])
         held = sum(value[0] is not None for value in each)
         median = np.median(values)
         shown = f"{median:.1f}" if np.isfinite(median) else "lost"
-        rows.append((name, f"{held} of {len(runs)}", shown, "" if name == CURE else str(more)))
+        told = ("", "") if name == CURE else (str(len(more)), str(sum(too)))
+        rows.append((name, f"{held} of {len(runs)}", shown, *told))
     return rows
 
 

@@ -1,7 +1,7 @@
 import daqp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import ballplate as bp
@@ -18,11 +18,13 @@ STEP = Setpoints(points=((0.0, 0.0, 0.0), (2.0, 0.15, -0.1)), time_constant=0.02
 places = st.tuples(st.floats(-0.2, 0.2), st.floats(-0.12, 0.12))
 
 
-def laid(reference, start, seconds, limits=(A, J)):
-    """Position, velocity, acceleration of the path, shape (3, K, ..., 2)."""
+def laid(reference, start, seconds, limits=(A, J), now=None):
+    """Position, velocity, acceleration, shape (3, K, ..., 2), of what ``now(t)`` is known at t."""
     preview = Preview(reference, np.array(start, float), T, LAW.preview, LAW.spread, limits)
     slices = []
-    for _ in range(round(seconds / T / preview.count)):
+    for number in range(round(seconds / T / preview.count)):
+        if now is not None:
+            preview.reference = now(number * preview.count * T)
         preview.ask()
         preview.go_on()
         slices.append(preview.window[:, : preview.count])
@@ -37,7 +39,11 @@ def laid(reference, start, seconds, limits=(A, J)):
 def test_every_path_is_a_motion_that_keeps_to_the_limits(goals, time_constant):
     times = np.cumsum([time for time, _ in goals]).tolist()
     points = tuple((time, *place) for time, (_, place) in zip(times, goals, strict=True))
-    p, v, a = laid(Setpoints(points=points, time_constant=time_constant), points[0][1:], 8.0)
+    path = Setpoints(points=points, time_constant=time_constant)
+    keeps_to_the_limits(*laid(path, points[0][1:], 8.0))
+
+
+def keeps_to_the_limits(p, v, a):
     assert np.abs(a).max() <= A * (1 + 1e-9)
     assert np.abs(np.diff(a, axis=0)).max() <= J * T * (1 + 1e-6)
     # by Simpson's rule and the trapezium, exact for a straight acceleration; a slice may end on its
@@ -49,6 +55,56 @@ def test_every_path_is_a_motion_that_keeps_to_the_limits(goals, time_constant):
 def test_a_path_that_the_plate_can_give_is_left_as_it_is():
     circle, start = Circle(amplitude=0.15, omega=0.75), (0.15, 0.0)
     np.testing.assert_array_equal(laid(circle, start, 6.0), laid(circle, start, 6.0, None))
+
+
+def unforeseen(points, time_constant):
+    """What is known of goals at a time, and the path that is laid while they come."""
+
+    def now(t):
+        known = [each for each in points if each[0] <= t]
+        return Setpoints(points=known or points[:1], time_constant=time_constant)
+
+    return laid(now(0.0), points[0][1:], points[-1][0] + 6.0, now=now)
+
+
+@settings(max_examples=15)
+@given(
+    st.lists(st.tuples(st.floats(0.05, 2), places), min_size=2, max_size=5),
+    st.floats(0.01, 0.3),
+)
+@example(  # without ``begin_anew`` the path leaps by 0.2 mm
+    [
+        (0.94, (0.004, 0.028)),
+        (0.07, (0.02, 0.003)),
+        (0.87, (-0.004, -0.002)),
+        (0.96, (0.018, -0.016)),
+    ],
+    0.0744,
+)
+def test_goals_that_nobody_knew_of_are_gone_to_within_the_limits(goals, time_constant):
+    times = np.cumsum([time for time, _ in goals]).tolist()
+    points = tuple((time, *place) for time, (_, place) in zip(times, goals, strict=True))
+    path = unforeseen(points, time_constant)
+    keeps_to_the_limits(*path)
+    np.testing.assert_allclose(path[0, -1], points[-1][1:], atol=1e-3)
+    early = round(times[1] / T)  # nothing is known of the second goal before it is given
+    np.testing.assert_allclose(path[0, :early], points[0][1:] + 0 * path[0, :early], atol=1e-9)
+
+
+def test_where_the_plate_can_give_it_the_path_is_that_of_goals_that_were_known():
+    points = ((0.0, 0.0, 0.0), (0.53, 0.05, 0.02), (1.1, -0.03, 0.03), (4.0, 0.02, -0.02))
+    path = unforeseen(points, 0.2)
+    times = T * np.arange(path.shape[1])
+    known = Setpoints(points=points, time_constant=0.2)(times)
+    np.testing.assert_allclose(path[0], known[0], atol=1e-5)
+    np.testing.assert_allclose(path[1], known[1], atol=1e-3)
+
+
+def test_the_same_path_given_again_changes_no_bit():
+    goals = ((0.0, 0.0, 0.0), (1.0, 0.05, 0.02))
+    alone = laid(Setpoints(points=goals), (0.01, 0.0), 3.0)
+    again = laid(Setpoints(points=goals), (0.01, 0.0), 3.0, now=lambda _: Setpoints(points=goals))
+    np.testing.assert_array_equal(alone, again)
 
 
 CALM = Circle(amplitude=0.05, omega=1.0)

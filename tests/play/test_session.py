@@ -200,25 +200,36 @@ def test_the_clean_model_goes_beside_without_friction(driven):
     assert last["ghost_error"] < 0.1 * last["error"]
 
 
-def test_a_law_that_plans_ahead_follows_the_path_that_is_known_and_no_goal(driven):
+def test_the_cure_follows_a_path_that_is_known_and_a_goal_that_nobody_knew_of(driven, tmp_path):
     told = []
-    lqr = {"controller.kind": "lqr", "observer.kind": "luenberger"}
     script = {
-        100: [Goal(0.05, 0.0)],
-        150: [Settings({"controller.preview": 0.5})],
+        20: [Settings({"controller.preview": 0.5})],
+        100: [Goal(0.2, 0.0)],
         300: [Back(0.2)],
-        502: [Settings(lqr), Goal(0.05, 0.0)],
+        502: [Goal(0.05, 0.0)],
+        700: [Goal(-0.05, 0.02)],
+        2600: [Save(tmp_path / "run")],
     }
-    session = driven(load("cure"), script, 512, tell=told.append)
-    alone = run(load("cure", ["duration=0.4", "baseline=false"])).record
-    ours, theirs = session.record["state"][:200, 0], alone["state"][:200, 0]
-    assert np.array_equal(ours, theirs)
-    assert session.driven.goals.points[0][0] >= 0.4
-    wrong = [each.message for each in told if each.wrong]
-    assert len(wrong) == 2
-    assert "plans on a path known ahead, which is no goal's" in wrong[0]
-    assert "which is laid from the start of a scenario that has it" in wrong[1]
-    assert session.driven.goals.points[0][1:] == (0.05, 0.0)
+    session = driven(load("cure"), script, 2600, tell=told.append)
+    state = session.record["state"][:, 0]
+    alone = run(load("cure", ["duration=0.4", "baseline=false"])).record["state"][:, 0]
+    assert np.array_equal(state[:200], alone)
+    assert [goal[1:] for goal in session.driven.goals.points] == [(0.05, 0.0), (-0.05, 0.02)]
+    assert state[-1, 0::4] == pytest.approx([-0.05, 0.02], abs=2e-3)
+    (wrong,) = [each.message for each in told if each.wrong]
+    assert "which is laid from the start of a scenario that has it" in wrong
+    (saved,) = open_run(tmp_path / "run")
+    assert "laid_x" not in saved.rows  # what would have been laid if the goals had been known
+    moment = moment_of(tmp_path / "run", 2.0)
+    assert not moment.exact  # no scenario says when a goal was known
+
+
+def test_a_plan_that_is_not_laid_anew_is_given_no_goal(driven):
+    told = []
+    driven(load("circle", ["controller.kind=tvlqr"]), {5: [Goal(0.05, 0.0)]}, 10, tell=told.append)
+    (wrong,) = {each.message for each in told if each.wrong}
+    assert "plans on a path known ahead, which is no goal's" in wrong
+    assert "stable_inversion" in wrong
 
 
 @pytest.mark.parametrize(

@@ -372,10 +372,6 @@ def play(
     return 0
 
 
-def _radians(_: click.Context, __: click.Parameter, degrees: float) -> float:
-    return math.radians(degrees)
-
-
 @contextmanager
 def _turned(
     rig: str, scenario: Scenario, what: str, total: float
@@ -394,7 +390,6 @@ def _turned(
     "--amplitude",
     type=click.FloatRange(0.2, 8),
     default=1.0,
-    callback=_radians,
     help="Of the triangle, deg of the plate [1].",
 )
 @options.SETTING
@@ -410,7 +405,8 @@ def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
     from twin.scenario import load
 
     with _turned(rig, load("circle", overrides), "turning the plate", 1.0) as (file, servos, tell):
-        found = measure_lost_motion(servos, cams_of(file), amplitude=amplitude, progress=tell)
+        moved = math.radians(amplitude)
+        found = measure_lost_motion(servos, cams_of(file), amplitude=moved, progress=tell)
         tell(1.0)
     told = []
     for each in found:
@@ -482,13 +478,7 @@ calibrate.add_command(lost_motion)
     default=Path("cams-of-rig.json"),
     help="File of the table [cams-of-rig.json].",
 )
-@click.option(
-    "--reach",
-    type=click.FloatRange(0.5, 8),
-    default=6.0,
-    callback=_radians,
-    help="Largest angle, deg [6].",
-)
+@click.option("--reach", type=click.FloatRange(0.5, 8), default=6.0, help="Largest angle, deg [6].")
 @click.option("--lines", type=click.IntRange(4, 33), default=9, help="Points per axis [9].")
 @options.JSON
 def cams(rig: str, out: Path, reach: float, lines: int) -> None:
@@ -498,7 +488,8 @@ def cams(rig: str, out: Path, reach: float, lines: int) -> None:
     from twin.scenario import load
 
     with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, tell):
-        found = measure_cams(servos, CamTable.packaged(), reach=reach, lines=lines, progress=tell)
+        table, far = CamTable.packaged(), math.radians(reach)
+        found = measure_cams(servos, table, reach=far, lines=lines, progress=tell)
     write_whole(out, found.save)
     told = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}
     words = (

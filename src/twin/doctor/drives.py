@@ -316,7 +316,7 @@ def measure_cams(
     """
     servos.start()
     try:
-        motor, plate = _readings(servos, known, reach, lines, progress)
+        motor, plate = _readings(servos, known, _path(reach, lines), progress)
     finally:
         servos.stop()
     off = motor - known.motor(plate)
@@ -338,17 +338,13 @@ def measure_cams(
 
 
 def _readings(
-    servos: AkdServos,
-    known: CamTable,
-    reach: float,
-    lines: int,
-    progress: Callable[[float], None],
+    servos: AkdServos, known: CamTable, points: list[Array], progress: Callable[[float], None]
 ) -> tuple[Array, Array]:
-    """Motor and plate angles at every point, shape (points, 2) each."""
+    """Motor and plate angles at points and at the level plate, shape (points + 1, 2) each."""
     here = level = hold_level(servos, known)
     motor: list[Array] = []
     plate: list[Array] = []
-    for goal in (*_path(reach, lines), level):
+    for goal in (*points, level):
         seconds = max(0.2, 2 * float(np.abs(goal - here).max()) / SWEEP)
         if not turn(servos, known.motor(here), known.motor(goal), seconds):
             raise RigError(f"measuring the cams was stopped: {stopped_by(servos) or 'drives off'}")

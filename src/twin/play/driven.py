@@ -252,7 +252,7 @@ class Driven:
         Raises:
             ScenarioError: If the law has planned on the scenario's own path.
         """
-        _of_now(self.scenario, "is no goal's: nobody knows the next one")
+        _of_now(self.scenario, "is no goal's: nobody knows the next one", goal=True)
         area = np.asarray(self.scenario.rig.limits.area, float)
         x, y = np.clip((x, y), -area, area).tolist()
         if self.goals is None:
@@ -261,8 +261,7 @@ class Driven:
         elif time > self.goals.points[-1][0]:
             goals = self.goals.then(time, x, y)
         else:  # a second one within the same period
-            kept = self.goals.points[:-1]
-            goals = replace(self.goals, points=(*kept, (time, x, y)))
+            goals = replace(self.goals, points=(*self.goals.points[:-1], (time, x, y)))
         return replace(self, goals=goals)
 
     def push(self, time: float, x_rate: float, y_rate: float) -> Driven:
@@ -328,21 +327,21 @@ class Driven:
         }
 
 
-def drivable(law: type[Law]) -> bool:
-    """Whether a law acts on the goal of now, so that a person may give it."""
-    return law.start is Law.start
+def drivable(law: type[Law], *, goal: bool = False) -> bool:
+    """Whether a law may be chosen while a rig runs: it has no plan; or may be given a goal."""
+    return law.start is Law.start or (goal and law.replans)
 
 
-def _of_now(scenario: Scenario, why: str) -> None:
-    """Make sure that a scenario's law acts on the goal of now.
+def _of_now(scenario: Scenario, why: str, *, goal: bool = False) -> None:
+    """Make sure that a scenario's law may be chosen while its rig runs, or be given a goal.
 
     Raises:
         ScenarioError: If it plans ahead.
     """
     kind = scenario.controller.kind
     laws = choices("controller")
-    if not drivable(laws[kind]):
-        known = ", ".join(name for name, law in laws.items() if drivable(law))
+    if not drivable(laws[kind], goal=goal):
+        known = ", ".join(name for name, law in laws.items() if drivable(law, goal=goal))
         raise ScenarioError(
             f"controller.kind: '{kind}' plans on a path known ahead, which {why}; "
             f"choose another (known: {known})"

@@ -18,7 +18,7 @@ from controllers.arrays import Array
 from controllers.ballplate import STATES
 from controllers.catalog import origin
 from controllers.controller import HeldLaw
-from controllers.interfaces import Law, Reference
+from controllers.interfaces import Reference
 from controllers.stable_inversion import AboutMotion
 from twin.data_file import DataError, parse_json
 from twin.errors import RecordError, ScenarioError
@@ -125,7 +125,8 @@ class Run(files.Signals):
         desired = (reference or assemble.build_reference(scenario))(record.time)[0]
         if origin(choices("reference")[scenario.reference.kind]) is not None:
             record.data["reference"] = desired[:, None]  # who draws the record may lack the class
-        if (laid := _laid(scenario, record, reference)) is not None:
+        goals = more.get("driven", {}).get("goals")  # which no plan knew of from the start on
+        if not goals and (laid := _laid(scenario, record, reference)) is not None:
             record.data["laid"] = laid[:, None]
         motion = Motion.of(record, desired, friction=always_friction(scenario))
         columns = list(record.columns())
@@ -306,15 +307,13 @@ def run(
 
 def _laid(scenario: Scenario, record: Recorder, reference: Reference | None) -> Array | None:
     """The channel of that name; None if the law laid what was wished, or lays nothing."""
-    law = choices("controller")[scenario.controller.kind]
-    if not (issubclass(law, AboutMotion) and record.length):
-        return None
-    built: Law = assemble.build_law(scenario)
-    x, period = np.zeros(8), scenario.rig.period
-    x[0::4] = record["measured"][0, 0, 0::2]
+    built, period = assemble.build_law(scenario), scenario.rig.period
     if isinstance(built, HeldLaw):
         period, built = built.ticks * period, built.law
-    assert isinstance(built, AboutMotion)
+    if not (isinstance(built, AboutMotion) and record.length):
+        return None
+    x = np.zeros(8)
+    x[0::4] = record["measured"][0, 0, 0::2]
     ticks = (record.time / period + 1e-6).astype(int)
     path = built.laid(
         x, reference or assemble.build_reference(scenario), period, int(ticks[-1]) + 1

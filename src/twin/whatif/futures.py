@@ -18,7 +18,7 @@ from scipy.signal import savgol_filter
 
 from controllers.arrays import Array
 from controllers.controller import Controller
-from controllers.interfaces import DelayedObserver, Measurement
+from controllers.interfaces import DelayedObserver, Law, Measurement
 from twin.errors import RecordError, ScenarioError
 from twin.identify.logs import Log, read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges, interpolated
@@ -31,7 +31,7 @@ from twin.run.metrics import Motion
 from twin.run.record import Recorder
 from twin.run.state import Snapshot, restore
 from twin.scenario.load import check, load, put, setting
-from twin.scenario.schema import JUMPS, RAMPS, Scenario
+from twin.scenario.schema import JUMPS, RAMPS, Scenario, choices
 from twin.sim.rig import SimulatedRig
 from twin.writing import write_json, write_whole
 
@@ -613,7 +613,9 @@ def moment_of(
         for name, version in versions().items()
         if run.versions.get(name) != version
     ]
-    steered = run.driven.get("pushes") or len(run.driven.get("controllers", ())) > 1
+    law: type[Law] = choices("controller")[run.scenario.controller.kind]
+    steering = ("pushes", "goals") if law.replans else ("pushes",)
+    steered = any(map(run.driven.get, steering)) or len(run.driven.get("controllers", ())) > 1
     if "true_x" not in run.rows or "lateness" in run.rows or other or steered:
         whole = read(file)
         check_ranges(whole)

@@ -81,16 +81,14 @@ class SdoPolling:
             detail = f"{_reading(*answer.key)}: {abort_words(answer.value)}"
             self._reports.report(c.SDO_ABORT, where, detail, at)
         elif answer.key == _FAULT_NUMBER:
-            self._report_number(answer.value, where, at)
+            if answer.value == _STO_FAULT:
+                self._reports.report(c.STO_OPEN, where, "F602", at)
+            elif answer.value:
+                words = protocol.fault_words([answer.value])
+                self._reports.report(c.FAULT_NUMBER, where, words, at)
         elif answer.value != monitoring(self._config):
             detail = f"1016h:1 holds {answer.value:08X}h: it would go on without the host"
             self._reports.report(c.MONITORING_OFF, where, detail, at)
-
-    def _report_number(self, number: int, where: str, at: float) -> None:
-        if number == _STO_FAULT:
-            self._reports.report(c.STO_OPEN, where, "F602", at)
-        elif number:
-            self._reports.report(c.FAULT_NUMBER, where, protocol.fault_words([number]), at)
 
 
 def _reading(index: int, sub: int) -> str:
