@@ -421,7 +421,8 @@ class Preview:
             self._forget()
         self._asked_of = original
         if self._known == self._begun:
-            count = -(-self.length // count) * count + self._further
+            whole = -(-self.length // count) * count + self._further
+            count = whole if self._feasible is not None else self.length
         times = (self._known + np.arange(count)) * self._period
         given = self.reference(times)[:3]
         rigs = self.window.shape[2:-1]

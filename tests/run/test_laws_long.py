@@ -40,13 +40,14 @@ STICKING = (10, 16)
 
 def test_a_ball_that_sticks_is_held_within_a_millimetre():
     rigs = drawn(read_family("uncertain"), 101, max(STICKING) + 1)
-    on = ["plant.step=0.002", "duration=26.0", "reference.kind=hold", "reference.x=0.05"]
+    # over 50 s, as docs/cure_family.md: stuck for some seconds it may be off by more
+    on = ["plant.step=0.002", "duration=60.0", "reference.kind=hold", "reference.x=0.05"]
     build = Builder("cure")
     each = [build([*on, f"seed={rigs[i].seed}"], rigs[i].point) for i in STICKING]
     rig, controller = assemble(each, threads=1)
-    record = Recorder(13_000, len(each), 0.002, keep=("state",), every=5)
-    drive(rig, controller, 26.0, record)
-    late = record.time > 16.0
+    record = Recorder(30_000, len(each), 0.002, keep=("state",), every=5)
+    drive(rig, controller, 60.0, record)
+    late = record.time > 10.0
     goal = controller.reference(record.time)[0]
     error = (record["state"][..., 0::4] - goal)[late]
     assert np.sqrt((error**2).sum(axis=2).mean(axis=0)).max() < 1e-3
