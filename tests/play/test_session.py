@@ -226,7 +226,10 @@ def test_the_cure_follows_a_path_that_is_known_and_a_goal_that_nobody_knew_of(dr
 
 def test_a_plan_that_is_not_laid_anew_is_given_no_goal(driven):
     told = []
-    driven(load("circle", ["controller.kind=tvlqr"]), {5: [Goal(0.05, 0.0)]}, 10, tell=told.append)
+    lqr = {"controller.kind": "lqr", "observer.kind": "luenberger"}
+    script = {5: [Goal(0.05, 0.0)], 8: [Settings(lqr), Goal(0.04, 0.0)]}
+    session = driven(load("circle", ["controller.kind=tvlqr"]), script, 20, tell=told.append)
+    assert [goal[1:] for goal in session.driven.goals.points] == [(0.04, 0.0)]
     (wrong,) = {each.message for each in told if each.wrong}
     assert "plans on a path known ahead, which is no goal's" in wrong
     assert "stable_inversion" in wrong

@@ -307,17 +307,17 @@ def run(
 
 def _laid(scenario: Scenario, record: Recorder, reference: Reference | None) -> Array | None:
     """The channel of that name; None if the law laid what was wished, or lays nothing."""
-    built, period = assemble.build_law(scenario), scenario.rig.period
+    law = choices("controller")[scenario.controller.kind]
+    if not (issubclass(law, AboutMotion) and record.length):
+        return None
+    built: Any = assemble.build_law(scenario)
+    x, period = np.zeros(8), scenario.rig.period
+    x[0::4] = record["measured"][0, 0, 0::2]
     if isinstance(built, HeldLaw):
         period, built = built.ticks * period, built.law
-    if not (isinstance(built, AboutMotion) and record.length):
-        return None
-    x = np.zeros(8)
-    x[0::4] = record["measured"][0, 0, 0::2]
     ticks = (record.time / period + 1e-6).astype(int)
-    path = built.laid(
-        x, reference or assemble.build_reference(scenario), period, int(ticks[-1]) + 1
-    )[ticks]
+    wished, count = reference or assemble.build_reference(scenario), int(ticks[-1]) + 1
+    path: Array = built.laid(x, wished, period, count)[ticks]
     return None if np.isnan(path).all() else path
 
 
