@@ -15,8 +15,8 @@ from pathlib import Path
 
 from benchmarks import measurements, physics_step
 from benchmarks.figures import Figure, groups
-from twin.page import filled, markdown
-from twin.writing import write_whole
+from twin.base.page import filled, markdown
+from twin.base.writing import write_whole
 
 TEMPLATE = Path(__file__).parent.parent / "docs" / "performance.template.md"
 ROUNDS = 5

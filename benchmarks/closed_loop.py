@@ -21,11 +21,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.base.shipped import model_path
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
-from twin.shipped import model_path
 from twin.sim.rig import SimulatedDevices
 
 PERIOD = 0.002

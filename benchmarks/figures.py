@@ -10,11 +10,11 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from benchmarks import closed_loop, exact_plant, physics_step, start_up, study_speed
+from twin.base.writing import write_whole
 from twin.run.finished import run
 from twin.run.picture import png
 from twin.scenario import load
 from twin.sim.plant.friction import Friction
-from twin.writing import write_whole
 
 
 class Goal(NamedTuple):

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.figures import GOALS, Figure
-from twin.data_file import read_toml
-from twin.page import markdown
-from twin.writing import write_whole
+from twin.base.data_file import read_toml
+from twin.base.page import markdown
+from twin.base.writing import write_whole
 
 FILE = Path(__file__).parent.parent / "docs" / "data" / "performance.toml"
 LIBRARIES = ("mujoco", "numpy", "scipy")

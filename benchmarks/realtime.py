@@ -25,8 +25,8 @@ import numpy as np
 
 import ballplate as bp
 from controllers.arrays import Array
+from twin.base.page import markdown
 from twin.devices.realtime import real_time
-from twin.page import markdown
 from twin.run.assemble import assemble
 from twin.run.connect import ComputingTime
 from twin.scenario.load import load

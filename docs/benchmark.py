@@ -20,13 +20,13 @@ import numpy as np
 import pandas as pd
 from pages import HERE, filled
 
-from twin.bench import FAMILY, LOCKED, MODEL, Benchmark, entered, hashed
+from twin.base.writing import write_whole
+from twin.lab.bench import FAMILY, LOCKED, MODEL, Benchmark, entered, hashed
 from twin.run.loop import simulate
 from twin.run.picture import drawn
 from twin.study.experiments import Store
 from twin.study.schema import drawn as rigs_of
 from twin.study.schema import read_family
-from twin.writing import write_whole
 
 DRAW, RIGS = 2026, 128
 EXPECTED, FIRST = ("lqr", "afl", "cure"), 4

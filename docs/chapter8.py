@@ -21,11 +21,11 @@ from PIL import Image
 
 from controllers.arrays import Array
 from controllers.ballplate import ACCELERATION, BallPlate
-from twin.page import markdown
+from twin.base.page import markdown
+from twin.base.writing import write_whole
 from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis import chapter8
 from twin.thesis.chapter8 import COLUMNS, Results, SimulatedTable, ThesisCell
-from twin.writing import write_whole
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
 """The mechanism's lines, dashed over the exact model's."""

@@ -21,13 +21,13 @@ from matplotlib.figure import Figure
 from pages import HERE, filled, said
 
 from controllers.arrays import Array
-from twin.fit.runs import cells as numbers_of
-from twin.fit.runs import read
-from twin.jobs import cores
+from twin.base.jobs import cores
+from twin.base.writing import write_json, write_whole
 from twin.thesis import chapter9
 from twin.thesis.chapter8 import COLUMNS
 from twin.thesis.chapter9 import Row
-from twin.writing import write_json, write_whole
+from twin.tune.cells import cells as numbers_of
+from twin.tune.cells import read
 
 KEPT = HERE.parent / "src" / "twin" / "thesis" / "data" / "chapter_9.json"
 FIGURE = "experiments.png"

@@ -18,7 +18,7 @@ from pages import HERE, filled
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.writing import write_whole
+from twin.base.writing import write_whole
 
 MODEL = BallPlate()
 X = x1, x2, x3, x4, x5, x6, x7, x8 = sp.symbols("x1:9")

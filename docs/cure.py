@@ -17,7 +17,7 @@ import click
 import numpy as np
 from pages import HERE, filled, kept, planned, points, said
 
-from twin.writing import write_whole
+from twin.base.writing import write_whole
 
 EVERY = 5
 BAND = 0.005

@@ -12,7 +12,7 @@ import click
 from cure import known
 from pages import HERE, filled, planned, said
 
-from twin.writing import write_whole
+from twin.base.writing import write_whole
 
 
 @click.command()

@@ -14,13 +14,13 @@ import click
 import numpy as np
 from pages import HERE, filled, kept, planned
 
+from twin.base.writing import write_whole
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.metrics import Ending
 from twin.run.record import Recorder
 from twin.study.schema import drawn, read_family
 from twin.study.work import Builder, code, digest
-from twin.writing import write_whole
 
 AREA = np.array((0.2, 0.12))
 """Within which goals lie, m along x and y."""

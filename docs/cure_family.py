@@ -16,9 +16,9 @@ from cure import KINDS, Cell, cells, known, least, said, scenarios, settings
 from pages import HERE, filled, planned
 from scipy import stats
 
+from twin.base.writing import write_whole
 from twin.study.schema import FamilyRig, drawn, read_family
 from twin.study.work import Builder
-from twin.writing import write_whole
 
 CURE = planned("cure")
 LAW = CURE["laws"][-1]

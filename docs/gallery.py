@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from pages import HERE, filled, planned
 from PIL import Image
 
-from twin.writing import write_whole
+from twin.base.writing import write_whole
 
 WIDTH, HEIGHT = 320, 200
 COLUMNS = 2

@@ -21,11 +21,11 @@ from pages import filled, kept
 from scipy import stats
 
 from controllers.arrays import Array
+from twin.base.writing import write_whole
 from twin.cli.output import progress
 from twin.identify.any_rig import identify_any
 from twin.identify.logs import read_any, wanted_columns
 from twin.study.work import digest
-from twin.writing import write_whole
 
 SECONDS = 45.0
 """Length of a log; a third of it is held out, as `identify` does."""

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ballplate.changes import KeyChange
-from twin.page import filled as filled_template
+from twin.base.page import filled as filled_template
+from twin.base.writing import write_json, write_whole
 from twin.scenario.load import read
-from twin.writing import write_json, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,6 +14,7 @@ import click
 import own_faults
 from pages import filled, write
 
+from twin.base.jobs import cores
 from twin.cli.options import PROCESSES
 from twin.cli.output import progress
 from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
@@ -22,7 +23,6 @@ from twin.devices.own import OWN_CONDITIONS
 from twin.devices.realtime import LOOP_OVERRUN
 from twin.hal.interface import SCREEN, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
-from twin.jobs import cores
 from twin.safety.faults import CASES
 from twin.safety.trial import AFTER, HEADING, LEFT, FaultRow, cells, run_all
 

@@ -12,14 +12,14 @@ from tempfile import TemporaryDirectory
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from twin.errors import ViewError
-from twin.jobs import wait_until
+from twin.base.errors import ViewError
+from twin.base.jobs import wait_until
+from twin.base.writing import write_whole
 from twin.run.finished import open_runs, run, save
 from twin.scenario import load
 from twin.view.recording import write
 from twin.view.streams import TIMELINE
 from twin.view.viewer import Opened, started
-from twin.writing import write_whole
 
 HERE = Path(__file__).parent
 UNEVEN = ("plant.surface.spread_percent=40", "plant.surface.slope_deg=0.1", "baseline=false")

@@ -40,15 +40,16 @@ from shadow_trials import (
     slowly,
 )
 
+from twin.base.errors import TwinError
+from twin.base.jobs import cores, results
+from twin.base.writing import write_whole
 from twin.cli.options import PROCESSES
 from twin.cli.output import progress
-from twin.errors import TwinError
 from twin.identify.judged import HORIZONS, IDENTIFIED, score
 from twin.identify.logs import Log
 from twin.identify.parameters import BALL, DEFAULT, SHARE
 from twin.identify.report import parameters
 from twin.identify.twin_model import identify, replayed
-from twin.jobs import cores, results
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow.alarms import likely
@@ -56,7 +57,6 @@ from twin.shadow.belief import believed, logs
 from twin.shadow.follow import shadow
 from twin.study.schema import drawn, read_family
 from twin.study.work import code, digest
-from twin.writing import write_whole
 
 DRAW = 9_140
 """Of the rigs."""

@@ -23,9 +23,10 @@ from pages import HERE, filled, kept, planned
 from scipy import stats
 
 from controllers.arrays import Array
+from twin.base.jobs import cores, results
+from twin.base.writing import write_whole
 from twin.cli.options import PROCESSES
 from twin.cli.output import progress
-from twin.jobs import cores, results
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, likely
@@ -36,7 +37,6 @@ from twin.shadow.horizon import BAND, MEDIAN
 from twin.study.schema import drawn as drawn_rigs
 from twin.study.schema import read_family
 from twin.study.work import code, digest
-from twin.writing import write_whole
 
 FAMILY = "uncertain"
 """The family of rigs from which healthy ones are drawn,"""

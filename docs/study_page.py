@@ -6,9 +6,9 @@ from pathlib import Path
 from pages import HERE, filled
 
 from ballplate import study
-from twin.page import markdown
+from twin.base.page import markdown
+from twin.base.writing import write_whole
 from twin.study import report
-from twin.writing import write_whole
 
 
 def write(name: str, folder: Path) -> None:

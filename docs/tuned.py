@@ -19,7 +19,7 @@ import click
 import numpy as np
 from pages import HERE, filled, kept, planned, points, said
 
-from twin.writing import write_whole
+from twin.base.writing import write_whole
 
 OWN, KNOWN = ", thesis", ", friction known"
 BUDGET = ("candidates", "rigs", "finalists", "certificate")

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from scipy.stats import t as student
 
 from controllers.interfaces import Measurement
-from twin.page import markdown
+from twin.base.page import markdown
 from twin.run.assemble import build_controllers
 from twin.run.metrics import tracking_error
 

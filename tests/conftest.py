@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, settings
 
 from controllers import catalog
 from controllers.catalog import forget
-from twin.data_file import packaged
+from twin.base.data_file import packaged
 from twin.scenario.load import check, put, setting
 
 TABLES = {

@@ -5,7 +5,7 @@ from command_line import called
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.data_file import DEEPEST, INTEGERS, DataError, parse_json, parse_toml, read_toml
+from twin.base.data_file import DEEPEST, INTEGERS, DataError, parse_json, parse_toml, read_toml
 
 DEEP = "[" * 3000 + "]" * 3000
 TABLES = "{a = " * 3000 + "1" + "}" * 3000

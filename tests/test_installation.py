@@ -21,8 +21,8 @@ def hostile(folder):
 
 FROM_HERE = """
 import ballplate
-from twin.jobs import results
-from twin.shipped import find
+from twin.base.jobs import results
+from twin.base.shipped import find
 print(ballplate.run("hold", duration=0.01, plant={"kind": "lagrange"}).outcome)
 print(*(path.name for _, path in results(find, [("one", "hold"), ("other", "circle")], 2)))
 """

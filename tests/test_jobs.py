@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from twin.jobs import SecondProcess, cores, results
+from twin.base.jobs import SecondProcess, cores, results
 
 ORPHAN = """
 import multiprocessing, os, sys, time
@@ -18,7 +18,7 @@ from twin.scenario.schema import Scenario
 
 def begun(kind, scenario, stack):
     if kind == "second process":
-        from twin.jobs import SecondProcess
+        from twin.base.jobs import SecondProcess
         stack.enter_context(SecondProcess(wanted=True)).begin(os.getpid)()
     elif kind == "play":
         from twin.play.serve import Simulation
@@ -160,7 +160,7 @@ def test_only_the_processors_given_to_this_process_count():
 
 FORKED = """
 import os, sys, threading
-from twin.jobs import SecondProcess
+from twin.base.jobs import SecondProcess
 import fractions
 with SecondProcess(wanted=True) as beside:
     forked = beside.begin(eval, "'fractions' in __import__('sys').modules")()
@@ -180,7 +180,7 @@ def test_a_process_has_what_is_imported_unless_a_thread_makes_a_fork_unsafe():
 
 
 UNGUARDED = """
-from twin.jobs import results
+from twin.base.jobs import results
 print("begins")
 print(sorted(dict(results(abs, enumerate([-1, 2]), 2)).values()))
 """

@@ -4,7 +4,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from twin.page import Code, Picture, Table, Text, Verdict, digits, html, markdown, terminal
+from twin.base.page import Code, Picture, Table, Text, Verdict, digits, html, markdown, terminal
 
 NAMES = [f"law_number_{number}" for number in range(12)]
 BROAD = Table(

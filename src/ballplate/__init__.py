@@ -30,7 +30,7 @@ from ballplate import own as own
 from ballplate.changes import Changes, Keys, describe, law, model, scenarios
 from ballplate.reporter import BallplateWarning, Reporter
 from ballplate.running import run
-from twin.errors import TwinError
+from twin.base.errors import TwinError
 from twin.run.files import Signals
 
 if TYPE_CHECKING:

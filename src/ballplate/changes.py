@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 
-from twin.errors import ScenarioError
-from twin.shipped import shipped, titles
+from twin.base.errors import ScenarioError
+from twin.base.shipped import shipped, titles
 
 if TYPE_CHECKING:
     from controllers.ballplate import BallPlate
@@ -245,7 +245,7 @@ class Keys(list["Key"]):
 
     def _repr_html_(self) -> str:
         """For a notebook."""
-        from twin.page import Table, Text, fragment
+        from twin.base.page import Table, Text, fragment
 
         heads = ("key", "default", "unit", "type", "allowed", "meaning")
         lines = [

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
 from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, scenario_of, varied_of
 from ballplate.reporter import Reporter, default, overview, showable, writable
 from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers
-from twin.errors import LawError, ScenarioError
+from twin.base.errors import LawError, ScenarioError
+from twin.base.shipped import find
+from twin.base.writing import write_json, write_whole
 from twin.run.files import MANIFEST, forget, numbered, slug, sorted_out
-from twin.shipped import find
-from twin.writing import write_json, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -364,7 +364,7 @@ def carried_out(
         reporter: Who is told progress.
         what: What the work is called there.
     """
-    from twin import jobs
+    from twin.base import jobs
 
     if not scenarios:
         return

@@ -44,8 +44,8 @@ def check(
     dealt = had_again(found, file.parent, key, student)
     result = judge.judged(found, dealt, file, hidden=hidden)
     if page is not None:
+        from twin.base.writing import write_whole
         from twin.lab.grade import of_student
-        from twin.writing import write_whole
 
         judging = judge.Judge(found, dealt, file)
         write_whole(Path(page), of_student(judging, result, everything=hidden))

@@ -10,7 +10,7 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol
 
-from twin.writing import check_writable
+from twin.base.writing import check_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -141,8 +141,8 @@ def showable(figure: Figure) -> Figure:
 
 def overview(title: str, runs: Mapping[str, Run], figure: Figure) -> str:
     """Runs by their headings for a notebook: their indicators and a picture."""
-    from twin.page import Picture, fragment
-    from twin.report.numbers import indicators
+    from twin.base.page import Picture, fragment
+    from twin.run.tables import indicators
 
     table = indicators("", {heading: each.metrics for heading, each in runs.items()})
     return fragment(title, [table, Picture("", png(figure))])
@@ -150,6 +150,6 @@ def overview(title: str, runs: Mapping[str, Run], figure: Figure) -> str:
 
 def png(figure: Figure) -> bytes:
     """A figure as a PNG."""
-    from twin.page import encoded
+    from twin.base.page import encoded
 
     return encoded(figure, "png", DPI)

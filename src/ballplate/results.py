@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballplate.reporter import Reporter, default, overview, showable
-from twin.errors import RecordError, ScenarioError
+from twin.base.errors import RecordError, ScenarioError
+from twin.base.writing import write_whole
 from twin.run.files import MOVING, Signals, free
 from twin.run.finished import Run, of_other_class, save
-from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from controllers.arrays import Array
+    from twin.base.jobs import SecondProcess
     from twin.identify import logs
     from twin.identify.judged import Identification, ParameterVerdict
-    from twin.jobs import SecondProcess
 
 
 class Result(Run):
@@ -79,7 +79,7 @@ class Result(Run):
     @property
     def verdict(self) -> str:
         """The run in one sentence: its tracking error, and what limited it most."""
-        from twin.report.summary import judged
+        from twin.view.summary import judged
 
         clean = None if self.baseline is None else self.baseline.metrics["tracking_error_percent"]
         return judged(self, clean)
@@ -93,7 +93,7 @@ class Result(Run):
 
     def report(self, file: str | Path) -> Path:
         """Write the report of ``ballplate report``, one page that needs nothing else."""
-        from twin.report.html import html
+        from twin.view.html import html
 
         write_whole(Path(file), html([self]))
         return Path(file)
@@ -221,7 +221,7 @@ class Identified:
     @property
     def settings(self) -> dict[str, Any]:
         """The identified parameters as ``run`` takes them: ``run("circle", found.settings)``."""
-        from twin.data_file import parse_toml
+        from twin.base.data_file import parse_toml
         from twin.identify.report import parameters
 
         return parse_toml(parameters(self.found))
@@ -239,8 +239,8 @@ class Identified:
 
     def _repr_html_(self) -> str:
         """For a notebook: the verdict in words, and each parameter with its interval."""
+        from twin.base.page import Table, Text, fragment
         from twin.identify.report import HEADS, rows
-        from twin.page import Table, Text, fragment
 
         title = f"Identification from {self.found.source}"
         return fragment(title, [Table("", HEADS, rows(self.found)), Text(self.sentences)])

@@ -17,13 +17,13 @@ from ballplate.reporter import Reporter, default
 from ballplate.results import Result
 from controllers.arrays import Array
 from controllers.interfaces import Measurement, Reference
-from twin.errors import RecordError, TwinError
+from twin.base.errors import RecordError, TwinError
+from twin.base.shipped import find
 from twin.run.assemble import PLANTS, assemble
 from twin.run.loop import RunMonitor, passed
 from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder
 from twin.scenario.schema import Scenario
-from twin.shipped import find
 
 LOOKED = 100
 """Control periods after which is looked whether numbers have run away, as in a run."""

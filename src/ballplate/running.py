@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.reporter import Reporter, default, writable
-from twin.errors import LawError, RigError, ScenarioError, TwinError
+from twin.base.errors import LawError, RigError, ScenarioError, TwinError
+from twin.base.shipped import find
+from twin.base.writing import written_alone
 from twin.run.files import STREAM, free
-from twin.shipped import find
-from twin.writing import written_alone
 
 if TYPE_CHECKING:
     from ballplate.results import Result
+    from twin.base.jobs import SecondProcess
     from twin.devices.rig import HardwareRig
     from twin.emulator.serve import Emulator
     from twin.hal.rig import Rig
-    from twin.jobs import SecondProcess
     from twin.run.finished import Run
     from twin.run.record import Recorder
     from twin.scenario.rig import RigFile
@@ -88,7 +88,7 @@ def run(
     chosen = scenario_of(scenario, changed)
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
-    from twin.jobs import SecondProcess, cores
+    from twin.base.jobs import SecondProcess, cores
     from twin.run.assemble import PLANTS
     from twin.run.finished import holds_finished
 

@@ -15,7 +15,7 @@ from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.systems import INPUTS, UNITS
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED, STATES, constants
-from twin.errors import ScenarioError, extra
+from twin.base.errors import ScenarioError, extra
 from twin.fmu.export import parameters
 from twin.run.assemble import build_limits
 from twin.sim.plant.exact import rolling

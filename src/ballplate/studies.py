@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Unpack
 from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, varied_of
 from ballplate.comparing import attempt, carried_out, cases_of
 from ballplate.reporter import Reporter, default, png, showable, writable
-from twin.errors import LawError, ScenarioError, nearest
-from twin.page import Picture, Table, Text, fragment
-from twin.report.numbers import LABELS, by_run
+from twin.base.errors import LawError, ScenarioError, nearest
+from twin.base.page import Picture, Table, Text, fragment
+from twin.base.shipped import find
+from twin.base.writing import write_whole
 from twin.run.files import UNITS
-from twin.shipped import find
-from twin.writing import write_whole
+from twin.run.tables import LABELS, by_run
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,7 +13,7 @@ from gymnasium.vector import SyncVectorEnv
 import ballplate
 import ballplate.gym
 from ballplate.gym import RigEnv, RigVectorEnv
-from twin.errors import TwinError
+from twin.base.errors import TwinError
 
 EXACT = {"plant.kind": "lagrange", "duration": 1.4, "metrics.start": 0.0}
 """A plant whose rigs have the same bits alone and beside any others."""

@@ -18,10 +18,10 @@ import pytest
 import ballplate as bp
 from ballplate.reporter import Reporter
 from ballplate.running import streamed, tell_timing, traced
+from twin.base.errors import TwinError
 from twin.devices.akd.conditions import NODE_ABSENT, DriveError
 from twin.devices.akd.traces import read_trace
 from twin.devices.realtime import TimingLog, real_time
-from twin.errors import TwinError
 from twin.hal.interface import Severity
 from twin.hal.rig import Entry
 from twin.identify.logs import read

@@ -14,10 +14,10 @@ import ballplate
 from ballplate.changes import changes_of, scenario_of
 from ballplate.reporter import Notebook, Reporter
 from ballplate.running import warn_of_dangers
+from twin.base.shipped import shipped_in
 from twin.cli import main
 from twin.run.loop import simulate
 from twin.scenario import load
-from twin.shipped import shipped_in
 
 QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.2, "metrics": {"start": 0}}
 
@@ -108,7 +108,7 @@ def test_a_law_of_the_running_program_runs_and_its_new_version_takes_its_place()
 
 @pytest.mark.filterwarnings("ignore::ballplate.BallplateWarning")
 def test_a_law_that_only_this_process_knows_runs_in_it(monkeypatch):
-    monkeypatch.setattr("twin.jobs.pool", None)
+    monkeypatch.setattr("twin.base.jobs.pool", None)
     found = ballplate.compare(
         "hold", vary={"controller": [Proportional, "lqr"]}, processes=2, **QUICK
     )

@@ -12,9 +12,9 @@ import click
 import pytest
 from rich.console import Console
 
+from twin.base.shipped import shipped_in
 from twin.cli import COMMANDS, FIRST, GROUPS, output
 from twin.cli import ballplate as program
-from twin.shipped import shipped_in
 
 
 def test_list_shows_every_scenario_with_its_title(ballplate):

@@ -14,13 +14,13 @@ import pytest
 
 import ballplate as bp
 from ballplate import comparing
+from twin.base.errors import ScenarioError, TwinError
+from twin.base.writing import written_alone
 from twin.emulator import serve
-from twin.errors import ScenarioError, TwinError
 from twin.play.serve import Simulation
 from twin.run import loop
 from twin.run.metrics import INTERRUPTED
 from twin.view.live_process import LiveProcess
-from twin.writing import written_alone
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 

@@ -16,7 +16,7 @@ import pytest
 import ballplate as bp
 from controllers.catalog import catalog, forget
 from controllers.interfaces import Law
-from twin.errors import LawError
+from twin.base.errors import LawError
 
 SHORT = ("--set", "controller.kind=mine", "--set", "duration=0.1", "--set", "plant.kind=lagrange")
 RUN = Path("runs/circle-controller=mine-duration=0.1-plant=lagrange")

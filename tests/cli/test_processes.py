@@ -11,7 +11,7 @@ from time import sleep
 
 import pytest
 
-from twin import jobs
+from twin.base import jobs
 
 QUICK = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
 

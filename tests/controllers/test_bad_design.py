@@ -15,8 +15,8 @@ from controllers.interfaces import Law
 from controllers.observers import FrictionKalman, Ideal, Luenberger, NonlinearLuenberger
 from controllers.references import Circle, Lissajous, Path, Setpoints, Sine
 from controllers.stable_inversion import StableInversion
+from twin.base.errors import ScenarioError
 from twin.cli import main
-from twin.errors import ScenarioError
 from twin.run.assemble import build_controller
 from twin.run.finished import run
 from twin.run.metrics import Ending

@@ -13,7 +13,7 @@ from controllers.interfaces import Law, Measurement
 from controllers.observers import FrictionKalman, Luenberger, late_ball
 from controllers.references import Circle, Hold
 from controllers.stable_inversion import StableInversion
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
 from twin.run.assemble import assemble, build_controller
 from twin.run.loop import drive
 from twin.run.record import Recorder, write_run

@@ -9,7 +9,7 @@ from controllers.controller import PerRigReference
 from controllers.interfaces import Reference
 from controllers.references import Circle, Setpoints, Transition
 from controllers.stable_inversion import PIECES, FeasiblePath, Preview, StableInversion
-from twin.report.summary import judged
+from twin.view.summary import judged
 
 T = 0.002
 LAW = StableInversion()

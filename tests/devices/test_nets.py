@@ -5,11 +5,11 @@ from dataclasses import fields
 
 import pytest
 
+from twin.base.errors import ScenarioError
 from twin.devices.akd.conditions import RELAXED
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.lockstep import LockstepRig
-from twin.errors import ScenarioError
 from twin.scenario.rig import check_rig
 
 TOUCH = {"touch": {"port": "x"}}

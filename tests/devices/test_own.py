@@ -16,6 +16,7 @@ from own_board import EXAMPLE, VirtualBoard, own_rig
 from own_board import board as example
 
 import ballplate as bp
+from twin.base.errors import RigError, ScenarioError
 from twin.devices.own import (
     ASTRAY,
     FAILED,
@@ -28,7 +29,6 @@ from twin.devices.own import (
     Reading,
     load_backend,
 )
-from twin.errors import RigError, ScenarioError
 from twin.hal.supervisor import BALL_LOST, State
 from twin.run.assemble import assemble
 from twin.run.loop import drive

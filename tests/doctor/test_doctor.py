@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from stepped import SteppedDrives
 
 import ballplate as bp
+from twin.base.shipped import model_path
 from twin.cli.rig import doctor
 from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
@@ -24,7 +25,6 @@ from twin.hal.cams import CamTable, FixedRatio
 from twin.run.finished import record_run, run
 from twin.scenario import load
 from twin.scenario.rig import check_rig
-from twin.shipped import model_path
 
 RIG = check_rig({"touch": {"port": "/dev/null"}}, "test")
 

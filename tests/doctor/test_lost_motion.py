@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from stepped import SteppedDrives
 
+from twin.base.errors import RigError
 from twin.doctor.drives import measure_lost_motion
 from twin.emulator.serve import EmulatedPlant
-from twin.errors import RigError
 from twin.hal.cams import CamTable
 from twin.scenario import load
 

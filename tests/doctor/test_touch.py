@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from served_screen import EmulatedScreen
 
+from twin.base.errors import RigError, TwinError
 from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig, Mounting
 from twin.devices.lumio.screen import LumioScreen
 from twin.doctor.check import CheckStatus
@@ -11,7 +12,6 @@ from twin.doctor.drives import judged, measure_touch, usual_points
 from twin.doctor.examine import calibrated, touch
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import Protocol, ScreenLine
-from twin.errors import RigError, TwinError
 from twin.scenario.rig import check_rig
 
 SERIAL = (Protocol.MICROTOUCH, Protocol.ELO)

@@ -9,13 +9,13 @@ import can
 import pytest
 from serving import serving, servos_on
 
+from twin.base.jobs import wait_until
 from twin.devices.akd.config import BusConfig
 from twin.emulator import serve
 from twin.emulator.can_bus import BusFaults, BusServer, EmulatedBus, Towards, message
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.drive_objects import Frame
 from twin.emulator.serve import PauseWatch
-from twin.jobs import wait_until
 
 
 @pytest.fixture

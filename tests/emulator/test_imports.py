@@ -9,9 +9,9 @@ import pytest
 
 import twin.devices
 import twin.emulator
+from twin.base.errors import RigError
 from twin.emulator.can_bus import EmulatedBus, PseudoTerminal, SlcanPort
 from twin.emulator.serve import Emulator, PauseWatch, emulated
-from twin.errors import RigError
 
 FILES = sorted(Path(twin.emulator.__file__).parent.glob("*.py"))
 HOST_SIDE = {f"twin.devices.akd.{each}" for each in ("config", "servos", "traces")}

@@ -7,11 +7,11 @@ import pytest
 
 from controllers import catalog
 from controllers.interfaces import Law
+from twin.base.errors import LawError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import FRAME, Protocol
 from twin.emulator.serve import VirtualRig
-from twin.errors import LawError
 from twin.hal.supervisor import State
 from twin.run.assemble import build_controller
 from twin.run.finished import run

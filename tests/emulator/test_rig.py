@@ -19,15 +19,15 @@ import pytest
 from click.testing import CliRunner
 from serving import serving
 
+from twin.base.jobs import wait_until
 from twin.cli.runs import export, report
 from twin.devices.akd.traces import read_trace
 from twin.emulator.drive import MASTER_SILENT
 from twin.emulator.screen import Protocol
 from twin.emulator.serve import TICK, VirtualRig, emulated
-from twin.jobs import wait_until
-from twin.report.numbers import flat
 from twin.run.finished import open_run
 from twin.run.record import read_run
+from twin.run.tables import flat
 from twin.scenario.rig import check_rig, read_rig
 from twin.tune.report import toml
 

@@ -16,9 +16,9 @@ import ballplate as bp
 from ballplate.changes import changes_of, scenario_of
 from controllers import catalog, fmu
 from controllers.interfaces import Law
+from twin.base.errors import LawError, ScenarioError
 from twin.devices.akd.decoding import Conversation
 from twin.devices.akd.traces import read_trace
-from twin.errors import LawError, ScenarioError
 from twin.run.assemble import build_reference
 from twin.run.loop import simulate
 

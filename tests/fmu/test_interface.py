@@ -17,8 +17,8 @@ from fmpy.validation import validate_fmu
 
 import ballplate as bp
 from controllers import fmu as fmu_law
+from twin.base.errors import RecordError, ScenarioError
 from twin.cli import ballplate as command
-from twin.errors import RecordError, ScenarioError
 from twin.fmu.export import exponents, frame_phase, parameters
 from twin.run.assemble import assemble, build_reference
 from twin.scenario.describe import described

@@ -8,7 +8,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
 from twin.hal.linkage import Linkage, TiltTable
 from twin.scenario import load
 

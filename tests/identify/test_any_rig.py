@@ -13,8 +13,8 @@ from click.testing import CliRunner
 
 from ballplate import identify, run
 from controllers.ballplate import BallPlate
+from twin.base.errors import LogError, ScenarioError, TwinError
 from twin.cli.understand import identify as command
-from twin.errors import LogError, ScenarioError, TwinError
 from twin.identify.any_rig import (
     PlainIdentification,
     _chosen,

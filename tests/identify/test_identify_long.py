@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from twin.base.jobs import results
 from twin.identify.judged import HORIZONS
 from twin.identify.logs import MECHANISM_GRIP, MECHANISM_LAG, Log
 from twin.identify.parameters import DEFAULT
 from twin.identify.twin_model import identify
-from twin.jobs import results
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from twin.errors import LogError
+from twin.base.errors import LogError
 from twin.identify.judged import HORIZONS, score
 from twin.identify.logs import NEEDED, read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twin.errors import LogError
+from twin.base.errors import LogError
 from twin.identify.plate_motion import KEYS, NO_LOOP, lost_motion, triangle
 from twin.sim.rig import Hysteresis, Play
 

@@ -12,12 +12,12 @@ import pytest
 
 import ballplate as bp
 from controllers import catalog
-from twin.errors import LawError, ScenarioError
+from twin.base.errors import LawError, ScenarioError
+from twin.base.shipped import folder
 from twin.lab.process import NAME, answering
 from twin.lab.schema import AnswerTable, read
 from twin.run.loop import simulate
 from twin.scenario import load
-from twin.shipped import folder
 from twin.study.schema import drawn, read_family
 
 MINI = Path(__file__).parent / "mini"

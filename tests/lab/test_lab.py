@@ -11,7 +11,7 @@ import pathspec
 import pytest
 
 import ballplate as bp
-from twin.errors import LawError, RecordError, ScenarioError
+from twin.base.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
 from twin.lab.grade import begin, candidates, of_student, pack, tried, written
 from twin.lab.judge import Judge, judged

@@ -12,7 +12,7 @@ from controllers import catalog
 from controllers.controller import SampledReference
 from controllers.interfaces import Feedback, Law, Measurement, Observer
 from controllers.references import Circle
-from twin.errors import LawError, ScenarioError
+from twin.base.errors import LawError, ScenarioError
 from twin.lab import child
 from twin.lab.process import NAME, answering
 from twin.lab.schema import AnswerTable

@@ -6,8 +6,8 @@ import sys
 import pytest
 from click.testing import CliRunner
 
+from twin.base.errors import TwinError
 from twin.cli.rig import play
-from twin.errors import TwinError
 from twin.play import serve
 from twin.play.page import PLANT, complete, gains, moved, shown_by
 from twin.play.serve import Audience, guarded, is_loopback

@@ -8,14 +8,14 @@ from every_setting import OTHER, QUIET
 
 from controllers.controller import PerRigReference
 from controllers.references import Circle, Hold
-from twin.errors import ModelError, ScenarioError
+from twin.base.errors import ModelError, ScenarioError
+from twin.base.settings import settings_of
 from twin.hal.interface import Limits
 from twin.run.assemble import SHARED, SHARED_EXACT, assemble
 from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
-from twin.settings import settings_of
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
 from twin.run.assemble import PLANTS as KINDS
 from twin.run.assemble import assemble, build_plant
 from twin.run.finished import run

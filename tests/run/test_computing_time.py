@@ -11,9 +11,9 @@ import pytest
 import ballplate
 from controllers import catalog
 from controllers.classical import LQR
-from twin.report.numbers import FIRST, indicators
 from twin.run.assemble import build_controller
 from twin.run.loop import simulate
+from twin.run.tables import FIRST, indicators
 from twin.scenario import load
 
 SETTINGS = {"plant.kind": "lagrange", "plant.start.x": 0.05, "duration": 1.2, "metrics.start": 0}

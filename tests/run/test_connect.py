@@ -5,7 +5,7 @@ import pytest
 
 from ballplate.reporter import Reporter
 from ballplate.running import connected
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
 from twin.hal.cams import CamTable
 from twin.run.connect import connect
 from twin.scenario import load

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twin.errors import ModelError, ScenarioError
+from twin.base.errors import ModelError, ScenarioError
 from twin.run.loop import Episodes
 from twin.sim.sensors import Noise
 from twin.study.schema import drawn, read_family

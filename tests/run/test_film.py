@@ -10,7 +10,7 @@ import pytest
 from PIL import Image, ImageColor
 
 import ballplate as bp
-from twin.errors import RecordError
+from twin.base.errors import RecordError
 from twin.run import film as film_module
 from twin.run.files import MOVING
 from twin.run.film import Cut, Film, Stage, moving

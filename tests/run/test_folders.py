@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from twin.errors import LogError, RecordError, ScenarioError
+from twin.base.errors import LogError, RecordError, ScenarioError
+from twin.base.shipped import find
 from twin.run.files import free, last, log_file, record_of, run_folder, run_name
-from twin.shipped import find
 
 
 def kept(folder, when):

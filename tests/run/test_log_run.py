@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballplate import compare
-from twin.errors import LogError, ScenarioError
+from twin.base.errors import LogError, ScenarioError
 from twin.run.finished import run
 from twin.run.logs import AXES, apart, distances, fitting, log_run, read_log
 from twin.scenario.load import load

@@ -5,11 +5,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from twin.errors import RecordError
+from twin.base.errors import RecordError
+from twin.base.writing import write_whole
 from twin.run.files import STREAM
 from twin.run.finished import described, open_run, run, save
 from twin.run.record import Recorder, read_run, stream, write_run
-from twin.writing import write_whole
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 

@@ -6,7 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from twin.errors import RecordError
+from twin.base.errors import RecordError
 from twin.run.finished import open_run, open_runs, run, save
 
 pytestmark = pytest.mark.usefixtures("no_pictures")

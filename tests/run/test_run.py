@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import twin.run.finished
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
 from twin.run.assemble import assemble
 from twin.run.finished import run, save
 from twin.run.loop import drive

@@ -7,8 +7,8 @@ from runpy import run_path
 import pytest
 from click.testing import CliRunner
 
+from twin.base.errors import ScenarioError
 from twin.cli.runs import describe as command
-from twin.errors import ScenarioError
 from twin.scenario.describe import about, described, every_kind
 from twin.scenario.load import check, put, setting
 from twin.scenario.schema import KINDS, Scenario, choices

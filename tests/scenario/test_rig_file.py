@@ -6,10 +6,10 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.errors import TwinError
+from twin.base.errors import TwinError
+from twin.base.validation import keys_of
 from twin.scenario.load import put
 from twin.scenario.rig import RigFile, check_rig, read_rig
-from twin.validation import keys_of
 
 KEYS = sorted(keys_of(RigFile))
 NUMBERS = st.one_of(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
 from twin.scenario import load, shipped
 from twin.scenario.load import check, comparison, parsed, put, read, setting, variants
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from controllers.references import Circle, Hold, Path, Sine, Step
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
+from twin.base.shipped import shipped_in
 from twin.run.assemble import assemble, build_controller, build_reference
 from twin.run.finished import run
 from twin.scenario import shipped
 from twin.scenario.load import check, load, read, resolved
-from twin.shipped import shipped_in
 
 RIGS = sorted(shipped_in("rigs"))
 as_shipped = cache(load)

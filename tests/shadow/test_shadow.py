@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from twin.base.errors import LogError, TwinError
 from twin.cli.understand import shadow as command
-from twin.errors import LogError, TwinError
 from twin.identify.logs import MECHANISM_LAG, read
 from twin.run.finished import run, save
 from twin.scenario import load

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import fsolve
 
-from twin.errors import ModelError
+from twin.base.errors import ModelError
+from twin.base.shipped import model_path
 from twin.hal.cams import CamTable, FixedRatio
-from twin.shipped import model_path
 from twin.sim.calibration import sweep_cams
 from twin.sim.plant.mechanism import Mechanism
 

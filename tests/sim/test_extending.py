@@ -7,7 +7,8 @@ import pytest
 
 import ballplate as bp
 from controllers.arrays import Number, column
-from twin.errors import ModelError, ScenarioError
+from twin.base.errors import ModelError, ScenarioError
+from twin.base.settings import Unit, filled, setting
 from twin.hal.cams import FixedRatio
 from twin.run.assemble import PLANTS, PlantKind, assemble, register
 from twin.run.finished import run
@@ -16,7 +17,6 @@ from twin.scenario import load
 from twin.scenario.load import validated
 from twin.scenario.schema import PLANTS as NAMED
 from twin.scenario.schema import tables
-from twin.settings import Unit, filled, setting
 
 EXACT = ("plant.kind=lagrange", "duration=1", "metrics.start=0", "sensors.touch.variance=[0,0]")
 

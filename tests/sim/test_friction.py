@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
-from twin.errors import ModelError
+from twin.base.errors import ModelError
 from twin.sim.plant.friction import SCREEN, Friction, SurfaceMap, resisted
 
 MODEL = BallPlate()

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from controllers.ballplate import BallPlate
-from twin.errors import ModelError
+from twin.base.errors import ModelError
+from twin.base.shipped import model_path
 from twin.hal.cams import CamTable
 from twin.hal.linkage import Linkage
-from twin.shipped import model_path
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts, ball_in_plate

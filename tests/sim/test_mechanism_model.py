@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from twin.errors import ModelError
-from twin.shipped import model_path
+from twin.base.errors import ModelError
+from twin.base.shipped import model_path
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import differing, fields_of, fitted, load_model, shaped
 

@@ -7,8 +7,8 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
+from twin.base.errors import ScenarioError
 from twin.cli.studies import study as command
-from twin.errors import ScenarioError
 from twin.run.loop import alike, simulate
 from twin.study.schema import Parameter, Study, drawn, read_family
 from twin.study.work import Builder, points

@@ -37,7 +37,7 @@ def test_the_same_code_has_the_same_key(key):
     assert key() == key() == work.code()
 
 
-@pytest.mark.parametrize("parts", [("run", "record.py"), ("settings.py",)], ids="/".join)
+@pytest.mark.parametrize("parts", [("run", "record.py"), ("base", "settings.py")], ids="/".join)
 def test_what_a_run_executes_is_in_the_key(key, parts):
     assert source(*parts).is_file()
     assert key(changed=source(*parts)) != key()
@@ -65,13 +65,13 @@ def test_what_a_simulated_run_never_sees_is_not(key, parts):
 
 
 BESIDE = {
-    "data_file",
-    "errors",
+    "base/data_file",
+    "base/errors",
+    "base/shipped",
+    "base/validation",
+    "base/writing",
     "run/files",
     "scenario/__init__",
-    "shipped",
-    "validation",
-    "writing",
 }
 """Modules of ``twin`` that find, read, refuse and write files."""
 

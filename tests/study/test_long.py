@@ -16,7 +16,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
 from twin.study import experiments
 from twin.study.experiments import Store, carry
 from twin.study.schema import Study

@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from twin.errors import TwinError
-from twin.jobs import handed_out
+from twin.base.errors import TwinError
+from twin.base.jobs import handed_out
 from twin.run.files import METRICS
 from twin.run.loop import simulate
 from twin.scenario import load

@@ -6,9 +6,9 @@ import json
 
 import pytest
 
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
+from twin.base.shipped import find, shipped_in
 from twin.scenario import load
-from twin.shipped import find, shipped_in
 from twin.study.schema import Study, read
 from twin.study.work import Builder, Work
 

@@ -12,7 +12,6 @@ from click.testing import CliRunner
 from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, SlidingMode
 from controllers.references import Circle, Step
 from twin.cli.understand import reproduce as command
-from twin.fit.runs import Runs, cells, read
 from twin.run.assemble import build_controller
 from twin.scenario import load, shipped
 from twin.sim.sensors import COUNTS
@@ -26,6 +25,7 @@ from twin.thesis.chapter9 import (
     predicting,
     rows,
 )
+from twin.tune.cells import Runs, cells, read
 
 PAGE = Path(__file__).parents[2] / "docs" / "chapter9.py"
 with pytest.MonkeyPatch.context() as patch:

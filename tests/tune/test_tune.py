@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
+from twin.base.errors import ScenarioError, TwinError
+from twin.base.shipped import shipped_in
 from twin.cli.studies import tune as command
-from twin.errors import ScenarioError, TwinError
 from twin.scenario import load
-from twin.shipped import shipped_in
 from twin.study.experiments import Store
 from twin.study.schema import drawn, read_family
 from twin.tune.report import settings, toml

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.errors import ViewError
+from twin.base.errors import ViewError
 from twin.run.finished import open_run, run, save
 from twin.shadow import report
 from twin.view import recording, viewer

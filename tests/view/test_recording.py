@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rerun.experimental import ViewerClient
 
-from twin.errors import RecordError, ViewError
+from twin.base.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, run, save
 from twin.scenario import load
 from twin.view import viewer

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controllers.interfaces import Measurement
+from twin.base.errors import TwinError
 from twin.cli import ballplate
-from twin.errors import TwinError
 from twin.run import finished
 from twin.run.assemble import build_controller
 from twin.run.files import export

@@ -46,7 +46,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballplate.changes import changes_of
 from ballplate.rigs import shaped
 from controllers.arrays import Array, Mask, put
-from twin.errors import ScenarioError, TwinError
+from twin.base.errors import ScenarioError, TwinError
 from twin.hal.interface import SCREEN
 from twin.run.assemble import build_reference
 from twin.run.loop import Episodes

@@ -40,7 +40,7 @@ from controllers.arrays import Array
 from controllers.ballplate import MEASURED, STATES
 from controllers.design import sample
 from controllers.observers.thesis import Ideal
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
 
 if TYPE_CHECKING:
     import control

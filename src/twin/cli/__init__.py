@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.data_file import packaged
-from twin.errors import LawError, TwinError, shortened
+from twin.base.data_file import packaged
+from twin.base.errors import LawError, TwinError, shortened
 
 if TYPE_CHECKING:
     from twin.cli.options import Command

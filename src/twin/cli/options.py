@@ -15,10 +15,10 @@ import click
 from click.shell_completion import CompletionItem, get_completion_class
 
 from ballplate.running import EMULATED
+from twin.base.errors import ScenarioError, ViewError
+from twin.base.shipped import find, shipped, shipped_in
 from twin.cli.output import warn
-from twin.errors import ScenarioError, ViewError
 from twin.run.files import LAST, ROOT, run_folders
-from twin.shipped import find, shipped, shipped_in
 
 if TYPE_CHECKING:
     from ballplate.running import Attach

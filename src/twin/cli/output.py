@@ -15,11 +15,11 @@ from rich.console import Console
 from rich.text import Text
 
 from ballplate.reporter import Advance, Reporter, counted, now_and_then
-from twin.page import Table, terminal
-from twin.report.numbers import EVERY, FIRST, by_run
-from twin.report.numbers import indicators as table_of
-from twin.shipped import shipped_in
-from twin.shipped import titles as titles_of
+from twin.base.page import Table, terminal
+from twin.base.shipped import shipped_in
+from twin.base.shipped import titles as titles_of
+from twin.run.tables import EVERY, FIRST, by_run
+from twin.run.tables import indicators as table_of
 
 SIDE_BY_SIDE = 4
 """Runs that a table has columns for."""

@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballplate.running import EMULATED, rig_of
+from twin.base.errors import LogError
+from twin.base.jobs import cores
+from twin.base.page import Table, digits
+from twin.base.writing import check_writable, write_whole
 from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, console, json_wanted, progress, say, show, warn
 from twin.devices.akd import TRACE
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen import Protocol
-from twin.errors import LogError
-from twin.jobs import cores
-from twin.page import Table, digits
 from twin.run.files import export, log_file, run_folder
-from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
     from ballplate.reporter import Advance
@@ -484,12 +484,10 @@ calibrate.add_command(lost_motion)
 def cams(rig: str, out: Path, reach: float, lines: int) -> None:
     """Measure the cam table of a rig: what its motors must turn for angles of the plate."""
     from twin.doctor.drives import measure_cams
-    from twin.hal.cams import CamTable
     from twin.scenario import load
 
     with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, tell):
-        table, far = CamTable.packaged(), math.radians(reach)
-        found = measure_cams(servos, table, reach=far, lines=lines, progress=tell)
+        found = measure_cams(servos, reach=math.radians(reach), lines=lines, progress=tell)
     write_whole(out, found.save)
     told = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}
     words = (

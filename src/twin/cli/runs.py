@@ -15,13 +15,13 @@ import click
 from ballplate.changes import scenarios
 from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
+from twin.base.data_file import read_toml
+from twin.base.errors import LogError, RecordError, ScenarioError, TwinError, ViewError
+from twin.base.shipped import folder, model_path
+from twin.base.writing import write_whole
 from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, reasons, say, show, show_titles
-from twin.data_file import read_toml
-from twin.errors import LogError, RecordError, ScenarioError, TwinError, ViewError
 from twin.run.files import LAST, MOVING, check_no_scenario, free, run_folder
-from twin.shipped import folder, model_path
-from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
@@ -408,8 +408,8 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
     opened = _opened(runs)
-    from twin.page import encoded  # heavy: a wrong name was told
-    from twin.report.html import details, html, overview
+    from twin.base.page import encoded  # heavy: a wrong name was told
+    from twin.view.html import details, html, overview
 
     folder = opened[0].folder
     assert folder is not None

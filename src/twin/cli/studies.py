@@ -11,17 +11,17 @@ import click
 
 from ballplate.studies import study as run_study
 from ballplate.studies import work_of
+from twin.base.errors import ScenarioError
+from twin.base.jobs import cores
+from twin.base.page import Table
+from twin.base.shipped import chosen, shipped_in, shipped_labs, titles
+from twin.base.writing import check_writable
 from twin.cli import options
 from twin.cli.options import JSON, PATH, PROCESSES, Command, Group
 from twin.cli.output import TERMINAL, bold, listed, progress, say, show, show_titles
-from twin.errors import ScenarioError
-from twin.jobs import cores
-from twin.page import Table
-from twin.shipped import chosen, shipped_in, shipped_labs, titles
-from twin.writing import check_writable
 
 if TYPE_CHECKING:
-    from twin.bench import Benchmark, BenchScore
+    from twin.lab.bench import Benchmark, BenchScore
     from twin.lab.grade import Finding
     from twin.lab.schema import Lab
     from twin.study.report import Answer
@@ -194,7 +194,7 @@ def list_laws(season: str | None) -> int:
 
     With the key of a season say the key's fingerprint instead, and as JSON the rigs.
     """
-    from twin.bench import Benchmark, rigs_of
+    from twin.lab.bench import Benchmark, rigs_of
 
     benchmark = Benchmark(key=season)
     if season is None:
@@ -228,7 +228,7 @@ def run(
     runs are kept: an interrupted command goes on where it was. On the rigs of a season the
     reference law is run first, once for all entries.
     """
-    from twin.bench import Benchmark, rigs_of
+    from twin.lab.bench import Benchmark, rigs_of
     from twin.study.experiments import Store, executors
 
     benchmark = Benchmark(key=season)
@@ -260,7 +260,7 @@ def verify(entry: Path | None, season: str | None) -> int:
     Without one the benchmark itself: its files, and errors of its laws on the first rigs. Exit code
     1 where anything differs. An entry of a season needs its key, and the reference law is run once.
     """
-    from twin.bench import Benchmark
+    from twin.lab.bench import Benchmark
 
     if season is not None and entry is None:
         raise click.UsageError("--season: needs the ENTRY that is verified")
@@ -278,7 +278,7 @@ def verify(entry: Path | None, season: str | None) -> int:
 @JSON
 def table(entries: Sequence[Path]) -> int:
     """Put finished entries side by side: the relative error of each in each task."""
-    from twin.bench import beside, rigs_of
+    from twin.lab.bench import beside, rigs_of
 
     found, season = beside(entries)
     tasks = [each["task"] for each in next(iter(found.values()))]
@@ -391,8 +391,8 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
     The answer is a file, or a folder with it; by default that of this folder.
     """
     from ballplate.lab import check as judge
+    from twin.base.writing import write_whole
     from twin.lab.grade import table, written
-    from twin.writing import write_whole
 
     result = judge(**how, key=_text(key))
     if out is not None:
@@ -435,9 +435,9 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     killed command goes on where it was, an unchanged answer is not judged again. A page beside the
     marks has the class.
     """
+    from twin.base.writing import write_whole, written_alone
     from twin.lab import grade as grades
     from twin.lab.schema import students
-    from twin.writing import write_whole, written_alone
 
     names = students(people) if people else None
     processes, key = given["processes"] or cores(), _text(given["key"])
@@ -468,9 +468,9 @@ def _tried(lab: Lab, found: Iterable[Finding]) -> int:
 @JSON
 def selftest(lab: Lab, starter: bool, processes: int | None) -> int:
     """Try a lab before a class does: the solution has all points, every mutant fails its check."""
+    from twin.base.writing import write_whole
     from twin.lab import grade
     from twin.lab.schema import starter as made
-    from twin.writing import write_whole
 
     if starter and not lab.answer.data:
         write_whole(lab.folder / lab.answer.file, made(lab.text("solution.py")))

@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballplate.changes import changes_of, scenario_of
+from twin.base.errors import ScenarioError
+from twin.base.page import Table, digits
+from twin.base.shipped import chosen, shipped_in
+from twin.base.writing import check_writable, write_json
 from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, listed, progress, show, warn
-from twin.errors import ScenarioError
 from twin.identify.parameters import CHOICES, DEFAULT, PLAIN, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
-from twin.page import Table, digits
 from twin.run.files import ROOT, is_record, log_file, run_folder, run_name
-from twin.shipped import chosen, shipped_in
-from twin.writing import check_writable, write_json
 
 if TYPE_CHECKING:
-    from twin.explain.attribution import EffectCase, Explanation
     from twin.scenario import Scenario
     from twin.thesis.chapter8 import Results, SimulatedTable, ThesisCell
     from twin.thesis.chapter9 import Row
+    from twin.whatif.attribution import EffectCase, Explanation
 
 
 @options.command(example="explain circle")
@@ -39,8 +39,8 @@ def explain(
     scenario: str, overrides: tuple[str, ...], out: Path | None, processes: int | None
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
-    from twin.explain.attribution import draw, plan, summary
-    from twin.explain.attribution import explain as explain_scenario
+    from twin.whatif.attribution import draw, plan, summary
+    from twin.whatif.attribution import explain as explain_scenario
 
     chosen = scenario_of(scenario, changes_of(overrides, {}))
     named = run_folder(scenario, overrides)
@@ -56,7 +56,7 @@ def explain(
 
 
 def _effects(found: Explanation) -> Iterator[Shown]:
-    from twin.explain.attribution import EFFECTS, present
+    from twin.whatif.attribution import EFFECTS, present
 
     what = "tracking error e_tt [%]" if found.in_percent else "RMS distance [mm]"
     yield bold(f"{found.scenario.title}: {what}")
@@ -168,10 +168,10 @@ def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) 
     if table is None:
         return listed("fits")
     chosen("table", table, shipped_in("fits"))  # told before anything heavy is imported
-    from twin.fit.fit import HEADS, row, sentences, write
-    from twin.fit.fit import fit as fit_table
-    from twin.fit.runs import Runs, read
     from twin.study.experiments import Store, executors
+    from twin.tune.cells import Runs, read
+    from twin.tune.fit import HEADS, row, sentences, write
+    from twin.tune.fit import fit as fit_table
 
     about = read(table)
     folder = check_writable(out or Path("runs") / f"fit-{Path(table).stem}")
@@ -252,7 +252,7 @@ def whatif(
     estimated state. Without --set and --branch nothing is changed.
     """
     run = log_file(run)  # a wrong name is told before anything heavy is imported
-    from twin.jobs import SecondProcess, cores
+    from twin.base.jobs import SecondProcess, cores
     from twin.run.finished import load_drawing
     from twin.whatif.futures import agreement, branches_of, futures, moment_of, summary, write
 
@@ -374,7 +374,7 @@ def reproduce(tables: tuple[str, ...], processes: int | None) -> int:
     8.1 to 8.21 were simulated. 9.1 to 9.9 were measured on the rig: the twin predicts them from one
     number, friction, and explains them by four, each table also by numbers fitted without it.
     """
-    from twin.jobs import cores
+    from twin.base.jobs import cores
     from twin.thesis import chapter8, chapter9
 
     of_8, of_9 = _chapters(tables)

@@ -12,8 +12,8 @@ import os
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
-from twin.data_file import packaged
-from twin.errors import ScenarioError
+from twin.base.data_file import packaged
+from twin.base.errors import ScenarioError
 from twin.hal.interface import Condition, Fault, Severity
 
 

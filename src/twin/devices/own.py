@@ -21,8 +21,8 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.catalog import error_words, failed_line
+from twin.base.errors import RigError, ScenarioError
 from twin.devices.common import FaultReports, Ranged, bounded, net
-from twin.errors import RigError, ScenarioError
 from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
 
 Answer = TypeVar("Answer")

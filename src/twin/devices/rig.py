@@ -17,9 +17,9 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.interfaces import Measurement
+from twin.base.errors import RigError
 from twin.devices.akd.conditions import RELAXED
 from twin.devices.realtime import RealTimeClock, Scheduling, TimingLog, real_time
-from twin.errors import RigError
 from twin.hal.interface import Fault, Limits, Severity, Transmission
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import BALL_LOST, State, Supervisor

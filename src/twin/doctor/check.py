@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
-from twin.errors import TwinError
+from twin.base.errors import TwinError
 
 
 def next_step(found: Sequence[CheckResult], rig: str, *, move: bool) -> str:

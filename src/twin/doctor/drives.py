@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
+from twin.base.errors import RigError
+from twin.base.jobs import wait_until
 from twin.devices.akd.conditions import INTERNAL_LIMIT, RUNAWAY, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.protocol import DriveState, StatusBit, fault_words
@@ -29,11 +31,9 @@ from twin.devices.lumio.config import (
 )
 from twin.devices.lumio.screen import LumioScreen, Sample, TouchState
 from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, warned
-from twin.errors import RigError
 from twin.hal.cams import CamTable
 from twin.hal.interface import SCREEN, Severity, Transmission
 from twin.identify.plate_motion import LostMotion, as_plate, lost_motion, triangle
-from twin.jobs import wait_until
 
 
 def turn(servos: AkdServos, start: Array, end: Array, seconds: float = 1.0) -> bool:
@@ -291,7 +291,7 @@ DEGREE = 3
 
 def measure_cams(
     servos: AkdServos,
-    known: CamTable,
+    known: CamTable | None = None,
     *,
     reach: float,
     lines: int,
@@ -301,7 +301,7 @@ def measure_cams(
 
     Args:
         servos: The drives, not started.
-        known: The table of the model, by which the points are found.
+        known: By which the points are found; the model's table by default.
         reach: Largest plate angle either way, rad.
         lines: Points along each axis.
         progress: Called with the number of points done.
@@ -314,6 +314,7 @@ def measure_cams(
         RigError: The drives went off on the way.
         DriveError: They cannot be brought up.
     """
+    known = known or CamTable.packaged()
     servos.start()
     try:
         motor, plate = _readings(servos, known, _path(reach, lines), progress)

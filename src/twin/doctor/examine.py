@@ -13,6 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from controllers.arrays import Array
+from twin.base.errors import RigError, TwinError
+from twin.base.jobs import wait_until
+from twin.base.shipped import model_path
 from twin.devices.akd.config import unconfirmed
 from twin.devices.akd.protocol import table
 from twin.devices.akd.servos import AkdServos
@@ -24,14 +27,11 @@ from twin.devices.rig import HardwareRig
 from twin.doctor import drives
 from twin.doctor.check import Ask, CheckResult, failed, noted, passed, reported, warned
 from twin.doctor.drives import exchange
-from twin.errors import RigError, TwinError
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import LOST_AFTER
-from twin.jobs import wait_until
 from twin.run.connect import ComputingTime, cams_of, connect
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
-from twin.shipped import model_path
 
 TIMED = 1.0
 """Seconds that the timer is watched."""

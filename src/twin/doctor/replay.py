@@ -16,13 +16,13 @@ import can
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from twin.base.errors import LogError
 from twin.devices.akd import protocol
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.decoding import AKD, HOST, PLACE, SPEED, Conversation, Names, TracedEvent
 from twin.emulator.can_bus import EmulatedBus, message
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import AbortError, Frame
-from twin.errors import LogError
 
 STEP = 0.001
 """Longest step of the drives in s."""

@@ -27,10 +27,10 @@ from typing import Any, Self
 import can
 from can.exceptions import CanOperationError
 
+from twin.base.errors import RigError
 from twin.devices.realtime import LatencyHistogram, Paused, never
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import Frame
-from twin.errors import RigError
 
 Bytes = Callable[[bytes], bytes]
 Ids = int | Iterable[int] | None

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
-from twin.data_file import packaged
+from twin.base.data_file import packaged
 
 NO_OBJECT = 0x06020000
 NO_SUB = 0x06090011

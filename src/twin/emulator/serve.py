@@ -24,6 +24,9 @@ from typing import Any
 
 import numpy as np
 
+from twin.base.errors import RigError
+from twin.base.jobs import let_go, program_left_out, undisturbed
+from twin.base.settings import filled
 from twin.emulator.can_bus import (
     BusServer,
     EmulatedBus,
@@ -33,13 +36,10 @@ from twin.emulator.can_bus import (
 )
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.screen import Ball, Protocol, ScreenLine
-from twin.errors import RigError
 from twin.hal.interface import Touch, Transmission
-from twin.jobs import let_go, program_left_out, undisturbed
 from twin.run.assemble import build_devices, build_plant, start_plant
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
-from twin.settings import filled
 from twin.sim.rig import DriveModel, SimulatedDevices
 from twin.sim.sensors import EncoderModel, TouchModel
 

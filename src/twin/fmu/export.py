@@ -26,20 +26,20 @@ import pandas as pd
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.data_file import packaged
-from twin.errors import ScenarioError, TwinError
+from twin.base.data_file import packaged
+from twin.base.errors import ScenarioError, TwinError
+from twin.base.page import filled
+from twin.base.settings import Setting, Unit, settings_of
+from twin.base.writing import write_whole
 from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
-from twin.page import filled
 from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
 from twin.scenario.describe import UNIT, meanings
 from twin.scenario.schema import Scenario
-from twin.settings import Setting, Unit, settings_of
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
-from twin.writing import write_whole
 
 SOURCES: tuple[type, ...] = (
     *(BallStart, Parts, Friction, DriveModel, TransmissionError),

@@ -16,9 +16,9 @@ from typing import Any, Self
 import numpy as np
 
 from controllers.arrays import Array, Number
-from twin.data_file import parse_json
-from twin.errors import ModelError
-from twin.shipped import model_path
+from twin.base.data_file import parse_json
+from twin.base.errors import ModelError
+from twin.base.shipped import model_path
 
 
 def cubic(grid: Array, values: Array) -> Array:

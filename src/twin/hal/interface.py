@@ -14,8 +14,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from controllers.arrays import Arithmetic, Array, Mask, Number, column, elementwise
-from twin.data_file import packaged
-from twin.settings import Unit, setting
+from twin.base.data_file import packaged
+from twin.base.settings import Unit, setting
 
 
 class Severity(StrEnum):

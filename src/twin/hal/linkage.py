@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
-from twin.settings import Unit, setting
+from twin.base.settings import Unit, setting
 
 Pair = tuple[float, float] | Array
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.errors import LogError
+from twin.base.errors import LogError
 from twin.identify import judged
 from twin.identify.drives import TRIED
 from twin.identify.logs import GAP, AnyLog, AxisLog

@@ -11,9 +11,9 @@ import numpy as np
 
 from controllers.analysis import number
 from controllers.arrays import Array, Mask
+from twin.base.page import digits
 from twin.identify.parameters import IdentifiedParameter
 from twin.identify.search import fit_starts
-from twin.page import digits
 
 IDENTIFIED, BOUNDED, NOT = "identified", "bounded", "not identifiable"
 GIVEN = "given"

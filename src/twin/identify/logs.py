@@ -21,12 +21,12 @@ from scipy.signal import lfilter, savgol_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.errors import LogError
+from twin.base.errors import LogError
+from twin.base.shipped import shipped_in
+from twin.base.validation import read_tables
 from twin.run.files import is_record, log_file
 from twin.run.logs import NEEDED, SCALES, UNITS, read_columns, split_unit
 from twin.scenario.schema import Scenario
-from twin.shipped import shipped_in
-from twin.validation import read_tables
 
 MORE_COLUMNS = ("age", "touched", "applied_phi_acc", "applied_theta_acc", "lateness")
 RATES = ("applied_phi_rate", "applied_theta_rate")

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from twin.data_file import read_toml
-from twin.errors import LogError
+from twin.base.data_file import read_toml
+from twin.base.errors import LogError
 
 _FACTORS = {"mm": 1e3, "deg": math.degrees(1)}
 

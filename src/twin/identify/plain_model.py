@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.errors import LogError
+from twin.base.errors import LogError
 from twin.identify.drives import BANDS, TRIED, TiltHistory, unexplained
 from twin.identify.judged import (
     EVERY,

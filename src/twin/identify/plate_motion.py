@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, detrend, filtfilt, lfilter
 
 from controllers.arrays import Array
-from twin.errors import LogError
+from twin.base.errors import LogError
 from twin.hal.cams import CamTable
 from twin.identify.logs import resolution
 from twin.identify.parameters import DRIVES

@@ -10,7 +10,7 @@ from scipy.signal import savgol_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.errors import LogError
+from twin.base.errors import LogError
 from twin.identify.logs import Log, resolution, runs
 from twin.run.logs import check_reach
 

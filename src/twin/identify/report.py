@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from twin import page
+from twin.base import page
+from twin.base.page import Block, Picture, Table, Text, Verdict, digits
+from twin.base.writing import write_whole
 from twin.identify import judged
-from twin.page import Block, Picture, Table, Text, Verdict, digits
 from twin.run.picture import COLOURS, drawn
-from twin.writing import write_whole
 
 HEADS = ("parameter", "value", "95 % interval", "unit", "verdict")
 BASELINES = {"stays": "a ball that stays", "goes on": "one that goes on at its velocity"}

@@ -16,7 +16,7 @@ from scipy import stats
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.errors import LogError
+from twin.base.errors import LogError
 from twin.identify import judged, search
 from twin.identify.logs import Log, rig_of
 from twin.identify.parameters import AT_REST, BALL, HIDDEN, SERVO, SHARE, fitted

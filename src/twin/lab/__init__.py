@@ -1,1 +1,1 @@
-"""Labs: what is asked of a student, each on a rig of their own, and how an answer is judged."""
+"""What others hand in, judged: answers to labs on rigs of their own, laws on the benchmark."""

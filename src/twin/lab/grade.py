@@ -26,9 +26,13 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
-from twin.data_file import DataError, parse_json
-from twin.errors import ScenarioError, TwinError, nearest, shortened
-from twin.jobs import results
+from twin.base.data_file import DataError, parse_json
+from twin.base.errors import ScenarioError, TwinError, nearest, shortened
+from twin.base.jobs import results
+from twin.base.page import Block, Picture, Table, Text, Verdict, digits, html
+from twin.base.page import filled as rendered
+from twin.base.shipped import folder as shipped
+from twin.base.writing import write_folder, write_whole
 from twin.lab.judge import Judge, digest_of, judged
 from twin.lab.schema import (
     LOG,
@@ -46,13 +50,9 @@ from twin.lab.schema import (
     toml,
     trusted,
 )
-from twin.page import Block, Picture, Table, Text, Verdict, digits, html
-from twin.page import filled as rendered
-from twin.report.html import overview
-from twin.report.numbers import flat
-from twin.shipped import folder as shipped
+from twin.run.tables import flat
 from twin.study.work import code, digest
-from twin.writing import write_folder, write_whole
+from twin.view.html import overview
 
 TEMPLATES = Path(__file__).with_name("templates")
 Result = Mapping[str, Any]

@@ -13,16 +13,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.errors import LawError, ScenarioError, TwinError, nearest, shortened
+from twin.base.errors import LawError, ScenarioError, TwinError, nearest, shortened
+from twin.base.validation import read_tables
 from twin.lab.process import NAME, AnswerProcess, answering
 from twin.lab.schema import AnswerTable, CheckTable, Deal, Lab, seen, trusted
-from twin.report.numbers import in_json
 from twin.run.files import UNITS
 from twin.run.finished import Run, run
+from twin.run.tables import in_json
 from twin.scenario import Scenario
 from twin.study.schema import FamilyRig, Point, drawn, read_family
 from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
-from twin.validation import read_tables
 
 RESULT = "ballplate/lab-result/v1"
 

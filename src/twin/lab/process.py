@@ -25,8 +25,8 @@ from controllers import catalog
 from controllers.arrays import Array
 from controllers.controller import PerRigReference, SampledReference
 from controllers.interfaces import Feedback, Law, Measurement, Observer, Quantity, Reference
-from twin.data_file import DataError, parse_json
-from twin.errors import LawError, ScenarioError
+from twin.base.data_file import DataError, parse_json
+from twin.base.errors import LawError, ScenarioError
 from twin.lab.schema import AnswerTable
 
 START = 20.0

@@ -16,15 +16,15 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BeforeValidator, Field, model_validator
 
 from controllers.arrays import Array
-from twin.errors import ScenarioError, nearest, shortened
+from twin.base.errors import ScenarioError, nearest, shortened
+from twin.base.shipped import shipped_labs
+from twin.base.validation import Checked, check_named_once, read_model, read_tables
+from twin.base.writing import why, write_folder, write_whole
 from twin.run.files import METRICS, export
 from twin.run.finished import run
 from twin.scenario import Scenario
-from twin.shipped import shipped_labs
 from twin.study.schema import Family, Point, drawn, read_family
 from twin.study.work import Builder
-from twin.validation import Checked, check_named_once, read_model, read_tables
-from twin.writing import why, write_folder, write_whole
 
 SCHEMA = "ballplate/lab/v1"
 Kind = Literal["law", "observer", "function", "numbers", "parameters"]

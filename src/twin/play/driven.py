@@ -13,7 +13,7 @@ from controllers.arrays import Array
 from controllers.controller import Controller, SampledReference
 from controllers.interfaces import Law, Measurement, Reference
 from controllers.references import Setpoints
-from twin.errors import ScenarioError
+from twin.base.errors import ScenarioError
 from twin.hal.rig import Entry
 from twin.run.assemble import RigChanges, assemble, build_controller, build_reference
 from twin.run.finished import Run, save

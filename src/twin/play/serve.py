@@ -19,8 +19,8 @@ from urllib.parse import urlsplit
 
 from controllers import catalog
 from controllers.arrays import Array
-from twin.errors import TwinError, extra
-from twin.jobs import SecondProcess, let_go, settle, undisturbed
+from twin.base.errors import TwinError, extra
+from twin.base.jobs import SecondProcess, let_go, settle, undisturbed
 from twin.play.driven import Part, save_driven
 from twin.play.session import COLUMNS, End, Event, Pause, Save, Session, Status, Told
 from twin.run.files import free

@@ -11,8 +11,8 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 from controllers.interfaces import Measurement
-from twin.data_file import read_toml
-from twin.errors import TwinError
+from twin.base.data_file import read_toml
+from twin.base.errors import TwinError
 from twin.play.driven import LONGEST, Driven, DrivenRig, Part, States, Write, rows_of, save_driven
 from twin.run.assemble import build_controller
 from twin.run.loop import drive

@@ -34,7 +34,8 @@ from controllers.controller import (
     needed,
 )
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
-from twin.errors import LawError, ModelError, ScenarioError, TwinError
+from twin.base.errors import LawError, ModelError, ScenarioError, TwinError
+from twin.base.settings import changed, filled, per_rig, settings_of, value_of
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import SCREEN, Limits, Transmission
 from twin.hal.linkage import Linkage, TiltTable, Transmitting
@@ -42,7 +43,6 @@ from twin.hal.rig import Rig
 from twin.scenario import schema
 from twin.scenario.load import at_time, times
 from twin.scenario.schema import SLACK, Scenario, choices
-from twin.settings import changed, filled, per_rig, settings_of, value_of
 from twin.sim import rig as simulated
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction, SurfaceMap, SurfaceModel

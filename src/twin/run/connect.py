@@ -15,6 +15,7 @@ import numpy as np
 from can import BusABC
 
 from controllers.arrays import Array
+from twin.base.errors import LogError
 from twin.devices.akd.bus import open_bus
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.decoding import Conversation
@@ -24,7 +25,6 @@ from twin.devices.lumio.screen import LumioScreen
 from twin.devices.own import OwnScreen, OwnServos, load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time
 from twin.devices.rig import HardwareRig
-from twin.errors import LogError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Transmission
 from twin.run.assemble import assemble, build_limits, own_errors

@@ -14,10 +14,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from twin.data_file import DataError, parse_json, read_toml
-from twin.errors import LogError, RecordError, nearest
-from twin.shipped import shipped
-from twin.writing import write_whole
+from twin.base.data_file import DataError, parse_json, read_toml
+from twin.base.errors import LogError, RecordError, nearest
+from twin.base.shipped import shipped
+from twin.base.writing import write_whole
 
 if TYPE_CHECKING:
     import pandas as pd

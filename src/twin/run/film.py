@@ -27,12 +27,12 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from controllers.arrays import Array
-from twin.errors import RecordError
+from twin.base.errors import RecordError
+from twin.base.writing import write_whole
 from twin.hal.interface import SCREEN
 from twin.run.files import LEFT
 from twin.run.finished import Run
 from twin.run.picture import COLOURS, LOOK
-from twin.writing import write_whole
 
 WIDE = 600
 """Width in which all lengths below are given; pictures of other sizes are in proportion."""

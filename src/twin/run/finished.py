@@ -20,19 +20,19 @@ from controllers.catalog import origin
 from controllers.controller import HeldLaw
 from controllers.interfaces import Reference
 from controllers.stable_inversion import AboutMotion
-from twin.data_file import DataError, parse_json
-from twin.errors import RecordError, ScenarioError
+from twin.base.data_file import DataError, parse_json
+from twin.base.errors import RecordError, ScenarioError
+from twin.base.jobs import SecondProcess
+from twin.base.writing import write_json, write_whole
 from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import State
-from twin.jobs import SecondProcess
 from twin.run import assemble, files
 from twin.run.loop import drive
 from twin.run.metrics import INTERRUPTED, KILLED, Ending, Motion, Outcome, held, measure
 from twin.run.record import CHANNELS, Recorder, classes_of, read_metadata, read_run, write_run
 from twin.scenario.load import always_friction, check, recorded
 from twin.scenario.schema import Dimensions, Scenario, choices
-from twin.writing import write_json, write_whole
 
 
 class RecordedReference(Reference):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
-from twin.errors import LogError
+from twin.base.errors import LogError
 from twin.hal.interface import SCREEN
 from twin.hal.supervisor import State
 from twin.run.files import is_record

@@ -20,14 +20,14 @@ from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from controllers.controller import Controller, PerRigReference
 from controllers.interfaces import Measurement
-from twin.errors import ScenarioError, TwinError
+from twin.base.errors import ScenarioError, TwinError
+from twin.base.settings import value_of
 from twin.hal.rig import Rig
 from twin.hal.supervisor import State
 from twin.run import assemble
 from twin.run.metrics import INTERRUPTED, RAN_AWAY, Ending, Motion, Outcome, measure, unjudged
 from twin.run.record import Recorder
 from twin.scenario import Scenario
-from twin.settings import value_of
 from twin.sim.plant.interface import SomeRigs
 from twin.sim.rig import SimulatedRig
 

@@ -18,7 +18,7 @@ from matplotlib.legend import Legend
 from matplotlib.patches import Ellipse, Patch, Rectangle
 from matplotlib.transforms import offset_copy
 
-from twin.data_file import read_toml
+from twin.base.data_file import read_toml
 from twin.run.metrics import Motion
 from twin.scenario.schema import Dimensions
 

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from controllers.arrays import Array
 from controllers.catalog import origin
 from controllers.interfaces import Quantity
-from twin.data_file import DataError, parse_json, read_toml
-from twin.errors import RecordError
+from twin.base.data_file import DataError, parse_json, read_toml
+from twin.base.errors import RecordError
+from twin.base.writing import write_whole
 from twin.run.files import STREAM, arrow_fields
 from twin.scenario.schema import KINDS, Scenario, choices, with_settings
-from twin.writing import write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -20,7 +20,7 @@ from pydantic import BaseModel
 
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
-from twin.errors import TwinError
+from twin.base.errors import TwinError
 from twin.hal.rig import Entry, Rig
 from twin.run.assemble import RigChanges
 from twin.sim.rig import SimulatedRig

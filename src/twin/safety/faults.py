@@ -23,7 +23,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.data_file import packaged
+from twin.base.data_file import packaged
 from twin.devices import realtime
 from twin.devices.akd import conditions as akd
 from twin.devices.akd.config import AkdConfig, MonitorConfig

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.controller import Controller
-from twin.data_file import packaged
+from twin.base.data_file import packaged
+from twin.base.errors import TwinError
+from twin.base.jobs import results
 from twin.devices.akd.conditions import STOP_IGNORED, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.conditions import UNPLUGGED
@@ -32,9 +34,7 @@ from twin.emulator.drive import (
 )
 from twin.emulator.lockstep import LockstepRig, MotionTrace, PowerChange
 from twin.emulator.screen import DEAD_TIME, FRAME
-from twin.errors import TwinError
 from twin.hal.interface import Severity
-from twin.jobs import results
 from twin.run.assemble import build_controller
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Outcome

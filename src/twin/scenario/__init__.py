@@ -1,7 +1,7 @@
 """Scenarios: one experiment each, written as TOML and strictly checked."""
 
+from twin.base.shipped import shipped
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario
-from twin.shipped import shipped
 
 __all__ = ["Scenario", "load", "shipped"]

@@ -18,10 +18,10 @@ from typing import Any, get_args, get_origin
 from docstring_parser import parse_from_object
 from pydantic import BaseModel
 
-from twin.errors import ScenarioError, shortened
+from twin.base.errors import ScenarioError, shortened
+from twin.base.settings import Setting, Unit, settings_of
+from twin.base.validation import is_table
 from twin.scenario.schema import KINDS, Choice, Scenario, Section, choices, settings_model
-from twin.settings import Setting, Unit, settings_of
-from twin.validation import is_table
 
 WORDS = {
     "number": "number",

@@ -21,13 +21,13 @@ import numpy as np
 from pydantic import ValidationError
 
 from controllers.catalog import broken, unfinished
-from twin.data_file import DEEPEST, DataError, parse_toml
-from twin.errors import ScenarioError, nearest, shortened
+from twin.base.data_file import DEEPEST, DataError, parse_toml
+from twin.base.errors import ScenarioError, nearest, shortened
+from twin.base.settings import value_of
+from twin.base.shipped import chosen, find, shipped_in
+from twin.base.validation import Model, keys_of, one_line, read_tables
 from twin.scenario import schema
 from twin.scenario.schema import KINDS, SLACK, Change, Scenario
-from twin.settings import value_of
-from twin.shipped import chosen, find, shipped_in
-from twin.validation import Model, keys_of, one_line, read_tables
 
 NONE_AT_ZERO = ("slew_deg", "acceleration_deg", "bandwidth_hz", "resonance_hz")
 """What of ``plant.servo`` is absent at 0 and the stronger the closer to it: no ramp leads there."""

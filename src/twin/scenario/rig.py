@@ -8,14 +8,14 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from twin.base.errors import ScenarioError
+from twin.base.validation import read_tables
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, DriveSettings
 from twin.devices.common import wider
 from twin.devices.lumio.config import CalibrationError, LumioConfig, read_calibration
 from twin.devices.own import OwnConfig
-from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
 from twin.scenario.schema import CAMS_DEG, RigLimitsTable, Scenario, Section
-from twin.validation import read_tables
 
 LATE_PERIODS = 25
 

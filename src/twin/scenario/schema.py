@@ -18,9 +18,9 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
+from twin.base.settings import Setting, filled, settings_of, value_of
 from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
-from twin.settings import Setting, filled, settings_of, value_of
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError

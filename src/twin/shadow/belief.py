@@ -11,8 +11,9 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.data_file import read_toml
-from twin.errors import LogError
+from twin.base.data_file import read_toml
+from twin.base.errors import LogError
+from twin.base.settings import filled
 from twin.identify.logs import AnyLog, Log, of_columns
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import Problem
@@ -22,7 +23,6 @@ from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.load import check, put, read, recorded, resolved, setting
 from twin.scenario.schema import Scenario
-from twin.settings import filled
 from twin.sim.plant.friction import Friction
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel

@@ -23,13 +23,13 @@ from scipy.linalg import solve_discrete_are
 from scipy.signal import lfilter, ss2tf
 
 from controllers.arrays import Array, Mask
+from twin.base.settings import filled
 from twin.identify.logs import Log
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.search import Linearisation, fit_starts
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans, unknown_motion
 from twin.run.assemble import parts_of
-from twin.settings import filled
 from twin.shadow.belief import BALL, DRIVES, PARAMETERS, Belief
 from twin.sim.calibration import STATES, linear_mechanism
 from twin.sim.rig import DriveModel

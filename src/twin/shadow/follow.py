@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.errors import LogError
+from twin.base.errors import LogError
 from twin.identify.logs import COLUMNS, Log, of_columns
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import SHORTEST, PreparedLog, prepare

@@ -14,10 +14,11 @@ import rerun as rr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from twin.base.page import Block, Picture, Text, Verdict, html
+from twin.base.writing import write_json, write_whole
 from twin.identify.logs import read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges
 from twin.identify.windows import STEP
-from twin.page import Block, Picture, Text, Verdict, html
 from twin.run.assemble import drawn_mechanism
 from twin.run.files import run_name
 from twin.run.picture import COLOURS, drawn
@@ -29,7 +30,6 @@ from twin.shadow.horizon import AHEAD, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
 from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, Scene, in_view, line, told
-from twin.writing import write_json, write_whole
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
 """Is given new replays, and times and texts of what happened."""

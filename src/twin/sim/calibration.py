@@ -13,9 +13,9 @@ from numpy.polynomial import chebyshev
 
 from controllers import ballplate
 from controllers.arrays import Array, Number
-from twin.errors import ModelError
+from twin.base.errors import ModelError
+from twin.base.shipped import model_path
 from twin.hal.cams import CamTable, model_hash
-from twin.shipped import model_path
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.mechanism import Mechanism, free_dimension
 from twin.sim.plant.model import load_model, motor_ratio

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, Number, column, every, put
 from controllers.controller import Groups
+from twin.base.settings import Unit, ramp, setting
 from twin.hal.interface import Limits, Touch, Transmission
 from twin.hal.rig import Rig
 from twin.hal.supervisor import Supervisor
-from twin.settings import Unit, ramp, setting
 from twin.sim import sensors
 from twin.sim.plant.interface import Plant
 from twin.sim.sensors import Noise, Rigs

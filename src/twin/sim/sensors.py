@@ -12,8 +12,8 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, column, constant, put, some
+from twin.base.settings import Unit, jump, ramp, setting
 from twin.hal.interface import SCREEN, Touch
-from twin.settings import Unit, jump, ramp, setting
 
 Rigs = NDArray[np.integer]
 """Numbers of some rigs of a batch, shape (k,)."""

@@ -22,11 +22,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from twin.errors import RecordError, ScenarioError, TwinError, extra
-from twin.jobs import AHEAD, cores, handed_out, pool, results
+from twin.base.errors import RecordError, ScenarioError, TwinError, extra
+from twin.base.jobs import AHEAD, cores, handed_out, pool, results
+from twin.base.writing import write_whole
 from twin.run.files import METRICS
 from twin.study.work import Job, Row, ScenarioRuns, StudyTask, carry_out
-from twin.writing import write_whole
 
 if TYPE_CHECKING:
     import pandas as pd

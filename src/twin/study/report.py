@@ -21,15 +21,15 @@ from SALib.analyze import sobol
 from scipy import stats
 
 from controllers.arrays import Array
-from twin import page
-from twin.data_file import read_toml
-from twin.page import Block, Picture, Table, Text, Verdict, digits, inline
-from twin.report.numbers import LABELS
+from twin.base import page
+from twin.base.data_file import read_toml
+from twin.base.page import Block, Picture, Table, Text, Verdict, digits, inline
+from twin.base.writing import write_whole
 from twin.run.picture import drawn, style
+from twin.run.tables import LABELS
 from twin.study.experiments import labelled
 from twin.study.schema import Point, Study
 from twin.study.work import SEED, Design, Work, problem
-from twin.writing import write_whole
 
 
 @dataclass(frozen=True)

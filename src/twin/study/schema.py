@@ -11,10 +11,10 @@ from pydantic import Field, model_validator
 from scipy import stats
 
 from controllers.arrays import Array
-from twin.errors import nearest
+from twin.base.errors import nearest
+from twin.base.shipped import chosen, shipped_in
+from twin.base.validation import Checked, check_named_once, read_model
 from twin.run.files import METRICS
-from twin.shipped import chosen, shipped_in
-from twin.validation import Checked, check_named_once, read_model
 
 
 class Parameter(Checked):

@@ -22,7 +22,8 @@ from SALib.sample import latin, sobol
 import controllers
 from controllers.arrays import Array
 from controllers.catalog import outside
-from twin.errors import ScenarioError, TwinError
+from twin.base.errors import ScenarioError, TwinError
+from twin.base.shipped import model_path
 from twin.run.assemble import build_controller, own_errors
 from twin.run.files import METRICS
 from twin.run.loop import alike, simulate
@@ -31,7 +32,6 @@ from twin.scenario import Scenario
 from twin.scenario.load import check, resolved, setting, validated
 from twin.scenario.load import read as read_tables
 from twin.scenario.schema import KINDS, at_study_step, checked_settings, choices
-from twin.shipped import model_path
 from twin.study.schema import Point, Study, column
 
 SEED = 1
@@ -420,7 +420,7 @@ def sources() -> list[Path]:
     found += [twin / "run" / f"{name}.py" for name in RUN]
     found += [twin / "scenario" / f"{name}.py" for name in SCENARIO]
     found += [twin / "run" / f"{name}.toml" for name in ("channels", "indicators")]
-    found += [twin / "settings.py", Path(__file__)]
+    found += [twin / "base" / "settings.py", Path(__file__)]
     found += [model_path(), model_path("cams.json")]
     found += [Path(module.__file__) for module in outside() if module.__file__]
     return sorted(found)

@@ -22,10 +22,10 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from controllers.interfaces import Measurement
-from twin.data_file import packaged
+from twin.base.data_file import packaged
+from twin.base.jobs import cores, results
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import Transmission
-from twin.jobs import cores, results
 from twin.run.assemble import PlantKind, assemble, register
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Motion, Outcome, measure

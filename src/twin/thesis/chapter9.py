@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from controllers.analysis import number
-from twin.fit.runs import FitTable, Runs, Sample, read
 from twin.run.finished import run
 from twin.study.experiments import Store
 from twin.thesis.chapter8 import COLUMNS, stored
+from twin.tune.cells import FitTable, Runs, Sample, read
 
 SETTLING = 3.0
 READ = (

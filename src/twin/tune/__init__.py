@@ -1,1 +1,1 @@
-"""Gains of laws and observers, tuned over a family of rigs and certified on fresh ones."""
+"""Searches over runs: gains for a family of rigs, parameters from tables of measured indicators."""

@@ -6,15 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from twin import page
-from twin.page import Block, Code, Table, Text, Verdict, digits
-from twin.report.numbers import LABELS, flat
+from twin.base import page
+from twin.base.page import Block, Code, Table, Text, Verdict, digits
+from twin.base.writing import write_json, write_whole
 from twin.run.assemble import build_law
+from twin.run.tables import LABELS, flat
 from twin.scenario.load import setting
 from twin.study.schema import Point
 from twin.tune.search import CONFIDENCE, TuneResult
 from twin.tune.trials import Trials
-from twin.writing import write_json, write_whole
 
 CONTROLLER = ("controller", "observer", "predictor")
 """Tables of a scenario that belong together and are given as a whole."""

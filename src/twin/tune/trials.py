@@ -16,17 +16,17 @@ from controllers.analysis import Loop, margins, sampled_loop, unstable
 from controllers.arrays import Array
 from controllers.interfaces import Law, Observer
 from controllers.observers import Ideal
-from twin.errors import ScenarioError, TwinError, nearest
+from twin.base.errors import ScenarioError, TwinError, nearest
+from twin.base.shipped import chosen, shipped_in
+from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.run.assemble import build_controller, own_errors
 from twin.run.files import METRICS
 from twin.scenario import Scenario
 from twin.scenario.load import setting
 from twin.scenario.schema import at_study_step
-from twin.shipped import chosen, shipped_in
 from twin.study.experiments import Store, evaluate
 from twin.study.schema import FamilyRig, Parameter, Point, drawn, read_family
 from twin.study.work import Builder, ScenarioRuns
-from twin.validation import Checked, check_named_once, read_model, read_tables
 
 if TYPE_CHECKING:
     import pandas as pd

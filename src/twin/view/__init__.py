@@ -1,1 +1,1 @@
-"""The live view and the replay: a run as entities of the Rerun viewer."""
+"""One run, looked at: live or afterwards in the Rerun viewer, as a page, in sentences."""

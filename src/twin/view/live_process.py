@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.jobs import let_go, orphaned, program_left_out, undisturbed, wait_until
+from twin.base.jobs import let_go, orphaned, program_left_out, undisturbed, wait_until
 from twin.run.record import Recorder
 
 _NAMES = 16384

@@ -12,13 +12,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from controllers.arrays import Array
+from twin.base.writing import write_whole
 from twin.hal.interface import SCREEN
 from twin.run.finished import Run
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.streams import PLOTS, TIMELINE, TWIN_PLOTS, TWIN_RANGE, Batch, RunStream
 from twin.view.viewer import environment
-from twin.writing import write_whole
 
 GROUND, SKY = (16, 18, 22), (30, 33, 38)
 """Colours of the ground of plots and plate and of the mechanism's, whatever theme a viewer has: no

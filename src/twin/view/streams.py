@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from controllers.arrays import Array
 from controllers.interfaces import Reference
-from twin.data_file import read_toml
+from twin.base.data_file import read_toml
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
 
-from twin.errors import ViewError
-from twin.jobs import wait_until
+from twin.base.errors import ViewError
+from twin.base.jobs import wait_until
 
 STARTING = 10.0
 """Longest time in s that the server of a page may take to start."""

@@ -1,1 +1,1 @@
-"""Other futures from a moment of a run: what would have happened."""
+"""What would have happened: other futures of a run, and the run without one of its effects."""

@@ -19,10 +19,11 @@ from scipy.signal import savgol_filter
 from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import DelayedObserver, Law, Measurement
-from twin.errors import RecordError, ScenarioError
+from twin.base.errors import RecordError, ScenarioError
+from twin.base.jobs import SecondProcess
+from twin.base.writing import write_json, write_whole
 from twin.identify.logs import Log, read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges, interpolated
-from twin.jobs import SecondProcess
 from twin.run.assemble import assemble, build_controller, build_reference
 from twin.run.files import WHATIF, forget, free, is_record, record_of, short_key, slug
 from twin.run.finished import Run, drawn, open_run, record_run, versions
@@ -33,7 +34,6 @@ from twin.run.state import Snapshot, restore
 from twin.scenario.load import check, load, put, setting
 from twin.scenario.schema import JUMPS, RAMPS, Scenario, choices
 from twin.sim.rig import SimulatedRig
-from twin.writing import write_json, write_whole
 
 HALF, FRAMES = 0.08, 5
 """Half of the time in s over which a parabola is fitted; of a slow camera, so many frames."""

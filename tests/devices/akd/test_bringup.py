@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from stepped import SteppedDrives, refused
 
+from twin.base.errors import RigError
 from twin.devices.akd import conditions as c
 from twin.devices.akd.bringup import Network, absent
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepRig
-from twin.errors import RigError
 
 
 @pytest.fixture

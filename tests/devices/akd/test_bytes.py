@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from twin.base.errors import ScenarioError
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
 from twin.devices.akd.axis import Axis, EncoderCounter, PdoTracker, difference
@@ -15,7 +16,6 @@ from twin.devices.akd.config import RPM, AkdConfig, AxisConfig, DriveSettings, c
 from twin.devices.akd.protocol import AxisRequest, DriveState
 from twin.devices.akd.servos import SdoPolling
 from twin.devices.common import FaultReports
-from twin.errors import ScenarioError
 
 AXIS = AxisConfig(name="phi", node=1)
 UNITS = st.sampled_from([AXIS.position, AXIS.plate, AXIS.velocity, -AXIS.position])

@@ -9,7 +9,7 @@ from stepped import SteppedDrives, still
 
 import twin
 import twin.devices.lumio.conditions
-from twin.data_file import packaged
+from twin.base.data_file import packaged
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig

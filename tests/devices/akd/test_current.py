@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from stepped import SteppedDrives, refused
 
+from twin.base.shipped import model_path
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.hal.cams import CamTable
-from twin.shipped import model_path
 from twin.sim.plant.mechanism import Mechanism
 
 

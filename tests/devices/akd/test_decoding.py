@@ -11,11 +11,11 @@ from canopen.sdo.exceptions import SdoAbortedError
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.base.errors import LogError
 from twin.devices.akd import protocol
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.decoding import Conversation, Names
 from twin.devices.akd.protocol import table
-from twin.errors import LogError
 
 EDS = Path(__file__).with_name("servo.eds")
 

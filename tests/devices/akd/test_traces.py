@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.base.errors import LogError
 from twin.devices.akd.traces import (
     WRITTEN,
     TracedBus,
@@ -18,7 +19,6 @@ from twin.devices.akd.traces import (
     read_trace,
     to_row,
 )
-from twin.errors import LogError
 
 MESSAGES = st.builds(
     can.Message,

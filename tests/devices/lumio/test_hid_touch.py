@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.base.jobs import wait_until
 from twin.devices.lumio import config as settings
 from twin.devices.lumio.config import LumioConfig, ScreenError
 from twin.devices.lumio.protocols import HidDecoder, TouchLayout, decoder_of
 from twin.devices.lumio.screen import LumioScreen
 from twin.emulator.screen import ENCODERS, Protocol, Spot
-from twin.jobs import wait_until
 
 PANELS = [Protocol.HID_0006, Protocol.HID_0007]
 SHARE = st.floats(0, 1)

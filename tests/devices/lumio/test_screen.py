@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from served_screen import EmulatedScreen
 
+from twin.base.jobs import wait_until
 from twin.devices.lumio.config import LumioConfig, ScreenError
 from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.emulator.screen import Protocol, ScreenLine
-from twin.jobs import wait_until
 
 pytestmark = pytest.mark.real_time
 

@@ -5,7 +5,7 @@ The table is ``conditions.toml``; each of its rows is a constant here.
 
 from __future__ import annotations
 
-from twin.errors import TwinError
+from twin.base.errors import TwinError
 from twin.hal.interface import Condition, Fault, conditions
 
 _TABLE = conditions("twin.devices.akd")

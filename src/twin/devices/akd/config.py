@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
+from twin.base.errors import ScenarioError
 from twin.devices.common import Ranged, bounded, net
-from twin.errors import ScenarioError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import can
 import numpy as np
 
+from twin.base.errors import LogError
 from twin.devices.akd import protocol
 from twin.devices.akd.config import RPM, TURN, AkdConfig
 from twin.devices.akd.protocol import Key, Object, mappings, table
 from twin.devices.common import one_line
-from twin.errors import LogError
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 _TOLD = {CONTROL, STATUS, 0x6060, 0x6061, 0x603F, 0x1001, 0x60FD, 0x2001}

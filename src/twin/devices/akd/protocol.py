@@ -13,7 +13,7 @@ from enum import Enum, IntFlag
 from functools import cache
 from typing import Any, NamedTuple
 
-from twin.data_file import packaged
+from twin.base.data_file import packaged
 
 PDO_INVALID = 1 << 31
 """Bit of a PDO's COB-ID that switches it off."""

@@ -17,9 +17,9 @@ from typing import Any
 
 import can
 
+from twin.base.errors import LogError
 from twin.devices.akd import TRACE
 from twin.devices.common import one_line
-from twin.errors import LogError
 
 Hear = Callable[[can.Message], None]
 """Is given every frame, with its time in s and whether it was received; must not wait."""

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from controllers.arrays import Array
-from twin.data_file import parse_json
+from twin.base.data_file import parse_json
+from twin.base.errors import ScenarioError, TwinError
 from twin.devices.common import Ranged, bounded, claim, in_words, net
 from twin.devices.lumio.protocols import STREAMS, Decoder, DescriptorError, HidDecoder, TouchLayout
-from twin.errors import ScenarioError, TwinError
 from twin.hal.interface import SCREEN
 
 VENDOR = 0x202E

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Self
 
-from twin.data_file import packaged
-from twin.errors import TwinError
+from twin.base.data_file import packaged
+from twin.base.errors import TwinError
 
 
 class Contact(NamedTuple):

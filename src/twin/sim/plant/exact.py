@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Number, put
 from controllers.ballplate import BallPlate
-from twin.errors import ModelError
+from twin.base.errors import ModelError
 from twin.hal.interface import SCREEN
 from twin.hal.linkage import Transmitting
 from twin.sim.plant.friction import Friction, resisted

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from controllers.arrays import ARRAYS, Arithmetic, Array, Number
 from controllers.ballplate import BallPlate
-from twin.errors import ModelError
+from twin.base.errors import ModelError
+from twin.base.settings import Unit, check, jump, ramp, setting
 from twin.hal.interface import SCREEN
-from twin.settings import Unit, check, jump, ramp, setting
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

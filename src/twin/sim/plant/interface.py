@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, put
+from twin.base.settings import Unit, check, jump, ramp, setting
 from twin.hal.linkage import Linkage
-from twin.settings import Unit, check, jump, ramp, setting
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, Number, constant, put
-from twin.errors import ModelError
+from twin.base.errors import ModelError
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts, ball_in_plate, from_plate, rolling_ball
 from twin.sim.plant.model import RigModels, motor_ratio

@@ -18,9 +18,9 @@ from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, Number
-from twin.errors import ModelError
+from twin.base.errors import ModelError
+from twin.base.shipped import model_path
 from twin.hal.linkage import Linkage
-from twin.shipped import model_path
 from twin.sim.plant.interface import Parts, tilted_gravity
 
 AXES = ("phi", "theta")

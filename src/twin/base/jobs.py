@@ -20,7 +20,7 @@ from threading import Thread
 from types import ModuleType
 from typing import Any, TypeVar
 
-from twin.errors import TwinError
+from twin.base.errors import TwinError
 
 Name = TypeVar("Name")
 Job = TypeVar("Job")

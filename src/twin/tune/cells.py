@@ -12,14 +12,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from controllers.arrays import Array
-from twin.errors import LawError, nearest
+from twin.base.errors import LawError, nearest
+from twin.base.shipped import chosen, shipped_in
+from twin.base.validation import Checked, check_named_once, read_model
 from twin.run.files import UNITS as ALL_UNITS
 from twin.run.logs import SCALES
 from twin.scenario import Scenario
-from twin.shipped import chosen, shipped_in
 from twin.study.experiments import Store, evaluate
 from twin.study.work import Builder, ScenarioRuns
-from twin.validation import Checked, check_named_once, read_model
 
 OF_THE_RUN = {"outcome_time", "judged_from", "real_time_factor"}
 """Indicators that say how a run went, not what the ball did."""

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from twin.base.data_file import read_toml
 from twin.cli.understand import explain as command
-from twin.data_file import read_toml
-from twin.explain import attribution
-from twin.explain.attribution import (
+from twin.scenario import Scenario, load
+from twin.scenario.load import clean as cleaned
+from twin.whatif import attribution
+from twin.whatif.attribution import (
     ALL,
     EFFECTS,
     NONE,
@@ -28,8 +30,6 @@ from twin.explain.attribution import (
     summary,
     without,
 )
-from twin.scenario import Scenario, load
-from twin.scenario.load import clean as cleaned
 
 CLEAN = (
     "duration=2",

@@ -18,10 +18,20 @@ from scipy.stats.qmc import LatinHypercube
 
 from controllers.analysis import number
 from controllers.arrays import Array, Mask
-from twin import page
-from twin.fit.runs import Cell, FitTable, Runs, Sample, cells, computed, residuals, rounded, shares
-from twin.page import Block, Table, Verdict, digits
-from twin.writing import write_json
+from twin.base import page
+from twin.base.page import Block, Table, Verdict, digits
+from twin.base.writing import write_json
+from twin.tune.cells import (
+    Cell,
+    FitTable,
+    Runs,
+    Sample,
+    cells,
+    computed,
+    residuals,
+    rounded,
+    shares,
+)
 
 DRAWN = 8
 """Samples drawn for each parameter and search where the table does not say how many."""

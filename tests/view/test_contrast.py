@@ -29,7 +29,7 @@ def contrast(one, other):
 
 def in_the_dark(colour):
     """A colour of a picture on a page in a dark browser: the page's filter, as CSS defines it."""
-    page = files("twin").joinpath("page.html.j2").read_text(encoding="utf-8")
+    page = files("twin.base").joinpath("page.html.j2").read_text(encoding="utf-8")
     dark = page[page.index("prefers-color-scheme: dark") :]
     (found,) = re.findall(r"svg \{ filter: invert\((.*?)\) hue-rotate\((.*?)deg\); \}", dark)
     share, angle = float(found[0]), np.radians(float(found[1]))

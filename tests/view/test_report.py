@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from twin.base.errors import RecordError
+from twin.base.writing import write_json
 from twin.cli.runs import report as command
 from twin.devices.realtime import TimingLog
-from twin.errors import RecordError
-from twin.report.html import details, html
-from twin.report.numbers import LABELS, TIMES
-from twin.report.summary import ENDINGS, Diagnosis, spectrum, summary, verdict
 from twin.run.files import UNITS
 from twin.run.finished import Run, open_run, open_runs, run, save
+from twin.run.tables import LABELS, TIMES
 from twin.scenario.load import check
+from twin.view.html import details, html
 from twin.view.streams import signals
-from twin.writing import write_json
+from twin.view.summary import ENDINGS, Diagnosis, spectrum, summary, verdict
 
 pytestmark = pytest.mark.usefixtures("quick_pictures", "no_pictures")
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from twin.base.errors import ScenarioError
+from twin.base.shipped import shipped_in
 from twin.cli.understand import fit as command
-from twin.errors import ScenarioError
-from twin.fit.fit import bootstrap, correlation, estimates, fit, searched
-from twin.fit.runs import LOST, UNITS, FitTable, FittedParameter, Runs, cells, read, rounded
 from twin.run.loop import simulate
-from twin.shipped import shipped_in
 from twin.study.experiments import Store
 from twin.study.schema import METRICS
+from twin.tune.cells import LOST, UNITS, FitTable, FittedParameter, Runs, cells, read, rounded
+from twin.tune.fit import bootstrap, correlation, estimates, fit, searched
 
 GIVEN = """
 title = "two numbers"

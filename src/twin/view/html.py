@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from twin.data_file import read_toml
-from twin.page import Block, Code, Picture, Table, Text, Verdict
-from twin.page import html as html_of
-from twin.report.numbers import differing, in_json, indicators
-from twin.report.summary import Diagnosis, spectrum, summary, verdict
+from twin.base.data_file import read_toml
+from twin.base.page import Block, Code, Picture, Table, Text, Verdict
+from twin.base.page import html as html_of
 from twin.run.finished import Run, columns
 from twin.run.picture import drawn, picture, style
+from twin.run.tables import differing, in_json, indicators
+from twin.view.summary import Diagnosis, spectrum, summary, verdict
 
 DETAILS = read_toml(Path(__file__).with_name("details.toml"))
 """Of each panel title, labels, and where its axis begins and ends if that is known."""

@@ -1,12 +1,12 @@
-"""What a process of ``twin.jobs`` runs first, by its path: it then has this installation."""
+"""What a process of ``twin.base.jobs`` runs first, by its path: it then has this installation."""
 
 import sys
 from pathlib import Path
 
 # a name would be looked for in the current folder first
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from twin.jobs import settle
+from twin.base.jobs import settle
 
 del sys.path[0]
 settle()

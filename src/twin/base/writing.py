@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from twin.errors import RecordError, ScenarioError
+from twin.base.errors import RecordError, ScenarioError
 
 
 def check_writable(folder: Path, option: str = "--out") -> Path:

@@ -12,8 +12,8 @@ from typing import Any, TypeGuard, TypeVar, Union, get_args, get_origin, get_typ
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from twin.data_file import DataError, read_toml
-from twin.errors import ScenarioError, nearest, shortened
+from twin.base.data_file import DataError, read_toml
+from twin.base.errors import ScenarioError, nearest, shortened
 
 Model = TypeVar("Model", bound=BaseModel)
 KIND = re.compile(r"(constrained-)?(float|int|str)|literal\[.*\]")

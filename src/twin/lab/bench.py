@@ -28,18 +28,18 @@ from scipy import stats
 from controllers import catalog
 from controllers.arrays import Array
 from controllers.interfaces import Feedback, Law, Reference
-from twin.errors import LawError, RecordError, ScenarioError, nearest
+from twin.base.errors import LawError, RecordError, ScenarioError, nearest
+from twin.base.shipped import folder as scenarios_folder
+from twin.base.shipped import model_path
+from twin.base.validation import Checked, read_model
+from twin.base.writing import why, write_json, write_whole
 from twin.lab.process import NAME, AnswerProcess, answering
 from twin.lab.schema import AnswerTable, toml
 from twin.run.loop import simulate
 from twin.scenario.schema import ControllerChoice, MetricsTable, Scenario
-from twin.shipped import folder as scenarios_folder
-from twin.shipped import model_path
 from twin.study.experiments import CHUNK, Store, carry
 from twin.study.schema import Point, drawn, read_family
 from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest
-from twin.validation import Checked, read_model
-from twin.writing import why, write_json, write_whole
 
 ALLOWED = ("controller", "observer", "predictor")
 """The tables of a scenario that are an entry's."""

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from twin.errors import ModelError
+from twin.base.errors import ModelError
 
 Model = TypeVar("Model")
 SAME = object()

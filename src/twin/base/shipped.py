@@ -8,8 +8,8 @@ from os.path import isdir, isfile  # False, no error, of a name that no file can
 from pathlib import Path
 
 import controllers
-from twin.data_file import DataError, read_toml
-from twin.errors import ScenarioError, nearest, shortened
+from twin.base.data_file import DataError, read_toml
+from twin.base.errors import ScenarioError, nearest, shortened
 
 OTHERS = {"studies", "fits", "families", "tunes", "labs", "starts", "rigs", "bench"}
 """Folders of files that are no scenarios."""
@@ -25,7 +25,7 @@ def model_path(name: str = "ballplate.xml") -> Path:
 
     The file itself need not exist; whoever opens it says so in its own words.
     """
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     installed = package / "models" / name
     return installed if installed.exists() else package.parents[1] / "models" / name
 

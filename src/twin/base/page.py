@@ -131,7 +131,7 @@ def fragment(title: str, blocks: Sequence[Block]) -> str:
 def _template() -> Template:
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  heavy
 
-    loader = PackageLoader("twin", ".")
+    loader = PackageLoader("twin.base", ".")
     pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     return pages.get_template("page.html.j2")
 
@@ -200,7 +200,7 @@ def write(path: Path, title: str, blocks: Sequence[Block]) -> None:
     Raises:
         RecordError: If it cannot be written.
     """
-    from twin.writing import write_whole  # noqa: PLC0415  a notebook writes nothing
+    from twin.base.writing import write_whole  # noqa: PLC0415  a notebook writes nothing
 
     write_whole(path, html(title, blocks))
 

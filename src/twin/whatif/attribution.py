@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
-from twin.data_file import packaged
-from twin.errors import ScenarioError
-from twin.jobs import cores, results
+from twin.base.data_file import packaged
+from twin.base.errors import ScenarioError
+from twin.base.jobs import cores, results
+from twin.base.writing import write_whole
 from twin.run.assemble import linkage_of
 from twin.run.finished import run
 from twin.run.metrics import Ending
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import CAMS_ONLY, MECHANISM_ONLY, Scenario
-from twin.writing import write_whole
 
 Overrides = Mapping[str, Any]
 """Dotted key to value; None takes the key out, so that its default holds."""
@@ -48,7 +48,7 @@ EFFECTS = tuple(
         label=about["label"],
         off={key: None if value == "default" else value for key, value in about["off"].items()},
     )
-    for name, about in packaged("twin.explain", "effects.toml").items()
+    for name, about in packaged("twin.whatif", "effects.toml").items()
 )
 """Every effect that can be switched alone."""
 

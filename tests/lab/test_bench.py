@@ -18,10 +18,10 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
-from twin import bench
-from twin.bench import FAMILY, Benchmark, Entry, beside, interquartile, interval
+from twin.base.errors import LawError, RecordError, ScenarioError, TwinError
 from twin.cli import ballplate as command
-from twin.errors import LawError, RecordError, ScenarioError, TwinError
+from twin.lab import bench
+from twin.lab.bench import FAMILY, Benchmark, Entry, beside, interquartile, interval
 from twin.study.experiments import Store, executors
 from twin.study.schema import drawn, read_family
 
@@ -407,7 +407,7 @@ def test_a_season_has_rigs_of_its_key_alone():
 @pytest.mark.long
 def test_a_season_has_the_same_bits_in_another_process():
     ours = Benchmark(key=KEY)
-    asked = f"import json; from twin.bench import Benchmark; b = Benchmark(key={KEY!r}); "
+    asked = f"import json; from twin.lab.bench import Benchmark; b = Benchmark(key={KEY!r}); "
     asked += "print(json.dumps([b.season, b.points, b.seeds]))"
     said = subprocess.check_output(
         [sys.executable, "-c", asked], env=os.environ | {"PYTHONHASHSEED": "7"}

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from twin.page import Table, digits
+from twin.base.page import Table, digits
 from twin.run.files import INDICATORS
 
 if TYPE_CHECKING:

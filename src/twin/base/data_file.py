@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from twin.errors import TwinError
+from twin.base.errors import TwinError
 
 DEEPEST = 32
 """Levels of nesting."""

@@ -1,1 +1,0 @@
-"""Reports of recorded runs: what happened, in words, numbers and pictures."""
