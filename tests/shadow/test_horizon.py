@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from twin.hal.interface import SCREEN
 from twin.identify.prepare import prepare
 from twin.identify.search import fit_starts
 from twin.identify.windows import STEP, STRETCH, Spans, cut
@@ -15,9 +16,13 @@ from twin.scenario import load
 from twin.shadow.belief import Belief, believed, logs
 from twin.shadow.horizon import (
     BAND,
+    FORGOTTEN,
     LEAD,
+    REST,
+    FrictionMap,
     Replays,
-    directed,
+    braking,
+    forces,
     replays,
     smoothed,
     turned,
@@ -44,6 +49,111 @@ def uneven():
     return circled("duration=14", "plant.surface.spread_percent=20")
 
 
+def on_screen(belief, **surface):
+    """The same twin, which believes another screen."""
+    plant = belief.scenario.plant
+    new = plant.model_copy(update={"surface": plant.surface.model_copy(update=surface)})
+    return replace(belief, scenario=belief.scenario.model_copy(update={"plant": new}))
+
+
+def ways(screen, count, size=4, seed=1):
+    """What ways over a screen drawn as believed say of the friction in their stretches."""
+    rng = np.random.default_rng(seed)
+    truth = np.linalg.cholesky(screen.covariance + 1e-12 * np.eye(len(screen.mean)))
+    truth = truth @ rng.standard_normal(len(screen.mean))
+    for _ in range(count):
+        rows = screen.shares(rng.uniform(-0.5, 0.5, (size, 2)) * SCREEN)
+        J = rng.standard_normal((20, size)) * 40
+        noise = J.T @ rng.standard_normal(20)
+        yield (
+            rows,
+            J.T @ J,
+            J.T @ J @ (rows @ truth + screen.left * rng.standard_normal(size)) + noise,
+        )
+
+
+def take_in(screen, rows, A, b, until):
+    """Have a map learn what a likelihood exp(b'd - d'A d / 2) says of its stretches."""
+    covariance = np.linalg.inv(np.linalg.inv(screen.known(rows)) + A)
+    expected = rows @ screen.mean
+    screen.learn(rows, expected + covariance @ (b - A @ expected), covariance, until)
+
+
+def test_ways_one_by_one_say_of_the_map_what_they_say_at_once(uneven):
+    screen = FrictionMap(uneven[1])
+    information = np.linalg.inv(screen.covariance + 1e-10 * np.eye(len(screen.mean)))
+    score = np.zeros(len(screen.mean))
+    for number, (rows, A, b) in enumerate(ways(screen, 12)):
+        # each stretch differs from the map by a number of its own
+        blurred = np.eye(len(rows)) + screen.left**2 * A
+        information += rows.T @ np.linalg.solve(blurred, A) @ rows
+        score += rows.T @ np.linalg.solve(blurred, b)
+        before = screen.mean
+        take_in(screen, rows, A, b, 1e-3 * number)
+        assert (screen.mean != before).any()  # of what is drawn as believed none is refused
+    covariance = np.linalg.inv(information)
+    assert screen.mean == pytest.approx(covariance @ score, abs=1e-4)
+    assert screen.covariance == pytest.approx(covariance, abs=1e-5)
+    assert np.abs(screen.mean).max() > 0.1
+
+
+def test_a_way_that_no_screen_explains_is_not_believed(uneven):
+    screen = FrictionMap(uneven[1])
+    rows, A, _ = next(ways(screen, 1))
+    take_in(screen, rows, A, A @ np.full(len(rows), 3.0), 0.0)  # somebody holds the ball back
+    assert not screen.mean.any()
+    assert screen.covariance == pytest.approx(FrictionMap(uneven[1]).covariance)
+
+
+def test_between_its_points_a_map_is_straight(uneven):
+    screen = FrictionMap(uneven[1])
+    place = np.random.default_rng(2).uniform(-0.5, 0.5, (50, 2)) * SCREEN
+    grid = [np.linspace(-side / 2, side / 2, 1 + round(side / 0.045)) for side in SCREEN]
+    x, y = (each.ravel() for each in np.meshgrid(*grid, indexing="ij"))
+    assert screen.shares(place) @ (2 * x - 3 * y) == pytest.approx(place @ [2, -3], abs=1e-12)
+
+
+def test_what_a_map_of_large_meshes_does_not_show_is_left_unknown(uneven):
+    large, small = (FrictionMap(on_screen(uneven[1], patch_mm=mm)) for mm in (100.0, 10.0))
+    assert large.left == pytest.approx(0.2 * REST, rel=1e-3)
+    assert small.left > 0.9 * 0.2
+    assert small.covariance.max() < 0.1 * large.covariance.max()
+
+
+def test_a_screen_long_not_seen_is_a_new_one(uneven):
+    screen = FrictionMap(uneven[1])
+    prior = screen.covariance
+    for rows, A, b in ways(screen, 5):
+        take_in(screen, rows, A, b, 5.0)
+    mean, known = screen.mean, screen.covariance
+    nothing = np.zeros((1, len(mean)))
+    screen.learn(nothing, np.zeros(1), screen.known(nothing), 5.0 + FORGOTTEN / 2)
+    assert screen.mean == pytest.approx(np.exp(-0.5) * mean)
+    assert prior - screen.covariance == pytest.approx(np.exp(-1.0) * (prior - known), abs=1e-12)
+
+
+def test_what_two_ways_share_is_learnt_once(uneven, monkeypatch):
+    log, belief = uneven
+    learnt, learn = [], FrictionMap.learn
+    monkeypatch.setattr(
+        FrictionMap, "learn", lambda *said: (learnt.append(said[-1]), learn(*said))[1]
+    )
+    found = replays(log, belief, NO_GAPS, every=0.25)
+    assert (np.diff(found.time) < 0.3).all()
+    assert np.diff(learnt) == pytest.approx(np.ones(len(learnt) - 1))
+
+
+@pytest.mark.long
+def test_the_second_time_round_the_twin_foresees_the_ball():
+    log, belief = circled("duration=20", "plant.surface.spread_percent=20")
+    learnt = replays(log, belief, NO_GAPS)
+    blind = replays(log, on_screen(belief, spread_percent=0.0), NO_GAPS)
+    again = learnt.counted & (learnt.time > 7.5)
+    assert again.sum() > 10
+    error, without = (np.median(each.distance[again]) for each in (learnt, blind))
+    assert error < 0.5 * without
+
+
 SIZES = {  # of what is believed, before anything is seen
     "rolling": 0.18e-3 * np.hypot(0.005, 0.003),
     "breakaway": np.hypot(0.03, 0.03),
@@ -63,8 +173,11 @@ def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
         return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
 
     some = cut(log, belief.lag, LEAD, spans)
-    monkeypatch.setattr("twin.shadow.horizon.UNKNOWN", 1e-9)
-    mean, covariance, end = smoothed(some, replace(belief, rough=0.0))
+    for name in ("UNKNOWN", "ROUGH"):
+        monkeypatch.setattr(f"twin.shadow.horizon.{name}", 1e-9)
+    mean, covariance, end, *_ = smoothed(
+        some, belief, FrictionMap(belief), np.ones(len(some), bool)
+    )
     problem, theta = belief.problem(some), belief.theta
     starts = fit_starts(problem, theta, problem.initial_starts(), 6)
     line = problem.linearise(theta, starts)
@@ -106,7 +219,7 @@ def test_on_an_uneven_screen_replays_stray_as_far_as_predicted(uneven):
     inside = run.square[run.counted] <= BAND
     assert len(inside) > 10
     assert inside.sum() >= stats.binom.ppf(1e-3, len(inside), 0.95)
-    even = replays(log, replace(belief, rough=1e-6), NO_GAPS)
+    even = replays(log, on_screen(belief, spread_percent=0.0), NO_GAPS)
     assert (even.square[even.counted] <= BAND).mean() < 0.5
 
 
@@ -114,8 +227,9 @@ def test_on_an_uneven_screen_replays_stray_as_far_as_predicted(uneven):
 def test_replays_in_parts_are_those_in_one_go(uneven):
     log, belief = uneven
     whole = replays(log, belief, NO_GAPS)
-    first = replays(log, belief, NO_GAPS, until=8.5)
-    rest = replays(log, belief, NO_GAPS, since=float(first.time[-1]) + 1.0)
+    screen = FrictionMap(belief)
+    first = replays(log, belief, NO_GAPS, until=8.5, screen=screen)
+    rest = replays(log, belief, NO_GAPS, since=float(first.time[-1]) + 1.0, screen=screen)
     assert 8.5 - 2.0 < first.time[-1] + 1.0 <= 8.5
     together = Replays.join([first, rest])
     assert together.time == pytest.approx(whole.time)
@@ -123,21 +237,22 @@ def test_replays_in_parts_are_those_in_one_go(uneven):
     assert together.spread == pytest.approx(whole.spread, rel=1e-3)
 
 
-def test_over_a_gap_nothing_is_told(uneven):
+def test_over_a_gap_nothing_is_told_or_learnt(uneven):
     log, belief = uneven
-    assert not replays(log, belief, np.array([[0.0, 40.0]])).counted.any()
+    screen = FrictionMap(belief)
+    found = replays(log, belief, np.array([[0.0, 40.0]]), screen=screen)
+    assert not found.counted.any()
+    assert not screen.mean.any()
 
 
 COUNT = 250
 
 
-def forces(heading, along=0.01, across=0.0):
-    velocity = np.broadcast_to(np.reshape(heading, (1, 2, 1)), (COUNT + 1, 2, 1))
-    return directed(velocity, along, across)
-
-
-@pytest.mark.parametrize(("along", "across"), [(0.01, 0.0), (0.0, 0.002), (0.01, 0.002)])
-def test_a_spread_is_that_of_balls_pushed_at_random(along, across):
+@pytest.mark.parametrize(("slope_deg", "brakes"), [(0.0, 1.0), (0.1, 0.0), (0.1, 1.0)])
+def test_a_spread_is_that_of_balls_pushed_at_random(uneven, slope_deg, brakes):
+    belief = replace(uneven[1], sloped=uneven[1].model.k1 * np.radians(slope_deg))
+    along = brakes * belief.model.k1 * belief.values["rolling"] / belief.model.radius
+    across = np.hypot(belief.sloped, 4e-4)
     rng = np.random.default_rng(3)
     heading = np.array([0.6, -0.8])
     stretch = round(STRETCH / STEP)
@@ -148,19 +263,22 @@ def test_a_spread_is_that_of_balls_pushed_at_random(along, across):
         pushed = along * rng.standard_normal((len(places), 1)) * heading
         pushed = pushed + across * rng.standard_normal((len(places), 2))
         places += pushed * (lasting**2 / 2 + lasting * left)
-    (predicted,) = unforeseen(forces(0.05 * heading, along, across), COUNT * STEP)
+    going = np.broadcast_to(0.05 * heading.reshape(1, 2, 1), (COUNT + 1, 2, 1))
+    kinds = (forces(belief, going), brakes * braking(belief, going))
+    ((predicted,), (braked,)) = (unforeseen(each, COUNT * STEP) for each in kinds)
+    predicted = predicted + braked
     assert predicted == pytest.approx(np.cov(places.T), abs=0.05 * np.trace(predicted))
 
 
-def test_friction_that_nobody_knows_moves_no_ball_at_rest():
-    assert not unforeseen(forces((0.0, 0.0)), 1.0).any()
-    assert unforeseen(forces((0.0, 0.0), across=0.001), 1.0)[0, 0, 0] > 0
+def test_friction_that_nobody_knows_moves_no_ball_at_rest(uneven):
+    assert not braking(uneven[1], np.zeros((COUNT + 1, 2, 1))).any()
 
 
-def test_columns_of_unit_accelerations_become_those_of_the_unknown_ones():
-    there = forces((0.05, 0.0), 0.01, 0.002)
+def test_columns_of_unit_accelerations_become_those_of_the_unknown_ones(uneven):
+    going = np.broadcast_to([[[0.03], [0.04]]], (COUNT + 1, 2, 1))
+    there = braking(uneven[1], going)
     columns = np.arange(2.0 * 2 * there.shape[1]).reshape(1, 2, -1)
     found = turned(columns, there)
-    assert found[..., 0::2] == pytest.approx(np.hypot(0.01, 0.002) * columns[..., 0::2])
-    assert found[..., 1::2] == pytest.approx(0.002 * columns[..., 1::2])
+    size = np.hypot(*there[0, 0, :, 0])
+    assert found == pytest.approx(-size * (0.6 * columns[..., 0::2] + 0.8 * columns[..., 1::2]))
     assert turned(columns[0], there) == pytest.approx(found)

@@ -42,7 +42,7 @@ from twin.shadow.evidence import (
     plate_evidence,
     posterior,
 )
-from twin.shadow.horizon import AHEAD, BAND, Replays, replays
+from twin.shadow.horizon import AHEAD, BAND, FrictionMap, Replays, replays
 
 LEAST_TOLD = 5.0
 """Seconds of motion without which nothing is said of the rig's health."""
@@ -174,6 +174,7 @@ class Follower:
         self.said = Shadow(SequentialTests(belief))
         self._belief, self._learning = belief, learning
         self._windows: Windows | None = None
+        self._screen: FrictionMap | None = None
         self._ball = self._other = NONE
         self._unsettled: dict[int, int] = {}
         begin = -np.inf
@@ -231,7 +232,8 @@ class Follower:
 
     def _replay(self, log: PreparedLog, until: float) -> None:
         said, since = self.said, self._since["replays"]
-        found = replays(log, self._belief, said.gaps, AHEAD, since, until)
+        self._screen = self._screen or FrictionMap(self._belief)
+        found = replays(log, self._belief, said.gaps, AHEAD, since, until, self._screen)
         if found is not None:
             self._since["replays"] = float(found.time[-1]) + AHEAD
             said.replays = found if said.replays is None else Replays.join([said.replays, found])

@@ -2,7 +2,9 @@
 
 The plate is the servos' response to the recorded commands, corrected by the encoders. What the twin
 does not know, its state at the start and its parameters, is drawn as sigma points (Julier and
-Uhlmann), so that a ball that may or may not stop has the spread that comes of it.
+Uhlmann), so that a ball that may or may not stop has the spread that comes of it. A screen that is
+rough here and smooth there takes a ball the same way when it comes there again: a map of the
+friction is learnt from the ways that lead to the starts, and the replays roll over it.
 """
 
 from __future__ import annotations
@@ -28,8 +30,9 @@ from twin.identify.windows import (
     edges_of,
     unknown_motion,
 )
-from twin.shadow.belief import BALL, PARAMETERS, Belief
-from twin.shadow.evidence import clear, portions
+from twin.shadow.belief import BALL, PARAMETERS, ROUGH, Belief
+from twin.shadow.evidence import clear, portions, posterior
+from twin.sim.plant.friction import SurfaceMap
 
 AHEAD = 1.0
 """Seconds that replays go ahead: the horizon."""
@@ -42,48 +45,181 @@ STEPS = 6
 """Most Gauss-Newton steps that look for the ball's start."""
 
 
-def smoothed(windows: Windows, belief: Belief) -> tuple[Array, Array, Array]:
-    """What windows of ``LEAD`` say of the parameters and of the ball's state when they are over.
+PITCH = 0.045
+"""Distance in m between the points of a map, at most."""
+LENGTH = 0.6
+"""Length over which the friction is held to be alike, in patches of the screen."""
+REST = 0.3
+"""Share of the unevenness that no map of such points can show."""
+UNLIKELY = 4.0
+"""Mean square by which a way moves the friction of its stretches, over its expected variance: more
+is nothing that a screen does."""
+FORGOTTEN = 3600.0
+"""Time in s after which a screen is another one, as dust and wear have it."""
+THINNED = 5
+"""Steps of a replay from one place at which a map is asked to the next."""
+ANEW = 1.0
+"""Seconds from one way that a map learns from to the next, at least: what two of them share is
+counted twice."""
 
-    Unknown are the parameters of ``BALL``, the ball's state where a window begins, and the forces
-    nobody knows: those are estimated along (a smoother), so that where the ball is at the end does
-    not rest on how it came there.
+
+class FrictionMap:
+    """Relative deviation m of the rolling friction at the points of a grid, straight between them.
+
+    They are a Gaussian field that slowly becomes another,
+
+        E m(p, t) m(q, t + h) = s^2 exp(-|p - q|^2 / (2 l^2)) exp(-|h| / T),
+
+    and what is learnt of them adds up (Kalman).
+
+    Args:
+        belief: Says how uneven the screen is, and the size of its patches.
+    """
+
+    def __init__(self, belief: Belief) -> None:
+        plant = belief.scenario.plant
+        patch, spread = plant.surface.patch_mm / 1000, plant.surface.spread_percent / 100
+        shown = min(1.0, patch / PITCH)
+        self.left = np.hypot(ROUGH, spread * np.hypot(REST, np.sqrt(1 - shown**2)))
+        """Standard deviation of what the map does not show."""
+        along = [np.linspace(-side / 2, side / 2, 1 + round(side / PITCH)) for side in plant.size]
+        points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
+        self.grid, points = points.shape[:2], points.reshape(-1, 2)
+        units = np.eye(len(points)).reshape(-1, *self.grid)
+        self._units = SurfaceMap(relative=units, size=plant.size)
+        apart = ((points[:, None] - points) ** 2).sum(axis=-1)
+        length = LENGTH * max(patch, PITCH)
+        self._prior = (shown * spread) ** 2 * np.exp(-apart / (2 * length**2))
+        self.mean, self.covariance = np.zeros(len(points)), self._prior
+        """At the points, shapes (n,) and (n, n)."""
+        self.until = -np.inf
+        """When what has been learnt ends, s."""
+
+    def shares(self, places: Array) -> Array:
+        """Share of every point in places in m, from shape (..., 2) to (..., n)."""
+        return self._units(places[..., None, :])[0]
+
+    def learn(self, rows: Array, mean: Array, covariance: Array, until: float) -> None:
+        """Take in what has been found of the friction in S stretches up to a time in s.
+
+        Args:
+            rows: Share of every point in the stretches, shape (S, n).
+            mean: Of the deviations, with what the map knew of them, shape (S,).
+            covariance: Of the same, shape (S, S).
+            until: Seconds.
+        """
+        kept = np.exp((self.until - until) / FORGOTTEN)
+        self.mean, self.until = kept * self.mean, until
+        self.covariance = kept**2 * self.covariance + (1 - kept**2) * self._prior
+        known, news = self.known(rows), mean - rows @ self.mean
+        gain = np.linalg.solve(known, rows @ self.covariance).T
+        if news @ np.linalg.solve(known, news) <= UNLIKELY * len(news):
+            self.mean = self.mean + gain @ news
+            self.covariance = self.covariance - gain @ (known - covariance) @ gain.T
+
+    def known(self, rows: Array) -> Array:
+        """Covariance of the deviations in stretches that show rows (S, n), shape (S, S)."""
+        return rows @ self.covariance @ rows.T + self.left**2 * np.eye(len(rows))
+
+
+class Smoothed(NamedTuple):
+    """What windows of ``LEAD`` say of what follows.
+
+    Attributes:
+        mean: Of the deviations of ``BALL`` and of the state's four numbers x, y, x', y' at the end
+            from what they are if the twin is right, shape (W, K).
+        covariance: Of the same, shape (W, K, K).
+        end: That state if the twin is right, shape (4, W).
+        friction: Relative friction of every place as known by then.
+        unsure: Variance of it.
+    """
+
+    mean: Array
+    covariance: Array
+    end: Array
+    friction: SurfaceMap
+    unsure: SurfaceMap
+
+
+def smoothed(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask) -> Smoothed:
+    """What windows say of the parameters, the ball's state when they are over, and the friction.
+
+    Unknown are the parameters of ``BALL``, the ball's state where a window begins, the forces that
+    nobody knows, and by how much the friction is another on each stretch of the way: all are
+    estimated along (a smoother), so that where the ball is at the end does not rest on how it came
+    there.
 
     Args:
         windows: W windows.
         belief: The twin.
-
-    Returns:
-        Mean (W, K) and covariance (W, K, K) of the deviations of ``BALL`` and of the state's four
-        numbers x, y, x', y' at the end from what they are if the twin is right, and that, (4, W).
+        screen: Learns from one window after the other.
+        whole: From which it may, shape (W,).
     """
     problem, theta, count = belief.problem(windows), belief.theta, len(BALL)
     starts = fit_starts(problem, theta, problem.initial_starts(), STEPS)
     line = problem.linearise(theta, starts)
-    end, slopes, speeds = _end_state(problem, theta, starts)
-    pushes = forces(belief, speeds)
-    moved = turned(unknown_motion(windows, belief.values["delay"]), pushes)
-    J = np.concatenate((line.by_parameter[0, ..., :count], line.by_start[0], moved), axis=-1)  # noqa: N806
+    end, slopes, places, speeds = _end_state(problem, theta, starts)
+    pushes, slowed = forces(belief, speeds), braking(belief, speeds)
+    unknown, onto = unknown_motion(windows, belief.values["delay"]), state_moved(windows)
+    moved = [turned(unknown, each) for each in (pushes, slowed)]
+    J = np.concatenate((line.by_parameter[0, ..., :count], line.by_start[0], *moved), axis=-1)  # noqa: N806
     # standard deviations of the unknowns before anything is seen; what an uneven screen makes of
-    # the parameters is left out, as the forces are unknowns of their own
+    # the parameters is left out, as the friction and the forces are unknowns of their own
     watched = [PARAMETERS.index(name) for name in BALL]
     variance = (belief.constant**2 + belief.changing[0] ** 2 - belief.uneven**2)[watched]
-    sizes = np.ones(J.shape[-1])
-    sizes[: count + 4] = *np.sqrt(variance), *np.diag(START_PRIOR) ** -0.5
-    J = J * sizes  # noqa: N806
-    Jt = np.swapaxes(J, -1, -2)  # noqa: N806
-    covariance = np.linalg.inv(np.eye(len(sizes)) + Jt @ J)
-    mean = -covariance @ Jt @ line.r[0][..., None]
-    keep = np.broadcast_to(np.eye(count, len(sizes)), (len(J), count, len(sizes)))
-    state = np.concatenate((slopes, turned(state_moved(windows), pushes)), axis=-1)
-    onto = np.concatenate((keep, state), axis=1) * sizes
-    spread = onto @ covariance @ np.swapaxes(onto, -1, -2)
-    return (onto @ mean)[..., 0], (spread + np.swapaxes(spread, -1, -2)) / 2, end
+    others, all_of = J.shape[-1] - slowed.shape[1], J.shape[-1]
+    prior = np.eye(all_of)
+    np.fill_diagonal(prior[: count + 4, : count + 4], [*variance, *1 / np.diag(START_PRIOR)])
+    keep = np.broadcast_to(np.eye(count, all_of), (len(J), count, all_of))
+    state = np.concatenate((slopes, *(turned(onto, each) for each in (pushes, slowed))), axis=-1)
+    onto = np.concatenate((keep, state), axis=1)
+    found = []
+    for w, start in enumerate(windows.begin):
+        rows = stretches(screen.shares(places[:-1:THINNED, :, w]), THINNED)
+        prior[others:, others:] = screen.known(rows)
+        expected = np.concatenate((np.zeros(others), rows @ screen.mean))
+        score = -J[w].T @ line.r[0, w]
+        mean, covariance = posterior(J[w].T @ J[w], score, prior, expected)
+        if whole[w] and start > screen.until + ANEW - 1e-6:
+            screen.learn(rows, mean[others:], covariance[others:, others:], float(start))
+        spread = onto[w] @ covariance @ onto[w].T
+        variances = np.maximum(np.diag(screen.covariance), 0.0) + screen.left**2
+        found.append((onto[w] @ mean, (spread + spread.T) / 2, screen.mean, variances))
+    mean, covariance, known, variances = (np.stack(each) for each in zip(*found, strict=True))
+    friction, unsure = (
+        SurfaceMap(relative=each.reshape(-1, *screen.grid), size=belief.scenario.plant.size)
+        for each in (np.maximum(1 + known, 0.0), variances)
+    )
+    return Smoothed(mean, covariance, end, friction, unsure)
+
+
+def stretches(values: Array, every: int = 1) -> Array:
+    """Means over each ``STRETCH`` of values at one in so many steps, shape (N, ...)."""
+    edges = np.arange(0, len(values), round(STRETCH / STEP) // every)
+    count = np.diff(edges, append=len(values))
+    means = np.add.reduceat(values, edges, axis=0)
+    return np.asarray(means / count.reshape(-1, *[1] * (values.ndim - 1)))
 
 
 def forces(belief: Belief, velocity: Array) -> Array:
-    """What nobody knows pushes balls of some velocities (N, 2, W) with, as ``directed``."""
-    return directed(velocity, belief.rough, np.hypot(belief.sloped, UNKNOWN))
+    """What turns unit accelerations of every ``STRETCH`` into the unknown ones, (W, S, 2, 2)."""
+    many = velocity.shape[2], len(stretches(velocity[:-1])), 2, 2
+    return np.broadcast_to(np.hypot(belief.sloped, UNKNOWN) * np.eye(2), many)
+
+
+def braking(belief: Belief, velocity: Array) -> Array:
+    """What twice the friction slows balls by in every ``STRETCH``, m/s^2, shape (W, S, 2, 1).
+
+    A ball that hardly moves has as much friction as it takes to hold it, whatever there is.
+
+    Args:
+        belief: The twin.
+        velocity: Of the balls in m/s at every ``STEP``, shape (N, 2, W).
+    """
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    heading = velocity / np.where(speed > ROLL, speed, np.inf)[:, None]
+    size = belief.model.k1 * belief.values["rolling"] / belief.model.radius
+    return np.asarray(-size * np.moveaxis(stretches(heading[:-1]), 2, 0)[..., None])
 
 
 def state_moved(windows: Windows) -> Array:
@@ -93,31 +229,11 @@ def state_moved(windows: Windows) -> Array:
     return np.concatenate([np.kron(each, np.eye(2)) for each in (moved, hurried)])
 
 
-def directed(velocity: Array, along: float, across: float) -> Array:
-    """What turns unit accelerations of every ``STRETCH`` into the unknown ones, (W, S, 2, 2).
-
-    What is unknown of the friction pushes along the ball's way, all else in any direction. The
-    roots of their covariances.
-
-    Args:
-        velocity: Of the balls in m/s at every ``STEP``, shape (N, 2, W).
-        along: Standard deviation in m/s^2 of what acts along the way.
-        across: The same of what acts along each axis.
-    """
-    edges = np.arange(0, len(velocity) - 1, round(STRETCH / STEP))
-    count = np.diff(edges, append=len(velocity))[:, None, None]
-    way = np.moveaxis(np.add.reduceat(velocity, edges, axis=0) / count, 2, 0)
-    heading = way / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)[..., None]
-    more = np.hypot(along, across) - across
-    onward = heading[..., None] * heading[..., None, :]
-    return np.asarray(more * onward + across * np.eye(2))
-
-
 def unforeseen(forces: Array, ahead: float) -> Array:
     """Covariance in m^2 of where unknown accelerations take balls, shape (W, 2, 2).
 
     Args:
-        forces: As ``directed`` gives them, shape (W, S, 2, 2).
+        forces: As ``forces`` or ``braking`` gives them, shape (W, S, 2, R).
         ahead: Seconds from the begin of the first.
     """
     edges = STRETCH * np.arange(forces.shape[1] + 1)
@@ -127,22 +243,22 @@ def unforeseen(forces: Array, ahead: float) -> Array:
 
 
 def turned(columns: Array, forces: Array) -> Array:
-    """Columns for unit accelerations as those for the unknown ones, shape (W, M, 2 S).
+    """Columns for unit accelerations as those for the unknown ones, shape (W, M, R S).
 
     Args:
         columns: Of both axes of every stretch, shape (W, M, 2 S) or (M, 2 S).
-        forces: As ``directed`` gives them, shape (W, S, 2, 2).
+        forces: As ``forces`` or ``braking`` gives them, shape (W, S, 2, R).
     """
     split = columns.reshape(*columns.shape[:-1], -1, 2)[..., None, :]
     both = split @ forces[:, None, : split.shape[-3]]
     return np.asarray(both[..., 0, :].reshape(*both.shape[:-3], -1))
 
 
-def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Array, Array]:
-    """The ball's state (4, W) at the end of ``LEAD``, its slopes (W, 4, K), and its velocity.
+def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Array, Array, Array]:
+    """The ball's state (4, W) at the end of ``LEAD``, its slopes (W, 4, K), and the way to it.
 
-    Slopes by the parameters of ``BALL`` and the start, by finite differences; velocity in m/s at
-    every step, shape (N, 2, W).
+    Slopes by the parameters of ``BALL`` and the start, by finite differences; places in m and
+    velocities in m/s at every step, shape (N, 2, W).
     """
     steps = [BOUNDS[name].difference for name in BALL]
     size = np.array([*steps, *START_DIFFERENCES])
@@ -157,7 +273,7 @@ def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Ar
     states = np.concatenate((places[at], speeds[at]))
     size = np.where(size > 0, size, 1.0)
     slopes = np.moveaxis((states[:, 1:] - states[:, :1]) / size[:, None], 2, 0)
-    return states[:, 0], slopes, speeds[:, :, 0]
+    return states[:, 0], slopes, places[:, :, 0], speeds[:, :, 0]
 
 
 KAPPA = 1.0
@@ -165,12 +281,12 @@ KAPPA = 1.0
 
 
 def _replayed(
-    before: Windows, windows: Windows, belief: Belief, period: float
+    before: Smoothed, windows: Windows, belief: Belief, period: float
 ) -> tuple[Array, Array, Array]:
     """How far the balls are from where their twins are in the end, and how the twins went.
 
     Args:
-        before: The windows up to the starts.
+        before: What the windows up to the starts say.
         windows: Those that are foreseen.
         belief: The twin.
         period: Seconds between the screen's samples.
@@ -181,7 +297,8 @@ def _replayed(
     """
     points, weights = _sigma_points(before, belief)
     whole = belief.problem(windows)
-    places, speeds = whole.replayed(*points)
+    uneven = belief.scenario.plant.surface.spread_percent > 0
+    places, speeds = whole.replayed(*points, before.friction if uneven else None)
     ball, _ = windows.at_samples(places, speeds, whole.values(points[0])["delay"])
     at = windows.time - (LOOKBACK + AHEAD)
     # a screen of slow frames has not one in every bin; the twin is asked for the sample's time
@@ -196,18 +313,20 @@ def _replayed(
     # the smoothed state is that at the begin of the windows, LOOKBACK before the start
     first, gone = round(LOOKBACK / STEP), LOOKBACK + AHEAD
     steps = round(gone / STEP) + 1
-    way = np.einsum("c,nicw->niw", weights, speeds[:steps])
-    spread += unforeseen(forces(belief, way), gone)
+    way, going = (np.einsum("c,nicw->niw", weights, each[:steps]) for each in (places, speeds))
+    unsure = stretches(before.unsure(np.moveaxis(way[:-1], 1, -1))[0]).T
+    braked = np.sqrt(unsure)[..., None, None] * braking(belief, going)
+    spread += unforeseen(forces(belief, going), gone) + unforeseen(braked, gone)
     error = np.where(near[:, None], windows.ball[rows, sample] - middle, np.nan)
-    return error, spread, np.einsum("c,nicw->wni", weights, places[first:steps])
+    return error, spread, np.moveaxis(way[first:], -1, 0)
 
 
-def _sigma_points(before: Windows, belief: Belief) -> tuple[tuple[Array, Array], Array]:
+def _sigma_points(before: Smoothed, belief: Belief) -> tuple[tuple[Array, Array], Array]:
     """Parameters (C, W, P) and starts (4, C, W) for all that may be, and weights (C,).
 
     Both are what the samples before the start, and what is believed, make of them.
     """
-    mean, covariance, end = smoothed(before, belief)
+    mean, covariance, end, *_ = before
     windows, count = mean.shape
     side = np.sqrt(count + KAPPA) * np.swapaxes(np.linalg.cholesky(covariance), -1, -2)
     sides = np.moveaxis(np.stack((side, -side)), 2, 1)
@@ -287,6 +406,7 @@ def replays(
     every: float = AHEAD,
     since: float = -np.inf,
     until: float = np.inf,
+    screen: FrictionMap | None = None,
 ) -> Replays | None:
     """Replays of a log from many starts; None if it is too short for any.
 
@@ -297,7 +417,9 @@ def replays(
         every: Seconds between the starts of two replays.
         since: The first start in s, where a log goes back further.
         until: Seconds; of replays that end later there is none.
+        screen: Learns on; by default one of which nothing is known.
     """
+    screen = screen or FrictionMap(belief)
 
     def spans(later: float, length: float) -> Callable[[Segment, float, float, float], Spans]:
         def chosen(segment: Segment, begin: float, end: float, longest: float) -> Spans:
@@ -313,10 +435,11 @@ def replays(
     if before is None or after is None:
         return None
     start = after.begin + LOOKBACK
-    parts = [
-        _replayed(before.take(part), after.take(part), belief, log.sample_period)
-        for part in portions(len(start))
-    ]
+    whole = clear(before.begin, before.begin + LOOKBACK + LEAD, gaps)
+    parts = []
+    for part in portions(len(start)):
+        found = smoothed(before.take(part), belief, screen, whole[part])
+        parts.append(_replayed(found, after.take(part), belief, log.sample_period))
     error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))
     told = _moving(log, start) & clear(start - LEAD - LOOKBACK, start + AHEAD, gaps)
     return Replays(start, error, spread, told, path[:, ::DRAWN])
