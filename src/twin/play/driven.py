@@ -368,27 +368,19 @@ class Part(NamedTuple):
     Attributes:
         driven: By the person.
         outcome: How it ended.
-        rows: The record's columns by name, shape (K,) each.
-        plant: Names of the plant's own columns.
+        record: A copy of what was recorded until then.
         journal: Conditions that were detected.
         factor: Simulated seconds a second of the clock.
     """
 
     driven: Driven
     outcome: Outcome
-    rows: Mapping[str, Array]
-    plant: tuple[str, ...]
+    record: Recorder
     journal: tuple[Entry, ...]
     factor: float
 
 
 Write = Callable[[Part, Path], object]
-
-
-def rows_of(record: Recorder) -> dict[str, Array]:
-    """A copy of what was recorded, column by column."""
-    rows = {name: values.copy() for name, _, values in record.columns()}
-    return {"time": record.time.copy(), **rows}
 
 
 def save_driven(part: Part, folder: Path) -> None:
@@ -397,14 +389,9 @@ def save_driven(part: Part, folder: Path) -> None:
     Raises:
         RecordError: If it cannot be written.
     """
-    time = part.rows["time"]
-    driven = part.driven
-    period = driven.scenario.rig.period
-    scenario = driven.recorded(period * round(float(time[-1]) / period + 1))
-    record = Recorder(len(time), 1, period, part.plant)
-    record.begin_with(part.rows)
+    driven, record = part.driven, part.record
     done = Run.of(
-        scenario,
+        driven.recorded(record.period * round(record.end / record.period)),
         record,
         part.outcome,
         real_time_factor=part.factor,

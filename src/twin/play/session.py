@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from controllers.interfaces import Measurement
 from twin.base.data_file import read_toml
 from twin.base.errors import TwinError
-from twin.play.driven import LONGEST, Driven, DrivenRig, Part, States, Write, rows_of, save_driven
+from twin.play.driven import LONGEST, Driven, DrivenRig, Part, States, Write, save_driven
 from twin.run.assemble import build_controller
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Outcome
@@ -350,8 +350,7 @@ class Session:
             Part(
                 driven=self.driven,
                 outcome=self.outcome or Outcome(Ending.FINISHED, end),
-                rows=rows_of(self.record),
-                plant=self._both.rig.channels,
+                record=self.record.of_rig(0),
                 journal=tuple(self._both.rig.journal),
                 factor=self._pace.factor,
             ),

@@ -154,10 +154,11 @@ class Recorder:
         return {k: v for each in known for k, v in zip(each.columns, each.units, strict=True)}
 
     def of_rig(self, rig: int) -> Recorder:
-        """The record of one rig alone, a copy."""
-        alone = replace(self, rigs=1, data={}, observers=[])
-        alone._time[:] = self._time
-        alone.data = {name: values[:, rig : rig + 1].copy() for name, values in self.data.items()}
+        """The record of one rig alone, a copy of what is in it so far."""
+        alone = replace(self, ticks=self.every * self.length, rigs=1, data={}, observers=[])
+        alone._time[:] = self.time
+        for name, values in self.data.items():
+            alone.data[name] = values[: self.length, rig : rig + 1].copy()
         return alone
 
     def columns(self) -> Iterator[tuple[str, str, Array]]:
@@ -168,28 +169,6 @@ class Recorder:
                 channel.columns, channel.units, np.moveaxis(self[name], -1, 0), strict=True
             ):
                 yield column, unit, values.T.ravel()
-
-    def begin_with(self, columns: Mapping[str, Array]) -> None:
-        """Take in the rows of one rig's record from which to go on.
-
-        Args:
-            columns: Names to values, shape (K,), in the order of the record.
-        """
-        self.length = len(columns["time"])
-        self._time[: self.length] = columns["time"]
-        channels = {name: self.channel(name) for name in (*CHANNELS, "plant", "further")}
-        order = list(columns)
-        present = [
-            name
-            for name, each in channels.items()
-            if each.columns and columns.keys() >= {*each.columns} and name != "reference"
-        ]
-        for name in sorted(present, key=lambda name: order.index(channels[name].columns[0])):
-            values = np.stack([columns[column] for column in channels[name].columns], axis=-1)
-            shape = (len(self._time), 1, *values.shape[1:])[: None if values.shape[1] > 1 else 2]
-            self.data[name] = np.empty(shape)
-            self.data[name][: self.length] = values.reshape(self.length, *shape[1:])
-        self._columns = list(self.data.items())
 
 
 def classes_of(scenario: Scenario) -> dict[str, dict[str, Any]]:
