@@ -9,7 +9,7 @@ from twin.hal.linkage import Linkage
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.model import load_model
-from twin.view.streams import Scene, plate_to_rig, rolled
+from twin.view.streams import Scene, rolled
 
 ANGLE = st.floats(-0.17, 0.17)
 MODEL = load_model()
@@ -84,7 +84,7 @@ def test_rods_join_cranks_and_arms(phi, theta):
 def test_the_ball_touches_the_tilted_screen():
     scene, found = poses(0.1, -0.08, 0, 0)
     middle = chained(found, scene.ball, [0, 0, 0])
-    normal = plate_to_rig(np.array([0.1]), np.array([-0.08])).apply([0, 0, 1.0])[0]
+    normal = Rotation.from_euler("XY", [-0.08, 0.1]).apply([0, 0, 1.0])  # (4.5)
     assert middle @ normal == pytest.approx(0.122 + 0.02)
 
 

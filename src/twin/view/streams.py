@@ -19,7 +19,7 @@ from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of
 from twin.run.finished import columns, states_of
-from twin.scenario.schema import Dimensions, Scenario
+from twin.scenario.schema import Scenario
 from twin.sim.plant.model import screen_of
 
 Colour = tuple[int, int, int]
@@ -43,61 +43,6 @@ def rolled(turn: Array, position: Array, radius: float) -> Array:
 def in_view(points: Array) -> Array:
     """Points in m, (..., 2), as the view draws them: mm, y upwards (its own y goes down)."""
     return points * np.array([1000.0, -1000.0])
-
-
-def fixed(
-    root: str,
-    path: Array,
-    plate: Dimensions,
-    *,
-    colour: Colour,
-) -> Iterator[tuple[str, rr.AsComponents]]:
-    """What does not move in the top view.
-
-    Args:
-        root: Entity of the top view.
-        path: Reference path in m, shape (K, 2).
-        plate: Screen, operating area and ball.
-        colour: Of the ball and its trail.
-    """
-    half = 500 * np.array(plate.screen)
-    for name, sides, dot, thick, order in (
-        ("screen", half, (120, 130, 140), 1.2, 1.0),
-        ("operating_area", 1000 * np.array(plate.area), (120, 170, 200), 0.7, 2.0),
-    ):
-        look = {"colors": [dot], "radii": thick, "draw_order": order}
-        outline: rr.AsComponents = rr.Boxes2D(centers=[[0, 0]], half_sizes=[sides], **look)
-        if plate.round and name == "screen":
-            turn = np.linspace(0, 2 * np.pi, 121)
-            rim = half * np.column_stack((np.cos(turn), np.sin(turn)))
-            outline = rr.LineStrips2D([rim], **look)
-        yield f"{root}/{name}", outline
-    corner = 0.9 * np.array([-0.5, -0.5]) * plate.screen
-    tips = in_view(np.array([[0.06, 0.0], [0.0, 0.06]]))
-    yield (
-        f"{root}/axes",
-        rr.Arrows2D(
-            origins=[in_view(corner)] * 2,
-            vectors=tips,
-            colors=[[230, 80, 80], [80, 200, 90]],
-            labels=["x", "y"],
-            radii=1.5,
-        ),
-    )
-    yield (
-        f"{root}/reference_path",
-        rr.LineStrips2D([in_view(path)], colors=[[235, 235, 235]], radii=0.6, draw_order=10.0),
-    )
-    for name, dot, radius, order in (
-        ("ball", colour, 1000 * plate.ball, 15.0),
-        ("measured", (160, 160, 160), 5.0, 20.0),
-        ("estimate", (230, 159, 0), 5.0, 21.0),
-        ("reference", (255, 255, 255), 5.0, 22.0),
-    ):
-        point = rr.Points2D.from_fields(colors=[dot], radii=[radius], draw_order=order)
-        yield f"{root}/{name}", point
-    trail = rr.LineStrips2D.from_fields(colors=[colour], radii=[1.6], draw_order=12.0)
-    yield f"{root}/trail", trail
 
 
 VISIBLE_GROUPS = 3
@@ -211,7 +156,7 @@ class Scene:
             axis = model.jnt_axis[int(body.jntadr[0])]
             poses[self._paths[body.id]] = {
                 "translation": np.broadcast_to(body.pos, (count, 3)),
-                "quaternion": about(axis, angle[name]).as_quat(),
+                "quaternion": Rotation.from_rotvec(angle[name][:, None] * axis).as_quat(),
             }
         height = np.full(count, self.surface + self._lift)
         place = np.stack((state[:, 0], state[:, 4], height), axis=1)
@@ -220,32 +165,14 @@ class Scene:
 
     def lines(self, state: Array, motor: Array) -> dict[str, Array]:
         """Where spring or rods begin and end in rig axes at K instants, m, shape (K, 2, 3) each."""
-        model, plate = self._model, plate_to_rig(state[:, 2], state[:, 6])
-        turned = {model.body("plate").id: plate}
-        for column, name in enumerate(("motor_phi", "motor_theta")):
-            body = model.body(name)
-            turned[body.id] = about(model.jnt_axis[int(body.jntadr[0])], motor[:, column])
-
-        def end(site: int) -> Array:
-            body, place = int(model.site_bodyid[site]), model.site_pos[site]
-            if body not in turned:
-                return np.broadcast_to(place, (len(state), 3))
-            return np.asarray(model.body_pos[body] + turned[body].apply(place))
-
-        return {
-            entity: np.stack([end(site) for site in sites], axis=1)
-            for entity, sites in self._lines.items()
-        }
-
-
-def about(axis: Array, angle: Array) -> Rotation:
-    """Turns by angles (K,) in rad about a unit axis (3,)."""
-    return Rotation.from_rotvec(angle[:, None] * axis)
-
-
-def plate_to_rig(phi: Array, theta: Array) -> Rotation:
-    """Plate axes to rig axes, R = Rx(theta) Ry(phi) (4.5), for angles (K,) in rad."""
-    return Rotation.from_euler("XY", np.stack((theta, phi), axis=1))
+        model, data = self._model, mujoco.MjData(self._model)
+        joints = [int(model.body(name).jntadr[0]) for name in TURNED]
+        places = np.empty((len(state), model.nsite, 3))
+        for k, angles in enumerate(zip(state[:, 6], state[:, 2], *motor.T, strict=True)):
+            data.qpos[model.jnt_qposadr[joints]] = angles
+            mujoco.mj_kinematics(model, data)
+            places[k] = data.site_xpos
+        return {entity: places[:, sites] for entity, sites in self._lines.items()}
 
 
 # Okabe and Ito's colours: told apart with any colour vision; black is white on the dark ground.
@@ -374,17 +301,54 @@ class RunStream:
         yield from self.scene.shapes(self._colour)
         times = np.linspace(0, self.scenario.duration, 2000)
         path = self._reference(times)[0]
-        yield from fixed(
-            f"{self.root}/plate_mm",
-            path,
-            self.scenario.dimensions,
-            colour=self._colour,
-        )
+        yield from self._top_view(path)
         lifted = np.column_stack((path, np.full(len(path), self.scene.surface + 0.001)))
         yield (
             f"{self.scene.plate}/reference_path",
             rr.LineStrips3D([lifted], colors=[[235, 235, 235]], radii=0.0008),
         )
+
+    def _top_view(self, path: Array) -> Iterator[tuple[str, rr.AsComponents]]:
+        """What does not move in the top view; the reference path in m, shape (K, 2)."""
+        root, plate = f"{self.root}/plate_mm", self.scenario.dimensions
+        half = 500 * np.array(plate.screen)
+        for name, sides, dot, thick, order in (
+            ("screen", half, (120, 130, 140), 1.2, 1.0),
+            ("operating_area", 1000 * np.array(plate.area), (120, 170, 200), 0.7, 2.0),
+        ):
+            look = {"colors": [dot], "radii": thick, "draw_order": order}
+            outline: rr.AsComponents = rr.Boxes2D(centers=[[0, 0]], half_sizes=[sides], **look)
+            if plate.round and name == "screen":
+                turn = np.linspace(0, 2 * np.pi, 121)
+                rim = half * np.column_stack((np.cos(turn), np.sin(turn)))
+                outline = rr.LineStrips2D([rim], **look)
+            yield f"{root}/{name}", outline
+        corner = 0.9 * np.array([-0.5, -0.5]) * plate.screen
+        tips = in_view(np.array([[0.06, 0.0], [0.0, 0.06]]))
+        yield (
+            f"{root}/axes",
+            rr.Arrows2D(
+                origins=[in_view(corner)] * 2,
+                vectors=tips,
+                colors=[[230, 80, 80], [80, 200, 90]],
+                labels=["x", "y"],
+                radii=1.5,
+            ),
+        )
+        yield (
+            f"{root}/reference_path",
+            rr.LineStrips2D([in_view(path)], colors=[[235, 235, 235]], radii=0.6, draw_order=10.0),
+        )
+        for name, dot, radius, order in (
+            ("ball", self._colour, 1000 * plate.ball, 15.0),
+            ("measured", (160, 160, 160), 5.0, 20.0),
+            ("estimate", (230, 159, 0), 5.0, 21.0),
+            ("reference", (255, 255, 255), 5.0, 22.0),
+        ):
+            point = rr.Points2D.from_fields(colors=[dot], radii=[radius], draw_order=order)
+            yield f"{root}/{name}", point
+        trail = rr.LineStrips2D.from_fields(colors=[self._colour], radii=[1.6], draw_order=12.0)
+        yield f"{root}/trail", trail
 
     def batches(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
         """A block of rows, shape (K,) per column, as columns for the viewer."""
