@@ -15,7 +15,6 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import RigError, TwinError
 from twin.base.jobs import wait_until
-from twin.base.shipped import model_path
 from twin.devices.akd.config import unconfirmed
 from twin.devices.akd.protocol import table
 from twin.devices.akd.servos import AkdServos
@@ -27,7 +26,6 @@ from twin.devices.rig import HardwareRig
 from twin.doctor import drives
 from twin.doctor.check import Ask, CheckResult, failed, noted, passed, reported, warned
 from twin.doctor.drives import exchange
-from twin.hal.cams import CamTable
 from twin.hal.supervisor import LOST_AFTER
 from twin.run.connect import ComputingTime, cams_of, connect
 from twin.scenario.rig import RigFile
@@ -92,16 +90,13 @@ def _scheduling(period: float) -> Iterator[CheckResult]:
 
 
 def _cams(rig: RigFile) -> CheckResult:
-    file = Path(rig.cams) if rig.cams else model_path("cams.json")
+    own = rig.cams or "cams.json"
     try:
-        table = CamTable.from_file(file)
-        if not rig.cams:
-            table.check(model_path())
+        table = cams_of(rig)
     except TwinError as error:
-        own = rig.cams or "cams.json"
         advice = f"run `ballplate calibrate cams --rig FILE --out {own}`"
         return failed("cam table", str(error), advice)
-    seen = f"{file.name}: ratio {table.ratio:.2f}"
+    seen = f"{Path(own).name}: ratio {table.ratio:.2f}"
     if not rig.cams:
         advice = "name a table measured on this rig as 'cams' in the rig file"
         return warned("cam table", f"{seen}, computed from the model", advice)
