@@ -196,7 +196,6 @@ class RealTimeClock:
 
     Args:
         period: In s.
-        timing: Statistics of lateness; new ones by default.
         spin: Time in s before a deadline that is spent spinning.
         allowed: Missed periods that are a fault, if not made up for: each period that is begun
             makes up for ``PAID`` of them. The default is a gap of 50 ms at 2 ms, just before the
@@ -210,7 +209,6 @@ class RealTimeClock:
     def __init__(
         self,
         period: float,
-        timing: TimingLog | None = None,
         *,
         spin: float = 2e-4,
         allowed: int = 25,
@@ -219,7 +217,8 @@ class RealTimeClock:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.period = period
-        self.timing = timing or TimingLog(period)
+        self.timing = TimingLog(period)
+        """Statistics of lateness."""
         self._spin = spin
         self._allowed = allowed
         self._paused = paused

@@ -21,7 +21,7 @@ from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.config import Calibration, Mounting
 from twin.devices.lumio.screen import LumioScreen, TouchState
 from twin.devices.own import OwnServos, Reading
-from twin.devices.realtime import RealTimeClock, TimingLog, real_time
+from twin.devices.realtime import RealTimeClock, real_time
 from twin.devices.rig import HardwareRig
 from twin.doctor import drives
 from twin.doctor.check import Ask, CheckResult, failed, noted, passed, reported, warned
@@ -73,8 +73,8 @@ def _law(scenario: Scenario) -> CheckResult:
 
 
 def _scheduling(period: float) -> Iterator[CheckResult]:
-    timing = TimingLog(period)
-    clock = RealTimeClock(period, timing)
+    clock = RealTimeClock(period)
+    timing = clock.timing
     with real_time() as obtained:
         for words in obtained.words[:2]:
             seen, _, advice = words.partition(": ")
