@@ -269,11 +269,12 @@ class LockstepRig(HardwareRig):
     ) -> None:
         self.lockstep = LockstepDrives(config)
         self.plant = plant = EmulatedPlant(scenario)
-        now = self.lockstep.adapter.now
+        self.now, self.sleep = self.lockstep.adapter.now, self.lockstep.adapter.sleep
+        """Bus time in s; lets some s of it pass."""
         self.line = plant.screen_line(plant.ball, protocol)
         chosen = touch or LumioConfig(port="emulated", protocol=str(protocol))
-        self.port = LockstepScreenPort(self.line, now)
-        screen = LockstepScreen(chosen, now, port=self.port)
+        self.port = LockstepScreenPort(self.line, self.now)
+        screen = LockstepScreen(chosen, self.now, port=self.port)
         clock = RealTimeClock(self.lockstep.config.period, now=self.now, sleep=self.sleep, spin=0.0)
         super().__init__(
             servos=self.lockstep.servos,
@@ -296,14 +297,6 @@ class LockstepRig(HardwareRig):
         """Extra time in s that every other command takes to be computed from now on."""
         self.hang = 0.0
         """Time in s for which the host does nothing at all, once."""
-
-    def now(self) -> float:
-        """Bus time in s."""
-        return self.lockstep.adapter.now()
-
-    def sleep(self, seconds: float) -> None:
-        """Let the bus's time pass."""
-        self.lockstep.adapter.sleep(seconds)
 
     def meanwhile(self, work: Callable[[], None]) -> None:
         """Do it in no time of the bus."""
