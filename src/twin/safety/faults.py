@@ -32,7 +32,7 @@ from twin.devices.lumio import conditions as lumio
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import Towards
-from twin.emulator.drive import COASTING, STOP_RAMP, Power
+from twin.emulator.drive import COASTING, STOP_RAMP, VELOCITY_UNIT, Power
 from twin.emulator.drive_objects import Frame
 from twin.emulator.lockstep import PATIENCE, LockstepRig
 from twin.emulator.screen import Protocol, ScreenFault
@@ -389,10 +389,7 @@ OF_RIG = _causes(_TABLES["rig"])
 
 _RPDO1, _CONTROL, _TARGET = 0x200, 0, 2
 _ENABLE = struct.pack("<H", 0x0F)
-_COUNT = 0.001 * math.pi / 30
-"""Of a target rate, rad/s."""
-_LIMITS = Limits()
-_EDGE = np.add(_LIMITS.area, _LIMITS.margin)
+_EDGE = np.add(RIG.area, RIG.margin)
 """Where the ball may be at most, x and y, m."""
 _FAR, _FAST = 0.07, 1.65
 """From where along y a ball is pushed, m, and how fast, m/s: across the plate."""
@@ -439,7 +436,7 @@ def another_sync(rig: LockstepRig) -> None:
 
 def another_command(rig: LockstepRig, rate: float) -> None:
     """Another master turns drive phi, at a rate in rad/s."""
-    turn = _ENABLE + struct.pack("<i", round(rate / _COUNT))
+    turn = _ENABLE + struct.pack("<i", round(rate / VELOCITY_UNIT))
     rig.lockstep.bus.beside.append((Frame(_RPDO1 + 1, turn), 0.0005))
 
 
@@ -513,7 +510,7 @@ def shove(rig: LockstepRig, axis: int, rate: float, lasting: float) -> None:
 
 def fast(rig: LockstepRig, axis: int) -> bool:
     """Whether the ball is too fast along an axis."""
-    return bool(abs(rig.plant.devices.state[0, 1 + 4 * axis]) > float(_LIMITS.ball_speed))
+    return bool(abs(rig.plant.devices.state[0, 1 + 4 * axis]) > float(RIG.ball_speed))
 
 
 def outside(rig: LockstepRig, axis: int) -> bool:
