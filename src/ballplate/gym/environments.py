@@ -167,7 +167,6 @@ class Rigs:
     def __init__(self, task: Task, count: int, threads: int = 0) -> None:
         self.task, self.count = task, count
         self._threads = threads
-        self._rows = np.arange(count)
         self._low, self._high = task.observation_space.low, task.observation_space.high
         self._ended = np.zeros(count, bool)
         self._rate: Array = np.zeros((count, 2))

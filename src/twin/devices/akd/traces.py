@@ -108,20 +108,16 @@ def to_row(message: can.Message) -> tuple[float, float, float, float, float]:
 def from_row(time: float, mark: float, length: float, low: float, high: float) -> can.Message:
     """The frame that ``to_row`` made numbers of."""
     data = int(low).to_bytes(4, "little") + int(high).to_bytes(4, "little")
-    return _frame(time, int(mark), data[: int(length)], int(length))
-
-
-def _frame(time: float, mark: int, data: bytes, length: int) -> can.Message:
-    """A frame of its identifier with flags; as long as its data unless that is said."""
+    flags = int(mark)
     return can.Message(
         timestamp=time,
-        arbitration_id=mark & (_ERROR - 1),
-        is_extended_id=bool(mark & _EXTENDED),
-        is_remote_frame=bool(mark & _REMOTE),
-        is_error_frame=bool(mark & _ERROR),
-        is_rx=not mark & _SENT,
-        dlc=length,
-        data=None if mark & _REMOTE else data,
+        arbitration_id=flags & (_ERROR - 1),
+        is_extended_id=bool(flags & _EXTENDED),
+        is_remote_frame=bool(flags & _REMOTE),
+        is_error_frame=bool(flags & _ERROR),
+        is_rx=not flags & _SENT,
+        dlc=int(length),
+        data=None if flags & _REMOTE else data[: int(length)],
     )
 
 
