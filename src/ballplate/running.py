@@ -190,10 +190,8 @@ def traced(
     from twin.devices.akd.traces import COLUMNS, PART, appended, to_row
     from twin.view.live_process import LiveProcess
 
-    with ExitStack() as end:
-        more = appended, file, PART if bounded else None
-        live = LiveProcess(_write, more, rows=FRAMES, width=len(COLUMNS))
-        end.callback(live.close)
+    more = appended, file, PART if bounded else None
+    with closing(LiveProcess(_write, more, rows=FRAMES, width=len(COLUMNS))) as live:
         put = live.take_rows(COLUMNS)
         live.begun()
         try:
