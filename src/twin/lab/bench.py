@@ -38,7 +38,7 @@ from twin.lab.schema import AnswerTable, toml
 from twin.run.loop import simulate
 from twin.scenario.schema import ControllerChoice, MetricsTable, Scenario
 from twin.study.experiments import CHUNK, Store, carry
-from twin.study.schema import Point, drawn, read_family
+from twin.study.schema import Point, Variant, drawn, read_family
 from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest
 
 ALLOWED = ("controller", "observer", "predictor")
@@ -63,14 +63,6 @@ LOCKED = ("bench.toml", "faults.toml", "rigs.csv", "reference.csv")
 MODEL = ("ballplate.xml", "cams.json")
 TOLERANCE = 0.02
 """Relative difference of an error that another platform may make: friction magnifies last bits."""
-
-
-class BenchTask(Checked):
-    """What every rig is to do: a scenario, shipped or in the benchmark's folder."""
-
-    name: str
-    scenario: str
-    set: tuple[str, ...] = ()
 
 
 class Entry(Checked):
@@ -102,7 +94,10 @@ class Entry(Checked):
 
 
 class Bench(Checked):
-    """A benchmark; see the comments in its file."""
+    """A benchmark; see the comments in its file.
+
+    ``tasks`` are what every rig is to do, each a scenario, shipped or in the benchmark's folder.
+    """
 
     schema_: Annotated[Literal["ballplate/bench/v1"], Field(alias="schema")]
     title: str
@@ -113,7 +108,7 @@ class Bench(Checked):
     most: float
     replayed: int
     set: tuple[str, ...]
-    tasks: Annotated[tuple[BenchTask, ...], Field(min_length=1)]
+    tasks: Annotated[tuple[Variant, ...], Field(min_length=1)]
     laws: dict[str, Entry]
 
 
