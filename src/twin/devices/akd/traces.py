@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -161,11 +161,8 @@ def appended(
     _: Sequence[str], file: Path, part: int | None
 ) -> Iterator[Callable[[Mapping[str, Any]], None]]:
     """Write a trace; what is given ``COLUMNS``, shape (K,) each, appends their frames."""
-    writer = TraceWriter(file, "can0", part)
-    try:
+    with closing(TraceWriter(file, "can0", part)) as writer:
         yield lambda block: writer.write(map(from_row, *(each.tolist() for each in block.values())))
-    finally:
-        writer.close()
 
 
 def _part(file: Path, number: int) -> Path:
