@@ -115,14 +115,11 @@ def run(
                 done = one_run(chosen, label, report, observed, real)
         if real is not None:
             tell_timing(real, report)
-        clean = None
-        if baseline is not None and not done.interrupted:
-            with suppress(KeyboardInterrupt), _kept(report, real):
-                clean = baseline()
         name = Path(scenario).stem
         result = Result.from_run(done, name, label)
-        if clean is not None:
-            result.baseline = Result.from_run(clean, name, CLEAN)
+        if baseline is not None and not done.interrupted:
+            with suppress(KeyboardInterrupt), _kept(report, real):
+                result.baseline = Result.from_run(baseline(), name, CLEAN)
         for other, its in {} if done.interrupted else further.items():
             with suppress(KeyboardInterrupt):
                 result.beside[other] = Result.from_run(one_run(its, other, report), other)
