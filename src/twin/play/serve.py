@@ -353,9 +353,8 @@ class Server:
             begun: Called when the page can be loaded.
         """
         try:
-            self._serve(begun)
-        except KeyboardInterrupt:
-            pass
+            with suppress(KeyboardInterrupt):
+                self._serve(begun)
         finally:
             self._socket.close()
             last = self._simulation.close(self._next_folder())
