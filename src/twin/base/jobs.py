@@ -196,6 +196,21 @@ def program_left_out() -> Iterator[None]:
         sys.modules["__main__"] = program
 
 
+def spawned(work: Callable[..., None], *given: Any, daemon: bool = True) -> BaseProcess:
+    """A process of its own that has begun with some work, and that Ctrl-C leaves alone.
+
+    Args:
+        work: Called there.
+        given: What with.
+        daemon: Whether it ends with this process; it can then begin none itself.
+    """
+    context = multiprocessing.get_context("spawn")
+    process = context.Process(target=work, args=given, daemon=daemon)
+    with undisturbed(), program_left_out():
+        process.start()
+    return process
+
+
 @contextmanager
 def pool(processes: int) -> Iterator[_Pool]:
     """Processes that end, whatever they are at, when this context is left."""

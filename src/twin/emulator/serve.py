@@ -19,13 +19,14 @@ from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from multiprocessing.connection import Connection
+from multiprocessing.sharedctypes import RawArray
 from string import Template
 from typing import Any
 
 import numpy as np
 
 from twin.base.errors import RigError
-from twin.base.jobs import let_go, program_left_out, undisturbed
+from twin.base.jobs import let_go, spawned
 from twin.base.settings import filled
 from twin.emulator.can_bus import (
     BusServer,
@@ -419,12 +420,9 @@ def emulated(scenario: Scenario) -> Iterator[Emulator]:
         RigError: It does not start, or this system has no pseudo-terminals.
     """
     check_pseudo_terminals()
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    cells = context.RawArray("d", 6)
-    process = context.Process(target=_work, args=(theirs, scenario, cells), daemon=True)
-    with undisturbed(), program_left_out():
-        process.start()
+    ours, theirs = multiprocessing.Pipe()
+    cells = RawArray("d", 6)
+    process = spawned(_work, theirs, scenario, cells)
     theirs.close()
     try:
         with _apart(process.pid or 0):

@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 from controllers import catalog
 from controllers.arrays import Array
 from twin.base.errors import TwinError, extra
-from twin.base.jobs import SecondProcess, let_go, settle, undisturbed
+from twin.base.jobs import SecondProcess, let_go, settle, spawned
 from twin.play.driven import Part, save_driven
 from twin.play.session import COLUMNS, End, Event, Pause, Save, Session, Status, Told
 from twin.run.files import free
@@ -55,13 +55,10 @@ class Simulation:
     def __init__(self, scenario: Scenario) -> None:
         self._ring = SharedRingBuffer(ROWS, len(COLUMNS))
         self._ring.name(COLUMNS)
-        context = multiprocessing.get_context("spawn")
-        self._pipe, its = context.Pipe()
-        self._process = context.Process(target=_work, args=(self._ring.address, scenario, its))
+        self._pipe, its = multiprocessing.Pipe()
         self.failure: Failure | None = None
         """Why it ended by itself."""
-        with undisturbed():
-            self._process.start()
+        self._process = spawned(_work, self._ring.address, scenario, its, daemon=False)
         its.close()
         begun = monotonic()
         said: list[Status] = []

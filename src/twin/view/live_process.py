@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.base.jobs import let_go, orphaned, program_left_out, undisturbed, wait_until
+from twin.base.jobs import let_go, orphaned, spawned, wait_until
 from twin.run.record import Recorder
 
 _NAMES = 16384
@@ -193,12 +192,7 @@ class LiveProcess:
         """Rows that the process missed, known after ``finish``."""
         self.taken = 0
         """Rows that it took, likewise."""
-        context = multiprocessing.get_context("spawn")
-        self._process = context.Process(
-            target=work, args=(self._ring.address, *arguments), daemon=True
-        )
-        with undisturbed(), program_left_out():
-            self._process.start()
+        self._process = spawned(work, self._ring.address, *arguments)
         self._started = monotonic()
 
     def take_rows(self, columns: Sequence[str]) -> Callable[[Sequence[float]], None]:
