@@ -8,8 +8,9 @@ from __future__ import annotations
 import random
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 if TYPE_CHECKING:
     from twin.devices.lumio.config import Calibration
@@ -243,12 +244,13 @@ Ball = Callable[[], Sequence[tuple[float, float]]]
 """Where the screen is touched now, m in plate axes; empty where it is not."""
 
 
+@dataclass(eq=False)
 class ScreenLine:
     """Looks at the ball once per frame and sends what a screen would, a dead time later.
 
     It has neither port nor thread: ``step`` says what is due.
 
-    Args:
+    Attributes:
         ball: What touches the screen now, m in plate axes, empty for nothing; called once per
             frame.
         protocol: What it speaks.
@@ -263,38 +265,33 @@ class ScreenLine:
         seed: Of everything random in the faults injected.
     """
 
-    TICK = 0.003
+    ball: Ball
+    _: KW_ONLY
+    protocol: Protocol = Protocol.MICROTOUCH
+    baud: int = 9600
+    frame: float = FRAME
+    dead_time: float = DEAD_TIME
+    spread: float = 0.0
+    jitter: float = 0.0
+    lost: float = 0.0
+    calibration: Calibration | None = None
+    seed: int = 0
+
+    TICK: ClassVar = 0.003
     """Shortest time in s between two portions of a packet."""
 
-    def __init__(
-        self,
-        ball: Ball,
-        *,
-        protocol: Protocol = Protocol.MICROTOUCH,
-        baud: int = 9600,
-        frame: float = FRAME,
-        dead_time: float = DEAD_TIME,
-        spread: float = 0.0,
-        jitter: float = 0.0,
-        lost: float = 0.0,
-        calibration: Calibration | None = None,
-        seed: int = 0,
-    ) -> None:
+    def __post_init__(self) -> None:
+        """Begin with nothing on the line."""
         # the command line names protocols without numpy
         from twin.devices.lumio.config import Calibration  # noqa: PLC0415
 
-        self.damage = Damage(protocol, seed)
-        self._ball = ball
-        self.protocol = protocol
-        self._byte = 10 / baud if protocol in {Protocol.MICROTOUCH, Protocol.ELO} else 0.0
-        self._baud = baud
-        self._frame = frame
-        self._dead_time, self._spread = dead_time, spread
-        self._jitter, self._lost = jitter, lost
-        self._random = random.Random(f"frames of {seed}")
+        self.damage = Damage(self.protocol, self.seed)
+        serial = self.protocol in {Protocol.MICROTOUCH, Protocol.ELO}
+        self._byte = 10 / self.baud if serial else 0.0
+        self._random = random.Random(f"frames of {self.seed}")
         self._early = 0.0
         """Seconds by which the next frame is taken before its clock says so."""
-        self._calibration = calibration or Calibration.nominal()
+        self._calibration = self.calibration or Calibration.nominal()
         self._next: float | None = None
         self._queue: deque[tuple[float, bytes]] = deque()
         self._free = 0.0
@@ -304,11 +301,11 @@ class ScreenLine:
         """Look if a frame is due; the portions of bytes that are due by now, in order."""
         frame = now if self._next is None else self._next
         if now >= frame - self._early:
-            if self._random.random() >= self._lost:
+            if self._random.random() >= self.lost:
                 self._look(now)
-            frame += self._frame * max(1, int((now - frame) / self._frame))
-            drawn = self._random.gauss(0.0, self._jitter)
-            self._early = max(-self._frame / 2, min(self._frame / 2, drawn))
+            frame += self.frame * max(1, int((now - frame) / self.frame))
+            drawn = self._random.gauss(0.0, self.jitter)
+            self._early = max(-self.frame / 2, min(self.frame / 2, drawn))
         self._next = frame
         sent = []
         while self._queue and self._queue[0][0] <= now:
@@ -317,13 +314,13 @@ class ScreenLine:
 
     def _look(self, now: float) -> None:
         """Take a frame and schedule what it makes the screen send."""
-        shares = (self._calibration.screen(*place) for place in self._ball())
+        shares = (self._calibration.screen(*place) for place in self.ball())
         seen = [
             Spot(x, y, name)
             for name, (x, y) in enumerate(shares, start=1)
             if 0 <= x <= 1 and 0 <= y <= 1
         ]
-        arrival = now + max(0.0, self._random.gauss(self._dead_time, self._spread))
+        arrival = now + max(0.0, self._random.gauss(self.dead_time, self.spread))
         spots = self.damage.contacts(now, seen)
         lifted = () if self.damage.hides_lift(now) else self._lifted(spots)
         self._down = spots
@@ -331,8 +328,8 @@ class ScreenLine:
             for number, part in enumerate(self.damage.packet(now, packet)):
                 self._schedule(arrival + number * SPLIT_GAP, part)
         if self.damage.active(now, ScreenFault.FLOOD):
-            rate = self._baud / 10 if self._byte else 100_000
-            self._schedule(arrival, self.damage.noise(int(self._frame * rate)))
+            rate = self.baud / 10 if self._byte else 100_000
+            self._schedule(arrival, self.damage.noise(int(self.frame * rate)))
 
     def _lifted(self, spots: Sequence[Spot]) -> tuple[Spot, ...]:
         """One last report of every contact that touched in the last frame and no longer does."""
