@@ -11,7 +11,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 from controllers.interfaces import Measurement
-from twin.base.data_file import read_toml
+from twin.base.data_file import packaged
 from twin.base.errors import TwinError
 from twin.play.driven import LONGEST, Driven, DrivenRig, Part, States, Write, save_driven
 from twin.run.assemble import build_controller
@@ -123,7 +123,7 @@ class Pace:
         return (time_now - time) / (wall_now - wall)
 
 
-PAGE = read_toml(Path(__file__).with_name("page.toml"))
+PAGE = packaged("twin.play", "page.toml")
 """What the page shows, and of what."""
 COLUMNS = tuple(PAGE["columns"])
 """Numbers of one picture: s, m, rad; the effort is the RMS of the plate's acceleration, rad/s^2,

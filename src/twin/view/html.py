@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from twin.base.data_file import read_toml
+from twin.base.data_file import packaged
 from twin.base.page import Block, Code, Picture, Table, Text, Verdict
 from twin.base.page import html as html_of
 from twin.run.finished import Run, columns
@@ -17,7 +16,7 @@ from twin.run.picture import drawn, picture, style
 from twin.run.tables import differing, in_json, indicators
 from twin.view.summary import Diagnosis, spectrum, summary, verdict
 
-DETAILS = read_toml(Path(__file__).with_name("details.toml"))
+DETAILS = packaged("twin.view", "details.toml")
 """Of each panel title, labels, and where its axis begins and ends if that is known."""
 MOST = 12
 """Runs that a legend within a panel has room for."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
@@ -14,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from controllers.arrays import Array
 from controllers.interfaces import Reference
-from twin.base.data_file import read_toml
+from twin.base.data_file import packaged
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of
@@ -210,10 +209,10 @@ def telling(plot: Mapping[str, Array], run: int) -> dict[str, Array]:
     return {name: values for name, values in plot.items() if name not in left_out}
 
 
-PLOTS: dict[str, dict[str, str]] = read_toml(Path(__file__).with_name("plots.toml"))
+PLOTS: dict[str, dict[str, str]] = packaged("twin.view", "plots.toml")
 """Entity of each plot and its title with the unit, by the tab it stands in."""
 
-LINES = read_toml(Path(__file__).with_name("lines.toml"))
+LINES = packaged("twin.view", "lines.toml")
 """Plots and the columns that are their lines; the file says how."""
 
 
