@@ -173,35 +173,19 @@ def state(status: int) -> DriveState:
     return _WIDE.get(status & 0x4F) or _NARROW.get(status & 0x6F) or DriveState.UNKNOWN
 
 
-_SAID = (
-    (StatusBit.VOLTAGE, False, "no main voltage"),
-    (StatusBit.WARNING, True, "warning"),
-    (StatusBit.REMOTE, False, "not under remote control"),
-    (StatusBit.INTERNAL_LIMIT, True, "internal limit active"),
-)
-"""What a bit says beside the state, where it is set or where it is not."""
-_ASKED = (
-    (RESET, RESET, "fault reset"),
-    (QUICK_STOP, 0, "disable voltage"),
-    (0x04, 0, "quick stop"),
-    (0x01, 0, "shutdown"),
-    (0x08, 0, "switch on"),
-    (0, 0, "enable operation"),
-)
-"""What a control word asks for: the first whose masked bits are these."""
 _HALT = 1 << 8
 PROFILE_VELOCITY = 3
 
 
 def status_words(status: int) -> str:
     """A status word in words: the state, and what else it warns of."""
-    more = [words for bit, given, words in _SAID if bool(status & bit) is given]
+    more = [words for bit, given, words in table()["said"] if bool(status & bit) is given]
     return ", ".join((state(status).value, *more))
 
 
 def control_words(control: int) -> str:
     """What a control word asks for, in words."""
-    asked = next(words for mask, value, words in _ASKED if control & mask == value)
+    asked = next(words for mask, value, words in table()["asked"] if control & mask == value)
     return f"{asked}, halt" if control & (_HALT | RESET | ENABLE) == _HALT | ENABLE else asked
 
 
