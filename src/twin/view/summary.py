@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.arrays import Array
+from twin.base.data_file import packaged
 from twin.devices.realtime import blamed
 from twin.run.assemble import build_law
 from twin.run.finished import Run, columns
@@ -158,14 +159,7 @@ def _rms(error: Array) -> float:
     return float(np.sqrt((error**2).sum(axis=-1).mean()))
 
 
-ENDINGS = {
-    "finished": "The run went to its end",
-    "fell": "The ball fell off the plate",
-    "diverged": "The simulation failed",
-    "lost": "The ball was lost",
-    "fault": "A device failed",
-    "aborted": "The run was stopped",
-}
+ENDINGS = packaged("twin.view", "endings.toml")
 
 
 LEAST = 1e-6
