@@ -387,8 +387,7 @@ OF_RIG = _causes(_TABLES["rig"])
 """What can go wrong with a rig, `LockstepRig`."""
 
 
-_RPDO1, _CONTROL, _TARGET = 0x200, 0, 2
-_ENABLE = struct.pack("<H", 0x0F)
+_RPDO1, _TARGET = 0x200, 2
 _EDGE = np.add(RIG.area, RIG.margin)
 """Where the ball may be at most, x and y, m."""
 _FAR, _FAST = 0.07, 1.65
@@ -405,12 +404,6 @@ def no_adapter(rig: LockstepRig) -> None:
     """The CAN adapter is absent."""
     bad = akd.DriveError(akd.BAD_BUS, "CAN emulated", "no channel 'emulated'")
     rig.lockstep.missing = bad
-
-
-def refused_reset(rig: LockstepRig) -> None:
-    """Drive phi refuses the reset of its fault when switched on."""
-    OF_DRIVES["lasting_fault"](rig.lockstep)
-    rig.reset = True
 
 
 def damage(rig: LockstepRig, fault: str, lasting: float = 0.06) -> None:
@@ -436,7 +429,7 @@ def another_sync(rig: LockstepRig) -> None:
 
 def another_command(rig: LockstepRig, rate: float) -> None:
     """Another master turns drive phi, at a rate in rad/s."""
-    turn = _ENABLE + struct.pack("<i", round(rate / VELOCITY_UNIT))
+    turn = struct.pack("<Hi", 0x0F, round(rate / VELOCITY_UNIT))
     rig.lockstep.bus.beside.append((Frame(_RPDO1 + 1, turn), 0.0005))
 
 
@@ -448,12 +441,6 @@ def break_cams(rig: LockstepRig) -> None:
 def ask(rig: LockstepRig, phi: float, theta: float) -> None:
     """The controller asks for plate rates in rad/s."""
     rig.asked = np.array([[phi, theta]])
-
-
-def no_quick_stop(rig: LockstepRig) -> None:
-    """From now on every control word arrives as one that enables operation."""
-    nodes = [_RPDO1 + drive.node for drive in rig.lockstep.drives]
-    rig.lockstep.bus.faults.overwrite(nodes, at=_CONTROL, data=_ENABLE, towards=Towards.DRIVES)
 
 
 def no_zero_rate(rig: LockstepRig) -> None:
