@@ -19,7 +19,6 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.lumio import conditions as c
-from twin.devices.lumio.conditions import UNPLUGGED
 from twin.devices.lumio.config import (
     TRANSPORTS,
     Calibration,
@@ -564,7 +563,7 @@ class LumioScreen:
         except ScreenError as error:
             self.connected = False
             self._port.close()
-            self.stream.report_fault(UNPLUGGED, str(error).partition(": ")[2])
+            self.stream.report_fault(c.UNPLUGGED, str(error).partition(": ")[2])
             return 0
         self.stream.take(self._now(), data)
         return len(data)
