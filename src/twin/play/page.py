@@ -14,6 +14,7 @@ from nicegui.element import Element
 from controllers.interfaces import DelayedObserver, Law, Observer
 from twin.play.driven import drivable
 from twin.play.session import COLUMNS, PAGE, Back, Event, Goal, Pause, Push, Settings, Status
+from twin.run.tables import flat
 from twin.scenario.describe import every_kind
 from twin.scenario.schema import Dimensions, choices
 
@@ -108,9 +109,7 @@ PLANT, (PREDICTOR,) = (
 
 def value_in(tables: Mapping[str, Any], key: str, entry: int | None = None) -> Any:
     """The value of a dotted key, or one of its numbers; None if there is none."""
-    value: Any = tables
-    for name in key.split("."):
-        value = value.get(name) if isinstance(value, Mapping) else None
+    value = flat(tables).get(key)
     return value if entry is None or value is None else value[entry]
 
 
