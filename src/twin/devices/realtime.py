@@ -148,7 +148,7 @@ class TimingLog:
 
 
 def blamed(ledger: Mapping[str, Any]) -> str:
-    """``TimingLog.blame`` of the statistics that a record has, ``TimingLog.as_dict``."""
+    """That the computer was too late, in a line, by a run's ``TimingLog.as_dict``; else empty."""
     slow = ledger["missed"] + ledger["late"]
     due = max(1, ledger["ticks"] + ledger["missed"])
     longest = ledger["lateness"]["max_us"]

@@ -1,4 +1,4 @@
-"""Everything that can go wrong with the drives and their bus: the table, the error, the latch.
+"""Everything that can go wrong with the drives and their bus: the table, and the error.
 
 The table is ``conditions.toml``; each of its rows is a constant here.
 """
