@@ -301,14 +301,12 @@ def test_every_file_and_heading_that_a_page_links_to_exists():
             assert not anchor or anchor in anchors(file), f"{page.name}: {target}"
 
 
-def test_the_index_links_every_page_once_and_no_page_written_by_hand_is_long():
+def test_the_index_links_every_page_once():
     index = ROOT / "docs" / "index.md"
     linked = Counter(re.findall(r"\]\((?!\.\.)([^)]+)\)", index.read_text(encoding="utf-8")))
     here = (path.relative_to(ROOT / "docs") for path in (ROOT / "docs").rglob("*.md"))
     pages = {path.as_posix() for path in here if ".template" not in path.name} - {"index.md"}
     assert linked == dict.fromkeys(pages, 1)
-    for name in pages & WRITTEN:
-        assert len((ROOT / "docs" / name).read_text(encoding="utf-8").splitlines()) <= 250, name
 
 
 @pytest.fixture
@@ -329,11 +327,6 @@ def test_the_observer_of_the_page_is_found_and_drives_the_ball_to_its_place(drop
     done = run(scenario(SMOOTH, "observer.kind=alpha_beta", "duration=8", "metrics.start=6"))
     assert done.outcome == "finished"
     assert done.metrics["tracking_error_percent"] < 2
-
-
-def test_the_settings_of_the_observer_of_the_page_are_checked_like_all_others(dropped, scenario):
-    with pytest.raises(ValueError, match=r"observer\.bal: unknown key; did you mean 'ball'"):
-        scenario("observer.kind=alpha_beta", "observer.bal=[0.1, 0.1]")
 
 
 @pytest.mark.long

@@ -64,11 +64,6 @@ def killed_elsewhere(value):
     return value
 
 
-def test_work_is_done_in_the_second_process():
-    with SecondProcess(wanted=True) as beside:
-        assert beside.begin(os.getpid)() != os.getpid()
-
-
 def test_without_a_second_process_work_is_done_here_and_only_when_it_is_asked_for():
     done = []
     with SecondProcess(wanted=False) as beside:
