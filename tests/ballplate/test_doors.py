@@ -1,6 +1,7 @@
 """One circle through every door: the same commands move the ball along the same path.
 
-A door is a function from a ``Circle`` to the path of its ball, and a row of ``DOORS``.
+A door is a function from a ``Circle`` to the path of its ball, and a row of ``DOORS``. That the
+command line writes the files of the package is in ``test_run.py``.
 """
 
 import shutil
@@ -22,10 +23,7 @@ from hypothesis import strategies as st
 
 import ballplate as bp
 from controllers.interfaces import Measurement
-from twin.cli import main
 from twin.run.assemble import build_controllers
-
-pytestmark = pytest.mark.usefixtures("no_pictures")
 
 RATE = 0.5
 """A power of two, so that dividing a rate by it and multiplying again gives the rate."""
@@ -36,12 +34,10 @@ class Circle:
     """A circle, and what the Python package makes of it."""
 
     settings: list[str]
-    """As ``--set`` has them."""
+    """Texts, as on the command line."""
     done: bp.Result
     """``ballplate.run`` of it: the commands are its ``applied_phi_acc`` and ``applied_theta_acc``
     in rad/s^2, one a control period, held."""
-    folder: Path
-    """To write in."""
 
 
 class Door(NamedTuple):
@@ -63,15 +59,6 @@ PLANTS = {
     "exact": ["plant.kind=lagrange"],
     "frictionless": ["plant.kind=lagrange", "plant.friction.rolling_mm=0"],
 }
-
-
-def command(circle):
-    """``ballplate run circle --set ...``, and the record it wrote."""
-    options = [part for text in circle.settings for part in ("--set", text)]
-    with pytest.raises(SystemExit) as end:
-        main(["run", "circle", *options, "--out", str(circle.folder)])
-    assert end.value.code == 0
-    return bp.load(circle.folder).ball
 
 
 def by_periods(circle):
@@ -129,7 +116,6 @@ def commands(circle):
 
 
 DOORS = {
-    "command line": Door(command, 0.0, ("mechanism", "exact")),
     "Gymnasium": Door(by_gymnasium, 0.0, ("mechanism", "exact")),
     "python-control, sampled": Door(by_periods, 1e-6, ("exact", "frictionless")),
     "python-control, continuous": Door(by_differential_equations, 1e-6, ("frictionless",)),
@@ -141,14 +127,14 @@ CASES = [(name, plant) for name, door in DOORS.items() for plant in door.plants]
 
 
 @pytest.fixture(scope="module", params=["short", pytest.param("whole", marks=pytest.mark.long)])
-def circles(request, tmp_path_factory):
+def circles(request):
     """The circle on a plant, run when it is first asked for."""
     seconds = LENGTHS[request.param]
 
     @cache
     def on(plant):
         settings = [*PLANTS[plant], f"duration={seconds:g}", "baseline=false"]
-        return Circle(settings, bp.run("circle", settings), tmp_path_factory.mktemp(plant))
+        return Circle(settings, bp.run("circle", settings))
 
     return on, seconds
 

@@ -9,13 +9,13 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from command_line import called
 
 import ballplate
 from ballplate.changes import changes_of, scenario_of
 from ballplate.reporter import Notebook, Reporter
 from ballplate.running import warn_of_dangers
 from twin.base.shipped import shipped_in
-from twin.cli import main
 from twin.run.loop import simulate
 from twin.scenario import load
 
@@ -40,16 +40,10 @@ def circle():
     return ballplate.run("circle", ["duration=0.2", "metrics.start=0"])
 
 
-def command(*arguments):
-    with pytest.raises(SystemExit) as end:
-        main(list(arguments))
-    return end.value.code
-
-
-def test_the_same_call_and_command_write_the_same_files(tmp_path, circle):
+def test_the_same_call_and_command_write_the_same_files(tmp_path, circle, capsys):
     circle.save(tmp_path / "python")
     shorter = ("--set", "duration=0.2", "--set", "metrics.start=0")
-    assert command("run", "circle", *shorter, "--out", str(tmp_path / "command")) == 0
+    assert called(capsys, "run", "circle", *shorter, "--out", tmp_path / "command")[0] == 0
     for name in ("run.parquet", "picture.png"):
         one, other = ((tmp_path / each / name).read_bytes() for each in ("python", "command"))
         assert one == other, name
