@@ -43,6 +43,13 @@ def rewrite(mine):
     return change
 
 
+def put(file, text):
+    """A file of classes in the current folder, found from now on."""
+    Path(file).parent.mkdir(exist_ok=True)
+    Path(file).write_text(text)
+    forget()
+
+
 def about_law(folder):
     return json.loads(pq.read_schema(folder / "run.parquet").metadata[b"ballplate"])["classes"]
 
@@ -149,8 +156,7 @@ class Slope(Reference):
 
 
 def test_where_a_reference_of_ones_own_led_is_in_the_record(ballplate):
-    Path("laws").mkdir()
-    Path("laws/slope.py").write_text(OWN_REFERENCE)
+    put("laws/slope.py", OWN_REFERENCE)
     ballplate(
         "run", "circle", "--set", "reference.kind=slope", "--set", "duration=0.1", "--out", "x"
     )
@@ -254,12 +260,11 @@ class Odd(Observer):
     ],
 )
 def test_an_observer_that_gives_no_estimate_is_one_line(ballplate, answer, said, predictor):
-    Path("laws").mkdir()
-    Path("laws/odd.py").write_text(OBSERVER.replace("ANSWER", answer))
-    forget()
-    predicted = ("--set", 'predictor={kind="smith",delay=0.04}') if predictor else ()
-    short = ("--set", "duration=0.1", "--set", "plant.kind=lagrange", "--set", "baseline=false")
-    code, _, err = ballplate("run", "circle", "--set", "observer.kind=odd", *short, *predicted)
+    put("laws/odd.py", OBSERVER.replace("ANSWER", answer))
+    chosen = ["observer.kind=odd", "baseline=false"]
+    chosen += ['predictor={kind="smith",delay=0.04}'] if predictor else []
+    given = [word for each in chosen for word in ("--set", each)]
+    code, _, err = ballplate("run", "circle", *SHORT[2:], *given)
     *_, line = err.splitlines()
     assert code == 1
     assert "laws/odd.py, line 12: correct must give the estimate" in line
@@ -268,9 +273,7 @@ def test_an_observer_that_gives_no_estimate_is_one_line(ballplate, answer, said,
 
 @pytest.mark.long
 def test_in_a_study_an_observer_that_gives_no_estimate_is_told(ballplate):
-    Path("laws").mkdir()
-    Path("laws/odd.py").write_text(OBSERVER.replace("ANSWER", "measurement.y"))
-    forget()
+    put("laws/odd.py", OBSERVER.replace("ANSWER", "measurement.y"))
     Path("both.toml").write_text(STUDY.replace("controller.kind=mine", "observer.kind=odd"))
     assert "correct must give the estimate" in " ".join(ballplate("study", "both.toml")[1].split())
 
@@ -333,7 +336,15 @@ scenario = "hold"
 set = ["duration=0.1", "metrics.start=0.05"]
 scale = 0.001
 """
-FIT = """
+OWN = """
+[[experiments]]
+name = "own"
+scenario = "circle"
+set = ["controller.kind=mine"]
+measured.rms_error = { value = 0.01, uncertainty = 0.001 }
+"""
+OTHER = OWN.replace("own", "other").replace("mine", "lqr")
+FIT = f"""
 title = "f"
 set = ["plant.kind=lagrange", "duration=0.1", "metrics.start=0.05", "baseline=false"]
 population = 4
@@ -344,19 +355,7 @@ key = "plant.friction.rolling_mm"
 low = 0.1
 high = 0.3
 unit = "mm"
-[[experiments]]
-name = "own"
-scenario = "circle"
-set = ["controller.kind=mine"]
-measured.rms_error = { value = 0.01, uncertainty = 0.001 }
-"""
-OTHER = """
-[[experiments]]
-name = "other"
-scenario = "circle"
-set = ["controller.kind=lqr"]
-measured.rms_error = { value = 0.01, uncertainty = 0.001 }
-"""
+{OWN}"""
 
 
 @pytest.mark.parametrize(
@@ -436,10 +435,8 @@ def test_a_law_changed_and_imported_again_is_the_changed_one(laws, mine):
 
 def test_of_two_files_with_one_name_of_a_law_both_are_named(ballplate, mine):
     for folder in ("alice", "bob"):
-        Path(folder).mkdir()
-        shutil.copy(mine, Path(folder) / "law.py")
+        put(f"{folder}/law.py", mine.read_text())
     shutil.rmtree("laws")
-    forget()
     code, _, err = ballplate(
         "run", "circle", "--law", "alice/law.py", "--law", "bob/law.py", *SHORT
     )
@@ -448,22 +445,18 @@ def test_of_two_files_with_one_name_of_a_law_both_are_named(ballplate, mine):
     assert "bob/law.py" in err
 
 
-@pytest.mark.parametrize("used", [True, False])
-def test_a_file_given_by_law_of_which_nothing_is_used_is_told(ballplate, mine, used):
-    file = shutil.move(mine, "other.py")
-    forget()
-    chosen = SHORT if used else SHORT[2:]
-    code, _, err = ballplate("run", "circle", "--law", str(file), *chosen)
+@pytest.mark.parametrize(
+    ("chosen", "key"),
+    [(SHORT, None), (SHORT[2:], "controller.kind=mine"), (SHORT[2:], "observer.kind=odd")],
+)
+def test_a_file_given_by_law_of_which_nothing_is_used_is_told(ballplate, mine, chosen, key):
+    observer = OBSERVER.replace("ANSWER", "self.x")
+    put("other.py", observer if key == "observer.kind=odd" else mine.read_text())
+    shutil.rmtree("laws")
+    code, _, err = ballplate("run", "circle", "--law", "other.py", *chosen)
     assert code == 0
-    told = "--law other.py: nothing of it is used; name it, as --set controller.kind=mine"
-    assert (told in err) is not used
-
-
-def test_how_an_observer_of_such_a_file_would_be_used_is_told_as_of_an_observer(ballplate):
-    Path("odd.py").write_text(OBSERVER.replace("ANSWER", "self.x"))
-    code, _, err = ballplate("run", "circle", "--law", "odd.py", *SHORT[2:])
-    assert code == 0
-    assert "--law odd.py: nothing of it is used; name it, as --set observer.kind=odd" in err
+    told = f"--law other.py: nothing of it is used; name it, as --set {key}"
+    assert told in err if key else "nothing of it" not in err
 
 
 def test_what_a_law_prints_is_not_in_the_json(ballplate, rewrite):
