@@ -109,6 +109,19 @@ def test_what_a_rig_believes_of_its_cams_needs_no_mechanism(keys, monkeypatch):
     assert np.array_equal(assemble.believed(scenario).motor(angle), wanted)
 
 
+def killed(program, place, read, whole):
+    """What a program leaves that kills itself, once another process has written all of it."""
+    done = subprocess.run([sys.executable, "-c", program, place], check=False)
+    assert done.returncode == -signal.SIGKILL
+    end = time.monotonic() + 60
+    found = None
+    while time.monotonic() < end and (found is None or not whole(found)):
+        time.sleep(0.1)
+        with suppress(TwinError):  # nothing yet
+            found = read(place)
+    return found
+
+
 KILLED = """
 import os, signal, sys
 from pathlib import Path
@@ -129,14 +142,7 @@ with streamed(scenario, Path(sys.argv[1]), lambda _: None) as both:
 @pytest.mark.long
 def test_what_a_killed_run_recorded_is_written_to_the_last_row(tmp_path):
     folder = tmp_path / "runs" / "killed"
-    done = subprocess.run([sys.executable, "-c", KILLED, folder], check=False)
-    assert done.returncode == -signal.SIGKILL
-    end = time.monotonic() + 60
-    found = None
-    while time.monotonic() < end and (found is None or len(found.time) < 501):
-        time.sleep(0.1)
-        with suppress(TwinError):  # nothing yet: another process writes
-            found = bp.load(folder)
+    found = killed(KILLED, folder, bp.load, lambda run: len(run.time) >= 501)
     assert found.time[-1] == 1.0
     assert found.outcome == "aborted"
     assert found.scenario.title
@@ -161,14 +167,8 @@ with traced(Path(sys.argv[1]), Reporter(), bounded=True) as hear:
 @pytest.mark.long
 def test_the_trace_of_a_killed_run_has_its_last_frame(tmp_path):
     file = tmp_path / "runs" / "killed" / "trace.log"
-    done = subprocess.run([sys.executable, "-c", SAYING, file], check=False)
-    assert done.returncode == -signal.SIGKILL
-    end, frames = time.monotonic() + 60, []
-    while time.monotonic() < end and len(frames) < 30_000:
-        time.sleep(0.1)
-        with suppress(TwinError):  # nothing yet: another process writes
-            frames = read_trace(file).frames
-    assert [int.from_bytes(each.data, "little") for each in frames] == list(range(30_000))
+    found = killed(SAYING, file, read_trace, lambda trace: len(trace.frames) >= 30_000)
+    assert [int.from_bytes(each.data, "little") for each in found.frames] == list(range(30_000))
 
 
 def test_an_error_on_the_wire_ends_with_where_the_trace_lies(tmp_path):
