@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -76,10 +77,13 @@ after = "mass"
 {WIND}"""
 
 
-def of(tmp_path: Path, text: str = NUMBERS) -> Path:
+def of(tmp_path: Path, text: str = NUMBERS, *files: str) -> Path:
+    """The folder of a lab, with some files of the small one beside its table."""
     folder = tmp_path / "numbers"
     folder.mkdir()
     (folder / "lab.toml").write_text(text)
+    for name in files:
+        shutil.copy(MINI / name, folder)
     return folder
 
 
@@ -239,9 +243,8 @@ def test_not_determined_where_it_is_not_is_no_wider_than_it_must_be(tmp_path: Pa
 
 def test_a_log_may_be_written_by_a_function_of_the_lab(tmp_path: Path) -> None:
     text = (MINI / "lab.toml").read_text()
-    folder = of(tmp_path, text.replace("told =", 'log = "log.py:write"\ntold ='))
-    for each in ("family.toml", "hold.toml", "task.md", "answer.py"):
-        (folder / each).write_text((MINI / each).read_text())
+    text = text.replace("told =", 'log = "log.py:write"\ntold =')
+    folder = of(tmp_path, text, "family.toml", "hold.toml", "task.md", "answer.py")
     (folder / "log.py").write_text(
         "def write(point, folder):\n    (folder / 'own.txt').write_text(repr(sorted(point)))\n"
     )
@@ -459,10 +462,7 @@ points = 1
 
 
 def test_a_log_of_the_students_rig_has_what_its_computer_knows_and_no_truth(tmp_path: Path) -> None:
-    folder = of(tmp_path, LOGGED)
-    for name in ("family.toml", "hold.toml"):
-        (folder / name).write_text((MINI / name).read_text())
-    (folder / "task.md").write_text("# T\n")
+    folder = of(tmp_path, LOGGED, "family.toml", "hold.toml", "task.md")
     (folder / "answer.toml").write_text("start = 0\n")
     (folder / "truth.py").write_text(
         "def twice(rig, folder):\n    return 2 * rig['plant.start.x']\n"
