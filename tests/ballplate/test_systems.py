@@ -93,15 +93,6 @@ def test_poles_and_margins_of_designs_of_the_thesis(design):
         assert found.crossover == pytest.approx(crossover, rel=1e-3)
 
 
-def test_a_root_locus_goes_through_the_design_and_at_the_gain_margin_over_the_axis():
-    law = bp.systems.law("circle", controller="pole_placement")
-    loop = along_x(law)
-    least = control.stability_margins(loop)[0]
-    locus = control.root_locus_map(loop, gains=[1.0, least]).loci
-    assert matched(locus[0], (-2, -2.5, -3.5, -4)) < 1e-6
-    assert abs(locus[1].real.max()) < 1e-6
-
-
 @pytest.mark.parametrize("kind", ["lqr", "pole_placement"])
 def test_a_step_response_is_the_run_of_the_step(kind):
     """A step of a millimetre, so small that sines are their angles."""
