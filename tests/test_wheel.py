@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = SETTINGS["project"]
 UV = os.environ.get("UV") or shutil.which("uv")
 
 
@@ -30,6 +32,16 @@ def wheel(tmp_path_factory):
     return path
 
 
+def installed(place, interpreter, *packages):
+    """Programs of a fresh environment with some packages at their pins, and variables for them."""
+    pins, environment = place / "pins.txt", place / "environment"
+    pins.write_text("\n".join(SETTINGS["tool"]["uv"]["constraint-dependencies"]), encoding="utf-8")
+    call(UV, "venv", "--python", interpreter, environment)
+    programs = environment / "bin"
+    call(UV, "pip", "install", "--python", programs / "python", "--constraint", pins, *packages)
+    return programs, {"PATH": os.environ["PATH"], "HOME": str(place)}
+
+
 @pytest.mark.long
 def test_the_wheel_installs_code_model_and_scenarios_typed_and_nothing_else(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
@@ -44,8 +56,7 @@ def test_the_wheel_installs_code_model_and_scenarios_typed_and_nothing_else(whee
         *(f"{name}/py.typed" for name in ("ballplate", "twin", "controllers")),
     } <= names
     assert not [name for name in names if "test" in name or name.startswith("src/")]
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    data = f"{project['name']}-{project['version']}.dist-info"
+    data = f"{PROJECT['name']}-{PROJECT['version']}.dist-info"
     assert {name.split("/")[0] for name in names} == {
         "ballplate", "controllers", "scenarios", "twin", data,
     }  # fmt: skip
@@ -53,14 +64,8 @@ def test_the_wheel_installs_code_model_and_scenarios_typed_and_nothing_else(whee
 
 @pytest.mark.long
 def test_installed_into_a_fresh_environment_it_runs_from_any_folder(wheel, tmp_path):
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    pins = tmp_path / "pins.txt"
-    pins.write_text("\n".join(project["tool"]["uv"]["constraint-dependencies"]), encoding="utf-8")
-    environment = tmp_path / "environment"
-    call(UV, "venv", "--python", sys.executable, environment)
-    python = environment / "bin" / "python"
-    call(UV, "pip", "install", "--python", python, "--constraint", pins, wheel, "pyyaml", "toolz")
-    clean = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    programs, clean = installed(tmp_path, sys.executable, wheel, "pyyaml", "toolz")
+    python = programs / "python"
     anywhere = tmp_path / "anywhere"
     anywhere.mkdir()
     for name in ("controllers", "scenarios", "models", "twin"):
@@ -68,7 +73,7 @@ def test_installed_into_a_fresh_environment_it_runs_from_any_folder(wheel, tmp_p
         (anywhere / name).mkdir()
         (anywhere / name / "__init__.py").write_text(f"raise RuntimeError('a stranger: {name}')")
         (anywhere / name / "circle.toml").write_text("a stranger")
-    ballplate = environment / "bin" / "ballplate"
+    ballplate = programs / "ballplate"
     listed = call(ballplate, "list", cwd=anywhere, env=clean)
     assert "circle" in listed
     printed = call(
@@ -91,7 +96,7 @@ print(ballplate.systems.linear().state_labels[0])
     assert said.endswith("x\n")
     where = "import ballplate, controllers, twin; print(controllers.__file__, twin.__file__)"
     for file in call(python, "-c", where, cwd=anywhere, env=clean).split():
-        assert Path(file).is_relative_to(environment)
+        assert Path(file).is_relative_to(programs.parent)
 
 
 def here(version):
@@ -111,15 +116,8 @@ def test_with_every_extra_it_runs_and_draws_on_each_python_that_is_here(wheel, t
     interpreter = here(python)
     if interpreter is None:
         pytest.skip(f"no Python {python} here")
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    pins = tmp_path / "pins.txt"
-    pins.write_text("\n".join(project["tool"]["uv"]["constraint-dependencies"]), encoding="utf-8")
-    call(UV, "venv", "--python", interpreter, tmp_path / "environment")
-    folder = tmp_path / "environment" / "bin"
-    extras = ",".join(project["project"]["optional-dependencies"])
-    install = [UV, "pip", "install", "--python", folder / "python", "--constraint", pins]
-    call(*install, f"{wheel}[{extras}]")
-    clean = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    extras = ",".join(PROJECT["optional-dependencies"])
+    folder, clean = installed(tmp_path, interpreter, f"{wheel}[{extras}]")
     run = ("run", "circle", "--set", "duration=2", "--out", "runs/circle")
     call(folder / "ballplate", *run, cwd=tmp_path, env=clean)
     assert (tmp_path / "runs" / "circle" / "picture.png").is_file()
