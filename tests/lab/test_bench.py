@@ -26,7 +26,7 @@ from twin.study.experiments import Store, executors
 from twin.study.schema import drawn, read_family
 
 V1 = Benchmark().folder
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 RIGS = 4
 KEY, OTHER = "the-key-of-a-season", "the-key-of-another-one"
 SMALL = """
