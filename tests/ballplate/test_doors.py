@@ -122,21 +122,19 @@ DOORS = {
 }
 
 
-LENGTHS = {"short": 2.0, "whole": 25.0}
 CASES = [(name, plant) for name, door in DOORS.items() for plant in door.plants]
 
 
-@pytest.fixture(scope="module", params=["short", pytest.param("whole", marks=pytest.mark.long)])
+@pytest.fixture(scope="module", params=[2.0, pytest.param(25.0, marks=pytest.mark.long)])
 def circles(request):
-    """The circle on a plant, run when it is first asked for."""
-    seconds = LENGTHS[request.param]
+    """The circle on a plant, run when it is first asked for, and how long it takes in s."""
 
     @cache
     def on(plant):
-        settings = [*PLANTS[plant], f"duration={seconds:g}", "baseline=false"]
+        settings = [*PLANTS[plant], f"duration={request.param:g}", "baseline=false"]
         return Circle(settings, bp.run("circle", settings))
 
-    return on, seconds
+    return on, request.param
 
 
 @pytest.mark.parametrize(("name", "plant"), CASES, ids=[", ".join(case) for case in CASES])

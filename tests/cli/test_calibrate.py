@@ -3,9 +3,8 @@
 import json
 
 import pytest
-from click.testing import CliRunner
 
-from twin.cli.rig import request, touch
+from twin.cli.rig import request
 from twin.devices.lumio.config import UDEV_RULES
 from twin.scenario.rig import read_rig
 
@@ -23,14 +22,13 @@ def test_a_person_is_asked_in_words():
 
 @pytest.mark.long
 @pytest.mark.real_time
-def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(tmp_path, monkeypatch):
+def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(ballplate, tmp_path, monkeypatch):
     monkeypatch.setattr("twin.doctor.drives.READINGS", 5)  # of a point, instead of 20
     file = tmp_path / "touch.json"
     corners = [(x, y) for x in (-0.28, 0.28) for y in (-0.15, 0.15)]
     monkeypatch.setattr("twin.doctor.drives.usual_points", lambda: corners)
-    arguments = ["--json", "--out", str(file)]
-    done = CliRunner().invoke(touch, arguments, standalone_mode=False, catch_exceptions=False)
-    found = json.loads(done.stdout)
+    _, out, _ = ballplate("calibrate", "touch", "--json", "--out", file)
+    found = json.loads(out)
     # the virtual screen is square and centred, of 0.7 by 0.395 m and 4096 counts
     assert found["size_m"] == pytest.approx([0.7, 0.395], rel=2 / 4096)
     assert (found["swapped"], found["mirrored_x"], found["mirrored_y"]) == (False, False, True)

@@ -326,8 +326,7 @@ def test_what_is_no_entry_s_is_refused(small, tmp_path):
         small.entry("none")
     with pytest.raises(RecordError, match=r"holds no finished entry: No such file or directory$"):
         list(small.replayed(tmp_path))
-    result = CliRunner().invoke(command, ["bench", "run", "lqrr"])
-    assert "did you mean 'lqr'?" in str(result.exception)
+    assert "did you mean 'lqr'?" in str(called("run", "lqrr"))
 
 
 def test_version_1_is_what_was_frozen_and_a_changed_byte_is_seen(tmp_path, monkeypatch):
