@@ -2,8 +2,10 @@
 
 import importlib.util
 import re
+import shlex
 import tomllib
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 
 import click
@@ -11,15 +13,21 @@ import pytest
 from click.testing import CliRunner
 
 from controllers import catalog as catalog_module
-from controllers.catalog import catalog
-from controllers.interfaces import Observer, Reference
 from twin.cli import ballplate
 from twin.cli.runs import new
 from twin.run.finished import run
 from twin.scenario import load
+from twin.scenario.load import check, parsed, read, resolved, setting, variants
 
 ROOT = Path(__file__).parent.parent
-EXTENDING = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+EXTENDING = "\n".join(
+    (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in ("law", "extending")
+)
+SHOWING = (
+    "README",
+    *(f"docs/{name}" for name in ("run", "see", "own-rig", "law", "wire", "thesis")),
+)
+"""The pages whose commands change scenarios."""
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 WRITTEN = {
     "can-trace.md", "explained.md", "extending.md", "fit.md", "from-matlab.md", "glossary.md",
@@ -311,27 +319,40 @@ def test_the_index_links_every_page_once():
 
 @pytest.fixture
 def dropped(tmp_path, monkeypatch):
-    """The observer and the reference of docs/extending.md, written as the page says."""
+    """The law of docs/law.md, observer and reference of docs/extending.md, as they say."""
     monkeypatch.chdir(tmp_path)
-    page = EXTENDING
-    for kind, name in re.findall(r"`ballplate new (observer|reference) (\w+)`", page):
+    for kind, name in re.findall(r"`(?:uv run )?ballplate new (\w+) (?!NAME)(\w+)`", EXTENDING):
         assert CliRunner().invoke(new, [kind, name]).exit_code == 0
     catalog_module.forget()
     yield
     catalog_module.forget()
 
 
-@pytest.mark.long
-def test_the_observer_of_the_page_is_found_and_drives_the_ball_to_its_place(dropped, scenario):
-    assert "alpha_beta" in catalog(Observer)
-    done = run(scenario(SMOOTH, "observer.kind=alpha_beta", "duration=8", "metrics.start=6"))
+CIRCLE = "reference.kind=circle reference.amplitude=0.1 duration=10 metrics.start=7"
+
+
+@pytest.mark.parametrize(
+    ("keys", "most"),
+    [
+        (f"controller.kind=cascade {CIRCLE}", 15),
+        pytest.param(
+            "observer.kind=alpha_beta duration=8 metrics.start=6", 2, marks=pytest.mark.long
+        ),
+    ],
+)
+def test_law_and_observer_of_the_pages_are_found_and_lead_the_ball(dropped, scenario, keys, most):
+    done = run(scenario(SMOOTH, *keys.split()))
     assert done.outcome == "finished"
-    assert done.metrics["tracking_error_percent"] < 2
+    assert done.metrics["tracking_error_percent"] < most
+
+
+def test_the_settings_of_the_pages_law_are_checked_like_all_others(dropped, scenario):
+    with pytest.raises(ValueError, match=r"controller\.bal: unknown key; did you mean 'ball'"):
+        scenario("controller.kind=cascade", "controller.bal=[1,1]")
 
 
 @pytest.mark.long
 def test_the_reference_of_the_page_is_found_and_followed(dropped, scenario):
-    assert "drift" in catalog(Reference)
     done = run(scenario(SMOOTH, "reference.kind=drift", "reference.rate=[0.01, 0]", "duration=6"))
     assert done.motion.reference[-1] == pytest.approx([0.06, 0.0], abs=1e-3)
     assert done.motion.ball[-1] == pytest.approx([0.06, 0.0], abs=0.02)
@@ -346,3 +367,26 @@ def test_the_lines_that_the_architecture_gives_a_layer_are_those_it_has_within_a
     assert {f"src/twin/{each.parent.name}" for each in layers} <= set(rows)
     for places, said in rows.items():
         assert said == pytest.approx(lines.counted(places), rel=0.1), places
+
+
+def test_every_change_of_a_scenario_that_a_page_shows_is_accepted(dropped, tmp_path):
+    fitted = tmp_path / "runs" / "identify-excite" / "parameters.toml"
+    fitted.parent.mkdir(parents=True)
+    fitted.write_text("[plant.friction]\nrolling_mm = 0.2\n", encoding="utf-8")
+    changed = set()
+    shown = "\n".join((ROOT / f"{name}.md").read_text(encoding="utf-8") for name in SHOWING)
+    for line in re.findall(r"^uv run ballplate ((?:run|compare) .*)", shown, re.MULTILINE):
+        _, scenario, *options = shlex.split(line, comments=True)
+        given = list(pairwise(options))
+        fixed = [text for option, text in given if option == "--set"]
+        varied = [text for option, text in given if option == "--vary"]
+        if scenario.startswith("runs/") or scenario.endswith(".csv"):
+            continue  # finished runs and logs
+        for variant in variants(parsed(varied)):
+            changes = [*map(setting, fixed), *variant.settings]
+            check(*resolved(*read(scenario), changes))
+        changed |= {text.partition("=")[0] for text in (*fixed, *varied)}
+    assert changed == {
+        "controller", "controller.ball", "controller.kind", "parameters",
+        "plant.friction.rolling_mm",
+    }  # fmt: skip

@@ -1,68 +1,25 @@
 import importlib
 import re
-import shlex
 import tomllib
 from importlib.metadata import EntryPoint
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 import ballplate
-import controllers
 from controllers import catalog as catalog_module
 from controllers.catalog import catalog
 from controllers.interfaces import Law
-from twin.run.finished import run
-from twin.scenario.load import check, parsed, read, resolved, setting, variants
 from twin.scenario.rig import check_rig
 from twin.scenario.schema import KINDS, Scenario, choices
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-RUN, LAW, WIRE, INSTALLATION = (
+RUN, WIRE, INSTALLATION = (
     (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
-    for name in ("run", "law", "wire", "installation")
+    for name in ("run", "wire", "installation")
 )
-SHOWING = (
-    "README",
-    *(f"docs/{name}" for name in ("run", "see", "own-rig", "law", "wire", "thesis")),
-)
-"""The pages whose commands change scenarios."""
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-
-
-@pytest.fixture
-def snippet(tmp_path, monkeypatch):
-    """The control law of docs/law.md, dropped into the package as a user would."""
-    (code,) = re.findall(r"```python\n(.*?)```", LAW, re.DOTALL)
-    (tmp_path / "cascade.py").write_text(code, encoding="utf-8")
-    monkeypatch.setattr(controllers, "__path__", [*controllers.__path__, str(tmp_path)])
-    catalog_module.forget()
-    yield code
-    catalog_module.forget()
-
-
-def test_the_law_of_the_page_is_found_and_drives_the_ball_around_the_circle(snippet, scenario):
-    assert len(snippet.splitlines()) <= 40
-    assert "cascade" in catalog(Law)
-    done = run(
-        scenario(
-            "controller.kind=cascade",
-            "reference.kind=circle",
-            "reference.amplitude=0.1",
-            "duration=10",
-            "metrics.start=7",
-            "plant.friction.rolling_mm=0",
-        )
-    )
-    assert done.outcome == "finished"
-    assert done.metrics["tracking_error_percent"] < 15
-
-
-def test_the_settings_of_the_pages_law_are_checked_like_all_others(snippet, scenario):
-    with pytest.raises(ValueError, match=r"controller\.bal: unknown key; did you mean 'ball'"):
-        scenario("controller.kind=cascade", "controller.bal=[1,1]")
 
 
 def test_an_outside_package_contributes_by_an_entry_point(tmp_path, monkeypatch):
@@ -88,30 +45,6 @@ def test_the_rig_file_of_the_page_is_one():
     rig = check_rig(tomllib.loads(text), "wire.md")
     assert rig.servos(0.002).bus.interface == "slcan"
     assert rig.uncalibrated_screen().port == "/dev/ttyUSB0"
-
-
-def test_every_change_of_a_scenario_that_a_page_shows_is_accepted(snippet, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    fitted = tmp_path / "runs" / "identify-excite" / "parameters.toml"
-    fitted.parent.mkdir(parents=True)
-    fitted.write_text("[plant.friction]\nrolling_mm = 0.2\n", encoding="utf-8")
-    changed = set()
-    shown = "\n".join((ROOT / f"{name}.md").read_text(encoding="utf-8") for name in SHOWING)
-    for line in re.findall(r"^uv run ballplate ((?:run|compare) .*)", shown, re.MULTILINE):
-        _, scenario, *options = shlex.split(line, comments=True)
-        given = list(pairwise(options))
-        fixed = [text for option, text in given if option == "--set"]
-        varied = [text for option, text in given if option == "--vary"]
-        if scenario.startswith("runs/") or scenario.endswith(".csv"):
-            continue  # finished runs and logs
-        for variant in variants(parsed(varied)):
-            changes = [*map(setting, fixed), *variant.settings]
-            check(*resolved(*read(scenario), changes))
-        changed |= {text.partition("=")[0] for text in (*fixed, *varied)}
-    assert changed == {
-        "controller", "controller.ball", "controller.kind", "parameters",
-        "plant.friction.rolling_mm",
-    }  # fmt: skip
 
 
 def test_the_list_of_tables_names_every_table_law_observer_and_reference():

@@ -54,6 +54,7 @@ def test_the_law_it_writes_is_that_of_the_page_about_laws(new):
     new("law", "cascade")
     (code,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert Path("laws/cascade.py").read_text(encoding="utf-8") == code
+    assert len(code.splitlines()) <= 40
 
 
 @pytest.mark.parametrize("kind", list(BASES))
