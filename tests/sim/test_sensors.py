@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twin.hal.interface import SCREEN
+from twin.hal.interface import SCREEN, Touch
 from twin.sim.sensors import EncoderModel, Noise, SimulatedEncoders, SimulatedScreen, TouchModel
 
 PERIOD = 0.002
@@ -13,34 +13,31 @@ def seeds(rigs, root=0):
     return [np.random.SeedSequence(root, spawn_key=(rig,)) for rig in range(rigs)]
 
 
-def watch(model, path, rigs=1):
-    """What the screen reports each period of balls that follow path(time) on x."""
-    screen = SimulatedScreen(model, PERIOD, seeds(rigs))
+def watch(model, path, rigs=1, first=0, ticks=500):
+    """What the screen reports of balls that follow path(time) on x, by period and rig."""
+    screen = SimulatedScreen(model, PERIOD, seeds(first + rigs)[first:])
     samples = []
-    for tick in range(500):
+    for tick in range(ticks):
         position = np.tile([path(tick * PERIOD), 0.0], (rigs, 1))
         screen.see(position, np.ones(rigs, bool))
-        samples.append(screen.read())
-    return samples
+        samples.append([each.copy() for each in screen.read()])
+    return Touch(*map(np.array, zip(*samples, strict=True)))
 
 
 @pytest.mark.parametrize("dead_time", [0.0, 0.002, 0.042, 0.0427])
 def test_a_uniform_motion_is_seen_exactly_one_dead_time_late(dead_time):
-    model = TouchModel(dead_time=dead_time, grid=0)
-    samples = watch(model, lambda t: 0.1 * t)
-    for tick in range(100, 500):
-        expected = 0.1 * (tick * PERIOD - dead_time)
-        assert samples[tick].position[0, 0] == pytest.approx(expected, abs=1e-12)
+    found = watch(TouchModel(dead_time=dead_time, grid=0), lambda t: 0.1 * t)
+    expected = 0.1 * (PERIOD * np.arange(100, 500) - dead_time)
+    assert found.position[100:, 0, 0] == pytest.approx(expected, abs=1e-12)
 
 
 def test_before_the_first_sample_arrives_the_ball_is_where_it_started():
-    samples = watch(TouchModel(dead_time=0.042, grid=0), lambda t: 0.05 + 0.1 * t)
-    assert samples[10].position[0, 0] == 0.05
+    found = watch(TouchModel(dead_time=0.042, grid=0), lambda t: 0.05 + 0.1 * t)
+    assert found.position[10, 0, 0] == 0.05
 
 
 def test_positions_lie_on_the_grid_within_half_a_step():
-    samples = watch(TouchModel(dead_time=0.0), lambda t: 0.1 * np.sin(3 * t))
-    seen = np.array([sample.position[0, 0] for sample in samples])
+    seen = watch(TouchModel(dead_time=0.0), lambda t: 0.1 * np.sin(3 * t)).position[:, 0, 0]
     true = 0.1 * np.sin(3 * PERIOD * np.arange(500))
     step = SCREEN[0] / 4096
     assert np.abs(seen / step - np.rint(seen / step)).max() < 1e-6
@@ -49,9 +46,8 @@ def test_positions_lie_on_the_grid_within_half_a_step():
 
 def test_frames_come_at_their_rate_and_age_in_between():
     model = TouchModel(dead_time=0.042, frame_rate=58.0, grid=0)
-    samples = watch(model, lambda t: 0.1 * t)
-    seen = np.array([sample.position[0, 0] for sample in samples[50:]])
-    age = np.array([sample.age[0] for sample in samples[50:]])
+    found = watch(model, lambda t: 0.1 * t)
+    seen, age = found.position[50:, 0, 0], found.age[50:, 0]
     frames = np.count_nonzero(np.diff(seen) > 1e-9) / (450 * PERIOD)
     assert frames == pytest.approx(58, abs=1.5)
     assert age.min() >= 0
@@ -93,10 +89,9 @@ def test_an_encoder_counts_in_whole_counts():
 
 def test_noise_and_grid_belong_to_the_frame():
     model = TouchModel(dead_time=0.042, frame_rate=58.0, variance=(1e-6, 1e-6))
-    samples = watch(model, lambda t: 0.05 * t, rigs=2)[50:]
+    found = watch(model, lambda t: 0.05 * t, rigs=2)
     for rig in range(2):
-        seen = np.array([sample.position[rig] for sample in samples])
-        age = np.array([sample.age[rig] for sample in samples])
+        seen, age = found.position[50:, rig], found.age[50:, rig]
         new = np.diff(age) < 0
         changed = (np.diff(seen, axis=0) != 0).any(axis=1)
         assert not changed[~new].any()
@@ -131,14 +126,9 @@ CAMERAS = 10
 
 def frames_of(model, seconds=6):
     """Of each camera its frames: when each had come, s, how old it was then, what it shows."""
-    screen = SimulatedScreen(model, PERIOD, seeds(CAMERAS))
-    rows = []
-    for tick in range(round(seconds / PERIOD)):
-        now = np.full(CAMERAS, tick * PERIOD)
-        screen.see(np.stack((now, now), axis=-1), np.ones(CAMERAS, bool))
-        sample = screen.read()
-        rows.append(np.stack((now, sample.age, sample.position[:, 0]), axis=-1))
-    each = np.moveaxis(np.array(rows), 1, 0)
+    found = watch(model, lambda t: t, CAMERAS, ticks=round(seconds / PERIOD))
+    now = np.broadcast_to(PERIOD * np.arange(len(found.age))[:, None], found.age.shape)
+    each = np.stack((now, found.age, found.position[..., 0]), axis=-1).swapaxes(0, 1)
     return [seen[1:][np.diff(seen[:, 2]) != 0][5:] for seen in each]
 
 
@@ -179,55 +169,40 @@ def test_of_the_frames_the_share_that_is_said_is_lost_each_by_itself():
 
 
 def test_in_a_batch_a_camera_has_the_frames_that_it_has_alone():
-    rows = np.array([0.0, 50.0, 50.0, 31.0]), np.array([0.0, 0.0, 0.004, 0.01])
-    model = TouchModel(frame_rate=rows[0], jitter=rows[1], lost=np.array([0.5, 0.0, 0.3, 0.2]))
-    screen = SimulatedScreen(model, PERIOD, seeds(4))
-    alone = [
-        SimulatedScreen(
-            TouchModel(frame_rate=rows[0][k], jitter=rows[1][k], lost=model.lost[k]),
-            PERIOD,
-            seeds(4)[k : k + 1],
-        )
-        for k in range(4)
-    ]
-    for tick in range(1000):
-        ball, felt = np.full((4, 2), 0.1 * np.sin(3 * tick * PERIOD)), np.ones(4, bool)
-        screen.see(ball, felt)
-        together = screen.read()
-        for k, one in enumerate(alone):
-            one.see(ball[:1], felt[:1])
-            sample = one.read()
-            assert sample.position[0].tolist() == together.position[k].tolist()
-            assert sample.age[0] == together.age[k]
+    about = {
+        "frame_rate": np.array([0.0, 50.0, 50.0, 31.0]),
+        "jitter": np.array([0.0, 0.0, 0.004, 0.01]),
+        "lost": np.array([0.5, 0.0, 0.3, 0.2]),
+    }
 
+    def swings(t):
+        return 0.1 * np.sin(3 * t)
 
-def seen(model, rigs, first=0):
-    """Position (K, N) along x and whether felt (K, N), of balls that go along x at 0.1 m/s."""
-    screen = SimulatedScreen(model, PERIOD, seeds(2)[first : first + rigs])
-    found = []
-    for tick in range(500):
-        screen.see(np.tile([0.1 * tick * PERIOD, 0.0], (rigs, 1)), np.ones(rigs, bool))
-        sample = screen.read()
-        found.append((sample.position[:, 0].copy(), sample.touched.copy()))
-    return map(np.array, zip(*found, strict=True))
+    together = watch(TouchModel(**about), swings, rigs=4, ticks=1000)
+    for k in range(4):
+        model = TouchModel(**{name: each[k] for name, each in about.items()})
+        alone = watch(model, swings, first=k, ticks=1000)
+        np.testing.assert_array_equal(together.position[:, k], alone.position[:, 0])
+        np.testing.assert_array_equal(together.age[:, k], alone.age[:, 0])
 
 
 def test_a_ball_behind_something_is_not_seen_and_stays_where_it_was_seen_last():
     model = TouchModel(
         dead_time=0.01, grid=0, variance=(0.0, 0.0), hidden=(0.0201, -0.01, 0.0501, 0.01)
     )
-    position, felt = seen(model, rigs=2)
+    found = watch(model, lambda t: 0.1 * t, rigs=2)
     true = 0.1 * np.maximum(PERIOD * np.arange(500) - 0.01, 0.0)
     behind = (true > 0.0201) & (true < 0.0501)
-    assert felt.tolist() == np.stack((~behind, ~behind), axis=1).tolist()
-    assert position[:, 1] == pytest.approx(np.where(behind, 0.02, true), abs=1e-12)
+    assert found.touched.tolist() == np.stack((~behind, ~behind), axis=1).tolist()
+    shown = np.where(behind, 0.02, true)
+    assert found.position[:, 1, 0] == pytest.approx(shown, abs=1e-12)
     beside = replace(model, hidden=(0.0201, 0.001, 0.0501, 0.01))
-    assert all(felt.all() for felt in list(seen(beside, rigs=1))[1:])
+    assert watch(beside, lambda t: 0.1 * t).touched.all()
 
 
 def test_of_two_rigs_the_one_with_nothing_before_it_sees_its_ball_as_alone():
     hidden = np.array([[0.0, -1.0, 1.0, 1.0], [0.0] * 4])
-    position, felt = seen(TouchModel(hidden=hidden), rigs=2)
-    alone, _ = seen(TouchModel(), rigs=1, first=1)
-    assert position[:, 1].tolist() == alone[:, 0].tolist()
-    assert felt.tolist() == [[tick < 22, True] for tick in range(500)]
+    found = watch(TouchModel(hidden=hidden), lambda t: 0.1 * t, rigs=2)
+    alone = watch(TouchModel(), lambda t: 0.1 * t, first=1)
+    assert found.position[:, 1].tolist() == alone.position[:, 0].tolist()
+    assert found.touched.tolist() == [[tick < 22, True] for tick in range(500)]
