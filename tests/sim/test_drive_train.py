@@ -10,6 +10,8 @@ from twin.run.finished import run
 from twin.scenario import load
 from twin.sim.rig import DriveModel, Hysteresis, Play, Resonance, SimulatedDrives, Vibration
 
+PERIOD, RATIO = 0.002, 5.0
+
 
 def column(*values):
     return np.array(values, float)[:, None]
@@ -17,6 +19,22 @@ def column(*values):
 
 def streams(rigs):
     return [np.random.SeedSequence(rig) for rig in range(rigs)]
+
+
+def driving(model, rigs=1):
+    return SimulatedDrives(model, PERIOD, RATIO, streams(rigs))
+
+
+def turned(drives, rates):
+    """Turns of either axis of the plate in each period for plate rates (K,) on both, rad."""
+    phi, theta = np.transpose([drives.follow(np.full((1, 2), RATIO * rate))[0] for rate in rates])
+    np.testing.assert_array_equal(phi, theta)
+    return PERIOD * phi / RATIO
+
+
+def angles(model, rates):
+    """Its angles after each period on such drives, rad, shape (K,)."""
+    return np.cumsum(turned(driving(model), rates))
 
 
 def loop(part, reach, turns=6, steps=400):
@@ -69,7 +87,7 @@ def test_a_soft_train_swings_as_its_equation_says():
 
 
 def test_a_motor_is_ahead_of_its_shaft_by_what_the_play_holds_back():
-    drives = SimulatedDrives(DriveModel(backlash=0.004), 0.002, 5.0, streams(1))
+    drives = driving(DriveModel(backlash=0.004))
     forth = [drives.follow(np.full((1, 2), 1.0)) for _ in range(100)]
     assert drives.ahead == pytest.approx(np.full((1, 2), 5.0 * 0.004 / 2))
     back = [drives.follow(np.full((1, 2), -1.0)) for _ in range(100)]
@@ -97,33 +115,12 @@ def test_a_random_vibration_has_the_size_of_the_steady_one_about_its_frequency()
     assert spectrum[close].sum() == pytest.approx(0.5 * spectrum.sum(), rel=0.2)
 
 
-PERIOD, RATIO = 0.002, 5.0
-
-
-def shafts(model, rates):
-    """Shaft angles after each period for motor rates (K,) on both axes, rad, shape (K, 2)."""
-    drives = SimulatedDrives(model, PERIOD, RATIO, streams(1))
-    return PERIOD * np.cumsum([drives.follow(np.full((1, 2), rate))[0] for rate in rates], axis=0)
-
-
-def test_without_imperfections_the_shaft_follows_at_once():
-    rates = np.random.default_rng(1).uniform(-1, 1, 50)
-    expected = PERIOD * np.cumsum(rates)
-    assert shafts(DriveModel(), rates) == pytest.approx(np.stack((expected, expected), axis=-1))
-
-
 def test_a_lagging_drive_makes_the_mean_rates_of_a_first_order_lag():
     corner = 2 * math.pi * 10.0
     t = PERIOD * np.arange(1, 101)
     # the integral of 1 - exp(-corner t)
     expected = t - (1 - np.exp(-corner * t)) / corner
-    found = shafts(DriveModel(bandwidth=10.0), [1.0] * 100)
-    assert found == pytest.approx(np.stack((expected, expected), axis=-1))
-
-
-def angles(model, rates):
-    """Plate angles after each period for plate rates (K,) on both axes, rad, shape (K,)."""
-    return shafts(model, RATIO * np.asarray(rates))[:, 0] / RATIO
+    assert angles(DriveModel(bandwidth=10.0), [1.0] * 100) == pytest.approx(expected)
 
 
 def test_a_servo_turns_at_its_slew_until_it_is_where_it_was_told_to_go():
@@ -186,14 +183,14 @@ def test_a_servo_that_is_called_back_overshoots_by_its_way_to_brake():
 
 
 def test_a_servo_whose_acceleration_is_limited_while_it_moves_does_not_jump():
-    most, rate = 2.0, np.full((1, 2), 0.4 * RATIO)
-    drives = SimulatedDrives(DriveModel(), PERIOD, RATIO, streams(1))
-    before = [drives.follow(rate)[0, 0] for _ in range(3)]
-    drives.change(DriveModel(acceleration=most), rate)
-    after = [drives.follow(0 * rate)[0, 0] for _ in range(400)]
-    steps = np.diff([*before, *after]) / RATIO / PERIOD
+    most, rate = 2.0, 0.4
+    drives = driving(DriveModel())
+    before = turned(drives, [rate] * 3)
+    drives.change(DriveModel(acceleration=most), np.full((1, 2), RATIO * rate))
+    after = turned(drives, [0.0] * 400)
+    steps = np.diff([*before, *after]) / PERIOD**2
     assert np.abs(steps).max() == pytest.approx(most, rel=1e-6)
-    assert np.sum(after) == pytest.approx(0.0, abs=1e-9)
+    assert np.sum(after) == pytest.approx(0.0, abs=1e-12)
 
 
 def slow_sine(size, duration=4.0):
@@ -273,21 +270,16 @@ def test_a_dead_time_shows_what_was_commanded_so_long_ago(dead_time):
 
 
 def test_a_dead_time_that_comes_or_grows_lets_a_servo_stand_and_one_that_ends_lets_it_catch_up():
-    drives = SimulatedDrives(DriveModel(), PERIOD, RATIO, streams(1))
-
-    def went(rate, ticks):
-        rates = np.full((ticks, 1, 2), RATIO * rate)
-        return np.array([PERIOD * drives.follow(each)[0, 0] for each in rates]) / RATIO
-
+    drives, rate = driving(DriveModel()), np.full((1, 2), RATIO * 0.3)
     one = 0.3 * PERIOD  # in a period
-    np.testing.assert_allclose(went(0.3, 20), one)
+    np.testing.assert_allclose(turned(drives, [0.3] * 20), one)
     for dead_time, stands in ((0.02, 10), (0.05, 15)):
-        drives.change(DriveModel(dead_time=dead_time), np.full((1, 2), RATIO * 0.3))
-        turned = went(0.3, 40)
-        np.testing.assert_allclose(turned[:stands], 0.0, atol=1e-12)
-        np.testing.assert_allclose(turned[stands + 1 :], one)
-    drives.change(DriveModel(dead_time=0.0, slew=5.0), np.full((1, 2), RATIO * 0.3))
-    assert went(0.3, 40).sum() == pytest.approx(40 * one + 0.05 * 0.3, abs=1e-9)
+        drives.change(DriveModel(dead_time=dead_time), rate)
+        turns = turned(drives, [0.3] * 40)
+        np.testing.assert_allclose(turns[:stands], 0.0, atol=1e-12)
+        np.testing.assert_allclose(turns[stands + 1 :], one)
+    drives.change(DriveModel(dead_time=0.0, slew=5.0), rate)
+    assert turned(drives, [0.3] * 40).sum() == pytest.approx(40 * one + 0.05 * 0.3, abs=1e-9)
 
 
 def test_without_encoders_a_law_asks_the_same_of_late_drives_as_of_a_later_screen():
@@ -313,12 +305,12 @@ def test_dead_times_side_by_side_change_to_the_bit_as_each_alone():
 
     def went(dead_times):
         count = dead_times.shape[1]
-        drives = SimulatedDrives(DriveModel(), PERIOD, RATIO, streams(count))
-        turned = []
+        drives = driving(DriveModel(), count)
+        turns = []
         for part, each in zip(np.split(rates, 3), dead_times, strict=True):
             drives.change(DriveModel(dead_time=each, slew=3.0), np.tile(part[0], (count, 1)))
-            turned += [drives.follow(np.tile(rate, (count, 1))) for rate in part]
-        return np.array(turned)
+            turns += [drives.follow(np.tile(rate, (count, 1))) for rate in part]
+        return np.array(turns)
 
     together = went(changes)
     for rig in range(4):
@@ -334,14 +326,10 @@ def test_servos_side_by_side_turn_to_the_bit_as_each_alone():
         "acceleration": [0.0, 4.0, 0.0, 0.0, 6.0],
         "dead_time": [0.0, 0.031, 0.0, 0.1, 0.06],
     }
-    together = SimulatedDrives(
-        DriveModel(**{name: np.array(each) for name, each in every.items()}),
-        PERIOD, RATIO, streams(5),
-    )  # fmt: skip
+    together = driving(DriveModel(**{name: np.array(each) for name, each in every.items()}), 5)
     found = np.array([together.follow(np.tile(rate, (5, 1))) for rate in rates])
     for rig in range(5):
-        model = DriveModel(**{name: each[rig] for name, each in every.items()})
-        alone = SimulatedDrives(model, PERIOD, RATIO, streams(1))
+        alone = driving(DriveModel(**{name: each[rig] for name, each in every.items()}))
         for rate, both in zip(rates, found[:, rig], strict=True):
             assert np.array_equal(alone.follow(rate[None])[0], both)
 
@@ -349,19 +337,13 @@ def test_servos_side_by_side_turn_to_the_bit_as_each_alone():
 def test_a_servo_on_its_way_goes_on_through_a_change_and_begins_anew_at_rest():
     """A jump of 3.5 dead bands that takes 50 periods; changed when it has less than one to go."""
     model = DriveModel(slew=0.35, deadband=0.01)
-    jump = np.zeros((60, 1, 2))
-    jump[0] = RATIO * 0.035 / PERIOD
-
-    def went(drives, rates):
-        return np.cumsum([PERIOD * drives.follow(rate)[0, 0] for rate in rates]) / RATIO
-
-    drives = SimulatedDrives(model, PERIOD, RATIO, streams(1))
-    first = went(drives, jump[:45])
-    drives.change(DriveModel(slew=0.7, deadband=0.01), jump[44])
-    whole = first[-1] + went(drives, np.concatenate((jump[45:], np.zeros((60, 1, 2)))))[-1]
-    assert whole == pytest.approx(0.035, abs=1e-12)
-    drives.change(model, jump[44])
-    went(drives, jump[:45])
-    drives.adopt(np.arange(1), SimulatedDrives(model, PERIOD, RATIO, streams(1)))
-    assert not np.any(went(drives, np.zeros((20, 1, 2))))
-    assert np.array_equal(went(drives, jump[:45]), first)
+    jump, still = [0.035 / PERIOD, *[0.0] * 44], np.zeros((1, 2))
+    drives = driving(model)
+    first = turned(drives, jump)
+    drives.change(DriveModel(slew=0.7, deadband=0.01), still)
+    assert first.sum() + turned(drives, [0.0] * 75).sum() == pytest.approx(0.035, abs=1e-12)
+    drives.change(model, still)
+    turned(drives, jump)
+    drives.adopt(np.arange(1), driving(model))
+    assert not np.any(turned(drives, [0.0] * 20))
+    assert np.array_equal(turned(drives, jump), first)
