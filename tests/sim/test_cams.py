@@ -15,7 +15,7 @@ from scipy.optimize import fsolve
 
 from twin.base.errors import ModelError
 from twin.base.shipped import model_path
-from twin.hal.cams import CamTable, FixedRatio
+from twin.hal.cams import CamTable
 from twin.sim.calibration import sweep_cams
 from twin.sim.plant.mechanism import Mechanism
 
@@ -185,9 +185,3 @@ def test_a_file_that_is_no_table_is_refused_in_one_line(tmp_path, text, words):
         CamTable.from_file(path)
     assert "\n" not in str(caught.value)
     assert "ballplate calibrate cams" in str(caught.value)
-
-
-def test_direct_transmission_only_multiplies():
-    plate = np.array([[0.1, -0.2]])
-    assert np.array_equal(FixedRatio().motor(plate), plate)
-    assert np.array_equal(FixedRatio(5.0).motor(plate), 5 * plate)

@@ -48,28 +48,12 @@ def test_the_viscous_arm_grows_with_speed():
     assert arm == pytest.approx([1e-4, 3e-4])
 
 
-def slowed_down(friction, x, free):
-    """Acceleration of the ball with resistance, shape (..., 2), given the one without."""
-    velocity, limit = (x[..., 1], x[..., 5]), friction.deceleration(MODEL, x)
-    return np.stack(resisted(limit, velocity, (free[..., 0], free[..., 1])), axis=-1)
-
-
-@given(heading=st.floats(-np.pi, np.pi), speed=st.floats(1e-6, 1))
-def test_resistance_acts_against_the_velocity_and_has_the_size_it_says(heading, speed):
-    direction = np.array([np.cos(heading), np.sin(heading)])
-    x = np.zeros((1, 8))
-    x[:, 1::4] = speed * direction
-    slowed = slowed_down(FRICTION, x, np.zeros((1, 2)))[0]
-    limit = FRICTION.deceleration(MODEL, x)[0]
-    assert slowed == pytest.approx(-limit * direction, abs=1e-12)
-
-
 @given(pull=st.floats(0, 1), heading=st.floats(-np.pi, np.pi))
 def test_a_resting_ball_is_held_by_at_most_the_breakaway_resistance(pull, heading):
-    x = np.zeros((1, 8))
-    free = pull * np.array([[np.cos(heading), np.sin(heading)]])
+    x = np.zeros(8)
+    free = pull * np.cos(heading), pull * np.sin(heading)
     limit = MODEL.c1 * MODEL.gravity * 3e-4 / MODEL.radius
-    left = np.hypot(*slowed_down(FRICTION, x, free)[0])
+    left = np.hypot(*resisted(FRICTION.deceleration(MODEL, x), (x[1], x[5]), free))
     assert left == pytest.approx(max(0.0, pull - limit), abs=1e-12)
 
 

@@ -113,8 +113,3 @@ def test_theta_turns_phi_by_what_the_closed_loop_says():
     theta = course.motor(np.array([0.0, ten]))[1]
     tilt = course.plate(np.array([crank, theta]))
     assert np.degrees(tilt) == pytest.approx([10.13, 10.0], abs=0.005)
-    plant = Mechanism(parts=Parts(linkage=course, size=(0.3, 0.2)))
-    plant.start(np.array([BESIDE]))
-    plant.advance(np.array([[crank, theta]]), 1000)
-    plant.advance(np.zeros((1, 2)), 500)
-    assert plant.state[0, 2::4] == pytest.approx(tilt, abs=np.radians(0.01))
