@@ -88,40 +88,27 @@ def test_a_rig_that_differs_in_one_setting_is_what_it_is_alone(key, value):
         assert not np.allclose(together["state"][:, 0], together["state"][:, 1], atol=1e-12)
 
 
+EXACT = "plant.kind=lagrange"
+TABLE = [f"plant.linkage.{axis}_deg=[[-40, -15], [40, 15]]" for axis in ("phi", "theta")]
+
+
 @pytest.mark.parametrize(
-    ("overrides", "key"),
+    ("common", "changes", "key"),
     [
-        (["plant.kind=lagrange"], "plant.kind"),
-        (["plant.step=0.002"], "plant.step"),
-        (["rig.period=0.004"], "rig.period"),
-        (["duration=20"], "duration"),
-        (["sensors.ideal=true"], "sensors.ideal"),
+        ([], [EXACT], "plant.kind"),
+        ([], ["plant.step=0.002"], "plant.step"),
+        ([], ["rig.period=0.004"], "rig.period"),
+        ([], ["duration=20"], "duration"),
+        ([], ["sensors.ideal=true"], "sensors.ideal"),
+        (["parameters=course"], ["plant.linkage.rod_mm=[95, 90]"], "plant.linkage.rod_mm"),
+        (["parameters=hobby"], TABLE, "plant.linkage.phi_deg"),
+        *(([EXACT], [f"{key}={OTHER[key]}"], key) for key in SHARED_EXACT),
     ],
 )
-def test_what_a_batch_has_only_once_is_refused_by_name(overrides, key):
-    assert key in SHARED
+def test_what_a_batch_has_only_once_is_refused_by_name(common, changes, key):
+    assert key in SHARED + SHARED_EXACT
     with pytest.raises(ScenarioError, match=f"{key}: rigs that run side by side must agree"):
-        assemble([load("circle"), load("circle", overrides)])
-
-
-def test_rigs_with_other_linkages_do_not_run_side_by_side():
-    course = load("circle", ["parameters=course"])
-    other = load("circle", ["parameters=course", "plant.linkage.rod_mm=[95, 90]"])
-    with pytest.raises(ScenarioError, match=r"plant\.linkage\.rod_mm: rigs that run side by side"):
-        assemble([course, other])
-    rows = "=[[-40, -15], [40, 15]]"
-    table = [f"plant.linkage.{axis}_deg{rows}" for axis in ("phi", "theta")]
-    hobby = ["parameters=hobby"]
-    with pytest.raises(ScenarioError, match=r"plant\.linkage\.phi_deg: rigs that run side by side"):
-        assemble([load("circle", [*hobby, *table]), load("circle", hobby)])
-
-
-@pytest.mark.parametrize("key", SHARED_EXACT)
-def test_balls_on_the_exact_equations_are_alike(key):
-    exact = "plant.kind=lagrange"
-    value = {"mass": 0.03, "radius": 0.021, "inertia": 5e-6, "height": 0.1}[key.rpartition(".")[2]]
-    with pytest.raises(ScenarioError, match=key):
-        assemble([load("circle", [exact]), load("circle", [exact, f"{key}={value}"])])
+        assemble([load("circle", common), load("circle", [*common, *changes])])
 
 
 def test_a_ball_out_of_balance_beside_one_in_balance_is_refused_by_name():

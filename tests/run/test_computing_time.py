@@ -1,7 +1,6 @@
 """A law that takes its time: what that costs, told alike however long it is said to take."""
 
 import time
-from collections import deque
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -30,25 +29,10 @@ class Sleeping(LQR):
         return super().command(now)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Queued(LQR):
-    """Behind a delay of two periods, asked every third: not by the loop, but by itself."""
-
-    name: ClassVar[str] = "queued"
-
-    def start(self, x, reference, period):
-        return deque([np.zeros((*x.shape[:-1], 2))] * 5, maxlen=5)
-
-    def command(self, now):
-        first = round(now.time / 0.002) % 3 == 0
-        now.plan.append(super().command(now) if first else now.plan[-1])
-        return now.plan[-3]
-
-
 @pytest.fixture(autouse=True, scope="module")
 def laws():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(catalog, "_registered", {"sleeping": Sleeping, "queued": Queued})
+        patch.setattr(catalog, "_registered", {"sleeping": Sleeping})
         catalog.forget()
         yield
     catalog.forget()
@@ -57,16 +41,6 @@ def laws():
 def run(**settings):
     keys = {key.replace("__", "."): value for key, value in settings.items()}
     return ballplate.run("hold", {**SETTINGS, "controller.rho": 30000, **keys})
-
-
-def test_a_computing_time_is_a_delay_of_its_further_periods():
-    """Against the same law in a queue of its own, which knows nothing of the setting."""
-    late = run(controller__kind="lqr", controller__computing_time=0.005)
-    queued = run(controller__kind="queued")
-    for name in queued:
-        np.testing.assert_array_equal(late[name], queued[name], err_msg=name)
-    assert late.metrics["late_percent"] == 100
-    assert late.metrics["rms_error"] != run(controller__kind="lqr").metrics["rms_error"]
 
 
 def test_what_the_clock_says_costs_what_the_same_number_costs(monkeypatch):

@@ -104,8 +104,7 @@ def test_the_ball_is_seen_where_it_was_recorded(place, size):
 @pytest.mark.parametrize("size", [(0.3, 0.3), (0.6, 0.2)])
 def test_a_plate_of_another_shape_is_not_stretched(size):
     rig = {"size": size, "ball": {"radius": 0.03, "inertia": 1e-6}}
-    film = Film({"a": told([(0.1, 0.05)] * 30, rig=rig)}, Cut(seconds=0.05))
-    picture = np.asarray(next(iter(film.frames())).convert("RGB")).astype(int)
+    picture = frames(told([(0.1, 0.05)] * 30, rig=rig), seconds=0.05)[0]
     left, top, right, bottom = whole(np.abs(picture[100:390, :520] - BLUE).max(axis=2) <= 4)
     assert right - left == pytest.approx(bottom - top, abs=1.5)
     per_metre = min(498 / size[0], 281 / size[1])

@@ -35,8 +35,7 @@ def write(path, rows, names=COLUMNS, header=COLUMNS, every=5):
 
 
 def test_a_bare_log_lies_on_the_run_it_was_taken_from(made, tmp_path):
-    whole = made
-    log = read_log(write(tmp_path / "log.csv", whole.rows))
+    log = read_log(write(tmp_path / "log.csv", made.rows))
     scenario = load("circle", CHANGES)
     found = log_run(log, scenario, "log")
     # the screen's noise has a deviation of some 0.5 mm per axis; its dead time alone would be 5 mm
@@ -50,8 +49,7 @@ def test_a_bare_log_lies_on_the_run_it_was_taken_from(made, tmp_path):
 
 
 def test_columns_that_a_log_has_are_used_as_they_are(made, tmp_path):
-    whole = made
-    log = read_log(write(tmp_path / "log.csv", whole.rows, whole.rows, whole.rows, every=1))
+    log = read_log(write(tmp_path / "log.csv", made.rows, made.rows, made.rows, every=1))
     found = log_run(log, load("circle", CHANGES), "log")
     np.testing.assert_array_equal(found.motion.ball, made.motion.ball)
     assert found.metrics["u_rms"] == pytest.approx(made.metrics["u_rms"])

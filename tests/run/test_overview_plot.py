@@ -34,9 +34,9 @@ def motion(radius=0.1, error=0.01, time=TIME, effort=0.0):
     )
 
 
-def drawn(**runs):
+def drawn(plate=PLATE, **runs):
     with mock.patch.object(Figure, "draw_without_rendering"):  # what is in it, not how it looks
-        figure = picture(runs, "", PLATE)
+        figure = picture(runs, "", plate)
     return figure, {panel.get_title().split(" (")[0]: panel for panel in figure.axes}
 
 
@@ -177,9 +177,8 @@ def test_from_a_round_plate_a_ball_has_gone_beyond_its_circle():
     for reach, gone in ((0.149, True), (0.146, False)):
         ball = motion().ball.copy()
         ball[-1] = reach * np.array([np.cos(0.7), -np.sin(0.7)])
-        with mock.patch.object(Figure, "draw_without_rendering"):
-            figure = picture({"one": replace(motion(), ball=ball)}, "", disc)
+        figure, panels = drawn(disc, one=replace(motion(), ball=ball))
         assert ("left the plate" in words(figure)) == gone
-    (panel,) = (each for each in figure.axes if each.get_title().startswith("Ball on the plate"))
-    (rim,) = (each for each in panel.patches if isinstance(each, Ellipse))
+    patches = panels["Ball on the plate, from above"].patches
+    (rim,) = (each for each in patches if isinstance(each, Ellipse))
     assert (rim.width, rim.height, *rim.center) == (300, 300, 0, 0)

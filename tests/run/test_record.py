@@ -1,7 +1,6 @@
 import json
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -45,9 +44,8 @@ def test_a_record_of_an_earlier_version_has_todays_columns(tmp_path, scenario):
     table = pq.read_table(file)
     old = [name.replace("requested_", "wished_") for name in table.column_names]
     assert old != table.column_names
-    fields = [item.with_name(name) for item, name in zip(table.schema, old, strict=True)]
-    renamed = pa.schema(fields, metadata=table.schema.metadata)
-    pq.write_table(pa.Table.from_arrays(table.columns, schema=renamed), file)
+    renamed = table.rename_columns(old).replace_schema_metadata(table.schema.metadata)
+    pq.write_table(renamed, file)
     (replay,) = open_run(tmp_path)
     requested = replay.rows["requested_phi_acc"]
     assert np.array_equal(requested, done.record["requested"][:, 0, 0])

@@ -7,9 +7,7 @@ import twin.run.finished
 from twin.base.errors import ScenarioError
 from twin.run.assemble import assemble
 from twin.run.finished import run, save
-from twin.run.loop import drive
 from twin.run.metrics import Ending
-from twin.run.record import Recorder
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
@@ -72,28 +70,11 @@ def test_a_run_whose_numbers_run_away_has_diverged_and_is_saved(
     assert json.loads((tmp_path / "metrics.json").read_text())["outcome"] == "diverged"
 
 
-def test_ctrl_c_ends_a_run_as_aborted_with_its_record(scenario, monkeypatch, tmp_path):
+def test_ctrl_c_levels_the_plate_and_ends_a_run_as_aborted_with_its_record(
+    scenario, monkeypatch, tmp_path
+):
     chosen = scenario()
     rig, controller = assemble(chosen)
-    original, calls = controller.command, []
-
-    def interrupted(measurement):
-        calls.append(1)
-        if len(calls) == 50:
-            raise KeyboardInterrupt
-        return original(measurement)
-
-    monkeypatch.setattr(controller, "command", interrupted)
-    monkeypatch.setattr(twin.run.assemble, "assemble", lambda *_, **__: (rig, controller))
-    done = run(chosen)
-    assert done.outcome == Ending.ABORTED
-    assert done.record.length == 49
-    save(done, tmp_path, {"run": done.motion})
-    assert json.loads((tmp_path / "metrics.json").read_text())["outcome"] == "aborted"
-
-
-def test_ctrl_c_levels_the_plate_of_a_rig(scenario, monkeypatch):
-    rig, controller = assemble(scenario())
     original, tilts = controller.command, []
 
     def interrupted(measurement):
@@ -103,10 +84,15 @@ def test_ctrl_c_levels_the_plate_of_a_rig(scenario, monkeypatch):
         return original(measurement)
 
     monkeypatch.setattr(controller, "command", interrupted)
-    (outcome,) = drive(rig, controller, 0.4, Recorder(200, 1, rig.period, rig.channels))
-    assert outcome.interrupted
+    monkeypatch.setattr(twin.run.assemble, "assemble", lambda *_, **__: (rig, controller))
+    done = run(chosen)
+    assert done.interrupted
+    assert done.outcome == Ending.ABORTED
+    assert done.record.length == 49
     assert tilts[-1] > 2e-3
     assert np.abs(rig.devices.state[0, 2::4]).max() < 1e-3
+    save(done, tmp_path, {"run": done.motion})
+    assert json.loads((tmp_path / "metrics.json").read_text())["outcome"] == "aborted"
 
 
 def test_a_reference_outside_the_operating_area_is_refused(scenario):

@@ -76,17 +76,6 @@ def test_the_screen_the_joint_and_the_ball_are_the_thesis_ones(model):
         assert np.degrees(model.joint(axis).range) == pytest.approx([-10, 10], abs=1e-4)
 
 
-@pytest.mark.parametrize(("theta", "phi"), [(0.1, 0.0), (0.0, 0.15), (0.12, -0.08)])
-def test_the_plate_turns_as_rx_theta_times_ry_phi(model, theta, phi):
-    data = mujoco.MjData(model)
-    data.joint("theta").qpos, data.joint("phi").qpos = theta, phi
-    mujoco.mj_kinematics(model, data)
-    c, s = math.cos, math.sin
-    rx = np.array([[1, 0, 0], [0, c(theta), -s(theta)], [0, s(theta), c(theta)]])
-    ry = np.array([[c(phi), 0, s(phi)], [0, 1, 0], [-s(phi), 0, c(phi)]])
-    assert data.body("plate").xmat.reshape(3, 3) == pytest.approx(rx @ ry, abs=1e-12)
-
-
 def test_the_keyframe_level_is_at_rest(model, level):
     assert np.abs(level.qacc).max() < 1e-4
     assert level.qvel == pytest.approx(np.zeros(model.nv))
