@@ -85,7 +85,6 @@ class CRig:
     def call(self, name, *arguments):
         status = getattr(self._lib, f"fmi3{name}")(self.instance, *arguments)
         assert status == 0, self.said
-        return status
 
     def status(self, name, *arguments):
         return getattr(self._lib, f"fmi3{name}")(self.instance, *arguments)

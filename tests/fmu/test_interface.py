@@ -47,6 +47,11 @@ def test_every_function_of_the_header_is_there(fmu):
     assert [name for name in declared if not hasattr(loaded, name)] == []
 
 
+def variables(fmu):
+    """What its description lists, by name."""
+    return {each.name: each for each in fmpy.read_model_description(str(fmu)).modelVariables}
+
+
 def answers(fmu, name="out"):
     """The reference that lies in an FMU, or the commands of it."""
     folder = next((fmu.parent / f"fmi{fmu.stem[-1]}").glob("extra/*"))
@@ -77,8 +82,7 @@ def test_another_importer_finds_the_reference_too(exported):
 
     log_output_level(CosimLogLevel.WARNING)
     fmu = exported / "rig2.fmu"  # libcosim reads FMI 1.0 and 2.0
-    commands, expected = answers(fmu, "in"), answers(fmu)
-    known = {each.name: each for each in fmpy.read_model_description(str(fmu)).modelVariables}
+    commands, expected, known = answers(fmu, "in"), answers(fmu), variables(fmu)
     execution = CosimExecution.from_step_size(2_000_000)  # nanoseconds
     rig = execution.add_local_slave(CosimLocalSlave(str(fmu), "rig"))
     execution.boolean_initial_value(rig, known["noise"].valueReference, value=False)
@@ -98,7 +102,7 @@ def test_another_importer_finds_the_reference_too(exported):
 
 
 def test_the_description_says_between_which_numbers_a_variable_may_be(fmu):
-    known = {each.name: each for each in fmpy.read_model_description(str(fmu)).modelVariables}
+    known = variables(fmu)
     wanted = {
         "plant.servo.backlash": (0.0, np.radians(5)),
         "plant.friction.breakaway_ratio": (1.0, 20.0),
@@ -228,10 +232,10 @@ def test_the_first_frame_comes_when_it_does_in_the_twin():
 def test_every_name_on_the_page_about_simulink_is_one_of_the_fmu(fmu):
     page = (HERE.parents[1] / "docs" / "simulink.md").read_text(encoding="utf-8")
     (script,) = re.findall(r"^```matlab\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
-    listed = fmpy.read_model_description(str(fmu)).modelVariables
+    listed = variables(fmu)
     for causality in ("input", "output"):
         (names,) = re.findall(rf"^{causality}s = \{{(.*)\}};$", script, re.MULTILINE)
-        inside = [each.name for each in listed if each.causality == causality]
+        inside = [name for name, each in listed.items() if each.causality == causality]
         assert re.findall(r"'(\w+)'", names) == inside  # the order of the block's ports
     assert set(re.findall(r"(?:expected|out)\.(measured\w+)", script)) <= set(
         answers(fmu).dtype.names
@@ -240,9 +244,8 @@ def test_every_name_on_the_page_about_simulink_is_one_of_the_fmu(fmu):
     steps = re.findall(r"'(?:FixedStep|FMUSampleTime|SampleTime)', '([\d.]+)'", script)
     assert set(steps) == {"0.002"}
     table = page[page.index("| variable |") : page.index("- A communication step")]
-    names = {each.name for each in listed}
     for quoted in re.findall(r"`([a-z_.]+)`", table.replace("`_", "")):
-        assert quoted in names, quoted
+        assert quoted in listed, quoted
 
 
 @pytest.fixture
@@ -258,8 +261,7 @@ def test_every_name_of_the_maestro_files_is_one_of_the_fmu_of_the_right_kind(tmp
     model, run = (json.loads(each) for each in files)
     path = tmp_path / "rig.fmu"
     bp.fmu("circle", path, wished=True, duration=0.02)
-    about = fmpy.read_model_description(str(path))
-    of_rig = {f"{{rig}}.rig.{each.name}": each for each in about.modelVariables}
+    of_rig = {f"{{rig}}.rig.{name}": each for name, each in variables(path).items()}
     of_law = {f"{{controller}}.law.{name}": "input" for name in fmu_law.INPUTS}
     of_law |= {f"{{controller}}.law.{name}": "output" for name in fmu_law.RATES}
     kinds = {name: each.causality for name, each in of_rig.items()} | of_law
@@ -326,23 +328,12 @@ def test_the_sanitizers_find_nothing(library, tmp_path):
     source = library.parents[2] / "sources"
     shell = HERE.parents[1] / "src/twin/fmu/c/fmi2.c"
     program = tmp_path / "exercise"
-    own = [source / name for name in ("rig.c", "instance.c", "fmi3.c", "scenario.c")]
+    names = ("rig.c", "instance.c", "fmi3.c", "scenario.c")
+    files = [HERE / "exercise.c", *(source / name for name in names), shell]
     flags = "-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wno-unused-parameter -Werror -g -O1"
     flags += " -fsanitize=address,undefined -fno-sanitize-recover=all"
-    subprocess.run(
-        [
-            "cc",
-            *flags.split(),
-            f"-I{source}",
-            "-o",
-            program,
-            HERE / "exercise.c",
-            *own,
-            shell,
-            "-lm",
-        ],
-        check=True,
-    )
+    command = ["cc", *flags.split(), f"-I{source}", "-o", program, *files, "-lm"]
+    subprocess.run(command, check=True)
     done = subprocess.run([program], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
@@ -361,5 +352,4 @@ def test_the_reference_is_an_output_where_it_is_asked_for(tmp_path, fmi, exporte
     for i, name in enumerate(names):
         np.testing.assert_allclose(found[name], wished[i // 2, :, i % 2], rtol=0, atol=1e-12)
     assert np.ptp(found["reference_x_acc"]) > 1e-3
-    plain = fmpy.read_model_description(str(exported / f"rig{fmi}.fmu"))
-    assert not {each.name for each in plain.modelVariables} & {*names}
+    assert not variables(exported / f"rig{fmi}.fmu").keys() & {*names}

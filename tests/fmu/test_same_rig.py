@@ -101,14 +101,11 @@ def wish(time):
     return 0.25 * on * np.array([np.sin(9 * time), np.cos(7 * time + 0.4)])
 
 
-def jolt(time):
-    """Plate rates that tilt it now and then, and level it again, to either side in turn, rad/s."""
-    way = (0.4, 0.2) if time % 4 < 2 else (-0.4, -0.2)
-    return (time % 2 < 0.4) * np.sin(2 * np.pi * time / 0.4) * np.array(way)
-
-
 def both(scenario, c, ticks, rates=wish, seed=0):
-    """The same wishes to twin and C rig: what either measures, is, and has commanded, by period."""
+    """The same wishes to twin and C rig: what both measure, are, and have commanded, by period.
+
+    And whether and why the twin has levelled its plate, and the fault that the C rig tells.
+    """
     rig = counted(assemble(scenario).rig, seed)
     twin, ours, notes = [], [], []
     with rig:
@@ -127,7 +124,8 @@ def both(scenario, c, ticks, rates=wish, seed=0):
             ours[-1] += [*c.get("applied_phi_rate", "applied_theta_rate")]
             rig.wait()
             measured = rig.read()
-    return np.array(twin), np.array(ours), notes
+    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    return np.array(ours), notes
 
 
 LONG = [pytest.param(each, 700, marks=pytest.mark.long) for each in EFFECTS]
@@ -137,8 +135,7 @@ LONG = [pytest.param(each, 700, marks=pytest.mark.long) for each in EFFECTS]
 @pytest.mark.parametrize(("effect", "ticks"), [("all", 300), ("linkage_driven", 300), *LONG])
 def test_every_effect_is_that_of_the_twin(library, effect, ticks):
     scenario = exact(seed=7, **EFFECTS[effect])
-    twin, ours, notes = both(scenario, CRig(library, scenario), ticks, seed=7)
-    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    _, notes = both(scenario, CRig(library, scenario), ticks, seed=7)
     for stopped, reason, fault in notes:
         assert (fault > 0) == stopped
         assert FAULTS[fault] in reason
@@ -161,7 +158,7 @@ def test_a_command_that_is_no_number_levels_the_plate(library):
 
 
 @pytest.mark.long
-def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
+def test_an_uneven_screen_is_that_of_the_twin(library, tmp_path):
     uneven = {
         "plant__surface__spread_percent": 30.0,
         "plant__surface__slope_deg": 0.1,
@@ -169,9 +166,9 @@ def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
         "plant__camber": [0.4, -0.3],
         "plant__size": [0.5, 0.3],
     }
-    library = made(tmp_path, duration=0.02, **uneven)
-    twin, ours, _ = both(exact(**uneven), CRig(library), 700)
-    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    ours, _ = both(exact(**uneven), CRig(made(tmp_path, duration=0.02, **uneven)), 700)
+    flat, _ = both(exact(), CRig(library, exact()), 700)
+    assert abs(flat - ours).max() > 1e-3
     round_one = {
         "plant__shape": "round",
         "plant__size": [0.3, 0.3],
@@ -185,11 +182,8 @@ def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
     }
     (tmp_path / "round").mkdir()
     disc = CRig(made(tmp_path / "round", duration=0.02, **round_one))
-    fell = both(exact(**round_one), disc, 200)
-    np.testing.assert_allclose(fell[1], fell[0], rtol=0, atol=1e-11)
+    both(exact(**round_one), disc, 200)
     assert disc.get("true_on_plate")[0] == 0
-    flat = both(exact(), CRig(library), 700)[0]
-    assert abs(flat - ours).max() > 1e-3
 
 
 ROWS = [[-50, -14.5], [-25, -8], [0, 0.3], [25, 8.5], [50, 15.5]]
@@ -219,8 +213,7 @@ BEYOND = FAR | {"rig__cams": "ratio"}
 def test_a_typed_table_tilts_the_plate_as_in_the_twin(tmp_path, more):
     typed = TABLE | {key: more[key] for key in more.keys() - EFFECTS["linkage"].keys()}
     c = CRig(made(tmp_path, duration=0.02, **typed))
-    twin, ours, _ = both(exact(**typed), c, 300, lambda time: 12 * wish(time))
-    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    ours, _ = both(exact(**typed), c, 300, lambda time: 12 * wish(time))
     tilt = np.degrees(np.abs(ours[:, [8, 12]]).max(axis=0))
     if more is BEYOND:
         assert tilt[1] == pytest.approx(14.0)  # the end of its table
@@ -230,8 +223,7 @@ def test_a_typed_table_tilts_the_plate_as_in_the_twin(tmp_path, more):
 def test_cranks_and_rods_turn_the_plate_far_as_in_the_twin(library):
     wide = FAR | EFFECTS["linkage"] | {"rig__cam_error_percent": [2.0, -3.0]}
     scenario = exact(**wide)
-    twin, ours, _ = both(scenario, CRig(library, scenario), 300, lambda time: 12 * wish(time))
-    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    ours, _ = both(scenario, CRig(library, scenario), 300, lambda time: 12 * wish(time))
     assert np.degrees(np.abs(ours[:, [8, 12]]).max(axis=0)).min() > 10
 
 
@@ -262,16 +254,6 @@ def test_lengths_that_do_not_fit_are_refused_by_both(library, lengths, word):
 
 
 @pytest.mark.long
-def test_the_ball_rests_and_breaks_away_in_the_same_periods(library):
-    scenario = exact(**EFFECTS["ageing"])
-    twin, ours, _ = both(scenario, CRig(library, scenario), 2500, jolt)
-    rests = [(each[:, [7, 11]] == 0).all(axis=1) for each in (twin, ours)]
-    assert 200 < rests[0].sum() < 2300
-    np.testing.assert_array_equal(*rests)
-    assert np.abs(np.diff(rests[0].astype(int))).sum() >= 4
-
-
-@pytest.mark.long
 def test_a_tunable_parameter_acts_as_a_change_of_the_scenario_does(library):
     said = {
         "plant.friction.breakaway_ratio": 2.0,
@@ -292,10 +274,9 @@ def test_a_tunable_parameter_acts_as_a_change_of_the_scenario_does(library):
         before(rate)
 
     c.step = step
-    twin, ours, _ = both(exact(change=[{"at": 0.5, "set": said}]), c, 700)
-    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
-    same = both(exact(), CRig(library, exact()), 700)[0]
-    assert abs(same - twin).max() > 1e-4
+    ours, _ = both(exact(change=[{"at": 0.5, "set": said}]), c, 700)
+    same, _ = both(exact(), CRig(library, exact()), 700)
+    assert abs(same - ours).max() > 1e-4
 
 
 def test_noise_is_white_normal_and_of_the_variance_asked_for():

@@ -12,6 +12,7 @@ leaves out is said, and ``--order`` makes it another part every time.
 import hashlib
 import time
 import tomllib
+from collections import Counter
 from dataclasses import dataclass, field
 
 import pytest
@@ -80,10 +81,9 @@ def candidates() -> list[str]:
     ]
 
 
-def unchanged_of(whole: dict[str, list[str]]) -> set[str]:
-    """The files of these that have passed as they are now."""
-    verified = read_verified()
-    return {file for file in whole if verified.get(file) == fingerprint(ROOT / file)}
+def file_of(item) -> str:
+    """The file of a test, below the project's folder."""
+    return item.path.relative_to(ROOT).as_posix()
 
 
 def pytest_configure(config):
@@ -107,19 +107,13 @@ def pytest_collection_modifyitems(config, items):
     """Count the long tests, then leave out those of files that have not changed."""
     known = config.stash[KNOWN]
     for item in filter(is_long, items):
-        file = item.path.relative_to(ROOT).as_posix()
-        known.whole.setdefault(file, []).append(item.nodeid)
+        known.whole.setdefault(file_of(item), []).append(item.nodeid)
     yield
     if config.option.only_changed:
-        same = unchanged_of(known.whole)
-        out = [
-            item
-            for item in items
-            if is_long(item) and item.path.relative_to(ROOT).as_posix() in same
-        ]
-        for item in out:
-            file = item.path.relative_to(ROOT).as_posix()
-            known.unchanged[file] = known.unchanged.get(file, 0) + 1
+        verified = read_verified()
+        same = {file for file in known.whole if verified.get(file) == fingerprint(ROOT / file)}
+        out = [item for item in items if is_long(item) and file_of(item) in same]
+        known.unchanged = dict(Counter(map(file_of, out)))
         config.hook.pytest_deselected(items=out)
         items[:] = [item for item in items if item not in out]
     if config.option.order:
