@@ -76,15 +76,17 @@ class CRig:
         for name, value in values.items():
             assert self.set(name, value) == 0, self.said
 
-    def begin(self):
+    def enter(self):
         zero = ctypes.c_double(0.0)
         self.call("EnterInitializationMode", False, zero, zero, False, zero)
+
+    def begin(self):
+        self.enter()
         self.call("ExitInitializationMode")
         return self
 
     def call(self, name, *arguments):
-        status = getattr(self._lib, f"fmi3{name}")(self.instance, *arguments)
-        assert status == 0, self.said
+        assert self.status(name, *arguments) == 0, self.said
 
     def status(self, name, *arguments):
         return getattr(self._lib, f"fmi3{name}")(self.instance, *arguments)
@@ -111,11 +113,14 @@ class CRig:
         if rate is not None:
             for axis, each in zip(("phi", "theta"), np.ravel(rate), strict=True):
                 self.set(f"rate_{axis}", each)
-        flags = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
-        time, length = self.tick * self.period, periods * self.period
-        self.call("DoStep", ctypes.c_double(time), ctypes.c_double(length), False, *flags,
-                  ctypes.byref(ctypes.c_double()))  # fmt: skip
+        assert self.go(self.tick * self.period, periods * self.period) == 0, self.said
         self.tick += periods
+
+    def go(self, time, length):
+        """The status of a step of a length from a time on, both in s."""
+        flags = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
+        now, length, last = map(ctypes.c_double, (time, length, 0.0))
+        return self.status("DoStep", now, length, False, *flags, ctypes.byref(last))
 
     @property
     def measured(self):

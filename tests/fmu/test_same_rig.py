@@ -1,7 +1,5 @@
 """The C rig against the twin's exact plant, drives, sensors and supervisor, effect by effect."""
 
-import ctypes
-
 import numpy as np
 import pytest
 from c_rig import CRig, counted, exact, made, normal
@@ -247,8 +245,7 @@ def test_lengths_that_do_not_fit_are_refused_by_both(library, lengths, word):
     for name, pair in given.items():
         for i, length in enumerate(pair):
             assert c.set(f"plant.linkage.{name}[{i + 1}]", length) == 0
-    begins = ctypes.c_double(0.0), ctypes.c_double(0.0)
-    c.call("EnterInitializationMode", False, begins[0], begins[0], False, begins[1])
+    c.enter()
     assert (c.status("ExitInitializationMode") != 0) == bool(word)
     assert word in "".join(c.said)
 

@@ -17,7 +17,7 @@ def normalised(error, covariance):
     return np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
 
 
-def within(values, freedom, chance=1e-4):
-    """Whether the mean of values of a chi-square of such freedom is one of so many."""
-    low, high = chi2.ppf([chance / 2, 1 - chance / 2], freedom * values.size) / values.size
+def within(values, freedom):
+    """Whether the mean of values of a chi-square of such freedom is one that 9999 of 10000 are."""
+    low, high = chi2.ppf([0.5e-4, 1 - 0.5e-4], freedom * values.size) / values.size
     return low < values.mean() < high

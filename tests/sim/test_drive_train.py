@@ -37,13 +37,12 @@ def angles(model, rates):
     return np.cumsum(turned(driving(model), rates))
 
 
-def loop(part, reach, turns=6, steps=400):
+def loop(part, reach):
     """Input and output of a part along a settled triangle between -reach and reach."""
-    path = np.concatenate([np.linspace(-reach, reach, steps), np.linspace(reach, -reach, steps)])
-    path = np.tile(path, turns)
-    start = part.follow(np.full((1, 2), path[0]))[0, 0]
-    output = start + np.cumsum([part.follow(np.full((1, 2), d))[0, 0] for d in np.diff(path)])
-    return path[-2 * steps + 1 :], output[-2 * steps + 1 :]
+    path = np.concatenate([np.linspace(-reach, reach, 400), np.linspace(reach, -reach, 400)])
+    path = np.tile(path, 6)
+    output = np.cumsum([part.follow(np.full((1, 2), d))[0, 0] for d in np.diff(path, prepend=0)])
+    return path[-799:], output[-799:]
 
 
 @pytest.mark.parametrize("kind", [Play, Hysteresis])

@@ -33,15 +33,14 @@ def test_the_bend_solves_dahls_equation_and_is_never_longer_than_its_way(z, v, t
     assert np.hypot(*found) <= WAY * (1 + 1e-12)
 
 
-def rolled(kind, ball, ticks, *, step=0.001, way=WAY, tilt=0.0, rigs=1):
-    friction = Friction(rolling=ARM, presliding=way)
-    more = {"level": (tilt, 0.0)} if kind == "exact" else {}
-    plant = PLANTS[kind](rigs=rigs, step=step, friction=friction, **more)
-    plant.start(np.array(ball, float))
-    states = [plant.state]
+def rolled(kind, ball, ticks):
+    """States of a ball that rolls on a held plate, one a millisecond, (ticks + 1, 8)."""
+    plant = PLANTS[kind](step=0.001, friction=Friction(rolling=ARM, presliding=WAY))
+    plant.start(np.array([ball]))
+    states = [plant.state[0]]
     for _ in range(ticks):
-        plant.advance(np.zeros((rigs, 2)), 1)
-        states.append(plant.state)
+        plant.advance(np.zeros((1, 2)), 1)
+        states.append(plant.state[0])
     return np.array(states)
 
 
@@ -50,7 +49,7 @@ def test_about_its_place_a_ball_is_held_by_a_spring_of_the_stiffness_at_the_orig
     # so slow that the bend stays a hundredth of its way: v = v0 cos(w t), w^2 = F / s
     w = np.sqrt(FULL / WAY)
     v0 = 0.01 * WAY * w
-    x = rolled(kind, [[0.0, v0, 0.0, 0.0]], round(2 * np.pi / w / 1e-3))[:, 0]
+    x = rolled(kind, [0.0, v0, 0.0, 0.0], round(2 * np.pi / w / 1e-3))
     t = 1e-3 * np.arange(len(x))
     assert x[:, 1] == pytest.approx(v0 * np.cos(w * t), abs=0.06 * v0)
     assert x[:, 0] == pytest.approx(v0 / w * np.sin(w * t), abs=0.06 * v0 / w)
@@ -58,21 +57,13 @@ def test_about_its_place_a_ball_is_held_by_a_spring_of_the_stiffness_at_the_orig
 
 @pytest.mark.parametrize("kind", PLANTS)
 def test_a_ball_that_has_come_far_is_slowed_as_by_steady_rolling(kind):
-    x = rolled(kind, [[0.0, 0.06, 0.0, 0.08]], 500)[:, 0]
+    x = rolled(kind, [0.0, 0.06, 0.0, 0.08], 500)
     v = np.hypot(x[:, 1], x[:, 5])
     late = slice(100, None)
     t = 1e-3 * np.arange(len(x))
     slope, _ = np.polyfit(t[late], v[late], 1)
     assert slope == pytest.approx(-FULL, rel=0.01)
     assert x[-1, 5] / x[-1, 1] == pytest.approx(4 / 3, rel=1e-3)
-
-
-def test_on_a_small_tilt_the_ball_swings_out_as_far_as_the_spring_gives_way():
-    tilt, w = 0.05 * ARM / MODEL.radius, np.sqrt(FULL / WAY)
-    x = rolled("exact", np.zeros((1, 4)), round(np.pi / w / 1e-3), tilt=tilt)[:, 0, 0]
-    t = 1e-3 * np.arange(len(x))
-    assert x == pytest.approx(0.05 * WAY * (1 - np.cos(w * t)), abs=0.01 * WAY)
-    assert x[-1] > 0.09 * WAY
 
 
 def test_energy_is_never_created():

@@ -9,8 +9,8 @@ from twin.sim.sensors import EncoderModel, Noise, SimulatedEncoders, SimulatedSc
 PERIOD = 0.002
 
 
-def seeds(rigs, root=0):
-    return [np.random.SeedSequence(root, spawn_key=(rig,)) for rig in range(rigs)]
+def seeds(rigs):
+    return [np.random.SeedSequence(0, spawn_key=(rig,)) for rig in range(rigs)]
 
 
 def watch(model, path, rigs=1, first=0, ticks=500):
