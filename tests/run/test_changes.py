@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from every_setting import QUIET
 
 from controllers.ballplate import BallPlate
 from twin.base.errors import ScenarioError
@@ -13,11 +14,6 @@ from twin.run.record import Recorder
 from twin.scenario.load import at_time, load
 
 PLANTS = ("lagrange", "mujoco")
-QUIET = (
-    "sensors.touch.variance=[0.0, 0.0]",
-    "sensors.touch.grid=0",
-    "disturbance.variance=[0.0, 0.0]",
-)
 
 
 def scenario(plant, change, *more, duration=1.5):
@@ -98,8 +94,9 @@ def test_a_ball_rolls_on_as_what_was_changed_accelerates_it(plant, change, ball,
 
 @pytest.mark.parametrize("longer", [0.052, 0.030])
 def test_samples_come_late_by_the_dead_time_that_is_in_force(longer):
-    moving = "plant.start.x_rate=0.1", "plant.friction.rolling_mm=0.0"
-    found = run(scenario("lagrange", one("sensors.touch.dead_time", longer), *QUIET, *moving))
+    late, moving = "sensors.touch.dead_time=0.042", "plant.start.x_rate=0.1"
+    change, free = one("sensors.touch.dead_time", longer), "plant.friction.rolling_mm=0.0"
+    found = run(scenario("lagrange", change, *QUIET, late, moving, free))
     seen, true = columns(found, "measured")[:, 0], columns(found, "state")[:, 0]
     assert len(set(true[400:700])) == 300
     before, after = round(0.042 / 0.002), round(longer / 0.002)

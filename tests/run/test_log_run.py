@@ -26,7 +26,7 @@ def made():
     return run(load("circle", CHANGES))
 
 
-def write(path, rows, names=COLUMNS, header=COLUMNS, every=5):
+def write(path, rows, names=COLUMNS, header=COLUMNS, every=1):
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(header)
@@ -35,7 +35,7 @@ def write(path, rows, names=COLUMNS, header=COLUMNS, every=5):
 
 
 def test_a_bare_log_lies_on_the_run_it_was_taken_from(made, tmp_path):
-    log = read_log(write(tmp_path / "log.csv", made.rows))
+    log = read_log(write(tmp_path / "log.csv", made.rows, every=5))
     scenario = load("circle", CHANGES)
     found = log_run(log, scenario, "log")
     # the screen's noise has a deviation of some 0.5 mm per axis; its dead time alone would be 5 mm
@@ -49,7 +49,7 @@ def test_a_bare_log_lies_on_the_run_it_was_taken_from(made, tmp_path):
 
 
 def test_columns_that_a_log_has_are_used_as_they_are(made, tmp_path):
-    log = read_log(write(tmp_path / "log.csv", made.rows, made.rows, made.rows, every=1))
+    log = read_log(write(tmp_path / "log.csv", made.rows, made.rows, made.rows))
     found = log_run(log, load("circle", CHANGES), "log")
     np.testing.assert_array_equal(found.motion.ball, made.motion.ball)
     assert found.metrics["u_rms"] == pytest.approx(made.metrics["u_rms"])
@@ -58,7 +58,7 @@ def test_columns_that_a_log_has_are_used_as_they_are(made, tmp_path):
 def test_the_prediction_begins_where_the_log_does_and_lasts_as_long(made, tmp_path):
     rows = {name: values[::5][:300] for name, values in made.rows.items()}
     rows = rows | {"measured_x": rows["measured_x"] + 0.05}
-    log = read_log(write(tmp_path / "log.csv", rows, every=1))
+    log = read_log(write(tmp_path / "log.csv", rows))
     changes = dict(text.split("=") for text in fitting(log, load("circle", CHANGES)))
     assert float(changes["duration"]) == pytest.approx(3.0)
     assert float(changes["metrics.start"]) == pytest.approx(1.0)
@@ -78,12 +78,8 @@ def test_the_prediction_begins_where_the_log_does_and_lasts_as_long(made, tmp_pa
 def test_a_log_that_cannot_be_meant_is_refused(tmp_path, header, factor, words):
     time = np.linspace(0, 1, 50)
     rows = {name: 0.1 * np.sin(time) for name in COLUMNS} | {"time": time}
-    path = write(
-        tmp_path / "log.csv",
-        rows | {"measured_x": factor * rows["measured_x"]},
-        header=header,
-        every=1,
-    )
+    scaled = rows | {"measured_x": factor * rows["measured_x"]}
+    path = write(tmp_path / "log.csv", scaled, header=header)
     if words is None:
         np.testing.assert_allclose(read_log(path)["measured_x"], rows["measured_x"])
     else:

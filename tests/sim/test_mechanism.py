@@ -45,6 +45,11 @@ def mechanism(request):
     return partial(Mechanism, parts=request.param)
 
 
+def told(plant, *channels):
+    """What the rigs tell beside their states, shape (N, channels)."""
+    return plant.telemetry()[:, [plant.channels.index(each) for each in channels]]
+
+
 def motion(t):
     """Motor speeds for a smooth plate motion on both axes, (2,)."""
     return 1.5 * np.sin([3 * t, 4 * t])
@@ -178,8 +183,7 @@ def test_the_torque_stays_within_its_peak():
     torques = []
     for k in range(400):
         plant.advance(np.full((1, 2), 20.0 if k // 20 % 2 else -20.0), 1)
-        told = dict(zip(plant.channels, plant.telemetry().T, strict=True))
-        torques.append((told["torque_phi_Nm"][0], told["torque_theta_Nm"][0]))
+        torques.append(told(plant, "torque_phi_Nm", "torque_theta_Nm"))
     assert np.abs(torques).max() == pytest.approx(12.3)
 
 
@@ -217,43 +221,29 @@ def test_numbers_that_run_away_are_told_and_leave_neither_line_nor_file(
     assert not any(capfd.readouterr())
 
 
-def ride(plate, step):
-    """Worst wheel force, torques and plate accelerations of rigs led along plate angles.
-
-    Plate angles (K, N, 2) at a control period of two steps.
-    """
-    plant = Mechanism(rigs=plate.shape[1])
-    plant.start(np.repeat(BESIDE, plant.rigs, axis=0))
-    table = CamTable.from_file(model_path("cams.json"))
-    rates = np.diff(table.motor(plate), axis=0) / (TICK * step)
-    wheels, torques, plates = [], [], []
-    for rate in rates:
-        for _ in range(TICK):
-            plant.advance(rate, 1)
-            told = dict(zip(plant.channels, plant.telemetry().T, strict=True))
-            wheels.append((told["wheel_phi_N"], told["wheel_theta_N"]))
-            torques.append((told["torque_phi_Nm"], told["torque_theta_Nm"]))
-        plates.append(plant.state[:, [2, 6]])
-    return np.array(wheels), np.array(torques), np.array(plates)
-
-
 @pytest.mark.long
 def test_the_wheels_stay_on_their_cams_over_8_degrees_at_7_rad_per_s2_on_both_axes():
-    step, amplitude = 0.001, math.radians(8)
+    plant, amplitude = Mechanism(rigs=3), math.radians(8)
+    plant.start(np.repeat(BESIDE, plant.rigs, axis=0))
     omega = math.sqrt(7 / amplitude)
-    t = np.arange(0, 6, TICK * step)
+    t = np.arange(0, 6, TICK * plant.step)
     s = np.minimum(t / 2, 1)
     begin = s**3 * (10 - 15 * s + 6 * s**2)
     phi = np.stack([np.sin(omega * t)] * 3, axis=-1)
     theta = np.stack([np.sin(omega * t + shift) for shift in (0, math.pi, math.pi / 2)], axis=-1)
     plate = amplitude * begin[:, None, None] * np.stack([phi, theta], axis=-1)
-    wheels, torques, reached = ride(plate, step)
+    wheels, torques, reached = [], [], []
+    for rate in np.diff(CamTable.packaged().motor(plate), axis=0) / (TICK * plant.step):
+        for _ in range(TICK):
+            plant.advance(rate, 1)
+            wheels.append(told(plant, "wheel_phi_N", "wheel_theta_N"))
+            torques.append(told(plant, "torque_phi_Nm", "torque_theta_Nm"))
+        reached.append(plant.state[:, [2, 6]])
     assert np.degrees(np.ptp(reached, axis=0)) == pytest.approx(np.full((3, 2), 16), abs=0.5)
-    assert wheels.min() > 25
+    assert np.min(wheels) > 25
     assert np.abs(torques).max() < 12.3
     # heating goes with the mean square: the motors could do this all day
-    steady = torques[2000:]
-    assert np.sqrt(np.mean(steady**2, axis=0)).max() < 4.57
+    assert np.sqrt(np.mean(np.square(torques[2000:]), axis=0)).max() < 4.57
 
 
 def test_a_wheel_can_lift_off_its_cam():
@@ -261,7 +251,7 @@ def test_a_wheel_can_lift_off_its_cam():
     plant.start(BESIDE)
     plant.advance(np.array([[5.0, 0.0]]), 150)
     plant.advance(np.array([[-20.0, 0.0]]), 30)
-    assert plant.telemetry()[0, plant.channels.index("wheel_phi_N")] == 0
+    assert told(plant, "wheel_phi_N") == 0
     assert not plant.warnings.any()
 
 
@@ -413,7 +403,7 @@ def ringing(true_rate):
     """Largest plate rate in rad/s in the last second of six under a full state feedback."""
     plant = Mechanism()
     plant.start(np.array([[0.05, 0.0, -0.05, 0.0]]))
-    table = CamTable.from_file(model_path("cams.json"))
+    table = CamTable.packaged()
     angle = rate = np.zeros((1, 2))
     motor = table.motor(angle)
     k1, sign = BallPlate().k1, np.array([1, -1])
