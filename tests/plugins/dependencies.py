@@ -19,6 +19,8 @@ from pathlib import Path
 import grimp
 
 ROOT = Path(__file__).resolve().parents[2]
+TESTS = ROOT / "tests"
+PLUGINS = TESTS / "plugins"
 PACKAGES = {
     "ballplate": ROOT / "src" / "ballplate",
     "twin": ROOT / "src" / "twin",
@@ -52,16 +54,22 @@ def _imported(source: str) -> set[str]:
     return names
 
 
-def _tests(test: Path) -> list[Path]:
-    """A test file, the conftests it has, and the plugins; of those with rigs what it imports."""
+def _named(test: Path) -> set[Path]:
+    """A test file, the conftests it has, and the plugins that these import."""
     above = [folder / "conftest.py" for folder in test.parents if ROOT in folder.parents]
     own = {test, *(path for path in above if path.is_file())}
     named = set().union(*(_imported(path.read_text("utf-8")) for path in own))
-    for path in (ROOT / "tests" / "plugins").glob("*.py"):
+    return own | {path for path in PLUGINS.glob("*.py") if path.stem in named}
+
+
+def _tests(test: Path) -> set[Path]:
+    """Those, and the plugins that have to do with every test: all without rigs."""
+    own = _named(test)
+    for path in PLUGINS.glob("*.py"):
         packages = {name.partition(".")[0] for name in _imported(path.read_text("utf-8"))}
-        if path.stem in named or not packages & PACKAGES.keys():
+        if not packages & PACKAGES.keys():
             own.add(path)
-    return sorted(own)
+    return own
 
 
 def modules(test: Path) -> frozenset[str]:
@@ -86,7 +94,11 @@ def modules(test: Path) -> frozenset[str]:
 
 
 def _data(test: Path, reached: frozenset[str]) -> Iterator[Path]:
-    """Files other than programs: of the packages reached, of models, and those the test names."""
+    """Files other than programs: of the packages reached, of models, and those that are named.
+
+    A test and the plugins it imports may name what lies in the project's folder or beside the test;
+    not all tests together, among which is what is written when they have passed.
+    """
     folders = {_file(module).parent for module in reached}
     for package in PACKAGES.values():
         for path in package.rglob("*"):
@@ -96,11 +108,14 @@ def _data(test: Path, reached: frozenset[str]) -> Iterator[Path]:
                     yield path
     words = {
         node.value
-        for node in ast.walk(ast.parse(test.read_text("utf-8")))
+        for source in _named(test)
+        if source.name != "conftest.py"
+        for node in ast.walk(ast.parse(source.read_text("utf-8")))
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     }
-    for name in {*DATA, *({path.name for path in ROOT.iterdir()} & words)}:
-        place = ROOT / name
+    beside = {path for folder in {ROOT, test.parent} - {TESTS} for path in folder.iterdir()}
+    named = {path for path in beside - {TESTS} if path.name in words}
+    for place in (*map(ROOT.joinpath, DATA), *named):
         yield from (
             path
             for path in (place.rglob("*") if place.is_dir() else [place])
