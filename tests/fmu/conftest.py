@@ -12,9 +12,9 @@ import pytest
 
 from ballplate.changes import changes_of, scenario_of
 from ballplate.rigs import fmu as export
-from twin.fmu.export import variables
+from twin.fmu.export import frame_phase, variables
 from twin.hal.interface import Touch
-from twin.run.assemble import assemble, build_limits
+from twin.run.assemble import build_limits
 from twin.sim.rig import SimulatedRig
 
 sys.modules["c_rig"] = sys.modules[__name__]  # by which name the tests beside import from it
@@ -69,8 +69,7 @@ class CRig:
         self.period = float(self.names["rig.period"].get("start"))
         self.tick = 0
         if scenario is not None:
-            phase = assemble(scenario).rig.devices._screen._offset[0]
-            for each in variables(scenario, phase):
+            for each in variables(scenario, frame_phase(scenario)):
                 if each.causality == "parameter":
                     assert self.set(each.name, each.start) == 0, self.said
         for name, value in values.items():

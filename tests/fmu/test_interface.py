@@ -19,8 +19,8 @@ import ballplate as bp
 from controllers import fmu as fmu_law
 from twin.base.errors import RecordError, ScenarioError
 from twin.cli import ballplate as command
-from twin.fmu.export import exponents, frame_phase, parameters
-from twin.run.assemble import assemble, build_reference
+from twin.fmu.export import exponents, parameters
+from twin.run.assemble import build_reference
 from twin.scenario.describe import described
 
 HERE = Path(__file__).parent
@@ -220,11 +220,6 @@ def test_exponents_are_those_of_the_unit():
     assert exponents("kg m^2") == {"kg": 1, "m": 2}
     assert exponents("rad/s^2") == {"rad": 1, "s": -2}
     assert exponents("Hz") == {"s": -1}
-
-
-def test_the_first_frame_comes_when_it_does_in_the_twin():
-    scenario = exact(seed=11)
-    assert frame_phase(scenario) == assemble(scenario).rig.devices._screen._offset[0]
 
 
 def test_every_name_on_the_page_about_simulink_is_one_of_the_fmu(fmu):
