@@ -14,19 +14,17 @@ from mcap_ros2.decoder import DecoderFactory
 from twin.cli.runs import export as command
 from twin.identify.logs import read
 from twin.run.files import export
-from twin.run.finished import run, save
+from twin.run.finished import record_run, run
 from twin.run.record import read_run
 from twin.scenario import load
-
-pytestmark = pytest.mark.usefixtures("no_pictures")
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A short run with noise, dead time and friction."""
     where = tmp_path_factory.mktemp("run")
-    done = run(load("circle", ("plant.kind=lagrange", "duration=0.3", "metrics.start=0")))
-    save(done, where, {"circle": done.motion})
+    keys = ("plant.kind=lagrange", "duration=0.3", "metrics.start=0")
+    record_run(run(load("circle", keys)), where)
     return where
 
 

@@ -7,19 +7,16 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.base.errors import RecordError
-from twin.run.finished import open_run, open_runs, run, save
-
-pytestmark = pytest.mark.usefixtures("no_pictures")
+from twin.run.finished import open_run, open_runs, record_run, run
+from twin.scenario import load
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """A whole record, as a table."""
-    from twin.scenario import load
-
     folder = tmp_path_factory.mktemp("run")
-    done = run(load("hold", ("plant.kind=lagrange", "duration=0.1", "metrics.start=0")))
-    save(done, folder, {"hold": done.motion})
+    keys = ("plant.kind=lagrange", "duration=0.1", "metrics.start=0")
+    record_run(run(load("hold", keys)), folder)
     return pq.read_table(folder / "run.parquet")
 
 

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from twin.cli.rig import FEET, advice, level
 from twin.identify.judged import ParameterVerdict
 from twin.identify.parameters import BALL
-from twin.run.finished import run, save
+from twin.run.finished import record_run, run
 from twin.scenario import load
 
 TILT = (0.12, -0.07)
@@ -17,8 +17,7 @@ TILT = (0.12, -0.07)
 
 def excite(path, *settings):
     """A run folder of the excitation."""
-    done = run(load("excite", settings))
-    save(done, path, {"run": done.motion})
+    record_run(run(load("excite", settings)), path)
     return path
 
 
