@@ -18,8 +18,6 @@ from twin.scenario.schema import Scenario
 from twin.study.work import Builder
 from twin.tune.report import settings, toml
 
-pytestmark = pytest.mark.usefixtures("no_pictures")
-
 SOLID, HOLLOW = 5 / 7 * 9.81, 3 / 5 * 9.81
 """k1 of a solid ball and of a thin shell in m/s^2: g / (1 + J / (m r^2))."""
 STEEL = "plant.ball.kind=steel"
