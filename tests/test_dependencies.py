@@ -8,6 +8,7 @@ from dependencies import ROOT, environment, fingerprint
 
 TABLES = ROOT / "tests" / "thesis" / "test_reproduce_long.py"
 TRIALS = ROOT / "tests" / "identify" / "test_identify_long.py"
+FMU = ROOT / "tests" / "fmu" / "test_interface.py"
 STUDIES = ROOT / "tests" / "study" / "test_long.py"
 
 
@@ -35,6 +36,7 @@ def changed(path):
         (TABLES, "models/ballplate.xml"),
         (TRIALS, "src/twin/identify/search.py"),
         (TRIALS, "scenarios/excite.toml"),
+        (FMU, "tests/fmu/exercise.c"),
         (STUDIES, "src/twin/view/viewer.py"),  # starts the command line, which imports by name
     ],
 )

@@ -126,8 +126,9 @@ def both(scenario, c, ticks, rates=wish, seed=0):
     return np.array(ours), notes
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize(
+    "effect", [pytest.param(each, marks=[pytest.mark.long][each == "all" :]) for each in EFFECTS]
+)
 def test_every_effect_is_that_of_the_twin(library, effect):
     scenario = exact(seed=7, **EFFECTS[effect])
     _, notes = both(scenario, CRig(library, scenario), 700, seed=7)
