@@ -1,6 +1,5 @@
-"""What part of its period each law computes for, and how runs on the virtual rig end, here.
+"""How runs on the virtual rig end here, and what a command of a law and a trace of the bus cost.
 
-uv run python -m benchmarks.realtime
 uv run python -m benchmarks.realtime --ticks 10
 uv run python -m benchmarks.realtime --wire 20 --beside 2 --ordinary
 uv run python -m benchmarks.realtime --trace 5
@@ -8,8 +7,6 @@ uv run python -m benchmarks.realtime --trace 5
 
 from __future__ import annotations
 
-import os
-import platform
 import resource
 import subprocess
 import sys
@@ -18,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any
 
 import click
 import numpy as np
@@ -28,22 +25,14 @@ from controllers.arrays import Array
 from twin.base.page import markdown
 from twin.devices.realtime import real_time
 from twin.run.assemble import assemble
-from twin.run.connect import ComputingTime
 from twin.scenario.load import load
 
-PERIODS = (0.001, 0.002, 0.004, 0.01)
-LAWS = {
-    "afl": (),
-    "lqr": ("controller.kind=lqr",),
-    "mpc": ("controller.kind=mpc",),
-    "stable_inversion, friction known": (
-        "controller.kind=stable_inversion",
-        "observer.kind=friction_kalman",
-    ),
-}
 COMMANDS = (
     ("afl, luenberger", "circle", ()),
-    ("stable_inversion, friction_kalman", "circle", LAWS["stable_inversion, friction known"]),
+    (
+        *("stable_inversion, friction_kalman", "circle"),
+        ("controller.kind=stable_inversion", "observer.kind=friction_kalman"),
+    ),
     ("the cure", "cure", ()),
 )
 FRAMES = (500, 58)
@@ -56,13 +45,7 @@ SCREEN = "sensors.touch.frame_rate=57.6"
 """The frames of the virtual rig's screen, for the same run simulated."""
 ORDINARY = ("setpriv", "--inh-caps=-sys_nice", "--bounding-set=-sys_nice")
 """A program behind this has no real-time priority."""
-
-
-def share(scenario: str, changes: tuple[str, ...], period: float) -> str:
-    """Median and largest of a thousand as parts of a period; marked where it is too much."""
-    found = ComputingTime.measured(load(scenario, [*changes, f"rig.period={period}"]))
-    mark = "" if found.enough else " !!" if found.never else " !"
-    return f"{found.median / period:.2f} / {found.worst / period:.2f}{mark}"
+QUANTILES = (0.5, 0.99, 0.999)
 
 
 @contextmanager
@@ -76,50 +59,26 @@ def busy(number: int) -> Iterator[None]:
         yield
 
 
-class Wired(NamedTuple):
-    """A run on the virtual rig.
-
-    Attributes:
-        finished: Whether it ran to its end.
-        error: Its tracking error in %; NaN if there is none.
-        lateness: How late each period began, s, shape (ticks,).
-        missed: Periods missed.
-        pauses: How long the computer paused, s.
-        reason: Why it ended early; empty if it did not.
-    """
-
-    finished: bool
-    error: float
-    lateness: Array
-    missed: int
-    pauses: float
-    reason: str
-
-
-def wired(scenario: str, before: Sequence[str] = ()) -> Wired:
-    """Run a scenario on the virtual rig, as a command of its own behind another one."""
+def wired(scenario: str, before: Sequence[str] = ()) -> Any:
+    """A run of a scenario on the virtual rig, as a command of its own behind another one."""
     with TemporaryDirectory() as folder:
         out = Path(folder) / "run"
         words = ["run", scenario, "--rig", "emulated", "--set", *ALONE, "--out", str(out)]
         call = [*before, sys.executable, "-c", "from twin.cli import main; main()", *words]
         subprocess.run(call, capture_output=True, check=False)
-        run = bp.load(out)
-    ledger = run.ledger
-    return Wired(
-        run.outcome == "finished",
-        run.metrics.get(ERROR, np.nan),
-        run.rows["lateness"],
-        ledger["missed"],
-        1e-6 * sum(ledger["pauses_us"]),
-        str(run.metrics.get("reason", "")),
-    )
+        return bp.load(out)
 
 
-def row(scenario: str, simulated: float, runs: Sequence[Wired]) -> list[str]:
+def lateness(runs: Sequence[Any]) -> Array:
+    """How late each period of some runs began, ms."""
+    return np.concatenate([1e3 * np.asarray(run.rows["lateness"]) for run in runs])
+
+
+def row(scenario: str, simulated: float, runs: Sequence[Any]) -> list[str]:
     """What runs of one scenario came to, as cells of the table."""
-    errors = np.array([run.error for run in runs if run.finished])
-    late: Array = 1e3 * np.concatenate([run.lateness for run in runs])
-    missed = sum(run.missed for run in runs)
+    errors = np.array([run.metrics[ERROR] for run in runs if run.outcome == "finished"])
+    late, missed = lateness(runs), sum(run.ledger["missed"] for run in runs)
+    pauses = sum(sum(run.ledger["pauses_us"]) for run in runs)
     return [
         scenario,
         f"{len(errors)} of {len(runs)}",
@@ -128,18 +87,14 @@ def row(scenario: str, simulated: float, runs: Sequence[Wired]) -> list[str]:
         else "-",
         f"{simulated:.2f}",
         f"{100 * missed / (missed + len(late)):.2f}",
-        *(f"{np.quantile(late, each):.3f}" for each in (0.5, 0.99, 0.999)),
+        *(f"{each:.3f}" for each in np.quantile(late, QUANTILES)),
         f"{late.max():.1f}",
-        f"{1e3 * sum(run.pauses for run in runs):.0f}",
+        f"{1e-3 * pauses:.0f}",
     ]
 
 
 HEADINGS = (
-    "scenario",
-    "finished",
-    "error [%]",
-    "simulated [%]",
-    "missed [%]",
+    *("scenario", "finished", "error [%]", "simulated [%]", "missed [%]"),
     *(f"late, {each} [ms]" for each in ("p50", "p99", "p99.9", "largest")),
     "paused [ms]",
 )
@@ -153,7 +108,8 @@ def on_the_wire(number: int, beside: int, before: Sequence[str] = ()) -> str:
         with busy(beside):
             runs = [wired(scenario, before) for _ in range(number)]
         rows.append(row(scenario, simulated, runs))
-        click.echo("  ".join([*rows[-1], *(run.reason for run in runs if run.reason)]), err=True)
+        ends = [run.metrics["reason"] for run in runs if run.metrics.get("reason")]
+        click.echo("  ".join([*rows[-1], *ends]), err=True)
     return markdown(HEADINGS, rows)
 
 
@@ -166,44 +122,29 @@ def emulating() -> str:
     return f"{100 * used / run.rows['time'][-1]:.0f}"
 
 
-def tracing(number: int, seconds: float = 10.0) -> str:
+def tracing(number: int) -> str:
     """The table of so many runs each with the trace of the bus and without it, in turn.
 
     Lateness of the periods, and the stage in which what is said is handed over.
     """
-    changes = [*ALONE, f"duration={seconds:g}"]
-    late: dict[str, list[Array]] = {"without": [], "with": []}
-    stage: dict[str, list[float]] = {"without": [], "with": []}
-    missed: dict[str, int] = {"without": 0, "with": 0}
+    found: dict[str, list[Any]] = {"without": [], "with": []}
     with TemporaryDirectory() as folder:
         for _ in range(number):
-            for way, file in (("without", None), ("with", Path(folder) / "trace.log")):
-                run = bp.run("circle", changes, on="emulated", trace=file)
-                late[way].append(1e3 * np.asarray(run.rows["lateness"]))
-                stage[way].append(1e-3 * run.ledger["stages"]["write"]["p99_us"])
-                missed[way] += run.ledger["missed"]
+            for way, runs in found.items():
+                file = Path(folder) / "trace.log" if way == "with" else None
+                changes = [*ALONE, "duration=10"]
+                runs.append(bp.run("circle", changes, on="emulated", trace=file))
     rows = [
         [
             way,
-            *(f"{np.quantile(np.concatenate(found), each):.4f}" for each in (0.5, 0.99, 0.999)),
-            f"{missed[way]}",
-            f"{np.median(stage[way]):.3f}",
+            *(f"{each:.4f}" for each in np.quantile(lateness(runs), QUANTILES)),
+            f"{sum(run.ledger['missed'] for run in runs)}",
+            f"{1e-3 * np.median([run.ledger['stages']['write']['p99_us'] for run in runs]):.3f}",
         ]
-        for way, found in late.items()
+        for way, runs in found.items()
     ]
     heads = ("trace", "late, p50 [ms]", "p99 [ms]", "p99.9 [ms]", "missed", "writing, p99 [ms]")
     return markdown(heads, rows)
-
-
-def computing() -> str:
-    """The table of laws by periods; !: may be late now and then, !!: keeps no period."""
-    laws = [("circle", name, changes) for name, changes in LAWS.items()]
-    laws += [(name, name, ()) for name in SCENARIOS[1:]]
-    rows = [
-        [name, *(share(scenario, changes, each) for each in PERIODS)]
-        for scenario, name, changes in laws
-    ]
-    return markdown(("law or scenario", *(f"{1e3 * each:g} ms" for each in PERIODS)), rows)
 
 
 def command_times(scenario: str, changes: Sequence[str], seconds: float) -> Array:
@@ -253,37 +194,21 @@ def command_table(seconds: float) -> str:
     return markdown(heads, rows)
 
 
-def slower() -> str:
-    """The table of what a longer control period costs the cure, simulated."""
-    rows = []
-    for scenario in SCENARIOS[1:]:
-        for period in PERIODS[1:3]:
-            found = bp.run(scenario, [*ALONE, f"rig.period={period}"]).metrics[ERROR]
-            rows.append([scenario, f"{1e3 * period:g}", f"{found:.3f}"])
-    return markdown(("scenario", "period [ms]", "error [%]"), rows)
-
-
-@click.command()
+@click.command(no_args_is_help=True)
 @click.option("--ticks", type=float, default=0, help="Seconds of commands timed, by law.")
 @click.option("--wire", type=int, default=0, help="Runs of each scenario on the virtual rig.")
 @click.option("--beside", type=int, default=0, help="Busy processes beside them.")
 @click.option("--ordinary", is_flag=True, help="Without real-time priority.")
 @click.option("--trace", type=int, default=0, help="Runs each with a trace of the bus and without.")
 def main(ticks: float, wire: int, beside: int, trace: int, *, ordinary: bool) -> None:
-    """Print how long laws compute, how runs on the virtual rig end, or what a trace costs."""
+    """Print what commands cost, how runs on the virtual rig end, or what a trace costs."""
     if ticks:
         click.echo(command_table(ticks))
-        return
     if trace:
         click.echo(tracing(trace))
-        return
     if wire:
         click.echo(on_the_wire(wire, beside, ORDINARY if ordinary else ()))
-        return
-    click.echo(f"{os.cpu_count()} processors, {platform.system()} {platform.release()}")
-    click.echo(computing())
-    click.echo(slower())
-    click.echo(f"virtual rig: {emulating()} % of a processor, its start included")
+        click.echo(f"virtual rig: {emulating()} % of a processor, its start included")
 
 
 if __name__ == "__main__":

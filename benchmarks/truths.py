@@ -20,8 +20,7 @@ from scipy.optimize import least_squares
 from controllers.arrays import Array
 from twin.emulator.lockstep import LockstepRig
 from twin.hal.cams import CamTable
-from twin.run.assemble import assemble, build_controller
-from twin.run.loop import drive
+from twin.run.finished import run
 from twin.run.record import Recorder
 from twin.scenario import load
 from twin.sim.plant.friction import Friction
@@ -41,27 +40,22 @@ RUNS: dict[str, dict[str, Any]] = tomllib.loads(
 SECONDS = 10.0
 
 
-def path(step: float, run: str, seconds: float = SECONDS) -> tuple[Array, Array]:
+def path(step: float, name: str, seconds: float = SECONDS) -> tuple[Array, Array]:
     """Where the ball is in each control period of a run, and where it is to be, m, each (K, 2)."""
-    about = RUNS[run]
+    about = RUNS[name]
     given = [f"duration={seconds}", f"metrics.start={seconds / 2}", f"plant.step={step}"]
     scenario = load(about["scenario"], [*about["set"], *given])
-    ticks = round(seconds / PERIOD)
-    if about.get("wired"):
-        rig = LockstepRig(scenario)
-        controller = build_controller(scenario)
-        record, balls = Recorder(ticks, 1, PERIOD, keep=("estimate",)), []
+    if not about.get("wired"):
+        motion = run(scenario).motion
+        return motion.ball, motion.reference
+    rig, balls = LockstepRig(scenario), []
+
+    def watch(record: Recorder) -> None:
         # such a rig does not know the truth, its plant does
         record.observers.append(lambda *_: balls.append(rig.plant.devices.state[0, 0::4]))
-        drive(rig, controller, seconds, record)
-        ball = np.array(balls)
-    else:
-        simulated, controller = assemble(scenario, threads=1)
-        record = Recorder(ticks, 1, PERIOD, keep=("state",))
-        drive(simulated, controller, seconds, record)
-        ball = record["state"][:, 0, 0::4]
-    desired = controller.reference(PERIOD * np.arange(len(ball)))[0]
-    return ball, np.broadcast_to(desired.reshape(len(ball), -1, 2)[:, 0], ball.shape)
+
+    motion = run(scenario, watch=watch, rig=rig).motion
+    return np.array(balls), motion.reference
 
 
 def on_slope(step: float, slope_deg: float, seconds: float) -> float:

@@ -1,8 +1,6 @@
 """Makes cure.md and its picture: who wins against friction, dead time and noise, and by how much.
 
 uv run python docs/cure.py                  # what cure.toml says
-uv run python docs/cure.py --rigs 20        # more rigs of the family
-uv run python docs/cure.py --finished       # a page of what has been simulated, at once
 Finished tasks are kept in runs/cure and used again while scenarios and code stay the same.
 """
 
@@ -15,14 +13,19 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from pages import HERE, filled, kept, planned, points, said
+from cure_floor import Screen, floor, least
+from matplotlib.figure import Figure
+from pages import HERE, driven, filled, kept, planned, points, said, write
 
-from twin.base.writing import write_whole
+from twin.run.assemble import assemble
+from twin.run.metrics import Motion, tracking_error
+from twin.study.schema import drawn, read_family
+from twin.study.work import Builder, code, digest
 
 EVERY = 5
 BAND = 0.005
-FLOOR = "circle 0.75 rad/s"
-"""Task for which the cure is compared with the least that is possible."""
+FLOOR, RADIUS = "circle 0.75 rad/s", 0.15
+"""Task for which the cure is compared with the least that is possible, and its radius in m."""
 KINDS = {
     "tracking": ("e_tt", "%"),
     "median": ("median distance", "mm"),
@@ -48,9 +51,6 @@ class Cell(NamedTuple):
 
 def scenarios(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
     """Of every law in turn: the nominal rig with several noises, then those of the family."""
-    from twin.study.schema import drawn, read_family  # noqa: PLC0415
-    from twin.study.work import Builder  # noqa: PLC0415
-
     build = Builder(plan["scenario"])
     rigs = drawn(read_family(plan["family"]), plan["draw"], plan["rigs"])
     found = []
@@ -70,58 +70,39 @@ def settings(plan: dict[str, Any], task: dict[str, Any], law: dict[str, Any]) ->
 
 def key(runs: list[Any], judged: str) -> str:
     """What tells runs of one batch and what is judged of them from every other."""
-    from twin.study.work import code, digest  # noqa: PLC0415
+    how = " ".join(map(inspect.getsource, (simulated, driven, judge)))
+    runs_as_text = (each.model_dump_json() for each in runs)
+    return digest(" ".join((code(), judged, how, f"{BAND} {EVERY}", *runs_as_text)))
 
-    how = f"{inspect.getsource(simulated)} {BAND} {EVERY}"
-    return digest(" ".join((code(), judged, how, *(each.model_dump_json() for each in runs))))
 
-
-def known(
-    runs: list[Any], judged: str = "tracking", *, simulate: bool = True
-) -> list[float | None] | None:
-    """What is judged of scenarios that run as one batch, on the true ball: as kept or simulated.
-
-    None if it is not known.
-    """
-    return kept("cure", key(runs, judged), lambda: simulated(runs, judged), simulate=simulate)
+def known(runs: list[Any], judged: str = "tracking") -> list[float | None]:
+    """What is judged of scenarios that run as one batch, on the true ball: as kept or simulated."""
+    return kept("cure", key(runs, judged), lambda: simulated(runs, judged))
 
 
 def simulated(runs: list[Any], judged: str) -> list[float | None]:
-    """The same, by one batch."""
-    from twin.run.assemble import assemble  # noqa: PLC0415
-    from twin.run.loop import drive  # noqa: PLC0415
-    from twin.run.metrics import (  # noqa: PLC0415
-        Ending,
-        Motion,
-        measure,
-    )
-    from twin.run.record import Recorder  # noqa: PLC0415
-
+    """The same, by one batch; None for a ball that was lost or never settled."""
     rig, controller = assemble(runs, threads=1)
-    duration, period = runs[0].duration, runs[0].rig.period
-    record = Recorder(
-        round(duration / period), len(runs), period, keep=("state", "applied"), every=EVERY
-    )
-    with np.errstate(all="ignore"):
-        outcomes = drive(rig, controller, duration, record)
-    wished = controller.reference(record.time)[0].reshape(record.length, -1, 2)
-    found: list[float | None] = []
-    for number, (scenario, outcome) in enumerate(zip(runs, outcomes, strict=True)):
-        motion = Motion.of(record, wished[:, number], number)
-        way = np.hypot(*motion.error.T)
-        value: float | None = None
-        if outcome.ending is Ending.FINISHED and judged == "tracking":
-            value = measure(motion, outcome, start=scenario.metrics.start)["tracking_error_percent"]
-        elif outcome.ending is Ending.FINISHED and judged == "median":
-            value = 1e3 * float(np.median(way[motion.time >= scenario.metrics.start]))
-        elif outcome.ending is Ending.FINISHED and judged == "rms":
-            value = 1e3 * float(np.sqrt(np.mean(way[motion.time >= scenario.metrics.start] ** 2)))
-        elif outcome.ending is Ending.FINISHED:
-            outside = np.flatnonzero(way > BAND)
-            last = int(outside[-1]) if len(outside) else 0
-            value = float(motion.time[last]) if last < len(way) - 1 else None
-        found.append(value)
-    return found
+    channels = ("state", "applied")
+    made = driven(rig, controller, runs[0].duration, channels=channels, every=EVERY)
+    record, wished, finished = made
+    motions = [Motion.of(record, wished[:, number], number) for number in range(len(runs))]
+    rows = zip(runs, motions, finished, strict=True)
+    return [judge(each, run.metrics.start, judged) if good else None for run, each, good in rows]
+
+
+def judge(motion: Motion, start: float, judged: str) -> float | None:
+    """What is judged of a run that finished: one of ``KINDS``, from a time in s on."""
+    steady = motion.time >= start - 1e-9
+    if judged == "tracking":
+        return tracking_error(motion.error[steady], motion.reference[steady])
+    way = np.hypot(*motion.error.T)
+    if judged == "settled":
+        outside = np.flatnonzero(way > BAND)
+        last = int(outside[-1]) if len(outside) else 0
+        return float(motion.time[last]) if last < len(way) - 1 else None
+    late = way[motion.time >= start]
+    return 1e3 * float(np.median(late) if judged == "median" else np.sqrt(np.mean(late**2)))
 
 
 def cells(plan: dict[str, Any], values: list[float | None]) -> list[Cell]:
@@ -129,13 +110,11 @@ def cells(plan: dict[str, Any], values: list[float | None]) -> list[Cell]:
     rows = []
     for each in np.array(values, dtype=object).reshape(len(plan["laws"]), -1).tolist():
         first, rigs = each[: plan["noises"]], each[plan["noises"] :]
-        family = [value for value in rigs if value is not None]
-        missing = len(rigs) - len(family)
-        lost = None in first
+        missing, lost = rigs.count(None), None in first
         rows.append(
             Cell(
                 None if lost else float(np.mean(first)),
-                None if missing else max(family),
+                None if missing else max(rigs),
                 missing,
                 (np.nan, np.nan) if lost else (min(first), max(first)),
                 rigs,
@@ -152,14 +131,13 @@ def verdict(value: float | None, goal: float, span: tuple[float, float] = (np.na
 
 
 def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
-    """The page as Markdown, of the tasks that are known."""
+    """The page as Markdown."""
     names = [law["name"] for law in plan["laws"]]
-    edge, rows = floors(plan, table[FLOOR][-1]) if FLOOR in table else (0.0, [])
+    edge, rows = floors(plan, table[FLOOR][-1])
     return filled(
         "cure", plan=plan, table=table, kinds=KINDS, verdict=verdict, said=said,
         best=lambda task, side: best_of(names, [cell[side] for cell in table[task]]),
         laws=list(zip(names, zip(*table.values(), strict=True), strict=True)),
-        left=[task["name"] for task in plan["tasks"] if task["name"] not in table],
         floors=rows, edge=f"{edge:.1%}", floor_task=FLOOR,
     )  # fmt: skip
 
@@ -169,27 +147,11 @@ def floors(plan: dict[str, Any], cell: Cell) -> tuple[float, list[tuple[Any, flo
 
     At the edge of the family; then scenario, least and what the cure reached of every rig, in %.
     """
-    from cure_floor import Screen, floor  # noqa: PLC0415
-
     task = next(task for task in plan["tasks"] if task["name"] == FLOOR)
-    radius = 0.15
     rigs = scenarios(plan | {"laws": plan["laws"][-1:]}, task)[plan["noises"] :]
-    rows = [
-        (scenario, least(scenario, radius, task["omega"]), value)
-        for scenario, value in zip(rigs, cell.rigs, strict=True)
-    ]
-    edge = floor(Screen(0.27, 0.2, 58.0, 0.042), radius * task["omega"]) / radius
-    return edge, rows
-
-
-def least(scenario: Any, radius: float, omega: float) -> float:
-    """The floor of a circle of a radius in m at a rate in rad/s on a rig, in % of the radius."""
-    from cure_floor import Screen, floor  # noqa: PLC0415
-
-    touch, plant = scenario.sensors.touch, scenario.plant
-    spread = plant.surface.spread_percent / 100
-    screen = Screen(plant.friction.rolling_mm, spread, touch.frame_rate, touch.dead_time)
-    return 100 * floor(screen, radius * omega) / radius
+    lowest = [least(scenario, RADIUS, task["omega"]) for scenario in rigs]
+    edge = floor(Screen(0.27, 0.2, 58.0, 0.042), RADIUS * task["omega"]) / RADIUS
+    return edge, list(zip(rigs, lowest, cell.rigs, strict=True))
 
 
 def best_of(names: list[str], values: list[float | None]) -> str:
@@ -200,18 +162,15 @@ def best_of(names: list[str], values: list[float | None]) -> str:
 
 def drawing(plan: dict[str, Any], table: dict[str, list[Cell]], path: Path) -> None:
     """The picture."""
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
     rows = (len(table) + 3) // 4
     figure = Figure(figsize=(12, 1 + 3.3 * rows), layout="constrained")
-    tasks = [task for task in plan["tasks"] if task["name"] in table]
     axes = figure.subplots(rows, 4, sharey=True, squeeze=False)
     names = [law["name"] for law in plan["laws"][::-1]]
-    for axis, task in zip(axes.flat, tasks, strict=False):
+    for axis, task in zip(axes.flat, plan["tasks"], strict=False):
         found = table[task["name"]][::-1]
         word, unit = KINDS[task.get("judged", "tracking")]
-        known = [v for cell in found for v in cell[:2] if v is not None and v > 0]
-        low, high = min([*known, *task["goals"]]) / 1.6, max([*known, *task["goals"]]) * 3
+        reached = [v for cell in found for v in cell[:2] if v is not None and v > 0]
+        low, high = min([*reached, *task["goals"]]) / 1.6, max([*reached, *task["goals"]]) * 3
         for at, whose in enumerate(("nominal rig", "worst rig")):
             values = [None if cell[at] is None else max(cell[at], low) for cell in found]
             words = (whose, f"{whose}: not reached")
@@ -224,37 +183,22 @@ def drawing(plan: dict[str, Any], table: dict[str, list[Cell]], path: Path) -> N
         axis.set_xlabel(fill(f"{word}, {unit}", 22), fontsize=9)
         axis.grid(axis="y", color="0.9")
         axis.set_yticks(range(len(names)), names)
-    for axis in axes.flat[len(tasks) :]:
+    for axis in axes.flat[len(table) :]:
         axis.set_axis_off()
     entries = axes.flat[0].get_legend_handles_labels()
     figure.legend(*entries, loc="outside lower center", ncols=6, frameon=False)
-    path.parent.mkdir(exist_ok=True)
     figure.savefig(path, metadata={"Date": None})
 
 
-@click.command()
-@click.option("--rigs", type=click.IntRange(min=1), help="Rigs of the family.")
-@click.option("--task", "only", multiple=True, help="Simulate this task alone; write no page.")
-@click.option("--finished", is_flag=True, help="Simulate nothing: a page of the finished tasks.")
-def main(rigs: int | None, only: tuple[str, ...], *, finished: bool) -> None:
-    """Simulate what is not finished, then write the page."""
-    plan = planned("cure")
-    plan["rigs"] = rigs or plan["rigs"]
-    table = {}
+def main() -> None:
+    """Simulate what is not kept, then write the page."""
+    plan, table = planned("cure"), {}
     for task in plan["tasks"]:
-        if not only or task["name"] in only:
-            judged = task.get("judged", "tracking")
-            values = known(scenarios(plan, task), judged, simulate=not finished)
-            if values is None:
-                continue
-            table[task["name"]] = cells(plan, values)
-            click.echo(f"{task['name']}: {table[task['name']]}")
-    if only:
-        return
-    if not table:
-        raise click.ClickException("no task is finished")
+        values = known(scenarios(plan, task), task.get("judged", "tracking"))
+        table[task["name"]] = cells(plan, values)
+        click.echo(f"{task['name']}: {table[task['name']]}")
     drawing(plan, table, HERE / "figures" / "cure.svg")
-    write_whole(HERE / "cure.md", page(plan, table))
+    write(HERE / "cure.md", page(plan, table))
 
 
 if __name__ == "__main__":

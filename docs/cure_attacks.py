@@ -8,19 +8,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import click
 from cure import known
-from pages import HERE, filled, planned, said
+from pages import HERE, filled, planned, said, write
 
-from twin.base.writing import write_whole
+from twin.run.assemble import shared
+from twin.scenario.load import load
 
 
-@click.command()
 def main() -> None:
     """Simulate what is not kept, then write the page."""
-    from twin.run.assemble import shared  # noqa: PLC0415
-    from twin.scenario.load import load  # noqa: PLC0415
-
     plan = planned("cure_attacks")
     table: dict[str, list[float | None]] = {attack["name"]: [] for attack in plan["attacks"]}
     for task in plan["tasks"]:
@@ -29,11 +25,9 @@ def main() -> None:
             run = load(plan["scenario"], [*plan["set"], *task["set"], *attack["set"]])
             batches.setdefault(str(shared(run)), {})[attack["name"]] = run
         for batch in batches.values():
-            values = known(list(batch.values()), task["judged"]) or []
-            for name, value in zip(batch, values, strict=True):
+            for name, value in zip(batch, known([*batch.values()], task["judged"]), strict=True):
                 table[name].append(value)
-                click.echo(f"{task['name']}, {name}: {value}")
-    write_whole(HERE / "cure_attacks.md", filled("cure_attacks", plan=plan, table=table, said=said))
+    write(HERE / "cure_attacks.md", filled("cure_attacks", plan=plan, table=table, said=said))
 
 
 if __name__ == "__main__":

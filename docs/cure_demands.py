@@ -1,7 +1,6 @@
 """Makes cure_demands.md: references the plate cannot give, and pushes, under the cure and others.
 
-uv run python docs/cure_demands.py                 # 200 references and 200 pushes
-uv run python docs/cure_demands.py --number 20     # fewer, for a look
+uv run python docs/cure_demands.py
 What has been simulated is kept in runs/demands and used again while the code stays the same.
 """
 
@@ -12,13 +11,9 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from pages import HERE, filled, kept, planned
+from pages import HERE, driven, filled, kept, planned, write
 
-from twin.base.writing import write_whole
 from twin.run.assemble import assemble
-from twin.run.loop import drive
-from twin.run.metrics import Ending
-from twin.run.record import Recorder
 from twin.study.schema import drawn, read_family
 from twin.study.work import Builder, code, digest
 
@@ -29,7 +24,8 @@ AFTER = 1500
 """Periods after a push in which a ball that is lost from it is lost."""
 BACK = 0.005
 """Distance in m from its reference within which a ball is back."""
-RIGS = 20
+NUMBER, RIGS = 200, 20
+"""References, and pushes; rigs of the family that they are tried on by turns."""
 PLAN = planned("cure")
 KNOWN = {each["name"]: each["set"] for each in PLAN["laws"]}
 CURE = "the cure"
@@ -103,67 +99,66 @@ def pushes(number: int) -> list[Run]:
     return found
 
 
+def scenarios(runs: dict[int, Run], law: list[str], family: bool) -> list[Any]:
+    """Runs by their number, under a law, on the nominal rig or by turns on those of the family."""
+    build, rigs = Builder(PLAN["scenario"]), drawn(read_family(PLAN["family"]), 31, RIGS)
+    return [
+        build(
+            [*PLAN["set"], *run.settings, *law, f"seed={number}"],
+            rigs[number % RIGS].point if family else {},
+        )
+        for number, run in runs.items()
+    ]
+
+
+def push(rig: Any, blows: Any) -> None:
+    """Change the velocity of balls at once, m/s."""
+    ball = rig.devices.state[:, (0, 1, 4, 5)].copy()
+    ball[:, 1::2] += blows
+    rig.devices.place(ball)
+
+
 def simulated(runs: list[Run], law: list[str], family: bool) -> list[list[float | None]]:
     """Of each run the RMS distance from its reference in mm and the time it took to be back in s.
 
     Both None where the ball was lost.
     """
-    build, rigs = Builder(PLAN["scenario"]), drawn(read_family(PLAN["family"]), 31, RIGS)
-    scenarios = []
-    for number, run in enumerate(runs):
-        rig = rigs[number % RIGS]
-        settings = [*PLAN["set"], *run.settings, *law, f"seed={number}"]
-        scenarios.append(build(settings, rig.point if family else {}))
-    rig, controller = assemble(scenarios, threads=1)
-    duration, period = scenarios[0].duration, scenarios[0].rig.period
-    record = Recorder(round(duration / period), len(runs), period, keep=("state",), every=EVERY)
+    asked = scenarios(dict(enumerate(runs)), law, family)
+    rig, controller = assemble(asked, threads=1)
     ticks, blows = np.array([run.tick for run in runs]), np.array([run.blow for run in runs])
 
     def struck(tick: int, _: Any) -> None:
         if tick and (tick == ticks).any():
-            ball = rig.devices.state[:, (0, 1, 4, 5)].copy()
-            ball[:, 1::2] += np.where((tick == ticks)[:, None], blows, 0.0)
-            rig.devices.place(ball)
+            push(rig, np.where((tick == ticks)[:, None], blows, 0.0))
 
-    with np.errstate(all="ignore"):
-        outcomes = drive(rig, controller, duration, record, keep=struck)
-    wished = controller.reference(record.time)[0].reshape(record.length, -1, 2)
+    made = driven(rig, controller, asked[0].duration, keep=struck, every=EVERY)
+    record, wished, finished = made
     away = np.hypot(*np.moveaxis(record["state"][..., 0::4] - wished, -1, 0))
     found: list[list[float | None]] = []
-    for number, outcome in enumerate(outcomes):
-        far = away[record.time >= period * ticks[number], number]
+    for number, good in enumerate(finished):
+        far = away[record.time >= rig.period * ticks[number], number]
         outside = np.flatnonzero(far > BACK)
-        back = EVERY * period * (outside[-1] + 1) if len(outside) else 0.0
-        lost = outcome.ending is not Ending.FINISHED
+        back = EVERY * rig.period * (outside[-1] + 1) if len(outside) else 0.0
         rms = 1e3 * float(np.sqrt((far**2).mean()))
-        found.append([None, None] if lost else [rms, float(back)])
+        found.append([rms, float(back)] if good else [None, None])
     return found
 
 
 def lost_from_there(number: int, run: Run, law: list[str], family: bool) -> bool:
     """Whether a law loses a ball that it takes over from the cure at the moment of the push."""
-    build, rigs = Builder(PLAN["scenario"]), drawn(read_family(PLAN["family"]), 31, RIGS)
-    point = rigs[number % RIGS].point if family else {}
     (rig, controller), (_, other) = (
-        assemble(build([*PLAN["set"], *run.settings, *each, f"seed={number}"], point), threads=1)
-        for each in (LAWS[CURE], law)
+        assemble(*scenarios({number: run}, each, family), threads=1) for each in (LAWS[CURE], law)
     )
 
     def pushed(tick: int, measurement: Any) -> None:
         if tick == run.tick:
-            ball = rig.devices.state[:, (0, 1, 4, 5)].copy()
-            ball[:, 1::2] += run.blow
-            rig.devices.place(ball)
+            push(rig, run.blow)
             other.start(measurement)
             other.observer.start(controller.observer.x)
             other.rate = controller.rate
             vars(controller).update(vars(other))
 
-    ticks, period = run.tick + AFTER, controller.period
-    record = Recorder(ticks, 1, period, keep=("state",))
-    with np.errstate(all="ignore"):
-        (outcome,) = drive(rig, controller, ticks * period, record, keep=pushed)
-    return outcome.ending is not Ending.FINISHED
+    return not all(driven(rig, controller, (run.tick + AFTER) * rig.period, keep=pushed)[2])
 
 
 def table(runs: list[Run], *, family: bool, column: int) -> list[tuple[str, ...]]:
@@ -171,7 +166,7 @@ def table(runs: list[Run], *, family: bool, column: int) -> list[tuple[str, ...]
 
     Then how many of these it loses as well, where it has the ball from the cure.
     """
-    how = inspect.getsource(simulated)
+    how = " ".join(map(inspect.getsource, (scenarios, push, driven, simulated, lost_from_there)))
     found = {}
     for name, law in LAWS.items():
         key = digest(f"{code()} {how} {runs} {law} {family} {PLAN['set']}")
@@ -183,30 +178,25 @@ def table(runs: list[Run], *, family: bool, column: int) -> list[tuple[str, ...]
         pairs = enumerate(zip(each, found[CURE], strict=True))
         more = [at for at, (own, cure) in pairs if own[0] is not None and cure[0] is None]
         asked = [(at, runs[at], LAWS[name], family) for at in more]
-        key = digest(f"{code()} {inspect.getsource(lost_from_there)} {LAWS[CURE]} {asked}")
+        key = digest(f"{code()} {how} {LAWS[CURE]} {asked}")
         too = kept("demands", key, lambda asked=asked: [lost_from_there(*each) for each in asked])
-        held = sum(value[0] is not None for value in each)
-        median = np.median(values)
+        held, median = len(runs) - each.count([None, None]), np.median(values)
         shown = f"{median:.1f}" if np.isfinite(median) else "lost"
         told = ("", "") if name == CURE else (str(len(more)), str(sum(too)))
         rows.append((name, f"{held} of {len(runs)}", shown, *told))
     return rows
 
 
-@click.command()
-@click.option("--number", default=200, show_default=True, help="References, and pushes.")
-def main(number: int) -> None:
+def main() -> None:
     """Simulate what is not kept, then write the page."""
+    asked = (("references", references(NUMBER), 0), ("pushes", pushes(NUMBER), 1))
     parts = {
-        f"{name}{'_family' if family else ''}": table(runs, family=family, column=column)
-        for name, runs, column in (
-            ("references", references(number), 0),
-            ("pushes", pushes(number), 1),
-        )
+        name + "_family" * family: table(runs, family=family, column=column)
+        for name, runs, column in asked
         for family in (False, True)
     }
-    text = filled("cure_demands", number=number, rigs=RIGS, family=PLAN["family"], **parts)
-    write_whole(HERE / "cure_demands.md", text)
+    text = filled("cure_demands", number=NUMBER, rigs=RIGS, family=PLAN["family"], **parts)
+    write(HERE / "cure_demands.md", text)
 
 
 if __name__ == "__main__":

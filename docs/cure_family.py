@@ -1,22 +1,21 @@
 """Makes cure_family.md: the cure on many rigs of the family, the worst by name, and why.
 
 uv run python docs/cure_family.py              # what cure_family.toml says: 40 minutes of a core
-uv run python docs/cure_family.py --rigs 50    # fewer: ten minutes
 uv run python docs/cure_family.py --own        # cure_rigs.md, on rigs of other kinds: 15 minutes
 Finished batches are kept in runs/cure and used again while scenarios and code stay the same.
 """
 
 from __future__ import annotations
 
+import sys
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from cure import KINDS, Cell, cells, known, least, said, scenarios, settings
-from pages import HERE, filled, planned
-from scipy import stats
+from cure import KINDS, Cell, cells, known, scenarios, settings
+from cure_floor import least
+from pages import HERE, filled, planned, said, wilson, write
 
-from twin.base.writing import write_whole
 from twin.study.schema import FamilyRig, drawn, read_family
 from twin.study.work import Builder
 
@@ -64,9 +63,8 @@ class Found(NamedTuple):
 
     def within(self, goal: float) -> tuple[int, float, float]:
         """How many rigs keep a goal, and Wilson's 95 % interval of their share in %."""
-        count = sum(value is not None and value <= goal for value in self.family)
-        share = stats.binomtest(count, len(self.family)).proportion_ci(method="wilson")
-        return count, 100 * share.low, 100 * share.high
+        count = sum(_order(value) <= goal for value in self.family)
+        return count, *wilson(count, len(self.family))
 
 
 def quantile(values: list[float | None], share: float) -> float | None:
@@ -97,16 +95,16 @@ def measured(plan: dict[str, Any], task: dict[str, Any]) -> Found:
     runs, noises = scenarios(base, task), CURE["noises"]
     quick = base | {"rigs": 1, "set": [*CURE["set"], "sensors.touch.frame_rate=58.0"]}
     slow = scenarios(quick, task)[:noises]
-    first = known([*runs[:noises], *slow], judged) or []
+    first = known([*runs[:noises], *slow], judged)
     rigs, values = runs[noises:], []
     for begin in range(0, len(rigs), plan["batch"]):
-        values += known(rigs[begin : begin + plan["batch"]], judged) or []
+        values += known(rigs[begin : begin + plan["batch"]], judged)
         click.echo(f"{task['name']}: {len(values)} rigs")
     order = sorted(range(len(rigs)), key=lambda each: _order(values[each]))[::-1]
     worst = []
     for at in order[: plan["named"]]:
         turned = [without(task, family(plan)[at], keys) for keys in plan["causes"].values()]
-        left = dict(zip(plan["causes"], known(turned, judged) or [], strict=True))
+        left = dict(zip(plan["causes"], known(turned, judged), strict=True))
         worst.append(Worst(at + 1, rigs[at], values[at], left, edge(task, rigs[at])))
     return Found(first[:noises], first[noises:], edge(task, slow[0]), values, worst)
 
@@ -118,32 +116,23 @@ def edge(task: dict[str, Any], rig: Any) -> float | None:
     return least(rig, RADIUS.get(task["name"], 0.15), task["omega"])
 
 
-class Floor(NamedTuple):
-    """A floor beside the goal of its task, both in %."""
-
-    floor: float
-    goal: float
-    whose: str
-
-    def __str__(self) -> str:
-        """In words."""
-        return f"{self.floor:.2f} against {self.goal:g} % ({self.whose})"
-
-
 def excused(asked: list[dict[str, Any]], table: dict[str, Found]) -> str:
     """Whether the floor of a worst rig, or of the nominal one at 58 frames/s, is above its goal."""
     floors = []
     for task in asked:
-        found, name = table[task["name"]], task["name"]
-        edges = [(found.floor, task["goals"][1], f"nominal rig at 58 frames/s, {name}")]
-        edges += [(one.floor, task["goals"][2], f"rig {one.number}, {name}") for one in found.worst]
-        floors += [Floor(least, goal, whose) for least, goal, whose in edges if least is not None]
-    above = [each for each in floors if each.floor > each.goal]
+        found, name, (_, slow, goal) = table[task["name"]], task["name"], task["goals"]
+        edges = [(found.floor, slow, "nominal rig at 58 frames/s")]
+        edges += [(one.floor, goal, f"rig {one.number}") for one in found.worst]
+        floors += [
+            (each / most, f"{each:.2f} against {most:g} % ({whose}, {name})")
+            for each, most, whose in edges
+            if each is not None
+        ]
+    above = [words for share, words in floors if share > 1]
     if above:
-        return "The floor stands above the goal and excuses what misses it: " + "; ".join(
-            map(str, above)
-        )
-    nearest = max(floors, key=lambda each: each.floor / each.goal)
+        start = "The floor stands above the goal and excuses what misses it: "
+        return start + "; ".join(above)
+    nearest = max(floors, key=lambda each: each[0])[1]
     return (
         f"Of none of these {len(floors)} circles, of the worst rigs here and the nominal one at 58 "
         f"frames/s, the floor stands above the goal: nearest to it is {nearest}. It excuses none."
@@ -180,7 +169,7 @@ def others(plan: dict[str, Any], rig: str, task: dict[str, Any]) -> list[Cell]:
             build([*fixed, f"seed={each.seed}"], each.point, relative)
             for each in drawn(family, plan["draw"], plan["count"])
         ]
-    return cells(plan, known(runs, task.get("judged", "tracking")) or [])
+    return cells(plan, known(runs, task.get("judged", "tracking")))
 
 
 def blamed(plan: dict[str, Any], rig: str) -> dict[str, list[float | None]]:
@@ -189,49 +178,33 @@ def blamed(plan: dict[str, Any], rig: str) -> dict[str, list[float | None]]:
     fixed = [f"parameters={rig}", *plan["set"], *circle]
     told = [build([*fixed, *keys], {}) for keys in plan["causes"].values()]
     not_told = [build([*fixed, UNTOLD, *keys], {}) for keys in plan["causes"].values()]
-    left = known([*told, *not_told]) or []
+    left = known([*told, *not_told])
     return {cause: [left[at], left[at + len(told)]] for at, cause in enumerate(plan["causes"])}
 
 
 def write_others(plan: dict[str, Any]) -> None:
     """Write the page of the shipped rigs of other kinds."""
-    table, causes = {}, {}
-    for rig in plan["rigs"]:
-        causes[rig] = blamed(plan, rig)
-        click.echo(f"{rig}: {causes[rig]}")
-        for task in plan["tasks"]:
-            table[rig, task["name"]] = others(plan, rig, task)
-            click.echo(f"{rig}, {task['name']}: {table[rig, task['name']]}")
-    text = filled(
-        "cure_rigs",
-        plan=plan,
-        table=table,
-        causes=causes,
-        kinds=KINDS,
-        said=said,
-        radius=radius,
-        quantile=quantile,
-    )
-    write_whole(HERE / "cure_rigs.md", text)
+    causes = {rig: blamed(plan, rig) for rig in plan["rigs"]}
+    places = [(rig, task) for rig in plan["rigs"] for task in plan["tasks"]]
+    table = {(rig, task["name"]): others(plan, rig, task) for rig, task in places}
+    words = {"kinds": KINDS, "said": said, "radius": radius, "quantile": quantile}
+    text = filled("cure_rigs", plan=plan, table=table, causes=causes, **words)
+    write(HERE / "cure_rigs.md", text)
 
 
-@click.command()
-@click.option("--rigs", type=click.IntRange(min=1), help="Rigs of the family.")
-@click.option("--task", "only", multiple=True, help="Simulate this task alone; write no page.")
-@click.option("--own", is_flag=True, help="The page of rigs of other kinds.")
-def main(rigs: int | None, only: tuple[str, ...], *, own: bool) -> None:
+def main() -> None:
     """Simulate what is not kept, then write the page."""
     plan = planned("cure_family")
-    if own:
-        write_others(plan["own"] | {"count": rigs or plan["own"]["count"]})
+    if sys.argv[1:] == ["--own"]:
+        write_others(plan["own"])
         return
-    plan["rigs"] = rigs or plan["rigs"]
-    asked = [task for task in tasks(plan) if not only or task["name"] in only]
+    asked = tasks(plan)
     table = {task["name"]: measured(plan, task) for task in asked}
-    if not only:
-        words = {"kinds": KINDS, "said": said, "excused": excused(asked, table)}
-        text = filled("cure_family", plan=plan, tasks=asked, table=table, **words)
-        write_whole(HERE / "cure_family.md", text)
+    words = {"kinds": KINDS, "said": said, "excused": excused(asked, table)}
+    write(
+        HERE / "cure_family.md",
+        filled("cure_family", plan=plan, tasks=asked, table=table, **words),
+    )
 
 
 if __name__ == "__main__":

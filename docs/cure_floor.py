@@ -1,8 +1,6 @@
 # ruff: noqa: N803, N806  matrices have the letters of the field
 """How well any controller could do at first on an uneven screen: the floor of cure.md.
 
-uv run python docs/cure_floor.py
-
 Along the ball's way the friction of an uneven screen is a random disturbance w. About the motion
 that the reference asks for, the flat output eta and the slope a of the plate along the way are
 
@@ -22,10 +20,8 @@ passes, whose rate follows from that and the ball's speed.
 
 from __future__ import annotations
 
-import itertools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import click
 import numpy as np
 import scipy
 
@@ -105,17 +101,9 @@ def _late(
     return longer, np.vstack((B, np.zeros((late, 1)))), W, C
 
 
-def main() -> None:
-    """Print the floor of some screens."""
-    every = itertools.product((0.18, 0.27), (0.1, 0.2), (0.0, 58.0), (0.5, 0.75, 1.0))
-    for rolling, spread, rate, omega in every:
-        least = floor(Screen(rolling, spread, rate, 0.042), 0.15 * omega)
-        click.echo(
-            f"{rolling} mm, {100 * spread:.0f} % uneven, "
-            f"{f'{rate:g} frames/s' if rate else 'every period'}, circle of 150 mm at "
-            f"{omega} rad/s: {1e3 * least:.2f} mm, {100 * least / 0.15:.2f} %"
-        )
-
-
-if __name__ == "__main__":
-    main()
+def least(scenario: Any, radius: float, omega: float) -> float:
+    """The floor of a circle of a radius in m at a rate in rad/s on a rig, in % of the radius."""
+    touch, plant = scenario.sensors.touch, scenario.plant
+    spread = plant.surface.spread_percent / 100
+    screen = Screen(plant.friction.rolling_mm, spread, touch.frame_rate, touch.dead_time)
+    return 100 * floor(screen, radius * omega) / radius

@@ -1,6 +1,6 @@
 """Makes identify_coverage.md: how often the 95 % intervals of identify hold on simulated rigs.
 
-uv run python docs/identify_coverage.py --rigs 200 --doc docs/identify_coverage.md
+uv run python docs/identify_coverage.py
 
 Logs of commands alone, one axis moved, of rigs that are simulated without any of the twin's code.
 What has been identified is kept in runs/coverage and used again while the code stays the same.
@@ -15,18 +15,16 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
-from pages import filled, kept
-from scipy import stats
+from pages import HERE, filled, kept, wilson, write
 
 from controllers.arrays import Array
-from twin.base.writing import write_whole
 from twin.cli.output import progress
 from twin.identify.any_rig import identify_any
 from twin.identify.logs import read_any, wanted_columns
 from twin.study.work import digest
 
+RIGS = 200
 SECONDS = 45.0
 """Length of a log; a third of it is held out, as `identify` does."""
 PLATE = 0.3
@@ -184,6 +182,19 @@ def known(seed: int) -> dict[str, Any]:
     return kept("coverage", digest(f"{how} {seed}"), lambda: identified(seed))
 
 
+SHOWN = {
+    "gain": ("gain", "m/s^2 by rad"),
+    "dead_time": ("dead time", "s"),
+    "lag": ("lag", "s"),
+    "delay": ("dead time + lag", "s"),
+    "lever": ("lever", "m"),
+    "level": ("level", "m/s^2"),
+    "friction": ("friction", "m/s^2"),
+    "camber": ("camber", "1/s^2"),
+}
+"""Parameters that every rig has, in words, and their units."""
+
+
 def coverage(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Of each parameter: rigs with an interval, how many of these hold the truth, and verdicts."""
     rows = []
@@ -191,7 +202,6 @@ def coverage(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
         of = [(_truth(each["rig"], name), each["told"].get(name)) for each in found]
         told = [(truth, *one) for truth, one in of if one is not None and None not in one[1:3]]
         held = sum(low <= truth <= high for truth, _, low, high, _ in told)
-        share = stats.binomtest(held, max(len(told), 1)).proportion_ci(method="wilson")
         off = [abs(value - truth) for truth, value, *_ in told if value is not None]
         half = [(high - low) / 2 for _, _, low, high, _ in told]
         rows.append(
@@ -199,8 +209,7 @@ def coverage(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 "name": name,
                 "rigs": len(told),
                 "held": held,
-                "low": share.low,
-                "high": share.high,
+                "share": wilson(held, len(told)),
                 "identified": sum(word == "identified" for *_, word in told),
                 "off": float(np.median(off)) if off else math.nan,
                 "half": float(np.median(half)) if half else math.nan,
@@ -213,68 +222,33 @@ def _truth(rig: Mapping[str, float], name: str) -> float:
     return rig["dead_time"] + rig["lag"] if name == "delay" else rig.get(name, 0.0)
 
 
-SHOWN = ("gain", "dead_time", "lag", "delay", "lever", "level", "friction", "camber")
-"""Parameters that every rig has."""
-UNITS = {
-    "gain": "m/s^2 by rad",
-    "lever": "m",
-    "level": "m/s^2",
-    "friction": "m/s^2",
-    "camber": "1/s^2",
-}
-LABELS = {"delay": "dead time + lag", "dead_time": "dead time"}
-
-
-def page(found: list[dict[str, Any]], command: str) -> str:
+def page(found: list[dict[str, Any]]) -> str:
     """The page of what was found."""
-    lines = []
-    for row in coverage(found):
-        within = 100 * row["held"] / max(row["rigs"], 1)
-        cells = (
-            LABELS.get(row["name"], row["name"]),
-            UNITS.get(row["name"], "s"),
-            f"{row['rigs']}",
-            f"{row['identified']}",
-            f"{within:.1f} ({100 * row['low']:.1f} to {100 * row['high']:.1f})",
-            f"{row['half']:.2g}",
-            f"{row['off']:.2g}",
-        )
-        lines.append(f"| {' | '.join(cells)} |")
-    model, stays, on = (
-        f"{1000 * np.median([each['errors'][who] for each in found]):.2g}"
-        for who in ("model", "stays", "goes on")
-    )
-    ranges = ", ".join(
-        f"{LABELS.get(name, name)} {low:g} to {high:g}" for name, (low, high) in DRAWN.items()
-    )
+    names = {name: SHOWN.get(name, (name,))[0] for name in DRAWN}
     return filled(
         "identify_coverage",
-        command=command,
         rigs=len(found),
         seconds=SECONDS,
-        ranges=ranges,
-        rows="\n".join(lines),
-        model=model,
-        stays=stays,
-        on=on,
+        ranges=", ".join(
+            f"{names[name]} {low:g} to {high:g}" for name, (low, high) in DRAWN.items()
+        ),
+        shown=SHOWN,
+        rows=coverage(found),
+        errors={
+            who: f"{1000 * np.median([each['errors'][who] for each in found]):.2g}"
+            for who in ("model", "stays", "goes on")
+        },
     )
 
 
-@click.command()
-@click.option("--rigs", default=200, show_default=True)
-@click.option("--first", default=0, show_default=True, help="Seed of the first rig.")
-@click.option("--doc", type=click.Path(path_type=Path))
-def main(rigs: int, first: int, doc: Path | None) -> None:
+def main() -> None:
     """How often the intervals of identify hold the truth of simulated rigs."""
     found = []
-    with progress("rigs", rigs) as advance:
-        for seed in range(first, first + rigs):
+    with progress("rigs", RIGS) as advance:
+        for seed in range(RIGS):
             found.append(known(seed))
-            advance(seed - first + 1)
-    for row in coverage(found):
-        click.echo(row)
-    if doc is not None:
-        write_whole(doc, page(found, f"--rigs {rigs} --doc docs/identify_coverage.md"))
+            advance(seed + 1)
+    write(HERE / "identify_coverage.md", page(found))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the scripts of this folder share: templates, results that are kept, and points of laws."""
+"""What the scripts of this folder share: templates, kept results, batches, points of laws."""
 
 from __future__ import annotations
 
@@ -10,11 +10,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy import stats
 
 from ballplate.changes import KeyChange
+from controllers.arrays import Array
+from controllers.controller import Controller
+from controllers.interfaces import Measurement
 from twin.base.page import filled as filled_template
 from twin.base.writing import write_json, write_whole
+from twin.run.loop import drive
+from twin.run.metrics import Ending
+from twin.run.record import Recorder
 from twin.scenario.load import read
+from twin.sim.rig import SimulatedRig
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,16 +67,49 @@ def said(value: float | None, form: str = ".3g") -> str:
     return "-" if value is None else f"{value:{form}}"
 
 
-def kept(name: str, key: str, make: Callable[[], Any], *, simulate: bool = True) -> Any:
-    """What is kept in runs/NAME under a key, else what is made and then kept; None if not made."""
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share, in %; of none, all that there can be."""
+    ends = stats.binomtest(hits, max(count, 1)).proportion_ci(method="wilson")
+    return 100 * float(ends.low), 100 * float(ends.high)
+
+
+def kept(name: str, key: str, make: Callable[[], Any]) -> Any:
+    """What is kept in runs/NAME under a key, else what is made and then kept."""
     file = HERE.parent / "runs" / name / f"{key}.json"
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
-    if not simulate:
-        return None
     found = make()
     write_json(file, found)
     return found
+
+
+def driven(
+    rig: SimulatedRig,
+    controller: Controller,
+    duration: float,
+    keep: Callable[[int, Measurement], None] | None = None,
+    channels: Sequence[str] = ("state",),
+    every: int = 1,
+) -> tuple[Recorder, Array, list[bool]]:
+    """What rigs of a batch did: the record, where their balls were to be, and who finished.
+
+    Args:
+        rig: The rigs, not switched on.
+        controller: Theirs.
+        duration: Of the run in s.
+        keep: Shown number and measurement of every period before anything is done in it.
+        channels: What is recorded.
+        every: Control periods from one instant of the record to the next.
+
+    Returns:
+        The record; positions in m, shape (K, rigs, 2); and whether each rig finished.
+    """
+    period, rigs = controller.period, len(rig.supervisor.state)
+    record = Recorder(round(duration / period), rigs, period, keep=channels, every=every)
+    with np.errstate(all="ignore"):
+        outcomes = drive(rig, controller, duration, record, keep=keep)
+    wished = controller.reference(record.time)[0].reshape(record.length, -1, 2)
+    return record, wished, [outcome.ending is Ending.FINISHED for outcome in outcomes]
 
 
 def points(

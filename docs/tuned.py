@@ -1,8 +1,6 @@
 """Makes tuned.md and its picture: every law tuned with the same budget, judged on fresh rigs.
 
-uv run python docs/tuned.py                          # what tuned.toml says
-uv run python docs/tuned.py --only "AFL, thesis"     # one law; no page
-uv run python docs/tuned.py --finished               # a page of the laws that are tuned, at once
+uv run python docs/tuned.py    # what tuned.toml says
 Finished runs are kept in runs/tuned and used again while what a run executes stays the same, also
 by a larger budget; what a search found, while all that it read does.
 """
@@ -17,9 +15,13 @@ from typing import Any
 
 import click
 import numpy as np
-from pages import HERE, filled, kept, planned, points, said
+from matplotlib.figure import Figure
+from pages import HERE, filled, kept, planned, points, said, write
 
-from twin.base.writing import write_whole
+from twin.study.experiments import Store, executors
+from twin.study.work import code, digest
+from twin.tune.search import tuned
+from twin.tune.trials import Trials, read
 
 OWN, KNOWN = ", thesis", ", friction known"
 BUDGET = ("candidates", "rigs", "finalists", "certificate")
@@ -33,8 +35,6 @@ def asked(plan: dict[str, Any]) -> dict[str, Any]:
     Raises:
         ClickException: If one differs from the others in anything but what is its own.
     """
-    from twin.tune.trials import read  # noqa: PLC0415
-
     budget = {key: plan[key] for key in BUDGET}
     found = {law["name"]: read(law["tune"], set=law.get("set"), **budget) for law in plan["laws"]}
     first, *others = found.items()
@@ -55,29 +55,16 @@ def files() -> list[Path]:
 
 def key(tune: Any) -> str:
     """What tells the result of a tune from every other: all that the search depends on."""
-    from twin.scenario.load import read as read_tables  # noqa: PLC0415
-    from twin.study.schema import read_family  # noqa: PLC0415
-    from twin.study.work import code, digest  # noqa: PLC0415
-
     texts = [digest(path.read_bytes().hex()) for path in files()]
     texts += [code(), version("optuna"), inspect.getsource(result), tune.model_dump_json()]
-    texts.append(read_family(tune.family).model_dump_json())
-    texts += [repr(read_tables(task.scenario)) for task in tune.tasks]
     return digest(" ".join(texts))
 
 
 def result(tune: Any) -> dict[str, Any]:
     """What a tune finds, as its ``--json`` says."""
-    from twin.study.experiments import Store, executors  # noqa: PLC0415
-    from twin.tune.report import settings  # noqa: PLC0415
-    from twin.tune.search import tuned  # noqa: PLC0415
-    from twin.tune.trials import Trials  # noqa: PLC0415
-
     with executors(None) as (executor, count):
         store = Store(HERE.parent / "runs" / "tuned")
-        trials = Trials(tune, store, executor=executor, processes=count)
-        found = tuned(trials)
-    return found.as_dict() | {"settings": settings(trials, found.chosen.fields)}
+        return tuned(Trials(tune, store, executor=executor, processes=count)).as_dict()
 
 
 def fewer(plan: dict[str, Any], found: dict[str, dict[str, Any]]) -> list[str]:
@@ -120,13 +107,11 @@ def cell(about: dict[str, Any], task: str) -> str:
 
 
 def page(plan: dict[str, Any], found: dict[str, dict[str, Any]], tune: Any) -> str:
-    """The page as Markdown, of the laws that are tuned."""
+    """The page as Markdown."""
     names = sorted(found, key=lambda name: order(found[name]))
-    left = [law["name"] for law in plan["laws"] if law["name"] not in found]
     return filled(
         "tuned", plan=plan, tune=tune, found={name: found[name] for name in names}, cell=cell,
         said=said, best=partial(best, found), shares=shares(found), less=fewer(plan, found),
-        left=left,
     )  # fmt: skip
 
 
@@ -153,12 +138,9 @@ def shares(found: dict[str, dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
 
 def drawing(found: dict[str, dict[str, Any]], path: Path) -> None:
     """The picture: the cost of every law before and after."""
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
     names = sorted(found, key=lambda name: order(found[name]), reverse=True)
     costs = [[found[name][side]["cost"] for side in ("before", "after")] for name in names]
-    known = [cost for pair in costs for cost in pair if cost is not None]
-    beyond = 2 * max(known, default=1.0)
+    beyond = 2 * max((cost for pair in costs for cost in pair if cost is not None), default=1.0)
     figure = Figure(figsize=(9, 1.2 + 0.28 * len(names)), layout="constrained")
     axis = figure.subplots()
     for at, when in enumerate(("before", "after")):
@@ -168,31 +150,18 @@ def drawing(found: dict[str, dict[str, Any]], path: Path) -> None:
     axis.set(xscale="log", xlabel="cost of the worst rigs, 1 = 1 % of the circle")
     axis.grid(color="0.9")
     figure.legend(loc="outside upper right", ncols=4, fontsize="small")
-    path.parent.mkdir(exist_ok=True)
     figure.savefig(path, metadata={"Date": None})
 
 
-@click.command()
-@click.option("--only", multiple=True, help="Tune this law alone; write no page.")
-@click.option("--finished", is_flag=True, help="Simulate nothing: a page of the tuned laws.")
-def main(only: tuple[str, ...], *, finished: bool) -> None:
+def main() -> None:
     """Tune what is not tuned yet, then write the page."""
-    plan = planned("tuned")
-    found = {}
+    plan, found = planned("tuned"), {}
     tunes = asked(plan)
     for name, tune in tunes.items():
-        if only and name not in only:
-            continue
-        about = kept("tuned", key(tune), partial(result, tune), simulate=not finished)
-        if about is not None:
-            found[name] = about
-            click.echo(f"{name}: lost and cost {order(about)}")
-    if only:
-        return
-    if not found:
-        raise click.ClickException("no law is tuned")
+        found[name] = kept("tuned", key(tune), partial(result, tune))
+        click.echo(f"{name}: lost and cost {order(found[name])}")
     drawing(found, HERE / "figures" / "tuned.svg")
-    write_whole(HERE / "tuned.md", page(plan, found, next(iter(tunes.values()))))
+    write(HERE / "tuned.md", page(plan, found, next(iter(tunes.values()))))
 
 
 if __name__ == "__main__":

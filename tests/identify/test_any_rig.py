@@ -801,9 +801,7 @@ def test_a_coverage_counts_what_lies_within_and_leaves_out_what_has_no_interval(
     found = [{"rig": rig, "told": each} for each in (hidden, *told)]
     gain, delay, lever, camber = coverage(found)
     assert (gain["rigs"], gain["held"], gain["identified"]) == (3, 1, 1)
-    assert (gain["low"], gain["high"]) == pytest.approx(
-        (0.0615, 0.7923), abs=1e-3
-    )  # Wilson, 1 of 3
+    assert gain["share"] == pytest.approx((6.15, 79.23), abs=0.1)  # Wilson, 1 of 3
     assert (delay["rigs"], delay["held"]) == (3, 3)
     assert (lever["rigs"], lever["held"]) == (1, 1)
     assert camber["rigs"] == 0
