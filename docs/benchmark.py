@@ -1,8 +1,6 @@
 """Makes benchmark.md and its picture, and freezes what the benchmark is.
 
 uv run python docs/benchmark.py            # all shipped laws: an hour on two cores
-uv run python docs/benchmark.py --law afl  # one of them: 11 minutes of a core
-uv run python docs/benchmark.py --page     # only the page, of what was found before
 uv run python docs/benchmark.py --freeze   # draws the rigs and locks, once for a version
 What was found of a law is in data/benchmark/. Finished runs are kept in runs/bench and used again
 while what a run executes stays the same.
@@ -18,7 +16,7 @@ from typing import Any
 import click
 import numpy as np
 import pandas as pd
-from pages import HERE, filled
+from pages import HERE, filled, write
 
 from twin.base.writing import write_whole
 from twin.lab.bench import FAMILY, LOCKED, MODEL, Benchmark, entered, hashed
@@ -143,27 +141,22 @@ def picture(bench: Benchmark, errors: dict[str, Any]) -> Any:
 
 @click.command()
 @click.option("--freeze", "freezing", is_flag=True, help="Draw the rigs and lock; no page.")
-@click.option("--page", "only_page", is_flag=True, help="Run nothing.")
-@click.option("--law", "only", multiple=True, help="Run this law alone.")
-def main(only: tuple[str, ...], *, freezing: bool, only_page: bool) -> None:
+def main(*, freezing: bool) -> None:
     """Run what is not kept, then write the page."""
     folder = HERE.parent / "scenarios" / "bench" / "v1"
     if freezing:
         freeze(folder)
         return
     bench = Benchmark(folder)
-    for law in () if only_page else only or bench.about.laws:
+    for law in bench.about.laws:
         write_found(bench, law, measured(bench, law))
-    there = [law for law in bench.about.laws if (FOUND / f"{law}.csv").is_file()]
-    found = {law: found_before(bench, law) for law in there}
+    found = {law: found_before(bench, law) for law in bench.about.laws}
     scores = {law: bench.scores(rows) for law, rows in found.items()}
     figure = picture(bench, {law: bench.relative(rows) for law, rows in found.items()})
     file = HERE / "figures" / "benchmark.png"
     write_whole(file, lambda path: figure.savefig(path, format="png", dpi=110))
-    write_whole(
-        HERE / "benchmark.md",
-        filled("benchmark", bench=bench, scores=scores, rig=len(bench.points)),
-    )
+    text = filled("benchmark", bench=bench, scores=scores, rig=len(bench.points))
+    write(HERE / "benchmark.md", text)
 
 
 if __name__ == "__main__":

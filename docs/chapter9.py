@@ -2,7 +2,6 @@
 
 uv run python docs/chapter9.py                    # the page and its figure
 uv run python docs/chapter9.py --keep FIT.json    # adds a fit of chapter_9 to those kept, first
-
 """
 
 from __future__ import annotations
@@ -10,13 +9,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from pages import HERE, filled, said
 
@@ -163,17 +161,16 @@ def held_out_goals(cells: Sequence[Row], key: str = "held_out") -> list[HeldOut]
         ("efforts", ("u1_max", "u2_max"), 1.5),
     ):
         logs = _logs(cells, columns, key)
-        found.append(
-            HeldOut(f"{name}: scatter of a cell, factor", math.exp(logs.std()), NONE, most)
-        )
         middle = math.exp(float(np.median(logs)))
-        found.append(HeldOut(f"{name}: median, factor", middle, 1 / 1.1, 1.1))
-    for name, late, early in (
-        ("all laws", LATE, EARLY),
-        ("sliding mode aside", LATE[:-1], EARLY[:-1]),
-    ):
+        found += [
+            HeldOut(f"{name}: scatter of a cell, factor", math.exp(logs.std()), NONE, most),
+            HeldOut(f"{name}: median, factor", middle, 1 / 1.1, 1.1),
+        ]
+    for name, tables in (("all laws", 4), ("sliding mode aside", 3)):
         gap, measured = (
-            float(errors(cells, late, which).mean() - errors(cells, early, which).mean())
+            float(
+                np.subtract(*(errors(cells, side[:tables], which).mean() for side in (LATE, EARLY)))
+            )
             for which in (key, "thesis")
         )
         sentence = f"errors without predictor less with, {name}, points (measured {measured:+.2f})"
@@ -223,16 +220,33 @@ def page(cells: list[Row], confirmed: list[Row]) -> str:
     )
 
 
+SERIES = {
+    "predicted": ("o-", PREDICTED, 5, "predicted"),
+    "frictionless": ("s-", CLEAN, 4, "frictionless twin"),
+    "held_out": ("^-", HELD, 4, "explained, held out"),
+    "thesis": ("D", MEASURED, 6, "measured on the rig"),
+}
+"""What a panel shows over its interval: marks, colour, their size, words."""
+
+
 def draw(path: Path, cells: list[Row]) -> None:
     """Tracking error over frequency, one panel per law, without predictor and with."""
     figure = Figure(figsize=(11, 6), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(2, 4, sharex=True, sharey=True)
-    for column, (law, pair) in enumerate(LAWS.items()):
-        for line, number in enumerate(pair):
-            _panel(axes[line, column], cells, number)
-            fitted = " (fitted)" if number == "9.3" else ""
-            axes[line, column].set_title(f"{law}, {number}{fitted}", fontsize=10)
+    omega = (0.5, 0.75, 1.0)
+    for (line, column), ax in np.ndenumerate(axes):
+        law, pair = list(LAWS.items())[column]
+        number = pair[line]
+        of = partial(errors, cells, [number])
+        band: dict[str, Any] = {"color": PREDICTED, "alpha": 0.2, "lw": 0}
+        band["label"] = "its 95 % interval of friction"
+        ax.fill_between(omega, of("low"), of("high"), **band)
+        for key, (marks, colour, size, words) in SERIES.items():
+            ax.plot(omega, of(key), marks, color=colour, ms=size, label=words)
+        ax.set_xticks(omega)
+        ax.grid(alpha=0.3)
+        fitted = " (fitted)" if number == "9.3" else ""
+        ax.set_title(f"{law}, {number}{fitted}", fontsize=10)
     for line, side in enumerate(("without predictor", "with Smith predictor")):
         axes[line, 0].set_ylabel(f"{side}\ntracking error [%]")
     for ax in axes[1]:
@@ -241,27 +255,6 @@ def draw(path: Path, cells: list[Row]) -> None:
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
     write_whole(path, lambda target: figure.savefig(target, dpi=110, metadata={"Software": None}))
-
-
-def _panel(ax: Axes, cells: list[Row], number: str) -> None:
-    omega = (0.5, 0.75, 1.0)
-
-    def values(key: str) -> Any:
-        return errors(cells, [number], key)
-
-    look: dict[str, Any] = {
-        "color": PREDICTED,
-        "alpha": 0.2,
-        "lw": 0,
-        "label": "its 95 % interval of friction",
-    }
-    ax.fill_between(omega, values("low"), values("high"), **look)
-    ax.plot(omega, values("predicted"), "o-", color=PREDICTED, ms=5, label="predicted")
-    ax.plot(omega, values("frictionless"), "s-", color=CLEAN, ms=4, label="frictionless twin")
-    ax.plot(omega, values("held_out"), "^-", color=HELD, ms=4, label="explained, held out")
-    ax.plot(omega, values("thesis"), "D", color=MEASURED, ms=6, label="measured on the rig")
-    ax.set_xticks(omega)
-    ax.grid(alpha=0.3)
 
 
 def keep(found: Path) -> None:

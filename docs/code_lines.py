@@ -28,26 +28,22 @@ ROW = re.compile(r"^\| `([^|]+)` \| ([\d,]+) \|", re.MULTILINE)
 
 def code_lines(source: str) -> int:
     """Lines of a module's text that hold code."""
-    said: set[int] = set()
-    for node in ast.walk(ast.parse(source)):
-        match node:
-            case ast.Expr(value=ast.Constant(value=str())):
-                said.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     code: set[int] = set()
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type not in NO_CODE:
             code.update(range(token.start[0], token.end[0] + 1))
-    return len(code - said)
+    for node in ast.walk(ast.parse(source)):
+        match node:
+            case ast.Expr(value=ast.Constant(value=str())):
+                code.difference_update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    return len(code)
 
 
 def counted(places: str) -> int:
     """Lines of folders and modules, as a row names them: parted by commas."""
-    found = 0
-    for place in re.split(r"`, `", places):
-        path = ROOT / place
-        modules = [path] if path.is_file() else sorted(path.rglob("*.py"))
-        found += sum(code_lines(module.read_text(encoding="utf-8")) for module in modules)
-    return found
+    paths = [ROOT / place for place in places.split("`, `")]
+    modules = [each for path in paths for each in ([path], path.rglob("*.py"))[path.is_dir()]]
+    return sum(code_lines(module.read_text(encoding="utf-8")) for module in modules)
 
 
 def up_to_date(text: str) -> str:

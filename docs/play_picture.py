@@ -6,7 +6,6 @@ Needs Chromium at /usr/bin/chromium (Debian: apt-get install chromium) and half 
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,10 +13,12 @@ from playwright.sync_api import Page, sync_playwright
 
 HERE = Path(__file__).parent
 CHROMIUM = "/usr/bin/chromium"
-QUIET = ("--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
 CALL = (sys.executable, "-c", "from twin.cli import main; main()", "play", "circle")
 OPTIONS = ("--port", "0", "--no-browser", "--seconds", "300")
-PATIENCE = 60.0
+PATIENCE = 60_000
+"""Longest time in ms for anything."""
+PLATE = "svg[data-time]"
+PASSED = f"at => Number(document.querySelector('{PLATE}')?.dataset.time) >= at"
 
 
 def main() -> None:
@@ -33,13 +34,9 @@ def main() -> None:
             url = re.search(r"http://\S+", command.stdout.readline())
             assert url is not None
             with sync_playwright() as engine:
-                browser = engine.chromium.launch_persistent_context(
-                    f"{folder}/profile",
-                    executable_path=CHROMIUM,
-                    args=QUIET,
-                    viewport={"width": 1360, "height": 900},
-                )
-                page = browser.new_page()
+                browser = engine.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+                page = browser.new_page(viewport={"width": 1360, "height": 900})
+                page.set_default_timeout(PATIENCE)
                 page.goto(url[0])
                 drive(page)
                 page.screenshot(path=HERE / "play.png")
@@ -50,35 +47,25 @@ def main() -> None:
 
 def drive(page: Page) -> None:
     """Move the goal twice, raise friction, push the ball."""
-    page.wait_for_selector("svg[data-time]", timeout=1000 * PATIENCE)
-    wait(page, 5.0)
+    page.wait_for_function(PASSED, arg=5.0)
     drag(page, (-60, 60), (-150, -50))
     friction = page.get_by_test_id("plant.friction.rolling_mm")
-    wait(page, 9.0)
+    page.wait_for_function(PASSED, arg=9.0)
     friction.click(position={"x": friction.bounding_box()["width"] * 0.6, "y": 5})
     drag(page, (-150, -50), (150, 70))
-    wait(page, 13.5)
+    page.wait_for_function(PASSED, arg=13.5)
     page.get_by_test_id("pause").click()
-    plate = page.locator("svg[data-time]")
+    plate = page.locator(PLATE)
     ball = tuple(1000 * float(plate.get_attribute(f"data-{axis}")) for axis in "xy")
     page.get_by_test_id("pause").click()
     drag(page, ball, (ball[0] - 30, ball[1] - 40), steps=3)
-    now = float(plate.get_attribute("data-time"))
-    wait(page, now + 0.6)
+    page.wait_for_function(PASSED, arg=float(plate.get_attribute("data-time")) + 0.6)
     page.mouse.move(5, 5)
-
-
-def wait(page: Page, at: float) -> None:
-    """Wait until a simulated time in s."""
-    until = time.monotonic() + PATIENCE
-    while float(page.locator("svg[data-time]").get_attribute("data-time")) < at:
-        assert time.monotonic() < until
-        time.sleep(0.02)
 
 
 def drag(page: Page, begin: tuple[float, float], end: tuple[float, float], steps: int = 20) -> None:
     """Drag from one place of the plate, mm, to another."""
-    box = page.locator("svg[data-time]").bounding_box()
+    box = page.locator(PLATE).bounding_box()
     scale = min(box["width"] / 708, box["height"] / 403)
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     for step in range(steps + 1):
@@ -86,7 +73,7 @@ def drag(page: Page, begin: tuple[float, float], end: tuple[float, float], steps
         page.mouse.move(middle[0] + scale * x, middle[1] - scale * y)
         if step == 0:
             page.mouse.down()
-        time.sleep(0.03)
+        page.wait_for_timeout(30)
     page.mouse.up()
 
 

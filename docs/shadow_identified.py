@@ -20,8 +20,7 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 import pandas as pd
-from pages import HERE, filled, kept
-from scipy import stats
+from pages import HERE, filled, kept, wilson, write
 from shadow_trials import (
     AT,
     DURATION,
@@ -42,8 +41,6 @@ from shadow_trials import (
 
 from twin.base.errors import TwinError
 from twin.base.jobs import cores, results
-from twin.base.writing import write_whole
-from twin.cli.options import PROCESSES
 from twin.cli.output import progress
 from twin.identify.judged import HORIZONS, IDENTIFIED, score
 from twin.identify.logs import Log
@@ -241,8 +238,8 @@ def share(hits: int, count: int) -> str:
     """How many of how many, and Wilson's 95 % interval of the share in percent."""
     if not count:
         return "- of 0"
-    ends = stats.binomtest(hits, count).proportion_ci(method="wilson")
-    return f"{hits} of {count} ({100 * ends.low:.0f} to {100 * ends.high:.0f} %)"
+    low, high = wilson(hits, count)
+    return f"{hits} of {count} ({low:.0f} to {high:.0f} %)"
 
 
 def healthy(rigs: pd.DataFrame) -> tuple[str, str, str]:
@@ -298,20 +295,6 @@ def page(rows: Sequence[dict[str, Any]], fresh: Sequence[dict[str, Any]], comman
         for who in ("model", "nominal", "without friction", "stays", "goes on")
     }
     better = sum(each["errors"]["model"] < each["errors"]["nominal"] for each in told)
-    about = {
-        "command": command,
-        "seconds": DURATION,
-        "excited": EXCITED,
-        "fresh": len(fresh),
-        "refused": len(fresh) - len(told),
-        "rejected": sum(not each["white"] for each in told),
-        "uneven": sum(each["uneven"] for each in told),
-        "coverage": coverage(told),
-        "errors": errors,
-        "better": share(better, len(told)),
-    }
-    if not rows:
-        return filled("shadow_identified", **about, rigs=0)
     every = judged_rigs(rows)
     judged = every[every["why"] == ""]
     fine, without = (
@@ -326,7 +309,16 @@ def page(rows: Sequence[dict[str, Any]], fresh: Sequence[dict[str, Any]], comman
     parts += [(str(name), some) for name, some in fine.groupby("scenario")]
     return filled(
         "shadow_identified",
-        **about,
+        command=command,
+        seconds=DURATION,
+        excited=EXCITED,
+        fresh=len(fresh),
+        refused=len(fresh) - len(told),
+        rejected=sum(not each["white"] for each in told),
+        uneven=sum(each["uneven"] for each in told),
+        coverage=coverage(told),
+        errors=errors,
+        better=share(better, len(told)),
         scenarios=HEALTHY_SCENARIOS,
         at=AT,
         ramp=RAMP,
@@ -362,11 +354,9 @@ def page(rows: Sequence[dict[str, Any]], fresh: Sequence[dict[str, Any]], comman
 
 
 @click.command()
-@click.option("--rigs", type=click.IntRange(min=0), default=15, help="How many are watched.")
+@click.option("--rigs", type=click.IntRange(min=1), default=15, help="How many are watched.")
 @click.option("--identified", "fresh", type=click.IntRange(min=1), default=66, help="Others.")
-@click.option("--doc", type=click.Path(path_type=Path), default=HERE / "shadow_identified.md")
-@PROCESSES
-def main(rigs: int, fresh: int, doc: Path, processes: int | None) -> None:
+def main(rigs: int, fresh: int) -> None:
     """Identify simulated rigs, let the twins watch them, and write how good that is."""
     parts = [
         (watching, some) for watching in (False, True) for some in groups((fresh, rigs)[watching])
@@ -374,12 +364,11 @@ def main(rigs: int, fresh: int, doc: Path, processes: int | None) -> None:
     jobs = list(enumerate(parts))
     found: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
     with progress("rigs that are identified and watched", 1.0) as advance:
-        for done, (job, some) in enumerate(results(known, jobs, processes or cores())):
+        for done, (job, some) in enumerate(results(known, jobs, cores())):
             found[parts[job][0]] += some
             advance((done + 1) / len(jobs))
     command = f"uv run python docs/shadow_identified.py --rigs {rigs} --identified {fresh}"
-    text = page(found[True], found[False], command)
-    write_whole(doc, lambda path: path.write_text(text, encoding="utf-8"))
+    write(HERE / "shadow_identified.md", page(found[True], found[False], command))
 
 
 if __name__ == "__main__":
