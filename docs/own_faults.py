@@ -6,18 +6,18 @@ every run. Each fault is done while the ball tracks a circle; then the run goes 
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import math
+import sys
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.controller import Controller
 from twin.devices import own
 from twin.devices.own import OwnConfig, OwnScreen, OwnServos
 from twin.devices.realtime import RealTimeClock, Scheduling
@@ -40,16 +40,9 @@ LEVEL, STILL = math.radians(0.3), 0.02
 """Plate angle in rad and rate in rad/s that count as level and standing."""
 
 
-def _example(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"own_rig_{name}", EXAMPLE / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-ARDUINO, BOARD = _example("arduino"), _example("board")
+sys.path.insert(0, str(EXAMPLE))
+ARDUINO, BOARD = map(importlib.import_module, ("arduino", "board"))
+sys.path.pop(0)
 
 
 class Line:
@@ -61,14 +54,16 @@ class Line:
         self.now, self.steps = 0.0, 0
         self.waiting, self.rest = b"", b""
         self.sent: list[tuple[float, bytes]] = []
-        self.silent = self.gone = False
+        self.gone = False
         self.late, self.lose, self.between = 0.0, 0.0, b""
         self.says: Callable[[str], str] = lambda text: text
         self.trace: list[tuple[float, ...]] = []
         """Time, phi, theta, x, y, and whether the board's watchdog has the plate."""
 
     def say(self, text: str) -> None:
-        """Send a line to the host."""
+        """Send a line to the host; an empty one is none."""
+        if not text or self.gone:
+            return
         line = self.between + f"{text}*{sum(text.encode()) % 256:02X}\n".encode()
         chance = self.board.random.random
         self.waiting += bytes(each for each in line if not self.lose or chance() >= self.lose)
@@ -86,19 +81,22 @@ class Line:
             said = self.board.step(time)
             alone = time - self.board.heard > BOARD.WATCHDOG
             self.trace.append((time, *self.board.angle, *self.board.ball, alone))
-            for text in [] if self.silent or self.gone else said:
+            for text in said:
                 self.say(self.says(text))
 
     def write(self, data: bytes) -> None:
         """Take bytes of the host; as `serial.Serial`, as are the others."""
+        self.there()
+        self.sent.append((self.now, data))
+
+    def there(self) -> None:
+        """Fail as a port does whose cable was pulled."""
         if self.gone:
             raise OSError("device disconnected")
-        self.sent.append((self.now, data))
 
     def read(self, count: int) -> bytes:
         """What has arrived."""
-        if self.gone:
-            raise OSError("device disconnected")
+        self.there()
         found, self.waiting = self.waiting[:count], self.waiting[count:]
         return found
 
@@ -235,7 +233,7 @@ def steep(trace: Array) -> Any:
 
 
 ROWS = (
-    Row("The board says nothing any more", sets(silent=True), own.SILENT),
+    Row("The board says nothing any more", sets(says=lambda _: ""), own.SILENT),
     Row("Of the board's bytes 3 % get lost", sets(lose=0.03)),
     Row("Lines without sense come between those of the board", sets(between=b"\xff\0*B 1\n")),
     Row("There are bytes without sense in every line", sets(between=b"\xffB 7"), own.SILENT),
@@ -306,30 +304,25 @@ def carried_out(row: Row) -> tuple[str, ...]:
 
     record = Recorder(round(SCENARIO.duration / PERIOD), 1, PERIOD)
     record.observers.append(watch)
-    controller: Controller = build_controller(SCENARIO)
-    (outcome,) = drive(rig, controller, SCENARIO.duration, record)
+    (outcome,) = drive(rig, build_controller(SCENARIO), SCENARIO.duration, record)
     hardware.wait(LEFT)
     (begin, now), after = begun[0], np.array(hardware.line.trace)
     after = after[after[:, 0] >= now]
-    found = [at for at, note in rig.journal if note.condition is row.expected and at >= begin]
-    serious = [
-        note.condition.name
-        for at, note in rig.journal
-        if at >= begin and note.condition.severity is not Severity.WARNING
-    ]
+    notes = [(at, note.condition) for at, note in rig.journal if at >= begin]
+    found = [at for at, condition in notes if condition is row.expected]
+    serious = any(condition.severity is not Severity.WARNING for _, condition in notes)
     seen = after[np.flatnonzero(row.begins(after))[0], 0] - now
     rate = np.gradient(after[:, 1:3], after[:, 0], axis=0)
     tilt = np.abs(after[:, 1:3]).max(axis=1)
-    busy = np.flatnonzero((tilt > LEVEL) | (np.abs(rate).max(axis=1) > STILL))
-    level = after[busy[-1], 0] - now
-    finished = outcome.ending is Ending.FINISHED
-    by = NOBODY
-    if after[busy[-1], 5]:
+    last = after[np.flatnonzero((tilt > LEVEL) | (np.abs(rate).max(axis=1) > STILL))[-1]]
+    level = last[0] - now
+    by = HOST if hardware.levelled else STOP
+    if last[5]:
         by = WATCHDOG
-    elif not finished:
-        by = HOST if hardware.levelled else STOP
-    severity = row.expected.severity if row.expected else None
-    wanted = row.by or {Severity.LEVEL: HOST, Severity.STOP: STOP}.get(severity, NOBODY)  # type: ignore[arg-type]
+    elif outcome.ending is Ending.FINISHED:
+        by = NOBODY
+    levels = {Severity.LEVEL: HOST, Severity.STOP: STOP}
+    wanted = row.by or (levels.get(row.expected.severity, NOBODY) if row.expected else NOBODY)
     allowed = row.expected.within + PERIOD + row.more if row.expected else 0.0
     limit = allowed + way_to_level(wanted) if wanted != NOBODY else math.inf
     ball = np.abs(after[after[:, 0] <= now + seen + min(limit, AFTER), 3:5]).max(axis=0)
@@ -353,8 +346,3 @@ def carried_out(row: Row) -> tuple[str, ...]:
         str(outcome.ending),
         f"**BAD**: {', '.join(bad)}" if bad else "good",
     )
-
-
-if __name__ == "__main__":
-    for each in ROWS:
-        print(" | ".join(carried_out(each)))  # noqa: T201
