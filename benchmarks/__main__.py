@@ -2,7 +2,7 @@
 
 uv run python -m benchmarks                              # measure and print
 uv run python -m benchmarks --only loop                  # some of it
-uv run python -m benchmarks --add --before ../before     # measure and keep; best on a quiet machine
+uv run python -m benchmarks --add                        # measure and keep; best on a quiet machine
 uv run python -m benchmarks --doc docs/performance.md    # the page of all that is kept
 """
 
@@ -14,7 +14,7 @@ from itertools import chain
 from pathlib import Path
 
 from benchmarks import measurements, physics_step
-from benchmarks.figures import Figure, groups
+from benchmarks.figures import GROUPS, Figure
 from twin.base.page import filled, markdown
 from twin.base.writing import write_whole
 
@@ -22,11 +22,11 @@ TEMPLATE = Path(__file__).parent.parent / "docs" / "performance.template.md"
 ROUNDS = 5
 
 
-def measured(names: list[str], before: Path | None) -> list[Figure]:
+def measured(names: list[str]) -> list[Figure]:
     """Figures of some groups, each printed as it is found."""
     found = []
-    for name, measure in groups(before).items():
-        for figure in measure(ROUNDS) if not names or name in names else ():
+    for name in names:
+        for figure in GROUPS[name](ROUNDS):
             print(f"{figure.what}: {figure.found:.2f} {figure.note}", flush=True)
             found.append(figure)
     return found
@@ -47,8 +47,7 @@ def page() -> str:
 def parser() -> argparse.ArgumentParser:
     """What may be asked."""
     made = argparse.ArgumentParser("benchmarks", description=__doc__.partition("\n")[0])
-    made.add_argument("--only", action="append", choices=groups(None), help="measure this alone")
-    made.add_argument("--before", type=Path, help="a checkout of commit 95b7a20 with its .venv")
+    made.add_argument("--only", action="append", choices=GROUPS, help="measure this alone")
     made.add_argument("--add", action="store_true", help="keep it in docs/data/performance.toml")
     made.add_argument("--machine", default="", help="what to call this one there")
     made.add_argument("--doc", type=Path, help="write the page here; without --add measure nothing")
@@ -60,7 +59,7 @@ def main() -> None:
     options = parser().parse_args()
     load = os.getloadavg()[0]
     if options.add or options.doc is None:
-        found = measured(options.only or [], options.before)
+        found = measured(options.only or list(GROUPS))
         measurement = measurements.now(found, load, options.machine)
         print(measurements.figures_table([measurement]))
         if options.add:
