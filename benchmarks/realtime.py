@@ -64,7 +64,7 @@ def wired(scenario: str, before: Sequence[str] = ()) -> Any:
     with TemporaryDirectory() as folder:
         out = Path(folder) / "run"
         words = ["run", scenario, "--rig", "emulated", "--set", *ALONE, "--out", str(out)]
-        call = [*before, sys.executable, "-c", "from twin.cli import main; main()", *words]
+        call = [*before, sys.executable, "-m", "twin", *words]
         subprocess.run(call, capture_output=True, check=False)
         return bp.load(out)
 

@@ -10,13 +10,10 @@ import re
 import subprocess
 import sys
 from functools import cache
-from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pages import write
+from pages import HERE, write
 
-HERE = Path(__file__).parent
-CALL = "from twin.cli import main; main()"
 PLACE = re.compile(r"^\{\{ (?P<command>[^|}]+?)(?: \| (?P<pattern>.+?))? \}\}$", re.MULTILINE)
 PORTS = ((r"/tmp/\S*slcan", "/dev/ttyACM0"), (r"/tmp/\S*lumio", "/dev/ttyUSB0"))
 TRIES = 5
@@ -33,7 +30,7 @@ def said(command: str) -> str:
         with TemporaryDirectory() as folder:
             for each in command.split(" && "):
                 done = subprocess.run(
-                    [sys.executable, "-c", CALL, *each.split()],
+                    [sys.executable, "-m", "twin", *each.split()],
                     cwd=folder,
                     env={**os.environ, "COLUMNS": "100", "NO_COLOR": "1"},
                     stdout=subprocess.PIPE,

@@ -103,14 +103,13 @@ def contents(folder: Path) -> str:
     return "".join(parts)
 
 
-@click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=HERE.parent / "site")
-def main(out: Path) -> None:
+def main() -> None:
     """Make the site; a warning of any page is an error."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "pages"
         folder.mkdir()
         source(folder)
+        out = HERE.parent / "site"
         shutil.rmtree(out, ignore_errors=True)
         options = ["-q", "-W", "--keep-going", "-c", str(HERE), "-d", f"{temporary}/trees"]
         sys.exit(sphinx([*options, "-b", "html", str(folder), str(out)]))

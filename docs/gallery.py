@@ -5,17 +5,14 @@ uv run python docs/gallery.py
 
 from __future__ import annotations
 
-import os
 import shlex
 import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pages import HERE, filled, planned
+from pages import HERE, filled, planned, write
 from PIL import Image
-
-from twin.base.writing import write_whole
 
 WIDTH, HEIGHT = 320, 200
 COLUMNS = 2
@@ -37,18 +34,17 @@ def thumbnail(picture: Path, name: str) -> None:
 
 def main() -> None:
     """Run every command once, in one folder, and write the page."""
-    program = [sys.executable, "-c", "from twin.cli import main; main()"]
     with TemporaryDirectory() as folder:
         before = ""
         for each in PICTURES:
             picture = HERE / each["page"] if "page" in each else Path(folder) / each["file"]
             if "page" not in each and each["command"] != before:
                 _, *arguments = shlex.split(each["command"])
-                subprocess.run([*program, *arguments], cwd=folder, env=os.environ, check=True)
+                subprocess.run([sys.executable, "-m", "twin", *arguments], cwd=folder, check=True)
                 before = each["command"]
             thumbnail(picture, each["name"])
     rows = [PICTURES[at : at + COLUMNS] for at in range(0, len(PICTURES), COLUMNS)]
-    write_whole(HERE / "gallery.md", filled("gallery", rows=rows, columns=COLUMNS))
+    write(HERE / "gallery.md", filled("gallery", rows=rows, columns=COLUMNS))
 
 
 if __name__ == "__main__":

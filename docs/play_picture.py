@@ -13,7 +13,7 @@ from playwright.sync_api import Page, sync_playwright
 
 HERE = Path(__file__).parent
 CHROMIUM = "/usr/bin/chromium"
-CALL = (sys.executable, "-c", "from twin.cli import main; main()", "play", "circle")
+CALL = (sys.executable, "-m", "twin", "play", "circle")
 OPTIONS = ("--port", "0", "--no-browser", "--seconds", "300")
 PATIENCE = 60_000
 """Longest time in ms for anything."""

@@ -41,7 +41,7 @@ def program(page: Page, folder: str) -> list[str]:
         return [sys.executable, str(HERE / first), *others]
     if first == "-m":
         return [sys.executable, first, *others]
-    return [sys.executable, "-c", "from twin.cli import main; main()", first, *others]
+    return [sys.executable, "-m", "twin", first, *others]
 
 
 def make(page: Page) -> int:

@@ -8,14 +8,11 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
-import click
 import own_faults
-from pages import filled, write
+from pages import HERE, filled, write
 
 from twin.base.jobs import cores
-from twin.cli.options import PROCESSES
 from twin.cli.output import progress
 from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
 from twin.devices.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
@@ -73,14 +70,12 @@ def _cells(row: FaultRow) -> tuple[str, ...]:
     return (*cells(row), then, *facts, verdict)
 
 
-@click.command()
-@click.option("--doc", type=click.Path(path_type=Path), default=Path(__file__).with_suffix(".md"))
-@PROCESSES
-def main(doc: Path, processes: int | None) -> None:
+def main() -> None:
     """Inject every fault, and write the page."""
     with progress("fault matrix", len(CASES)) as advance:
-        rows = run_all(processes or cores(), advance)
-    write(doc, document(rows, [own_faults.carried_out(row) for row in own_faults.ROWS]))
+        rows = run_all(cores(), advance)
+    own = [own_faults.carried_out(row) for row in own_faults.ROWS]
+    write(HERE / "safety.md", document(rows, own))
 
 
 if __name__ == "__main__":
