@@ -35,7 +35,7 @@ LAWS = {
     "backstepping": ("9.6", "9.7"),
     "sliding mode": ("9.8", "9.9"),
 }
-MEASURED, PREDICTED, CLEAN, HELD = "#222222", "#1f6fb4", "#e08214", "#4d9221"
+PREDICTED = "#1f6fb4"
 FIFTEEN, SLIDING = ("9.2", "9.4", "9.5", "9.6", "9.7"), ("9.8", "9.9")
 """Tables of the 15 predicted tracking errors without sliding mode, and those with it."""
 LATE, EARLY = ("9.2", "9.4", "9.6", "9.8"), ("9.3", "9.5", "9.7", "9.9")
@@ -69,8 +69,7 @@ def goals(cells: Sequence[Row]) -> list[ChapterGoal]:
     def off(names: Sequence[str]) -> Array:
         return np.abs(errors(cells, names, "predicted") - errors(cells, names, "thesis"))
 
-    e = {name: errors(cells, [name], "predicted") for name in (*LATE, *EARLY)}
-    e = dict(sorted(e.items()))
+    e = {name: errors(cells, [name], "predicted") for name in sorted((*LATE, *EARLY))}
     means = {name: float(values.mean()) for name, values in e.items()}
     others = {name: mean for name, mean in means.items() if name not in SLIDING}
     gain = {late: means[late] - means[early] for late, early in zip(LATE, EARLY, strict=True)}
@@ -191,11 +190,8 @@ def _logs(cells: Sequence[Row], columns: Sequence[str], key: str) -> Array:
 
 def scatter() -> dict[str, float]:
     """By how much each of ``held_out_goals`` differs between the searches, largest less least."""
-    known: dict[str, list[float]] = {}
-    for search in chapter9.stored("chapter_9")["searches"]:
-        for sentence, value in search["goals"].items():
-            known.setdefault(sentence, []).append(value)
-    return {sentence: max(values) - min(values) for sentence, values in known.items()}
+    goals = [search["goals"] for search in chapter9.stored("chapter_9")["searches"]]
+    return {each: float(np.ptp([known[each] for known in goals])) for each in goals[0]}
 
 
 def page(cells: list[Row], confirmed: list[Row]) -> str:
@@ -222,9 +218,9 @@ def page(cells: list[Row], confirmed: list[Row]) -> str:
 
 SERIES = {
     "predicted": ("o-", PREDICTED, 5, "predicted"),
-    "frictionless": ("s-", CLEAN, 4, "frictionless twin"),
-    "held_out": ("^-", HELD, 4, "explained, held out"),
-    "thesis": ("D", MEASURED, 6, "measured on the rig"),
+    "frictionless": ("s-", "#e08214", 4, "frictionless twin"),
+    "held_out": ("^-", "#4d9221", 4, "explained, held out"),
+    "thesis": ("D", "#222222", 6, "measured on the rig"),
 }
 """What a panel shows over its interval: marks, colour, their size, words."""
 
