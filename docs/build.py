@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,13 +18,8 @@ from sphinx.cmd.build import main as sphinx
 import ballplate
 
 HERE = Path(__file__).parent
-KEPT = (".md", ".png", ".svg", ".webp", ".gif")
+KEPT = ("", ".md", ".png", ".svg", ".webp", ".gif")
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
-MADE: dict[str, tuple[str, Callable[[], str]]] = {
-    "reference-commands.md": ("Every command", lambda: COMMANDS),
-    "reference-python.md": ("The Python interface", lambda: PYTHON + "".join(members())),
-}
-"""Pages made of the program: file, title, text."""
 COMMANDS = """# Commands
 
 What `--help` says, of every command.
@@ -43,19 +38,34 @@ PYTHON = """# Python interface
 """
 
 
+def members() -> Iterator[str]:
+    """Everything public, each documented from its docstring."""
+    for name in ballplate.__all__:
+        found = getattr(ballplate, name)
+        kind = "class" if isinstance(found, type) else "function" if callable(found) else "data"
+        # a module's value is where it lies on this machine
+        more = {"class": "\n   :members:", "data": "\n   :no-value:"}.get(kind, "")
+        yield f"\n```{{eval-rst}}\n.. auto{kind}:: ballplate.{name}{more}\n```\n"
+
+
+MADE = {
+    "reference-commands.md": ("Every command", COMMANDS),
+    "reference-python.md": ("The Python interface", PYTHON + "".join(members())),
+}
+"""Pages made of the program: file, title, text."""
+
+
 def source(folder: Path) -> None:
     """Lay out what Sphinx reads: the pages, and those that are made of the program."""
-    for file in HERE.rglob("*"):
-        own = file.relative_to(HERE)
-        if file.suffix in KEPT and ".template" not in file.name:
-            target = folder / own
-            target.parent.mkdir(parents=True, exist_ok=True)
-            if file.suffix == ".md":
-                target.write_text(within(file), encoding="utf-8")
-            else:
-                shutil.copyfile(file, target)
+
+    def no_part(_: str, names: list[str]) -> list[str]:
+        return [name for name in names if Path(name).suffix not in KEPT or ".template" in name]
+
+    shutil.copytree(HERE, folder, ignore=no_part)
+    for page in folder.rglob("*.md"):
+        page.write_text(within(HERE / page.relative_to(folder)), encoding="utf-8")
     for name, (_, text) in MADE.items():
-        (folder / name).write_text(text(), encoding="utf-8")
+        (folder / name).write_text(text, encoding="utf-8")
     index = folder / "index.md"
     index.write_text(index.read_text(encoding="utf-8") + contents(folder), encoding="utf-8")
 
@@ -79,15 +89,6 @@ def within(page: Path) -> str:
     return LINK.sub(kept, page.read_text(encoding="utf-8"))
 
 
-def members() -> Iterator[str]:
-    """Everything public, each documented from its docstring."""
-    for name in ballplate.__all__:
-        found = getattr(ballplate, name)
-        kind = "class" if isinstance(found, type) else "function" if callable(found) else "data"
-        more = "\n   :members:" if kind == "class" else ""
-        yield f"\n```{{eval-rst}}\n.. auto{kind}:: ballplate.{name}{more}\n```\n"
-
-
 def contents(folder: Path) -> str:
     """The table of contents, in the order and under the headings of the index."""
     index = (folder / "index.md").read_text(encoding="utf-8")
@@ -107,7 +108,6 @@ def main() -> None:
     """Make the site; a warning of any page is an error."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "pages"
-        folder.mkdir()
         source(folder)
         out = HERE.parent / "site"
         shutil.rmtree(out, ignore_errors=True)
