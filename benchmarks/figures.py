@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from benchmarks import closed_loop, exact_plant, physics_step, start_up, study_speed
+from benchmarks import closed_loop, exact_plant, start_up, study_speed
 from twin.base.writing import write_whole
 from twin.run.finished import run
 from twin.run.picture import png
@@ -60,8 +60,6 @@ GOALS: dict[str, Goal | None] = {
     "closed loop of one rig, circle, times bare mj_step, median": None,
     "exact plant, without friction, times as fast as plain RK4": Goal(3, most=False),
     "exact plant, constant friction, times as fast as plain RK4": Goal(8, most=False),
-    "physics at 2 ms of one rig, share of the time at 1 ms": None,
-    "physics at 2 ms of 64 rigs, share of the time at 1 ms": None,
     "runs of 16 s of a study, times those at a step of 1 ms": None,
     # measured beside a checkout of that commit until commit c694846c
     "the same, times those of commit 95b7a20": Goal(1.8, most=False),
@@ -121,11 +119,7 @@ def exact(rounds: int) -> Iterator[Figure]:
 
 
 def study(rounds: int) -> Iterator[Figure]:
-    """Physics at the step of studies, and their runs per hour."""
-    for rigs, span in ((1, 2.0), (64, 0.2)):
-        name = "one rig" if rigs == 1 else f"{rigs} rigs"
-        found = physics_step.ratio(rigs, span)
-        yield Figure(f"physics at 2 ms of {name}, share of the time at 1 ms", found)
+    """Runs of a study per hour, at its own step of physics and at 1 ms."""
     now, fine = study_speed.most((rounds + 1) // 2)
     what = "runs of 16 s of a study, times those at a step of 1 ms"
     yield Figure(what, now / fine, f"{now:.0f} and {fine:.0f} an hour of one core")

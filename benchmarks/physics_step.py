@@ -1,13 +1,11 @@
-"""What a physics step of 2 ms gets wrong beside one of 1 ms, and what it saves.
+"""What a physics step of 2 ms gets wrong beside one of 1 ms.
 
 Errors are those to a step of 0.25 ms: of the ball's path over 10 s in closed loop, with the same
-noise, and of numbers about ball, plate and wheels. Times are processor time, best of rounds that
-take turns.
+noise, and of numbers about ball, plate and wheels.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -15,7 +13,6 @@ import numpy as np
 
 from benchmarks.truths import RUNS, SECONDS, TRUTHS, path
 from controllers.arrays import Array
-from twin.sim.plant.mechanism import Mechanism
 
 FINE, STEPS = 0.00025, (0.001, 0.002)
 
@@ -62,20 +59,3 @@ def numbers() -> Iterator[Deviation]:
     """Of what is known of ball, plate and wheels."""
     for name, (unit, number) in TRUTHS.items():
         yield Deviation.of(name, unit, number)
-
-
-def seconds_of(step: float, rigs: int, time_span: float) -> float:
-    """Processor seconds of moving mechanisms for a time span in s."""
-    plant = Mechanism(rigs=rigs, step=step, threads=1)
-    rates = 1.5 * np.sin(np.arange(0, time_span, 0.002)[:, None, None] * np.array([3.0, 4.0]))
-    begin = time.process_time()
-    for rate in rates:
-        plant.advance(np.broadcast_to(rate, (rigs, 2)), round(0.002 / step))
-    return time.process_time() - begin
-
-
-def ratio(rigs: int, time_span: float, rounds: int = 7) -> float:
-    """Time at 2 ms over that at 1 ms."""
-    times = [[seconds_of(step, rigs, time_span) for step in STEPS] for _ in range(rounds)]
-    fine, coarse = np.min(times, axis=0)
-    return float(coarse / fine)

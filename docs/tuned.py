@@ -111,18 +111,8 @@ def page(plan: dict[str, Any], found: dict[str, dict[str, Any]], tune: Any) -> s
     names = sorted(found, key=lambda name: order(found[name]))
     return filled(
         "tuned", plan=plan, tune=tune, found={name: found[name] for name in names}, cell=cell,
-        said=said, best=partial(best, found), shares=shares(found), less=fewer(plan, found),
+        said=said, shares=shares(found), less=fewer(plan, found),
     )  # fmt: skip
-
-
-def best(found: dict[str, dict[str, Any]], side: str, task: str, number: str) -> str:
-    """Who has the least of a task among the laws that lost no rig, and how much in mm."""
-    known = [
-        (about[side]["tasks"][task][number], name)
-        for name, about in found.items()
-        if not about[side]["failures"]
-    ]
-    return f"{min(known)[1]}: {1e3 * min(known)[0]:.2g}" if known else "none"
 
 
 def shares(found: dict[str, dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
