@@ -192,7 +192,7 @@ class Log(Signals):
     units: Mapping[str, str]
 
 
-HOLD_OUT = 1 / 3
+HOLD_OUT = 0.33
 """Share of a log that is held out from the fit."""
 
 

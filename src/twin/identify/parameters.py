@@ -63,7 +63,7 @@ HIDDEN = {name: IdentifiedParameter(**about) for name, about in _TABLES["hidden"
 """What neither ball nor plate positions of a closed-loop run show."""
 
 DEFAULT = ("rolling", "breakaway", "delay", "servo", "level")
-SHARE = 2 / 3
+SHARE = 0.67
 """Share of the usable time that is fitted; the rest is held out."""
 CHOICES = (*DEFAULT, "viscous", "stribeck", "dwell", *HIDDEN)
 ALWAYS = ("rolling", "breakaway", "delay", "level_phi", "level_theta")

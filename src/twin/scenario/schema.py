@@ -318,8 +318,8 @@ def without_ball(plant: dict[str, Any], kind: Any) -> None:
 
 
 STUDY_STEP = 0.002
-"""Physics step in s of a study's mechanism; half the work of 1 ms. ``python -m
-benchmarks.physics_step`` measures what it gets wrong."""
+"""Physics step in s of a study's mechanism; half the work of 1 ms. What it gets
+wrong, ``benchmarks/physics_step.py`` measures: docs/performance.md."""
 STIFFEST = 5e5
 """Stiffness of wheel on cam in N/m up to which that was found to hold."""
 MOST_DAMPED = 0.3
