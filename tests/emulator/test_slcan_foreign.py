@@ -112,7 +112,7 @@ class Adapter:
         self.terminal = PseudoTerminal("adapter")
         self.terminal.plug()
         self.bus = PromptSlcanBus(str(self.terminal.path), 1_000_000, sleep_after_open=0.0)
-        self.commands = self.said(b"O\r")
+        self.commands = self.said()
 
     def play(self, lines):
         """Every message that the bus makes of some bytes."""
@@ -127,13 +127,14 @@ class Adapter:
             message = self.bus.recv(0)
         return heard
 
-    def said(self, last):
-        """What the bus has written since the last call, up to these bytes."""
+    def said(self):
+        """All that the bus has written since the last call, up to a mark that is written now."""
+        os.write(self.bus.serialPortOrig.fileno(), b"#")
         data = b""
-        while not data.endswith(last):
+        while not data.endswith(b"#"):
             assert select.select([self.terminal.handle], [], [], 10.0)[0], f"only {data!r}"
             data += os.read(self.terminal.handle, 4096)
-        return data
+        return data.removesuffix(b"#")
 
     def __enter__(self):
         return self
@@ -157,7 +158,7 @@ def test_our_host_transmits_as_the_manual_says():
         adapter.bus.send(can.Message(arbitration_id=0x20, is_extended_id=False))
         adapter.bus.recv(0)
         # The examples of the command t in the manual, and the question for the status flags.
-        assert adapter.said(b"F\r") == b"t10021133\rt0200\rF\r"
+        assert adapter.said() == b"t10021133\rt0200\rF\r"
 
 
 @pytest.mark.parametrize(
