@@ -10,7 +10,6 @@ from stepped import SteppedDrives, refused
 
 from twin.devices.akd.bringup import DriveQuantity
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
-from twin.devices.akd.protocol import kept
 from twin.emulator.drive import EmulatedDrive
 
 SPEED, RAMP = 6000, 30_000
@@ -95,24 +94,6 @@ def test_a_unit_too_coarse_for_the_limit_is_refused():
     )
     with SteppedDrives(AkdConfig(axes=axes), drives(per_unit=1 / 60)) as rig:
         assert "too coarse" in refused(rig)
-
-
-@pytest.mark.parametrize(
-    ("index", "written", "read", "same"),
-    [
-        (0x3622, 76_394, 76_393, True),
-        (0x3622, 76_394, 76_300, False),
-        (0x6083, 19_098_593, 19_098_592, True),
-        (0x3622, 77_000, -77_000, False),
-        (0x1016, 0x7F003C, 0x7F003B, False),
-        (0x6060, 3, 1, False),
-        (0x1800, 0x181, 0x40000181, True),
-        (0x1800, 0x181, 0x80000181, False),
-        (0x1017, 20, 21, False),
-    ],
-)
-def test_how_exactly_an_object_must_be_kept(index, written, read, same):
-    assert kept(index, written, read) is same
 
 
 @given(st.floats(1.0, 20.0))
