@@ -44,10 +44,10 @@ def examined(config=None, act=lambda rig: None):
         return by_name(found)
 
 
-def with_axis(**changes):
-    config = AkdConfig()
-    phi, theta = config.axes
-    return replace(config, axes=(replace(phi, **changes), theta))
+def tried(rig):
+    """What is said of limits that are tried after the bus was examined."""
+    list(drives.bus(rig.servos.config, rig.servos))
+    return by_name(limits(rig.servos))
 
 
 def test_healthy_drives_pass_every_check():
@@ -71,20 +71,18 @@ def test_healthy_drives_pass_every_check():
     ],
 )
 def test_a_wrong_direction_or_scale_fails_and_names_what_to_change(changes, advice):
-    found = examined(with_axis(**changes))
+    phi, theta = AkdConfig().axes
+    found = examined(AkdConfig(axes=(replace(phi, **changes), theta)))
     assert found["phi encoder"].status is CheckStatus.FAIL
     assert advice in found["phi encoder"].advice
     assert found["theta encoder"].status is CheckStatus.PASS
 
 
 def test_a_drive_that_goes_on_without_heartbeat_fails():
-    def deaf(rig):
-        for drive in rig.drives:
-            drive.store.set(0x1016, 1, 0)
-
     with SteppedDrives() as rig:
         list(drives.bus(rig.servos.config, rig.servos))
-        deaf(rig)
+        for drive in rig.drives:
+            drive.store.set(0x1016, 1, 0)
         found = by_name(drives.torque(rig.servos))
     assert found["heartbeat"].status is CheckStatus.FAIL
 
@@ -191,26 +189,6 @@ def test_a_drive_without_such_a_setting_is_brought_up_all_the_same():
     assert found["phi encoder"].status is CheckStatus.PASS
 
 
-def rig_on_a_plant(chosen, rig, *, crossed=False):
-    plant = EmulatedPlant(chosen)
-    plant.attach(rig.drives)
-    if crossed:
-        phi, theta = (drive.motor.sense for drive in rig.drives)
-        seen = {}
-
-        def first(shaft, angle):
-            seen["phi"] = shaft, angle
-
-        def second(shaft, angle):
-            phi(seen["phi"][0], angle)
-            theta(shaft, seen["phi"][1])
-
-        rig.drives[0].motor.sense, rig.drives[1].motor.sense = first, second
-        plant.attach(rig.drives)
-    rig.bus.moved = plant.advance
-    return plant
-
-
 def test_a_drive_whose_rate_comes_once_is_not_judged_by_it():
     watch = MonitorConfig(stale=200, unsteady=51)
     with SteppedDrives(AkdConfig(watch=watch)) as rig:
@@ -239,8 +217,20 @@ def test_a_refusal_after_the_limits_were_tried_is_a_line(monkeypatch):
 
 def test_plate_encoders_plugged_crosswise_are_named(scenario):
     chosen = scenario("plant.kind=lagrange", "disturbance.variance=[0,0]")
+    plant, seen = EmulatedPlant(chosen), {}
     with SteppedDrives() as rig:
-        plant = rig_on_a_plant(chosen, rig, crossed=True)
+        phi, theta = (drive.motor.sense for drive in rig.drives)
+
+        def first(shaft, angle):
+            seen["phi"] = shaft, angle
+
+        def second(shaft, angle):
+            phi(seen["phi"][0], angle)
+            theta(shaft, seen["phi"][1])
+
+        rig.drives[0].motor.sense, rig.drives[1].motor.sense = first, second
+        plant.attach(rig.drives)
+        rig.bus.moved = plant.advance
         list(drives.bus(rig.servos.config, rig.servos))
         found = by_name(drives.motion(rig.servos, plant.transmission))
     assert found["phi encoder"].status is CheckStatus.FAIL
@@ -277,8 +267,7 @@ def test_a_limit_that_counts_otherwise_than_believed_is_found_by_asking_for_more
     """The drive's found values lie: set in counts of 0.001 rpm, though it counts otherwise."""
     made = [EmulatedDrive(node, parameter_count=parameter_count) for node in (1, 2)]
     with SteppedDrives(drives=made) as rig:
-        list(drives.bus(rig.servos.config, rig.servos))
-        found = {each.what: each for each in limits(rig.servos)}
+        found = tried(rig)
     assert found["phi limits"].status is CheckStatus.FAIL
     assert "limit_unit" in found["phi limits"].advice
 
@@ -289,17 +278,15 @@ def test_a_ramp_that_counts_otherwise_than_believed_is_found(monkeypatch):
             drive.store.live(0x6083, 0, lambda: 500_000_000)
             drive.store.live(0x6084, 0, lambda: 500_000_000)
         monkeypatch.setattr("twin.devices.akd.protocol.kept", lambda *_: True)
-        list(drives.bus(rig.servos.config, rig.servos))
-        found = {each.what: each for each in limits(rig.servos)}
+        found = tried(rig)
     assert "acceleration_unit" in found["phi limits"].advice
 
 
 def test_after_the_limits_were_tried_the_usual_ones_hold_again():
     with SteppedDrives() as rig:
-        list(drives.bus(rig.servos.config, rig.servos))
-        found = list(limits(rig.servos))
-        assert {each.status for each in found} == {CheckStatus.PASS}
-        assert "(bit 11) shown" in found[0].seen
+        found = tried(rig)
+        assert {each.status for each in found.values()} == {CheckStatus.PASS}
+        assert "(bit 11) shown" in found["phi limits"].seen
         assert [drive.store.get(0x3622) for drive in rig.drives] == [77_000] * 2
         assert not any(drive.enabled for drive in rig.drives)
 
@@ -314,14 +301,13 @@ def test_limits_are_not_judged_from_answers_with_gaps():
             sleep(seconds if slept[0] % 10 else 0.015)
 
         rig.servos.sleep = slow
-        found = {each.what: each for each in limits(rig.servos)}
+        found = by_name(limits(rig.servos))
     assert found["phi limits"].status is CheckStatus.WARN
     assert "too irregular to judge" in found["phi limits"].seen
 
 
 def test_a_fault_while_the_limits_are_tried_is_called_by_its_name():
     with SteppedDrives() as rig:
-        list(drives.bus(rig.servos.config, rig.servos))
         moved = rig.bus.moved
 
         def fail(dt):
@@ -330,5 +316,5 @@ def test_a_fault_while_the_limits_are_tried_is_called_by_its_name():
                 rig.drives[0].fail(235)
 
         rig.bus.moved = fail
-        found = {each.what: each for each in limits(rig.servos)}
+        found = tried(rig)
     assert "drive fault" in found["phi limits"].seen
