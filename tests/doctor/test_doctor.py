@@ -106,7 +106,7 @@ def test_an_absent_drive_is_named_with_what_to_do():
 
 @pytest.mark.long
 @pytest.mark.parametrize("late", [0.02, 0.08])
-def test_the_dead_time_of_a_rig_on_the_wire_is_identified_to_5_ms(scenario, late, tmp_path):
+def test_the_dead_time_of_a_rig_on_the_wire_is_identified_to_5_ms(late, tmp_path):
     chosen = load("excite", [f"sensors.touch.dead_time={late}", "plant.kind=lagrange"])
     record_run(run(chosen, rig=LockstepRig(chosen)), tmp_path)
     found = bp.identify(tmp_path).settings["sensors"]["touch"]["dead_time"]

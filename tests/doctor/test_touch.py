@@ -23,35 +23,30 @@ def config(emulated, **options):
     return LumioConfig(port=str(emulated.path), transport=transport, **spoken)
 
 
-@pytest.mark.long
-@pytest.mark.real_time
-@pytest.mark.parametrize(
-    ("spoken", "set_to"),
-    [
-        (Protocol.MICROTOUCH, "elo"),
-        (Protocol.ELO, "microtouch"),
-    ],
-)
-def test_a_protocol_set_wrongly_is_answered_with_the_one_that_the_bytes_look_like(spoken, set_to):
-    with EmulatedScreen(ScreenLine(lambda: [(0.1, 0.05)], protocol=spoken)) as emulated:
+def last_said(line, set_to, within):
+    """The last result on a screen that is listened to, set to a protocol."""
+    with EmulatedScreen(line) as emulated:
         screen = LumioScreen(config(emulated, protocol=set_to))
         try:
-            found = list(touch(screen, lambda _: None, 2.0))
+            return list(touch(screen, lambda _: None, within))[-1]
         finally:
             screen.stop()
-    assert found[-1].status is CheckStatus.FAIL
-    assert found[-1].advice == f"the bytes look like {spoken}: set touch.protocol to that"
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+@pytest.mark.parametrize(("spoken", "set_to"), [SERIAL, SERIAL[::-1]])
+def test_a_protocol_set_wrongly_is_answered_with_the_one_that_the_bytes_look_like(spoken, set_to):
+    line = ScreenLine(lambda: [(0.1, 0.05)], protocol=spoken)
+    found = last_said(line, str(set_to), 2.0)
+    assert found.status is CheckStatus.FAIL
+    assert found.advice == f"the bytes look like {spoken}: set touch.protocol to that"
 
 
 @pytest.mark.real_time
 def test_a_screen_that_sends_nothing_is_told_apart_from_one_that_is_not_understood():
-    with EmulatedScreen(ScreenLine(list)) as emulated:
-        screen = LumioScreen(config(emulated, protocol="microtouch"))
-        try:
-            found = list(touch(screen, lambda _: None, 0.3))
-        finally:
-            screen.stop()
-    assert found[-1].advice == "nothing heard: put the ball on, check the cable and the port"
+    found = last_said(ScreenLine(list), "microtouch", 0.3)
+    assert found.advice == "nothing heard: put the ball on, check the cable and the port"
 
 
 def test_a_rig_switched_on_with_a_wrong_protocol_says_which_one_is_spoken(scenario):

@@ -3,13 +3,14 @@
 import json
 import re
 import shutil
+from functools import partial
 from pathlib import Path
 
 import can
 import numpy as np
 import pytest
+from command_line import called
 
-from twin.cli import main
 from twin.devices.akd.traces import TraceWriter, read_trace
 from twin.emulator.lockstep import LockstepRig
 from twin.identify.logs import read
@@ -55,16 +56,8 @@ def wired(tmp_path_factory, tables):
 
 @pytest.fixture
 def said(wired, capsys, monkeypatch):
-    folder, _, _ = wired
-    monkeypatch.chdir(folder)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            main(["trace", *arguments])
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
-
-    return call
+    monkeypatch.chdir(wired[0])
+    return partial(called, capsys, "trace")
 
 
 def test_of_a_run_folder_its_trace_is_told(said):

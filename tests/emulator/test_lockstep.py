@@ -5,7 +5,6 @@ from types import MethodType
 import numpy as np
 import pytest
 
-from controllers import catalog
 from controllers.interfaces import Law
 from twin.base.errors import LawError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
@@ -183,16 +182,13 @@ class GivesUp(Law):
         return np.full((*x.shape[:-1], 2), 0.5)
 
 
-def test_a_law_that_raises_on_a_rig_leaves_a_level_plate_and_the_record(scenario):
-    catalog.register(GivesUp)
-    try:
-        chosen = scenario("plant.kind=lagrange", "duration=0.6", "controller.kind=gives_up")
-        rig = LockstepRig(chosen)
-        done = run(chosen, rig=rig)
-        with pytest.raises(LawError, match="no more ideas"):
-            run(chosen)
-    finally:
-        catalog.unregister("gives_up")
+def test_a_law_that_raises_on_a_rig_leaves_a_level_plate_and_the_record(scenario, take_in):
+    take_in(GivesUp)
+    chosen = scenario("plant.kind=lagrange", "duration=0.6", "controller.kind=gives_up")
+    rig = LockstepRig(chosen)
+    done = run(chosen, rig=rig)
+    with pytest.raises(LawError, match="no more ideas"):
+        run(chosen)
     assert done.outcome == "aborted"
     assert "no more ideas" in done.metrics["reason"]
     assert done.rows["time"][-1] == pytest.approx(0.198)

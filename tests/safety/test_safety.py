@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from runpy import run_path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -154,26 +155,11 @@ def test_the_document_in_the_repository_is_the_one_that_the_command_writes():
         assert DOCUMENT.with_name(name).read_text(encoding="utf-8") == page
 
 
-class Row:
-    """A row as far as the command looks at it."""
-
-    def __init__(self, *, good):
-        self.good = good
-
-    def as_dict(self):
-        return {"good": self.good}
-
-
-def commanded(monkeypatch, *arguments, good=True):
-    """Output and exit code of the command whose rows are given."""
-    monkeypatch.setattr("twin.safety.trial.run_all", lambda processes, progress: [Row(good=good)])
+@pytest.mark.parametrize("good", [False, True])
+def test_the_command_exits_with_1_if_a_row_is_bad(monkeypatch, good):
+    row = SimpleNamespace(good=good, as_dict=lambda: {"good": good})
+    monkeypatch.setattr("twin.safety.trial.run_all", lambda processes, progress: [row])
     monkeypatch.setattr("twin.cli.rig._table", lambda rows: "")
-    done = CliRunner(catch_exceptions=False).invoke(safety, arguments, standalone_mode=False)
-    return done.stdout, done.return_value
-
-
-def test_the_command_exits_with_1_if_a_row_is_bad(monkeypatch):
-    out, code = commanded(monkeypatch, "--json", good=False)
-    assert json.loads(out) == [{"good": False}]
-    assert code == 1
-    assert commanded(monkeypatch, "--json")[1] == 0
+    done = CliRunner(catch_exceptions=False).invoke(safety, ["--json"], standalone_mode=False)
+    assert json.loads(done.stdout) == [{"good": good}]
+    assert done.return_value == int(not good)

@@ -71,12 +71,9 @@ def test_the_distance_left_is_that_of_the_noise():
     assert found.distances == pytest.approx([1e-3] * 4)
 
 
-@pytest.mark.parametrize(
-    ("points", "words"),
-    [([[0, 0], [1, 1]], "on one line"), ([[0, 0], [0.5, 0.5], [1, 1]], "on one line")],
-)
-def test_too_few_points_or_a_line_are_refused_in_words(points, words):
-    with pytest.raises(CalibrationError, match=words):
+@pytest.mark.parametrize("points", [[[0, 0], [1, 1]], [[0, 0], [0.5, 0.5], [1, 1]]])
+def test_too_few_points_or_a_line_are_refused_in_words(points):
+    with pytest.raises(CalibrationError, match="on one line"):
         fit(points, points)
 
 
@@ -92,15 +89,6 @@ def test_the_fit_of_exact_points_is_the_calibration(way):
     assert np.allclose(found.calibration.matrix, true.matrix, atol=1e-12)
     assert np.allclose(found.calibration.origin, true.origin, atol=1e-12)
     assert found.rms < 1e-12
-
-
-def test_a_calibration_is_read_back_from_its_file(tmp_path):
-    file = tmp_path / "touch.json"
-    true = mounted((0.7, 0.4), True, (True, False), 0.02, 0.001, (0.01, -0.02))
-    fit([true.screen(*point) for point in POINTS], POINTS).save(file)
-    found = read_calibration(file)
-    assert np.allclose(found.matrix, true.matrix, atol=1e-12)
-    assert np.allclose(found.origin, true.origin, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,9 @@ class FedScreen:
     def look(self):
         self.stream.tracker.watch(self.time)
         self.stream.tracker.note_tilt(self.time, self.tilt)
-        self.seen += [(self.time, fault.condition.name) for fault in self.stream.faults()]
+        self.seen += [
+            (self.time, each.condition.name, each.detail) for each in self.stream.faults()
+        ]
 
     def wait(self, seconds):
         for _ in range(round(seconds / 0.002)):
@@ -67,10 +69,10 @@ class FedScreen:
 
     @property
     def names(self):
-        return [name for _, name in self.seen]
+        return [name for _, name, _ in self.seen]
 
     def first(self, name):
-        return next(time for time, seen in self.seen if seen == name)
+        return next(time for time, seen, _ in self.seen if seen == name)
 
     @property
     def state(self):
@@ -291,17 +293,11 @@ def test_a_flood_is_told_within_the_stated_time_and_costs_bounded_work(screen):
 
 @pytest.mark.parametrize("protocol", ["auto", "elo", "hid-0006"])
 def test_bytes_of_no_protocol_are_told_within_the_stated_time(protocol):
-    stream = TouchStream(settings(protocol))
-    noise = np.random.default_rng(4)
-    times = [0.02 * n for n in range(100)]
-    told = None
-    for time in times:
-        stream.take(time, noise.bytes(10))
-        if told is None and any(
-            f.condition.name == "protocol not recognised" for f in stream.faults()
-        ):
-            told = time
-    assert told <= within("protocol not recognised")
+    screen, noise = FedScreen(protocol), np.random.default_rng(4)
+    for _ in range(100):
+        screen.send(noise.bytes(10))
+        screen.time += 0.02
+    assert screen.first("protocol not recognised") <= within("protocol not recognised")
 
 
 @pytest.mark.parametrize("spoken", SERIAL)
@@ -309,20 +305,13 @@ def test_bytes_of_no_protocol_are_told_within_the_stated_time(protocol):
 def test_a_protocol_set_wrongly_is_told_with_the_one_that_is_spoken(set_to, spoken):
     screen = FedScreen(spoken)
     screen.stream = TouchStream(settings(set_to))
-    told = []
-    for number in range(30):
-        time = FRAME * number
-        screen.stream.take(time, screen.packet((0.003 * number, 0.05)))
-        told += [
-            (time, fault.detail)
-            for fault in screen.stream.faults()
-            if fault.condition.name == "protocol not recognised"
-        ]
+    screen.roll(30, (0.0, 0.05), 0.003 / FRAME)
+    told = [each for each in screen.seen if each[1] == "protocol not recognised"]
     if set_to is spoken:
         assert told == []
     else:
         assert told[0][0] <= within("protocol not recognised")
-        assert told[0][1] == f"the bytes are of {spoken}, not of {set_to}"
+        assert told[0][2] == f"the bytes are of {spoken}, not of {set_to}"
 
 
 def test_a_fault_that_lasts_is_told_twice_a_second_not_every_packet():
