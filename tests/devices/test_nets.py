@@ -7,7 +7,7 @@ import pytest
 
 from twin.base.errors import ScenarioError
 from twin.devices.akd.conditions import RELAXED
-from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
+from twin.devices.akd.config import MonitorConfig
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.lockstep import LockstepRig
 from twin.scenario.rig import check_rig
@@ -116,14 +116,6 @@ def test_defaults_and_tighter_nets_relax_nothing():
         **gate(lost=0.08, confirm=5),
     )
     assert rig().relaxed(0.002) == tighter.relaxed(0.002) == ()
-
-
-@pytest.mark.parametrize(
-    ("bitrate", "period", "load"), [(10**6, 0.002, 0.4), (500_000, 0.002, 0.8)]
-)
-def test_the_load_of_the_bus_is_that_of_its_frames(bitrate, period, load):
-    config = AkdConfig(bus=BusConfig(bitrate=bitrate), period=period)
-    assert config.bus_load == pytest.approx(load, abs=0.01)
 
 
 def test_every_run_is_warned_of_a_relaxed_net(scenario):

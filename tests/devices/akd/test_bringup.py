@@ -162,10 +162,8 @@ def test_signs_and_gear_of_the_configuration_hold_for_command_and_measurement():
         rig.enabled()
         rig.run(0.3, lambda _: (1.0, 1.0))
         assert rig.drives[0].rate == pytest.approx(-2.0, rel=1e-3)
-        motor, plate = rig.servos.motor()[0], rig.servos.plate()[0]
-        assert motor[0] > 0.25
-        assert motor[1] > 0.25
-        assert plate[1] < 0
+        np.testing.assert_allclose(rig.servos.motor(), [[0.3, 0.3]], atol=0.01)
+        assert rig.servos.plate()[0, 1] < 0
 
 
 def test_home_declares_where_both_encoders_are(rig):

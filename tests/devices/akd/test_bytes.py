@@ -1,6 +1,5 @@
 import inspect
 import itertools
-import math
 import re
 import struct
 
@@ -12,7 +11,7 @@ from twin.base.errors import ScenarioError
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
 from twin.devices.akd.axis import Axis, EncoderCounter, PdoTracker, difference
-from twin.devices.akd.config import RPM, AkdConfig, AxisConfig, DriveSettings, counts32, unconfirmed
+from twin.devices.akd.config import AkdConfig, AxisConfig, DriveSettings, counts32, unconfirmed
 from twin.devices.akd.protocol import AxisRequest, DriveState
 from twin.devices.akd.servos import SdoPolling
 from twin.devices.common import FaultReports
@@ -25,13 +24,6 @@ INT32 = st.integers(-(2**31), 2**31 - 1)
 @given(UNITS, INT32)
 def test_whole_counts_come_back_exactly(unit, counts):
     assert counts32(counts * unit, unit) == counts
-
-
-def test_a_gear_and_a_sign_are_taken_in_both_position_and_velocity():
-    axis = AxisConfig(name="phi", node=1, gear=3.0, motor_sign=-1)
-    assert counts32(2 * math.pi, axis.position) == -3 * (1 << 20)
-    assert counts32(RPM, axis.velocity) == -3000
-    assert counts32(1.0, AXIS.velocity) == 9549
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12))

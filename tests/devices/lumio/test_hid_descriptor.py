@@ -15,43 +15,11 @@ from twin.devices.lumio.protocols import (
     parse,
 )
 
-TIP, IN_RANGE, SURE, NAME, COUNT = 0xD0042, 0xD0032, 0xD0047, 0xD0051, 0xD0054
-X, Y = 0x10030, 0x10031
-
 
 def item(head, value, size):
     """A short item of a type and tag, with a value of 1, 2 or 4 bytes."""
     code = {0: 0, 1: 1, 2: 2, 4: 3}[size]
     return bytes([head | code]) + (value & (1 << 8 * size) - 1).to_bytes(size, "little")
-
-
-def places(fields):
-    return [(field.usage, field.offset, field.bits) for field in fields]
-
-
-def test_the_fields_of_product_0007_are_where_its_recorded_reports_have_them(descriptors):
-    ((report, (bits, fields)),) = parse(descriptors["hid-0007"]).items()
-    assert (report, bits) == (0, 64)
-    assert places(fields) == [
-        (TIP, 0, 1), (IN_RANGE, 4, 1), (SURE, 5, 1), (X, 16, 16), (Y, 32, 16), (NAME, 48, 16)
-    ]  # fmt: skip
-
-
-def test_product_0006_has_four_places_of_six_bytes_and_a_count(descriptors):
-    _, fields = parse(descriptors["hid-0006"])[0]
-    block = [
-        (TIP, 0, 1),
-        (IN_RANGE, 4, 1),
-        (SURE, 5, 1),
-        (NAME, 8, 8),
-        (X, 16, 16),
-        (Y, 32, 16),
-    ]
-    blocks = [(usage, 48 * k + offset, bits) for k in range(4) for usage, offset, bits in block]
-    assert places(fields) == [*blocks, (COUNT, 192, 8)]
-    layout = TouchLayout.of(descriptors["hid-0006"])
-    assert (layout.size, len(layout.contacts), layout.count.offset) == (25, 4, 192)
-    assert [contact.identifier.offset for contact in layout.contacts] == [8, 56, 104, 152]
 
 
 @pytest.mark.parametrize(
@@ -88,7 +56,8 @@ FIELDS = st.lists(
     st.tuples(
         st.integers(1, 32),  # bits
         st.integers(0, 1 << 16),  # padding before it
-        st.integers(1, 0xFFFF),  # usage
+        st.lists(st.integers(1, 0xFFFF), min_size=1, max_size=3),  # usages
+        st.integers(0, 2),  # further fields, of the last usage
         SIGNED,
         st.integers(0, 1 << 31),
         st.booleans(),  # with its own page, in four bytes
@@ -102,17 +71,20 @@ def test_any_fields_written_as_items_are_read_as_they_were_meant(fields, report,
     data = item(0x08, TOUCH_SCREEN, 4) + item(0xA0, 1, 1) + item(0x04, page, 2)
     data += b"" if report is None else item(0x84, report, 1)
     offset, meant = 0, []
-    for bits, padding, usage, low, span, own in fields:
-        high = min(low + span, (1 << 31) - 1)
-        if offset + padding + bits > LARGEST:
+    for bits, padding, usages, further, low, span, own in fields:
+        high, every = min(low + span, (1 << 31) - 1), usages + usages[-1:] * further
+        if offset + padding + len(every) * bits > LARGEST:
             break
         data += item(0x74, 1, 1) + item(0x94, padding, 4) + item(0x80, 0x03, 1)
         data += item(0x14, low, 4) + item(0x24, high, 4)
-        data += item(0x74, bits, 1) + item(0x94, 1, 1)
-        data += item(0x08, 7 << 16 | usage, 4) if own else item(0x08, usage, 2)
+        data += item(0x74, bits, 1) + item(0x94, len(every), 1)
+        for usage in usages:
+            data += item(0x08, 7 << 16 | usage, 4) if own else item(0x08, usage, 2)
         data += item(0x80, 0x02, 1)
-        meant.append(((7 if own else page) << 16 | usage, offset + padding, bits, low, high))
-        offset += padding + bits
+        offset += padding
+        for usage in every:
+            meant.append(((7 if own else page) << 16 | usage, offset, bits, low, high))
+            offset += bits
     found = parse(data + b"\xc0")
     assert [field[:5] for _, fields in found.values() for field in fields] == meant
     assert found.keys() <= {report or 0}
