@@ -9,10 +9,6 @@ from twin.emulator.screen import ENCODERS, Damage, Protocol, ScreenFault, Screen
 pytestmark = pytest.mark.real_time
 
 
-def emulate(ball, **settings):
-    return EmulatedScreen(ScreenLine(ball, **settings))
-
-
 BALL = Spot(0.25, 0.5)
 SOON = {"frame": 0.004, "dead_time": 0.01}
 """A screen that looks four times as often as a real one and tells at once."""
@@ -80,7 +76,7 @@ def test_frames_jitter_about_their_clock_get_lost_and_take_longer_or_shorter():
 
 
 def test_a_port_has_the_same_path_after_plugging_in_again_and_none_in_between():
-    with emulate(list) as screen:
+    with EmulatedScreen(ScreenLine(list)) as screen:
         screen.unplug()
         assert not screen.path.exists()
         screen.plug()
@@ -94,7 +90,7 @@ def test_bytes_sent_while_unplugged_are_lost(monkeypatch):
     monkeypatch.setattr(
         EmulatedScreen, "write", lambda port, data: written.append((write(port, data), len(data)))
     )
-    with emulate(lambda: [(0.0, 0.0)], **SOON) as screen:
+    with EmulatedScreen(ScreenLine(lambda: [(0.0, 0.0)], **SOON)) as screen:
         screen.unplug()
         time.sleep(0.06)
     sent, tried = np.sum(written, axis=0)

@@ -181,31 +181,6 @@ def test_frames_are_laid_out_as_mapped_and_as_the_manual_prints_them():
     assert silent.words == "8130h heartbeat or life guard F129"
 
 
-PRINTED = {
-    "xxxx xxxx x0xx 0000": DriveState.NOT_READY,
-    "xxxx xxxx x1xx 0000": DriveState.SWITCH_ON_DISABLED,
-    "xxxx xxxx x01x 0001": DriveState.READY,
-    "xxxx xxxx x01x 0011": DriveState.SWITCHED_ON,
-    "xxxx xxxx x01x 0111": DriveState.OPERATION_ENABLED,
-    "xxxx xxxx x00x 0111": DriveState.QUICK_STOP,
-    "xxxx xxxx x0xx 1111": DriveState.FAULT_REACTION,
-    "xxxx xxxx x0xx 1000": DriveState.FAULT,
-}
-"""Status words as CiA 402 prints them, bit 15 first; x is either."""
-
-
-def test_every_status_word_means_the_state_that_cia_402_prints():
-    digits = {pattern.replace(" ", ""): state for pattern, state in PRINTED.items()}
-    # the bits that are fixed, their values, and the state
-    rows = [
-        (int(bits.replace("0", "1").replace("x", "0"), 2), int(bits.replace("x", "0"), 2), state)
-        for bits, state in digits.items()
-    ]
-    for status in range(1 << 16):
-        printed = [state for fixed, value, state in rows if status & fixed == value]
-        assert [protocol.state(status)] == (printed or [DriveState.UNKNOWN])
-
-
 @pytest.mark.parametrize(
     ("now", "request_", "word"),
     [
