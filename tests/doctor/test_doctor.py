@@ -29,6 +29,12 @@ from twin.scenario.rig import check_rig
 RIG = check_rig({"touch": {"port": "/dev/null"}}, "test")
 
 
+@pytest.fixture
+def rig():
+    with SteppedDrives() as rig:
+        yield rig
+
+
 def by_name(results):
     return {result.what: result for result in results}
 
@@ -78,12 +84,11 @@ def test_a_wrong_direction_or_scale_fails_and_names_what_to_change(changes, advi
     assert found["theta encoder"].status is CheckStatus.PASS
 
 
-def test_a_drive_that_goes_on_without_heartbeat_fails():
-    with SteppedDrives() as rig:
-        list(drives.bus(rig.servos.config, rig.servos))
-        for drive in rig.drives:
-            drive.store.set(0x1016, 1, 0)
-        found = by_name(drives.torque(rig.servos))
+def test_a_drive_that_goes_on_without_heartbeat_fails(rig):
+    list(drives.bus(rig.servos.config, rig.servos))
+    for drive in rig.drives:
+        drive.store.set(0x1016, 1, 0)
+    found = by_name(drives.torque(rig.servos))
     assert found["heartbeat"].status is CheckStatus.FAIL
 
 
@@ -146,15 +151,14 @@ def test_on_the_wire_nothing_fails_but_what_a_busy_machine_may_spoil():
 
 
 @pytest.mark.long
-def test_the_cams_of_a_rig_are_measured_to_two_counts_of_its_encoders():
+def test_the_cams_of_a_rig_are_measured_to_two_counts_of_its_encoders(rig):
     quiet = ("disturbance.variance=[0,0]", "plant.friction.rolling_mm=0")
     plant = EmulatedPlant(load("circle", quiet))
     true = CamTable.from_file(model_path("cams.json"))
     wrong = CamTable(true.grid, 1.04 * true.angles + 0.01 * true.angles[..., ::-1] ** 2)
-    with SteppedDrives() as rig:
-        plant.attach(rig.drives)
-        rig.bus.moved = plant.advance
-        found = measure_cams(rig.servos, wrong, reach=np.radians(5), lines=5)
+    plant.attach(rig.drives)
+    rig.bus.moved = plant.advance
+    found = measure_cams(rig.servos, wrong, reach=np.radians(5), lines=5)
     assert found.provenance["before_deg"] > 0.15
     plate = np.radians(np.stack(np.meshgrid([-4, 0, 3], [-3, 0, 4]), axis=-1))
     off = (found.motor(plate) - true.motor(plate)) / true.ratio
@@ -198,41 +202,39 @@ def test_a_drive_whose_rate_comes_once_is_not_judged_by_it():
     assert "too irregular" in found["phi limits"].seen
 
 
-def test_a_refusal_after_the_limits_were_tried_is_a_line(monkeypatch):
-    with SteppedDrives() as rig:
-        start = rig.servos.start
+def test_a_refusal_after_the_limits_were_tried_is_a_line(monkeypatch, rig):
+    start = rig.servos.start
 
-        def once():
-            monkeypatch.setattr(rig.servos, "start", refuse)
-            start()
+    def once():
+        monkeypatch.setattr(rig.servos, "start", refuse)
+        start()
 
-        def refuse():
-            raise DriveError(WRONG_SETTING, "drive phi", "keeps something else")
+    def refuse():
+        raise DriveError(WRONG_SETTING, "drive phi", "keeps something else")
 
-        monkeypatch.setattr(rig.servos, "start", once)
-        last = list(reported(limits(rig.servos), "limits"))[-1]
+    monkeypatch.setattr(rig.servos, "start", once)
+    last = list(reported(limits(rig.servos), "limits"))[-1]
     assert last.status is CheckStatus.FAIL
     assert "keeps something else" in last.seen
 
 
-def test_plate_encoders_plugged_crosswise_are_named(scenario):
+def test_plate_encoders_plugged_crosswise_are_named(scenario, rig):
     chosen = scenario("plant.kind=lagrange", "disturbance.variance=[0,0]")
     plant, seen = EmulatedPlant(chosen), {}
-    with SteppedDrives() as rig:
-        phi, theta = (drive.motor.sense for drive in rig.drives)
+    phi, theta = (drive.motor.sense for drive in rig.drives)
 
-        def first(shaft, angle):
-            seen["phi"] = shaft, angle
+    def first(shaft, angle):
+        seen["phi"] = shaft, angle
 
-        def second(shaft, angle):
-            phi(seen["phi"][0], angle)
-            theta(shaft, seen["phi"][1])
+    def second(shaft, angle):
+        phi(seen["phi"][0], angle)
+        theta(shaft, seen["phi"][1])
 
-        rig.drives[0].motor.sense, rig.drives[1].motor.sense = first, second
-        plant.attach(rig.drives)
-        rig.bus.moved = plant.advance
-        list(drives.bus(rig.servos.config, rig.servos))
-        found = by_name(drives.motion(rig.servos, plant.transmission))
+    rig.drives[0].motor.sense, rig.drives[1].motor.sense = first, second
+    plant.attach(rig.drives)
+    rig.bus.moved = plant.advance
+    list(drives.bus(rig.servos.config, rig.servos))
+    found = by_name(drives.motion(rig.servos, plant.transmission))
     assert found["phi encoder"].status is CheckStatus.FAIL
     assert "moving phi turned theta's encoder" in found["phi encoder"].seen
     assert "exchange the plugs" in found["phi encoder"].advice
@@ -248,15 +250,14 @@ def test_the_doctor_ends_with_ready_or_the_next_step():
     assert told == "not ready; next step (c): switch the main supply on"
 
 
-def test_a_fault_is_reset_on_request_without_leave_to_move():
-    with SteppedDrives() as rig:
-        rig.drives[0].fail(129)
-        found = list(_drives(rig.servos, RIG, move=False, reset=True))
-        fault = by_name(found)["drive phi (node 1) fault"]
-        assert fault.seen.startswith("F129 CAN monitoring")
-        assert "--reset" in fault.advice
-        assert rig.drives[0].power.faults == []
-        assert not any(drive.enabled for drive in rig.drives)
+def test_a_fault_is_reset_on_request_without_leave_to_move(rig):
+    rig.drives[0].fail(129)
+    found = list(_drives(rig.servos, RIG, move=False, reset=True))
+    fault = by_name(found)["drive phi (node 1) fault"]
+    assert fault.seen.startswith("F129 CAN monitoring")
+    assert "--reset" in fault.advice
+    assert rig.drives[0].power.faults == []
+    assert not any(drive.enabled for drive in rig.drives)
 
 
 # The doctor tries the drives' limits of speed and acceleration on emulated drives
@@ -272,49 +273,45 @@ def test_a_limit_that_counts_otherwise_than_believed_is_found_by_asking_for_more
     assert "limit_unit" in found["phi limits"].advice
 
 
-def test_a_ramp_that_counts_otherwise_than_believed_is_found(monkeypatch):
-    with SteppedDrives() as rig:
-        for drive in rig.drives:
-            drive.store.live(0x6083, 0, lambda: 500_000_000)
-            drive.store.live(0x6084, 0, lambda: 500_000_000)
-        monkeypatch.setattr("twin.devices.akd.protocol.kept", lambda *_: True)
-        found = tried(rig)
+def test_a_ramp_that_counts_otherwise_than_believed_is_found(monkeypatch, rig):
+    for drive in rig.drives:
+        drive.store.live(0x6083, 0, lambda: 500_000_000)
+        drive.store.live(0x6084, 0, lambda: 500_000_000)
+    monkeypatch.setattr("twin.devices.akd.protocol.kept", lambda *_: True)
+    found = tried(rig)
     assert "acceleration_unit" in found["phi limits"].advice
 
 
-def test_after_the_limits_were_tried_the_usual_ones_hold_again():
-    with SteppedDrives() as rig:
-        found = tried(rig)
-        assert {each.status for each in found.values()} == {CheckStatus.PASS}
-        assert "(bit 11) shown" in found["phi limits"].seen
-        assert [drive.store.get(0x3622) for drive in rig.drives] == [77_000] * 2
-        assert not any(drive.enabled for drive in rig.drives)
+def test_after_the_limits_were_tried_the_usual_ones_hold_again(rig):
+    found = tried(rig)
+    assert {each.status for each in found.values()} == {CheckStatus.PASS}
+    assert "(bit 11) shown" in found["phi limits"].seen
+    assert [drive.store.get(0x3622) for drive in rig.drives] == [77_000] * 2
+    assert not any(drive.enabled for drive in rig.drives)
 
 
-def test_limits_are_not_judged_from_answers_with_gaps():
-    with SteppedDrives() as rig:
-        list(drives.bus(rig.servos.config, rig.servos))
-        sleep, slept = rig.servos.sleep, [0]
+def test_limits_are_not_judged_from_answers_with_gaps(rig):
+    list(drives.bus(rig.servos.config, rig.servos))
+    sleep, slept = rig.servos.sleep, [0]
 
-        def slow(seconds):
-            slept[0] += 1
-            sleep(seconds if slept[0] % 10 else 0.015)
+    def slow(seconds):
+        slept[0] += 1
+        sleep(seconds if slept[0] % 10 else 0.015)
 
-        rig.servos.sleep = slow
-        found = by_name(limits(rig.servos))
+    rig.servos.sleep = slow
+    found = by_name(limits(rig.servos))
     assert found["phi limits"].status is CheckStatus.WARN
     assert "too irregular to judge" in found["phi limits"].seen
 
 
-def test_a_fault_while_the_limits_are_tried_is_called_by_its_name():
-    with SteppedDrives() as rig:
-        moved = rig.bus.moved
+def test_a_fault_while_the_limits_are_tried_is_called_by_its_name(rig):
+    moved = rig.bus.moved
 
-        def fail(dt):
-            moved(dt)
-            if rig.drives[0].rate > 1.0:
-                rig.drives[0].fail(235)
+    def fail(dt):
+        moved(dt)
+        if rig.drives[0].rate > 1.0:
+            rig.drives[0].fail(235)
 
-        rig.bus.moved = fail
-        found = tried(rig)
+    rig.bus.moved = fail
+    found = tried(rig)
     assert "drive fault" in found["phi limits"].seen

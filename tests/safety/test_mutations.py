@@ -235,38 +235,36 @@ def test_rows_rely_on_every_line_of_defence():
         assert len([case for case in relies(line) if not case.refused]) >= 2
 
 
-def row(**more):
-    """A good row of a stop, changed."""
-    fields = {
-        "name": "row",
-        "condition": "encoder jump",
-        "severity": "stop",
-        "allowed": 0.01,
-        "detected": 0.006,
-        "ending": "fault",
-        "line": "encoder jump",
-        "whole": True,
-        "recovered": True,
-        "reason": "encoder jump",
-        "reason_expected": "encoder jump",
-        "stopped_by": ("quick stop",) * 2,
-        "stopped_by_expected": ("quick stop",) * 2,
-        "state": ("off",) * 2,
-        "state_expected": ("off",) * 2,
-        "standstill": 0.02,
-        "standstill_limit": 0.022,
-        "torque_off": 0.022,
-        "torque_off_limit": 0.026,
-        "tilt": 0.03,
-        "tilt_limit": 0.031,
-        "ball": (0.1, 0.05),
-        "ball_limit": (0.11, 0.06),
-        "ball_later": (0.3, 0.3),
-        "torque": False,
-        "held": True,
-        "says": True,
-    }
-    return FaultRow(**{**fields, **more})
+GOOD = FaultRow(
+    name="row",
+    condition="encoder jump",
+    severity="stop",
+    allowed=0.01,
+    detected=0.006,
+    ending="fault",
+    line="encoder jump",
+    whole=True,
+    recovered=True,
+    reason="encoder jump",
+    reason_expected="encoder jump",
+    stopped_by=("quick stop",) * 2,
+    stopped_by_expected=("quick stop",) * 2,
+    state=("off",) * 2,
+    state_expected=("off",) * 2,
+    standstill=0.02,
+    standstill_limit=0.022,
+    torque_off=0.022,
+    torque_off_limit=0.026,
+    tilt=0.03,
+    tilt_limit=0.031,
+    ball=(0.1, 0.05),
+    ball_limit=(0.11, 0.06),
+    ball_later=(0.3, 0.3),
+    torque=False,
+    held=True,
+    says=True,
+)
+"""A row of a stop."""
 
 
 @pytest.mark.parametrize(
@@ -290,8 +288,8 @@ def row(**more):
     ],
 )
 def test_a_row_is_bad_for_each_thing_that_it_judges_alone(key, value):
-    assert row().good
-    bad = row(**{key: value})
+    assert GOOD.good
+    bad = replace(GOOD, **{key: value})
     assert bad.failures == (key,)
     assert not bad.good
     unsafe = {"stopped_by", "state", "standstill", "torque_off", "tilt", "ball", "torque", "held"}
