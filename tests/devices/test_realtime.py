@@ -154,18 +154,7 @@ def test_leaving_real_time_leaves_everything_as_it_was():
 
 @linux
 @pytest.mark.usefixtures("unlocked")
-def test_a_thread_started_in_real_time_is_an_ordinary_one():
-    policies = []
-    with real_time():
-        thread = threading.Thread(target=lambda: policies.append(os.sched_getscheduler(0)))
-        thread.start()
-        thread.join()
-    assert policies == [os.SCHED_OTHER]
-
-
-@linux
-@pytest.mark.usefixtures("unlocked")
-def test_a_thread_that_must_not_wait_for_the_loop_comes_before_it():
+def test_a_thread_is_an_ordinary_one_or_comes_before_the_loop_where_it_must_not_wait():
     def priority():
         found.append(os.sched_getparam(0).sched_priority)
 
