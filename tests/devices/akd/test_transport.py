@@ -61,14 +61,18 @@ def slcan(kind, line):
         yield bus
 
 
-def test_the_prompt_bus_writes_all_frames_of_a_period_in_one_piece(serial_line):
+def test_the_prompt_bus_writes_all_frames_of_a_period_in_one_piece(serial_line, monkeypatch):
+    pieces, write = [], os.write
+    monkeypatch.setattr(os, "write", lambda line, data: pieces.append(data) or write(line, data))
     with slcan(PromptSlcanBus, serial_line) as bus:
         transport, reports = transport_on(bus)
         transport.send(0x201, b"\x0f\x00")
         transport.send(0x080, b"")
         assert written(serial_line) == b""
+        pieces.clear()
         transport.send_queued()
-        assert written(serial_line) == b"t20120F00\rt0800\r"
+        assert pieces == [b"t20120F00\rt0800\r"]
+        assert written(serial_line) == pieces[0]
         bus.unreadable_lines = 3
         assert list(transport.receive()) == []
         assert [(f.condition, f.detail) for f in reports.take()] == [
