@@ -18,13 +18,12 @@ WHOLE = {"limit_unit": RPM, "acceleration_unit": RPM}
 """What makes a drive start that counts whole units."""
 
 
-def drives(unit=0, per_unit=1000):
-    """Two drives with this unit for velocity and acceleration, set as a motor wants it."""
+def drives(per_unit=1000):
+    """Two drives with so many counts to rpm and rpm/s, set as a motor wants it."""
     made = []
     for node in (1, 2):
         drive = EmulatedDrive(node, parameter_count=1 / per_unit)
-        found = {0x365F: unit, 0x3659: unit, 0x3622: round(SPEED * per_unit)}
-        found[0x3623] = -found[0x3622]
+        found = {0x3622: round(SPEED * per_unit), 0x3623: -round(SPEED * per_unit)}
         found |= dict.fromkeys((0x3501, 0x3522, 0x6083, 0x6084), round(RAMP * per_unit))
         for index, value in found.items():
             drive.store.set(index, 0, value)
@@ -48,7 +47,7 @@ def held(rig):
 def test_limit_and_ramp_hold_in_the_drive_s_own_counts_with_the_lines_named(per_unit, named):
     axes = tuple(replace(axis, **named) for axis in AkdConfig().axes)
     config = AkdConfig(axes=axes, rate_limit=2.0, ramp=100.0)
-    with SteppedDrives(config, drives(0, per_unit)) as rig:
+    with SteppedDrives(config, drives(per_unit)) as rig:
         rig.enabled()
         rate, ramp = held(rig)
     assert 2.0 <= rate <= 2.2
@@ -73,7 +72,7 @@ def test_a_drive_in_another_unit_is_refused_with_the_line_that_sets_it(unit, ind
 
 
 def test_a_drive_that_counts_whole_units_is_refused_with_the_line_to_change():
-    with SteppedDrives(drives=drives(0, per_unit=1)) as rig:
+    with SteppedDrives(drives=drives(1)) as rig:
         text = refused(rig)
     assert "VL.LIMITP (3622h) holds 6000, which would be 6 rpm" in text
     assert f"if it is 6000 rpm, set phi.limit_unit = {RPM:.9g}" in text
@@ -81,7 +80,7 @@ def test_a_drive_that_counts_whole_units_is_refused_with_the_line_to_change():
 
 def test_the_ramps_of_a_drive_that_counts_whole_units_are_refused_too():
     axes = (AxisConfig(name="phi", node=1, limit_unit=RPM), AxisConfig(name="theta", node=2))
-    with SteppedDrives(AkdConfig(axes=axes), drives(0, per_unit=1)) as rig:
+    with SteppedDrives(AkdConfig(axes=axes), drives(1)) as rig:
         text = refused(rig)
     assert "DRV.ACC (3501h)" in text
     assert f"set phi.acceleration_unit = {RPM:.9g}" in text

@@ -121,22 +121,20 @@ def hidraw(descriptors, monkeypatch, tmp_path):
 
     A panel that is not known has a damaged descriptor.
     """
-    ends = []
+    pytest.importorskip("fcntl")
+    port = tmp_path / "hidraw0"
+    os.mkfifo(port)
+    end = os.open(port, os.O_RDWR | os.O_NONBLOCK)
+    monkeypatch.setattr(settings, "HIDRAW_CLASS", tmp_path / "class")
 
     def make(name):
-        pytest.importorskip("fcntl")
         folder = tmp_path / "class" / "hidraw0" / "device"
         folder.mkdir(parents=True)
         (folder / "report_descriptor").write_bytes(descriptors.get(name, b"\x26\xff"))
-        monkeypatch.setattr(settings, "HIDRAW_CLASS", tmp_path / "class")
-        port = tmp_path / "hidraw0"
-        os.mkfifo(port)
-        ends.append(os.open(port, os.O_RDWR | os.O_NONBLOCK))
-        return port, lambda text: os.write(ends[0], bytes.fromhex(text))
+        return port, lambda text: os.write(end, bytes.fromhex(text))
 
     yield make
-    for end in ends:
-        os.close(end)
+    os.close(end)
 
 
 def sees(screen, send, text):
