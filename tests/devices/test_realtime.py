@@ -18,7 +18,7 @@ PERIOD = 1 / 512
 class Time:
     """Made-up time: reading it takes 2 us, sleeping takes as long as asked and a little more."""
 
-    def __init__(self, oversleep=0.0):
+    def __init__(self, oversleep):
         self.now = 100.0
         self.oversleep = oversleep
 

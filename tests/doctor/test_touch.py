@@ -108,11 +108,11 @@ class Hand:
                 self.at = np.array([float(x), float(y)]) / 1e3
 
 
-def turned(turn, *, mirrored=1.0, size=(0.68, 0.41), at=(0.012, -0.007)):
+def turned(turn, *, mirrored=1.0, size=(0.68, 0.41)):
     """A screen turned by an angle, its first axis mirrored or not, off the middle."""
     c, s = np.cos(turn), np.sin(turn)
     matrix = np.array([[c, -s], [s, c]]) @ np.diag([mirrored * size[0], -size[1]])
-    origin = np.array(at) - matrix @ [0.5, 0.5]
+    origin = np.array([0.012, -0.007]) - matrix @ [0.5, 0.5]
     return Calibration(tuple(map(tuple, matrix.tolist())), tuple(origin.tolist()))
 
 
@@ -160,10 +160,10 @@ def test_a_point_that_is_not_touched_is_named_in_one_line_and_so_is_a_wrong_prot
             measure_touch(wrong, usual_points(), hand.ask, 2.0)
 
 
-def seen(points, noise=5e-4):
+def seen(points):
     dice = np.random.default_rng(0)
     screen = Calibration.nominal()
-    return np.array([screen.screen(*(point + dice.normal(0, noise, 2))) for point in points])
+    return np.array([screen.screen(*(point + dice.normal(0, 5e-4, 2))) for point in points])
 
 
 @pytest.mark.parametrize("wrong", range(9))

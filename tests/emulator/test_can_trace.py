@@ -199,10 +199,10 @@ def lost(cob_id, at, count):
     return without
 
 
-def added(identifier, data, before=2000):
+def added(identifier, data):
     def more(frames):
-        frames.insert(before, can.Message(
-            timestamp=frames[before].timestamp, arbitration_id=identifier, is_extended_id=False,
+        frames.insert(2000, can.Message(
+            timestamp=frames[2000].timestamp, arbitration_id=identifier, is_extended_id=False,
             data=data,
         ))  # fmt: skip
         return frames

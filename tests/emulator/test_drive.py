@@ -19,7 +19,7 @@ def drive():
     return made
 
 
-def read(drive, index, sub=0):
+def read(drive, index, sub):
     (answer,) = drive.receive(Frame(0x600 + NODE, struct.pack("<BHBI", 0x40, index, sub, 0)))
     assert answer.cob_id == 0x580 + NODE
     return answer.data
@@ -44,8 +44,8 @@ def enable(drive, rate=0.0):
     assert drive.state is Power.OPERATION_ENABLED
 
 
-def run(drive, seconds, step=0.001):
-    return [frame for _ in range(round(seconds / step)) for frame in drive.step(step)]
+def run(drive, seconds):
+    return [frame for _ in range(round(1000 * seconds)) for frame in drive.step(0.001)]
 
 
 @pytest.mark.parametrize(

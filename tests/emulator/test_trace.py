@@ -12,10 +12,10 @@ def rig(scenario):
     return LockstepRig(scenario())
 
 
-def turn(rig, seconds, rate=0.3):
-    """Let the host ask for a motor rate of phi."""
+def turn(rig, seconds):
+    """Let the host ask for a motor rate of phi, 0.3 rad/s."""
     for _ in range(round(seconds / rig.period)):
-        rig.servos.command(np.array([[rate, 0.0]]))
+        rig.servos.command(np.array([[0.3, 0.0]]))
         rig.servos.send()
         rig.wait()
         rig.read()

@@ -28,10 +28,10 @@ def settings(protocol, capacity=1e9, calibration=CALIBRATION):
 class FedScreen:
     """A screen fed by hand, looked at every 2 ms as a loop does."""
 
-    def __init__(self, protocol=Protocol.HID_0006, capacity=2000.0):
+    def __init__(self, protocol=Protocol.HID_0006):
         self.protocol = protocol
         self.limits = PlausibilityLimits()
-        self.stream = TouchStream(settings(protocol, capacity))
+        self.stream = TouchStream(settings(protocol, 2000.0))
         self.time = 0.0
         self.seen = []
         self.tilt = 0.0
@@ -79,8 +79,7 @@ class FedScreen:
         return self.stream.tracker.state(self.time)
 
 
-def within(name):
-    return next(condition.within for condition in CONDITIONS if condition.name == name)
+WITHIN = {condition.name: condition.within for condition in CONDITIONS}
 
 
 @pytest.fixture(params=PROTOCOLS)
@@ -122,7 +121,7 @@ def test_a_touch_that_stops_dead_is_frozen_within_the_stated_time(screen):
     place = screen.roll(20, (-0.1, 0.05), 0.12)
     begin = screen.time
     screen.roll(20, place)
-    assert screen.first("touch frozen") - begin <= 0.1 < within("touch frozen")
+    assert screen.first("touch frozen") - begin <= 0.1 < WITHIN["touch frozen"]
 
 
 def test_no_motion_on_a_tilted_plate_is_frozen_within_the_stated_time(screen):
@@ -130,7 +129,7 @@ def test_no_motion_on_a_tilted_plate_is_frozen_within_the_stated_time(screen):
     screen.tilt = math.radians(3)
     begin = screen.time
     screen.roll(40, (0.05, 0.05))
-    assert screen.first("touch frozen") - begin <= within("touch frozen")
+    assert screen.first("touch frozen") - begin <= WITHIN["touch frozen"]
 
 
 def test_the_report_rate_leaves_out_pauses_without_a_touch(screen):
@@ -147,7 +146,7 @@ def test_a_lift_off_is_a_state_and_then_a_lost_ball_within_the_stated_time(scree
     assert screen.state == TouchState.LIFTED
     screen.wait(0.2)
     assert screen.state == TouchState.LOST
-    assert screen.first("ball lost") - begin <= within("ball lost")
+    assert screen.first("ball lost") - begin <= WITHIN["ball lost"]
     assert "touch stale" not in screen.names
 
 
@@ -155,8 +154,8 @@ def test_a_missing_lift_off_is_stale_and_then_lost_within_the_stated_times(scree
     screen.roll(10, (0.0, 0.0))
     begin = screen.time
     screen.wait(0.2)
-    assert screen.first("touch stale") - begin <= within("touch stale")
-    assert screen.first("ball lost") - begin <= within("ball lost")
+    assert screen.first("touch stale") - begin <= WITHIN["touch stale"]
+    assert screen.first("ball lost") - begin <= WITHIN["ball lost"]
 
 
 def test_a_brief_dropout_is_bridged_and_told_when_over(screen):
@@ -184,8 +183,8 @@ def test_a_jump_that_stays_is_believed_and_told_within_the_stated_time(screen):
     screen.roll(10, (-0.2, 0.0))
     begin = screen.time
     screen.roll(5, (0.2, 0.1))
-    assert screen.first("position jumped and stayed") - begin <= within(
-        "position jumped and stayed"
+    assert (
+        screen.first("position jumped and stayed") - begin <= WITHIN["position jumped and stayed"]
     )
     assert screen.stream.tracker.sample.position == pytest.approx((0.2, 0.1), abs=2e-4)
 
@@ -216,7 +215,7 @@ def test_swapped_axes_are_told_once_and_refused(screen):
     x, y = CALIBRATION.screen(0.2, 0.0)
     turned = CALIBRATION.plate(y, x)
     screen.roll(60, turned)
-    assert screen.first("axes swapped") - begin <= within("axes swapped")
+    assert screen.first("axes swapped") - begin <= WITHIN["axes swapped"]
     assert screen.names.count("axes swapped") == 1
     assert screen.state == TouchState.LOST
 
@@ -232,7 +231,7 @@ def test_of_two_contacts_the_one_nearest_the_ball_is_followed(protocol, order):
         both = (-0.1 + 0.1 * number * FRAME, 0.0), (0.3, 0.1)
         screen.send(screen.packet(*both[::order]))
         screen.time += FRAME
-    assert screen.first("two contacts") - begin <= within("two contacts")
+    assert screen.first("two contacts") - begin <= WITHIN["two contacts"]
     assert screen.names == ["two contacts"]
     assert screen.stream.tracker.sample.position[0] == pytest.approx(
         -0.1 + 0.1 * 29 * FRAME, abs=2e-4
@@ -265,7 +264,7 @@ def test_a_packet_cut_short_is_told_within_the_stated_time(screen, cut):
     screen.send(screen.packet(place)[:cut])
     screen.time += FRAME
     screen.roll(10, place)
-    assert screen.first("bytes not understood") - begin <= within("bytes not understood")
+    assert screen.first("bytes not understood") - begin <= WITHIN["bytes not understood"]
     assert screen.state == TouchState.TOUCHING
 
 
@@ -286,7 +285,7 @@ def test_a_flood_is_told_within_the_stated_time_and_costs_bounded_work(screen):
     for _ in range(100):
         screen.send(noise.bytes(1000))
         screen.time += 0.005
-    assert screen.first("byte flood") - begin <= within("byte flood")
+    assert screen.first("byte flood") - begin <= WITHIN["byte flood"]
     assert screen.stream.stats.bytes <= 100 * TouchStream.MOST + 10 * 25
     assert screen.stream.heard - screen.stream.stats.bytes == 100 * (1000 - TouchStream.MOST)
 
@@ -297,7 +296,7 @@ def test_bytes_of_no_protocol_are_told_within_the_stated_time(protocol):
     for _ in range(100):
         screen.send(noise.bytes(10))
         screen.time += 0.02
-    assert screen.first("protocol not recognised") <= within("protocol not recognised")
+    assert screen.first("protocol not recognised") <= WITHIN["protocol not recognised"]
 
 
 @pytest.mark.parametrize("spoken", SERIAL)
@@ -310,7 +309,7 @@ def test_a_protocol_set_wrongly_is_told_with_the_one_that_is_spoken(set_to, spok
     if set_to is spoken:
         assert told == []
     else:
-        assert told[0][0] <= within("protocol not recognised")
+        assert told[0][0] <= WITHIN["protocol not recognised"]
         assert told[0][2] == f"the bytes are of {spoken}, not of {set_to}"
 
 
