@@ -1,22 +1,14 @@
-"""The LAWICEL protocol against software that is not ours, and lines that are not ours.
+"""The emulated LAWICEL adapter with a host that is not ours: python-can's stock slcan bus."""
 
-The emulated adapter has python-can's stock slcan bus as its host, and the host's own bus is given
-the lines that the maker's CAN232 manual (version 3) prints, and any bytes.
-"""
-
-import os
-import select
 import time
 
 import can
-import pytest
 from can.interfaces.slcan import slcanBus
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from serving import serving
 
-from twin.devices.akd.bus import PromptSlcanBus
-from twin.emulator.can_bus import BusServer, EmulatedBus, PseudoTerminal, SlcanPort
+from twin.emulator.can_bus import BusServer, EmulatedBus, SlcanPort
 from twin.emulator.drive_objects import Frame
 
 FRAMES = st.builds(
@@ -103,120 +95,3 @@ def test_python_can_opens_asks_and_closes_the_adapter():
         assert host.get_serial_number(10.0) == "EMUL"
         assert port.adapter.open
         assert port.adapter.bitrate == 1_000_000
-
-
-class Adapter:
-    """Our host's bus on a pseudo-terminal on which lines are played."""
-
-    def __init__(self):
-        self.terminal = PseudoTerminal("adapter")
-        self.terminal.plug()
-        self.bus = PromptSlcanBus(str(self.terminal.path), 1_000_000, sleep_after_open=0.0)
-        self.commands = self.said()
-
-    def play(self, lines):
-        """Every message that the bus makes of some bytes."""
-        os.write(self.terminal.handle, lines)
-        end = time.monotonic() + 10.0
-        while self.bus.serialPortOrig.in_waiting < len(lines):  # it is handed over in pieces
-            assert time.monotonic() < end, f"of {lines!r} not all arrived"
-            time.sleep(1e-4)
-        heard, message = [], self.bus.recv(0)
-        while message is not None:
-            heard.append(message)
-            message = self.bus.recv(0)
-        return heard
-
-    def said(self):
-        """All that the bus has written since the last call, up to a mark that is written now."""
-        os.write(self.bus.serialPortOrig.fileno(), b"#")
-        data = b""
-        while not data.endswith(b"#"):
-            assert select.select([self.terminal.handle], [], [], 10.0)[0], f"only {data!r}"
-            data += os.read(self.terminal.handle, 4096)
-        return data.removesuffix(b"#")
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.bus.shutdown()
-        self.terminal.close()
-
-
-def test_our_host_opens_an_adapter_with_the_commands_of_the_manual():
-    with Adapter() as adapter:
-        commands = adapter.commands.split(b"\r")
-    # Closed before it is set up, then open; more C, O and empty lines do no harm.
-    assert commands.index(b"C") < commands.index(b"S8") < commands.index(b"O")
-    assert set(commands) <= {b"C", b"S8", b"O", b""}
-
-
-def test_our_host_transmits_as_the_manual_says():
-    with Adapter() as adapter:
-        adapter.bus.send(can.Message(arbitration_id=0x100, data=b"\x11\x33", is_extended_id=False))
-        adapter.bus.send(can.Message(arbitration_id=0x20, is_extended_id=False))
-        adapter.bus.recv(0)
-        # The examples of the command t in the manual, and the question for the status flags.
-        assert adapter.said() == b"t10021133\rt0200\rF\r"
-
-
-@pytest.mark.parametrize(
-    ("line", "frame"),
-    [
-        (b"t10021133\r", Frame(0x100, b"\x11\x33")),
-        (b"t0200\r", Frame(0x20)),
-        (b"t100211334D67\r", Frame(0x100, b"\x11\x33")),
-        (b"z\r\rt10021133\r", Frame(0x100, b"\x11\x33")),
-        (b"V1013\rt0200\r", Frame(0x20)),
-        (b"NA123\rt0200\r", Frame(0x20)),
-        (b"F00\rt0200\r", Frame(0x20)),
-        (b"\at0200\r", Frame(0x20)),
-    ],
-    ids=repr,
-)
-def test_our_host_reads_the_lines_that_the_manual_prints(line, frame):
-    with Adapter() as adapter:
-        assert [as_frame(each) for each in adapter.play(line)] == [frame]
-
-
-@pytest.mark.parametrize(
-    ("flags", "identifier"),
-    # Of the manual's bits: 0 receive queue full, 1 transmit queue full, 2 error warning, 3 data
-    # overrun, 5 error passive, 6 arbitration lost, 7 bus error.
-    [
-        *((1 << bit, None) for bit in (0, 1, 2, 3, 6)),
-        (1 << 5, 0x004),
-        (1 << 7, 0x080),
-        (0xA4, 0x004),
-    ],
-)
-def test_our_host_makes_error_frames_of_the_manual_s_status_bits(flags, identifier):
-    with Adapter() as adapter:
-        heard = adapter.play(b"F%02X\r" % flags)
-        assert [each.arbitration_id for each in heard] == ([identifier] if identifier else [])
-        assert all(each.is_error_frame for each in heard)
-
-
-@given(st.lists(st.binary(max_size=40), max_size=6))
-@settings(max_examples=40)
-def test_our_host_takes_any_bytes_of_an_adapter(chunks):
-    with Adapter() as adapter:
-        for message in (each for chunk in chunks for each in adapter.play(chunk)):
-            assert len(message.data) <= 8
-            assert message.is_error_frame or 0 <= message.arbitration_id <= 0x7FF
-
-
-EXTENDED_OR_REMOTE = b"T0000010021133 r1002 r1000 R000001002"
-"""Lines of the manual."""
-NO_FRAMES = b"t1811G0 t18 t18132B x t1812ABCDEF F1 t-120 t+120 t1_20 tFFF0 t8000 t123+"
-LINES = [*EXTENDED_OR_REMOTE.split(), *NO_FRAMES.split(), b"t 120", b"t12 0", b"t1819" + b"00" * 9]
-
-
-@pytest.mark.parametrize("line", LINES)
-def test_a_line_that_is_no_data_frame_is_counted_not_believed(line):
-    with Adapter() as adapter:
-        assert [as_frame(each) for each in adapter.play(line + b"\rt18222B3C\r")] == [
-            Frame(0x182, b"\x2b\x3c")
-        ]
-        assert adapter.bus.unreadable_lines == 1

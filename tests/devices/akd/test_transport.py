@@ -1,15 +1,22 @@
 """Frames between transport and adapter, on a pseudo-terminal.
 
+The host's own bus is given the lines that the maker's CAN232 manual (version 3) prints, and any
+bytes; of the emulated adapter it knows nothing.
+
 A terminal hands over what is written in pieces, some later than the next read where the machine is
 busy: all that a program has written is known only once something written after it has come.
 """
 
 import os
 import select
+import time
 from contextlib import contextmanager
 
+import can
 import pytest
 from can.interfaces.slcan import slcanBus
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from twin.devices.akd.bus import CanTransport, PromptSlcanBus, open_bus
 from twin.devices.akd.conditions import GARBLED, DriveError
@@ -22,16 +29,23 @@ def transport_on(bus):
     return CanTransport(bus, "CAN test", reports, lambda: 0.0), reports
 
 
-@pytest.fixture
-def serial_line():
-    pytest.importorskip("pty")
-    import tty
-
+@contextmanager
+def terminal():
+    """The adapter's end of a serial line, and the computer's."""
+    tty = pytest.importorskip("tty")
     master, slave = os.openpty()
     tty.setraw(slave)
-    yield master, slave
-    os.close(master)
-    os.close(slave)
+    try:
+        yield master, slave
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+@pytest.fixture
+def serial_line():
+    with terminal() as line:
+        yield line
 
 
 END = b"#"
@@ -59,6 +73,28 @@ def slcan(kind, line):
     with kind(os.ttyname(line[1]), bitrate=1_000_000, sleep_after_open=0.0) as bus:
         assert written(line).endswith(b"O\r")
         yield bus
+
+
+def play(line, bus, lines):
+    """Every message that a bus makes of some bytes."""
+    os.write(line[0], lines)
+    end = time.monotonic() + 10.0
+    while bus.serialPortOrig.in_waiting < len(lines):
+        assert time.monotonic() < end, f"of {lines!r} not all arrived"
+        time.sleep(1e-4)
+    heard, message = [], bus.recv(0)
+    while message is not None:
+        heard.append(message)
+        message = bus.recv(0)
+    return heard
+
+
+def frames(messages):
+    """Identifiers and data of messages that are plain data frames."""
+    for each in messages:
+        odd = (each.is_extended_id, each.is_error_frame, each.is_remote_frame, each.is_fd)
+        assert not any(odd), each
+    return [(each.arbitration_id, bytes(each.data)) for each in messages]
 
 
 def test_the_prompt_bus_writes_all_frames_of_a_period_in_one_piece(serial_line, monkeypatch):
@@ -111,3 +147,80 @@ def test_frames_pass_over_the_library_s_own_slcan_bus(serial_line):
             received += [] if len(received) > 1 else transport.receive(10.0)
             assert received == [(0x181, data), (0x182, data)]
         assert written(serial_line) == b"t0800\r" * 5
+
+
+def test_our_host_opens_an_adapter_with_the_commands_of_the_manual(serial_line):
+    with open_bus(slcan_on(serial_line)):
+        commands = written(serial_line).split(b"\r")
+    # Closed before it is set up, then open; more C, O and empty lines do no harm.
+    assert commands.index(b"C") < commands.index(b"S8") < commands.index(b"O")
+    assert set(commands) <= {b"C", b"S8", b"O", b""}
+
+
+def test_our_host_transmits_as_the_manual_says(serial_line):
+    with slcan(PromptSlcanBus, serial_line) as bus:
+        bus.send(can.Message(arbitration_id=0x100, data=b"\x11\x33", is_extended_id=False))
+        bus.send(can.Message(arbitration_id=0x20, is_extended_id=False))
+        bus.recv(0)
+        # The examples of the command t in the manual, and the question for the status flags.
+        assert written(serial_line) == b"t10021133\rt0200\rF\r"
+
+
+@pytest.mark.parametrize(
+    ("line", "frame"),
+    [
+        (b"t10021133\r", (0x100, b"\x11\x33")),
+        (b"t0200\r", (0x20, b"")),
+        (b"t100211334D67\r", (0x100, b"\x11\x33")),
+        (b"z\r\rt10021133\r", (0x100, b"\x11\x33")),
+        (b"V1013\rt0200\r", (0x20, b"")),
+        (b"NA123\rt0200\r", (0x20, b"")),
+        (b"F00\rt0200\r", (0x20, b"")),
+        (b"\at0200\r", (0x20, b"")),
+    ],
+    ids=repr,
+)
+def test_our_host_reads_the_lines_that_the_manual_prints(serial_line, line, frame):
+    with slcan(PromptSlcanBus, serial_line) as bus:
+        assert frames(play(serial_line, bus, line)) == [frame]
+
+
+@pytest.mark.parametrize(
+    ("flags", "identifier"),
+    # Of the manual's bits: 0 receive queue full, 1 transmit queue full, 2 error warning, 3 data
+    # overrun, 5 error passive, 6 arbitration lost, 7 bus error.
+    [
+        *((1 << bit, None) for bit in (0, 1, 2, 3, 6)),
+        (1 << 5, 0x004),
+        (1 << 7, 0x080),
+        (0xA4, 0x004),
+    ],
+)
+def test_our_host_makes_error_frames_of_the_manual_s_status_bits(serial_line, flags, identifier):
+    with slcan(PromptSlcanBus, serial_line) as bus:
+        heard = play(serial_line, bus, b"F%02X\r" % flags)
+        assert [each.arbitration_id for each in heard] == ([identifier] if identifier else [])
+        assert all(each.is_error_frame for each in heard)
+
+
+@given(st.lists(st.binary(max_size=40), max_size=6))
+@settings(max_examples=40)
+def test_our_host_takes_any_bytes_of_an_adapter(chunks):
+    with terminal() as line, slcan(PromptSlcanBus, line) as bus:
+        for message in (each for chunk in chunks for each in play(line, bus, chunk)):
+            assert len(message.data) <= 8
+            assert message.is_error_frame or 0 <= message.arbitration_id <= 0x7FF
+
+
+EXTENDED_OR_REMOTE = b"T0000010021133 r1002 r1000 R000001002"
+"""Lines of the manual."""
+NO_FRAMES = b"t1811G0 t18 t18132B x t1812ABCDEF F1 t-120 t+120 t1_20 tFFF0 t8000 t123+"
+LINES = [*EXTENDED_OR_REMOTE.split(), *NO_FRAMES.split(), b"t 120", b"t12 0", b"t1819" + b"00" * 9]
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_a_line_that_is_no_data_frame_is_counted_not_believed(serial_line, line):
+    with slcan(PromptSlcanBus, serial_line) as bus:
+        heard = play(serial_line, bus, line + b"\rt18222B3C\r")
+        assert frames(heard) == [(0x182, b"\x2b\x3c")]
+        assert bus.unreadable_lines == 1
