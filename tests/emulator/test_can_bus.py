@@ -1,19 +1,17 @@
-"""The emulated bus: what it does to frames, and the bus itself on another python-can interface."""
+"""The emulated bus: what it does to frames, and what it makes of a computer that is late."""
 
 import subprocess
 import sys
 import time
 from types import SimpleNamespace
 
-import can
 import pytest
-from serving import serving, servos_on
+from serving import serving
 
 from twin.base.jobs import wait_until
-from twin.devices.akd.config import BusConfig
 from twin.emulator import serve
-from twin.emulator.can_bus import BusFaults, BusServer, EmulatedBus, Towards, message
-from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.can_bus import BusFaults, BusServer, EmulatedBus, SlcanPort, Towards
+from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import Frame
 from twin.emulator.serve import PauseWatch
 
@@ -21,51 +19,6 @@ from twin.emulator.serve import PauseWatch
 @pytest.fixture
 def bus():
     return EmulatedBus([EmulatedDrive(node) for node in (1, 2)])
-
-
-class VirtualPort:
-    """The emulated bus on a channel of python-can's ``virtual`` interface."""
-
-    def __init__(self, bus, channel):
-        self.bus = bus
-        self.channel = can.Bus(interface="virtual", channel=channel)
-        self.first = None
-
-    def wait(self, seconds):
-        self.first = self.first or self.channel.recv(seconds)
-
-    def pump(self, passing=None):
-        heard, self.first = self.first or self.channel.recv(0), None
-        while heard is not None:
-            data, remote = bytes(heard.data), heard.is_remote_frame
-            self.bus.from_host(Frame(heard.arbitration_id, data, remote))
-            heard = self.channel.recv(0)
-        for frame in self.bus.to_host():
-            self.channel.send(message(frame.cob_id, frame.data))
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.channel.shutdown()
-
-
-@pytest.mark.real_time
-def test_the_servos_run_on_any_interface_of_python_can_in_real_time(bus):
-    with VirtualPort(bus, "bring-up") as port, serving(BusServer(bus, port)) as server:
-        with servos_on(BusConfig(interface="virtual", channel="bring-up")) as servos:
-            servos.start()
-            servos.enable()
-            for _ in range(200):
-                servos.receive()
-                servos.send()
-                servos.settle(0.002)
-                if servos.enabled:
-                    break
-            assert servos.enabled
-        with server.lock:
-            assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
-            assert [drive.power.faults for drive in bus.drives] == [[], []]
 
 
 def frames(faults, count=100, cob_id=0x181):
@@ -107,7 +60,7 @@ def test_a_delayed_frame_comes_later_and_once(bus):
 
 @pytest.mark.real_time
 def test_an_emulator_that_starves_says_how_far_it_was_behind(bus):
-    with VirtualPort(bus, "starved") as port, serving(BusServer(bus, port)) as server:
+    with SlcanPort(bus) as port, serving(BusServer(bus, port)) as server:
         with server.lock:
             time.sleep(0.08)
         assert wait_until(lambda: server.lag.longest > 0.06, 10.0)

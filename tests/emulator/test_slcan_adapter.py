@@ -4,6 +4,7 @@ import re
 import time
 from types import SimpleNamespace
 
+import can
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,8 +17,9 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.servos import AkdServos
 from twin.emulator import can_bus
-from twin.emulator.can_bus import BusServer, EmulatedBus, SlcanAdapter, SlcanPort, nothing
+from twin.emulator.can_bus import BusServer, EmulatedBus, SlcanAdapter, SlcanPort, message, nothing
 from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.drive_objects import Frame
 
 
 def drives():
@@ -145,9 +147,42 @@ def test_the_adapter_takes_any_bytes_and_answers_every_line(data):
     assert re.fullmatch(rb"(t[0-7][0-9A-F]{2}[0-8]([0-9A-F]{2})*\r)*", adapter.heard())
 
 
+class VirtualPort:
+    """The emulated bus on a channel of python-can's ``virtual`` interface."""
+
+    def __init__(self, bus):
+        self.bus = bus
+        self.channel = can.Bus(interface="virtual", channel="emulated")
+        self.first = None
+
+    def wait(self, seconds):
+        self.first = self.first or self.channel.recv(seconds)
+
+    def pump(self, passing=None):
+        heard, self.first = self.first or self.channel.recv(0), None
+        while heard is not None:
+            data, remote = bytes(heard.data), heard.is_remote_frame
+            self.bus.from_host(Frame(heard.arbitration_id, data, remote))
+            heard = self.channel.recv(0)
+        for frame in self.bus.to_host():
+            self.channel.send(message(frame.cob_id, frame.data))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.channel.shutdown()
+
+
 @pytest.mark.real_time
-def test_the_servos_run_over_a_real_pty(bus, port):
-    with serving(BusServer(bus, port)) as server, servos_on(config(port)) as servos:
+@pytest.mark.parametrize("kind", [SlcanPort, VirtualPort])
+def test_the_servos_run_over_a_real_pty_and_on_any_interface_of_python_can(bus, kind):
+    virtual = BusConfig(interface="virtual", channel="emulated")
+    with (
+        kind(bus) as port,
+        serving(BusServer(bus, port)) as server,
+        servos_on(virtual if kind is VirtualPort else config(port)) as servos,
+    ):
         turn(servos, 1.0)
         servos.stop()
         with server.lock:
