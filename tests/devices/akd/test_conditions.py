@@ -13,6 +13,7 @@ from twin.base.data_file import packaged
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
+from twin.emulator.can_bus import Towards
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.safety.faults import OF_DRIVES
 
@@ -86,6 +87,18 @@ def test_a_command_that_is_no_number_stops_at_once(rig):
     assert [each.condition for each in seen] == [c.BAD_COMMAND]
     rig.run(0.1)
     assert all(drive.rate == 0 for drive in rig.drives)
+
+
+@pytest.mark.parametrize("status", [0x0237, 0x0267], ids=["enabled", "no state"])
+def test_a_drive_that_goes_on_in_spite_of_a_quick_stop_is_left_to_its_own_watch(rig, status):
+    rig.run(0.05, turn)
+    rig.bus.faults.overwrite(0x201, at=0, data=b"\x0f\x00", towards=Towards.DRIVES)
+    word = status.to_bytes(2, "little")
+    rig.bus.faults.overwrite(0x181, at=0, data=word, towards=Towards.HOST)
+    rig.servos.quick_stop()
+    seen = [each.condition for each in rig.run(0.5, turn)]
+    assert seen[0] == c.STOP_IGNORED  # and the host's heartbeat ends
+    assert c.EMERGENCY in seen
 
 
 def test_nothing_is_reported_while_the_position_wraps():

@@ -399,7 +399,7 @@ class Axis:
     def _judge_stop(self, at: float) -> None:
         if self.request is not self._request:
             self._request, self._requested = self.request, at
-        torque = self.state in {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP}
+        torque = self.state in _TORQUE
         ignored = torque and at - self._requested > self._limits.stop
         if self._request is AxisRequest.QUICK_STOP and ignored:
             self.stop_ignored = True
