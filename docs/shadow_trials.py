@@ -1,6 +1,6 @@
 """Makes shadow.md: what the shadow says of many simulated rigs of which the truth is known.
 
-uv run python docs/shadow_trials.py --each 60 --hours 24 --laws 6 --doc docs/shadow.md
+uv run python docs/shadow_trials.py
 
 Healthy rigs, and ones that something happens to (shadow.toml), under AFL and under every other law.
 What has been simulated is kept in runs/shadow and used again while the code stays the same.
@@ -523,9 +523,9 @@ def page(every: pd.DataFrame, command: str) -> str:
 
 
 @click.command()
-@click.option("--each", type=click.IntRange(min=2), default=60, help="Rigs of each kind.")
-@click.option("--hours", type=click.FloatRange(min=0.1), default=24.0, help="Of healthy running.")
-@click.option("--laws", type=click.IntRange(min=0), default=6, help="Rigs of a kind for each law.")
+@click.option("--each", type=click.IntRange(min=2), default=72, help="Rigs of each kind.")
+@click.option("--hours", type=click.FloatRange(min=0.1), default=4.0, help="Of healthy running.")
+@click.option("--laws", type=click.IntRange(min=0), default=2, help="Rigs of a kind for each law.")
 @click.option("--doc", type=click.Path(path_type=Path), default=HERE / "shadow.md")
 @PROCESSES
 def main(each: int, hours: float, laws: int, doc: Path, processes: int | None) -> None:
