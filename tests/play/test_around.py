@@ -3,6 +3,7 @@
 import asyncio
 import sys
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -11,7 +12,7 @@ from twin.cli.rig import play
 from twin.play import serve
 from twin.play.page import PLANT, complete, gains, moved, shown_by
 from twin.play.serve import Audience, guarded, is_loopback
-from twin.play.session import AHEAD, BEHIND, Pace
+from twin.play.session import AHEAD, BEHIND, COLUMNS, Errors, Pace
 from twin.scenario.load import load
 
 HERE = {"host": "127.0.0.1:8090"}
@@ -151,6 +152,21 @@ def test_gains_by_default_can_be_moved_too():
     assert [shown_by(tables, each) for each in found] == [-2, -2.5, -3.5, -4]
     assert (found[0].low, found[0].high) == (-8, -0.5)
     assert moved(tables, found[3], -5.0) == {"controller.poles": [-2, -2.5, -3.5, -5]}
+
+
+def test_the_error_so_far_is_that_of_all_pictures_and_forgets_what_was_undone():
+    def row(time, error, clean):
+        now = {**dict.fromkeys(COLUMNS, 0.0), "time": time, "error": error, "ghost_error": clean}
+        return [now[name] for name in COLUMNS]
+
+    errors = Errors()
+    assert errors.rms == (0.0, 0.0)
+    errors.add([row(0.0, 0.03, 0.0), row(0.02, 0.04, 0.01)])
+    assert errors.rms == pytest.approx((np.sqrt(0.0025 / 2), np.sqrt(0.0001 / 2)))
+    errors.add([row(0.04, 9.0, np.nan)])
+    assert np.isnan(errors.rms[1])
+    errors.add([row(0.02, 0.04, 0.01)])  # somebody went back
+    assert errors.rms == pytest.approx((np.sqrt(0.0025 / 2), np.sqrt(0.0001 / 2)))
 
 
 def test_gains_are_called_by_their_key_and_told_what_they_are():

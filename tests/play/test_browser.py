@@ -222,7 +222,7 @@ def test_all_is_reached_on_a_narrow_window(browser, tmp_path, width):
     with playing("circle", "--out", str(tmp_path / "run")) as played:
         page = browser(tmp_path / "one", played.url)
         page.set_viewport_size({"width": width, "height": 900})
-        expect(page.get_by_test_id("error")).to_contain_text("clean", timeout=1000 * PATIENCE)
+        expect(page.get_by_test_id("error")).to_contain_text("RMS so far", timeout=1000 * PATIENCE)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         plate = page.locator("svg[data-time]").bounding_box()
         assert plate["width"] > 0.8 * min(width, 450)

@@ -321,14 +321,14 @@ class Page:
                 bar, _ = self._slider(gain, MOVED)
                 bar.set_enabled(bool(self._drives))
 
-    def show(self, rows: list[list[float]]) -> None:
-        """Show pictures, oldest first."""
+    def show(self, rows: list[list[float]], rms: tuple[float, float]) -> None:
+        """Show pictures, oldest first, and the errors of rig and clean model so far, m."""
         self.plate.show(rows)
         self.sides.show(rows[-1:])
         self.strips.show(rows)
         now = dict(zip(COLUMNS, rows[-1], strict=True))
-        rig, clean = (f"{1000 * now[name]:.0f} mm" for name in ("error", "ghost_error"))
-        self._error.text = f"error {rig} (clean {clean})"
+        rig, clean = (f"{1000 * each:.3g} mm" for each in rms)
+        self._error.text = f"error {1000 * now['error']:.0f} mm, RMS so far {rig} (clean {clean})"
         self._clock.text = f"{now['time']:.1f} s, {now['factor']:.2f} × real time"
 
     def say(self, status: Status, *, drives: bool) -> None:

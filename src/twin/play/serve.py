@@ -22,7 +22,7 @@ from controllers.arrays import Array
 from twin.base.errors import TwinError, extra
 from twin.base.jobs import SecondProcess, let_go, settle, spawned
 from twin.play.driven import Part, save_driven
-from twin.play.session import COLUMNS, End, Event, Pause, Save, Session, Status, Told
+from twin.play.session import COLUMNS, End, Errors, Event, Pause, Save, Session, Status, Told
 from twin.run.files import free
 from twin.scenario.schema import Scenario
 from twin.view.live_process import SharedRingBuffer
@@ -333,7 +333,7 @@ class Server:
         self.failure: str | None = None
         self.kept, self.lost = "", False
         self._pages: dict[str, Any] = {}
-        self._audience = Audience(monotonic)
+        self._audience, self._errors = Audience(monotonic), Errors()
         try:
             self._simulation = Simulation(scenario)
         except BaseException:
@@ -437,10 +437,11 @@ class Server:
 
     def _hand_on(self) -> None:
         rows = self._simulation.pictures().tolist()
+        self._errors.add(rows)
         for status in self._simulation.news():
             self._status = status
         for who, page in list(self._pages.items()):
             with page.plate.client:
                 page.say(self._status, drives=who == self._audience.driver)
                 if rows:
-                    page.show(rows)
+                    page.show(rows, self._errors.rms)

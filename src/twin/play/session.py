@@ -130,6 +130,30 @@ COLUMNS = tuple(PAGE["columns"])
 since the picture before; ``factor`` is the simulated seconds a second of the clock."""
 
 
+class Errors:
+    """Root mean square distances of rig and clean model from where the ball shall be, so far."""
+
+    def __init__(self) -> None:
+        self._sums = [(-math.inf, 0.0, 0.0)]
+
+    def add(self, rows: Sequence[Sequence[float]]) -> None:
+        """Take pictures in, oldest first; one before the last one forgets what followed it."""
+        for row in rows:
+            now = dict(zip(COLUMNS, row, strict=True))
+            while self._sums[-1][0] >= now["time"]:
+                self._sums.pop()
+            _, rig, clean = self._sums[-1]
+            self._sums.append(
+                (now["time"], rig + now["error"] ** 2, clean + now["ghost_error"] ** 2)
+            )
+
+    @property
+    def rms(self) -> tuple[float, float]:
+        """Of rig and clean model in m; NaN of a ball that has left the plate."""
+        (_, rig, clean), count = self._sums[-1], max(1, len(self._sums) - 1)
+        return math.sqrt(rig / count), math.sqrt(clean / count)
+
+
 class Status(NamedTuple):
     """What the page says in words; sent when it changes.
 
