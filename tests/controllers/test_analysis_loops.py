@@ -160,11 +160,6 @@ def test_the_linear_loop_moves_like_the_real_objects(law, make, delay):
         s = loop.A @ s
 
 
-def test_gains_too_high_for_the_period_are_told_with_their_poles():
-    assert "unstable" in instability(PolePlacement(poles=(-300, -310, -320, -330)), Ideal())
-    assert instability(PolePlacement(), Ideal()) is None
-
-
 def test_a_sliding_mode_has_no_linearisation():
     with pytest.raises(ValueError, match="sliding_mode"):
         sampled_loop(SlidingMode(), Luenberger())

@@ -1,6 +1,5 @@
 """The laws of the thesis, each against its own equations."""
 
-import math
 from functools import cache
 
 import casadi as ca
@@ -9,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_lyapunov
 
 from controllers.analysis import linear_law
@@ -26,25 +24,17 @@ from controllers.classical import (
 )
 from controllers.references import Circle, Hold, Lissajous, Sine
 
-A, B, _ = BallPlate().linear()
-
-
+MODEL = BallPlate()
+A, B, _ = MODEL.linear()
 NOTHING = np.zeros(0)
 
-
 real = st.floats(-8.0, -0.3)
-
-
 pair = st.builds(lambda re, im: (complex(re, im), complex(re, -im)), real, st.floats(0.1, 5.0))
-
-
 four_poles = st.one_of(
     st.tuples(real, real, real, real),
     st.builds(lambda p, a, b: (*p, a, b), pair, real, real),
     st.builds(lambda p, q: (*p, *q), pair, pair),
 )
-
-
 weight = st.floats(0.1, 1000.0)
 
 
@@ -110,9 +100,6 @@ def test_the_reference_state_is_the_one_asked_for(kind):
     np.testing.assert_allclose(law.control(t, x, path, NOTHING), -law.K @ (x - desired))
 
 
-MODEL = BallPlate()
-
-
 FAST = Lissajous(amplitude=(0.2, 0.12), omega=(3.0, 2.0), start=2.0)
 
 
@@ -146,11 +133,7 @@ def test_a_reference_beyond_gravity_still_gives_a_finite_input():
 
 
 PATH = Sine(amplitude=(0.1, 0.15), omega=(1.1, 0.7), wave=("sin", "cos"))
-
-
 states = arrays(float, 8, elements=st.floats(-0.8, 0.8))
-
-
 times = st.floats(0, 20)
 
 
@@ -281,26 +264,9 @@ def psi(s, ds, d2s, d3s, betas, epsilon):
 @given(x=states, t=times, betas=st.tuples(*[st.floats(0.1, 5)] * 3), epsilon=st.floats(0.01, 1))
 def test_the_input_is_the_nested_sigmoid_with_opposite_signs_for_x_and_y(x, t, betas, epsilon):
     u = SlidingMode(alpha=1.5, betas=betas, epsilon=epsilon).control(t, x, PATH, NOTHING)
-    k = MODEL.k1
-    z1 = (x[0], x[1], k * math.sin(x[2]), k * math.cos(x[2]) * x[3])
-    z2 = (x[4], x[5], -k * math.sin(x[6]), -k * math.cos(x[6]) * x[7])
-    s1, s2 = z1 - PATH(t)[:4, 0], z2 - PATH(t)[:4, 1]
+    s1, s2 = (flat_outputs(x) - PATH(t)[:4]).T
     expected = -1.5 * psi(*s1, betas, epsilon), 1.5 * psi(*s2, betas, epsilon)
     np.testing.assert_allclose(u, expected, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("start", [(0.1, 0.0), (0.0, 0.1)], ids=["x", "y"])
-def test_each_axis_of_the_flat_model_comes_to_its_point(start):
-    law, goal = SlidingMode(), Hold()
-
-    def rate(t, x):
-        return MODEL.flat(x, law.control(t, x, goal, NOTHING))
-
-    x0 = np.zeros(8)
-    x0[[0, 4]] = start
-    x = solve_ivp(rate, (0, 25), x0, t_eval=np.linspace(15, 25, 101), rtol=1e-6, atol=1e-9).y
-    # The sigmoid leaves no finite time to zero, but a neighbourhood well inside a tenth.
-    assert np.abs(x[[0, 4]]).max() < 0.01
 
 
 GAINS = {"kp": 5.0, "ki": 2.0, "kd": 3.0, "filter": 0.05, "plate": (90.0, 18.0)}
@@ -311,10 +277,9 @@ def test_from_position_to_effort_it_is_a_pid_with_a_filtered_derivative(s):
     A, B, C, D, _ = linear_law(Pid(**GAINS))
     transfer = C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
     pid = 5.0 + 2.0 / s + 3.0 * s / (1 + 0.05 * s)
-    k1 = BallPlate().k1
     expected = np.zeros((2, 8), complex)
-    expected[0, [0, 2, 3]] = -90.0 * pid / k1, -90.0, -18.0
-    expected[1, [4, 6, 7]] = 90.0 * pid / k1, -90.0, -18.0
+    expected[0, [0, 2, 3]] = -90.0 * pid / MODEL.k1, -90.0, -18.0
+    expected[1, [4, 6, 7]] = 90.0 * pid / MODEL.k1, -90.0, -18.0
     np.testing.assert_allclose(transfer, expected, rtol=1e-5, atol=1e-5)
 
 

@@ -17,31 +17,18 @@ from controllers.observers import (
 )
 from controllers.observers.late_ball import LateBall
 
-EVERY = pytest.mark.parametrize(
-    "make",
-    [
-        Luenberger,
-        Kalman,
-        ExtendedKalman,
-        NonlinearLuenberger,
-        lambda: NonlinearLuenberger(plate_observer=True),
-        lambda: Smith(observer=Luenberger(), delay=0.042),
-        lambda: DisturbanceObserver(delay=0.005),
-        lambda: FrictionKalman(delay=0.005),
-        lambda: FrictionMapKalman(delay=0.005, map_pitch=0.1, map_length=0.08),
-    ],
-    ids=[
-        "luenberger",
-        "kalman",
-        "ekf",
-        "nonlinear",
-        "nonlinear with plate observer",
-        "smith",
-        "disturbance_observer",
-        "friction_kalman",
-        "friction_map_kalman",
-    ],
-)
+OBSERVERS = {
+    "luenberger": Luenberger,
+    "kalman": Kalman,
+    "ekf": ExtendedKalman,
+    "nonlinear": NonlinearLuenberger,
+    "nonlinear with plate observer": lambda: NonlinearLuenberger(plate_observer=True),
+    "smith": lambda: Smith(observer=Luenberger(), delay=0.042),
+    "disturbance_observer": lambda: DisturbanceObserver(delay=0.005),
+    "friction_kalman": lambda: FrictionKalman(delay=0.005),
+    "friction_map_kalman": lambda: FrictionMapKalman(delay=0.005, map_pitch=0.1, map_length=0.08),
+}
+EVERY = pytest.mark.parametrize("make", OBSERVERS.values(), ids=OBSERVERS)
 
 
 @EVERY

@@ -86,12 +86,6 @@ def test_position_waiting_for_the_next_frame_is_taken_for_as_old_as_it_is(rigs):
     assert follow(observer, plant, 0.042, 300, age).max() < 1e-12
 
 
-def test_without_the_predictor_the_dead_time_is_an_error():
-    observer, plant = Luenberger(), Plant(Luenberger(), start())
-    observer.start(plant.x)
-    assert follow(observer, plant, 0.042, 150).max() > 1e-2
-
-
 @pytest.mark.parametrize("kind", [Luenberger, Kalman])
 def test_no_dead_time_leaves_the_observer_as_it_is(kind):
     rng = np.random.default_rng(1)
