@@ -70,6 +70,13 @@ def test_the_planned_slope_makes_the_ball_follow_the_path_itself():
 
 
 LAG = 0.06
+X = np.array([[0.01, 0.02, 0.003, 0.04, -0.02, 0.0, 0.01, 0.05]])
+
+
+def commanded(law, path, t, x=X, **known):
+    """What a law asks for at a time, its plan laid anew from level rest."""
+    plan = law.start(0 * x, path, T)
+    return law.command(feedback(t, x, path, plan, **known))
 
 
 def follows(law, lag, path, seconds=4.0, found=0.0):
@@ -86,8 +93,8 @@ def follows(law, lag, path, seconds=4.0, found=0.0):
     for tick in range(round(seconds / T)):
         x = np.zeros((1, 8))
         x[0, :4] = eta - MODEL.c2 * a, speed - MODEL.c2 * r, a, r if law.model.lag or found else w
-        now = feedback(tick * T, x, path, plan, known=(0.0, 0.0, 0.0, 0.0, 0.0, found))
-        u = law.command(now._replace(rate=np.array([[w, 0.0]])))[0, 0]
+        now = feedback(tick * T, x, path, plan, (0.0, 0.0, 0.0, 0.0, 0.0, found), rate=(w, 0.0))
+        u = law.command(now)[0, 0]
         for _ in range(10):
             eta, speed = eta + T / 10 * speed, speed + T / 10 * MODEL.k1 * a
             a, r, w = a + T / 10 * r, r + T / 10 * (w - r) / lag, w + T / 10 * u
@@ -111,44 +118,36 @@ def test_a_lag_that_is_found_counts_as_one_that_is_told_while_the_ball_moves(lag
     off = follows(law, lag, path, found=lag)
     assert off == pytest.approx(follows(told, lag, path), abs=2e-6)
     assert off < 0.3 * follows(law, lag, path)
-    np.testing.assert_array_equal(law._gains_for(lag, 0.0), [*law.K, 0.0])  # at rest
 
 
 def test_where_the_ball_is_to_rest_a_lag_that_is_found_is_left_out():
-    law, x = StableInversion(), np.array([[0.01, 0.02, 0.003, 0.04, -0.02, 0.0, 0.01, 0.05]])
-
-    def of(path):
-        known = [(0.05, 0.01, 0.0, 0.0, 0.0, lag) for lag in (0.0, 0.02)]
-        plans = [law.start(np.zeros((1, 8)), path, T) for _ in known]
-        return [
-            law.command(feedback(3.0, x, path, plan, known=each))
-            for plan, each in zip(plans, known, strict=True)
-        ]
-
-    without, found = of(Hold())
-    np.testing.assert_array_equal(without, found)
-    without, found = of(Circle())
-    assert (np.abs(without - found) > 0.01).all()
+    for path, counts in ((Hold(), False), (Circle(), True)):
+        without, found = (
+            commanded(StableInversion(), path, 3.0, known=(0.05, 0.01, 0.0, 0.0, 0.0, lag))
+            for lag in (0.0, 0.02)
+        )
+        if counts:
+            assert (np.abs(without - found) > 0.01).all()
+        else:
+            np.testing.assert_array_equal(without, found)
 
 
 @pytest.mark.parametrize(
     "path", [Circle(amplitude=0.15, omega=2.0), Sine(amplitude=(0.15, 0.0), omega=1.0)]
 )
 def test_a_plate_that_turns_faster_than_told_counts_as_told_so_while_the_ball_goes_on(path):
-    x = np.array([[0.01, 0.02, 0.003, 0.04, -0.02, 0.0, 0.01, 0.05]])
-    rate, bias = np.array([[0.05, -0.03]]), np.array([[0.01, 0.02]])
-
-    def of(counts, rate, bias):
-        law = StableInversion(rate_bias=counts, Q_slow=(3e5, 3e4, 1e4, 300.0))
-        plan = law.start(np.zeros((1, 8)), path, T)
-        known = (0.05, 0.01, 0.0, 0.0, 0.0, 0.02)
-        now = feedback(2 * math.pi, x, path, plan, known=known, bias=bias[0])
-        return law.command(now._replace(rate=rate))
-
-    plain, faster = (of(False, each, bias) for each in (rate, rate + bias))
+    rate, bias = np.array([0.05, -0.03]), np.array([0.01, 0.02])
+    known = (0.05, 0.01, 0.0, 0.0, 0.0, 0.02)
+    plain, faster, told = (
+        commanded(
+            StableInversion(rate_bias=counts, Q_slow=(3e5, 3e4, 1e4, 300.0)),
+            path, 2 * math.pi, known=known, bias=bias, rate=each,
+        )
+        for counts, each in ((False, rate), (False, rate + bias), (True, rate))
+    )  # fmt: skip
     goes_on = isinstance(path, Circle)  # a line turns back within the preview
     assert (np.abs(faster - plain) > 0.1).all()
-    np.testing.assert_allclose(of(True, rate, bias), faster if goes_on else plain, rtol=1e-2)
+    np.testing.assert_allclose(told, faster if goes_on else plain, rtol=1e-2)
 
 
 @pytest.mark.parametrize(("told", "found"), [(0.0, 0.0), (0.0, 0.02), (LAG, 0.0)])
@@ -160,12 +159,7 @@ def test_a_ball_that_goes_on_has_the_weights_of_the_law_and_any_other_those_of_a
         StableInversion(model=BallPlate(lag=told), Q=Q, Q_slow=more)
         for Q, more in ((soft, stiff), (soft, None), (stiff, None))
     )
-    x, known = np.array([[0.01, 0.02, 0.003, 0.04, -0.02, 0.0, 0.01, 0.05]]), (0.0,) * 5
-
-    def of(law, path, t):
-        plan = law.start(np.zeros((1, 8)), path, T)
-        return law.command(feedback(t, x, path, plan, known=(*known, found)))
-
+    known = (0.0, 0.0, 0.0, 0.0, 0.0, found)
     line, middle = Sine(amplitude=(0.15, 0.0), omega=1.0), 2 * math.pi
     begin, horizon = 6.25, 1.4 - 0.008  # of the slice there, and of a preview that begins early
     left = (0.15 * math.cos(begin + horizon) / 0.05) ** 4  # of 3 times the speed they change about
@@ -177,11 +171,14 @@ def test_a_ball_that_goes_on_has_the_weights_of_the_law_and_any_other_those_of_a
         (line, middle, left / (1 + left)),
         (go_on, middle, 81 / 82),
     ):
-        stiffly, softly = of(slow, path, t), of(fast, path, t)
+        stiffly, softly, mixed = (
+            commanded(law, path, t, known=known) for law in (slow, fast, both)
+        )
         expected = stiffly + share * (softly - stiffly)
         assert (np.abs(stiffly - softly) > 0.05).all()
-        np.testing.assert_allclose(of(both, path, t), expected, atol=1e-3)
-    np.testing.assert_allclose(of(both, quick, 3.0), of(fast, quick, 3.0), rtol=0.01)
+        np.testing.assert_allclose(mixed, expected, atol=1e-3)
+    softly, mixed = (commanded(law, quick, 3.0, known=known) for law in (fast, both))
+    np.testing.assert_allclose(mixed, softly, rtol=0.01)
 
 
 def test_a_lag_is_each_rigs_own():
@@ -193,8 +190,7 @@ def test_a_lag_is_each_rigs_own():
     rows = [feedback(3.0, x[:1], path, plan, known=(*known, lag)).needed[0] for lag in lags]
     beside = law.command(feedback(3.0, x, path, plan)._replace(needed=np.array(rows)))
     for lag, row in zip(lags, beside, strict=True):
-        plan = law.start(np.zeros((1, 8)), path, T)
-        alone = law.command(feedback(3.0, x[:1], path, plan, known=(*known, lag)))
+        alone = commanded(law, path, 3.0, x[:1], known=(*known, lag))
         np.testing.assert_array_equal(alone[0], row)
     assert len(np.unique(beside, axis=0)) == 3
 
@@ -247,12 +243,12 @@ def test_the_future_beyond_the_preview_has_no_influence(preview, slope):
     assert parting - preview - further - 1e-9 <= first <= parting + 2 * T
 
 
-def feedback(t, x, path, plan, known=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0), bias=(0.0, 0.0)):
-    """With what is known of friction, disturbance, tilt gain and lag."""
-    still = np.zeros((len(x), 2))
+def feedback(t, x, path, plan, known=(0.05, 0, 0, 0, 0, 0), bias=(0.0, 0.0), rate=(0.0, 0.0)):
+    """With what is known of friction, disturbance, tilt gain and lag, at a commanded rate."""
+    still, rate = np.zeros((len(x), 2)), np.tile(rate, (len(x), 1))
     F, *disturbance_and_gain, lag = known
     needed = np.tile((F, lag, *disturbance_and_gain, *bias), (len(x), 1))
-    return Feedback(t, x, x, needed, still, still, path, np.zeros((len(x), 0)), plan)
+    return Feedback(t, x, x, needed, rate, still, path, np.zeros((len(x), 0)), plan)
 
 
 def test_a_ball_at_rest_has_friction_fed_forward_along_its_own_heading():
