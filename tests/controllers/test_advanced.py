@@ -1,12 +1,13 @@
 """Laws beyond the thesis, each against its own equations."""
 
 import math
+import sys
 
 import daqp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import solve_continuous_are, solve_discrete_are
 from scipy.optimize import minimize
 
 from controllers.advanced import (
@@ -27,6 +28,12 @@ from controllers.references import Circle, Hold, Sine
 from controllers.stable_inversion import MotionPlan, StableInversion
 
 MODEL = BallPlate()
+
+
+def told(t, x, path, plan):
+    """All that a law may act on of an observer that knows the state and no more."""
+    none, still = np.zeros((len(x), 0)), np.zeros((len(x), 2))
+    return Feedback(t, x, x, none, still, still, path, none, plan)
 
 
 def closed(law):
@@ -86,14 +93,8 @@ def test_all_that_is_wrong_dies_out_as_fast_as_is_asked(frequencies):
 
 
 TICK = 0.004
-
-
 OMEGA = 2.0
-
-
 LAP = round(2 * math.pi / OMEGA / TICK)
-
-
 PATH = Sine(amplitude=(0.1, 0.12), omega=OMEGA, wave=("sin", "cos"))
 
 
@@ -106,12 +107,11 @@ def laps(law, path, count):
     r = path(0.0)
     x = np.zeros((1, 8))
     x[0, 0::4], x[0, 1::4] = r[0], r[1]
-    plan, none = law.start(x, path, TICK), np.zeros((1, 0))
-    still, errors = np.zeros((1, 2)), []
+    plan, errors = law.start(x, path, TICK), []
     for tick in range(count * LAP):
         t = tick * TICK
         errors.append(x[0, 0::4] - path(t)[0])
-        u = law.command(Feedback(t, x, x, none, still, still, path, none, plan))
+        u = law.command(told(t, x, path, plan))
         turn = OMEGA * t
         force = 0.1 * np.array([[np.cos(turn) + 0.5 * np.sin(3 * turn), np.sin(2 * turn)]])
         x = x @ Ad.T + np.hstack((u, force)) @ Bd.T
@@ -154,13 +154,7 @@ T = 0.002
 
 def commands(law, path, x, ticks):
     plan = law.start(0 * x, path, T)
-    none, still = np.zeros((len(x), 0)), np.zeros((len(x), 2))
-    return np.array(
-        [
-            law.command(Feedback(k * T, x, x, none, still, still, path, none, plan))
-            for k in range(ticks)
-        ]
-    )
+    return np.array([law.command(told(k * T, x, path, plan)) for k in range(ticks)])
 
 
 @pytest.mark.parametrize("horizon", [0.1, 0.8])
@@ -258,19 +252,16 @@ def test_on_its_path_it_asks_for_the_motion_of_ball_and_plate():
     law, path = Predictive(), Circle(amplitude=0.1, omega=1.5)
     plan = law.start(np.zeros((1, 8)), path, T)
     fresh = MotionPlan(law, np.zeros((1, 8)), path, T)
-    none, still = np.zeros((1, 0)), np.zeros((1, 2))
     for tick in range(1500):
         wanted = fresh.at(tick * T)
         x = np.zeros((1, 8))
         x[:, 0::4], x[:, 1::4] = wanted.position, wanted.velocity
         x[:, 2::4], x[:, 3::4] = SIGN * wanted.slope.angle, SIGN * wanted.slope.rate
-        u = law.command(Feedback(tick * T, x, x, none, still, still, path, none, plan))
+        u = law.command(told(tick * T, x, path, plan))
         np.testing.assert_allclose(u, SIGN * wanted.slope.acceleration, atol=2e-3)
 
 
 def test_without_the_library_it_is_refused_in_one_line(monkeypatch):
-    import sys
-
     monkeypatch.setitem(sys.modules, "daqp", None)
     with pytest.raises(ValueError, match=r"pip install 'ballplate\[mpc\]'"):
         Predictive()
@@ -307,8 +298,6 @@ def test_the_gains_along_a_fast_path_are_those_of_the_differential_riccati_equat
         P = p.reshape(8, 8)
         return (A.T @ P + P @ A - P @ B @ B.T @ P + Q).ravel()
 
-    from scipy.linalg import solve_continuous_are
-
     begin = solve_continuous_are(A0, B0, Q, np.eye(2)).ravel()
     times = end - (first + np.arange(0, SLICE, 8)) * KNOT
     P = solve_ivp(rate, (0, times[0]), begin, t_eval=times[::-1], rtol=1e-8, atol=1e-8).y.T[::-1]
@@ -321,15 +310,8 @@ def test_the_gains_along_a_fast_path_are_those_of_the_differential_riccati_equat
 def test_rigs_with_paths_of_their_own_get_what_each_gets_alone():
     law = TimeVaryingLQR()
     paths = Circle(amplitude=0.15, omega=3.0), Hold(x=0.1)
-
-    class Both:
-        def __call__(self, t):
-            return np.stack([path(t) for path in paths], axis=-2)
-
-    rng = np.random.default_rng(1)
-    x = rng.normal(size=(2, 8)) * 0.05
-
-    together = commands(law, Both(), x, 300)
+    x = np.random.default_rng(1).normal(size=(2, 8)) * 0.05
+    together = commands(law, lambda t: np.stack([path(t) for path in paths], axis=-2), x, 300)
     for rig, path in enumerate(paths):
         alone = commands(law, path, x[rig : rig + 1], 300)
         np.testing.assert_allclose(together[:, rig], alone[:, 0], rtol=1e-9, atol=1e-9)

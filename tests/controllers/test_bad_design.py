@@ -16,7 +16,6 @@ from controllers.observers import FrictionKalman, Ideal, Luenberger, NonlinearLu
 from controllers.references import Circle, Lissajous, Path, Setpoints, Sine
 from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError
-from twin.cli import main
 from twin.run.assemble import build_controller
 from twin.run.finished import run
 from twin.run.metrics import Ending
@@ -59,11 +58,7 @@ REFUSED = [
     (NonlinearLuenberger, {"poles": (-8, -10, -14)}, "poles must be 4 or 8 numbers, got 3"),
     (NonlinearLuenberger, {"plate_poles": (-8, -10, -14)}, "poles must be 2 numbers, got 3"),
     (NonlinearLuenberger, {"plate_poles": (-8, 10)}, "poles must have a negative real part"),
-    (
-        Smith,
-        {"observer": FrictionKalman()},
-        ".* makes up for the dead time itself",
-    ),
+    (Smith, {"observer": FrictionKalman()}, ".* makes up for the dead time itself"),
     (Sine, {"omega": 0}, "omega must "),
     (Sine, {"wave": ("sin", "tan")}, "wave must "),
     (Circle, {"omega": 0}, "omega must "),
@@ -103,14 +98,9 @@ def test_in_a_scenario_they_are_one_clear_line_too(scenario, overrides, words):
     assert "\n" not in str(caught.value)
 
 
-def test_gains_too_fast_for_the_period_are_warned_about_with_their_poles(
-    capsys, tmp_path, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
+def test_gains_too_fast_for_the_period_are_warned_about_with_their_poles(ballplate):
     law = ("--set", "controller.kind=afl", "--set", "controller.poles=[-30,-31,-32,-33]")
-    with pytest.raises(SystemExit):
-        main(["run", "hold", "--plant", "lagrange", "--set", "duration=0.1", *law])
-    err = capsys.readouterr().err
+    _, _, err = ballplate("run", "hold", "--plant", "lagrange", "--set", "duration=0.1", *law)
     assert "warning: the sampled loop is unstable" in err
     assert "poles" in err
 

@@ -6,10 +6,11 @@ from typing import ClassVar
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from observing import measured
 
 from controllers.classical import AFL
 from controllers.controller import Controller, Smith
-from controllers.interfaces import Law, Measurement
+from controllers.interfaces import Law
 from controllers.observers import FrictionKalman, Luenberger, late_ball
 from controllers.references import Circle, Hold
 from controllers.stable_inversion import StableInversion
@@ -24,9 +25,8 @@ T = 0.002
 CURE = ("observer.kind=friction_kalman", "controller.kind=stable_inversion")
 
 
-def seen(tick, rigs=1, x=0.0):
-    y = np.tile([x, 0.0, 0.0, 0.0], (rigs, 1))
-    return Measurement(tick * T, y, np.zeros(rigs), np.ones(rigs, bool))
+def seen(tick, x=0.0):
+    return measured(np.array([[x, 0.0, 0.0, 0.0]]))._replace(time=tick * T)
 
 
 @dataclass(frozen=True, kw_only=True)

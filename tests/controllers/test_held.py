@@ -5,11 +5,12 @@ from dataclasses import dataclass, field
 import control
 import numpy as np
 import pytest
+from observing import measured
 
 from controllers.analysis import loop_row
 from controllers.ballplate import BallPlate
 from controllers.controller import Controller, HeldLaw, PerRigLaw, PerRigReference
-from controllers.interfaces import Law, Measurement, Observer, Quantity
+from controllers.interfaces import Law, Observer, Quantity
 from controllers.observers import Ideal
 from controllers.references import Hold
 
@@ -48,16 +49,24 @@ def designed(period):
     return sampled.A - sampled.B @ K, np.asarray(K)
 
 
+def seen(tick, x):
+    return measured(x[:, 0::2])._replace(time=tick * T, state=x)
+
+
+def controlled(law, x, observer=Told):
+    """A controller that has started at states x, one a rig."""
+    controller = Controller(law, observer(), PerRigReference([Hold()] * len(x), T), T)
+    controller.start(seen(0, x))
+    return controller
+
+
 def driven(law, rigs, ticks):
-    """States of a linear plant at every tick."""
+    """States of a linear plant and its inputs at every tick."""
     step = control.c2d(PLANT, T, "zoh")
-    controller = Controller(law, Told(), PerRigReference([Hold()] * rigs, T), T)
     x, path, inputs = np.tile(FIRST, (rigs, 1)), [], []
+    controller = controlled(law, x)
     for tick in range(ticks):
-        now = Measurement(tick * T, x[:, 0::2], np.zeros(rigs), np.ones(rigs, bool), x)
-        if not tick:
-            controller.start(now)
-        u = controller.applied(controller.command(now).rate)
+        u = controller.applied(controller.command(seen(tick, x)).rate)
         path.append(x)
         inputs.append(u)
         x = x @ step.A.T + u @ step.B.T
@@ -101,12 +110,9 @@ def test_laws_side_by_side_are_each_given_what_they_need():
     law = PerRigLaw(
         [Needing(needs=("c", "a")), Needing(needs=("b", "c")), Needing(needs=("a", "b"))]
     )
-    controller = Controller(law, Knowing(), PerRigReference([Hold()] * 3, T), T)
     x = np.zeros((3, 8))
     x[:, 0] = 10, 20, 30
-    now = Measurement(0.0, x[:, 0::2], np.zeros(3), np.ones(3, bool), x)
-    controller.start(now)
-    u = controller.command(now).rate / T
+    u = controlled(law, x, Knowing).command(seen(0, x)).rate / T
     np.testing.assert_allclose(u, [[13, 11], [22, 23], [31, 32]])
 
 
@@ -176,14 +182,11 @@ def test_rigs_side_by_side_have_each_their_laws_period_and_computing_time():
 
 
 def test_the_controller_tells_computing_time_and_lateness_of_each_period():
-    law = PerRigLaw([HeldLaw(Gain(K=designed(T)[1]), 1, 0.005), Gain(K=designed(T)[1])])
-    controller = Controller(law, Told(), PerRigReference([Hold()] * 2, T), T)
+    gain = Gain(K=designed(T)[1])
     told, x = [], np.tile(FIRST, (2, 1))
+    controller = controlled(PerRigLaw([HeldLaw(gain, 1, 0.005), gain]), x)
     for tick in range(8):
-        now = Measurement(tick * T, x[:, 0::2], np.zeros(2), np.ones(2, bool), x)
-        if not tick:
-            controller.start(now)
-        told.append(controller.command(now).computing)
+        told.append(controller.command(seen(tick, x)).computing)
         controller.applied(np.zeros((2, 2)))
     took, late = np.moveaxis(np.array(told), -1, 0)
     np.testing.assert_array_equal(took[:, 0], [0.005, *[np.nan] * 2] * 2 + [0.005, np.nan])

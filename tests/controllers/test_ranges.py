@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 import pytest
@@ -71,24 +72,19 @@ def test_a_value_outside_its_range_is_refused_by_class_and_scenario(kind):
     assert bool(tried) == (kind not in POLES_ALONE)
 
 
-@pytest.mark.parametrize("period", [0, -0.002, math.inf, math.nan])
-def test_a_period_is_a_positive_number(period):
-    for cls in choices("observer").values():
-        with pytest.raises(ValueError, match=r"\Aperiod must be a finite number, above 0"):
-            cls(period=period)
-
-
-@pytest.mark.parametrize("delay", [-0.001, math.inf, math.nan])
-def test_a_delay_is_no_negative_number(delay):
-    with pytest.raises(ValueError, match=r"\Adelay must be a finite number, 0 or more"):
-        Smith(observer=Luenberger(), delay=delay)
-
-
-@pytest.mark.parametrize("name", ["mass", "radius", "inertia", "gravity"])
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
-def test_a_parameter_of_the_ball_is_a_positive_number(name, value):
-    with pytest.raises(ValueError, match=f"{name} must be a finite number, above 0"):
-        BallPlate(**{name: value})
+@pytest.mark.parametrize(
+    ("made", "field", "beyond", "allowed"),
+    [
+        *((cls, "period", 0, "above 0") for cls in choices("observer").values()),
+        (partial(Smith, observer=Luenberger()), "delay", -1e-9, "0 or more"),
+        *((BallPlate, name, 0, "above 0") for name in ("mass", "radius", "inertia", "gravity")),
+        (BallPlate, "height", -1e-9, "0 or more"),
+    ],
+)
+def test_what_is_given_by_whoever_builds_it_has_a_range_too(made, field, beyond, allowed):
+    for value in (beyond, -1.0, math.inf, math.nan):
+        with pytest.raises(ValueError, match=rf"\A{field} must be a finite number, {allowed}"):
+            made(**{field: value})
 
 
 @dataclass

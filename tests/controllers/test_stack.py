@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from observing import measured
 
 from controllers.controller import SampledReference
-from controllers.interfaces import Measurement
 from controllers.references import Circle
 from twin.run.assemble import build_controller
 from twin.run.finished import run
@@ -11,9 +11,8 @@ from twin.scenario import load
 PERIOD = 0.002
 
 
-def measurement(tick, y, state=None):
-    rigs = y.shape[:-1]
-    return Measurement(tick * PERIOD, y, np.zeros(rigs), np.ones(rigs, bool), state)
+def measurement(tick, y):
+    return measured(y)._replace(time=tick * PERIOD)
 
 
 def test_the_requested_rate_is_the_integral_of_the_laws_acceleration():
