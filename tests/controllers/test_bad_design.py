@@ -17,8 +17,6 @@ from controllers.references import Circle, Lissajous, Path, Setpoints, Sine
 from controllers.stable_inversion import StableInversion
 from twin.base.errors import ScenarioError
 from twin.run.assemble import build_controller
-from twin.run.finished import run
-from twin.run.metrics import Ending
 
 
 def test_a_luenberger_of_the_thesis_is_fast_enough_with_and_without_predictor():
@@ -146,12 +144,6 @@ def test_a_law_that_does_nothing_only_integrates():
 
 def test_of_a_law_that_acts_by_command_alone_nothing_is_said():
     assert instability(ByCommand(), Luenberger()) is None
-
-
-def test_a_law_may_act_by_command_alone(scenario, take_in):
-    take_in(ByCommand)
-    record = run(scenario("controller.kind=by_command"))
-    assert record.outcome == Ending.FINISHED
 
 
 def test_of_several_runs_the_warning_names_the_one(tmp_path):
