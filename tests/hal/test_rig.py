@@ -189,21 +189,13 @@ def test_a_plate_whose_drives_drift_is_held_however_far_its_commands_add_up(simu
 @pytest.mark.parametrize("period", [0.0005, 0.002, 0.0025, 0.004, 0.005, 0.01, 0.02])
 def test_the_plate_is_looked_at_again_every_20_ms_at_any_period(period, scenario, monkeypatch):
     seen, look = [], Rig._anchor
-
-    def count(rig):
-        seen.append(rig)
-        look(rig)
-
-    monkeypatch.setattr(Rig, "_anchor", count)
+    monkeypatch.setattr(Rig, "_anchor", lambda rig: (seen.append(rig), look(rig)))
     rig, controller = assemble(scenario(f"rig.period={period}", "plant.step=0.0005"))
     with rig:
         controller.start(rig.read())
         rig.start()
         seen.clear()
-        for _ in range(round(0.4 / period)):
-            rig.write(np.zeros((1, 2)))
-            rig.wait()
-            rig.read()
+        turn(rig, np.zeros((1, 2)), round(0.4 / period))
         assert len(seen) == 20
 
 
@@ -215,10 +207,7 @@ def test_a_rig_is_left_level_with_late_drives_too(on, dead_time, most):
     with rig:
         rig.read()
         rig.start()
-        for _ in range(120):
-            rig.write(np.array([[0.4, -0.25]]))
-            rig.wait()
-            rig.read()
-        tilted = np.abs(rig.devices.state[0, 2::4]).max()
+        turn(rig, np.array([[0.4, -0.25]]), 120)
+        tilted = np.abs(true_plate(rig)).max()
     assert tilted > np.radians(1.0)
-    assert np.abs(rig.devices.state[0, 2::4]).max() < np.radians(most)
+    assert np.abs(true_plate(rig)).max() < np.radians(most)

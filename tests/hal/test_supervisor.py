@@ -26,10 +26,10 @@ def fault(severity):
     return Fault(Condition("test", severity, 0.0, "", ""), "device", "detail")
 
 
-def running(limits=LIMITS, rigs=1):
+def running(limits=LIMITS, rigs=1, plate=(0.0, 0.0)):
     supervisor = Supervisor(limits, PERIOD, rigs)
     supervisor.handle(Event.INITIALISE)
-    supervisor.powered(np.zeros((rigs, 2)))
+    supervisor.powered(np.tile(plate, (rigs, 1)))
     supervisor.handle(Event.START)
     return supervisor
 
@@ -249,10 +249,7 @@ def test_a_ball_or_plate_past_its_limit_stops_the_rig(x, y, theta_deg, state):
 @given(st.floats(-0.17, 0.17), st.floats(-0.17, 0.17))
 @example(0.17, -0.17)
 def test_a_stopped_rig_levels_its_plate_whatever_the_controller_says(phi, theta):
-    supervisor = Supervisor(LIMITS, PERIOD, 1)
-    supervisor.handle(Event.INITIALISE)
-    supervisor.powered(np.array([[phi, theta]]))
-    supervisor.handle(Event.START)
+    supervisor = running(plate=(phi, theta))
     supervisor.handle(Event.LEVEL)
     for _ in range(1000):
         supervisor.clamp(np.full((1, 2), 0.5))
