@@ -4,6 +4,7 @@ import pytest
 from every_setting import OTHER
 
 from twin.run.finished import run
+from twin.run.tables import flat
 from twin.scenario import load
 from twin.scenario.load import clean
 from twin.scenario.schema import MECHANISM_ONLY, Scenario
@@ -40,21 +41,8 @@ TABLE = {
 """Keys that only together make another rig."""
 
 
-def keys(table, prefix):
-    for name, value in table.items():
-        if isinstance(value, dict):
-            yield from keys(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name
-
-
 def test_every_key_of_plant_sensors_and_disturbance_is_either_dropped_or_kept():
-    dumped = load("circle").model_dump()
-    found = {
-        key
-        for table in ("plant", "sensors", "disturbance")
-        for key in keys(dumped[table], f"{table}.")
-    }
+    found = flat(load("circle").model_dump(include={"plant", "sensors", "disturbance"})).keys()
     dropped = {key for key in OF_THE_RIG if not key.startswith("rig.")}
     assert found == KEPT | dropped | BALL.keys() | LINKAGE.keys() | TABLE.keys()
     assert {f"plant.{key}" for key in MECHANISM_ONLY} <= OF_THE_RIG.keys()
@@ -67,12 +55,10 @@ def test_another_rig_has_the_same_clean_model(key, value):
     assert clean(other) == clean(load("circle"))
 
 
-def test_the_clean_model_has_no_linkage():
-    lengths = [f"{key}={value}" for key, value in LINKAGE.items()]
-    other = load("circle", ["plant.kind=lagrange", *lengths, "rig.cams=ratio"])
-    assert clean(other) == clean(load("circle"))
-    table = [f"{key}={value}" for key, value in TABLE.items()]
-    assert clean(load("circle", ["plant.kind=lagrange", *table])) == clean(load("circle"))
+@pytest.mark.parametrize("linkage", [LINKAGE | {"rig.cams": "ratio"}, TABLE])
+def test_the_clean_model_has_no_linkage(linkage):
+    keys = [f"{key}={value}" for key, value in linkage.items()]
+    assert clean(load("circle", ["plant.kind=lagrange", *keys])) == clean(load("circle"))
 
 
 @pytest.mark.parametrize(("key", "value"), BALL.items(), ids=BALL)

@@ -8,9 +8,11 @@ import pytest
 from click.testing import CliRunner
 
 from twin.base.errors import ScenarioError
+from twin.base.settings import value_of
 from twin.cli.runs import describe as command
+from twin.run.tables import flat
 from twin.scenario.describe import about, described, every_kind
-from twin.scenario.load import check, put, setting
+from twin.scenario.load import check
 from twin.scenario.schema import KINDS, Scenario, choices
 
 TABLES = {
@@ -41,30 +43,17 @@ def test_every_key_says_what_it_means_and_in_which_unit():
 
 
 def test_every_key_that_a_scenario_has_is_described():
-    def leaves(table, prefix=""):
-        for name, value in table.items():
-            if isinstance(value, dict):
-                yield from leaves(value, f"{prefix}{name}.")
-            else:
-                yield f"{prefix}{name}"
-
     ball = {"kind": "nominal", "mass": 0.1, "radius": 0.02, "inertia": 1e-5, "height": 0.1}
     tables = {**TABLES, "predictor": {}, "controller": {**TABLES["controller"], "model": ball}}
     whole = check(tables, "test").model_dump(mode="json")
-    assert set(leaves(whole)) == {key.key for key in described()}
-
-
-def value_in(scenario, key):
-    for name in key.split("."):
-        scenario = getattr(scenario, name)
-    return scenario
+    assert flat(whole).keys() == {key.key for key in described()}
 
 
 def test_the_described_defaults_are_those_of_a_scenario():
     scenario = check({**TABLES, "predictor": {}}, "test")
     for key in described():
         if not key.required:
-            value = value_in(scenario, key.key)
+            value = value_of(scenario, key.key)
             value = list(value) if isinstance(value, tuple) else value
             assert value == key.default, key.key
 
@@ -81,7 +70,7 @@ def value_at(key, number):
 @pytest.mark.parametrize(
     "key", [key for key in described() if BOUND.search(key.allowed)], ids=lambda key: key.key
 )
-def test_what_lies_beyond_a_described_range_is_refused_and_said(key):
+def test_what_lies_beyond_a_described_range_is_refused_and_said(scenario, key):
     for sign, number in BOUND.findall(key.allowed):
         bound = float(number)
         beyond = math.nextafter(bound, math.inf if sign.startswith("<") else -math.inf)
@@ -90,7 +79,7 @@ def test_what_lies_beyond_a_described_range_is_refused_and_said(key):
             wrong = bound - 1
         text = value_at(key, int(wrong) if key.type == "whole number" else wrong)
         with pytest.raises(ScenarioError, match=re.escape(key.key.rpartition(".")[2])):
-            check(put(TABLES, [setting(text)]), "test")
+            scenario(text)
 
 
 def test_a_kind_shows_its_own_settings_and_sentence():

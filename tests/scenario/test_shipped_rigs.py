@@ -5,22 +5,22 @@ from functools import cache
 import numpy as np
 import pytest
 
-from controllers.references import Circle, Hold, Path, Sine, Step
 from twin.base.errors import ScenarioError
 from twin.base.shipped import shipped_in
 from twin.run.assemble import assemble, build_controller, build_reference
 from twin.run.finished import run
 from twin.scenario import shipped
 from twin.scenario.load import check, load, read, resolved
+from twin.scenario.schema import choices
 
 RIGS = sorted(shipped_in("rigs"))
 as_shipped = cache(load)
-KINDS = {each.name: each for each in (Circle, Hold, Path, Sine, Step)}
 
 
 def farthest(scenario):
     """Largest |x|, |y| of its reference over the run, m."""
-    reference = KINDS[scenario.reference.kind](**scenario.reference.settings)
+    kind, settings = scenario.reference.kind, scenario.reference.settings
+    reference = choices("reference")[kind](**settings)
     return np.abs(reference(np.linspace(0, scenario.duration, 5001))[0]).max(axis=0)
 
 
@@ -97,6 +97,7 @@ def test_the_cure_keeps_the_ball_on_every_rig_and_must_be_told_a_lag_it_cannot_f
 @pytest.mark.parametrize("name", shipped())
 def test_on_the_rig_of_the_thesis_a_scenario_is_what_its_file_says(name):
     tables, source = read(name)
+    assert tables["title"]
     assert load(name) == check(tables, source)
     assert load(name, ["rig.limits.area=[0.2,0.15]"]).reference == load(name).reference
 
