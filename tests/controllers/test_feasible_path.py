@@ -1,3 +1,5 @@
+from itertools import accumulate
+
 import daqp
 import numpy as np
 import pytest
@@ -31,14 +33,20 @@ def laid(reference, start, seconds, limits=(A, J), now=None):
     return np.concatenate(slices, axis=1)
 
 
+def goals(least, most):
+    """Two to five goals (t, x, y), one so many seconds after the other."""
+
+    def one_after_the_other(steps):
+        times = accumulate(step for step, _ in steps)
+        return tuple((time, *place) for time, (_, place) in zip(times, steps, strict=True))
+
+    steps = st.tuples(st.floats(least, most), places)
+    return st.lists(steps, min_size=2, max_size=5).map(one_after_the_other)
+
+
 @settings(max_examples=15)
-@given(
-    st.lists(st.tuples(st.floats(0.2, 3), places), min_size=2, max_size=5),
-    st.floats(0.01, 0.3),
-)
-def test_every_path_is_a_motion_that_keeps_to_the_limits(goals, time_constant):
-    times = np.cumsum([time for time, _ in goals]).tolist()
-    points = tuple((time, *place) for time, (_, place) in zip(times, goals, strict=True))
+@given(goals(0.2, 3), st.floats(0.01, 0.3))
+def test_every_path_is_a_motion_that_keeps_to_the_limits(points, time_constant):
     path = Setpoints(points=points, time_constant=time_constant)
     keeps_to_the_limits(*laid(path, points[0][1:], 8.0))
 
@@ -68,26 +76,19 @@ def unforeseen(points, time_constant):
 
 
 @settings(max_examples=15)
-@given(
-    st.lists(st.tuples(st.floats(0.05, 2), places), min_size=2, max_size=5),
-    st.floats(0.01, 0.3),
-)
+@given(goals(0.05, 2), st.floats(0.01, 0.3))
 @example(  # without ``begin_anew`` the path leaps by 0.2 mm
-    [
-        (0.94, (0.004, 0.028)),
-        (0.07, (0.02, 0.003)),
-        (0.87, (-0.004, -0.002)),
-        (0.96, (0.018, -0.016)),
-    ],
+    (
+        *((0.94, 0.004, 0.028), (1.01, 0.02, 0.003)),
+        *((1.88, -0.004, -0.002), (2.84, 0.018, -0.016)),
+    ),
     0.0744,
 )
-def test_goals_that_nobody_knew_of_are_gone_to_within_the_limits(goals, time_constant):
-    times = np.cumsum([time for time, _ in goals]).tolist()
-    points = tuple((time, *place) for time, (_, place) in zip(times, goals, strict=True))
+def test_goals_that_nobody_knew_of_are_gone_to_within_the_limits(points, time_constant):
     path = unforeseen(points, time_constant)
     keeps_to_the_limits(*path)
     np.testing.assert_allclose(path[0, -1], points[-1][1:], atol=1e-3)
-    early = round(times[1] / T)  # nothing is known of the second goal before it is given
+    early = round(points[1][0] / T)  # nothing is known of the second goal before it is given
     np.testing.assert_allclose(path[0, :early], points[0][1:] + 0 * path[0, :early], atol=1e-9)
 
 
