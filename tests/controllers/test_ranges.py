@@ -1,6 +1,7 @@
-"""Every range of every law, observer and reference holds for objects and for scenarios alike."""
+"""Every range holds: of laws, observers and references for objects and for scenarios alike."""
 
 import math
+import re
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
@@ -13,24 +14,27 @@ from controllers.arrays import NotNegative, Positive, check
 from controllers.ballplate import BallPlate
 from controllers.controller import Smith
 from controllers.observers import Luenberger
-from twin.scenario.describe import every_kind
+from twin.base.errors import ScenarioError
+from twin.scenario.describe import described, every_kind
 from twin.scenario.schema import checked_settings, choices
 
 
-def outside(allowed, step):
+def outside(allowed, whole):
     """The numbers next to a range in words, as ``> 0, <= 10``."""
     for bound in filter(None, allowed.split(", ")):
-        sign, value = bound.split()
-        yield float(value) + {">": 0, "<": 0, ">=": -step, "<=": step}[sign]
+        sign, value = bound.split()[0], float(bound.split()[1])
+        way = math.inf if sign[0] == "<" else -math.inf
+        beyond = value + math.copysign(1, way) if whole else math.nextafter(value, way)
+        yield beyond if sign[1:] else value
 
 
 def wrong(key):
     """Values that a key described in words does not allow, in every way."""
     kind, _, several = key.type.partition("list of ")
-    if "text" in key.type or "number" not in key.type:
+    if "text" in key.type or "number" not in key.type or key.default == []:
         return
     whole = "whole" in key.type
-    numbers = [int(n) if whole else n for n in outside(key.allowed, 1 if whole else 1e-6)]
+    numbers = [int(n) if whole else n for n in outside(key.allowed, whole)]
     numbers += [] if whole else [math.nan, math.inf, -math.inf]
     if not several or " or " in kind:
         yield from numbers
@@ -70,6 +74,16 @@ def test_a_value_outside_its_range_is_refused_by_class_and_scenario(kind):
             with pytest.raises(ValidationError):
                 checked_settings(cls, needed | {field: value})
     assert bool(tried) == (kind not in POLES_ALONE)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "key", [key for key in described() if list(wrong(key))], ids=lambda key: key.key
+)
+def test_a_value_outside_its_range_is_refused_by_a_scenario_that_names_its_key(scenario, key):
+    for value in wrong(key):
+        with pytest.raises(ScenarioError, match=re.escape(key.key.rpartition(".")[2])):
+            scenario(f"{key.key}={value}")
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,4 @@
 import json
-import math
 import re
 from pathlib import Path
 from runpy import run_path
@@ -24,7 +23,6 @@ TABLES = {
 EVERY = [*described(), *(key for keys in every_kind().values() for key in keys)]
 PROJECT = Path(__file__).parents[2]
 SUFFIX = {"mm": "mm", "um": "um", "deg": "deg", "hz": "Hz", "percent": "%"}
-BOUND = re.compile(r"(>=|>|<=|<) (\S+?)(?:,|$)")
 
 
 def told(*arguments):
@@ -56,30 +54,6 @@ def test_the_described_defaults_are_those_of_a_scenario():
             value = value_of(scenario, key.key)
             value = list(value) if isinstance(value, tuple) else value
             assert value == key.default, key.key
-
-
-def value_at(key, number):
-    """An override that gives a key a number, as often as it wants."""
-    values = key.default if isinstance(key.default, list) else [1.0, 1.0]
-    if key.type.startswith("list"):
-        return f"{key.key}={[number] * len(values)}"
-    return f"{key.key}={number:.17g}"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "key", [key for key in described() if BOUND.search(key.allowed)], ids=lambda key: key.key
-)
-def test_what_lies_beyond_a_described_range_is_refused_and_said(scenario, key):
-    for sign, number in BOUND.findall(key.allowed):
-        bound = float(number)
-        beyond = math.nextafter(bound, math.inf if sign.startswith("<") else -math.inf)
-        wrong = bound if sign in "<>" else beyond
-        if key.type == "whole number":
-            wrong = bound - 1
-        text = value_at(key, int(wrong) if key.type == "whole number" else wrong)
-        with pytest.raises(ScenarioError, match=re.escape(key.key.rpartition(".")[2])):
-            scenario(text)
 
 
 def test_a_kind_shows_its_own_settings_and_sentence():
