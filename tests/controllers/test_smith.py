@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from observing import measured
 
 from controllers.controller import Smith
-from controllers.interfaces import Measurement
 from controllers.observers import ExtendedKalman, Kalman, Luenberger, NonlinearLuenberger
 
 T = 0.002
@@ -33,13 +33,12 @@ class Plant:
         newer, older = (self.past[max(len(self.past) - 1 - n, 0)] for n in (whole, whole + 1))
         return ((1 - share) * newer + share * older)[..., 0::4]
 
-    def measure(self, delay, age=None, touched=True):
-        shape = self.x.shape[:-1]
-        age = np.zeros(shape) if age is None else age
+    def measure(self, delay, age=0.0, touched=True):
         y = self.x[..., 0::2].copy()
-        for rig in np.ndindex(shape):
+        age = np.broadcast_to(age, y.shape[:-1])
+        for rig in np.ndindex(age.shape):
             y[rig][0::2] = self.ball(delay + age[rig])[rig]
-        return Measurement(0.0, y, age, np.full(shape, touched))
+        return measured(y, touched)._replace(age=age)
 
 
 def swing(tick, rigs=2):
@@ -47,11 +46,11 @@ def swing(tick, rigs=2):
     return 3 * np.cos(3 * np.pi * tick * T + np.arange(2.0 * rigs).reshape(rigs, 2))
 
 
-def follow(observer, plant, delay, ticks, age=None):
+def follow(observer, plant, delay, ticks, age=lambda tick: 0.0):
     """Largest error of the estimates after each tick's measurement."""
     errors = []
     for tick in range(ticks):
-        x = observer.correct(plant.measure(delay, None if age is None else age(tick)))
+        x = observer.correct(plant.measure(delay, age(tick)))
         errors.append(np.abs(x - plant.x).max())
         u = swing(tick, len(plant.x))
         observer.predict(u)
@@ -94,8 +93,7 @@ def test_no_dead_time_leaves_the_observer_as_it_is(kind):
         observer.start(np.zeros((3, 8)))
     for _ in range(20):
         y = rng.normal(size=(3, 4))
-        measurement = Measurement(0.0, y, np.zeros(3), np.ones(3, bool))
-        expected, found = bare.correct(measurement), wrapped.correct(measurement)
+        expected, found = (observer.correct(measured(y)) for observer in (bare, wrapped))
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
         for observer in (bare, wrapped):
             observer.predict(y[:, :2])
@@ -122,8 +120,7 @@ def test_error_from_a_wrong_start_runs_through_a_loop_with_the_dead_time_in_it(d
     plant = Plant(Luenberger(), start())
     observer = Smith(observer=inner, delay=delay)
     observer.start(plant.x + 0.01)
-    errors = follow(observer, plant, delay, 2000)
-    envelope = errors[:2000].reshape(10, 200).max(axis=1)
+    envelope = follow(observer, plant, delay, 2000).reshape(10, 200).max(axis=1)
     rate = np.log(envelope[-1] / envelope[-4]) / (600 * T)
     modes = np.linalg.eigvals(delayed_error_step(inner, round(delay / T)))
     slowest = np.log(np.abs(modes).max()) / T
@@ -136,7 +133,7 @@ def test_ball_not_felt_or_too_long_ago_corrects_nothing_but_the_plate_still_does
     observer = Smith(observer=inner)
     observer.start(np.zeros((1, 8)))
     y = np.array([[0.1, 0.01, 0.1, -0.02]])
-    x = observer.correct(Measurement(0.0, y, np.full(1, age), np.full(1, touched)))
+    x = observer.correct(measured(y, touched)._replace(age=np.full(1, age)))
     np.testing.assert_allclose(x[0], inner.L @ [0, 0.01, 0, -0.02], rtol=1e-13)
 
 
