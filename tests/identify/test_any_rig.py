@@ -34,6 +34,7 @@ from twin.identify.logs import (
 )
 from twin.identify.parameters import PLAIN
 from twin.identify.plain_model import (
+    AxisFit,
     PlainProblem,
     Profile,
     axis_predicted,
@@ -43,7 +44,8 @@ from twin.identify.plain_model import (
     profile,
     profiled,
 )
-from twin.identify.search import begun, fit_starts
+from twin.identify.report import sentences
+from twin.identify.search import Minimum, Termination, begun, fit_starts
 from twin.identify.windows import axis_windows, spans
 from twin.scenario import load
 
@@ -77,10 +79,43 @@ def written(tmp_path, rows):
 COLUMNS = "time=ms:ms,measured_x=x,command_x=-u:0.3deg,touched=seen"
 
 
+def table(file, separator=",", **columns):
+    """A text file of columns by name."""
+    rows, head = np.column_stack([*columns.values()]), separator.join(columns)
+    np.savetxt(file, rows, delimiter=separator, header=head, comments="")
+    return file
+
+
 def logged(ran, tmp_path):
-    rows = np.column_stack([ran[name] for name in OWN])
-    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(OWN), comments="")
-    return tmp_path / "log.csv"
+    return table(tmp_path / "log.csv", **{name: ran[name] for name in OWN})
+
+
+def printed(*arguments):
+    """What the command prints."""
+    done = CliRunner().invoke(command, [*map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def along_x(axis, source="rig.csv"):
+    """A log of one axis."""
+    return AnyLog(source, {"x": axis}, {"x": "rad"}, ())
+
+
+def by_name(found):
+    return {each.name: each for each in found.verdicts}
+
+
+def of_axis(axis, *parameters):
+    """What is found of one axis, and its verdicts by name."""
+    found = identify_any([along_x(axis)], 1 / 3, *parameters)
+    return found, by_name(found)
+
+
+def windowed(log, names, begin, end, lasting):
+    """The problem of windows of a log that begin and end at these times."""
+    windows = axis_windows(log, np.atleast_1d(begin), np.atleast_1d(end))
+    return PlainProblem(windows, names, TiltHistory(log), lasting, (0.0, 0.5))
 
 
 @pytest.mark.parametrize(
@@ -203,11 +238,11 @@ def axis_of(axis_log):
 
 def left_by(log, truth):
     """What the true parameters leave of each window, m RMS."""
-    windows, tilt = axis_windows(log, *spans(log, 2.5)), TiltHistory(log)
-    windows = replace(windows, weight=windows.weight / 1e-5)
-    problem = PlainProblem(windows, tuple(truth), tilt, 2.6, (0.0, 0.5))
+    problem = windowed(log, tuple(truth), *spans(log, 2.5), 2.6)
+    windows = replace(problem.windows, weight=problem.windows.weight / 1e-5)
+    problem = replace(problem, windows=windows)
     theta = np.array([[*truth.values()]])
-    theta[0, 0] *= tilt.scale
+    theta[0, 0] *= problem.tilt.scale
     starts = fit_starts(problem, theta, begun(problem, theta, 4), 10)
     off = (problem.reported(theta, starts)[0][0] - windows.ball)[..., 0]
     return np.sqrt(np.nanmean(np.where(windows.weight[..., 0] > 0, off, np.nan) ** 2, axis=1))
@@ -251,13 +286,10 @@ def test_a_simulation_without_friction_is_the_closed_form(lever):
     time = np.arange(0.0, 4.0, 0.02)
     tilt = np.where(time >= 1.0, 0.02, 0.0)
     log = AxisLog(time, tilt, True, time, np.zeros_like(time))
-    windows = axis_windows(log, np.array([0.5]), np.array([3.5]))
-    names = ("gain", "dead_time", "lag", "level", "lever")
-    source = TiltHistory(log)
-    problem = PlainProblem(windows, names, source, 3.0, (0.0, 0.5))
-    theta = np.array([[6.0 * source.scale, 0.13, 0.1, 0.03, lever]])
+    problem = windowed(log, ("gain", "dead_time", "lag", "level", "lever"), 0.5, 3.5, 3.0)
+    theta = np.array([[6.0 * problem.tilt.scale, 0.13, 0.1, 0.03, lever]])
     found = problem.reported(theta, np.array([[[0.01]], [[0.02]]]))[0][0, 0, :, 0]
-    t = windows.time[0]
+    t = problem.windows.time[0]
     s = np.maximum(t + 0.5 - 1.0 - 0.13, 0.0)
     turned = 1 - np.exp(-s / 0.1)
     moved = 0.12 * (s**2 / 2 - 0.1 * s + (0.01 - lever / 9.81) * turned)
@@ -267,10 +299,7 @@ def test_a_simulation_without_friction_is_the_closed_form(lever):
 def test_a_ball_that_friction_holds_rests_and_another_comes_to_rest_after_v2_by_2a():
     time = np.arange(0.0, 3.0, 0.02)
     log = AxisLog(time, np.sin(time), True, time, np.zeros_like(time))
-    windows = axis_windows(log, np.array([0.0, 0.0]), np.array([2.5, 2.5]))
-    problem = PlainProblem(
-        windows, ("gain", "dead_time", "level", "friction"), TiltHistory(log), 2.5, (0.0, 0.5)
-    )
+    problem = windowed(log, ("gain", "dead_time", "level", "friction"), [0, 0], [2.5, 2.5], 2.5)
     places = problem.simulated(
         np.array([[0.0, 0.0, 0.02, 0.05]]), np.array([[[0.0, 0.0]], [[0.0, 0.03]]])
     )
@@ -291,9 +320,8 @@ def test_a_ball_turns_under_friction_that_acts_against_its_old_way_then_its_new(
     time = np.arange(0.0, 3.0, 0.02)
     ways = np.array([[0.0, 3.0], [across, across]])
     log = AxisLog(time, np.sin(time), True, time, 0 * time, ways)
-    windows = axis_windows(log, np.zeros(40), np.full(40, 1.2))
     names = ("gain", "dead_time", "level", "friction")
-    problem = PlainProblem(windows, names, TiltHistory(log), 1.2, (0.0, 0.5))
+    problem = windowed(log, names, np.zeros(40), np.full(40, 1.2), 1.2)
     theta = np.array([[0.0, 0.0, level, f]])
     found = problem.simulated(theta, np.stack((0 * v, v))[:, None])[-1, 0]
     if across:
@@ -308,21 +336,15 @@ def test_a_ball_turns_under_friction_that_acts_against_its_old_way_then_its_new(
     assert found == pytest.approx(p, abs=most)
 
 
-def test_friction_acts_against_the_way_of_a_ball_that_is_seen_along_both_axes(tmp_path):
-    """Across at w: v' = -f v / hypot(v, w), so v slows by an e-th in w / f where v is small."""
+def test_the_way_of_a_ball_that_is_seen_along_both_axes_is_known_across_each(tmp_path):
     time = np.arange(0.0, 6.0, 0.02)
     rows = [
         f"{t:.3f},{0.01 * np.sin(t):.6f},{0.1 * t - 0.3:.6f},{0.1 * np.cos(t):.5f}" for t in time
     ]
     columns = "time=1:s,measured_x=2:m,measured_y=3:m,measured_phi=4:rad,measured_theta=4:rad"
     log = read_any(written(tmp_path, rows), wanted_columns(columns)).axes["x"]
+    assert log.across[0][[0, -1]] == pytest.approx([0.0, 5.98], abs=0.1)
     assert log.across[1] == pytest.approx(0.1, abs=1e-6)
-    windows = axis_windows(log, np.array([0.0]), np.array([2.5]))
-    names = ("gain", "dead_time", "level", "friction")
-    problem = PlainProblem(windows, names, TiltHistory(log), 2.5, (0.0, 0.5))
-    starts = np.array([[[0.0]], [[0.005]]])
-    places = problem.simulated(np.array([[0.0, 0.0, 0.0, 0.05]]), starts)[:, 0, 0]
-    assert places[-1] == pytest.approx(0.005 * 2 * (1 - np.exp(-2.5 / 2)), rel=0.01)
 
 
 def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
@@ -360,16 +382,15 @@ def test_a_plate_that_turns_steadily_is_behind_its_angle_by_the_lag_and_no_more(
 def test_dead_band_and_slew_of_the_drives_are_found_and_bias_nothing_else(axis_of, name, size):
     """A drive of its own simulates the commands' log: see axis_log."""
     log = axis_of(4, rate=60.0, seconds=45, camber=0.35, **{name: size})
-    found = identify_any([AnyLog("rig.csv", {"x": log}, {"x": "rad"}, ())], 1 / 3)
-    told = {each.name[:-2]: each for each in found.verdicts}
-    assert told[name].value == pytest.approx(size, rel=0.1)
+    found, told = of_axis(log)
+    assert told[f"{name}_x"].value == pytest.approx(size, rel=0.1)
     for other in ("gain", "friction", "camber"):
         truth = {**TRUTH, "camber": 0.35}[other]
-        half = 1.5 * (told[other].high - told[other].low)
-        assert told[other].value == pytest.approx(truth, abs=half)
+        each = told[f"{other}_x"]
+        assert each.value == pytest.approx(truth, abs=1.5 * (each.high - each.low))
     assert any("fitted along" in note for note in found.notes)
     without = ({"dead_band", "slew"} - {name}).pop()
-    assert told[without].value is None
+    assert told[f"{without}_x"].value is None
 
 
 @pytest.mark.long
@@ -407,15 +428,13 @@ def test_what_the_plates_acceleration_does_is_not_taken_for_gain(axis_of, lever,
     log = axis_of(
         5, rate=60.0, seconds=40, lever=lever, angles=angles, stiff=3.0, damped=1.4, **truth
     )
-    log = replace(log, held=not angles)
-    found = identify_any([AnyLog("rig.csv", {"x": log}, {"x": "rad"}, ())], 1 / 3)
-    told = {each.name[:-2]: each for each in found.verdicts}
-    for name, true in (("gain", truth["gain"]), ("lever", lever)):
+    _, told = of_axis(replace(log, held=not angles))
+    for name, true in (("gain_x", truth["gain"]), ("lever_x", lever)):
         assert told[name].low <= true <= told[name].high
     if angles:
-        assert told["gain"].word == IDENTIFIED
-        assert told["gain"].value == pytest.approx(truth["gain"], rel=0.05)
-        assert told["lever"].value == pytest.approx(lever, abs=0.015)
+        assert told["gain_x"].word == IDENTIFIED
+        assert told["gain_x"].value == pytest.approx(truth["gain"], rel=0.05)
+        assert told["lever_x"].value == pytest.approx(lever, abs=0.015)
 
 
 @pytest.mark.long
@@ -427,9 +446,7 @@ def test_of_a_plate_that_swings_at_one_frequency_the_gain_holds_what_a_lever_doe
     tilt = 0.006 * w**2 * np.sin(w * time)
     seen = np.random.default_rng(0).normal(0.0, 2e-4, len(time))
     ball = -6.0 * (1 / w**2 + lever / 9.81) * tilt + seen
-    log = AnyLog("rig.csv", {"x": AxisLog(time, tilt, False, time, ball)}, {"x": "rad"}, ())
-    found = identify_any([log], 1 / 3, ("friction",))
-    told = {each.name: each for each in found.verdicts}
+    _, told = of_axis(AxisLog(time, tilt, False, time, ball), ("friction",))
     gain = told["gain_x"]
     assert gain.word == word
     assert gain.low <= 6.0 <= gain.high
@@ -444,8 +461,8 @@ def test_at_a_known_height_one_frequency_tells_the_gain(ball, factor, tmp_path):
     time = np.arange(0.0, 20.0, 0.04)
     tilt = 0.006 * w**2 * np.sin(w * time)
     seen = np.random.default_rng(0).normal(0.0, 5e-5, (2, len(time)))
-    columns, truth = [time], {}
-    for k, (axis, height) in enumerate(zip("xy", heights, strict=True)):
+    columns, truth = {"t": time}, {}
+    for k, (axis, angle, height) in enumerate(zip("xy", "ab", heights, strict=True)):
         inertia = 0.01 * 0.02**2 * (1 / factor - 1)
         exact = BallPlate(mass=0.01, radius=0.02, inertia=inertia, height=height - 0.02)
         x, u = np.zeros((2, 8)), np.zeros((2, 2))
@@ -455,25 +472,22 @@ def test_at_a_known_height_one_frequency_tells_the_gain(ball, factor, tmp_path):
             for each in ((x, 0 * u), (0 * x, u))
         )
         truth[axis] = by_angle, -9.81 * by_acceleration / by_angle
-        columns += [-(by_angle / w**2 - by_acceleration) * tilt + seen[k], tilt]
-    rows = np.column_stack(columns)
-    np.savetxt(tmp_path / "rig.csv", rows, delimiter=",", header="t,x,a,y,b", comments="")
+        columns |= {axis: -(by_angle / w**2 - by_acceleration) * tilt + seen[k], angle: tilt}
     told = "time=t,measured_x=x,measured_phi=a,measured_y=y,measured_theta=b"
     how = ("--columns", told, "--ball", ball, "--ball-height", "0.1,0.23", "--json")
-    how += ("--parameters", "friction", "--out", str(tmp_path / "out"))
-    done = CliRunner().invoke(command, [str(tmp_path / "rig.csv"), *how])
-    assert done.exit_code == 0, done.output
-    found = {each["name"]: each for each in json.loads(done.stdout)["parameters"]}
+    how += ("--parameters", "friction", "--out", tmp_path / "out")
+    told = json.loads(printed(table(tmp_path / "rig.csv", **columns), *how))["parameters"]
+    found = {each["name"]: each for each in told}
     for axis, (gain, lever) in truth.items():
-        assert found[f"gain_{axis}"]["verdict"] == IDENTIFIED
-        assert found[f"gain_{axis}"]["value"] == pytest.approx(gain, rel=0.01)
+        by_log, by_ruler = (found[f"{name}_{axis}"] for name in ("gain", "lever"))
+        assert by_log["verdict"] == IDENTIFIED
+        assert by_log["value"] == pytest.approx(gain, rel=0.01)
         # a ruler is taken to be right within 1 cm, and gain (1 + lever w^2 / g) is what shows
-        half = (found[f"gain_{axis}"]["high"] - found[f"gain_{axis}"]["low"]) / 2
-        by_ruler = abs(gain) * 0.01 / (9.81 / w**2 + lever)
-        assert 0.9 * by_ruler < half < 2.0 * by_ruler
-        assert found[f"lever_{axis}"]["high"] - lever == pytest.approx(0.01)
-        assert found[f"lever_{axis}"]["verdict"] == "given"
-        assert found[f"lever_{axis}"]["value"] == pytest.approx(lever, rel=1e-6)
+        half = abs(gain) * 0.01 / (9.81 / w**2 + lever)
+        assert 0.9 * half < (by_log["high"] - by_log["low"]) / 2 < 2.0 * half
+        assert by_ruler["high"] - lever == pytest.approx(0.01)
+        assert by_ruler["verdict"] == "given"
+        assert by_ruler["value"] == pytest.approx(lever, rel=1e-6)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Held as it was told, not fitted: lever (x), lever (y)." in page
 
@@ -524,7 +538,7 @@ def test_a_circle_tells_the_gain_of_a_rig_whose_height_is_told(rig, gain, tmp_pa
     height = 0.122 + ran.scenario.plant.ball.radius
     about = {"columns": OWN_COLUMNS, "ball_height": height, "on": rig}
     found = identify(logged(ran, tmp_path), **about).found
-    told = {each.name: each for each in found.verdicts}
+    told = by_name(found)
     for axis, sign in (("x", 1), ("y", -1)):
         one = told[f"gain_{axis}"]
         assert one.word == IDENTIFIED
@@ -539,33 +553,23 @@ def test_a_circle_tells_the_gain_of_a_rig_whose_height_is_told(rig, gain, tmp_pa
 def test_gain_and_friction_of_a_shipped_rig_are_those_of_its_ball(rig, gain, friction, tmp_path):
     """By hand from its file: 3/5 and 5/7 of gravity, and the arm of friction by the radius."""
     ran = run("excite", (f"parameters={rig}", "seed=5"), out=tmp_path / "run")
-    found = identify(logged(ran, tmp_path), columns=OWN_COLUMNS).found
-    told = {each.name: each for each in found.verdicts}
-    for axis, sign in (("x", 1), ("y", -1)):
-        assert told[f"gain_{axis}"].word == IDENTIFIED
-        for each, true in (
-            (told[f"gain_{axis}"], sign * gain),
-            (told[f"friction_{axis}"], friction),
-        ):
-            assert each.low <= true <= each.high
-        assert told[f"gain_{axis}"].value == pytest.approx(sign * gain, rel=0.07)
+    told = by_name(identify(logged(ran, tmp_path), columns=OWN_COLUMNS).found)
+    for axis, true in (("x", gain), ("y", -gain)):
+        one, held = told[f"gain_{axis}"], told[f"friction_{axis}"]
+        assert one.word == IDENTIFIED
+        assert one.low <= true <= one.high
+        assert held.low <= friction <= held.high
+        assert one.value == pytest.approx(true, rel=0.07)
 
 
 @pytest.mark.long
 def test_an_axis_that_nobody_moved_is_not_blamed_and_the_other_is_identified(axis_of, tmp_path):
-    moved, still = axis_of(1, seconds=30), axis_of(1, seconds=30)
-    quiet = replace(still, tilt=0 * still.tilt, ball=0 * still.ball)
-    file = tmp_path / "rig.csv"
-    rows = zip(moved.time, moved.ball, quiet.ball, moved.tilt, quiet.tilt, strict=True)
-    text = ["t;x;y;a;b", *(";".join(f"{cell:.6g}" for cell in row) for row in rows)]
-    file.write_text("\n".join(text), encoding="utf-8")
+    log = axis_of(1, seconds=30)
+    moved, still = {"t": log.time, "x": log.ball, "a": log.tilt}, 0 * log.time
+    file = table(tmp_path / "rig.csv", ";", **moved, y=still, b=still)
     columns = "time=t:s,measured_x=x:m,measured_y=y:m,command_phi=a:rad,command_theta=b:rad"
-    done = CliRunner().invoke(
-        command, [str(file), "--columns", columns, "--json", "--out", str(tmp_path / "out")]
-    )
-    found = json.loads(done.stdout)
+    found = json.loads(printed(file, "--columns", columns, "--json", "--out", tmp_path / "out"))
     words = {each["name"]: each["verdict"] for each in found["parameters"]}
-    assert done.exit_code == 0
     assert words["gain_x"] == words["friction_x"] == IDENTIFIED
     assert words["gain_y"] == NOT
     assert any("nobody moved" in note for note in found["notes"])
@@ -605,14 +609,13 @@ def test_dead_time_and_lag_of_which_only_the_sum_is_told_are_written_both(alone,
 
 @pytest.mark.long
 def test_a_camber_that_is_found_is_one_of_the_twin(axis_of, tmp_path):
-    log = AnyLog("rig.csv", {"x": axis_of(3, seconds=50, camber=0.35)}, {"x": "rad"}, ())
-    found = identify_any([log], 1 / 3, ("friction", "camber"))
+    found, told = of_axis(axis_of(3, seconds=50, camber=0.35), ("friction", "camber"))
     written = "\n".join(f"{key} = {value}" for key, value in found.settings({IDENTIFIED}).items())
     (tmp_path / "parameters.toml").write_text(written, encoding="utf-8")
     twin = load("hold", [f"parameters={tmp_path / 'parameters.toml'}", "plant.kind=lagrange"])
-    (told,) = [each.value for each in found.verdicts if each.name == "camber_x"]
-    assert twin.plant.camber == (pytest.approx(told, rel=1e-5), 0.0)
-    assert told == pytest.approx(0.35, abs=0.05)
+    camber = told["camber_x"].value
+    assert twin.plant.camber == (pytest.approx(camber, rel=1e-5), 0.0)
+    assert camber == pytest.approx(0.35, abs=0.05)
 
 
 @pytest.mark.long
@@ -620,12 +623,8 @@ def test_a_camber_that_is_found_is_one_of_the_twin(axis_of, tmp_path):
 def test_what_is_found_lies_over_the_rig_that_is_named(axis_of, rig, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     log = axis_of(1, seconds=30, gain=6.0)
-    rows = zip(log.time, log.ball, log.tilt, strict=True)
-    text = ["t,x,u", *(",".join(f"{cell:.6g}" for cell in row) for row in rows)]
-    Path("log.csv").write_text("\n".join(text), encoding="utf-8")
-    columns = "time=t:s,measured_x=x:m,command_phi=u:rad"
-    done = CliRunner().invoke(command, ["log.csv", "--columns", columns, "--on", rig])
-    assert done.exit_code == 0, done.output
+    file = table("log.csv", t=log.time, x=log.ball, u=log.tilt)
+    printed(file, "--columns", "time=t:s,measured_x=x:m,command_phi=u:rad", "--on", rig)
     twin, named = (
         load("hold", [f"parameters={each}"]) for each in ("runs/identify-log/parameters.toml", rig)
     )
@@ -646,29 +645,23 @@ def test_the_commands_of_the_page_work_on_logs_of_these_names(axis_of, tmp_path,
     monkeypatch.chdir(tmp_path)
     for seed in (1, 2):
         log = axis_of(seed, seconds=25)
-        rows = zip(1e3 * log.time, 1e3 * log.ball, np.degrees(log.tilt), strict=True)
-        text = ["millis,X,servo", *(",".join(f"{cell:.5g}" for cell in row) for row in rows)]
-        Path(f"run{seed}.csv").write_text("\n".join(text), encoding="utf-8")
+        columns = {"millis": 1e3 * log.time, "X": 1e3 * log.ball, "servo": np.degrees(log.tilt)}
+        table(f"run{seed}.csv", **columns)
     page = (ROOT / "docs" / "own-rig.md").read_text(encoding="utf-8")
     told = [line for line in page.splitlines() if "identify run1.csv" in line]
     assert len(told) == 2
     for line in told:
-        done = CliRunner().invoke(command, line.split()[4:])
-        assert done.exit_code == 0, done.output
-        assert "gain (x)" in done.output
-        assert "a ball that stays" in done.output
+        said = printed(*line.split()[4:])
+        assert "gain (x)" in said
+        assert "a ball that stays" in said
 
 
 @pytest.mark.long
 def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     log = axis_of(2, seconds=30)
     other = np.random.default_rng(1).normal(0, 0.05, len(log.tilt))
-    from twin.identify.report import sentences
-
-    wrong = AnyLog("wrong", {"x": replace(log, tilt=other)}, {"x": "rad"}, ())
-    found = identify_any([wrong], 1 / 3, ("friction",))
-    (gain,) = [each for each in found.verdicts if each.name == "gain_x"]
-    assert gain.word == NOT
+    found, told = of_axis(replace(log, tilt=other), ("friction",))
+    assert told["gain_x"].word == NOT
     assert any("WORSE THAN NO MODEL" in each for each in sentences(found))
 
 
@@ -676,14 +669,8 @@ def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
     time = np.arange(0.0, 12.0, 0.04)
     ball = 0.05 * time - 0.004 * time**2
     log = AxisLog(time, np.sin(3 * time), True, time, ball)
-    windows = axis_windows(log, *spans(log, 2.5))
-    problem = PlainProblem(
-        windows, ("gain", "dead_time", "level"), TiltHistory(log), 2.6, (0.0, 0.5)
-    )
+    problem = windowed(log, ("gain", "dead_time", "level"), *spans(log, 2.5), 2.6)
     line = problem.linearise(np.zeros((1, 3)), problem.initial_starts())
-    from twin.identify.plain_model import AxisFit
-    from twin.identify.search import Minimum, Termination
-
     found = Minimum(
         np.array([[0.0, 0.0, -0.008]]), problem.initial_starts(), np.zeros(1), line,
         Termination("converged", 1, 1),
@@ -712,10 +699,9 @@ def test_a_real_log_gives_the_gain_of_its_ball_and_says_what_it_is_worth():
 @pytest.mark.long
 def test_a_level_that_changes_within_a_log_is_not_taken_for_gain_or_friction(axis_of):
     parts = [axis_of(seed, seconds=20, level=level) for seed, level in ((1, 0.1), (2, -0.1))]
-    log = AnyLog("rig.csv", {"x": _joined(parts)}, {"x": "rad"}, ())
-    other = AnyLog("other.csv", {"x": axis_of(4, seconds=25, level=0.0)}, {"x": "rad"}, ())
-    found = identify_any([log], [other])
-    told = {each.name: each for each in found.verdicts}
+    other = along_x(axis_of(4, seconds=25, level=0.0), "other.csv")
+    found = identify_any([along_x(_joined(parts))], [other])
+    told = by_name(found)
     for name in ("gain", "friction"):
         each = told[f"{name}_x"]
         assert each.value == pytest.approx(TRUTH[name], rel=0.1)

@@ -31,13 +31,21 @@ from twin.sim.plant.friction import Friction
 from twin.sim.rig import Hysteresis, Play, Resonance
 
 
-def shown(*verdicts):
-    """An identification of which these verdicts are all that is known."""
-    rest = dict.fromkeys(("log", "fit", "whiteness"))
-    return TwinIdentification(
-        source="log", seconds=0.0, verdicts=verdicts, scores=(), predictions={}, notes=(),
-        extent="", remarks=(), **rest
-    )  # fmt: skip
+def told(name, value, spread, white=True):
+    """What is said of a parameter of the ball of which a fit has such a value and draws of it."""
+    problem = SimpleNamespace(names=(name,), windows=SimpleNamespace(resting=np.array([True])))
+    draws = value + spread * np.random.default_rng(1).standard_normal((400, 1))
+    found = Estimate(np.array([value]), draws, np.array([True]), 20)
+    return _ball(name, SimpleNamespace(problem=problem), found, white=white)
+
+
+def paused(rows, creep=0.0):
+    """Times, and a ball that goes but from 3 to 4 s, where it creeps, as a screen sees it."""
+    time = 0.002 * np.arange(rows)
+    x = 0.06 * (np.minimum(time, 3.0) + np.maximum(time - 4.0, 0.0))
+    x = x + creep * np.clip(time - 3.0, 0.0, 1.0)
+    noise = np.random.default_rng(2).standard_normal((rows, 2))
+    return time, np.stack((x, np.zeros_like(x)), axis=-1) + 3e-4 * noise
 
 
 @pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED), (4.0e-4, IDENTIFIED)])
@@ -186,19 +194,15 @@ def test_an_interval_that_two_of_many_windows_decide_knows_of_two():
 
 
 def test_of_a_model_that_the_log_rejects_there_is_no_interval():
-    resting = SimpleNamespace(resting=np.array([True]))
-    problem = SimpleNamespace(names=("rolling",), windows=resting)
-    draws = 2e-4 + 1e-6 * np.random.default_rng(1).standard_normal((400, 1))
-    ball = Estimate(np.array([2e-4]), draws, np.array([True]), 20)
-    good, bad = (
-        _ball("rolling", SimpleNamespace(problem=problem), ball, white=white)
-        for white in (True, False)
-    )
+    good, bad = (told("rolling", 2e-4, 1e-6, white) for white in (True, False))
     assert (good.word, bad.word) == (IDENTIFIED, REJECTED)
     assert bad.value == good.value == pytest.approx(0.2)
     assert good.low < 0.2 < good.high
     assert (bad.low, bad.high) == (None, None)
-    found = shown(bad)
+    found = TwinIdentification(
+        source="log", seconds=0.0, verdicts=(bad,), scores=(), predictions={}, notes=(),
+        extent="", remarks=(), log=None, fit=None, whiteness=None,
+    )  # fmt: skip
     assert sentences(found)[0].startswith("Fitted, but the log rejects the model")
     assert "rolling" not in parameters(found)
     assert "rolling_mm = 0.2" in parameters(found, (REJECTED,))
@@ -267,9 +271,7 @@ def test_a_replay_from_rest_goes_on_as_one_that_has_seen_the_ball_come_to_rest()
 
 
 def test_how_a_ball_went_before_a_window_is_measured_but_for_its_rests():
-    rng, time = np.random.default_rng(2), 0.002 * np.arange(4000)
-    x = 0.06 * (np.minimum(time, 3.0) + np.maximum(time - 4.0, 0.0))
-    ball = np.stack((x, np.zeros_like(x)), axis=-1) + 3e-4 * rng.standard_normal((len(x), 2))
+    time, ball = paused(4000)
     segment = Segment(time, np.zeros_like(ball), None, time, ball)
     found = paces(segment, np.array([3.5, 7.0]))
     assert found.shape == (2, 200)
@@ -283,10 +285,7 @@ def test_how_a_ball_went_before_a_window_is_measured_but_for_its_rests():
 
 @pytest.mark.parametrize(("creep", "count"), [(0.0, 1), (0.002, 0)])
 def test_a_ball_that_creeps_does_not_rest(creep, count):
-    rng, time = np.random.default_rng(2), 0.002 * np.arange(3000)
-    x = 0.06 * (np.minimum(time, 3.0) + np.maximum(time - 4.0, 0.0))
-    x = x + creep * np.clip(time - 3.0, 0.0, 1.0)
-    ball = np.stack((x, np.zeros_like(x)), axis=-1) + 3e-4 * rng.standard_normal((len(x), 2))
+    time, ball = paused(3000, creep)
     found = rests(time, ball, speed(time, ball))
     assert len(found) == count
     for first, last in found:
@@ -308,10 +307,7 @@ def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_sa
 
 
 def test_a_dead_time_at_its_bound_is_not_identified():
-    problem = SimpleNamespace(names=("delay",), windows=SimpleNamespace(resting=np.array([True])))
-    draws = 0.1395 + 5e-4 * np.random.default_rng(1).standard_normal((400, 1))
-    ball = Estimate(np.array([0.1395]), draws, np.array([True]), 20)
-    found = _ball("delay", SimpleNamespace(problem=problem), ball, white=True)
+    found = told("delay", 0.1395, 5e-4)
     assert found.word == BOUNDED
     assert "--columns" in found.why
     assert found.high is None

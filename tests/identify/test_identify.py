@@ -18,7 +18,7 @@ from twin.identify.prepare import prepare
 from twin.identify.report import parameters, write
 from twin.identify.search import TOLERANCE, minimise
 from twin.identify.twin_model import _servo, identify
-from twin.run.finished import run, save
+from twin.run.finished import record_run, run
 from twin.scenario import load
 
 TRUTH = {"rolling": 0.21, "breakaway": 1.4, "delay": 0.042, "servo": 10.0}
@@ -31,13 +31,16 @@ SETTINGS = (
 DEGREES = {"rad": ("deg", 180 / np.pi), "rad/s^2": ("deg/s^2", 180 / np.pi)}
 
 
+def logged(folder, scenario, *settings):
+    """The folder, with the record of a run."""
+    record_run(run(load(scenario, settings)), folder)
+    return folder
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A run folder of the mechanism under the excitation."""
-    path = tmp_path_factory.mktemp("log") / "excite"
-    done = run(load("excite", SETTINGS))
-    save(done, path, {"run": done.motion})
-    return path
+    return logged(tmp_path_factory.mktemp("log") / "excite", "excite", *SETTINGS)
 
 
 @pytest.fixture(scope="module")
@@ -158,22 +161,14 @@ def test_gaps_missing_numbers_spikes_and_lift_offs_are_left_out_and_said(
 
 @pytest.mark.long
 def test_without_friction_none_is_claimed(tmp_path):
-    done = run(load("excite", (*SETTINGS, "plant.friction.rolling_mm=0")))
-    save(done, tmp_path / "log", {"run": done.motion})
-    rolling = by_name(identify(read(tmp_path / "log"), ("rolling",)))["rolling"]
-    assert rolling.value < 0.003
-
-
-def logged(folder, scenario, *settings):
-    done = run(load(scenario, settings))
-    save(done, folder, {"run": done.motion})
-    return read(folder)
+    log = read(logged(tmp_path, "excite", *SETTINGS, "plant.friction.rolling_mm=0"))
+    assert by_name(identify(log, ("rolling",)))["rolling"].value < 0.003
 
 
 @pytest.mark.long
 def test_friction_that_grows_with_speed_is_offered_where_the_log_shows_it(tmp_path):
     exact = ("plant.kind=lagrange", *SETTINGS[1:], "duration=40")
-    log = logged(tmp_path, "excite", *exact, "plant.friction.viscous_mm=0.8")
+    log = read(logged(tmp_path, "excite", *exact, "plant.friction.viscous_mm=0.8"))
     found = identify(log, DEFAULT)
     each = by_name(found)
     assert any("viscous friction fitted along" in note for note in found.notes)
@@ -184,7 +179,7 @@ def test_friction_that_grows_with_speed_is_offered_where_the_log_shows_it(tmp_pa
 @pytest.mark.long
 def test_on_an_uneven_screen_intervals_are_wide_enough_to_hold_the_truth(tmp_path):
     patchy = (*SETTINGS, "duration=40", "plant.surface.spread_percent=12", "plant.surface.seed=11")
-    found = identify(logged(tmp_path, "excite", *patchy), DEFAULT)
+    found = identify(read(logged(tmp_path, "excite", *patchy)), DEFAULT)
     assert found.whiteness.white
     each = by_name(found)
     for name in ("rolling", "delay", "level_phi"):
@@ -197,7 +192,7 @@ def test_on_an_uneven_screen_intervals_are_wide_enough_to_hold_the_truth(tmp_pat
 @pytest.mark.long
 def test_the_corner_of_the_servo_is_right_on_a_run_of_the_cure(tmp_path):
     settings = ("duration=14", "metrics.start=5", "plant.servo.bandwidth_hz=10", "seed=7")
-    drives = fit_drives(prepare(logged(tmp_path, "cure", *settings)))
+    drives = fit_drives(prepare(read(logged(tmp_path, "cure", *settings))))
     servo = _servo(drives)
     assert servo.word == "identified"
     assert servo.low <= 10 <= servo.high

@@ -15,18 +15,15 @@ from twin.identify.logs import NEEDED, read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import Problem, identify, replayed
-from twin.run.finished import open_run, run, save
+from twin.run.finished import open_run, record_run, run
 from twin.scenario import load
-
-pytestmark = pytest.mark.usefixtures("no_pictures")
 
 
 @pytest.fixture(scope="module")
 def exact_folder(tmp_path_factory):
     """A run folder of the exact plant, for what is refused before anything is fitted."""
     path = tmp_path_factory.mktemp("exact") / "excite"
-    done = run(load("excite", ["duration=14", "plant.kind=lagrange"]))
-    save(done, path, {"run": done.motion})
+    record_run(run(load("excite", ["duration=14", "plant.kind=lagrange"])), path)
     return path
 
 
@@ -154,7 +151,7 @@ def test_the_ball_that_stays_stays_where_it_was_at_the_last_sample(tmp_path, rat
     """On a screen of few frames some bins have no sample; a ball on a circle tells by its way."""
     touch = f"sensors.touch.frame_rate={rate}"
     done = run(load("circle", ("duration=16", "plant.kind=lagrange", touch)))
-    save(done, tmp_path, {"run": done.motion})
+    record_run(done, tmp_path)
     log = prepare(read(tmp_path))
     names = ("delay", "rolling")
     theta = np.array([0.042, done.scenario.plant.friction.rolling_mm * 1e-3])

@@ -26,9 +26,8 @@ def counted(angle):
 @pytest.mark.parametrize("width", [0.05, 0.44])
 @pytest.mark.parametrize(("part", "shape"), [(Play, "flat"), (Hysteresis, "round")])
 def test_the_width_put_in_is_found_and_the_shape_is_named(part, shape, width):
-    motor = MOTOR
-    plate = 0.98 * through(part(np.radians([[width]])), motor) + np.radians(0.3)
-    found = lost_motion("phi", motor, counted(plate), CYCLES)
+    plate = 0.98 * through(part(np.radians([[width]])), MOTOR) + np.radians(0.3)
+    found = lost_motion("phi", MOTOR, counted(plate), CYCLES)
     assert found.width == pytest.approx(width, abs=0.001)
     assert found.shape == shape
     assert found.gain == pytest.approx(0.98, abs=0.002)
@@ -38,13 +37,12 @@ def test_the_width_put_in_is_found_and_the_shape_is_named(part, shape, width):
 
 
 def test_a_plate_that_follows_has_no_lost_motion_and_noise_hides_the_corners():
-    motor = MOTOR
-    none = lost_motion("theta", motor, counted(motor), CYCLES)
+    none = lost_motion("theta", MOTOR, counted(MOTOR), CYCLES)
     assert none.shape == "none"
     assert none.width < NO_LOOP
     assert none.as_dict()["key"] is None
-    noise = np.radians(0.1) * np.random.default_rng(0).normal(size=len(motor))
-    noisy = lost_motion("theta", motor, through(Play(np.radians([[0.2]])), motor) + noise, CYCLES)
+    noise = np.radians(0.1) * np.random.default_rng(0).normal(size=len(MOTOR))
+    noisy = lost_motion("theta", MOTOR, through(Play(np.radians([[0.2]])), MOTOR) + noise, CYCLES)
     assert noisy.shape == "either"
     assert noisy.width == pytest.approx(0.2, abs=0.05)
 
