@@ -47,8 +47,9 @@ class Formula:
         self.asked += [(draw, count) for _, count in wanted]
         found = []
         for point, count in wanted:
-            cost = np.log(point["a"] / 3) ** 2 + (point["b"] - 1) ** 2 + 2 * (point["c"] == "off")
-            values = 0.1 + cost * self.rigs[:count, None]
+            values = (
+                0.1 + cost(point["a"], point["b"], point["c"] == "off") * self.rigs[:count, None]
+            )
             if point["a"] > 20 and count > 13:
                 values[13] = np.nan
             effort = np.full_like(values, point["a"])
@@ -62,6 +63,10 @@ def free():
     return formula, searched(formula)
 
 
+def cost(a, b, off):
+    return np.log(a / 3) ** 2 + (b - 1) ** 2 + 2 * off
+
+
 def test_a_known_optimum_is_found(free):
     formula, candidates = free
     (best,) = best_of(candidates, 1)
@@ -69,8 +74,7 @@ def test_a_known_optimum_is_found(free):
     assert best.fields["b"] == pytest.approx(OPTIMUM["b"], abs=0.5)
     assert best.fields["c"] == "on"
     worst = np.sort(formula.rigs[:16])[-2:]  # a tenth of 16 rigs: 1.6 of them
-    cost = (best.last.cost - 0.1) / (worst @ (0.6, 1.0) / 1.6)
-    assert cost < 0.5
+    assert (best.last.cost - 0.1) / (worst @ (0.6, 1.0) / 1.6) < 0.5
 
 
 def test_the_search_is_better_than_as_many_random_candidates(free):
@@ -80,16 +84,11 @@ def test_the_search_is_better_than_as_many_random_candidates(free):
     def random_best():
         count = sum(bool(each.scores) for each in candidates)
         a, b = 10 ** rng.uniform(-1, 2, count), rng.uniform(-5, 5, count)
-        off = rng.random(count) < 0.5
-        return (np.log(a / 3) ** 2 + (b - 1) ** 2 + 2 * off).min()
+        return cost(a, b, rng.random(count) < 0.5).min()
 
     (best,) = best_of(candidates, 1)
-    found = (
-        np.log(best.fields["a"] / 3) ** 2
-        + (best.fields["b"] - 1) ** 2
-        + 2 * (best.fields["c"] == "off")
-    )
-    assert found < np.median([random_best() for _ in range(200)])
+    a, b, c = best.fields.values()
+    assert cost(a, b, c == "off") < np.median([random_best() for _ in range(200)])
 
 
 def test_the_same_search_again_tries_the_same_candidates(free):

@@ -59,6 +59,11 @@ scale = 0.01
 """
 
 
+def tuned(file, *options):
+    """What the command comes to."""
+    return CliRunner().invoke(command, [str(file), "--processes", "1", *map(str, options)])
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("tune")
@@ -75,8 +80,7 @@ def file(folder):
 def made(file, folder):
     """What the command leaves: exit code, what it prints, and its folder."""
     out = folder / "out"
-    arguments = [str(file), "--out", str(out), "--processes", "1", "--json"]
-    result = CliRunner().invoke(command, arguments)
+    result = tuned(file, "--json", "--out", out)
     assert result.exit_code in {0, 1}, result.output
     return result.exit_code, json.loads(result.stdout), out
 
@@ -119,16 +123,9 @@ def test_an_interrupted_tune_goes_on_and_gives_the_same(made, file, folder, monk
     (some / "chunks").mkdir(parents=True)
     for chunk in chunks[::2]:
         (some / "chunks" / chunk.name).write_bytes(chunk.read_bytes())
-    arguments = [str(file), "--processes", "1", "--json", "--out"]
-    result = CliRunner().invoke(command, [*arguments, str(some)])
-    assert json.loads(result.stdout) == found
-
-    def forbidden(*_, **__):
-        raise AssertionError("a finished run was made again")
-
-    monkeypatch.setattr("twin.study.work.simulate", forbidden)
-    result = CliRunner().invoke(command, [*arguments, str(out)])
-    assert json.loads(result.stdout) == found
+    assert json.loads(tuned(file, "--json", "--out", some).stdout) == found
+    monkeypatch.setattr("twin.study.work.simulate", None)  # no finished run is made again
+    assert json.loads(tuned(file, "--json", "--out", out).stdout) == found
 
 
 @pytest.mark.long
@@ -146,8 +143,7 @@ def test_the_search_never_sees_a_rig_of_the_certificate(file, folder, monkeypatc
         return indicators(self, wanted, draw, on)
 
     monkeypatch.setattr(Trials, "indicators", watched)
-    arguments = [str(file), "--processes", "1", "--json", "--out", str(folder / "out")]
-    CliRunner().invoke(command, arguments)
+    tuned(file, "--json", "--out", folder / "out")
     assert set(seen) == {1, 2}
     assert len(seen[1]) == 4
     assert len(seen[2]) == 5
@@ -254,7 +250,7 @@ def test_a_mistake_in_a_tune_is_one_line(tmp_path, monkeypatch, old, new, messag
     path = tmp_path / "small.toml"
     assert old in TUNE
     path.write_text(TUNE.replace(old, new, 1))
-    result = CliRunner().invoke(command, ["small.toml", "--processes", "1"])
+    result = tuned("small.toml")
     assert isinstance(result.exception, ScenarioError), result.output
     assert message in str(result.exception)
     assert "\n" not in str(result.exception)
@@ -294,14 +290,13 @@ def test_a_task_without_its_indicator_is_refused(tmp_path):
     path = tmp_path / "small.toml"
     text = TUNE.replace('x_rate=0.1"]', 'x_rate=0.1"]\nindicator = "tracking_error_percent"')
     path.write_text(text)
-    arguments = [str(path), "--processes", "1", "--out", str(tmp_path / "out")]
-    result = CliRunner().invoke(command, arguments)
+    result = tuned(path, "--out", tmp_path / "out")
     assert "task push: its reference has no tracking_error_percent" in str(result.exception)
 
 
 def test_a_tune_without_optuna_says_what_to_install(file, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "optuna", None)
-    result = CliRunner().invoke(command, [str(file), "--processes", "1"])
+    result = tuned(file)
     assert isinstance(result.exception, TwinError)
     assert "pip install 'ballplate[tune]'" in str(result.exception)
 
