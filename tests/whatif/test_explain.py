@@ -174,34 +174,23 @@ def case(error, **changes):
     return EffectCase(error=error, **values)
 
 
-def test_errors_at_right_angles_divide_by_their_squares(clean):
-    # what two effects add in different directions: 3 along x, 4 along y of a whole of length 5
+@pytest.mark.parametrize(
+    ("whole", "friction", "level", "shares"),
+    [
+        # what two effects add in different directions: 3 along x, 4 along y of a whole of length 5
+        ([3.0, 4.0], [3.0, 0.0], [0.0, 4.0], {"friction": 9 / 25, "level": 16 / 25}),
+        # last in, each brings all of it; first in, nothing: half and half, and none is left over
+        ([1.0, 0.0], [0.0, 0.0], [0.0, 0.0], {"friction": 0.5, "level": 0.5}),
+    ],
+)
+def test_errors_divide_by_their_squares_and_in_halves_where_effects_only_act_together(
+    clean, whole, friction, level, shares
+):
     scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2, "plant.level_deg": (0.05, 0.0)}])
-    x, y, nothing = [[3.0, 0.0]], [[0.0, 4.0]], [[0.0, 0.0]]
-    found = attribute(
-        scenario,
-        {
-            ALL: case([[3.0, 4.0]]),
-            NONE: case(nothing),
-            "+friction": case(x),
-            "-friction": case(y),
-            "+level": case(y),
-            "-level": case(x),
-        },
-    )
-    assert {part.effect.name: part.share for part in found.contributions} == pytest.approx(
-        {"friction": 9 / 25, "level": 16 / 25}
-    )
-    assert found.rest == pytest.approx(0.0)
-
-
-def test_effects_that_only_act_together_are_given_to_none_of_them(clean):
-    scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2, "plant.level_deg": (0.05, 0.0)}])
-    whole, nothing = case([[1.0, 0.0]]), case([[0.0, 0.0]])
-    each = dict.fromkeys(("+friction", "+level", "-friction", "-level"), nothing)
-    found = attribute(scenario, {ALL: whole, NONE: nothing, **each})
-    # last in, each brings all of it; first in, nothing: half and half, and none is left over
-    assert [part.share for part in found.contributions] == pytest.approx([0.5, 0.5])
+    errors = {ALL: whole, NONE: [0.0, 0.0], "+friction": friction, "-level": friction}
+    errors |= {"+level": level, "-friction": level}
+    found = attribute(scenario, {name: case([error]) for name, error in errors.items()})
+    assert {part.effect.name: part.share for part in found.contributions} == pytest.approx(shares)
     assert found.rest == pytest.approx(0.0)
 
 

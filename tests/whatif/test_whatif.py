@@ -17,6 +17,7 @@ from twin.run import finished
 from twin.run.assemble import build_controller
 from twin.run.files import export
 from twin.run.finished import open_run, open_runs
+from twin.run.logs import NEEDED
 from twin.run.metrics import INTERRUPTED
 from twin.scenario.load import load
 from twin.whatif.futures import (
@@ -43,17 +44,7 @@ KEYS = (
     "plant.start.y=-0.02",
     "controller.kind=afl_integral",
 )
-COLUMNS = (
-    "time",
-    "measured_x",
-    "measured_y",
-    "measured_phi",
-    "measured_theta",
-    "age",
-    "touched",
-    "applied_phi_acc",
-    "applied_theta_acc",
-)
+COLUMNS = (*NEEDED, "age", "touched", "applied_phi_acc", "applied_theta_acc")
 
 
 def recorded(folder, *keys):
