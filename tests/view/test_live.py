@@ -31,8 +31,7 @@ def same(first, second):
 @given(st.lists(st.integers(0, 9), max_size=20), st.integers(2, 12), st.none() | st.integers(1, 9))
 @settings(max_examples=50)
 def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, size, most):
-    ring = SharedRingBuffer(size, 2)
-    try:
+    with closing(SharedRingBuffer(size, 2)) as ring:
         ring.name(("n", "twice"))
         read, written, behind = [], 0, 0
         for burst in bursts:
@@ -51,14 +50,11 @@ def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, si
         assert read == sorted(set(read))
         assert len(read) + ring.dropped == written
         assert (ring.dropped > 0) == (behind >= size)  # one row may be half written
-    finally:
-        ring.close()
 
 
 @pytest.mark.parametrize("most", [None, 2, 3])
 def test_a_reader_gets_every_row_that_is_left_when_the_writer_has_ended(most):
-    ring = SharedRingBuffer(16, 2)
-    try:
+    with closing(SharedRingBuffer(16, 2)) as ring:
         blocks = ring.blocks(0.001, most)
         assert next(blocks) == {}  # no column has a name yet
         ring.name(("n", "twice"))
@@ -70,22 +66,23 @@ def test_a_reader_gets_every_row_that_is_left_when_the_writer_has_ended(most):
         assert [n for block in left for n in block["n"].tolist()] == list(range(6))
         assert all(np.array_equal(block["twice"], 2 * block["n"]) for block in left)
         assert most is None or max(len(block["n"]) for block in left) == most
-    finally:
-        ring.close()
 
 
-def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
-    made = LiveProcess(print, ())  # a process that reads nothing
-    try:
-        done = run(scenario(), watch=made.watch)
-        ring = made._ring
-        table = dict(zip(ring.columns, ring.take().T, strict=True))
-        assert np.array_equal(table["time"], done.record.time)
-        assert np.array_equal(table["true_theta"], done.record["state"][:, 0, 6])
-        assert np.array_equal(table["estimated_x"], done.record["estimate"][:, 0, 0])
-        assert np.array_equal(table["supervisor"], done.record["supervisor"][:, 0, 0])
-    finally:
-        made.close()
+@pytest.fixture
+def tap():
+    """What hands rows to a process that reads none."""
+    with closing(LiveProcess(print, ())) as made:
+        yield made
+
+
+def test_what_a_tap_hands_over_is_what_is_recorded(scenario, tap):
+    done = run(scenario(), watch=tap.watch)
+    ring = tap._ring
+    table = dict(zip(ring.columns, ring.take().T, strict=True))
+    assert np.array_equal(table["time"], done.record.time)
+    assert np.array_equal(table["true_theta"], done.record["state"][:, 0, 6])
+    assert np.array_equal(table["estimated_x"], done.record["estimate"][:, 0, 0])
+    assert np.array_equal(table["supervisor"], done.record["supervisor"][:, 0, 0])
 
 
 @pytest.mark.long
@@ -119,28 +116,12 @@ class Slow:
             self.exitcode = 0
 
 
-def test_an_observer_that_is_behind_is_waited_for_as_long_as_it_goes_on(scenario, monkeypatch):
-    with closing(LiveProcess(print, ())) as made:  # a process that reads nothing
-        run(scenario("duration=0.2"), watch=made.watch)
-        with closing(SharedRingBuffer(*made._ring.address)) as ring, monkeypatch.context() as patch:
-            patch.setattr(made, "_process", Slow(ring))
-            assert made.finish()
-            assert ring.taken == 100
-
-
-@pytest.mark.long
-def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        port = silent.getsockname()[1]
-        url = f"rerun+http://127.0.0.1:{port}/proxy"
-        chosen = scenario("duration=1")
-        shown = LiveProcess(recording.work, (chosen, "run", url, None, False))
-        try:
-            watched = run(chosen, watch=shown.watch)
-            shown.finish(wait=0.5)
-        finally:
-            shown.close()
-    assert same(watched, run(chosen))
+def test_an_observer_that_is_behind_is_waited_for_as_long_as_it_goes_on(scenario, tap, monkeypatch):
+    run(scenario("duration=0.2"), watch=tap.watch)
+    with closing(SharedRingBuffer(*tap._ring.address)) as ring, monkeypatch.context() as patch:
+        patch.setattr(tap, "_process", Slow(ring))
+        assert tap.finish()
+        assert ring.taken == 100
 
 
 def test_a_taken_port_is_one_line():
@@ -172,13 +153,11 @@ def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
     recording.write(tmp_path / "other.rrd", open_run(tmp_path / "other"))
     try:
         with headless(tmp_path / "other.rrd") as (client, url):
-            shown = LiveProcess(recording.work, (chosen, "live", url, None, False))
-            try:
+            about = (chosen, "live", url, None, False)
+            with closing(LiveProcess(recording.work, about)) as shown:
                 run(chosen, watch=shown.watch)
                 assert shown.finish(wait=20)
                 assert shown.dropped == 0
-            finally:
-                shown.close()
             until = time.monotonic() + 20
             found = []
             while time.monotonic() < until and not found:

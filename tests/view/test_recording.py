@@ -92,20 +92,30 @@ def test_a_recording_holds_everything_promised_on_one_time_line(folder, tmp_path
     assert done.returncode == 0, done.stderr
 
 
-SHORT = ("duration=0.1", "metrics.start=0")
+@pytest.fixture
+def drawn(tmp_path):
+    """Draws a moment of a circle: all that is printed of it, its root, numbers of its entities."""
+
+    def draw(*settings):
+        path, about = tmp_path / "view.rrd", (*settings, "duration=0.1", "metrics.start=0")
+        write(path, [run(load("circle", about))])
+        text = printed(path)
+        (root,) = set(re.findall(r"(/\S+)/mechanism/base/base", text))
+        return text, root, lambda entity, part: numbers(path, f"{root}/{entity}", part)
+
+    return draw
+
+
 MECHANISM = ("motor_phi", "motor_theta", "spring", "wheel_", "cam_", "shaft_", "spring_anchor")
 
 
-def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(tmp_path):
-    settings = ("parameters=course", "plant.linkage.crank_mm=[0,0]", "rig.cams=table", *SHORT)
-    write(tmp_path / "view.rrd", [run(load("circle", settings))])
+def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(drawn):
+    settings = ("parameters=course", "plant.linkage.crank_mm=[0,0]", "rig.cams=table")
+    text, root, of = drawn(*settings)
 
     def half(entity):
-        found = numbers(tmp_path / "view.rrd", f"{root}/{entity}", "half_sizes")
-        return pytest.approx(found, abs=1e-6)
+        return pytest.approx(of(entity, "half_sizes"), abs=1e-6)
 
-    text = printed(tmp_path / "view.rrd")
-    (root,) = set(re.findall(r"(/\S+)/mechanism/base/base", text))
     plate = "mechanism/cardan/plate"
     assert half(f"{plate}/plate") == [0.15, 0.1, 0.005]
     assert half(f"{plate}/area_front") == [0.12, 0.001, 0.0002]
@@ -118,10 +128,8 @@ def test_a_plate_of_another_size_is_drawn_without_what_only_the_thesis_has(tmp_p
 
 
 @pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
-def test_a_plate_on_rods_is_drawn_with_them(tmp_path, kind):
-    settings = ("parameters=course", f"plant.kind={kind}", *SHORT)
-    write(tmp_path / "view.rrd", [run(load("circle", settings))])
-    text = printed(tmp_path / "view.rrd")
+def test_a_plate_on_rods_is_drawn_with_them(drawn, kind):
+    text, *_ = drawn("parameters=course", f"plant.kind={kind}")
     for each in ("rod_phi", "rod_theta", "motor_phi/crank_phi", "cardan/plate/arm_theta"):
         assert f"/mechanism/{each}" in text
     assert not re.search(r"/mechanism/\S*(spring|wheel|cam_)", text)
@@ -135,19 +143,11 @@ def test_a_plate_on_rods_is_drawn_with_them(tmp_path, kind):
         (("parameters=course", "plant.size=[0.3,0.3]", "plant.kind=mujoco"), 0.003),
     ],
 )
-def test_a_round_plate_is_drawn_round(tmp_path, rig, thick):
-    small = ("rig.limits.area=[0.1,0.1]", "duration=0.1", "metrics.start=0", "plant.shape=round")
-    settings = (*rig, *small)
-    write(tmp_path / "view.rrd", [run(load("circle", settings))])
-    text = printed(tmp_path / "view.rrd")
-    (root,) = set(re.findall(r"(/\S+)/mechanism/base/base", text))
-
-    def drawn(entity, part):
-        return numbers(tmp_path / "view.rrd", f"{root}/{entity}", part)
-
-    assert drawn("mechanism/cardan/plate/plate", "radii") == pytest.approx([0.15])
-    assert drawn("mechanism/cardan/plate/plate", "lengths") == pytest.approx([thick])
-    rim = np.reshape(drawn("plate_mm/screen", "strips")[:8], (-1, 2))  # the rest is cut short
+def test_a_round_plate_is_drawn_round(drawn, rig, thick):
+    _, _, of = drawn(*rig, "rig.limits.area=[0.1,0.1]", "plant.shape=round")
+    assert of("mechanism/cardan/plate/plate", "radii") == pytest.approx([0.15])
+    assert of("mechanism/cardan/plate/plate", "lengths") == pytest.approx([thick])
+    rim = np.reshape(of("plate_mm/screen", "strips")[:8], (-1, 2))  # the rest is cut short
     assert np.hypot(*rim.T) == pytest.approx(np.full(len(rim), 150), abs=1e-3)
 
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from twin.hal.linkage import Linkage
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts
+from twin.sim.plant.mechanism import Mechanism
 from twin.sim.plant.model import load_model
 from twin.view.streams import Scene, rolled
 
@@ -88,9 +89,7 @@ def test_the_ball_touches_the_tilted_screen():
     assert middle @ normal == pytest.approx(0.122 + 0.02)
 
 
-def test_the_drawn_ball_rolls_as_the_simulated_one(scenario):
-    from twin.sim.plant.mechanism import Mechanism
-
+def test_the_drawn_ball_rolls_as_the_simulated_one():
     plant = Mechanism(friction=Friction(rolling=0.0))
     plant.start(np.array([[0.0, 0.2, 0.05, -0.1]]))
     adr = MODEL.joint("ball").qposadr[0]
