@@ -156,20 +156,40 @@ def dask(*arguments: str):
             program.kill()
 
 
+@contextmanager
+def scheduler(port: int):
+    """One that listens."""
+    with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as program:
+        for _ in range(600):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.1)
+        else:
+            raise AssertionError("no scheduler within a minute")
+        yield program
+
+
+def refused(child: subprocess.Popen[bytes]) -> str:
+    """What a study says that ends with one line."""
+    error = child.communicate(timeout=120)[1].decode()
+    assert child.returncode == 2, error
+    assert "Traceback" not in error
+    return error
+
+
 def test_a_lost_scheduler_costs_a_retry_and_not_the_study(folder) -> None:
     port = free_port()
     address = f"tcp://127.0.0.1:{port}"
-    scheduler = ("scheduler", "--host", "127.0.0.1", "--port", str(port))
     worker = ("worker", address, "--nthreads", "1", "--no-nanny")
-    with dask(*scheduler) as first, dask(*worker):
-        answers(port)
+    with scheduler(port) as first, dask(*worker):
         child = start(folder, "--scheduler", address)
         while not kept(folder) and child.poll() is None:
             time.sleep(0.05)
         first.kill()
         first.wait()
         assert child.poll() is None, "the study was over before the scheduler was killed"
-    with dask(*scheduler), dask(*worker):
+    with scheduler(port), dask(*worker):
         assert child.wait(240) == 0
         child.communicate()
     assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
@@ -177,16 +197,11 @@ def test_a_lost_scheduler_costs_a_retry_and_not_the_study(folder) -> None:
 
 def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:
     port = free_port()
-    address = f"tcp://127.0.0.1:{port}"
-    with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as scheduler:
-        answers(port)
-        child = start(folder, "--scheduler", address, patience=4)
+    with scheduler(port) as program:
+        child = start(folder, "--scheduler", f"tcp://127.0.0.1:{port}", patience=4)
         assert b"64 runs" in child.stderr.readline()  # and there they stay, without a worker
-        scheduler.kill()
-    error = child.communicate(timeout=120)[1].decode()
-    assert child.returncode == 2, error
-    assert "lost, and not back within 4 s" in error
-    assert "Traceback" not in error
+        program.kill()
+    assert "lost, and not back within 4 s" in refused(child)
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -196,32 +211,17 @@ def test_a_scheduler_lost_as_soon_as_it_has_answered_is_told_in_the_same_line(
     monkeypatch.setattr(experiments, "TIMEOUT", 3.0)
     work = Work(Study.model_validate(tomllib.loads(STUDY)))
     port = free_port()
-    with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as scheduler:
-        answers(port)
-        with experiments.Cluster(f"tcp://127.0.0.1:{port}") as cluster:
-            scheduler.kill()
-            scheduler.wait()
-            assert cluster.workers == 1  # known, not asked
-            for _ in ("before it is given up", "after"):
-                with pytest.raises(ScenarioError, match="lost, and not back within 3 s"):
-                    carry(work, Store(folder / "out"), executor=cluster)
+    with scheduler(port) as program, experiments.Cluster(f"tcp://127.0.0.1:{port}") as cluster:
+        program.kill()
+        program.wait()
+        assert cluster.workers == 1  # known, not asked
+        for _ in ("before it is given up", "after"):
+            with pytest.raises(ScenarioError, match="lost, and not back within 3 s"):
+                carry(work, Store(folder / "out"), executor=cluster)
 
 
 def test_a_program_that_takes_the_connection_and_says_nothing_is_no_scheduler(folder) -> None:
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         child = start(folder, "--scheduler", address, patience=4)
-        error = child.communicate(timeout=120)[1].decode()
-    assert child.returncode == 2, error
-    assert "no scheduler answers there" in error
-    assert "Traceback" not in error
-
-
-def answers(port: int) -> None:
-    """Wait until somebody listens."""
-    for _ in range(600):
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                return
-        time.sleep(0.1)
-    raise AssertionError("no scheduler within a minute")
+        assert "no scheduler answers there" in refused(child)
