@@ -132,10 +132,16 @@ def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
     assert all(c["deviation_percent"] is None for c in cells if c["column"] == "overshoot [%]")
 
 
-def test_the_page_has_its_tables_notes_and_figures(steps, tmp_path, monkeypatch):
-    docs = Path(__file__).parents[2] / "docs"
-    monkeypatch.syspath_prepend(docs)
-    page = run_path(str(docs / "chapter8.py"))
+@pytest.fixture(scope="module")
+def page():
+    """The script of the pages of the chapter."""
+    script = Path(__file__).parents[2] / "docs" / "chapter8.py"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(script.parent)
+        return run_path(str(script))
+
+
+def test_the_page_has_its_tables_notes_and_figures(page, steps, tmp_path):
     path = tmp_path / "docs" / "reproduction.md"
     page["write_doc"](path, steps[0], compare(*steps), steps[1])
     assert "](reproduction-8-1.md)" in path.read_text(encoding="utf-8")
@@ -232,24 +238,13 @@ def test_an_integrator_of_its_own_finds_what_is_kept_of_continuous_control(name,
         assert values[0] == pytest.approx(stored("chapter_8")[name][row.name][column][0], rel=1e-6)
 
 
-CHAPTER_8 = Path(__file__).parents[2] / "docs" / "chapter8.py"
-
-
 MODEL = BallPlate()
 STATES = arrays(float, (3, 8), elements=st.floats(-1, 1))
 INPUTS = arrays(float, (3, 2), elements=st.floats(-7, 7))
 
 
-@pytest.fixture(scope="module")
-def terms():
-    """What the page of the chapter splits the ball's acceleration by."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(CHAPTER_8.parent)
-        return run_path(str(CHAPTER_8))["terms"]
-
-
 @given(x=STATES, u=INPUTS)
-def test_main_and_neglected_terms_are_those_of_6_42_and_all_are_the_exact_acceleration(terms, x, u):
+def test_main_and_neglected_terms_are_those_of_6_42_and_all_are_the_exact_acceleration(page, x, u):
     x1, x2, x3, x4, x5, x6, x7, x8 = x.T
     m, s, c, (u1, u2) = MODEL, np.sin(x3), np.cos(x3), u.T
     main = m.gravity * s, -m.gravity * np.sin(x7)
@@ -261,7 +256,7 @@ def test_main_and_neglected_terms_are_those_of_6_42_and_all_are_the_exact_accele
         m.gravity * s * (np.cos(x7) - 1) - m.c4 * u1 + x5 * s * u2,
         (-x1 * s + m.c4 * c) * u2,
     )
-    found = terms(m, x, u)
+    found = page["terms"](m, x, u)
     for part, expected in zip(found, (main, neglected, unlisted), strict=True):
         assert np.allclose(part, np.transpose(expected), atol=1e-12)
     assert np.allclose(sum(found), m.derivative(x, u)[:, [1, 5]] / m.c1, atol=1e-12)
