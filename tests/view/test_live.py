@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.base.errors import ViewError
-from twin.run.finished import open_run, run, save
+from twin.run.finished import open_run, record_run, run
 from twin.shadow import report
 from twin.view import recording, viewer
 from twin.view.live_process import LiveProcess, SharedRingBuffer
@@ -148,8 +148,7 @@ def test_a_run_is_done_and_kept_though_nobody_can_watch(ballplate, monkeypatch, 
 @pytest.mark.real_time
 def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
     chosen = scenario("duration=2")
-    other = run(scenario("duration=1"))
-    save(other, tmp_path / "other", {"other": other.motion})
+    record_run(run(scenario("duration=1")), tmp_path / "other")
     recording.write(tmp_path / "other.rrd", open_run(tmp_path / "other"))
     try:
         with headless(tmp_path / "other.rrd") as (client, url):

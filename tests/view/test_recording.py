@@ -10,7 +10,7 @@ import pytest
 from rerun.experimental import ViewerClient
 
 from twin.base.errors import RecordError, ViewError
-from twin.run.finished import open_run, open_runs, run, save
+from twin.run.finished import open_run, open_runs, record_run, run
 from twin.scenario import load
 from twin.view import viewer
 from twin.view.recording import blueprint, write
@@ -18,7 +18,6 @@ from twin.view.streams import LINES, PLOTS, TIMELINE, signals, telling
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
-pytestmark = pytest.mark.usefixtures("no_pictures")
 
 PROMISED = (
     "mechanism/base/base",
@@ -59,8 +58,7 @@ def folder(tmp_path_factory):
         ("duration=1.2", "metrics.start=0", "baseline=false", "plant.surface.spread_percent=30"),
     )
     place = tmp_path_factory.mktemp("runs") / "circle"
-    done = run(chosen)
-    save(done, place, {"circle": done.motion})
+    record_run(run(chosen), place)
     return place
 
 

@@ -10,14 +10,14 @@ from twin.base.writing import write_json
 from twin.cli.runs import report as command
 from twin.devices.realtime import TimingLog
 from twin.run.files import UNITS
-from twin.run.finished import Run, open_run, open_runs, run, save
+from twin.run.finished import Run, open_run, open_runs, record_run, run
 from twin.run.tables import LABELS, TIMES
 from twin.scenario.load import check
 from twin.view.html import details, html
 from twin.view.streams import signals
 from twin.view.summary import ENDINGS, Diagnosis, spectrum, summary, verdict
 
-pytestmark = pytest.mark.usefixtures("quick_pictures", "no_pictures")
+pytestmark = pytest.mark.usefixtures("quick_pictures")
 
 TABLES = {
     "title": "sine <&> test",
@@ -232,8 +232,7 @@ def test_the_same_runs_give_the_same_page(page, runs):
 
 @pytest.mark.long
 def test_every_format_is_written_beside_the_run(scenario, tmp_path):
-    done = run(scenario())
-    save(done, tmp_path, {"run": done.motion})
+    record_run(run(scenario()), tmp_path)
     ran = CliRunner().invoke(command, [str(tmp_path), "--format", "html,png,pdf"])
     assert ran.exit_code == 0, ran.output
     starts = {
@@ -250,7 +249,7 @@ def test_every_format_is_written_beside_the_run(scenario, tmp_path):
 def test_runs_of_a_comparison_come_in_its_order_and_by_its_names(scenario, tmp_path):
     done = run(scenario("duration=0.02"))
     for name in ("b-ki=0", "a-ki=1", "0-other"):
-        save(done, tmp_path / name, {})
+        record_run(done, tmp_path / name)
     listed = {"folders": ["b-ki=0", "a-ki=1"], "names": ["b ki=0", "a ki=1"]}
     write_json(tmp_path / "compare.json", listed)
     assert [each.name for each in open_runs((tmp_path,))] == ["b ki=0", "a ki=1", "0-other"]
@@ -283,8 +282,7 @@ def test_an_unknown_format_names_the_known_ones(tmp_path):
 
 @pytest.mark.long
 def test_a_full_disk_is_one_line_and_leaves_nothing(scenario, tmp_path, monkeypatch):
-    done = run(scenario())
-    save(done, tmp_path / "run", {"run": done.motion})
+    record_run(run(scenario()), tmp_path / "run")
 
     def full(path, content):
         path.touch()
@@ -302,8 +300,8 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(scenario, tmp_path, monkeypa
 
 @pytest.mark.long
 def test_a_fallen_run_can_be_reported(scenario, tmp_path):
-    done = run(scenario("duration=8", "plant.start.x_rate=1.2", "plant.start.x=0.2"))
-    save(done, tmp_path, {"run": done.motion})
+    fallen = scenario("duration=8", "plant.start.x_rate=1.2", "plant.start.x=0.2")
+    record_run(run(fallen), tmp_path)
     (again,) = open_run(tmp_path)
     assert "The ball fell off the plate" in html([again])
 
