@@ -171,15 +171,17 @@ def test_what_is_broken_in_a_log_is_left_out_and_said(tmp_path):
     rows[60] = ",".join([rows[60].split(",")[0], "", "nan", "1"])
     rows[70] = rows[69]  # a doubled time
     rows[80] = rows[80][:5] + "?," + ",".join(rows[80].split(",")[1:])
-    for k in range(100, 108):  # a value held while the ball rolls on
+    for k in range(100, 108):  # a value of no ball
         rows[k] = ",".join([rows[k].split(",")[0], "-80.0", *rows[k].split(",")[2:]])
+    for k in range(191, 202):  # the one before, held while the ball rolls on
+        rows[k] = ",".join([rows[k].split(",")[0], *rows[190].split(",")[1:]])
     log = read_any(written(tmp_path, rows), wanted_columns(COLUMNS))
     axis = log.axes["x"]
-    assert len(axis.ball) == len(T) - 12
+    assert len(axis.ball) == len(T) - 23
     assert axis.ball == pytest.approx(0.05 * np.sin(1.3 * axis.sampled), abs=1e-6)
     assert np.abs(axis.ball).max() < 0.051
     said = " ".join(log.notes)
-    assert "8 ball positions left out" in said
+    assert "19 ball positions left out" in said
     assert "1 rows of a time" in said
 
 
