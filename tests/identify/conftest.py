@@ -5,27 +5,11 @@ import importlib
 import sys
 from pathlib import Path
 
-import pyarrow.parquet as pq
 import pytest
-
-from twin.identify.logs import COLUMNS
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 identify_coverage = importlib.import_module("identify_coverage")
 sys.path.pop(0)
-
-
-@pytest.fixture(scope="session")
-def columns_of():
-    """Gives the columns of a run folder's log in SI units by name."""
-
-    def of(folder):
-        table = pq.read_table(folder / "run.parquet")
-        return {
-            name: table[name].to_numpy().copy() for name in COLUMNS if name in table.column_names
-        }
-
-    return of
 
 
 @pytest.fixture(scope="session")
@@ -47,17 +31,6 @@ def write():
         return path
 
     return written
-
-
-@pytest.fixture(scope="session")
-def broken():
-    """Columns of which some are changed by a function each."""
-
-    def changed(columns, **changes):
-        new = {name: change(columns[name].copy()) for name, change in changes.items()}
-        return {**columns, **new}
-
-    return changed
 
 
 @pytest.fixture(scope="session")

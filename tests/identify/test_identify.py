@@ -18,7 +18,7 @@ from twin.identify.prepare import prepare
 from twin.identify.report import parameters, write
 from twin.identify.search import TOLERANCE, minimise
 from twin.identify.twin_model import _servo, identify
-from twin.run.finished import record_run, run
+from twin.run.finished import open_run, record_run, run
 from twin.scenario import load
 
 TRUTH = {"rolling": 0.21, "breakaway": 1.4, "delay": 0.042, "servo": 10.0}
@@ -49,9 +49,10 @@ def found(folder):
 
 
 @pytest.fixture(scope="module")
-def columns(folder, columns_of):
+def columns(folder):
     """The log's columns in SI units by name."""
-    return columns_of(folder)
+    (opened,) = open_run(folder)
+    return {name: opened.rows[name] for name in COLUMNS if name in opened.rows}
 
 
 def by_name(found):
@@ -133,19 +134,11 @@ def test_a_csv_file_in_other_units_says_the_same(columns, found, tmp_path, write
 
 
 @pytest.mark.long
-def test_gaps_missing_numbers_spikes_and_lift_offs_are_left_out_and_said(
-    columns, tmp_path, write, broken
-):
-    def holes(x):
-        x[2000:2010] = np.nan
-        x[5000] += 0.1
-        return x
-
-    def lifted(touched):
-        touched[7000:7200] = 0.0
-        return touched
-
-    bad = broken(columns, measured_x=holes, touched=lifted)
+def test_gaps_missing_numbers_spikes_and_lift_offs_are_left_out_and_said(columns, tmp_path, write):
+    bad = {name: values.copy() for name, values in columns.items()}
+    bad["measured_x"][2000:2010] = np.nan
+    bad["measured_x"][5000] += 0.1
+    bad["touched"][7000:7200] = 0.0
     rows = [k for k in range(len(bad["time"])) if not 9000 <= k < 9500]
     again = identify(read(write(tmp_path / "log.csv", bad, rows=rows)), ("rolling", "breakaway"))
     notes = " ".join(again.notes)
