@@ -227,6 +227,8 @@ def test_what_the_rigs_computer_sees_is_judged_not_the_truth(made, folder):
 class Bowl:
     """Runs of a formula: two indicators that are known functions of two parameters."""
 
+    finished = 0
+
     def __init__(self, table):
         self.table = table
 
@@ -264,6 +266,15 @@ def test_a_search_finds_the_bottom_of_a_formula(start):
     chi2, best = searched(table, cells(table), start, Bowl(table))
     assert best == pytest.approx((0.5, 0.7), abs=0.001)
     assert chi2 < 0.01
+
+
+def test_a_group_without_which_too_little_is_measured_is_not_left_out():
+    table = bowl()
+    *most, last = table.experiments
+    one = last.model_copy(update={"group": "b", "measured": {"u1_max": last.measured["u1_max"]}})
+    most = [each.model_copy(update={"group": "a"}) for each in most]
+    table = table.model_copy(update={"experiments": (*most, one)})
+    assert set(fit(table, Bowl(table)).folds) == {"b"}
 
 
 def test_the_shipped_tables_can_be_run(folder):

@@ -285,6 +285,16 @@ def test_what_was_tuned_on_another_rig_runs_on_that_one(file, folder, tmp_path):
     assert now.controller.settings["gains"][0] == 180.0
 
 
+def test_of_a_run_that_does_not_finish_its_task_and_the_reason_are_told(tmp_path):
+    path = tmp_path / "small.toml"
+    flung = 'plant.start.x=0.34", "plant.start.x_rate=2.0'
+    path.write_text(TUNE.replace("plant.start.x_rate=0.1", flung))
+    trials = Trials(read(str(path)), Store(tmp_path))
+    (found,) = trials.indicators([(trials.start, 2)], 1, trials.tune.verdict)
+    assert np.isnan(found.values).tolist() == [[False, True]] * 2
+    assert [each.rpartition(": ")[0] for each in found.reasons] == ["push: fell"] * 2
+
+
 @pytest.mark.long
 def test_a_task_without_its_indicator_is_refused(tmp_path):
     path = tmp_path / "small.toml"
