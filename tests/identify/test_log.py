@@ -85,6 +85,16 @@ def test_a_file_without_its_columns_names_those_that_are_missing(exact_columns, 
         read(write(tmp_path / "log.csv", less, rows=range(5)))
 
 
+def test_a_ball_is_told_by_the_share_of_gravity_that_accelerates_it(
+    exact_folder, exact_columns, tmp_path, write
+):
+    log = read(write(tmp_path / "log.csv", exact_columns, rows=range(5)))
+    solid = log.with_ball(5 / 7).model
+    assert solid.inertia == pytest.approx(2 / 5 * solid.mass * solid.radius**2)
+    with pytest.raises(LogError, match="--ball: a run knows its ball"):
+        read(exact_folder).with_ball(5 / 7)
+
+
 def test_a_word_among_numbers_is_named_with_its_line(exact_columns, tmp_path, write):
     texts = {(2, "measured_y"): "n/a"}
     with pytest.raises(LogError, match=r"line 4: measured_y: 'n/a' is not a number"):

@@ -59,8 +59,8 @@ def on_x(values):
 
 
 def test_lag_and_gain_of_a_known_motion_are_found():
-    found = Diagnosis.of(made(lambda t: 0.9 * reference(np.maximum(t - 0.18, 0))))
-    assert found.lag == pytest.approx(0.18, abs=1e-3)
+    found = Diagnosis.of(made(lambda t: 0.9 * reference(np.maximum(t - 0.1813, 0))))
+    assert found.lag == pytest.approx(0.1813, abs=2e-4)
     assert found.gain == pytest.approx(0.9, abs=1e-3)
     assert found.rest < 1e-4
 
