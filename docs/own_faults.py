@@ -212,7 +212,7 @@ GIVEN = (
     "controller.gains=[60,54,30,8]",
 )
 SCENARIO = load("circle", GIVEN)
-LIMITS = build_limits(FILE.limited(SCENARIO).rig.limits)
+LIMITS = build_limits(FILE.limited(SCENARIO))
 PERIOD = SCENARIO.rig.period
 SEEN = BOARD.LATE + BOARD.FRAME + PERIOD
 """What passes in s until a picture arrives: its age, a frame, a period."""

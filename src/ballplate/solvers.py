@@ -184,7 +184,7 @@ def symbolic(
     f = ca.Function("f", [x, u, p], [xdot], ["x", "u", "p"], ["xdot"])
     held = ca.vertcat(u, p)
     after = ca.simpleRK(ca.Function("rate", [x, held], [xdot]), 1, 4)(x, held, period)
-    limits = build_limits(chosen.rig.limits)
+    limits = build_limits(chosen)
     most = dict(zip(("x", "y"), limits.area, strict=True))
     for axis in ("phi", "theta"):
         most |= {

@@ -226,7 +226,7 @@ def behind_the_seam(rig, scenario):
     from twin.hal.cams import FixedRatio
 
     return SimulatedRig(
-        CDevices(rig), transmission=FixedRatio(), limits=build_limits(scenario.rig.limits),
+        CDevices(rig), transmission=FixedRatio(), limits=build_limits(scenario),
         period=scenario.rig.period,
     )  # fmt: skip
 

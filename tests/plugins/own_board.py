@@ -61,7 +61,7 @@ class VirtualBoard(Hardware):
 
 def own_rig(hardware, scenario, **thresholds):
     """The rig of some hardware, as `connect` builds it, without real-time scheduling."""
-    limits = build_limits(scenario.rig.limits)
+    limits = build_limits(scenario)
     servos = OwnServos(hardware, OwnConfig(**thresholds), limits, scenario.rig.period)
     return HardwareRig(
         servos=servos,

@@ -281,7 +281,7 @@ class LockstepRig(HardwareRig):
             screen=screen,
             clock=clock,
             transmission=plant.transmission,
-            limits=build_limits(scenario.rig.limits),
+            limits=build_limits(scenario),
             patience=PATIENCE,
             relaxed=relaxed,
             scheduling=lambda: nullcontext(Scheduling(False, False, ("bus time",))),

@@ -700,11 +700,6 @@ def start_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
     plant.start(np.broadcast_to(start.ball, (plant.rigs, 4)), start.spin)
 
 
-def build_limits(table: Any) -> Limits:
-    """The limits of a table ``limits`` of a scenario or a rig file, in SI units."""
-    return Limits(
-        **{
-            name: about.unit.to_si(getattr(table, about.key.rpartition(".")[2]))
-            for name, about in settings_of(Limits).items()
-        }
-    )
+def build_limits(scenario: Scenario) -> Limits:
+    """What may be commanded of the rig of a scenario, in SI units."""
+    return filled(Limits, [scenario])

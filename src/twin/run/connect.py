@@ -56,7 +56,7 @@ def connect(
         TwinError: If the settings do not go together.
     """
     period, allowed = scenario.rig.period, rig.late_periods
-    limits = build_limits(rig.limited(scenario).rig.limits)
+    limits = build_limits(rig.limited(scenario))
     common: dict[str, Any] = {
         "limits": limits,
         "home": (radians(rig.home_deg[0]), radians(rig.home_deg[1])),

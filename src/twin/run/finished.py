@@ -236,7 +236,7 @@ class Run(files.Signals):
     @property
     def limits(self) -> Limits:
         """Limits of what might be commanded of the rig."""
-        return assemble.build_limits(self.scenario.rig.limits)
+        return assemble.build_limits(self.scenario)
 
     @cached_property
     def motion(self) -> Motion:
