@@ -82,9 +82,11 @@ def mistaken(known: Transmission, scenarios: Sequence[Scenario]) -> Transmission
 
 OF_PLANTS = (Friction, SurfaceModel, Parts)
 """Dataclasses of what plants are made of."""
+OF_DEVICES: tuple[type[Any], ...] = (TouchModel, EncoderModel, simulated.DriveModel)
+"""Dataclasses of what is wrong with screen, encoders and drives."""
 
 
-def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scenario]) -> bool:
+def differ(old: Sequence[Scenario], new: Sequence[Scenario], *classes: type) -> bool:
     """Whether scenarios say something else of the settings of some dataclasses."""
     pairs = [pair for pair in zip(old, new, strict=True) if pair[0] is not pair[1]]
     return any(
@@ -321,15 +323,11 @@ def change_devices(
     Raises:
         ModelError: If a number is out of range.
     """
-    if plant and differ(OF_PLANTS, old, new):
+    if plant and differ(old, new, *OF_PLANTS):
         PLANTS[new[0].plant.kind].change(devices.plant, new)
-    devices.change(
-        touch=filled(TouchModel, new) if differ((TouchModel,), old, new) else None,
-        encoders=filled(EncoderModel, new) if differ((EncoderModel,), old, new) else None,
-        drives=filled(simulated.DriveModel, new)
-        if differ((simulated.DriveModel,), old, new)
-        else None,
-    )
+    for model in OF_DEVICES:
+        if differ(old, new, model):
+            devices.change(filled(model, new))
 
 
 def change_transmission(
@@ -343,7 +341,7 @@ def change_transmission(
         old: What the scenarios said until now, one per rig.
         new: What they say now.
     """
-    if differ((simulated.TransmissionError,), old, new):
+    if differ(old, new, simulated.TransmissionError):
         rig.replace_transmission(mistaken(known, new))
 
 

@@ -416,7 +416,7 @@ class Episodes:
         plant = rig.devices.plant
         old = [before[each] for each in rigs]
         plates = [[each.dimensions for each in those] for those in (old, new)]
-        if plates[0] != plates[1] or assemble.differ(assemble.OF_PLANTS, old, new):
+        if plates[0] != plates[1] or assemble.differ(old, new, *assemble.OF_PLANTS):
             assemble.PLANTS[new[0].plant.kind].rebuild(plant, rigs, self.scenarios)
         assemble.change_devices(rig.devices, before, self.scenarios, plant=False)
         assemble.change_transmission(rig, self._known, before, self.scenarios)

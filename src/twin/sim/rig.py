@@ -540,27 +540,15 @@ class SimulatedDevices:
         """Variances of the steps of the motor rates whose sum are the plate's accelerations."""
         return (self.plant.ratio * self._period) ** 2 * np.asarray(drives.disturbance)
 
-    def change(
-        self,
-        *,
-        touch: sensors.TouchModel | None = None,
-        encoders: sensors.EncoderModel | None = None,
-        drives: DriveModel | None = None,
-    ) -> None:
-        """Have other imperfections from now on; None leaves what there is.
-
-        Args:
-            touch: Imperfections of the touch screen.
-            encoders: Noise of the plate encoders; their counts stay.
-            drives: Imperfections of the drives.
-        """
-        if touch is not None:
-            self._screen.change(touch)
-        if encoders is not None:
-            self._encoders.change(encoders)
-        if drives is not None:
-            self._drives.change(drives, self._followed)
-            self._disturbance.change(self._shaken(drives))
+    def change(self, model: sensors.TouchModel | sensors.EncoderModel | DriveModel) -> None:
+        """Have other imperfections from now on; of the plate encoders their counts stay."""
+        if isinstance(model, sensors.TouchModel):
+            self._screen.change(model)
+        elif isinstance(model, sensors.EncoderModel):
+            self._encoders.change(model)
+        else:
+            self._drives.change(model, self._followed)
+            self._disturbance.change(self._shaken(model))
 
     def adopt(self, rigs: Rigs, other: SimulatedDevices) -> None:
         """Let some rigs go on as others that have just begun and are equipped alike.
