@@ -17,7 +17,7 @@ from controllers.ballplate import BallPlate
 from twin.base.errors import ModelError
 from twin.hal.interface import SCREEN
 from twin.hal.linkage import Transmitting
-from twin.sim.plant.friction import Friction, resisted
+from twin.sim.plant.friction import Contacts, Friction, resisted
 from twin.sim.plant.interface import tilted_gravity
 
 
@@ -87,7 +87,7 @@ def rolling(
     )
 
 
-class BallMotion:
+class BallMotion(Contacts):
     """The balls of N rigs: their acceleration, and their contacts with the screen.
 
     A ball is (x, x', y, y') in plate axes, m and m/s: numbers where ``single``, else arrays (N,).
@@ -102,16 +102,12 @@ class BallMotion:
     def __init__(
         self, model: BallPlate, friction: Friction | None, *, rigs: int, step: float
     ) -> None:
-        self.model, self.friction = model, friction
+        super().__init__(friction, rigs)
+        self.model = model
         self.single = rigs == 1 and (friction is None or friction.constant)
         """Whether plain numbers do."""
         self.by = NUMBERS if self.single else ARRAYS
-        self.age: Array | None = None
-        """Age of each contact, shape (N,), where friction has one."""
-        self.bend: Array = np.zeros((rigs, 2))
-        """How far each contact is bent, m, shape (N, 2); stays 0 of one that does not."""
         self._rigs, self._step = rigs, step
-        self._ageing = friction is not None and friction.ageing
         self._bending = friction is not None and friction.bending
         surface = None if friction is None else friction.map
         self._slope = surface if surface is not None and surface.sloping else None
@@ -120,28 +116,6 @@ class BallMotion:
         if friction is not None and friction.constant:
             grip = model.c1 * (np.asarray(friction.rolling) / model.radius)
             self._grip = grip.item() if self.single else grip
-
-    def begin(self, rigs: NDArray[np.integer], x: Array) -> None:
-        """Begin with some rigs of the state x, (N, 8); a ball at rest has rested long."""
-        if self._ageing:
-            age = self._settled(x)
-            self.age = age if self.age is None else put(self.age, rigs, age[rigs])
-        self.bend = put(self.bend, rigs, np.zeros((len(rigs), 2)))
-
-    def go_on(self, before: BallMotion, x: Array) -> None:
-        """Begin where other contacts of the same balls end, in the state x, (N, 8)."""
-        self.settle(x, before.age)
-        self.bend = before.bend
-
-    def settle(self, x: Array, age: Array | None = None) -> None:
-        """Let contacts be of an age, shape (N,); None for one long in the state x, (N, 8)."""
-        if self._ageing:
-            self.age = self._settled(x) if age is None else age
-
-    def _settled(self, x: Array) -> Array:
-        """Age of contacts that have long been in the state x, shape (N,)."""
-        assert self.friction is not None
-        return self.friction.settled(np.hypot(x[:, 1], x[:, 5]))
 
     def step(self, ball: Any, begin: Rolling, middle: Rolling, end: Rolling) -> tuple[Any, ...]:
         """The balls (x, x', y, y') after one step of RK4, by the equations within it."""

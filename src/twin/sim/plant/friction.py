@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import ARRAYS, Arithmetic, Array, Number
+from controllers.arrays import ARRAYS, Arithmetic, Array, Number, put
 from controllers.ballplate import BallPlate
 from twin.base.errors import ModelError
 from twin.base.settings import Unit, check, jump, ramp, setting
@@ -378,3 +378,40 @@ class Friction:
         else:
             arm = self.arm(np.hypot(x[..., 1], x[..., 5]), x[..., 0::4], age)
         return model.c1 * (arm / model.radius) * normal
+
+
+class Contacts:
+    """The contacts of N balls with the screen, and what is left in them of their way.
+
+    Args:
+        friction: Rolling resistance; None for none.
+        rigs: Number of balls.
+
+    Attributes:
+        age: Of each contact, shape (N,); None where friction has no age.
+        bend: How far each is bent, m, shape (N, 2); stays 0 of one that does not.
+    """
+
+    def __init__(self, friction: Friction | None, rigs: int) -> None:
+        self.friction = friction
+        self.age: Array | None = None
+        self.bend: Array = np.zeros((rigs, 2))
+
+    def begin(self, rigs: NDArray[np.integer], x: Array) -> None:
+        """Begin with some rigs of the state x, (N, 8); a ball at rest has rested long."""
+        before = self.age
+        self.settle(x)
+        if before is not None and self.age is not None:
+            self.age = put(before, rigs, self.age[rigs])
+        self.bend = put(self.bend, rigs, 0.0)
+
+    def go_on(self, before: Contacts, x: Array) -> None:
+        """Begin where other contacts of the same balls end, in the state x, (N, 8)."""
+        self.settle(x, before.age)
+        self.bend = before.bend
+
+    def settle(self, x: Array, age: Array | None = None) -> None:
+        """Let contacts be of an age, shape (N,); None for one long in the state x, (N, 8)."""
+        if self.friction is not None and self.friction.ageing:
+            long = self.friction.settled(np.hypot(x[:, 1], x[:, 5]))
+            self.age = long if age is None else age

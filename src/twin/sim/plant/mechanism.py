@@ -16,9 +16,9 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, Number, constant, put
+from controllers.arrays import Array, Mask, Number, constant
 from twin.base.errors import ModelError
-from twin.sim.plant.friction import Friction
+from twin.sim.plant.friction import Contacts, Friction
 from twin.sim.plant.interface import Parts, ball_in_plate, from_plate, rolling_ball
 from twin.sim.plant.model import RigModels, motor_ratio
 
@@ -111,7 +111,7 @@ LEAST = mujoco.mjMINMU
 """Smallest rolling friction in m the engine can simulate; it lifts anything below to this."""
 
 
-class BallContact:
+class BallContact(Contacts):
     """The contact of ball and screen of every rig of a batch.
 
     Friction that is constant is written once and costs nothing; one that changes with the ball's
@@ -127,8 +127,10 @@ class BallContact:
         ModelError: If a rolling resistance is too small for the engine.
     """
 
+    friction: Friction
+
     def __init__(self, batch: Batch, friction: Friction) -> None:
-        self.friction = friction
+        super().__init__(friction, batch.nsim)
         model = batch.model
         roll = np.broadcast_to(np.asarray(friction.rolling, float), (batch.nsim,))
         free = np.broadcast_to(friction.absent, (batch.nsim,))
@@ -153,37 +155,18 @@ class BallContact:
             sizes = model.geom_size if sizes is None else sizes
             self._radius = sizes[..., model.geom("ball").id, 0]
 
-    def start(self, x: Array) -> None:
-        """Begin with the state x, (N, 8); a ball at rest is taken to have rested long."""
-        self.age = self._settled(x)
-        """Age of each contact, shape (N,)."""
-        self.bend: Array = np.zeros((len(x), 2))
-        """How far each contact is bent, m, shape (N, 2); 0 of one that does not."""
-
-    def begin(self, rigs: NDArray[np.integer], x: Array) -> None:
-        """Begin with some rigs of the state x, (N, 8), anew."""
-        self.age = put(self.age, rigs, self._settled(x)[rigs])
-        self.bend = put(self.bend, rigs, np.zeros((len(rigs), 2)))
-
-    def _settled(self, x: Array) -> Array:
-        """Age of contacts that have long been in the state x, shape (N,)."""
-        return self.friction.settled(np.hypot(x[:, 1], x[:, 5]))
-
-    def go_on(self, before: BallContact, x: Array) -> None:
+    def go_on(self, before: Contacts, x: Array) -> None:
         """Begin where another contact of the same balls ends, in the state x, (N, 8)."""
-        self.age = before.age if before.friction.ageing else self._settled(x)
-        self.bend = before.bend
+        super().go_on(before, x)
         self._force[:] = 0.0
 
     def feel(self, x: Array, time: float) -> None:
         """Set friction and slope for the state x, shape (N, 8), which will last a time in s."""
         friction = self.friction
         position, speed = x[:, 0::4], np.hypot(x[:, 1], x[:, 5])
-        if friction.ageing:
+        if self.age is not None:
             self.age = friction.aged(self.age, speed, time)
-            arm = friction.arm(speed, position, self.age)
-        else:
-            arm = friction.arm(speed, position)
+        arm = friction.arm(speed, position, self.age)
         self._arm[:] = np.maximum(arm, LEAST)[:, None]
         if not self._forced:
             return
@@ -264,7 +247,6 @@ class Mechanism:
         self._contact = None if friction is None else BallContact(self._batch, friction)
         # how often friction that changes with speed or place is updated: every 2 ms
         self._stride = max(1, round(0.002 / self.step))
-        self._varying = self._contact is not None and self._contact.varying
         self.start(np.zeros((rigs, 4)))
 
     def foresee(self, parts: Sequence[Parts]) -> None:
@@ -309,7 +291,6 @@ class Mechanism:
         before, self._contact = self._contact, BallContact(self._batch, friction)
         if before is not None:
             self._contact.go_on(before, self.state)
-        self._varying = self._contact.varying
 
     def start(self, ball: Array, spin: Number = 0.0) -> None:
         """Put every plate level and at rest with its ball rolling at (x, x', y, y'), shape (N, 4).
@@ -319,7 +300,7 @@ class Mechanism:
         """
         self._put_level(None, np.broadcast_to(ball, (self.rigs, 4)), spin)
         if self._contact is not None:
-            self._contact.start(self.state)
+            self._contact.begin(np.arange(self.rigs), self.state)
 
     def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
         """Put some rigs to the start as ``start`` does, the others as they are."""
@@ -361,10 +342,9 @@ class Mechanism:
     def advance(self, motor_rate: Array, steps: int) -> None:
         """Hold the motor speeds (rad/s, shape (N, 2), order phi, theta) for physics steps."""
         self._ctrl[:, self._at.servo] = motor_rate
-        if not self._varying:
+        if self._contact is None or not self._contact.varying:
             self._step(steps)
             return
-        assert self._contact is not None
         while steps > 0:
             stride = min(steps, self._stride)
             self._contact.feel(self.state, stride * self.step)
@@ -393,20 +373,18 @@ class Mechanism:
             self._inside &= ~(self._rounded & beyond)
 
     def saved_state(self) -> dict[str, Any]:
-        """The engine's integration state and what is read of it, all arrays."""
+        """The engine's integration state and what is read of it, arrays but for no age."""
         contact = self._contact
-        age = {} if contact is None else {"age": contact.age, "bend": contact.bend}
         state = {"rows": self._batch.state, "warning": self._batch.warning, "sensed": self._sensed}
-        return {name: np.array(each) for name, each in (state | age).items()}
+        kept = {} if contact is None else {"age": contact.age, "bend": contact.bend}
+        return {name: np.array(each) for name, each in state.items()} | kept
 
     def restore_state(self, state: dict[str, Any]) -> None:
         """Go on from a state that ``saved_state`` gave."""
         self._batch.state[:] = state["rows"]
         self._batch.warning[:] = state["warning"]
         if self._contact is not None:
-            self._contact.age = state["age"]
-            # of a snapshot from before contacts could bend there is nothing
-            self._contact.bend = state.get("bend", np.zeros((self.rigs, 2)))
+            self._contact.age, self._contact.bend = state["age"], state["bend"]
         if self._sensing:
             self._batch.forward(None, _VELOCITY_STAGE)
         self._look()
