@@ -105,6 +105,12 @@ Point = dict[str, float | str]
 """Dotted scenario key to value; ``key.0`` is the first number of a list."""
 
 
+def place_of(key: str) -> tuple[str, int | None]:
+    """The scenario key that a point's key is, or has a number of, and which; None for all of it."""
+    path, _, tail = key.rpartition(".")
+    return (path, int(tail)) if path and tail.isdigit() else (key, None)
+
+
 class Family(Checked):
     """A family of rigs.
 

@@ -32,7 +32,7 @@ from twin.scenario import Scenario
 from twin.scenario.load import check, resolved, setting, validated
 from twin.scenario.load import read as read_tables
 from twin.scenario.schema import KINDS, at_study_step, checked_settings, choices
-from twin.study.schema import Point, Study, column
+from twin.study.schema import Point, Study, column, place_of
 
 SEED = 1
 """Of the designs: the same study has the same points."""
@@ -137,13 +137,10 @@ class Builder:
             known = self._built([*map(self._setting, fixed)]).designed_on
             given["controller.model"] = {key: getattr(known, key) for key in KNOWN}
         for key, value in point.items():
-            factor = value if key in relative else None
-            path, _, tail = key.rpartition(".")
-            at = int(tail) if path and tail.isdigit() else None
-            if at is None and factor is None:
+            name, at = place_of(key)
+            if at is None and key not in relative:
                 given[key] = value
                 continue
-            name = key if at is None else path
             whole = given[name] if name in given else self._now(fixed, name)
             given[name] = self._changed(key, whole, at, value, relative=key in relative)
         return self._built([*map(self._setting, fixed), *given.items()])
@@ -154,12 +151,12 @@ class Builder:
         Raises:
             ScenarioError: If there is no such key, or an override is wrong.
         """
-        path, _, tail = key.rpartition(".")
-        at = int(tail) if path and tail.isdigit() else None
-        whole = self._now(fixed, key if at is None else path)
-        return whole if at is None else self._part(key, whole, at)
+        name, at = place_of(key)
+        return self._part(key, self._now(fixed, name), at)
 
-    def _part(self, key: str, whole: Any, at: int) -> Any:
+    def _part(self, key: str, whole: Any, at: int | None) -> Any:
+        if at is None:
+            return whole
         if not (isinstance(whole, list) and at < len(whole)):
             known = f"0 to {len(whole) - 1}" if isinstance(whole, list) else "it is no list"
             raise ScenarioError(f"{self._source}: {key}: no such number ({known})")
@@ -167,7 +164,7 @@ class Builder:
 
     def _changed(self, key: str, whole: Any, at: int | None, value: Any, *, relative: bool) -> Any:
         """What a key becomes: a number, or a list with one of its numbers changed."""
-        old = whole if at is None else self._part(key, whole, at)
+        old = self._part(key, whole, at)
         if relative and not isinstance(old, int | float):
             raise ScenarioError(f"{self._source}: {key}: no number to take a part of, but {old!r}")
         new = value * old if relative else value

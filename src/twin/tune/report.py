@@ -12,7 +12,7 @@ from twin.base.writing import write_json, write_whole
 from twin.run.assemble import build_law
 from twin.run.tables import LABELS, flat
 from twin.scenario.load import setting
-from twin.study.schema import Point
+from twin.study.schema import Point, place_of
 from twin.tune.search import CONFIDENCE, TuneResult
 from twin.tune.trials import Trials
 
@@ -30,8 +30,7 @@ def settings(trials: Trials, fields: Point) -> dict[str, Any]:
     scenario = json.loads(trials.scenario(fields, 0).model_dump_json())
     found = flat({table: scenario[table] or {} for table in CONTROLLER})
     for field in fields:
-        path, _, tail = field.rpartition(".")
-        key = path if tail.isdigit() else field
+        key, _ = place_of(field)
         if key.partition(".")[0] not in CONTROLLER:
             found[key] = flat(scenario)[key]
     found["parameters"] = dict(map(setting, trials.tune.set)).get("parameters")
