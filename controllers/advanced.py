@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import scipy
@@ -77,20 +77,17 @@ class TimeVaryingLQR(AboutMotion):
         return flat.T @ np.diag((*self.Q, *self.Q)) @ flat
 
 
-class Linearised(NamedTuple):
-    """x' = A x + B u along a reference at K times, shape (K, ..., 8, 8) and (K, ..., 8, 2)."""
+def along(model: BallPlate, reference: Reference, times: Array) -> tuple[Array, Array]:
+    """The exact model (5.9) linearised along a reference, the plate as the flat model takes it.
 
-    A: Array
-    B: Array
-
-
-def along(model: BallPlate, reference: Reference, times: Array) -> Linearised:
-    """The exact model (5.9) linearised along a reference, the plate as the flat model takes it."""
+    Returns:
+        A and B of x' = A x + B u at K times, shapes (K, ..., 8, 8) and (K, ..., 8, 2).
+    """
     r = reference(times)
     x = np.zeros((*r.shape[1:-1], 8))
     x[..., 0::4], x[..., 1::4] = r[0], r[1]
     x[..., 2::4], x[..., 3::4] = SIGN * r[2] / model.k1, SIGN * r[3] / model.k1
-    return Linearised(model.jacobian(x, SIGN * r[4] / model.k1), model.g(x))
+    return model.jacobian(x, SIGN * r[4] / model.k1), model.g(x)
 
 
 def slope(P: Array, A: Array, B: Array, Q: Array) -> Array:
@@ -145,14 +142,14 @@ class VaryingGain:
         """Begin the sweep for the gains after the next ones."""
         first = self._begin + SLICE
         times = (first + np.arange(self._knots + 1)) * KNOT
-        self._along = along(self._law.model, self._reference, times)
-        self._P = np.broadcast_to(self._level, self._along.A.shape[1:])
+        self._A, self._B = along(self._law.model, self._reference, times)
+        self._P = np.broadcast_to(self._level, self._A.shape[1:])
         self._left = self._knots
-        self._next = np.empty((SLICE, *self._along.B.shape[1:-2], 2, 8))
+        self._next = np.empty((SLICE, *self._B.shape[1:-2], 2, 8))
 
     def _step(self) -> None:
         """One step of the sweep backward in time, by the rule of Runge and Kutta."""
-        A, B, Q, P, h = *self._along, self._Q, self._P, KNOT
+        A, B, Q, P, h = self._A, self._B, self._Q, self._P, KNOT
         late, early = self._left, self._left - 1
         Am, Bm = (A[late] + A[early]) / 2, (B[late] + B[early]) / 2
         k1 = slope(P, A[late], B[late], Q)
@@ -539,7 +536,7 @@ class Laps:
         self._law, self._motion, self._reference = law, motion, reference
         order = np.arange(law.harmonics + 1)
         self._pulse = order * law.omega
-        self._inverse = Inverse(law.model, self._pulse)
+        self._inverse = inverse_of(law.model, self._pulse)
         self.table = np.zeros((len(order), *x.shape[:-1], 2), complex)
         """C0 to CH of x and y, m, shape (harmonics + 1, ..., 2)."""
         self._before = self._sum = np.zeros_like(self.table)
@@ -553,7 +550,7 @@ class Laps:
         if lap > self._lap:
             self._learn(lap, t)
         turn = np.exp(1j * self._pulse * t)
-        share = np.tensordot(self._inverse(turn), self._present(t), axes=1).real
+        share = np.tensordot(self._inverse * turn, self._present(t), axes=1).real
         error = self._reference(t)[0] - x[..., 0::4]
         self._sum = self._sum + np.multiply.outer(turn.conj(), error)
         self._count += 1
@@ -587,19 +584,17 @@ class Laps:
         return (change.max(axis=-1, keepdims=True) < ALIKE).astype(float)
 
 
-class Inverse:
-    """Position and velocity of a harmonic of the ball, and the plate's slopes that give it.
+def inverse_of(model: BallPlate, pulse: Array) -> Array:
+    """Position and velocity of a harmonic of the ball, and the plate's slope that gives it.
 
     Args:
         model: Ball and plate.
         pulse: Frequencies of the harmonics in rad/s, shape (H + 1,).
+
+    Returns:
+        What exp(j h w t) is taken times: for position, velocity, slope, its rate and acceleration,
+        shape (5, H + 1).
     """
-
-    def __init__(self, model: BallPlate, pulse: Array) -> None:
-        s = 1j * pulse
-        a = s * s / (model.k1 - model.c2 * s * s)
-        self._factors = np.array([np.ones_like(s), s, a, s * a, s * s * a])
-
-    def __call__(self, turn: Array) -> Array:
-        """For exp(j h w t): position, velocity, slope, its rate and acceleration, (5, H + 1)."""
-        return self._factors * turn
+    s = 1j * pulse
+    a = s * s / (model.k1 - model.c2 * s * s)
+    return np.array([np.ones_like(s), s, a, s * a, s * s * a])

@@ -302,7 +302,7 @@ def test_the_gains_along_a_fast_path_are_those_of_the_differential_riccati_equat
     times = end - (first + np.arange(0, SLICE, 8)) * KNOT
     P = solve_ivp(rate, (0, times[0]), begin, t_eval=times[::-1], rtol=1e-8, atol=1e-8).y.T[::-1]
     for k, p in zip(range(0, SLICE, 8), P, strict=True):
-        B = along(MODEL, path, np.array([(first + k) * KNOT])).B[0]
+        B = along(MODEL, path, np.array([(first + k) * KNOT]))[1][0]
         expected = B.T @ p.reshape(8, 8)
         np.testing.assert_allclose(found[k], expected, atol=2e-3 * np.abs(expected).max())
 
