@@ -93,16 +93,12 @@ class RunMonitor:
     def final(self, time: float, otherwise: Ending, reason: str = "") -> list[Outcome]:
         """One outcome a rig; those that have not ended get the ending given."""
         self.examine(time)
-        end = []
         for rig in range(self._rigs):
-            stop = self._stopped[rig]
-            if rig in self.outcomes:
-                end.append(self.outcomes[rig])
-            elif np.isnan(stop):
-                end.append(Outcome(otherwise, time, reason))
-            else:
-                end.append(self._stop(rig))
-        return end
+            if rig not in self.outcomes:
+                goes_on = np.isnan(self._stopped[rig])
+                own = Outcome(otherwise, time, reason) if goes_on else self._stop(rig)
+                self.outcomes[rig] = own
+        return [self.outcomes[rig] for rig in range(self._rigs)]
 
 
 def passed(
