@@ -15,15 +15,14 @@ from controllers.arrays import Array
 from twin.base.errors import LawError, nearest
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_named_once, read_model
+from twin.run.files import METRICS
 from twin.run.files import UNITS as ALL_UNITS
 from twin.run.logs import SCALES
 from twin.scenario import Scenario
 from twin.study.experiments import Store, evaluate
 from twin.study.work import Builder, ScenarioRuns
 
-OF_THE_RUN = {"outcome_time", "judged_from", "real_time_factor"}
-"""Indicators that say how a run went, not what the ball did."""
-UNITS = {name: unit for name, unit in ALL_UNITS.items() if name not in OF_THE_RUN}
+UNITS = {name: unit for name, unit in ALL_UNITS.items() if name in METRICS}
 """The indicators of a run that can be measured, and the unit of each."""
 FACTORS = SCALES | {"%": {"%": 1.0, "1": 100.0}, "deg": {"deg": 1.0, "rad": degrees(1.0)}}
 """Of each unit what it may also be written in, and by what that is multiplied."""
