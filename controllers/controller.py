@@ -411,13 +411,6 @@ class PerRigLaw(Law):
         )
         object.__setattr__(self, "model", laws[0].model)
 
-    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
-        """Plate accelerations in rad/s^2, shape (N, 2), for a reference of N rigs."""
-        u = np.empty((len(x), 2))
-        for own, law in self.groups.each:
-            u[own] = law.control(t, x[own], _PartOf(reference, own), q[own, : law.memory])
-        return u
-
     def start(self, x: Array, reference: Reference, period: float) -> list[Any]:
         """The plan of each group of rigs."""
         return [law.start(x[own], _PartOf(reference, own), period) for own, law in self.groups.each]
