@@ -409,7 +409,7 @@ def test_a_rig_is_found_by_commands_alone_within_its_intervals(axis_of, rate, ab
     truth = {**TRUTH, "camber": 0.0, **about}
     names = ("friction", "camber") if "camber" in about else ("friction",)
     fit, _ = _chosen(axis_of(3, rate=rate, seconds=50, **about), names, 2.5)
-    found = {each.name[:-2]: each for each in _verdicts(fit, "x", "rad", 2.5)}
+    found = {each.name[:-2]: each for each in _verdicts(fit, "x", "rad")}
     for name in ("gain", "level", *names):
         each = found[name]
         assert each.word == IDENTIFIED

@@ -121,7 +121,6 @@ def identify_any(
     held: list[AnyLog] | float,
     names: tuple[str, ...] = (),
     factor: float | None = None,
-    longest: float = LONGEST,
     progress: Callable[[float], None] = lambda _: None,
     ball: BallPlate | None = None,
     on: str | Path | None = None,
@@ -136,7 +135,6 @@ def identify_any(
             and what pays.
         factor: Share of gravity that accelerates the ball: 3/5 of a hollow one, 5/7 of a solid one;
             None for that of the ball.
-        longest: Length of the windows in s.
         progress: Called with the share of the work done.
         ball: That of the rig; None for the thesis's.
         on: The rig, or file of parameters, that the parameters are to lie over.
@@ -163,7 +161,7 @@ def identify_any(
         try:
             log = _joined([part[axis] for part in known], levers.get(axis))
             _check_excited(log)
-            fit, about = _chosen(log, names, longest)
+            fit, about = _chosen(log, names, LONGEST)
             notes += [f"{axis}: {each}" for each in about]
         except LogError as error:
             reasons.append(f"{axis}: {error}")
@@ -171,7 +169,7 @@ def identify_any(
             found += [judged.ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
             continue
         fits[axis] = fit
-        found += _verdicts(fit, axis, unit, longest)
+        found += _verdicts(fit, axis, unit)
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
         progress((k + 1) / len(first.unit))
@@ -348,7 +346,7 @@ def _about(name: str, unit: str) -> IdentifiedParameter:
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
 
-def _verdicts(fit: AxisFit, axis: str, unit: str, longest: float) -> list[judged.ParameterVerdict]:
+def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdict]:
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
     rows = (*names, *(("delay",) if "lag" in names else ()))
