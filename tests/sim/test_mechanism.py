@@ -336,7 +336,7 @@ def test_a_model_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, says
     if text is not None:
         path.write_text(text, encoding="utf-8")
     with pytest.raises(ModelError, match=says) as caught:
-        Mechanism(path)
+        load_model(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -46,7 +46,7 @@ def sweep_cams() -> CamTable:
     # closer together towards the ends, where a fit is weakest
     line = MOTOR_RANGE * np.sin(np.linspace(-1.4, 1.4, LINES)) / math.sin(1.4)
     target = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
-    plant = Mechanism(path, rigs=len(target))
+    plant = Mechanism(rigs=len(target))
     plant.start(np.broadcast_to(_BALL_OFF, (plant.rigs, 4)))
     _move_and_settle(plant, target)
     width = 2 * math.pi / COUNTS

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Self
 
 import mujoco
@@ -205,7 +204,6 @@ class Mechanism:
     """N simulated rigs: plate on its cardan joint, cams, wheels, spring or rods, servos and ball.
 
     Args:
-        path: The MJCF file; None for the packaged model.
         rigs: Number N of mechanisms.
         step: Physics step in s; None for the model's own.
         threads: Threads to step on, 0 for one a processor; one rig needs only one.
@@ -218,7 +216,6 @@ class Mechanism:
 
     def __init__(
         self,
-        path: Path | None = None,
         rigs: int = 1,
         step: float | None = None,
         threads: int = 0,
@@ -229,7 +226,7 @@ class Mechanism:
         self._sensing = rigs < _MANY
         one = Parts() if parts is None else parts
         disabled = _UNUSED | (0 if self._sensing else _ISLANDS)
-        self._models = RigModels(path, rigs, one, step, disabled)
+        self._models = RigModels(rigs, one, step, disabled)
         model = self._models.first
         self.step = float(model.opt.timestep)
         self.ratio: Number = motor_ratio(model)

@@ -520,9 +520,8 @@ class RigModels:
     A batch has one model and, of the fields in which its rigs differ, a value for each.
 
     Args:
-        path: The MJCF file; None for the packaged model.
         rigs: How many.
-        parts: What differs from it, one for all or one a rig.
+        parts: What differs from the model file, one for all or one a rig.
         step: Physics step in s; None for the model's own.
         disabled: The engine's ``mjtDisableBit`` flags to set.
 
@@ -532,7 +531,6 @@ class RigModels:
 
     def __init__(
         self,
-        path: Path | None,
         rigs: int,
         parts: Parts | Sequence[Parts],
         step: float | None,
@@ -546,7 +544,7 @@ class RigModels:
         self._parts = [parts] * rigs if isinstance(parts, Parts) else list(parts)
         if len(self._parts) != rigs:
             raise ModelError(f"{rigs} rigs cannot have {len(self._parts)} sets of parts")
-        self._path, self._step, self._disabled = path, step, disabled
+        self._step, self._disabled = step, disabled
         self._built = self._compiled(self._parts)
         self._now = self._built
         self._exchanged: dict[tuple[Parts, Parts], mujoco.MjModel] = {}
@@ -636,7 +634,7 @@ class RigModels:
         return [made[part] for part in parts]
 
     def _compile(self, parts: Parts, stands: mujoco.MjModel | None = None) -> mujoco.MjModel:
-        model = load_model(self._path, parts, drawn=False, stands=stands)
+        model = load_model(parts=parts, drawn=False, stands=stands)
         model.opt.disableflags |= self._disabled
         if self._step is not None:
             model.opt.timestep = self._step
