@@ -66,6 +66,18 @@ def test_a_ball_that_has_come_far_is_slowed_as_by_steady_rolling(kind):
     assert x[-1, 5] / x[-1, 1] == pytest.approx(4 / 3, rel=1e-3)
 
 
+@pytest.mark.parametrize("kind", PLANTS)
+def test_a_ball_that_is_put_somewhere_at_rest_stays_there(kind):
+    plant = PLANTS[kind](step=0.001, friction=Friction(rolling=ARM, presliding=WAY))
+    plant.start(np.array([[0.0, 0.06, 0.0, 0.08]]))
+    plant.advance(np.zeros((1, 2)), 100)  # its contact is bent
+    plant.place(np.array([[0.05, 0.0, -0.03, 0.0]]))
+    plant.advance(np.zeros((1, 2)), 20)
+    # the mechanism's plate gives way a little under the ball
+    assert plant.state[0, 0::4] == pytest.approx([0.05, -0.03], abs=2e-6)
+    assert plant.state[0, 1::4] == pytest.approx([0.0, 0.0], abs=1e-4)
+
+
 def test_energy_is_never_created():
     rng = np.random.default_rng(2)
     ball = np.zeros((20, 4))

@@ -332,6 +332,8 @@ class Mechanism:
         self._qpos[:, pose + 3 : pose + 7] = 1.0, 0.0, 0.0, 0.0
         self._qvel[:, rate : rate + 3] = velocity
         self._qvel[:, rate + 3 : rate + 6] = turning
+        if self._contact is not None:
+            self._contact.bend = np.zeros((self.rigs, 2))
         if self._sensing:
             self._batch.forward(None, _VELOCITY_STAGE)
         self._look()
