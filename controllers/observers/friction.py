@@ -335,6 +335,26 @@ def diagonal(P: Array) -> Array:
     return P.reshape(len(P), -1)[:, : 9 * step : step]
 
 
+def gaussian_field(
+    sides: Sequence[float], pitch: float, spread: float, length: float
+) -> tuple[tuple[int, ...], Array]:
+    """Lines of a grid over a rectangle along x and y, and the covariance of a field at its points.
+
+    E m(p) m(q) = s^2 exp(-|p - q|^2 / (2 l^2)), shape (points, points).
+
+    Args:
+        sides: Of the rectangle, m.
+        pitch: Distance in m from one line to the next, at most.
+        spread: Standard deviation s.
+        length: l in m.
+    """
+    along = [np.linspace(-side / 2, side / 2, 1 + max(round(side / pitch), 1)) for side in sides]
+    points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
+    every_point = points.reshape(-1, 2)
+    apart = ((every_point[:, None] - every_point) ** 2).sum(axis=-1)
+    return points.shape[:2], spread**2 * np.exp(-apart / (2 * length**2))
+
+
 @dataclass(kw_only=True)
 class FrictionMapKalman(FrictionKalman):
     """``friction_kalman`` with a friction F + m(x, y) that depends on the place.
@@ -372,24 +392,15 @@ class FrictionMapKalman(FrictionKalman):
     map_sides: tuple[Positive, Positive] = (0.70, 0.395)
     """Extent of the map in m along x and y about the plate's centre; beside it its edge counts."""
 
-    def __post_init__(self) -> None:
-        """Check the settings and lay the points."""
-        super().__post_init__()
-        along = [
-            np.linspace(-side / 2, side / 2, 1 + max(round(side / self.map_pitch), 1))
-            for side in self.map_sides
-        ]
-        self._points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
-        self._cells = tuple(len(each) - 1 for each in along)
-
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8), with the same friction everywhere."""
         super().start(x)
-        rigs, count = self._rigs, len(self._points)
+        lines, prior = gaussian_field(
+            self.map_sides, self.map_pitch, self.map_spread, self.map_length
+        )
+        self._cells, rigs, count = (lines[0] - 1, lines[1] - 1), self._rigs, len(prior)
         self._m = np.zeros((rigs, count))
         self._P = np.concatenate((self._P, np.zeros((rigs, 9, count))), axis=2)
-        apart = ((self._points[:, None] - self._points) ** 2).sum(axis=-1)
-        prior = self.map_spread**2 * np.exp(-apart / (2 * self.map_length**2))
         self._M = np.tile(prior, (rigs, 1, 1))
         """Covariance of the map; of each rig the lower half is kept up to date."""
         self._rows = 0 if rigs == 1 else np.arange(rigs)
@@ -427,7 +438,7 @@ class FrictionMapKalman(FrictionKalman):
         # a ball that has run away is nowhere, and all that follows from it not a number
         first = i * (m + 1) + j
         first = self._by.where(first >= 0, first, 0.0)
-        h, rows = np.zeros((self._rigs, len(self._points))), self._rows
+        h, rows = np.zeros((self._rigs, (n + 1) * (m + 1))), self._rows
         first = int(first) if self._rigs == 1 else first.astype(int)
         h[rows, first], h[rows, first + 1] = (1 - a) * (1 - b), (1 - a) * b
         h[rows, first + m + 1], h[rows, first + m + 2] = a * (1 - b), a * b

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.arrays import Array, Mask
+from controllers.observers.friction import gaussian_field
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import ROLL, PreparedLog, Segment, speed
 from twin.identify.search import START_DIFFERENCES, START_PRIOR, fit_starts
@@ -82,15 +83,11 @@ class FrictionMap:
         shown = min(1.0, patch / PITCH)
         self.left = np.hypot(ROUGH, spread * np.hypot(REST, np.sqrt(1 - shown**2)))
         """Standard deviation of what the map does not show."""
-        along = [np.linspace(-side / 2, side / 2, 1 + round(side / PITCH)) for side in plant.size]
-        points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
-        self.grid, points = points.shape[:2], points.reshape(-1, 2)
-        units = np.eye(len(points)).reshape(-1, *self.grid)
-        self._units = SurfaceMap(relative=units, size=plant.size)
-        apart = ((points[:, None] - points) ** 2).sum(axis=-1)
         length = LENGTH * max(patch, PITCH)
-        self._prior = (shown * spread) ** 2 * np.exp(-apart / (2 * length**2))
-        self.mean, self.covariance = np.zeros(len(points)), self._prior
+        self.grid, self._prior = gaussian_field(plant.size, PITCH, shown * spread, length)
+        units = np.eye(len(self._prior)).reshape(-1, *self.grid)
+        self._units = SurfaceMap(relative=units, size=plant.size)
+        self.mean, self.covariance = np.zeros(len(self._prior)), self._prior
         """At the points, shapes (n,) and (n, n)."""
         self.until = -np.inf
         """When what has been learnt ends, s."""
@@ -163,7 +160,7 @@ def smoothed(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask)
     unknown, onto = unknown_motion(windows, belief.values["delay"]), state_moved(windows)
     moved = [turned(unknown, each) for each in (pushes, slowed)]
     J = np.concatenate((line.by_parameter[0, ..., :count], line.by_start[0], *moved), axis=-1)  # noqa: N806
-    # standard deviations of the unknowns before anything is seen; what an uneven screen makes of
+    # covariance of the unknowns before anything is seen; what an uneven screen makes of
     # the parameters is left out, as the friction and the forces are unknowns of their own
     watched = [PARAMETERS.index(name) for name in BALL]
     variance = (belief.constant**2 + belief.changing[0] ** 2 - belief.uneven**2)[watched]
