@@ -235,11 +235,13 @@ def trace(
     found = read_trace(place, channel)
     own = read_rig(rig) if rig else None
     drives = own.servos(0.002) if own else None
+    names = Names(eds)
     if again:
-        return _replay(file, found, Names(eds), drives)
-    said = Conversation(found.frames, Names(eds), drives)
+        return _replay(file, found, names, drives)
+    said = Conversation(found.frames, names, drives)
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
-    summary |= said.summary() | {"remarks": found.remarks}
+    remarks = [*found.remarks, *names.sheet.remarks]
+    summary |= said.summary() | {"remarks": remarks}
     events = [event._asdict() for event in said.events]
     written = [each for each in (out, log) if each is not None]
     if log and own and drives and touch:
@@ -251,7 +253,7 @@ def trace(
         write_whole(out, frame.to_csv(index=False, lineterminator="\n"))
     shown = (
         bold(f"{file}: {len(found.frames)} frames on {found.channel} in {said.duration:.3f} s"),
-        *found.remarks,
+        *remarks,
         *_nodes(summary),
         Table("", ("time [s]", "who", "kind", "what"), rows, words=(1, 2, 3)),
     )
@@ -273,7 +275,7 @@ def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) ->
     )
     same = "the emulated drives answer the same"
     shown = f"first difference, at {first.time:.6f} s, {first.who}: {first.text}" if first else same
-    remarks = [*trace.remarks, *found.remarks]
+    remarks = [*trace.remarks, *names.sheet.remarks, *found.remarks]
     numbers = {"trace": str(file), **found._asdict(), "remarks": remarks}
     show(numbers | {"difference": first and first._asdict()}, (told, *remarks, shown))
     return int(first is not None)
@@ -288,14 +290,21 @@ def _nodes(found: dict[str, Any]) -> list[Table]:
             node["name"],
             counted(node["frames"]) or "nothing",
             " -> ".join(node["states"]),
-            " -> ".join(node["drive"]),
+            "; ".join(
+                f"axis {axis}: {' -> '.join(states)}" if axis > 1 else " -> ".join(states)
+                for axis, states in ({1: node["drive"]} | node["axes"]).items()
+                if states
+            ),
             counted(node["transfers"]),
             "; ".join(f"{each['time']:.3f} s {each['text']}" for each in node["faults"]),
         )
         for node in nodes
     ]
+    if errors := found["errors"]:
+        text = "; ".join(f"{count} {what}" for what, count in errors.items())
+        did.append(("adapter", f"{sum(errors.values())} error frames", "", "", "", text))
     signals = [
-        (node["name"], name, digits(its["from"]), digits(its["to"]), its["unit"] or "counts")
+        (node["name"], name, digits(its["from"]), digits(its["to"]), _unit(its))
         for node in nodes
         for name, its in node["signals"].items()
     ]
@@ -304,6 +313,12 @@ def _nodes(found: dict[str, Any]) -> list[Table]:
         Table("", ("", "in PDOs", "from", "to", "unit"), signals, words=(0, 1, 4)),
     )
     return [each for each in tables if each.rows]
+
+
+def _unit(signal: dict[str, Any]) -> str:
+    """Unit of a signal; of one without any counts, but for numbers of IEEE 754, which are none."""
+    whole = isinstance(signal["from"], int) and isinstance(signal["to"], int)
+    return str(signal["unit"]) or ("counts" if whole else "")
 
 
 def counted(numbers: dict[str, int]) -> str:
