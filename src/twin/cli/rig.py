@@ -238,7 +238,7 @@ def trace(
     names = Names(eds)
     if again:
         return _replay(file, found, names, drives)
-    said = Conversation(found.frames, names, drives)
+    said = Conversation(found.frames, names, drives, timed=found.timed)
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
     remarks = [*found.remarks, *names.sheet.remarks]
     summary |= said.summary() | {"remarks": remarks}
@@ -247,15 +247,17 @@ def trace(
     if log and own and drives and touch:
         home = np.radians(own.home_deg)
         export(log, log_of_trace(said, drives, cams_of(own), home, touch), TRACE_UNITS)
-    rows = [(f"{each.time:.6f}", *each[1:]) for each in said.events]
+    rows = [(f"{each.time:.{6 * found.timed}f}", *each[1:]) for each in said.events]
+    when = "time [s]" if found.timed else "frame"
+    span = f" in {said.duration:.3f} s" if found.timed else ", without times"
     if out is not None:
-        frame = pd.DataFrame(rows, columns=["time [s]", *TracedEvent._fields[1:]])
+        frame = pd.DataFrame(rows, columns=[when, *TracedEvent._fields[1:]])
         write_whole(out, frame.to_csv(index=False, lineterminator="\n"))
     shown = (
-        bold(f"{file}: {len(found.frames)} frames on {found.channel} in {said.duration:.3f} s"),
+        bold(f"{file}: {len(found.frames)} frames on {found.channel}{span}"),
         *remarks,
         *_nodes(summary),
-        Table("", ("time [s]", "who", "kind", "what"), rows, words=(1, 2, 3)),
+        Table("", (when, "who", "kind", "what"), rows, words=(1, 2, 3)),
     )
     show({**summary, "events": events}, (*shown, *(f"written: {each}" for each in written)))
     return 0

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from twin.base.errors import LogError
+from twin.base.foreign import HEAD, decode_text, file_kind
 from twin.devices.akd.protocol import PDOS, Key, Object
 
 _TYPES = {
@@ -86,16 +87,6 @@ class DataSheet:
         return held
 
 
-def decode_text(raw: bytes) -> str:
-    """Text in UTF-8, with or without its mark, in UTF-16 with a mark, else in Windows' 8 bits."""
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return raw.decode("utf-16", errors="replace")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("cp1252", errors="replace")
-
-
 def read_data_sheet(path: Path) -> DataSheet:
     """Read an EDS or DCF file.
 
@@ -106,9 +97,10 @@ def read_data_sheet(path: Path) -> DataSheet:
         LogError: If it cannot be opened, or has no object at all.
     """
     try:
-        text = decode_text(path.read_bytes())
+        raw = path.read_bytes()
     except OSError as error:
         raise LogError(f"--eds {path}: cannot be read: {error.strerror or error}") from error
+    text = decode_text(raw)
     left_out: list[str] = []
     sections = _split(text, left_out)
     objects: dict[Key, Object] = {}
@@ -126,15 +118,16 @@ def read_data_sheet(path: Path) -> DataSheet:
         if compact:
             arrays[key[0]] = min(compact, 0xFE), section
             continue
-        kind = _type(section, sections, name, left_out)
-        if kind is None:
+        its_type = _type(section, sections, name, left_out)
+        if its_type is None:
             continue
-        objects[key] = Object(*key, _name(key, section, sections), kind)
+        objects[key] = Object(*key, _name(key, section, sections), its_type)
         _hold(key, section, name, defaults, values, left_out)
     for index, (count, section) in arrays.items():
         _expand(index, count, section, sections, objects, defaults, values, left_out)
     if not objects:
-        raise LogError(f"--eds {path}: not a readable EDS file: it has no object")
+        why = f"it is a {kind}" if (kind := file_kind(raw[:HEAD])) else "it has no object"
+        raise LogError(f"--eds {path}: not a readable EDS file: {why}")
     device = sections.get("deviceinfo", {})
     commissioning = sections.get("devicecomissioning", sections.get("devicecommissioning", {}))
     return DataSheet(
