@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import sys
 import threading
@@ -221,18 +223,15 @@ def trace(
     compare, identify and shadow take: encoders, motors and what was commanded, whoever drove.
     --replay sends what the host said to emulated drives, and tells where they answer otherwise.
     """
-    import numpy as np
-    import pandas as pd
-
     from twin.devices.akd.decoding import Conversation, Names, TracedEvent
     from twin.devices.akd.traces import read_trace
-    from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
-    from twin.scenario.rig import read_rig
 
     if log is not None and (rig is None or touch is None):
         raise LogError("--log: needs the scales of --rig, and what the ball did by --touch")
     place = file / TRACE if file.is_dir() else file
     found = read_trace(place, channel)
+    if rig:
+        from twin.scenario.rig import read_rig
     own = read_rig(rig) if rig else None
     drives = own.servos(0.002) if own else None
     names = Names(eds)
@@ -245,14 +244,19 @@ def trace(
     events = [event._asdict() for event in said.events]
     written = [each for each in (out, log) if each is not None]
     if log and own and drives and touch:
+        import numpy as np
+
+        from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
+
         home = np.radians(own.home_deg)
         export(log, log_of_trace(said, drives, cams_of(own), home, touch), TRACE_UNITS)
     rows = [(f"{each.time:.{6 * found.timed}f}", *each[1:]) for each in said.events]
     when = "time [s]" if found.timed else "frame"
     span = f" in {said.duration:.3f} s" if found.timed else ", without times"
     if out is not None:
-        frame = pd.DataFrame(rows, columns=[when, *TracedEvent._fields[1:]])
-        write_whole(out, frame.to_csv(index=False, lineterminator="\n"))
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([(when, *TracedEvent._fields[1:]), *rows])
+        write_whole(out, text.getvalue())
     shown = (
         bold(f"{file}: {len(found.frames)} frames on {found.channel}{span}"),
         *remarks,

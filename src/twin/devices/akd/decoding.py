@@ -424,7 +424,10 @@ class Conversation:
         return f"{key[0]:04X}h{f':{key[1]}' if key[1] else ''}{f' {name}' if name else ''}"
 
     def _node(self, number: int) -> Node:
-        return self.nodes.setdefault(number, Node(self.called(number)))
+        node = self.nodes.get(number)
+        if node is None:
+            node = self.nodes[number] = Node(self.called(number))
+        return node
 
     def _new(self, what: object, value: object) -> bool:
         """Whether something is not as it was when this was asked last."""
