@@ -12,9 +12,10 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
+import ballplate
 from twin.base.errors import LogError
 from twin.identify.logs import read, read_any, wanted_columns
-from twin.run.files import export
+from twin.run.files import export, sorted_out
 from twin.run.logs import read_csv, read_log
 
 T = np.arange(0.0, 4.0, 0.02)
@@ -232,3 +233,14 @@ def test_a_log_of_known_names_may_be_of_any_encoding(tmp_path, encoding):
 def test_a_last_row_that_is_cut_ends_a_log_of_known_names(tmp_path):
     found = read_log(of_names(tmp_path, lambda lines: [*lines[:-1], lines[-1][:8]]))
     assert len(found["time"]) == len(T) - 1
+
+
+def test_a_comparison_takes_them_for_logs(tmp_path):
+    pq.write_table(pa.table({"t": T, "x": X, "u": U}), tmp_path / "a.parquet")
+    (tmp_path / "a.mat").write_bytes(FOREIGN["a.mat"][0])
+    given = ["circle", str(tmp_path / "a.parquet"), str(tmp_path / "a.mat")]
+    with_columns = sorted_out(given, of_any_rig=True)
+    assert with_columns == (("circle",), (), (tmp_path / "a.parquet", tmp_path / "a.mat"))
+    assert sorted_out(given) == (("circle",), (tmp_path / "a.parquet",), (tmp_path / "a.mat",))
+    with pytest.raises(LogError, match="is a MATLAB file"):
+        ballplate.compare("circle", tmp_path / "a.mat")
