@@ -218,8 +218,8 @@ def trace(
 ) -> int:
     """Say what the drives and their host said, from a trace of the CAN bus.
 
-    FILE is a trace of any program (.log of candump, .asc, .blf, .trc, .csv, also .gz), or the
-    folder of a run on the wire. Of PDOs only changes are told. --log makes a log of it, which
+    FILE is a trace of any program (candump, .asc, .blf, .trc, .csv, .pcap, also .gz), or the folder
+    of a run on the wire. Of PDOs only changes are told. --log makes a log of it, which
     compare, identify and shadow take: encoders, motors and what was commanded, whoever drove.
     --replay sends what the host said to emulated drives, and tells where they answer otherwise.
     """
@@ -230,6 +230,8 @@ def trace(
         raise LogError("--log: needs the scales of --rig, and what the ball did by --touch")
     place = file / TRACE if file.is_dir() else file
     found = read_trace(place, channel)
+    if not found.timed and (again or log):
+        raise LogError(f"{'--replay' if again else '--log'}: {file} has no times")
     if rig:
         from twin.scenario.rig import read_rig
     own = read_rig(rig) if rig else None

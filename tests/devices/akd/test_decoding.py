@@ -519,7 +519,7 @@ def test_error_frames_are_told_and_counted():
         "bus off": 1,
         "controller, receive errors: passive": 1,
         "bus error": 2,
-        "of no class": 1,
+        "of unknown kind": 1,
     }
     assert texts(told, "bus")[0] == "error frame: bus off"
 

@@ -169,6 +169,13 @@ def test_the_value_of_a_configured_device_is_its_own(tmp_path):
     assert told["187h"]["entries"] == ["6041h Status word"]  # node 7 is none of that file
 
 
+def test_the_identifier_of_a_node_that_the_file_does_not_name_is_its_alone(tmp_path):
+    text = CONFIGURED.replace("NodeID=5", "").replace("0x3C5", "0x400003C5")
+    found = read_data_sheet(sheet(tmp_path, text, "a.dcf"))  # 3C5h is of node 69
+    assert found.held_by(69)[0x1800, 1] & 0x7FF == 0x3C5
+    assert found.held_by(5)[0x1800, 1] == 0x185
+
+
 def test_a_file_of_another_vendor_names_nothing(tmp_path):
     vendor = frame(0.0, 0x585, "43181001fb000000")
     ask = [frame(0.1, 0x605, "4000230000000000"), frame(0.2, 0x585, "430023000000c03f")]

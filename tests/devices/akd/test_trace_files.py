@@ -320,6 +320,16 @@ def test_without_times_none_is_told(tmp_path, capsys):
     _, out, _ = called(capsys, "trace", str(tmp_path / "a.log"))
     assert f"{len(HEARD)} frames on can0, without times" in " ".join(out.split())
     assert "time [s]" not in out
+    code, _, err = called(capsys, "trace", str(tmp_path / "a.log"), "--replay")
+    assert code == 2
+    assert "has no times" in err
+
+
+def test_differences_of_time_that_are_all_the_same_are_added_up(tmp_path):
+    even = [frame(0.002 * k, 0x185, f"3702{k:02x}") for k in range(30)]
+    (tmp_path / "a.log").write_text(terminal(lambda _, since: f"({since:010.6f})")(even))
+    found = read_trace(tmp_path / "a.log").frames
+    assert found[-1].timestamp - found[0].timestamp == pytest.approx(0.058)
 
 
 ERRORS = "(1.0) can0 20000040#0000000000000000\n(1.1) can0 20000088#0000000000000000\n"

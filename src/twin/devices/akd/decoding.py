@@ -798,7 +798,7 @@ def _introduced(heard: Iterable[can.Message]) -> tuple[set[int], dict[tuple[int,
 
 
 def _error_words(identifier: int, data: bytes) -> str:
-    """What an error frame says; the number of its classes and its bytes if that is nothing known.
+    """What an error frame says; the number of its classes and its bytes if these are not known.
 
     Classes and bytes are those of SocketCAN.
     """
@@ -806,7 +806,7 @@ def _error_words(identifier: int, data: bytes) -> str:
     if identifier & 0x004 and len(data) > 1:
         more = table()["controller_errors"].items()
         known += [words for bit, words in more if data[1] & int(bit, 16)]
-    rest = f"{identifier:03X}h {data.hex(' ')}".strip() if identifier or data else "of no class"
+    rest = f"{identifier:03X}h {data.hex(' ')}".strip() if identifier or data else "of unknown kind"
     return ", ".join(known) or rest
 
 

@@ -76,15 +76,20 @@ class DataSheet:
         Args:
             node: Number of the node.
         """
-        configured = self.values if self.node in (None, node) else {}
         held: dict[Key, int] = {}
-        for key, value in (self.defaults | configured).items():
-            number = value.of_node(node)
-            names_node = key[0] in PDOS and not key[0] & 0x200 and key[1] == 1
-            own = value.relative or (key in configured and self.node == node)
-            if not names_node or own or number & 0x7F == node:
-                held[key] = number
+        for key, value in self.defaults.items():
+            if value.relative or not _is_cob_id(key) or value.number & 0x7F == node:
+                held[key] = value.of_node(node)
+        for key, value in self.values.items() if self.node in (None, node) else ():
+            own = value.relative or self.node == node
+            if own or not _is_cob_id(key) or value.number & 0x7F == node:
+                held[key] = value.of_node(node)
         return held
+
+
+def _is_cob_id(key: Key) -> bool:
+    """Whether an object is the identifier of a PDO."""
+    return key[0] in PDOS and not key[0] & 0x200 and key[1] == 1
 
 
 def read_data_sheet(path: Path) -> DataSheet:

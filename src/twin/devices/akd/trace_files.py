@@ -192,8 +192,10 @@ def _read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[can.M
         notes.timed = False
         notes.remarks.append("has no times: frames are numbered in their place")
     known = [time for time in times if time is not None]
-    alike = sum(after <= before for before, after in pairwise(known))
-    if differences := bool(alike > len(known) / 10 and known[0] == 0.0):
+    back = sum(after < before for before, after in pairwise(known))
+    alike = sum(after == before > 0.0 for before, after in pairwise(known))
+    often = back > len(known) / 10 or alike > len(known) / 2
+    if differences := bool(known and known[0] == 0.0 and often):
         notes.remarks.append("has times from frame to frame (candump -td): they are added up")
     passed = 0.0
     for number, row in enumerate(rows):
@@ -441,7 +443,7 @@ _COLUMNS = {
     "remote": r"remote|rtr",
     "error": r"error",
     "way": r"dir(ection)?|rxtx",
-    "channel": r"bus|channel|chn|can",
+    "channel": r"bus|chan(nel)?|chn|can(bus|channel)?",
     "length": r"len(gth)?|dlc",
     "data": r"data(bytes)?(hex)?|payload",
 }
