@@ -82,6 +82,11 @@ def file_kind(head: bytes) -> str:
     return ""
 
 
+def with_article(kind: str) -> str:
+    """A kind of file with its article."""
+    return f"an {kind}" if kind[0] in "AEHOX" or kind.startswith("MCAP") else f"a {kind}"
+
+
 def kind_of(path: Path) -> str:
     """What a file is by its first bytes, as ``file_kind`` has it.
 

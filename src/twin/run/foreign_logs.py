@@ -13,7 +13,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.errors import LogError
-from twin.base.foreign import kind_of
+from twin.base.foreign import kind_of, with_article
 from twin.run.record import stored
 
 SIGNALS = "/signals"
@@ -101,10 +101,9 @@ def refuse_foreign(path: Path) -> None:
 
 def _refusal(path: Path, kind: str) -> LogError:
     how = HOW.get(kind, "").format(name=path.name)
-    article = "an" if kind[0] in "AEHOX" or kind == "MCAP file" else "a"
     advice = f": {how}" if how else ""
     return LogError(
-        f"{path.name}: is {article} {kind}; logs are text with columns (CSV), Parquet, or MCAP "
+        f"{path.name}: is {with_article(kind)}; logs are text with columns (CSV), Parquet, or MCAP "
         f"of ours{advice}"
     )
 

@@ -155,6 +155,14 @@ def test_members_of_a_compact_array_have_their_names(tmp_path):
     assert found.objects[0x2400, 2].type == "I16"
 
 
+def test_a_record_with_a_type_of_its_own_is_its_entries(tmp_path):
+    text = SHEET.replace("ParameterName=TPDO 1\n", "ParameterName=TPDO 1\nDataType=0x20\n")
+    found = read_data_sheet(sheet(tmp_path, text))
+    assert found.objects[0x1800, 0].type == "U8"
+    assert found.objects[0x1800, 0].name == "TPDO 1: Number"
+    assert not found.remarks
+
+
 CONFIGURED = (
     SHEET.replace("DefaultValue=0x23000020", "DefaultValue=0x60410010\nParameterValue=0x23000020")
     .replace("$NODEID+0x280", "$NODEID+0x180\nParameterValue=0x3C5")
@@ -182,6 +190,12 @@ def test_a_file_of_another_vendor_names_nothing(tmp_path):
     file = sheet(tmp_path, SHEET)
     assert texts(ask, file) == ["reads 2300h Spannung über Phase of node 5: 1.5"]
     assert texts([vendor, *ask], file)[-1].startswith("reads 2300h of node 5: 10")
+
+
+@pytest.mark.parametrize("node", ["5", "05", "0x5", "0x05"])
+def test_the_node_of_a_configured_device_is_read_in_every_form(tmp_path, node):
+    text = CONFIGURED.replace("NodeID=5", f"NodeID={node}")
+    assert read_data_sheet(sheet(tmp_path, text, "a.dcf")).node == 5
 
 
 @pytest.mark.parametrize("content", ["", "<xml/>", "[FileInfo]\nFileName=a.eds\n", "[1000]\n"])

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from twin.base.errors import LogError
-from twin.base.foreign import HEAD, decode_text, file_kind
+from twin.base.foreign import HEAD, decode_text, file_kind, with_article
 from twin.devices.akd.protocol import PDOS, Key, Object
 
 _TYPES = {
@@ -118,7 +118,8 @@ def read_data_sheet(path: Path) -> DataSheet:
             continue  # a list, a comment, what belongs to an array, or the definition of a type
         key = int(match[1], 16), int(match[2] or "0", 16)
         compact = _number(section.get("compactsubobj", "0")) or 0
-        if match[2] is None and "datatype" not in section and "subnumber" in section:
+        entries = "datatype" not in section or f"{name}sub0" in sections
+        if match[2] is None and "subnumber" in section and entries and not compact:
             continue  # a record or an array, whose entries have sections of their own
         if compact:
             arrays[key[0]] = min(compact, 0xFE), section
@@ -131,7 +132,9 @@ def read_data_sheet(path: Path) -> DataSheet:
     for index, (count, section) in arrays.items():
         _expand(index, count, section, sections, objects, defaults, values, left_out)
     if not objects:
-        why = f"it is a {kind}" if (kind := file_kind(raw[:HEAD])) else "it has no object"
+        why = (
+            f"it is {with_article(kind)}" if (kind := file_kind(raw[:HEAD])) else "it has no object"
+        )
         raise LogError(f"--eds {path}: not a readable EDS file: {why}")
     device = sections.get("deviceinfo", {})
     commissioning = sections.get("devicecomissioning", sections.get("devicecommissioning", {}))
@@ -197,7 +200,7 @@ def _told(key: str, section: _Section, left_out: list[str]) -> int | None:
     if text is None:
         return None
     number = _number(text)
-    if number is None or re.match(r"0\d", text):  # 001 names no vendor and no node
+    if number is None or (key == "VendorNumber" and re.match(r"0\d", text)):  # 001 names nobody
         left_out.append(f"{key}='{_short(text)}'")
         return None
     return number
@@ -231,9 +234,8 @@ def _type(
 def _name(key: Key, section: _Section, sections: dict[str, _Section]) -> str:
     """What an object is called; an entry of a record or array with the name of that before it."""
     own = section.get("denotation") or section.get("parametername", "")
-    if not key[1]:
-        return own
-    whole = sections.get(f"{key[0]:x}", {}).get("parametername", "")
+    around = sections.get(f"{key[0]:x}", {})
+    whole = "" if around is section else around.get("parametername", "")
     return ": ".join(part for part in (whole, own) if part)
 
 

@@ -24,7 +24,7 @@ from typing import BinaryIO, cast
 
 import can
 
-from twin.base.foreign import HEAD, encoding_of, file_kind
+from twin.base.foreign import HEAD, encoding_of, file_kind, with_article
 from twin.devices.common import one_line
 
 _ERROR_FLAG, _REMOTE_FLAG, _EXTENDED_FLAG = 1 << 29, 1 << 30, 1 << 31
@@ -88,7 +88,7 @@ def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[can.Message]:
         notes.form, reader = _PACKED[kind]
         yield from _classic(reader(raw, file, notes), notes)
     elif kind:
-        notes.remarks.append(f"is a {kind}, no trace of a CAN bus")
+        notes.remarks.append(f"is {with_article(kind)}, no trace of a CAN bus")
     else:
         ending = (file.with_suffix("") if file.suffix == ".gz" else file).suffix.lower()
         with io.TextIOWrapper(raw, encoding_of(head), errors="replace") as lines:
