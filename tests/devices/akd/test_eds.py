@@ -147,7 +147,7 @@ def test_a_pdo_is_found_by_the_identifier_of_the_file(tmp_path, text):
 def test_members_of_a_compact_array_have_their_names(tmp_path):
     found = read_data_sheet(sheet(tmp_path, SHEET))
     assert [found.objects[0x2400, sub].name for sub in range(4)] == [
-        "Limits",
+        "Limits: number of entries",
         "Limits: Lower",
         "Limits: Upper",
         "Limits: 3",

@@ -289,7 +289,7 @@ def _expand(
     if kind is None:
         return
     called = section.get("parametername", "")
-    objects[index, 0] = Object(index, 0, called, "U8")
+    objects[index, 0] = Object(index, 0, f"{called}: number of entries", "U8")
     names = sections.get(f"{name}name", {})
     own_values = sections.get(f"{name}value", {})
     for sub in range(1, count + 1):
