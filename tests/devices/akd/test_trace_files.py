@@ -1,5 +1,6 @@
 """One conversation in the form of every program: the same frames come back, to its times."""
 
+import re
 import struct
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -330,6 +331,18 @@ def test_differences_of_time_that_are_all_the_same_are_added_up(tmp_path):
     (tmp_path / "a.log").write_text(terminal(lambda _, since: f"({since:010.6f})")(even))
     found = read_trace(tmp_path / "a.log").frames
     assert found[-1].timestamp - found[0].timestamp == pytest.approx(0.058)
+
+
+def test_parts_of_a_second_may_lack_their_zeros(tmp_path):
+    text = busmaster()(HEARD)
+    bare = re.sub(r"(\d\d:\d\d:\d\d:)0*(\d+)", r"\1\2", text)
+    assert bare != text
+    (tmp_path / "a.log").write_text(bare)
+    found = read_trace(tmp_path / "a.log")
+    assert not found.remarks
+    begin = found.frames[0].timestamp
+    times = [each.timestamp - begin for each in found.frames]
+    assert times == pytest.approx([passed(each) for each in HEARD], abs=2e-4)
 
 
 ERRORS = "(1.0) can0 20000040#0000000000000000\n(1.1) can0 20000088#0000000000000000\n"

@@ -390,29 +390,30 @@ _BUSMASTER_LINE = re.compile(
 
 
 def _read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
-    """What BUSMASTER writes (.log)."""
-    base, relative, passed, last = 16, False, 0.0, 0.0
+    """What BUSMASTER writes (.log); parts of a second may lack their leading zeros."""
+    base, relative = 16, False
+    rows: list[re.Match[str] | None] = []
     for line in lines:
         if line.startswith("***"):
             word = line.strip("* \r\n").upper()
             base = {"HEX": 16, "DEC": 10}.get(word, base)
-            if word == "RELATIVE MODE":
-                relative = True
-                notes.remarks.append("has times from frame to frame: they are added up")
-            continue
-        if not line.strip():
-            continue
-        match = _BUSMASTER_LINE.match(line)
-        if match is None:
+            relative |= word == "RELATIVE MODE"
+        elif line.strip():
+            rows.append(_BUSMASTER_LINE.match(line))
+    if relative:
+        notes.remarks.append("has times from frame to frame: they are added up")
+    parts = 10 ** max((len(row[4]) for row in rows if row), default=0)
+    passed, last = 0.0, None
+    for row in rows:
+        if row is None:
             yield None
             continue
-        hour, minute, second, part, way, channel, text, kind, length, data = match.groups()
-        time = 3600 * int(hour) + 60 * int(minute) + int(second) + int(part) / 10 ** len(part)
-        if relative:
+        hour, minute, second, part, way, channel, text, kind, length, data = row.groups()
+        time = 3600 * int(hour) + 60 * int(minute) + int(second) + int(part) / parts
+        if relative or last is None:
             passed += time
         else:
-            passed += time - last if passed else time
-            passed += _DAY if time < last - _DAY / 2 else 0.0  # midnight
+            passed += time - last + (_DAY if time < last - _DAY / 2 else 0.0)  # midnight
         last = time
         try:
             given = bytes(int(each, base) for each in data.split()[: int(length)])
