@@ -241,6 +241,7 @@ def trace(
         return _replay(file, found, names, drives)
     said = Conversation(found.frames, names, drives, timed=found.timed)
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
+    summary["timed"] = found.timed
     remarks = [*found.remarks, *names.sheet.remarks]
     summary |= said.summary() | {"remarks": remarks}
     events = [event._asdict() for event in said.events]

@@ -364,6 +364,18 @@ def test_error_frames_of_candump_are_told(tmp_path, capsys):
     assert "3 error frames" in " ".join(out.split())
 
 
+def test_error_frames_on_a_terminal_are_told(tmp_path):
+    text = " (1.0)  can0  20000040   [8]  00 00 00 00 00 00 00 00   ERRORFRAME\n\tbus-off\n"
+    text += " (1.1)  can0  123   [2]  remote request\n (1.2)  can0  701   [1]  05   '.'\n"
+    (tmp_path / "a.log").write_text(text)
+    found = read_trace(tmp_path / "a.log")
+    assert not found.remarks
+    assert [each.is_remote_frame for each in found.frames] == [False, True, False]
+    told = Conversation(found.frames)
+    assert told.errors == {"bus off": 1}
+    assert told.nodes[1].states == ["operational"]
+
+
 def test_the_class_of_an_error_frame_is_kept_in_a_trace_of_ours(tmp_path):
     writer = TraceWriter(tmp_path / "a.log", "can0")
     error = frame(0.1, 0x040, "0000000000000000", is_error_frame=True)

@@ -186,7 +186,9 @@ def _read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[can.M
     Its times may be those of day (-ta, -tA), since the first frame (-tz), from frame to frame (-td,
     which are added up), or missing: then frames are numbered.
     """
-    rows = [_TERMINAL_LINE.match(line) for line in lines if line.strip()]
+    # a line with a tab before it (candump -e) explains the error frame above
+    frames = (line for line in lines if line.strip() and not line.startswith("\t"))
+    rows = [_TERMINAL_LINE.match(line) for line in frames]
     times = [_terminal_time(row) for row in rows if row]
     if None in times:
         notes.timed = False
