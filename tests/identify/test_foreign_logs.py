@@ -95,6 +95,22 @@ def test_times_and_gaps_of_a_parquet_file_are_numbers(tmp_path):
     assert len(axis.ball) == len(T) - 5
 
 
+def test_a_stream_of_arrow_is_read(tmp_path):
+    table = pa.table({"t": T, "x": X, "u": U})
+    with pa.ipc.new_stream(tmp_path / "a.arrows", table.schema) as writer:
+        writer.write_table(table)
+    assert read_any(tmp_path / "a.arrows", COLUMNS).axes["x"].ball == pytest.approx(X)
+
+
+@pytest.mark.parametrize("kept", [4, 60, -9])
+def test_a_parquet_file_that_is_cut_is_one_line(tmp_path, kept):
+    pq.write_table(pa.table({"t": T, "x": X, "u": U}), tmp_path / "a.parquet")
+    (tmp_path / "a.parquet").write_bytes((tmp_path / "a.parquet").read_bytes()[:kept])
+    with pytest.raises(LogError, match=r"a\.parquet: cannot be read") as caught:
+        read_any(tmp_path / "a.parquet", COLUMNS)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("named", ["a.mcap", "a.csv"])
 def test_a_run_exported_as_mcap_is_read_again(tmp_path, named):
     columns = {"time": T, "measured_x": X, "measured_y": 0.5 * X, "measured_phi": U}

@@ -14,11 +14,9 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.base.foreign import kind_of, with_article
-from twin.run.record import stored
 
 SIGNALS = "/signals"
 """Topic of an MCAP file of ours that has every column."""
-_TABLES = {"Parquet file", "Arrow stream"}
 _PYTHON = "in Python: "
 _UNPACK = "unpack it first"
 _SAVE = "save the sheet as CSV"
@@ -83,8 +81,8 @@ def foreign_table(path: Path) -> ForeignTable | None:
         return None
     if kind == "MCAP file":
         return _mcap_table(path)
-    if kind in _TABLES:
-        return _arrow_table(path)
+    if kind in {"Parquet file", "Arrow stream"}:
+        return _arrow_table(path, stream=kind == "Arrow stream")
     raise _refusal(path, kind)
 
 
@@ -108,13 +106,20 @@ def _refusal(path: Path, kind: str) -> LogError:
     )
 
 
-def _arrow_table(path: Path) -> ForeignTable:
+def _arrow_table(path: Path, *, stream: bool) -> ForeignTable:
     import pyarrow as pa  # noqa: PLC0415  heavy: a CSV file does without
+    import pyarrow.parquet as pq  # noqa: PLC0415
 
     try:
-        table = stored(path)
-    except pa.ArrowException as error:
-        raise LogError(f"{path.name}: cannot be read: {error}") from error
+        if stream:
+            with path.open("rb") as source, pa.ipc.open_stream(source) as reader:
+                table = reader.read_all()
+        else:
+            with pq.ParquetFile(path) as parquet:
+                table = parquet.read()
+    except (OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise LogError(f"{path.name}: cannot be read: {reason}") from error
     columns: dict[str, Array | list[str]] = {}
     units: dict[str, str] = {}
     for field in table.schema:
