@@ -127,6 +127,17 @@ def test_a_run_exported_as_mcap_is_read_again(tmp_path, named):
     assert axis.tilt == pytest.approx(U)
 
 
+@pytest.mark.parametrize("kept", [9, 30, 300, -5])
+def test_an_mcap_file_that_is_cut_is_one_line(tmp_path, kept):
+    columns = {"time": T, "measured_x": X, "measured_y": X}
+    export(tmp_path / "a.mcap", columns, {"time": "s"}, {})
+    content = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "a.mcap").write_bytes(content[:kept])
+    with pytest.raises(LogError, match=r"a\.mcap: cannot be read") as caught:
+        read(tmp_path / "a.mcap")
+    assert "\n" not in str(caught.value)
+
+
 def rows(separator=",", comma="."):
     return [
         separator.join(("t", "x", "u")),

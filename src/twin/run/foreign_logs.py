@@ -14,6 +14,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.base.foreign import kind_of, with_article
+from twin.devices.common import one_line
 
 SIGNALS = "/signals"
 """Topic of an MCAP file of ours that has every column."""
@@ -118,8 +119,7 @@ def _arrow_table(path: Path, *, stream: bool) -> ForeignTable:
             with pq.ParquetFile(path) as parquet:
                 table = parquet.read()
     except (OSError, pa.ArrowException) as error:
-        reason = str(error).splitlines()[0]
-        raise LogError(f"{path.name}: cannot be read: {reason}") from error
+        raise LogError(f"{path.name}: cannot be read: {one_line(error)}") from error
     columns: dict[str, Array | list[str]] = {}
     units: dict[str, str] = {}
     for field in table.schema:
@@ -148,8 +148,7 @@ def _numbers_of(values: Any) -> Array | list[str]:
 def _mcap_table(path: Path) -> ForeignTable:
     """What a run of ours was exported as: a message of all columns for each period."""
     try:
-        from mcap.exceptions import McapError  # noqa: PLC0415  of an extra
-        from mcap.reader import make_reader  # noqa: PLC0415
+        from mcap.reader import make_reader  # noqa: PLC0415  of an extra
         from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
     except ImportError as error:
         raise LogError(
@@ -168,14 +167,14 @@ def _mcap_table(path: Path) -> ForeignTable:
                 if attached.media_type == "application/json":
                     metadata[attached.name.removesuffix(".json")] = json.loads(attached.data)
             rows += [message for *_, message in reader.iter_decoded_messages(topics=[SIGNALS])]
-    except (McapError, ValueError, EOFError) as error:
-        raise LogError(f"{path.name}: cannot be read: {error}") from error
+        columns = {name: np.array([getattr(row, _field(name)) for row in rows]) for name in units}
+    except Exception as error:  # whatever a broken file makes its readers raise
+        raise LogError(f"{path.name}: cannot be read: {one_line(error)}") from error
     if not rows:
         raise LogError(
             f"{path.name}: is an MCAP file of another program: it has no topic {SIGNALS}; write "
             "what it holds as CSV"
         )
-    columns = {name: np.array([getattr(row, _field(name)) for row in rows]) for name in units}
     return ForeignTable(dict(columns), units, metadata)
 
 
