@@ -188,7 +188,8 @@ def compare(
     """
     if not sources:
         raise ScenarioError("compare: name a scenario or give a result")
-    names, folders, logs = sorted_out([str(s) for s in sources if isinstance(s, str | Path)])
+    given = [str(source) for source in sources if isinstance(source, str | Path)]
+    names, folders, logs = sorted_out(given, of_any_rig=columns is not None)
     report = reporter or default()
     if vary and not names:
         what = report.name_of("vary")

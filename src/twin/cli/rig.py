@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import sys
 import threading
@@ -216,44 +218,53 @@ def trace(
 ) -> int:
     """Say what the drives and their host said, from a trace of the CAN bus.
 
-    FILE is a trace of any program (.log of candump, .asc, .blf, .trc, .csv, also .gz), or the
-    folder of a run on the wire. Of PDOs only changes are told. --log makes a log of it, which
+    FILE is a trace of any program (candump, .asc, .blf, .trc, .csv, .pcap, also .gz), or the folder
+    of a run on the wire. Of PDOs only changes are told. --log makes a log of it, which
     compare, identify and shadow take: encoders, motors and what was commanded, whoever drove.
     --replay sends what the host said to emulated drives, and tells where they answer otherwise.
     """
-    import numpy as np
-    import pandas as pd
-
     from twin.devices.akd.decoding import Conversation, Names, TracedEvent
     from twin.devices.akd.traces import read_trace
-    from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
-    from twin.scenario.rig import read_rig
 
     if log is not None and (rig is None or touch is None):
         raise LogError("--log: needs the scales of --rig, and what the ball did by --touch")
     place = file / TRACE if file.is_dir() else file
     found = read_trace(place, channel)
+    if not found.timed and (again or log):
+        raise LogError(f"{'--replay' if again else '--log'}: {file} has no times")
+    if rig:
+        from twin.scenario.rig import read_rig
     own = read_rig(rig) if rig else None
     drives = own.servos(0.002) if own else None
+    names = Names(eds)
     if again:
-        return _replay(file, found, Names(eds), drives)
-    said = Conversation(found.frames, Names(eds), drives)
+        return _replay(file, found, names, drives)
+    said = Conversation(found.frames, names, drives, timed=found.timed)
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
-    summary |= said.summary() | {"remarks": found.remarks}
+    summary["timed"] = found.timed
+    remarks = [*found.remarks, *names.sheet.remarks]
+    summary |= said.summary() | {"remarks": remarks}
     events = [event._asdict() for event in said.events]
     written = [each for each in (out, log) if each is not None]
     if log and own and drives and touch:
+        import numpy as np
+
+        from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
+
         home = np.radians(own.home_deg)
         export(log, log_of_trace(said, drives, cams_of(own), home, touch), TRACE_UNITS)
-    rows = [(f"{each.time:.6f}", *each[1:]) for each in said.events]
+    rows = [(f"{each.time:.{6 * found.timed}f}", *each[1:]) for each in said.events]
+    when = "time [s]" if found.timed else "frame"
+    span = f" in {said.duration:.3f} s" if found.timed else ", without times"
     if out is not None:
-        frame = pd.DataFrame(rows, columns=["time [s]", *TracedEvent._fields[1:]])
-        write_whole(out, frame.to_csv(index=False, lineterminator="\n"))
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([(when, *TracedEvent._fields[1:]), *rows])
+        write_whole(out, text.getvalue())
     shown = (
-        bold(f"{file}: {len(found.frames)} frames on {found.channel} in {said.duration:.3f} s"),
-        *found.remarks,
+        bold(f"{file}: {len(found.frames)} frames on {found.channel}{span}"),
+        *remarks,
         *_nodes(summary),
-        Table("", ("time [s]", "who", "kind", "what"), rows, words=(1, 2, 3)),
+        Table("", (when, "who", "kind", "what"), rows, words=(1, 2, 3)),
     )
     show({**summary, "events": events}, (*shown, *(f"written: {each}" for each in written)))
     return 0
@@ -273,7 +284,7 @@ def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) ->
     )
     same = "the emulated drives answer the same"
     shown = f"first difference, at {first.time:.6f} s, {first.who}: {first.text}" if first else same
-    remarks = [*trace.remarks, *found.remarks]
+    remarks = [*trace.remarks, *names.sheet.remarks, *found.remarks]
     numbers = {"trace": str(file), **found._asdict(), "remarks": remarks}
     show(numbers | {"difference": first and first._asdict()}, (told, *remarks, shown))
     return int(first is not None)
@@ -288,14 +299,21 @@ def _nodes(found: dict[str, Any]) -> list[Table]:
             node["name"],
             counted(node["frames"]) or "nothing",
             " -> ".join(node["states"]),
-            " -> ".join(node["drive"]),
+            "; ".join(
+                f"axis {axis}: {' -> '.join(states)}" if axis > 1 else " -> ".join(states)
+                for axis, states in ({1: node["drive"]} | node["axes"]).items()
+                if states
+            ),
             counted(node["transfers"]),
             "; ".join(f"{each['time']:.3f} s {each['text']}" for each in node["faults"]),
         )
         for node in nodes
     ]
+    if errors := found["errors"]:
+        text = "; ".join(f"{count} {what}" for what, count in errors.items())
+        did.append(("adapter", f"{sum(errors.values())} error frames", "", "", "", text))
     signals = [
-        (node["name"], name, digits(its["from"]), digits(its["to"]), its["unit"] or "counts")
+        (node["name"], name, digits(its["from"]), digits(its["to"]), _unit(its))
         for node in nodes
         for name, its in node["signals"].items()
     ]
@@ -304,6 +322,12 @@ def _nodes(found: dict[str, Any]) -> list[Table]:
         Table("", ("", "in PDOs", "from", "to", "unit"), signals, words=(0, 1, 4)),
     )
     return [each for each in tables if each.rows]
+
+
+def _unit(signal: dict[str, Any]) -> str:
+    """Unit of a signal; of one without any counts, but for numbers of IEEE 754, which are none."""
+    whole = isinstance(signal["from"], int) and isinstance(signal["to"], int)
+    return str(signal["unit"]) or ("counts" if whole else "")
 
 
 def counted(numbers: dict[str, int]) -> str:

@@ -6,6 +6,7 @@ They begin with what their objects were read to hold before these were written. 
 from __future__ import annotations
 
 import re
+from array import array
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
@@ -19,7 +20,16 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from twin.base.errors import LogError
 from twin.devices.akd import protocol
 from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.decoding import AKD, HOST, PLACE, SPEED, Conversation, Names, TracedEvent
+from twin.devices.akd.decoding import (
+    AKD,
+    HOST,
+    PLACE,
+    SPEED,
+    Conversation,
+    Names,
+    Series,
+    TracedEvent,
+)
 from twin.emulator.can_bus import EmulatedBus, message
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import AbortError, Frame
@@ -181,7 +191,10 @@ def _numbers(
     for cob_id, pdo, key in sent:
         if pdo.node not in drives or pdo.name[0] == "R":
             continue
-        a, b = (each.series[pdo.node, key] for each in (said, answered))
+        a, b = (
+            each.series.get((pdo.node, key), Series(array("d"), array("q")))
+            for each in (said, answered)
+        )
         count, (factor, unit) = min(len(a.time), len(b.time)), said.scale(pdo.node, key)
         found: list[tuple[int, str, str]] = []
         if abs(len(a.time) - len(b.time)) > FRAMES:
@@ -197,7 +210,7 @@ def _numbers(
             near, wide = NEAR[key[0]], 2 * FRAMES + 1
             low, high = minimum_filter1d(x, wide) - near, maximum_filter1d(x, wide) + near
             for k in np.flatnonzero((y < low) | (y > high))[:1].tolist():
-                own = f"{said.object_name(key)} {x[k]:.6g} {unit}"
+                own = f"{said.object_name(pdo.node, key)} {x[k]:.6g} {unit}"
                 found.append((k, own, f"{y[k]:.6g} {unit}"))
         for k, own, other in found:
             text = f"{cob_id:03X}h {pdo.name}: {own}; emulated: {other}"

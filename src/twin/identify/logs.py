@@ -6,6 +6,7 @@ third, ``command_theta=-servo2:0.24deg`` with its sign turned and a factor.
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -22,9 +23,11 @@ from scipy.signal import lfilter, savgol_filter
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
+from twin.base.foreign import decode_text
 from twin.base.shipped import shipped_in
 from twin.base.validation import read_tables
 from twin.run.files import is_record, log_file
+from twin.run.foreign_logs import foreign_table
 from twin.run.logs import NEEDED, SCALES, UNITS, read_columns, split_unit
 from twin.scenario.schema import Scenario
 
@@ -220,6 +223,8 @@ WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
 
 GAP = 0.5
 """Time in s without a row over which nothing is known of the command."""
+FEW_ODD_ROWS = 0.02
+"""Share of rows with another number of cells up to which they are damaged ones."""
 SEEN = 0.2
 """Time in s over which a speed is seen."""
 SLOW = 0.005
@@ -455,26 +460,26 @@ def read_any(
     """Read a log of any rig.
 
     Args:
-        path: A text file with columns, with or without a header.
+        path: A text file with columns, with or without a header; a Parquet file; an MCAP file of
+            ours.
         wanted: Role to column.
-        separator: Between columns; None to find it.
+        separator: Between columns of text; None to find it.
 
     Raises:
         LogError: If it cannot be read, lacks a column, or a column is of an unknown unit.
     """
+    notes: list[str] = []
     try:
-        raw = path.read_bytes()
+        table = foreign_table(path)
+        raw = path.read_bytes() if table is None else b""
     except OSError as error:
         raise LogError(f"{path.name}: cannot be read: {error.strerror or error}") from error
-    text = _decoded(raw)
-    lines = [line for line in text.splitlines() if not line.lstrip().startswith(COMMENTS)]
-    lines = list(filter(str.strip, lines))
-    if not lines:
-        raise LogError(f"{path.name}: is empty")
-    split = _separated(lines, SEPARATORS.get(separator or "", separator))
-    rows = [[cell.strip().strip("\"'") for cell in split(line)] for line in lines]
-    header, at = _header(rows, wanted)
-    notes: list[str] = []
+    if table is None:
+        header, cells = _text_columns(path.name, decode_text(raw), wanted, separator, notes)
+    else:
+        units_of = table.units
+        header = [f"{k} [{units_of[k]}]" if k in units_of else k for k in table.columns]
+        cells = list(table.columns.values())
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
     for role, column in wanted.items():
@@ -487,7 +492,9 @@ def read_any(
                 f"{role}=NAME:{list(SCALES[ROLES[role]])[-1]}, with a factor before it (a pixel of "
                 "half a millimetre as NAME:0.5mm, a count as NAME:0.24deg)"
             )
-        values, broken = _numbers([row[index] if index < len(row) else "" for row in rows[at:]])
+        if index >= len(cells):
+            raise LogError(f"{path.name}: {role}: no column {column.name}: there are {len(cells)}")
+        values, broken = _numbers(cells[index])
         if broken > 0.2 * len(values) or not np.isfinite(values).any():
             raise LogError(f"{path.name}: {role}: {column.name} holds hardly any number")
         if broken:
@@ -498,14 +505,59 @@ def read_any(
     return _cleaned(path.name, columns, units, notes)
 
 
-def _decoded(raw: bytes) -> str:
-    """Text in UTF-8, with another mark at its beginning in UTF-16, else as Windows writes it."""
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return raw.decode("utf-16", errors="replace")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("cp1252", errors="replace")
+def _text_columns(
+    source: str,
+    text: str,
+    wanted: Mapping[str, ColumnWanted],
+    separator: str | None,
+    notes: list[str],
+) -> tuple[list[str], list[Array | list[str]]]:
+    """The header and the columns of a text, as texts.
+
+    Rows that are cut are left out: the first and the last if they are shorter than usual, and
+    others that are shorter or longer where these are few.
+
+    Args:
+        source: What to call the file in messages.
+        text: All of it.
+        wanted: Role to column.
+        separator: Between columns; None to find it.
+        notes: Is given what was left out.
+
+    Raises:
+        LogError: If it is empty, or its header does not fit its rows.
+    """
+    lines = [line for line in text.splitlines() if not line.lstrip().startswith(COMMENTS)]
+    lines = list(filter(str.strip, lines))
+    if not lines:
+        raise LogError(f"{source}: is empty")
+    split = _separated(lines, SEPARATORS.get(separator or "", separator))
+    rows = [[cell.strip().strip("\"'") for cell in split(line)] for line in lines]
+    header, at = _header(rows, wanted)
+    rows = rows[at:]
+    counts = np.array([len(row) for row in rows], dtype=int)
+    usual = int(np.bincount(counts).argmax()) if len(rows) else 0
+    named = len(header)
+    known = {name for names in _names(header) for name in names}
+    by_name = any(each.name.casefold() in known for each in wanted.values())
+    more = any(any(row[named:]) for row in rows if len(row) == usual)
+    if by_name and (more or (named > usual > 0 and split is str.split)):
+        raise LogError(
+            f"{source}: its header names {named} columns, its rows have {usual}: give the header a "
+            "name for each, or take it out and give numbers of columns"
+        )
+    odd = counts != usual
+    if odd.sum() > FEW_ODD_ROWS * len(
+        odd
+    ):  # then it is how this program writes what it does not know
+        odd[1:-1] = False
+        odd &= counts < usual
+    if odd.any():
+        cut = "the first one" if odd[0] and odd.sum() == 1 else f"{int(odd.sum())} rows"
+        notes.append(f"{cut} of another number of cells than the {usual} of the others left out")
+    kept = [row for row, is_odd in zip(rows, odd, strict=True) if not is_odd]
+    width = max(usual, named)
+    return header, [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
 
 
 def _separated(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
@@ -519,7 +571,16 @@ def _separated(lines: list[str], separator: str | None) -> Callable[[str], list[
             return float(np.mean([count == usual for count in counts])) if usual else 0.0
 
         separator = next((s for s in (";", "\t", ",") if alike(s) > 0.8), " ")
-    return (lambda line: line.split()) if separator == " " else lambda line: line.split(separator)
+    if separator == " ":
+        return str.split
+    between = separator
+
+    def split(line: str) -> list[str]:
+        if '"' not in line or len(between) > 1:
+            return line.split(between)
+        return next(csv.reader([line], delimiter=between, skipinitialspace=True))
+
+    return split
 
 
 def _header(rows: list[list[str]], wanted: Mapping[str, ColumnWanted]) -> tuple[list[str], int]:
@@ -557,8 +618,10 @@ def _number(cell: str) -> bool:
     return re.fullmatch(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?[.,]?", cell) is not None
 
 
-def _numbers(cells: list[str]) -> tuple[Array, int]:
+def _numbers(cells: Array | list[str]) -> tuple[Array, int]:
     """Numbers of cells, NaN where there is none, and how many are neither number nor blank."""
+    if not isinstance(cells, list):
+        return np.where(np.isfinite(cells), cells, np.nan), 0
     values, broken = np.full(len(cells), np.nan), 0
     for k, cell in enumerate(cells):
         word = cell.casefold()

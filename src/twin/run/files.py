@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import LogError, RecordError, nearest
+from twin.base.foreign import kind_of
 from twin.base.shipped import shipped
 from twin.base.writing import write_whole
 
@@ -197,11 +198,15 @@ class Sources(NamedTuple):
     logs: tuple[Path, ...]
 
 
-def sorted_out(arguments: Sequence[str]) -> Sources:
+def sorted_out(arguments: Sequence[str], *, of_any_rig: bool = False) -> Sources:
     """Which arguments are scenarios, which finished runs, and which logs.
 
     A name of a shipped scenario stands for it; a folder or file of that name is ``./NAME``. Folders
     without a run are passed over where there is anything else, as are the files a pattern finds.
+
+    Args:
+        arguments: As they were given.
+        of_any_rig: Whether columns of logs are named: then a Parquet file that is no record is one.
     """
     known = shipped()
     scenarios, runs, logs = [], [], []
@@ -209,7 +214,7 @@ def sorted_out(arguments: Sequence[str]) -> Sources:
         path = Path(text)
         if text in known or not (path.exists() or is_last(path) or path.suffix in OURS):
             scenarios.append(text)
-        elif path.suffix in TEXTS:
+        elif path.suffix in TEXTS or _is_foreign_log(path, of_any_rig=of_any_rig):
             logs.append(path)
         elif is_last(path) or path.suffix in OURS or (path.is_dir() and run_folders(path)):
             runs.append(path)
@@ -218,6 +223,13 @@ def sorted_out(arguments: Sequence[str]) -> Sources:
     if not (scenarios or runs or logs):
         return Sources((), tuple(map(Path, arguments)), ())
     return Sources(tuple(scenarios), tuple(runs), tuple(logs))
+
+
+def _is_foreign_log(path: Path, *, of_any_rig: bool) -> bool:
+    """Whether a file is a log that is no text, or what somebody takes for one."""
+    if path.suffix in OURS:
+        return of_any_rig and path.is_file() and not is_record(path)
+    return path.suffix not in IGNORED and path.is_file() and bool(kind_of(path))
 
 
 def log_file(path: Path) -> Path:

@@ -6,6 +6,7 @@ A log of columns as a run under a scenario's reference, to lay over what the twi
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 import re
@@ -17,10 +18,12 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.errors import LogError
+from twin.base.foreign import decode_text
 from twin.hal.interface import SCREEN
 from twin.hal.supervisor import State
 from twin.run.files import is_record
 from twin.run.finished import Run, judged_as
+from twin.run.foreign_logs import ForeignTable, foreign_table, refuse_foreign
 from twin.run.metrics import Ending, Motion, Outcome
 from twin.run.record import CHANNELS, stored
 from twin.scenario.schema import Scenario
@@ -47,10 +50,12 @@ def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -
 
     Raises:
         LogError: If a column is missing, a unit is unknown, a cell is no number, two columns have
-            one name, or columns are not separated by commas.
+            one name, rows have more cells than the header or the first has fewer, columns are not
+            separated by commas, or the file is no text.
         OSError: If the file cannot be read.
     """
-    with path.open(newline="", encoding="utf-8-sig") as file:
+    refuse_foreign(path)
+    with io.StringIO(decode_text(path.read_bytes()), newline="") as file:
         rows = csv.reader(file)
         first = next(rows, [])
         if len(first) == 1 and ";" in first[0]:
@@ -68,13 +73,30 @@ def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -
             for i, (name, unit) in enumerate(header)
             if name in units
         ]
-        data = [
-            [_number(row, i, path.name, name, rows.line_num) for i, name, _ in used]
-            for row in rows
-            if row
-        ]
+        lines = [(rows.line_num, row) for row in rows if row]
+    _check_lengths(path.name, len(first), lines)
+    data = [[_number(row, i, path.name, name, line) for i, name, _ in used] for line, row in lines]
     values = np.array(data, dtype=float).reshape(len(data), len(used))
     return {name: values[:, k] * factor for k, (_, name, factor) in enumerate(used)}
+
+
+def _check_lengths(source: str, named: int, lines: Sequence[tuple[int, list[str]]]) -> None:
+    """Make sure that no row has more cells than the header, and the first no fewer.
+
+    Args:
+        source: What to call the file in messages.
+        named: How many columns the header names.
+        lines: Number of a line, and its cells.
+    """
+    usual = max((len(row) for _, row in lines[1:]), default=0)
+    for number, row in lines:
+        cut = number == lines[0][0] and len(row) < named <= usual
+        if cut or any(map(str.strip, row[named:])):
+            why = ": its front may be cut off; take the line out" if cut else ""
+            raise LogError(
+                f"{source}: line {number}: has {len(row)} cells, the header names {named} "
+                f"columns{why}"
+            )
 
 
 def read_columns(
@@ -93,10 +115,26 @@ def read_columns(
     try:
         if path.suffix == ".parquet" or is_record(path):
             return _read_table(path, units, needed)
+        if (table := foreign_table(path)) is not None:
+            return _chosen(path.name, table, units, needed), table.metadata
         return read_csv(path, units, needed), {}
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = (isinstance(error, OSError) and error.strerror) or error
         raise LogError(f"{path.name}: cannot be read: {why}") from error
+
+
+def _chosen(
+    source: str, table: ForeignTable, units: Mapping[str, str], needed: Sequence[str]
+) -> dict[str, Array]:
+    """The columns of a file that is no text, in SI units."""
+    _require(list(table.columns), needed, source)
+    columns: dict[str, Array] = {}
+    for name in filter(table.columns.__contains__, units):
+        values = table.columns[name]
+        if isinstance(values, list):
+            raise LogError(f"{source}: {name}: is not one column of numbers")
+        columns[name] = values * scale(name, table.units.get(name), units[name], source)
+    return columns
 
 
 def _read_table(

@@ -85,8 +85,8 @@ def test_a_refusal_is_told_by_the_code_that_canopen_got(talk):
     told = said(*heard, names=Names(EDS))
     assert f"reads 2302h of node 5: refused, code {code:08X}h, no such object" in texts(told, "SDO")
     assert told.nodes[5].transfers == {"reads": 3, "writes": 2, "refused": 1}
-    assert texts(told, "EMCY") == ["2310h current F3"]
-    assert told.nodes[5].faults[0]["text"] == "2310h current F3"
+    assert texts(told, "EMCY") == ["2310h continuous over current F3"]
+    assert told.nodes[5].faults[0]["text"] == "2310h continuous over current F3"
     assert texts(told, "NMT") == ["start: node 5"]
 
 
@@ -141,8 +141,12 @@ MAPPING = [
     frame(0.009, 0x585, "6000180100000000"),
     frame(0.010, 0x605, "40 8f 60 01 00 00 00 00"),
     frame(0.011, 0x585, "43 8f 60 01 00 10 00 00"),
+    frame(0.012, 0x605, "40 8f 60 02 00 00 00 00"),
+    frame(0.013, 0x585, "43 8f 60 02 01 00 00 00"),
+    frame(0.014, 0x605, "40 18 10 01 00 00 00 00"),
+    frame(0.015, 0x585, "43 18 10 01 6a 00 00 00"),
 ]
-"""TPDO1 of node 5: status word, position, identifier 3C5h; the drive says 4096 counts a turn."""
+"""TPDO1 of node 5: status word, position, identifier 3C5h; an AKD that says 4096 counts a turn."""
 
 
 def test_a_pdo_is_decoded_by_the_mapping_that_the_trace_shows():
@@ -267,3 +271,260 @@ def test_what_is_no_eds_is_told_in_one_line(tmp_path, content):
     (tmp_path / "a.eds").write_bytes(content)
     with pytest.raises(LogError, match=r"--eds .*a\.eds: not a readable EDS file"):
         Names(tmp_path / "a.eds")
+
+
+def vendor(node, number):
+    return frame(0.0, 0x580 + node, f"43181001{number.to_bytes(4, 'little').hex()}")
+
+
+def reads(node, index, sub, data):
+    """A request and its answer, expedited or in segments; ``data`` in hex."""
+    key, raw = f"{index.to_bytes(2, 'little').hex()}{sub:02x}", bytes.fromhex(data)
+    ask = frame(0.1, 0x600 + node, f"40{key}00000000")
+    if len(raw) <= 4:
+        command = 0x43 | (4 - len(raw)) << 2
+        return [ask, frame(0.1, 0x580 + node, f"{command:02x}{key}{raw.ljust(4, bytes(1)).hex()}")]
+    found = [ask, frame(0.1, 0x580 + node, f"41{key}{len(raw).to_bytes(4, 'little').hex()}")]
+    for k in range(0, len(raw), 7):
+        part, last = raw[k : k + 7], k + 7 >= len(raw)
+        found.append(frame(0.1, 0x600 + node, f"{k // 7 % 2 << 4 | 0x60:02x}{'00' * 7}"))
+        head = k // 7 % 2 << 4 | 7 - len(part) << 1 | last
+        found.append(frame(0.1, 0x580 + node, f"{head:02x}{part.ljust(7, bytes(1)).hex()}"))
+    return found
+
+
+def numbers(index, sub, value):
+    return reads(5, index, sub, value.to_bytes(4, "little").hex())
+
+
+def test_objects_of_a_vendor_have_an_akds_names_only_in_an_akd():
+    fault = reads(5, 0x2001, 1, "0500")
+    told = said(vendor(5, 0x6A), *fault)
+    assert texts(told, "SDO")[-1] == "reads 2001h:1 Fault number 1 of node 5: F5"
+    assert told.nodes[5].faults
+    rig = AkdConfig(axes=(AxisConfig(name="phi", node=5), AxisConfig(name="theta", node=2)))
+    assert said(*fault, rig=rig).nodes[5].faults
+    for other in (said(vendor(5, 0xFB), *fault), said(*fault)):
+        assert texts(other, "SDO")[-1] == "reads 2001h:1 of node 5: 5"
+        assert not other.nodes[5].faults
+    later = said(*reads(5, 0x36E5, 0, "05000000"), vendor(5, 0x6A))
+    assert texts(later, "SDO")[0] == "reads 36E5h Fieldbus parameter 1 of node 5: 5"
+
+
+SCALES = [
+    *numbers(0x608F, 1, 1 << 20), *numbers(0x608F, 2, 1), *numbers(0x6091, 1, 10),
+    *numbers(0x6091, 2, 1), *numbers(0x6092, 1, 3600), *numbers(0x6092, 2, 1),
+]  # fmt: skip
+
+
+def test_a_position_is_an_angle_of_the_driven_shaft_by_feed_gear_and_encoder():
+    told = said(*SCALES, *numbers(0x6064, 0, 3600))
+    assert texts(told, "SDO")[-1] == "reads 6064h Position actual of node 5: 6.28319 rad"
+    factor, unit = told.scale(5, (0x6063, 0))  # in increments of the encoder, at the motor
+    assert (factor, unit) == (pytest.approx(2 * math.pi / (1 << 20)), "rad")
+
+
+@pytest.mark.parametrize("lost", [slice(0, 2), slice(4, 6), slice(8, 10), slice(10, 12)])
+def test_without_one_of_them_it_stays_counts(lost):
+    frames = list(SCALES)
+    del frames[lost]
+    told = said(*frames, *numbers(0x6064, 0, 3600))
+    assert texts(told, "SDO")[-1] == "reads 6064h Position actual of node 5: 3600"
+
+
+def test_a_zero_among_them_is_no_scale():
+    told = said(*SCALES, *numbers(0x6092, 2, 0), *numbers(0x6064, 0, 3600))
+    assert texts(told, "SDO")[-1] == "reads 6064h Position actual of node 5: 3600"
+
+
+def second_axis(status):
+    mapping = [
+        *reads(5, 0x1A01, 1, "10004168"), *reads(5, 0x1A01, 2, "20006c68"),
+        *reads(5, 0x1A01, 0, "02"),
+    ]  # fmt: skip
+    return [*mapping, frame(0.2, 0x285, f"{status}9cffffff"), frame(0.3, 0x285, "180000000000")]
+
+
+def test_a_second_axis_is_an_axis_of_its_own():
+    told = said(*second_axis("3702"), frame(0.4, 0x185, "3702"))
+    assert told.nodes[5].drive == ["operation enabled"]
+    assert told.nodes[5].axes == {2: ["operation enabled", "fault"]}
+    assert [each["text"] for each in told.nodes[5].faults] == [
+        "axis 2: fault, not under remote control (0018h)"
+    ]
+    assert "6841h Status word of axis 2: fault, not under remote control (0018h)" in texts(
+        told, "PDO"
+    )
+    assert list(told.series[5, (0x686C, 0)].counts) == [-100, 0]
+    third = said(*reads(5, 0x7060, 0, "fd"), *reads(5, 0x7061, 0, "09"))
+    assert texts(third, "SDO") == [
+        "reads 7060h Mode of operation of axis 3 of node 5: mode -3",
+        "reads 7061h Mode display of axis 3 of node 5: cyclic synchronous velocity",
+    ]
+
+
+def test_the_scale_of_a_second_axis_is_its_own():
+    moved = []
+    for each in SCALES:
+        data = bytearray(each.data)
+        data[2] += 8
+        moved.append(frame(each.timestamp, each.arbitration_id, data.hex()))
+    told = said(*moved)
+    assert told.scale(5, (0x6864, 0)) == (pytest.approx(2 * math.pi / 3600), "rad")
+    assert told.scale(5, (0x6064, 0)) == (1.0, "")
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("2171", "7121h motor blocked"),
+        ("1023", "2310h continuous over current"),
+        ("1186", "8611h following error"),
+        ("3031", "3130h phase failure"),
+        ("0573", "7305h incremental encoder 1 failed"),
+        ("5023", "2350h current at the output"),
+        ("34ff", "FF34h of the vendor"),
+        ("1053", "5310h operating unit"),
+    ],
+)
+def test_an_emergency_has_the_words_of_the_standard(code, words):
+    data = f"{code}010000000000"
+    assert texts(said(frame(0.0, 0x085, data)), "EMCY") == [words]
+
+
+def test_an_akd_keeps_its_own_words_for_its_codes():
+    told = said(vendor(5, 0x6A), frame(0.1, 0x085, "3031010000000000"))
+    assert texts(told, "EMCY") == ["3130h bus capacitor overload"]
+
+
+def test_an_error_code_that_is_read_has_words():
+    assert texts(said(*reads(5, 0x603F, 0, "2171")), "SDO") == [
+        "reads 603Fh Error code of node 5: 7121h motor blocked"
+    ]
+
+
+def test_status_bits_that_a_drive_does_not_serve_are_left_alone():
+    assert texts(said(frame(0.0, 0x185, "0800")), "PDO") == ["6041h Status word: fault (0008h)"]
+    served = said(*(frame(0.1 * k, 0x185, data) for k, data in enumerate(("3102", "2102", "2100"))))
+    assert texts(served, "PDO") == [
+        "6041h Status word: ready to switch on (0231h)",
+        "6041h Status word: ready to switch on, no main voltage (0221h)",
+        "6041h Status word: ready to switch on, no main voltage, not under remote control (0021h)",
+    ]
+    akd = said(vendor(5, 0x6A), frame(0.1, 0x185, "0800"))
+    assert texts(akd, "PDO") == [
+        "6041h Status word: fault, no main voltage, not under remote control (0008h)"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("key", "data", "words"),
+    [
+        (0x2310, "feffffffffffffff", "-2"),
+        (0x2311, "01020304", "01 02 03 04"),
+        (0x2312, "000000000000f83f", "1.5"),
+        (0x2313, "0000c07f", "nan"),
+        (0x2314, "6d6f746f72", '"motor"'),
+        (0x2315, "ffffffffffffffff", "18446744073709551615 (FFFFFFFFFFFFFFFFh)"),
+        (0x2316, "ffff7f", "8388607 (7FFFFFh)"),
+        (0x2316, "ffffff", "-1"),
+        (0x2317, "f400", "-12"),  # filled up with zeros
+        (0x2317, "f4ffffff", "-12"),  # filled up with the sign
+        (0x2318, "01", "1"),
+        (0x23FF, "feffffffffffffff", "fe ff ff ff ff ff ff ff"),  # of no known type
+        (0x23FF, "6d6f746f72", '"motor"'),
+    ],
+)
+def test_a_value_is_decoded_by_the_type_of_its_object(tmp_path, key, data, words):
+    types = (0x15, 0xF, 0x11, 0x8, 0x9, 0x1B, 0x10, 0x2, 0x1)
+    text = "".join(
+        f"[{0x2310 + k:x}]\nParameterName=a\nDataType={kind}\n" for k, kind in enumerate(types)
+    )
+    (tmp_path / "a.eds").write_text(text)
+    told = texts(said(*reads(5, key, 0, data), names=Names(tmp_path / "a.eds")), "SDO")
+    assert told[0].rpartition(": ")[2] == words
+
+
+def test_a_mode_that_is_sent_wider_than_it_is_keeps_its_sign():
+    for data in ("fd", "fd000000", "fdffffff"):
+        assert texts(said(*reads(5, 0x6061, 0, data)), "SDO") == [
+            "reads 6061h Mode display of node 5: mode -3"
+        ]
+
+
+def shared(first, second):
+    """Node 5 receives by the identifier of TPDO1 of node 1; then PDOs come."""
+    setup = [
+        *reads(5, 0x1600, 0, "01"), *reads(5, 0x1600, 1, "2000ff60"),
+        *reads(5, 0x1400, 1, first),
+    ]  # fmt: skip
+    return [*setup, frame(0.2, int(second, 16), "9cffffff")]
+
+
+def test_a_pdo_from_one_device_to_another_is_the_senders():
+    beat = frame(0.0, 0x701, "05")
+    told = said(beat, *shared("81010000", "181"))
+    assert told.pdos[0x181].name == "TPDO1"
+    assert told.nodes[1].frames["PDO"] == 1
+    assert list(told.series[5, (0x60FF, 0)].counts) == [-100]
+    alone = said(*shared("81010000", "181"))  # there is no node 1: the host sends it
+    assert alone.pdos[0x181][:2] == (5, "RPDO1")
+
+
+def test_one_pdo_of_the_host_to_two_drives_is_for_both():
+    to_both = [*shared("01030000", "0"), *shared("01030000", "0")]
+    for each in to_both[:6]:
+        each.arbitration_id += 1
+    frames = [each for each in to_both if each.arbitration_id]
+    told = said(*frames, frame(0.3, 0x301, "9cffffff"))
+    assert list(told.series[5, (0x60FF, 0)].counts) == [-100]
+    assert list(told.series[6, (0x60FF, 0)].counts) == [-100]
+
+
+def test_an_identifier_that_a_pdo_has_left_is_its_no_more():
+    told = said(*MAPPING, frame(0.1, 0x3C5, "370200080000"), frame(0.2, 0x185, "370200080000"))
+    assert list(told.series[5, (0x6064, 0)].counts) == [2048]
+    assert told.strangers == {0x185: 1}
+
+
+def test_a_node_of_another_profile_is_no_drive():
+    told = said(
+        *reads(5, 0x1000, 0, "91010000"), frame(0.2, 0x185, "0800"), *reads(5, 0x6041, 0, "0800")
+    )
+    assert not told.nodes[5].drive
+    assert texts(told, "SDO")[-1] == "reads 6041h of node 5: 8"
+
+
+def test_dummy_entries_stand_for_nothing():
+    mapping = [
+        *reads(5, 0x1A00, 1, "10000600"), *reads(5, 0x1A00, 2, "10004160"),
+        *reads(5, 0x1A00, 0, "02"),
+    ]  # fmt: skip
+    told = said(*mapping, frame(0.2, 0x185, "ffff3702"))
+    assert list(told.series) == [(5, (0x6041, 0))]
+    assert told.nodes[5].drive == ["operation enabled"]
+
+
+def test_error_frames_are_told_and_counted():
+    data = "0000000000000000"
+    error = [
+        frame(0.0, 0x040, data, is_error_frame=True),
+        frame(0.1, 0x004, "0010000000000000", is_error_frame=True),
+        frame(0.2, 0x080, data, is_error_frame=True),
+        frame(0.3, 0x080, data, is_error_frame=True),
+        frame(0.4, 0x000, is_error_frame=True),
+    ]
+    told = said(*error)
+    assert told.summary()["errors"] == {
+        "bus off": 1,
+        "controller, receive errors: passive": 1,
+        "bus error": 2,
+        "of unknown kind": 1,
+    }
+    assert texts(told, "bus")[0] == "error frame: bus off"
+
+
+def test_without_times_nothing_is_late():
+    sync = [frame(float(k if k < 100 else k + 50), 0x080) for k in range(200)]
+    assert texts(Conversation(sync), "gap")
+    assert not texts(Conversation(sync, timed=False), "gap")

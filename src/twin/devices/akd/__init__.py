@@ -2,9 +2,9 @@
 
 Bytes and states are in `protocol`: pure. `bringup` configures the drives over SDO,
 `axis` judges every cycle and says what is sent next, `servos` is what a rig is given;
-`conditions` is the table of what can go wrong. `traces` keeps what is said on a bus, `decoding`
-says what it means. Servos on another wire are `twin.devices.own.Hardware`, or have the methods of
-`AkdServos`.
+`conditions` is the table of what can go wrong. `traces` keeps what is said on a bus, `trace_files`
+reads traces of other programs, `eds` data sheets, and `decoding` explains them. Servos on another
+wire are `twin.devices.own.Hardware`, or have the methods of `AkdServos`.
 """
 
 TRACE = "trace.log"

@@ -1,14 +1,18 @@
 """What the frames of a trace say: any CANopen devices, drives of CiA 402 in words.
 
 What a PDO carries is taken from the trace itself, where its mapping is written or read; else from
-the rig file, from an EDS file, or, where the length fits, from what CiA 402 has as default.
+the rig file, from an EDS or DCF file, or, where the length fits, from what CiA 402 has as default.
+Values are decoded by the type of their object. Objects of a vendor have names only where the
+vendor is known, and positions are angles only where the trace shows what a unit of them is.
 """
 
 from __future__ import annotations
 
+import math
+import struct
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,19 +20,29 @@ from typing import Any, NamedTuple
 import can
 import numpy as np
 
-from twin.base.errors import LogError
 from twin.devices.akd import protocol
 from twin.devices.akd.config import RPM, TURN, AkdConfig
+from twin.devices.akd.eds import DataSheet, read_data_sheet
 from twin.devices.akd.protocol import Key, Object, mappings, table
-from twin.devices.common import one_line
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
-_TOLD = {CONTROL, STATUS, 0x6060, 0x6061, 0x603F, 0x1001, 0x60FD, 0x2001}
+_ERROR_CODE, _FAULTS, _PROFILE, _VENDOR = 0x603F, 0x2001, (0x1000, 0), (0x1018, 1)
+_TOLD = {CONTROL, STATUS, 0x6060, 0x6061, _ERROR_CODE, 0x1001, 0x60FD}
 """Objects whose every change in a PDO is told."""
-_POSITIONS = (0x6062, 0x6063, PLACE, 0x607A, 0x60F4)
+_POSITIONS = (0x6062, PLACE, 0x607A, 0x60F4)
+"""In the units of the user, of which the feed (6092h) says how many a turn of the shaft has."""
+_INCREMENTS = (0x6063, 0x60FC)
+"""In increments of the encoder, of which its resolution (608Fh) says how many a turn has."""
 _VELOCITIES = (0x606B, SPEED, TARGET)
 AKD = 0x6A
 """Vendor whose drives count velocities in 0.001 rpm."""
+_DRIVES = {402, 0xFFFF}
+"""Profiles (low word of 1000h) of drives, and of devices of several profiles."""
+_VENDORS_OBJECTS, _PROFILES_OBJECTS = range(0x2000, 0x6000), range(0x6000, 0xA000)
+_AXIS = 0x800
+"""Objects from one axis of a drive to the next."""
+_UNUSED = 0x20
+"""Index below which a mapped object is a type: bits that stand for nothing."""
 _KINDS = {0x080: "EMCY", 0x580: "SDO", 0x600: "SDO", 0x700: "heartbeat"}
 _IRREGULAR = 0.05
 """Share of long pauses from which a sequence of frames is no regular one."""
@@ -44,7 +58,6 @@ _SIZED, _EXPEDITED = 1, 2
 """Bits of the specifier that begins a transfer: its size is told; all data are in this frame."""
 _BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
 _UNANSWERED = "unanswered", "no answer"
-_WORDS = {STATUS: protocol.status_words, CONTROL: protocol.control_words}
 HOST = "host"
 """Who sends what only a master sends."""
 
@@ -79,13 +92,11 @@ class Pdo(NamedTuple):
     entries: tuple[tuple[Key, int], ...]
 
 
-class Names(dict[Key, Object]):
-    """What objects are called: by an EDS file, else as the standards and an AKD have them.
-
-    One that nobody knows is called by its index.
+class Names:
+    """What objects are called: by an EDS or DCF file, else as the standards and an AKD have them.
 
     Args:
-        eds: The file, EDS or DCF.
+        eds: The file.
 
     Raises:
         LogError: If it cannot be read.
@@ -93,27 +104,39 @@ class Names(dict[Key, Object]):
 
     def __init__(self, eds: Path | None = None) -> None:
         standard = [Object(*each) for each in table()["standard"]]
-        super().__init__({(each.index, each.sub): each for each in standard} | protocol.objects())
-        self.defaults: dict[Key, int] = {}
-        """Default values that the file gives for mappings of PDOs."""
-        if eds is None:
-            return
-        from canopen.objectdictionary import ODVariable, datatypes, import_od  # noqa: PLC0415
+        self._known = {(each.index, each.sub): each for each in standard} | protocol.objects()
+        self.sheet = read_data_sheet(eds) if eds is not None else DataSheet()
+        """What the file says."""
 
-        try:
-            found = import_od(str(eds), node_id=None).values()
-        except Exception as error:
-            raise LogError(f"--eds {eds}: not a readable EDS file: {one_line(error)}") from error
-        for one in found:
-            for each in [one] if isinstance(one, ODVariable) else one.values():
-                key = each.index, each.subindex
-                sign = "I" if each.data_type in datatypes.SIGNED_TYPES else "U"
-                self[key] = Object(*key, each.qualname.replace(".", ": "), f"{sign}{len(each)}")
-                if key[0] in protocol.PDOS and key[0] & 0x200 and isinstance(each.default, int):
-                    self.defaults[key] = each.default
+    def describe(self, key: Key, *, akd: bool, drive: bool, sheet: bool) -> Object:
+        """An object of a node; of one that nobody knows, name and type are empty.
 
-    def __missing__(self, key: Key) -> Object:
-        return Object(*key, "", "U0")
+        Args:
+            key: Index and subindex.
+            akd: Whether the node is an AKD.
+            drive: Whether it may be a drive of CiA 402.
+            sheet: Whether the file may be that of the node.
+        """
+        blank = Object(*key, "", "U0")
+        if sheet and key in self.sheet.objects:
+            return self.sheet.objects[key]
+        if key[0] in _VENDORS_OBJECTS:
+            return self._known.get(key, blank) if akd else blank
+        if key[0] not in _PROFILES_OBJECTS:
+            return self._known.get(key, blank)
+        base, axis = axis_of(key[0])
+        known = self._known.get((base, key[1])) if drive else None
+        if known is None:
+            return blank
+        return Object(*key, known.name + (f" of axis {axis}" if axis > 1 else ""), known.type)
+
+
+def axis_of(index: int) -> tuple[int, int]:
+    """The object of the first axis that an object is like, and its axis, 1 for the first."""
+    if index not in _PROFILES_OBJECTS:
+        return index, 1
+    axis, offset = divmod(index - _PROFILES_OBJECTS.start, _AXIS)
+    return _PROFILES_OBJECTS.start + offset, axis + 1
 
 
 @dataclass
@@ -124,7 +147,8 @@ class Node:
         name: What it is called.
         frames: How many it sent, by kind.
         states: Its NMT states, in order.
-        drive: The states of its power stage, in order.
+        drive: The states of its power stage, in order; of a drive of several axes the first's.
+        axes: Those of its further axes, by their number.
         faults: What it reported: ``time`` in s and ``text``.
         transfers: SDO transfers by how they ended.
     """
@@ -133,15 +157,30 @@ class Node:
     frames: Counter[str] = field(default_factory=Counter)
     states: list[str] = field(default_factory=list)
     drive: list[str] = field(default_factory=list)
+    axes: dict[int, list[str]] = field(default_factory=dict)
     faults: list[dict[str, Any]] = field(default_factory=list)
     transfers: Counter[str] = field(default_factory=Counter)
 
 
 class Series(NamedTuple):
-    """Values of an object in the PDOs of a node: s since the first frame, whole counts."""
+    """Values of an object in the PDOs of a node: s since the first frame, and as they were sent.
+
+    They are whole counts, or of an object of IEEE 754 its numbers.
+    """
 
     time: array[float]
-    counts: array[int]
+    counts: array[Any]
+
+
+class _Entry(NamedTuple):
+    """An object in a PDO: its key, type, first bit, bits, and whether its changes are told."""
+
+    key: Key
+    type: str
+    first: int
+    bits: int
+    told: bool
+    series: Series
 
 
 @dataclass
@@ -159,6 +198,17 @@ class _Transfer:
     more: bool = True
 
 
+class _Held(dict[int, dict[Key, int]]):
+    """What objects of nodes hold: at first what is known of a node without the trace."""
+
+    def __init__(self, known: Callable[[int], dict[Key, int]]) -> None:
+        super().__init__()
+        self._known = known
+
+    def __missing__(self, node: int) -> dict[Key, int]:
+        return self.setdefault(node, self._known(node))
+
+
 class Conversation:
     """All that the frames of one channel say.
 
@@ -166,6 +216,7 @@ class Conversation:
         heard: The frames, in the order of their times.
         names: What objects are called.
         rig: Whose drives they are, for names, scales and mappings that the trace does not show.
+        timed: Whether the frames have times; where they have none, nothing is late or missing.
     """
 
     def __init__(
@@ -173,12 +224,14 @@ class Conversation:
         heard: Sequence[can.Message],
         names: Names | None = None,
         rig: AkdConfig | None = None,
+        *,
+        timed: bool = True,
     ) -> None:
         self.events: list[TracedEvent] = []
         """What was said, in order; of PDOs the changes."""
         self.nodes: dict[int, Node] = {}
         """Nodes that sent something, by number."""
-        self.series = defaultdict[tuple[int, Key], Series](lambda: Series(array("d"), array("q")))
+        self.series: dict[tuple[int, Key], Series] = {}
         """What PDOs carried, by node and object."""
         self.begin = heard[0].timestamp
         """Time of the first frame, s, as the trace has it."""
@@ -186,6 +239,8 @@ class Conversation:
         """Seconds from the first frame to the last."""
         self.strangers: Counter[int] = Counter()
         """Frames of no service of CANopen, by identifier."""
+        self.errors: Counter[str] = Counter()
+        """Error frames by what they say."""
         self.pauses: dict[str, dict[str, Any]] = {}
         """Of what came regularly: its usual pause in s, its gaps and the longest."""
         self._names = names or Names()
@@ -194,22 +249,69 @@ class Conversation:
         self._sdo: dict[int, _Transfer] = {}
         self.pdos: dict[int, Pdo] = {}
         """PDOs by their identifier, as the trace has them at its end."""
+        self._receivers: defaultdict[int, dict[tuple[int, str], Pdo]] = defaultdict(dict)
+        self._layouts: dict[tuple[int, str], tuple[int, list[_Entry]]] = {}
+        self._no_pdo: set[int] = set()
+        self._identified: set[tuple[int, int]] = set()
         self._last: dict[object, object] = {}
-        # what the trace does not show: the standard, the maker's file, the rig's
-        known = (
-            mappings({int(at, 16): each for at, each in table()["defaults"].items()})
-            | self._names.defaults
-        )
-        self.values = defaultdict[int, dict[Key, int]](known.copy)
+        self._served: defaultdict[tuple[int, int], int] = defaultdict(int)
+        self._objects: dict[tuple[int, Key], Object] = {}
+        self._there, self._identities = _introduced(heard)
+        self.values = _Held(self._known_of)
         """What objects of nodes hold at its end, as far as it was read or written."""
-        for axis in self._axes.values():
-            self.values[axis.node] |= mappings(protocol.pdo_maps(axis.plate_object))
         for message in heard:
             self._take(message, message.timestamp - self.begin)
         for node, left in sorted(self._sdo.items()):
             self._ended(node, left, *_UNANSWERED)
-        self._find_gaps()
+        if timed:
+            self._find_gaps()
         self.events.sort(key=lambda each: each.time)
+
+    def _known_of(self, node: int) -> dict[Key, int]:
+        """What the trace does not show: by the standard, by the maker's file, by the rig's."""
+        known = dict[Key, int]()
+        if self._is_drive(node):
+            known |= mappings({int(at, 16): each for at, each in table()["defaults"].items()})
+        if self._is_of_sheet(node):
+            known |= self._names.sheet.held_by(node)
+        if node in self._axes:
+            known |= mappings(protocol.pdo_maps(self._axes[node].plate_object))
+        return known
+
+    def _is_of_sheet(self, node: int) -> bool:
+        """Whether the EDS file may be a node's: not if the trace shows another vendor."""
+        vendor = self._identities.get((node, _VENDOR))
+        return vendor is None or self._names.sheet.vendor in (None, vendor)
+
+    def is_akd(self, node: int) -> bool:
+        """Whether a node is an AKD: by the rig file, the trace, or the EDS file."""
+        vendor = self._identities.get((node, _VENDOR), self._names.sheet.vendor)
+        return node in self._axes or vendor == AKD
+
+    def _is_drive(self, node: int) -> bool:
+        """Whether a node may be a drive: unless the trace, or its file, shows another profile."""
+        default = self._names.sheet.defaults.get(_PROFILE) if self._is_of_sheet(node) else None
+        profile = self._identities.get((node, _PROFILE), default.number if default else None)
+        return node in self._axes or profile is None or profile & 0xFFFF in _DRIVES
+
+    def _object(self, node: int, key: Key) -> Object:
+        """An object of a node: its name and type."""
+        found = self._objects.get((node, key))
+        if found is None:
+            found = self._objects[node, key] = self._names.describe(
+                key,
+                akd=self.is_akd(node),
+                drive=self._is_drive(node),
+                sheet=self._is_of_sheet(node),
+            )
+        return found
+
+    def _is_told(self, node: int, key: Key) -> bool:
+        """Whether every change of an object is told."""
+        index = axis_of(key[0])[0]
+        if index == _FAULTS:
+            return self.is_akd(node)
+        return index in _TOLD and (index < _PROFILES_OBJECTS.start or self._is_drive(node))
 
     @property
     def sync(self) -> array[float]:
@@ -222,37 +324,72 @@ class Conversation:
         return f"node {node}" + (f" ({axis.name})" if axis else "")
 
     def scale(self, node: int, key: Key) -> tuple[float, str]:
-        """Factor and SI unit of an object of a node; 1 and nothing if they are not known."""
-        axis, values, index = self._axes.get(node), self.values[node], key[0]
-        turn = values.get((0x608F, 1))
+        """Factor and SI unit of an object of a node; 1 and nothing if they are not known.
+
+        Positions are in units of the user, so many of which (6092h:1) make so many turns (6092h:2)
+        of the driven shaft. Where the trace does not show these, the gear (6091h) and the encoder's
+        resolution (608Fh), they stay counts. An AKD counts by 608Fh alone unless bit 4 of its
+        FBUS.PARAM05 (36E9h) is set.
+        """
+        axis, (index, number) = self._axes.get(node), axis_of(key[0])
         if axis is not None and key == axis.plate_object:
             return axis.plate, "rad"
-        if index in _POSITIONS and axis is not None:
+        if key[1] or not self._is_drive(node):
+            return 1.0, ""
+        if axis is not None and index in _POSITIONS:
             return axis.position, "rad"
-        if index in _POSITIONS and turn:
-            return TURN * values.get((0x608F, 2), 1) / turn, "rad"
-        if index in _VELOCITIES and (axis or values.get((0x1018, 1)) == AKD):
+        if index in _VELOCITIES and self.is_akd(node):
             return axis.velocity if axis else 0.001 * RPM, "rad/s"
-        return 1.0, ""
+        units = self._units_a_turn(node, index, (number - 1) * _AXIS)
+        return (TURN / units, "rad") if units else (1.0, "")
 
-    def words(self, node: int, key: Key, value: int) -> str:
+    def _units_a_turn(self, node: int, index: int, offset: int) -> float | None:
+        """How many units of a position a turn has; None if the trace does not show it.
+
+        Args:
+            node: Number of the node.
+            index: The position's, of the first axis.
+            offset: From the objects of the first axis to those of the position's.
+        """
+        values = self.values[node]
+
+        def ratio(of: int) -> float | None:
+            above, below = (values.get((of + offset, sub)) for sub in (1, 2))
+            return above / below if above and below else None
+
+        resolution, gear, feed = (ratio(of) for of in (0x608F, 0x6091, 0x6092))
+        increments = self.is_akd(node) and not values.get((0x36E9, 0), 0) & 1 << 4
+        if index in _INCREMENTS or (index in _POSITIONS and increments):
+            return resolution
+        return feed if index in _POSITIONS and resolution and gear else None
+
+    def words(self, node: int, key: Key, value: float) -> str:
         """A value of an object in words."""
-        index, sub = key
+        if isinstance(value, float):
+            return f"{value:.7g}"
+        index, sub = axis_of(key[0])[0], key[1]
         factor, unit = self.scale(node, key)
         of_pdo, maps = index in protocol.PDOS, bool(index & 0x200)
-        said = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & 0xFFFFFFFF:X}h)"
-        if index in _WORDS:
-            said = f"{_WORDS[index](value)} ({value:04X}h)"
-        elif index in {0x6060, 0x6061}:
+        said = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & _mask(value):X}h)"
+        drive = self._is_drive(node)
+        if index == STATUS and drive:
+            served = 0xFFFF if self.is_akd(node) else self._served[node, key[0]]
+            said = f"{protocol.status_words(value, served)} ({value:04X}h)"
+        elif index == CONTROL and drive:
+            said = f"{protocol.control_words(value)} ({value:04X}h)"
+        elif index in {0x6060, 0x6061} and drive:
             said = table()["modes"].get(f"{value}", f"mode {value}")
+        elif index == _ERROR_CODE and drive and value:
+            words = protocol.error_words(value, akd=self.is_akd(node))
+            said = f"{value:04X}h {words}".strip()
         elif index == 0x1016 and sub and value:
             said = f"node {value >> 16 & 0x7F} within {value & 0xFFFF} ms"
         elif of_pdo and not maps and sub == 1:
             said = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
         elif of_pdo and maps and sub and value:
             carried, bits = _mapped(value)
-            said = f"{self.object_name(carried)}, {bits} bits"
-        elif index == 0x2001 and sub and value:
+            said = f"{self.object_name(node, carried)}, {bits} bits"
+        elif index == _FAULTS and sub and value and self.is_akd(node):
             said = protocol.fault_words([value])
         elif unit:
             said = f"{value * factor:.6g} {unit}"
@@ -262,29 +399,35 @@ class Conversation:
         """What ``--json`` prints, but for the events."""
         nodes = {f"{each}": {**vars(node), "signals": {}} for each, node in self.nodes.items()}
         for (number, key), series in self.series.items():
-            if key[0] not in _TOLD:
+            known = [value for value in series.counts if math.isfinite(value)]
+            if known and not self._is_told(number, key):
                 factor, unit = self.scale(number, key)
-                ends = sorted(factor * each(series.counts) for each in (min, max))
-                its = {"from": ends[0], "to": ends[1], "unit": unit}
-                nodes[f"{number}"]["signals"][self.object_name(key)] = its
+                ends = [each(known) * (factor if unit else 1) for each in (min, max)]
+                low, high = sorted(ends)
+                its = {"from": low, "to": high, "unit": unit}
+                nodes[f"{number}"]["signals"][self.object_name(number, key)] = its
         pdos = {
             f"{cob_id:03X}h": pdo._asdict()
-            | {"entries": [self.object_name(k) for k, _ in pdo.entries]}
+            | {"entries": [self.object_name(pdo.node, k) for k, _ in pdo.entries]}
             for cob_id, pdo in self.pdos.items()
         }
         strangers = {f"{each:03X}h": count for each, count in self.strangers.items()}
         return {"begin": self.begin, "duration": self.duration, "nodes": nodes, "pdos": pdos} | {
             "regular": self.pauses,
             "strangers": strangers,
+            "errors": dict(self.errors),
         }
 
-    def object_name(self, key: Key) -> str:
-        """What an object is called."""
-        name = self._names[key].name
+    def object_name(self, node: int, key: Key) -> str:
+        """What an object of a node is called."""
+        name = self._object(node, key).name
         return f"{key[0]:04X}h{f':{key[1]}' if key[1] else ''}{f' {name}' if name else ''}"
 
     def _node(self, number: int) -> Node:
-        return self.nodes.setdefault(number, Node(self.called(number)))
+        node = self.nodes.get(number)
+        if node is None:
+            node = self.nodes[number] = Node(self.called(number))
+        return node
 
     def _new(self, what: object, value: object) -> bool:
         """Whether something is not as it was when this was asked last."""
@@ -297,7 +440,9 @@ class Conversation:
     def _take(self, message: can.Message, at: float) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
         if message.is_error_frame:
-            self._say(at, "adapter", "bus", f"error frame {identifier:03X}h {data.hex(' ')}")
+            what = _error_words(identifier, data)
+            self.errors[what] += 1
+            self._say(at, "adapter", "bus", f"error frame: {what}")
         elif message.is_extended_id:
             self.strangers[identifier] += 1
         elif identifier == protocol.NMT and len(data) == 2:
@@ -313,9 +458,9 @@ class Conversation:
         number = identifier & protocol.NODE_MASK
         service = identifier - number
         kind = _KINDS.get(service)
-        pdo = self._pdo(identifier)
+        pdo = self.pdos.get(identifier) or self._usual(identifier)
         if pdo is not None:
-            self._exchange(at, pdo, data)
+            self._exchange(at, identifier, pdo, data)
         elif kind is None or not number:
             self.strangers[identifier] += 1
         elif service == protocol.SDO_REQUEST:
@@ -325,9 +470,10 @@ class Conversation:
             node.frames[kind] += 1
             if service == protocol.EMERGENCY:
                 message = protocol.decode_emergency(data)
-                self._say(at, node.name, kind, message.words)
+                words = message.in_words(akd=self.is_akd(number))
+                self._say(at, node.name, kind, words)
                 if message.code:
-                    node.faults.append({"time": at, "text": message.words})
+                    node.faults.append({"time": at, "text": words})
             elif service == protocol.SDO_RESPONSE:
                 self._transfer(at, number, data, asks=False)
             elif (state := protocol.decode_nmt_state(data)) is not None:
@@ -341,23 +487,52 @@ class Conversation:
             node.states.append(words)
             self._say(at, node.name, "heartbeat", words)
 
-    def _power(self, at: float, number: int, status: int) -> None:
+    def _power(self, at: float, number: int, key: Key, status: int) -> None:
         """Note the state that a status word shows."""
-        node, state = self._node(number), protocol.state(status)
-        if node.drive[-1:] != [state.value]:
-            node.drive.append(state.value)
+        node, state, axis = self._node(number), protocol.state(status), axis_of(key[0])[1]
+        self._served[number, key[0]] |= status
+        states = node.drive if axis == 1 else node.axes.setdefault(axis, [])
+        if states[-1:] != [state.value]:
+            states.append(state.value)
             if state is protocol.DriveState.FAULT:
-                node.faults.append({"time": at, "text": self.words(number, (STATUS, 0), status)})
+                words = self.words(number, key, status)
+                text = words if axis == 1 else f"axis {axis}: {words}"
+                node.faults.append({"time": at, "text": text})
 
-    def _pdo(self, identifier: int) -> Pdo | None:
-        """The PDO of an identifier; None if it is another service's."""
-        number = identifier & protocol.NODE_MASK
-        first, last = protocol.TPDO1, protocol.SDO_RESPONSE
-        if identifier not in self.pdos and number and first <= identifier < last:
-            place, receives = divmod(identifier - number - first, 0x100)
-            parameters = (0x1400 if receives else 0x1800) + place
-            self.pdos[identifier] = self._assigned(number, parameters)
-        return self.pdos.get(identifier)
+    def _usual(self, identifier: int) -> Pdo | None:
+        """The PDO that an identifier is by what is known without the trace; None if it is none.
+
+        Those that are sent come before those that are received.
+        """
+        if identifier in self._no_pdo:
+            return None
+        nodes = {identifier & protocol.NODE_MASK, self._names.sheet.node or 0} - {0}
+        for parameters in self._pdo_parameters(nodes):
+            for number in nodes:
+                if self._cob_id(number, parameters) == identifier:
+                    found = self.pdos[identifier] = self._assigned(number, parameters)
+                    return found
+        self._no_pdo.add(identifier)
+        return None
+
+    def _pdo_parameters(self, nodes: Iterable[int]) -> list[int]:
+        """The parameters of PDOs that nodes may have, those that they send first."""
+        known = {i for number in nodes for i, sub in self.values[number] if sub == 1}
+        given = {index for index in known if index in protocol.PDOS and not index & 0x200}
+        usual = {first + k for first in (0x1400, 0x1800) for k in range(4)}
+        return sorted(given | usual, key=lambda index: (index < 0x1800, index))
+
+    def _cob_id(self, number: int, parameters: int) -> int | None:
+        """The identifier of a PDO of a node, as far as it is known now; None if it has none."""
+        base = protocol.RPDO1 if parameters < 0x1800 else protocol.TPDO1
+        place = parameters & 0x1FF
+        usual = base + 0x100 * place + number if place < 4 else None
+        value = self.values[number].get((parameters, 1))
+        if value is None:
+            return usual
+        if (number, parameters) not in self._identified:  # frames of it show that it is on
+            return value & 0x7FF or usual
+        return None if value & protocol.PDO_INVALID else value & 0x7FF
 
     def _assigned(self, number: int, parameters: int) -> Pdo:
         """What a PDO of a node carries, as far as it is known now."""
@@ -367,39 +542,62 @@ class Conversation:
         name = f"{'T' if parameters >= 0x1800 else 'R'}PDO{(parameters & 0x1FF) + 1}"
         return Pdo(number, name, tuple(entries))
 
-    def _exchange(self, at: float, pdo: Pdo, data: bytes) -> None:
+    def _exchange(self, at: float, identifier: int, pdo: Pdo, data: bytes) -> None:
         node = self._node(pdo.node)
         who = node.name if pdo.name[0] == "T" else HOST
         if who != HOST:
             node.frames["PDO"] += 1
         stream = f"{pdo.name} of {node.name}"
         self._times[stream].append(at)
-        mapped = sum(bits for _, bits in pdo.entries)
-        if 8 * len(data) != mapped:
-            if self._new(stream, len(data)):
-                known = f"{mapped} bits are known: not decoded"
-                self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {known}")
-            return
+        fits = self._unpack(at, who, pdo, data)
+        for other in self._receivers.get(identifier, {}).values():
+            fits |= self._unpack(at, who, other, data)
+        if not fits and self._new(stream, len(data)):
+            known = f"{sum(bits for _, bits in pdo.entries)} bits are known: not decoded"
+            self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {known}")
+
+    def _unpack(self, at: float, who: str, pdo: Pdo, data: bytes) -> bool:
+        """Take in the values of a PDO; False if it has another length."""
+        length, entries = self._layouts.get(pdo[:2]) or (sum(bits for _, bits in pdo.entries), None)
+        if 8 * len(data) != length:
+            return False
+        entries = self._laid_out(pdo) if entries is None else entries
         packed = int.from_bytes(data, "little")
+        for entry in entries:
+            raw = packed >> entry.first & (1 << entry.bits) - 1
+            value = _number(entry.type, raw, entry.bits)
+            counts = entry.series.counts
+            if entry.told and (not counts or counts[-1] != value):
+                self._changed(at, who, pdo, entry.key, int(value))
+            entry.series.time.append(at)
+            counts.append(value)
+        return True
+
+    def _laid_out(self, pdo: Pdo) -> list[_Entry]:
+        """The objects of a PDO with their types; not what stands for nothing."""
+        found, first = list[_Entry](), 0
         for key, bits in pdo.entries:
-            value, packed = packed & (1 << bits) - 1, packed >> bits
-            if self._names[key].type[0] == "I" and value >> bits - 1:
-                value -= 1 << bits
-            series = self.series[pdo.node, key]
-            if key[0] in _TOLD and (not series.counts or series.counts[-1] != value):
-                self._changed(at, who, pdo, key, value)
-            series.time.append(at)
-            series.counts.append(value)
+            if 0 < bits <= 64 and key[0] >= _UNUSED:
+                kind = self._object(pdo.node, key).type
+                real = kind[0] == "F" and kind[1:] == f"{bits}"
+                code = "d" if real else "q" if kind[0] == "I" else "Q"
+                series = self.series.setdefault((pdo.node, key), Series(array("d"), array(code)))
+                told = self._is_told(pdo.node, key)
+                if series.counts.typecode == code:  # carried in another length before: not by this
+                    found.append(_Entry(key, kind, first, bits, told, series))
+            first += bits
+        self._layouts[pdo[:2]] = first, found
+        return found
 
     def _changed(self, at: float, who: str, pdo: Pdo, key: Key, value: int) -> None:
         """Tell what a PDO says that is not what it said before."""
+        if axis_of(key[0])[0] == STATUS:
+            self._power(at, pdo.node, key, value)
         words = self.words(pdo.node, key, value)
         meaning = words.partition(" (")[0]
-        if key[0] == STATUS:
-            self._power(at, pdo.node, value)
         if self._new((pdo.node, key), meaning):
-            to = "" if who != HOST else f" to {self.called(pdo.node)}"
-            self._say(at, who, "PDO", f"{self.object_name(key)}{to}: {words}")
+            to = "" if who == self.called(pdo.node) else f" to {self.called(pdo.node)}"
+            self._say(at, who, "PDO", f"{self.object_name(pdo.node, key)}{to}: {words}")
 
     def _transfer(self, at: float, number: int, data: bytes, *, asks: bool) -> None:
         """Take in what a client asks of a node, or what that answers.
@@ -425,7 +623,7 @@ class Conversation:
             transfer.data += data[1 : 8 - (data[0] >> 1 & 7)]
             transfer.more = not data[0] & 1
         elif command == (_DOWNLOAD if asks else _UPLOAD) and data[0] & _EXPEDITED:
-            size = self._names[transfer.key].bits // 8 or 4
+            size = (self._object(number, transfer.key).bits + 7) // 8 or 4
             transfer.data = (
                 data[4 : 8 - (data[0] >> 2 & 3)] if data[0] & _SIZED else data[4:][:size]
             )
@@ -434,27 +632,33 @@ class Conversation:
             self._done(at, number, self._sdo.pop(number))
 
     def _done(self, at: float, number: int, transfer: _Transfer) -> None:
-        key, known, data = transfer.key, self._names[transfer.key], transfer.data
-        bare = data.rstrip(b"\0")
+        key, data = transfer.key, transfer.data
+        value = decode_value(self._object(number, key).type, data)
         if transfer.block:
             said = "a block, not decoded"
-        elif not data or len(data) > 4 or (not known.bits and len(bare) > 4):
-            text = bare.decode("latin-1")
-            said = f'"{text}"' if text.isprintable() else data.hex(" ")
-        else:
-            value = self.values[number][key] = known.decode(data)
+        elif isinstance(value, str):
+            said = f'"{value}"'
+        elif isinstance(value, bytes):
+            said = value.hex(" ") or "nothing"
+        elif isinstance(value, float):
             said = self.words(number, key, value)
-            if key[0] in protocol.PDOS:
-                self._assign(number, key[0] & ~0x200)
-            elif key[0] == STATUS:
-                self._power(at, number, value)
-            elif key[0] == 0x2001 and key[1] and value:
+        else:
+            self.values[number][key] = value
+            index = axis_of(key[0])[0]
+            if index == STATUS and self._is_drive(number):
+                self._power(at, number, key, value)
+            said = self.words(number, key, value)
+            if index in protocol.PDOS:
+                if not index & 0x200 and key[1] == 1:
+                    self._identified.add((number, index))
+                self._assign(number, index & ~0x200)
+            elif index == _FAULTS and key[1] and value and self.is_akd(number):
                 self._node(number).faults.append({"time": at, "text": said})
         self._ended(number, transfer, "writes" if transfer.writes else "reads", said)
 
     def _ended(self, number: int, transfer: _Transfer, how: str, said: str) -> None:
         """Tell a transfer; what is read back as it was just written is part of that."""
-        node, what = self._node(number), self.object_name(transfer.key)
+        node, what = self._node(number), self.object_name(number, transfer.key)
         node.transfers[how] += 1
         written = f"writes {what} to {node.name}: {said}"
         text = written if transfer.writes else f"reads {what} of {node.name}: {said}"
@@ -464,13 +668,37 @@ class Conversation:
             self._say(transfer.since, HOST, "SDO", text)
 
     def _assign(self, number: int, parameters: int) -> None:
-        """Take note of the identifier and mapping of a PDO, as far as they are known now."""
-        base = protocol.RPDO1 if parameters < 0x1800 else protocol.TPDO1
-        place = parameters & 0x1FF
-        usual = base + 0x100 * place + number if place < 4 else protocol.PDO_INVALID
-        cob_id = self.values[number].get((parameters, 1), usual)
-        if not cob_id & protocol.PDO_INVALID:
-            self.pdos[cob_id & 0x7FF] = self._assigned(number, parameters)
+        """Take note of the identifier and mapping of a PDO, as far as they are known now.
+
+        An identifier that a PDO has left is its no more. One that a node receives may be one that
+        another node sends.
+        """
+        cob_id, its = self._cob_id(number, parameters), self._assigned(number, parameters)
+        if cob_id is None:
+            return
+        self._no_pdo.discard(cob_id)
+        self._layouts.clear()
+        for other, pdo in list(self.pdos.items()):
+            if pdo[:2] == its[:2] and other != cob_id:
+                del self.pdos[other]
+        for others in self._receivers.values():
+            others.pop(its[:2], None)
+        there = self.pdos.get(cob_id) or self._sender(cob_id, number)
+        if there is None or there[:2] == its[:2]:
+            self.pdos[cob_id] = its
+        elif its.name[0] == "R":
+            self._receivers[cob_id][its[:2]], self.pdos[cob_id] = its, there
+        else:
+            self._receivers[cob_id][there[:2]], self.pdos[cob_id] = there, its
+
+    def _sender(self, cob_id: int, number: int) -> Pdo | None:
+        """The PDO that another node, which is there, sends by an identifier."""
+        other = cob_id & protocol.NODE_MASK
+        if other == number or other not in self._there:
+            return None
+        sent = (each for each in self._pdo_parameters([other]) if each >= 0x1800)
+        found = next((each for each in sent if self._cob_id(other, each) == cob_id), None)
+        return self._assigned(other, found) if found is not None else None
 
     def _find_gaps(self) -> None:
         """Find where what comes regularly did not; of PDOs only where SYNC came."""
@@ -498,6 +726,88 @@ class Conversation:
                 self._say(begin, who, "gap", text)
             if self.duration - last > max(_ENDED * usual, _ENDED_FOR):
                 self._say(last, who, "gap", f"no {stream} from here on ({often})")
+
+
+def decode_value(kind: str, data: bytes) -> int | float | str | bytes:
+    """A value by the type of its object.
+
+    Args:
+        kind: Type of the object, as `Object` has it.
+        data: Its bytes, least first; as many as were sent.
+
+    Returns:
+        A number, text, or the bytes themselves where they are neither. Of an unknown type up to
+        four bytes are a number without sign, more are text if they are nothing else than ASCII.
+    """
+    letter, bits = kind[0], int(kind[1:])
+    bare = data.rstrip(b"\0")
+    if letter == "S":
+        text = _text(bare)
+        return text if text.isprintable() else data
+    if letter in "UI" and not bits and len(data) > 4:
+        return bare.decode("ascii") if bare.isascii() and bare.decode().isprintable() else data
+    if letter == "B" or not data or len(data) > 8:
+        return data
+    return _number(kind, int.from_bytes(data, "little"), 8 * len(data))
+
+
+def _text(data: bytes) -> str:
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _number(kind: str, raw: int, sent: int) -> int | float:
+    """A number of a type out of the bits that were sent, which may be more or fewer than its own.
+
+    More bits are left out if they only fill it up: with zeros, or with the sign.
+    """
+    letter, bits = kind[0], int(kind[1:])
+    if letter == "F" and bits == sent:
+        whole = raw.to_bytes(bits // 8, "little")
+        return float(struct.unpack("<f" if bits == 32 else "<d", whole)[0])
+    if letter == "I":
+        above = raw >> bits
+        if bits < sent and above in (0, (1 << sent - bits) - 1):
+            raw, sent = raw & (1 << bits) - 1, bits
+        if raw >> sent - 1:
+            return raw - (1 << sent)
+    return raw
+
+
+def _mask(value: int) -> int:
+    """As many bits as a number is shown with."""
+    return 0xFFFFFFFF if -(1 << 31) <= value < 1 << 32 else (1 << 64) - 1
+
+
+def _introduced(heard: Iterable[can.Message]) -> tuple[set[int], dict[tuple[int, Key], int]]:
+    """Nodes that say anything of themselves; profiles and vendors, by node and object."""
+    there, found = set[int](), dict[tuple[int, Key], int]()
+    for message in heard:
+        service = message.arbitration_id & ~protocol.NODE_MASK
+        if service not in (protocol.HEARTBEAT, protocol.SDO_RESPONSE) or message.is_error_frame:
+            continue
+        node = message.arbitration_id & protocol.NODE_MASK
+        there.add(node)
+        if service == protocol.SDO_RESPONSE:
+            answer = protocol.decode_sdo(bytes(message.data))
+            if answer and answer.data and answer.key in (_PROFILE, _VENDOR) and not answer.aborted:
+                found[node, answer.key] = answer.value
+    return there - {0}, found
+
+
+def _error_words(identifier: int, data: bytes) -> str:
+    """What an error frame says; the number of its classes and its bytes if these are not known.
+
+    Classes and bytes are those of SocketCAN.
+    """
+    known = [words for bit, words in table()["bus_errors"].items() if identifier & int(bit, 16)]
+    if identifier & 0x004 and len(data) > 1:
+        more = table()["controller_errors"].items()
+        known += [words for bit, words in more if data[1] & int(bit, 16)]
+    rest = f"{identifier:03X}h {data.hex(' ')}".strip() if identifier or data else "of unknown kind"
+    return ", ".join(known) or rest
 
 
 def _mapped(entry: int) -> tuple[Key, int]:

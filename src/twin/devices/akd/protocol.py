@@ -26,7 +26,11 @@ Key = tuple[int, int]
 
 @dataclass(frozen=True)
 class Object:
-    """One object of a drive; type is U or I and the bits."""
+    """One object of a drive.
+
+    Its type is a letter and the bits, 0 for any number of them: U and I for numbers without and
+    with a sign, F for those of IEEE 754, S for text, B for bytes.
+    """
 
     index: int
     sub: int
@@ -177,10 +181,31 @@ _HALT = 1 << 8
 PROFILE_VELOCITY = 3
 
 
-def status_words(status: int) -> str:
-    """A status word in words: the state, and what else it warns of."""
-    more = [words for bit, given, words in table()["said"] if bool(status & bit) is given]
+def status_words(status: int, served: int = 0xFFFF) -> str:
+    """A status word in words: the state, and what else it warns of.
+
+    Args:
+        status: The word.
+        served: Bits that the drive serves; of the others it says nothing by leaving them 0.
+    """
+    more = [
+        words
+        for bit, given, words in table()["said"]
+        if bool(status & bit) is given and (given or served & bit)
+    ]
     return ", ".join((state(status).value, *more))
+
+
+def error_words(code: int, *, akd: bool = True) -> str:
+    """What an error code (of an emergency, or in 603Fh) means; its class if no more is known.
+
+    Args:
+        code: The code.
+        akd: Whether it is an AKD's, which gives some codes a meaning of its own.
+    """
+    known = table()["emergencies"] | (table()["akd_emergencies"] if akd else {})
+    kinds = (f"0x{each:04X}" for each in (code, code & 0xFF00, code & 0xF000))
+    return next((str(known[each]) for each in kinds if each in known), "")
 
 
 def control_words(control: int) -> str:
@@ -263,12 +288,18 @@ class Emergency(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Code, name and fault number as text."""
+        """Code, name and fault number of an AKD as text."""
+        return self.in_words(akd=True)
+
+    def in_words(self, *, akd: bool) -> str:
+        """Code, name and what the device adds as text.
+
+        Args:
+            akd: Whether it is an AKD's.
+        """
         if self.code is None:
             return "no code"
-        known = table()["emergencies"]
-        kinds = (self.code, self.code & 0xFF00, self.code & 0xF000)
-        name = next((known[f"0x{each:04X}"] for each in kinds if f"0x{each:04X}" in known), "")
+        name = error_words(self.code, akd=akd)
         rest = self.extra.rstrip(b"\0")
         number = rest.decode("ascii") if rest.isascii() else ""
         parts = [f"{self.code:04X}h", name, number if number.isprintable() else rest.hex(" ")]

@@ -1,7 +1,7 @@
 """Traces of a CAN bus: frames handed on while a bus is used, and files of them, of any program.
 
 Written are the formats of python-can by the file's ending, and candump's text (`.log`) in parts of
-bounded size. Candump's text is read line by line, so that a broken line costs one frame.
+bounded size. `trace_files` reads all of these, and those of other programs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import can
 
 from twin.base.errors import LogError
 from twin.devices.akd import TRACE
-from twin.devices.common import one_line
+from twin.devices.akd.trace_files import Notes, read_frames
 
 Hear = Callable[[can.Message], None]
 """Is given every frame, with its time in s and whether it was received; must not wait."""
@@ -70,6 +70,8 @@ WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
 """Endings of traces that are written; each but .blf, packed already, may be followed by .gz."""
 _DISORDER = 0.01
 """Time in s by which frames of two clocks may lie in a wrong order."""
+_CLOCK_STEPS = 3
+"""How often a clock may be set back in a trace; more often its times are none."""
 _ERROR, _REMOTE, _EXTENDED, _SENT = 1 << 29, 1 << 30, 1 << 31, 1 << 32
 """Flags above an identifier, as SocketCAN has them; the last is ours."""
 
@@ -142,6 +144,12 @@ class TraceWriter:
         """Append frames; text is handed to the system before this returns."""
         for message in messages:
             message.channel = self._channel
+            if message.is_error_frame and isinstance(self._logger, can.CanutilsLogWriter):
+                # python-can would write each as a bus error, also one that says bus-off
+                mark, data = _ERROR | message.arbitration_id, message.data.hex().upper()
+                line = f"({message.timestamp:f}) {self._channel} {mark:08X}#{data}\n"
+                self._logger.file.write(line)
+                continue
             self._logger(message)
         text = getattr(self._logger, "file", None)
         if text is not None:
@@ -183,18 +191,20 @@ class Trace:
         channel: What it is called.
         frames: Each with its time in s.
         remarks: What could not be read, or was left out, in a line each.
+        timed: Whether the file has times; if not, the frames' numbers stand in their place.
     """
 
     channel: str
     frames: list[can.Message] = field(repr=False)
     remarks: list[str]
+    timed: bool = True
 
 
 def read_trace(path: Path, channel: str | None = None) -> Trace:
     """The frames of a trace.
 
     Args:
-        path: A file that python-can reads; of other endings it is what ``candump -L`` writes.
+        path: A file of any form that `trace_files` knows.
         channel: Which channel; the one with most frames by default.
 
     Raises:
@@ -205,8 +215,15 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
     files = parts(path)
     if not files:
         raise LogError(f"{path}: no such trace")
+    timed = True
     for file in files:
-        frames.extend(_read(file, remarks))
+        notes = Notes()
+        frames.extend(read_frames(file, notes))
+        remarks += [f"{file.name}: {each}" for each in notes.remarks]
+        if notes.left_out:
+            what = f"lines that are no classic frame of {notes.form}"
+            remarks.append(f"{file.name}: left out: {notes.left_out} {what}")
+        timed &= notes.timed
     if not frames:
         why = f": {remarks[0]}" if remarks else ""
         raise LogError(f"{path}: no frame can be read{why}")
@@ -218,42 +235,58 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
         others = ", ".join(f"{name} ({n})" for name, n in counts.items() if name != chosen)
         remarks.append(f"channel {chosen} is told ({counts[chosen]} frames); others: {others}")
         frames = [each for each in frames if _name(each) == chosen]
-    back = max((a.timestamp - b.timestamp for a, b in pairwise(frames)), default=0.0)
-    if back > _DISORDER and len(files) == 1:
-        remarks.append(f"time goes back, by up to {back:.3g} s; frames are told in order of time")
-    frames.sort(key=lambda each: each.timestamp)
-    return Trace(chosen, frames, remarks)
+    if timed:
+        _set_in_order(frames, remarks, alone=len(files) == 1)
+    return Trace(chosen, frames, remarks, timed)
+
+
+def _set_in_order(frames: list[can.Message], remarks: list[str], *, alone: bool) -> None:
+    """Set frames in the order of their times, where these may be believed.
+
+    Frames of two clocks may be a little out of order, and whole parts of a file as well: they are
+    sorted. Where times go back into what was already there, the order of the lines is the better
+    witness: after a clock that steps back the later frames are moved on, and times that go back
+    again and again do not go on for as long.
+
+    Args:
+        frames: The frames of one channel; changed in place.
+        remarks: Is given a line of what was done.
+        alone: Whether they are of one file, whose order says anything.
+    """
+    times = [each.timestamp for each in frames]
+    steps = [k for k in range(1, len(times)) if times[k - 1] - times[k] > _DISORDER]
+    spans = [
+        (min(times[a:b]), max(times[a:b])) for a, b in pairwise((0, *steps, len(times))) if b > a
+    ]
+    spans.sort()
+    apart = all(before[1] <= after[0] + _DISORDER for before, after in pairwise(spans))
+    if not steps or apart or not alone:
+        if steps and alone:
+            back = max(times[k - 1] - times[k] for k in steps)
+            remarks.append(
+                f"time goes back, by up to {back:.3g} s; frames are told in order of time"
+            )
+        frames.sort(key=lambda each: each.timestamp)
+        return
+    back, most = max(times[k - 1] - times[k] for k in steps), max(times)
+    if len(steps) <= _CLOCK_STEPS:
+        moved = 0.0
+        for k, each in enumerate(frames):
+            moved += times[k - 1] - times[k] if k in steps else 0.0
+            each.timestamp += moved
+        how = "later frames are moved on by as much"
+    else:
+        newest = times[0]
+        for each in frames:
+            each.timestamp = newest = max(newest, each.timestamp)
+        how = "frames are told in the order of their lines, and their times are not to be believed"
+    often = "once" if len(steps) == 1 else f"{len(steps)} times"
+    remarks.append(
+        f"time goes back {often}, by up to {back:.3g} s of {most - min(times):.3g}: {how}"
+    )
+    if len(steps) <= _CLOCK_STEPS:
+        frames.sort(key=lambda each: each.timestamp)
 
 
 def _name(message: can.Message) -> str:
     return str(message.channel if message.channel is not None else "can")
-
-
-def _read(file: Path, remarks: list[str]) -> Iterator[can.Message]:
-    """Frames as python-can reads them: past a line that it cannot read, in other files up to it."""
-    number = bad = 0
-    known = _format(file) in {".asc", ".blf", ".csv", ".db", ".log", ".mf4", ".trc"}
-    try:
-        with can.LogReader(file) if known else can.CanutilsLogReader(file) as reader:
-            whole = False
-            while not whole:
-                try:
-                    for message in reader:
-                        if message.is_fd or len(message.data) > message.dlc:  # or half a byte
-                            bad += 1
-                            continue
-                        number += 1
-                        yield message
-                    whole = True
-                except ValueError:
-                    if not isinstance(reader, can.CanutilsLogReader):
-                        raise
-                    bad += 1  # a line, and the reader begins with the next one
-            if getattr(reader, "file_size", 0) > file.stat().st_size:  # as the head of a .blf says
-                remarks.append(f"{file.name}: cut off, ends after frame {number}")
-    except Exception as error:  # noqa: BLE001  readers raise whatever a broken file makes them
-        remarks.append(f"{file.name}: cannot be read on after frame {number}: {one_line(error)}")
-    if bad:
-        remarks.append(
-            f"{file.name}: left out: {bad} lines that are no classic frame of candump -L"
-        )

@@ -1,0 +1,113 @@
+"""Files of other programs: what their first bytes say that they are, and the text in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+HEAD = 512
+"""Bytes at the beginning of a file that say what it is."""
+_KINDS: tuple[tuple[bytes, int, str], ...] = (
+    (b"MATLAB 5.0 MAT-file", 0, "MATLAB file"),
+    (b"\x89HDF\r\n\x1a\n", 0, "HDF5 file"),
+    (b"HDF", 1, "HDF5 file"),
+    (b"\x89HDF\r\n\x1a\n", 512, "MATLAB file"),
+    (b"\x93NUMPY", 0, "NumPy array"),
+    (b"PAR1", 0, "Parquet file"),
+    (b"ARROW1", 0, "Arrow file"),
+    (b"\xff\xff\xff\xff", 0, "Arrow stream"),
+    (b"\x89MCAP0\r\n", 0, "MCAP file"),
+    (b"#ROSBAG", 0, "ROS bag"),
+    (b"SQLite format 3\0", 0, "SQLite database"),
+    (b"PK\x03\x04", 0, "ZIP archive"),
+    (b"PK\x05\x06", 0, "ZIP archive"),
+    (b"\x1f\x8b", 0, "gzip file"),
+    (b"BZh", 0, "bzip2 file"),
+    (b"\xfd7zXZ\0", 0, "xz file"),
+    (b"7z\xbc\xaf\x27\x1c", 0, "7-Zip archive"),
+    (b"\x28\xb5\x2f\xfd", 0, "Zstandard file"),
+    (b"Rar!", 0, "RAR archive"),
+    (b"ustar", 257, "tar archive"),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", 0, "Excel file (.xls)"),
+    (b"RRF", 0, "Rerun recording"),
+    (b"%PDF", 0, "PDF file"),
+    (b"\x89PNG\r\n", 0, "PNG picture"),
+    (b"\xff\xd8\xff", 0, "JPEG picture"),
+    (b"RIFF", 0, "RIFF file (.avi or .wav)"),
+    (b"ftyp", 4, "MP4 film"),
+    (b"LOGG", 0, "CAN trace of Vector (.blf)"),
+    (b"MDF     ", 0, "measurement file (.mf4)"),
+    (b"UnFinMF ", 0, "measurement file (.mf4)"),
+    (b"\x0a\x0d\x0d\x0a", 0, "pcapng capture"),
+    (b"\xd4\xc3\xb2\xa1", 0, "pcap capture"),
+    (b"\xa1\xb2\xc3\xd4", 0, "pcap capture"),
+    (b"\x4d\x3c\xb2\xa1", 0, "pcap capture"),
+    (b"\xa1\xb2\x3c\x4d", 0, "pcap capture"),
+    (b"\x80\x04\x95", 0, "Python pickle"),
+    (b"\x80\x05\x95", 0, "Python pickle"),
+)
+"""First bytes, where they are, and what they say."""
+_IN_ZIP = (
+    (b"xl/", "Excel file (.xlsx)"),
+    (b"[Content_Types].xml", "Excel file (.xlsx)"),
+    (b".npy", "NumPy archive (.npz)"),
+    (b"mimetype", "OpenDocument file (.ods)"),
+)
+_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
+"""Marks at the beginning of a text, and its encoding."""
+_UNPRINTED = bytes({*range(32)} - {*b"\t\n\v\f\r\x1a\x1b"})
+"""Bytes that are in no text of eight bits."""
+_MOST_UNPRINTED = 0.02
+"""Share of such bytes that a text may have by mishap."""
+
+
+def file_kind(head: bytes) -> str:
+    """What a file is by its first bytes; empty for text, and for what is not known.
+
+    Args:
+        head: Its first ``HEAD`` bytes or more; all of a shorter file.
+    """
+    for mark, at, kind in _KINDS:
+        if head[at : at + len(mark)] == mark:
+            if kind == "ZIP archive":
+                return next((what for name, what in _IN_ZIP if name in head), kind)
+            return kind
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if text.startswith((b"{", b"[{", b"[[")):
+        return "JSON file"
+    if text[:9].lower().startswith((b"<?xml", b"<!doctype", b"<html")):
+        return "XML or HTML file"
+    unprinted = sum(byte in _UNPRINTED for byte in head)
+    if head[:2] not in _MARKS and unprinted > _MOST_UNPRINTED * len(head):
+        return "binary file of a kind not known here"
+    return ""
+
+
+def with_article(kind: str) -> str:
+    """A kind of file with its article."""
+    return f"an {kind}" if kind[0] in "AEHOX" or kind.startswith("MCAP") else f"a {kind}"
+
+
+def kind_of(path: Path) -> str:
+    """What a file is by its first bytes, as ``file_kind`` has it.
+
+    Raises:
+        OSError: If it cannot be read.
+    """
+    with path.open("rb") as file:
+        return file_kind(file.read(HEAD + 16))
+
+
+def encoding_of(head: bytes) -> str:
+    """Encoding of a text by the mark at its beginning; UTF-8 without one."""
+    return next((name for mark, name in _MARKS.items() if head.startswith(mark)), "utf-8")
+
+
+def decode_text(raw: bytes) -> str:
+    """Text in UTF-8, with another mark at its beginning in UTF-16, else as Windows writes it.
+
+    The encoding of this computer plays no part.
+    """
+    try:
+        return raw.decode(encoding_of(raw))
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace")

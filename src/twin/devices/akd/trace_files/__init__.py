@@ -1,0 +1,114 @@
+"""Readers of CAN traces of other programs, each by the form of its lines.
+
+`read_frames` finds out by the first bytes and lines of a file which program wrote it; the ending of
+its name decides only where they say nothing. A line that is no frame costs itself. Formats in
+packed bytes are read by python-can, but for captures. Text is read here: python-can takes both
+kinds of times of an ``.asc`` for absolute, has no reader for some of these forms, and gives up at
+the first line that it does not know.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+import re
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain, islice
+from pathlib import Path
+from typing import BinaryIO, cast
+
+import can
+
+from twin.base.foreign import HEAD, encoding_of, file_kind, with_article
+from twin.devices.akd.trace_files import packed, tables, text
+from twin.devices.akd.trace_files.frames import Notes
+from twin.devices.common import one_line
+
+__all__ = ["Notes", "read_frames"]
+
+_BEGINNING = 60
+"""Lines at the beginning of a text by which its form is known."""
+
+
+def read_frames(file: Path, notes: Notes) -> Iterator[can.Message]:
+    """The classic frames of a file, in its order.
+
+    Args:
+        file: The file, which may be compressed by gzip.
+        notes: Is given what is to be said of it.
+    """
+    number = 0
+    try:
+        with _opened(file) as raw:
+            for message in _frames(file, raw, notes):
+                number += 1
+                yield message
+    except Exception as error:  # noqa: BLE001  readers raise whatever a broken file makes them
+        notes.remarks.append(f"cannot be read on after frame {number}: {one_line(error)}")
+
+
+def _opened(file: Path) -> BinaryIO:
+    with file.open("rb") as raw:
+        packed = raw.read(2) == b"\x1f\x8b"
+    return cast("BinaryIO", gzip.open(file)) if packed else file.open("rb")
+
+
+def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[can.Message]:
+    head = raw.read(HEAD + 16)
+    raw.seek(0)
+    kind = file_kind(head)
+    if kind in _PACKED:
+        notes.form, reader = _PACKED[kind]
+        yield from _classic(reader(raw, file, notes), notes)
+    elif kind:
+        notes.remarks.append(f"is {with_article(kind)}, no trace of a CAN bus")
+    else:
+        ending = (file.with_suffix("") if file.suffix == ".gz" else file).suffix.lower()
+        with io.TextIOWrapper(raw, encoding_of(head), errors="replace") as lines:
+            beginning = list(islice(lines, _BEGINNING))
+            notes.form, text_reader = _form(beginning, ending)
+            yield from _classic(text_reader(chain(beginning, lines), notes), notes)
+
+
+def _classic(frames: Iterable[can.Message | None], notes: Notes) -> Iterator[can.Message]:
+    """Only the classic frames; others, and lines that are none (None), are counted."""
+    for message in frames:
+        if message is None or message.is_fd or len(message.data) > message.dlc:
+            notes.left_out += 1
+        else:
+            yield message
+
+
+_Packed = Callable[[BinaryIO, Path, Notes], Iterator[can.Message | None]]
+_Text = Callable[[Iterable[str], Notes], Iterator[can.Message | None]]
+_PACKED: dict[str, tuple[str, _Packed]] = {
+    "CAN trace of Vector (.blf)": ("BLF", packed.read_blf),
+    "SQLite database": ("python-can's database", packed.read_database),
+    "measurement file (.mf4)": ("MF4", packed.read_mf4),
+    "pcapng capture": ("pcapng", packed.read_capture),
+    "pcap capture": ("pcap", packed.read_capture),
+}
+"""Readers of packed files by what their first bytes say."""
+_FORMS: dict[str, tuple[Callable[[str], object], _Text]] = {
+    "candump -L": (text.LOG_LINE.match, text.read_candump_log),
+    "BUSMASTER": (re.compile(r"\*\*\*BUSMASTER").match, text.read_busmaster),
+    "PCAN-View": (re.compile(r";\$FILEVERSION|\s*\d+\)\s+\d").match, text.read_trc),
+    "Vector's ASC": (
+        re.compile(r"\s*(base\s+(hex|dec)\b|begin triggerblock|date\s+\w+\s+\w+\s)", re.I).match,
+        text.read_asc,
+    ),
+    "CanKing": (re.compile(r"\s*Chn\s+Identifier\s+Flg", re.I).match, tables.read_kvaser),
+    "candump on a terminal": (text.TERMINAL_LINE.match, text.read_candump_terminal),
+    "a table of frames": (tables.is_table, tables.read_table),
+}
+"""Forms of text: how one of their first lines is known, and their readers."""
+_BY_ENDING = {".asc": "Vector's ASC", ".trc": "PCAN-View", ".csv": "a table of frames"}
+
+
+def _form(beginning: list[str], ending: str) -> tuple[str, _Text]:
+    """The form that a text has by its first lines, else by the ending of its name."""
+    for form, (known, reader) in _FORMS.items():
+        if any(known(line) for line in beginning):
+            return form, reader
+    form = _BY_ENDING.get(ending, "candump -L")
+    return form, _FORMS[form][1]

@@ -1,0 +1,168 @@
+"""Readers of traces in columns: tables with a header, and what CanKing prints."""
+
+from __future__ import annotations
+
+import re
+from base64 import b64decode
+from binascii import Error as Base64Error
+from collections.abc import Iterable, Iterator
+
+import can
+
+from twin.devices.akd.trace_files.frames import LARGEST_STANDARD, Notes, classic_frame
+
+_COLUMNS = {
+    "time": r"time(stamp)?s?(s|ms|us|µs|sec|seconds|abs|rel)?",
+    "identifier": r"(can|msg|message)?(id|identifier)(hex|dec)?|arbitrationid|addr(ess)?",
+    "extended": r"(is)?ext(ended)?",
+    "remote": r"remote|rtr",
+    "error": r"error",
+    "way": r"dir(ection)?|rxtx",
+    "channel": r"bus|chan(nel)?|chn|can(bus|channel)?",
+    "length": r"len(gth)?|dlc",
+    "data": r"data(bytes)?(hex)?|payload",
+}
+"""Columns of a table of frames, by their names in small letters without signs and spaces."""
+_BYTE = re.compile(r"(?:d|b|data|byte)(\d)")
+_TRUE = {"1", "true", "yes", "x"}
+
+
+def _column_places(line: str) -> tuple[dict[str, int], list[int], str]:
+    """Places of the columns of a header, those of single bytes, and what separates columns."""
+    separator = max(",;\t", key=line.count)
+    names = [re.sub(r"[^a-z0-9µ]", "", cell.lower()) for cell in line.split(separator)]
+    found = {
+        role: k
+        for role, pattern in reversed(_COLUMNS.items())
+        for k, name in reversed(list(enumerate(names)))
+        if re.fullmatch(pattern, name)
+    }
+    return found, [k for k, name in enumerate(names) if _BYTE.fullmatch(name)], separator
+
+
+def is_table(line: str) -> bool:
+    """Whether a line is a header that names time, identifier and data."""
+    found, single, _ = _column_places(line)
+    return {"time", "identifier"} <= set(found) and ("data" in found or bool(single))
+
+
+def read_table(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+    """A table with a header: python-can's, SavvyCAN's (GVRET), Kvaser's, and others like them."""
+    rows = iter(lines)
+    header = next((line for line in rows if is_table(line)), "")
+    places, single, separator = _column_places(header)
+    if not header:
+        notes.remarks.append("has no header that names time, identifier and data")
+        return
+    cells = [
+        [cell.strip().strip('"') for cell in line.rstrip("\r\n").split(separator)]
+        for line in rows
+        if line.strip()
+    ]
+    name = header.split(separator)[places["time"]].lower()
+    packed = "arbitration_id" in header  # python-can, whose bytes are in base64
+    if packed:
+        notes.form = "python-can's table"
+    whole = all("." not in row[places["time"]] for row in cells[:100] if len(row) > places["time"])
+    scale = 1e-3 if "ms" in name else 1e-6 if "us" in name or "µs" in name else 1.0
+    if whole and re.fullmatch(r"\W*time\W*stamp\W*", name) and not packed:
+        scale = 1e-6  # GVRET
+    at = places["identifier"]
+    given = [each for row in cells for k in single for each in row[k : k + 1]]
+    data_base = 10 if any(len(each) > 2 for each in given if each.isdigit()) else 16
+    base = 16 if packed else _base([row[at] for row in cells if len(row) > at], header, data_base)
+    if base == 10 and not _looks_hexadecimal(given):
+        data_base = 10
+    for row in cells:
+        try:
+            yield _table_row(row, places, single, scale, (base, data_base), packed=packed)
+        except (IndexError, ValueError, Base64Error):
+            yield None
+
+
+def _table_row(
+    row: list[str],
+    places: dict[str, int],
+    single: list[int],
+    scale: float,
+    bases: tuple[int, int],
+    *,
+    packed: bool,
+) -> can.Message | None:
+    def cell(role: str) -> str:
+        return row[places[role]].strip().lower() if role in places else ""
+
+    if packed:
+        data = b64decode(row[places["data"]], validate=True)
+    elif single:
+        count = int(cell("length")) if "length" in places else len(single)
+        data = bytes(int(row[k], bases[1]) for k in single[:count] if row[k])
+        if len(data) != count and cell("remote") not in _TRUE:
+            return None
+    else:
+        data = bytes.fromhex(cell("data").removeprefix("0x").replace("|", ""))
+    text = cell("identifier").removesuffix("h")
+    identifier = int(text.rstrip("x"), bases[0])
+    error, remote = cell("error") in _TRUE, cell("remote") in _TRUE
+    return classic_frame(
+        scale * float(row[places["time"]]),
+        identifier & ((1 << 29) - 1),
+        b"" if remote else data,
+        extended=cell("extended") in _TRUE or identifier > LARGEST_STANDARD,
+        remote=int(cell("length") or 0) if remote else None,
+        error=error,
+        sent=cell("way")[:1] == "t",
+        channel=cell("channel") or None,
+    )
+
+
+def _looks_hexadecimal(cells: Iterable[str]) -> bool:
+    return any(re.search(r"[a-fA-Fx]", each) or re.match(r"0\d", each) for each in cells)
+
+
+def _base(identifiers: list[str], header: str, of_data: int = 16) -> int:
+    """The base of identifiers: 16 where they or the header say so, or where 10 does not fit.
+
+    Args:
+        identifiers: As they stand in the file.
+        header: Names of the columns.
+        of_data: The base of the bytes, 10 if they are no hexadecimal ones.
+    """
+    some = identifiers[:2000]
+    if _looks_hexadecimal(some) or re.search(r"id\W*\(?hex", header, re.IGNORECASE):
+        return 16
+    if of_data == 10:
+        return 10
+    digits = [each for each in some if each.isdigit()]
+    as_hex = max((int(each, 16) for each in digits), default=0)
+    return 10 if as_hex > LARGEST_STANDARD >= max((int(each) for each in digits), default=0) else 16
+
+
+def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
+    """What Kvaser's CanKing prints: channel, identifier, flag, length, data, time, direction."""
+    rows = [line.split() for line in lines if re.match(r"\s*\d+\s", line)]
+    base = _base([row[1] for row in rows if len(row) > 1], "")
+    for row in rows:
+        try:
+            flag = "" if row[2].isdigit() else row[2].upper()
+            rest = row[3 if flag else 2 :]
+            length, remote = int(rest[0]), "R" in flag
+            data = b"" if remote else bytes(int(each, base) for each in rest[1 : 1 + length])
+            time, way = rest[1 + len(data) : 3 + len(data)]
+            identifier = int(row[1], base)
+            yield (
+                None
+                if not remote and len(data) != length
+                else classic_frame(
+                    float(time),
+                    identifier,
+                    data,
+                    extended="X" in flag or identifier > LARGEST_STANDARD,
+                    remote=length if remote else None,
+                    error="E" in flag,
+                    sent=way.upper().startswith("T"),
+                    channel=row[0],
+                )
+            )
+        except (IndexError, ValueError):
+            yield None

@@ -1,0 +1,313 @@
+"""Readers of traces in text, a frame a line: candump, Vector's .asc, PCAN-View, BUSMASTER."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from datetime import datetime
+from itertools import pairwise
+
+import can
+
+from twin.devices.akd.trace_files.frames import ERROR_FLAG, Notes, classic_frame
+
+BUS_OFF, BUS_ERROR, CONTROLLER = 0x040, 0x080, 0x004
+"""Classes of error frames, as SocketCAN has them."""
+_DAY = 86400.0
+"""Seconds of a day."""
+_DAYS_TO_1970 = 25569
+"""Days from the beginning of PCAN's calendar to that of Unix."""
+
+LOG_LINE = re.compile(
+    r"\s*\((-?\d+\.?\d*)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
+    r"(?:([Rr])(\d?)|((?:[0-9A-Fa-f]{2}){0,8}))(?:_[0-9A-Fa-f])?(?:\s+([RrTt]))?\s*$"
+)
+
+
+def read_candump_log(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
+    """What ``candump -L`` writes: ``(1.5) can0 701#05 R``."""
+    for line in lines:
+        if not line.strip():
+            continue
+        match = LOG_LINE.match(line)
+        if match is None:
+            yield None
+            continue
+        time, channel, identifier, remote, asked, data, way = match.groups()
+        number = int(identifier, 16)
+        error = len(identifier) == 8 and bool(number & ERROR_FLAG)
+        yield classic_frame(
+            float(time),
+            number & (ERROR_FLAG - 1),
+            bytes.fromhex(data or ""),
+            extended=len(identifier) == 8 and not error,
+            remote=int(asked or 0) if remote else None,
+            error=error,
+            sent=way in {"T", "t"},
+            channel=channel,
+        )
+
+
+TERMINAL_LINE = re.compile(
+    r"\s*(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.\d+))\)\s+)?(\S+)\s+"
+    r"(?:([RT]X)\s\S\s\S\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+\[(\d)\]\s*(.*)$"
+)
+
+
+def read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+    """What candump prints on a terminal: ``(1.5)  can0  RX - -  701   [1]  05``.
+
+    Its times may be those of day (-ta, -tA), since the first frame (-tz), from frame to frame (-td,
+    which are added up), or missing: then frames are numbered.
+    """
+    # a line with a tab before it (candump -e) explains the error frame above
+    frames = (line for line in lines if line.strip() and not line.startswith("\t"))
+    rows = [TERMINAL_LINE.match(line) for line in frames]
+    times = [_terminal_time(row) for row in rows if row]
+    if None in times:
+        notes.timed = False
+        notes.remarks.append("has no times: frames are numbered in their place")
+    known = [time for time in times if time is not None]
+    back = sum(after < before for before, after in pairwise(known))
+    alike = sum(after == before > 0.0 for before, after in pairwise(known))
+    often = back > len(known) / 10 or alike > len(known) / 2
+    if differences := bool(known and known[0] == 0.0 and often):
+        notes.remarks.append("has times from frame to frame (candump -td): they are added up")
+    passed = 0.0
+    for number, row in enumerate(rows):
+        if row is None:
+            yield None
+            continue
+        time = _terminal_time(row) if notes.timed else float(number)
+        passed = passed + (time or 0.0) if differences and notes.timed else time or 0.0
+        *_, channel, way, identifier, length, rest = row.groups()
+        bytes_ = re.match(r"(?:[0-9A-Fa-f]{2}\s*){0,8}", rest)
+        value, size = int(identifier, 16), int(length)
+        error = len(identifier) == 8 and bool(value & ERROR_FLAG)
+        remote = size if "remote request" in rest else None
+        data = b"" if remote is not None or bytes_ is None else bytes.fromhex(bytes_[0])[:size]
+        yield (
+            None
+            if remote is None and len(data) != size
+            else classic_frame(
+                passed,
+                value & (ERROR_FLAG - 1),
+                data,
+                extended=len(identifier) == 8 and not error,
+                remote=remote,
+                error=error,
+                sent=way == "TX",
+                channel=channel,
+            )
+        )
+
+
+def _terminal_time(row: re.Match[str]) -> float | None:
+    if row[1]:
+        return datetime.fromisoformat(row[1]).timestamp()
+    return float(row[2]) if row[2] else None
+
+
+def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+    """What Vector's tools write (.asc), with times from the start or from event to event."""
+    base, relative, passed = 16, False, 0.0
+    for line in lines:
+        if header := re.match(r"\s*base\s+(hex|dec)(?:\s+timestamps\s+(\w+))?", line, re.I):
+            base = 10 if header[1].lower() == "dec" else 16
+            relative = (header[2] or "").lower() == "relative"
+            if relative:
+                notes.remarks.append("has times from event to event: they are added up")
+            continue
+        parts = line.split()
+        try:
+            time = float(parts[0])
+        except (IndexError, ValueError):
+            if re.search(r"\s[RT]x\s", line):
+                yield None  # else a remark, a date, the beginning or end of a block
+            continue
+        passed = passed + time if relative else time
+        try:
+            if len(parts) > 2 and parts[1].upper() == "CANFD":
+                yield _asc_long(passed, parts[2:], base)
+            elif len(parts) > 2 and parts[1].isdigit():
+                yield from _asc_short(passed, parts[1:], base)
+        except (IndexError, ValueError):
+            yield None
+
+
+def _asc_identifier(text: str, base: int) -> tuple[int, bool]:
+    extended = text[-1:] in {"x", "X"}
+    return int(text[:-1] if extended else text, base), extended
+
+
+def _asc_short(time: float, parts: list[str], base: int) -> Iterator[can.Message | None]:
+    """A line of a classic frame: channel, identifier, direction, d or r, length, data."""
+    channel = f"{int(parts[0]) - 1}"
+    if parts[1].lower() == "errorframe":
+        yield classic_frame(time, 0, b"", error=True, channel=channel)
+    elif len(parts) > 3 and parts[2].lower() in {"rx", "tx"}:
+        identifier, extended = _asc_identifier(parts[1], base)
+        kind, sent = parts[3].lower(), parts[2].lower() == "tx"
+        length = int(parts[4], base) if kind != "r" or parts[4:5] else 0
+        data = bytes(int(each, base) for each in parts[5 : 5 + min(8, length)])
+        if kind == "r":
+            asked = length if length <= 8 else 0
+            yield classic_frame(
+                time, identifier, b"", extended=extended, remote=asked, sent=sent, channel=channel
+            )
+        else:
+            whole = kind == "d" and len(data) == min(8, length)
+            yield (
+                classic_frame(time, identifier, data, extended=extended, sent=sent, channel=channel)
+                if whole
+                else None
+            )
+
+
+def _asc_long(time: float, parts: list[str], base: int) -> can.Message | None:
+    """A line of the longer form (CANFD), which classic frames may have as well.
+
+    Channel, direction, identifier, a name that may be missing, BRS, ESI, DLC, length, data; then
+    the frame's duration, its bits and its flags, of which bit 12 says that it is a frame of CAN FD.
+    """
+    channel, sent = f"{int(parts[0]) - 1}", parts[1].lower() == "tx"
+    if parts[2].lower() == "errorframe":
+        return classic_frame(time, 0, b"", error=True, channel=channel)
+    identifier, extended = _asc_identifier(parts[2], base)
+    rest = parts[3:] if re.fullmatch(r"[01]", parts[3]) and len(parts[4]) == 1 else parts[4:]
+    rate_switch, length = rest[0] == "1", int(rest[3])
+    data = bytes(int(each, base) for each in rest[4 : 4 + length])
+    flags = int(rest[6 + length], 16) if len(rest) > 6 + length else 0
+    if rate_switch or flags & 1 << 12 or len(data) != length:
+        return None
+    remote = int(rest[2], 16) if flags & 1 << 4 else None
+    return classic_frame(
+        time, identifier, data, extended=extended, remote=remote, sent=sent, channel=channel
+    )
+
+
+_TRC_PLACES = {
+    "1.0": {"I": 2, "L": 3},
+    "1.1": {"T": 2, "I": 3, "L": 4},
+    "1.2": {"B": 2, "T": 3, "I": 4, "L": 5},
+    "1.3": {"B": 2, "T": 3, "I": 4, "L": 6},
+}
+"""Places of bus, type, identifier and length in the lines of PCAN-View, by the version."""
+_TRC_DATA = {"Rx", "Tx", "DT", "RR"}
+_TRC_ERRORS = {"Warng", "Error", "ST", "ER"}
+
+
+def read_trc(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
+    """What PCAN-View writes (.trc), of any version, with its rows of errors and warnings."""
+    version, places, begin = "1.0", _TRC_PLACES["1.0"], 0.0
+    for line in lines:
+        if line.lstrip().startswith(";"):
+            key, __, value = line.strip().lstrip("; $").partition("=")
+            if key == "FILEVERSION":
+                version = value.strip()
+                places = _TRC_PLACES.get(version, places)
+            elif key == "STARTTIME" and version != "1.0":
+                begin = (float(value) - _DAYS_TO_1970) * _DAY
+            elif key == "COLUMNS":
+                names = value.strip().split(",")
+                places = {name.replace("l", "L"): k for k, name in enumerate(names)}
+            continue
+        if not line.strip():
+            continue
+        try:
+            yield from _trc_row(line.split(), places, begin)
+        except (IndexError, KeyError, ValueError):
+            yield None
+
+
+def _trc_row(
+    parts: list[str], places: dict[str, int], begin: float
+) -> Iterator[can.Message | None]:
+    time = begin + float(parts[places.get("O", 1)]) / 1000
+    kind = parts[places["T"]] if "T" in places else "Rx"
+    channel = parts[places["B"]] if "B" in places else "1"
+    if kind in _TRC_ERRORS or (kind == "Rx" and parts[places["I"]] == "FFFFFFFF"):
+        tail = re.findall(r"\b[0-9A-Fa-f]{2}\b", " ".join(parts[places["I"] + 1 :]))
+        status = int("".join(tail[:4]) or "0", 16)
+        if kind in {"Error", "ER"}:
+            yield classic_frame(time, BUS_ERROR, b"", error=True, channel=channel)
+        elif status:  # of a bus that is well there is nothing to say
+            what = BUS_OFF if status & 0x10 else CONTROLLER
+            yield classic_frame(time, what, b"", error=True, channel=channel)
+        return
+    if kind not in _TRC_DATA:
+        if kind in {"FD", "FB", "FE", "BI"}:
+            yield None
+        return
+    identifier, length = parts[places["I"]], int(parts[places["L"]])
+    data = parts[places.get("D", places["L"] + 1) :]
+    remote = kind == "RR" or data[:1] == ["RTR"]
+    given = b"" if remote else bytes(int(each, 16) for each in data[:length])
+    sent = parts[places["d"]] == "Tx" if "d" in places else kind == "Tx"
+    yield (
+        None
+        if not remote and len(given) != length
+        else classic_frame(
+            time,
+            int(identifier, 16),
+            given,
+            extended=len(identifier) > 4,
+            remote=length if remote else None,
+            sent=sent,
+            channel=channel,
+        )
+    )
+
+
+_BUSMASTER_LINE = re.compile(
+    r"\s*(\d+):(\d+):(\d+):(\d+)\s+(Rx|Tx)\s+(\d+)\s+(?:0x)?(\w+)\s+(\w+)\s+(\d+)((?:\s+\w+)*)\s*$",
+    re.IGNORECASE,
+)
+
+
+def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+    """What BUSMASTER writes (.log); parts of a second may lack their leading zeros."""
+    base, relative = 16, False
+    rows: list[re.Match[str] | None] = []
+    for line in lines:
+        if line.startswith("***"):
+            word = line.strip("* \r\n").upper()
+            base = {"HEX": 16, "DEC": 10}.get(word, base)
+            relative |= word == "RELATIVE MODE"
+        elif line.strip():
+            rows.append(_BUSMASTER_LINE.match(line))
+    if relative:
+        notes.remarks.append("has times from frame to frame: they are added up")
+    parts = 10 ** max((len(row[4]) for row in rows if row), default=0)
+    passed, last = 0.0, None
+    for row in rows:
+        if row is None:
+            yield None
+            continue
+        hour, minute, second, part, way, channel, text, kind, length, data = row.groups()
+        time = 3600 * int(hour) + 60 * int(minute) + int(second) + int(part) / parts
+        if relative or last is None:
+            passed += time
+        else:
+            passed += time - last + (_DAY if time < last - _DAY / 2 else 0.0)  # midnight
+        last = time
+        try:
+            given = bytes(int(each, base) for each in data.split()[: int(length)])
+            identifier = int(text, base)
+        except ValueError:
+            yield None
+            continue
+        remote = "r" in kind.lower()
+        yield (
+            None
+            if not remote and len(given) != int(length)
+            else classic_frame(
+                passed,
+                identifier,
+                b"" if remote else given,
+                extended="x" in kind.lower(),
+                remote=int(length) if remote else None,
+                sent=way.lower() == "tx",
+                channel=channel,
+            )
+        )
