@@ -16,6 +16,7 @@ import ballplate as bp
 from twin.base.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
 from twin.lab.grade import begin, candidates, of_student, pack, tried, written
+from twin.lab.handed_in import collect
 from twin.lab.judge import Judge, judged
 from twin.lab.process import NAME, answering
 from twin.lab.schema import (
@@ -380,7 +381,7 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
     monkeypatch.setattr(grades, "judged", counted)
 
     def graded() -> dict[str, dict[str, object]]:
-        people, every = ["ann", "bob", "cid"], grades.submissions(lab, handed_in)
+        people, every = ["ann", "bob", "cid"], collect(lab, handed_in).submissions
         found = grades.grade(lab, KEY, people, every, kept, 1, lambda _: None)
         return {str(each["student"]): each for each in found}
 
@@ -408,7 +409,7 @@ def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: P
     (tmp_path / "numbers" / "task.md").write_text("# T\n")
     (tmp_path / "numbers" / "answer.toml").write_text("mass = 1\nwind = 1\n")
     hand_out(lab, {"ann": "ann", "bob": "bob"}, KEY, hand_out_to)
-    handed_in = grades.submissions(lab, hand_out_to)
+    handed_in = collect(lab, hand_out_to).submissions
     for key, whole in ((KEY, True), (PRACTICE, False)):
         found = [grades.graded(lab, key, None, tmp_path, each) for each in handed_in]
         assert all(("problem" not in each) == whole for each in found)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.base.data_file import packaged
-from twin.base.errors import LawError, TwinError, shortened
+from twin.base.errors import LawError, TwinError, printable, shortened
 
 if TYPE_CHECKING:
     from twin.cli.options import Command
@@ -156,11 +156,11 @@ def _warn_of_broken_files() -> None:
     """Name the files of laws, observers and references that could not be imported."""
     catalog = sys.modules.get("controllers.catalog")
     for line in catalog.broken() if catalog else ():
-        click.echo(f"ballplate: warning: not imported: {line}", err=True)
+        click.echo(f"ballplate: warning: not imported: {printable(line)}", err=True)
 
 
 def _fail(message: str, code: int = 2) -> int:
     line = " ".join(message.split())
     shown = line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]}..."
-    click.echo(f"ballplate: {shown}", err=True)
+    click.echo(f"ballplate: {printable(shown)}", err=True)
     return code

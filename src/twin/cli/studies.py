@@ -18,7 +18,7 @@ from twin.base.shipped import chosen, shipped_in, shipped_labs, titles
 from twin.base.writing import check_writable
 from twin.cli import options
 from twin.cli.options import JSON, PATH, PROCESSES, Command, Group
-from twin.cli.output import TERMINAL, bold, listed, progress, say, show, show_titles
+from twin.cli.output import TERMINAL, bold, listed, progress, say, show, show_titles, warn
 
 if TYPE_CHECKING:
     from twin.lab.bench import Benchmark, BenchScore
@@ -437,16 +437,20 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     """
     from twin.base.writing import write_whole, written_alone
     from twin.lab import grade as grades
+    from twin.lab.handed_in import collect
     from twin.lab.schema import students
 
     names = students(people) if people else None
     processes, key = given["processes"] or cores(), _text(given["key"])
-    handed_in, kept = grades.submissions(lab, folder), out.with_suffix(".results")
+    collected, kept = collect(lab, folder, names or ()), out.with_suffix(".results")
+    handed_in = collected.submissions
+    for line in collected.left_out:
+        warn(f"among the submissions: {line}")
     with written_alone(kept), progress("grade", len(handed_in), "answers") as advance:
         found = grades.grade(lab, key, names, handed_in, kept, processes, advance)
     write_whole(out, grades.marks(lab, found))
     page = out.with_suffix(".html")
-    write_whole(page, grades.of_class(lab, found, kept))
+    write_whole(page, grades.of_class(lab, found, kept, collected.left_out))
     files = f"{out.name}, {page.name}; of each student {kept.name}/"
     show(found, [grades.summary(found)], out.parent, files)
     return 1 if any("problem" in each for each in found) else 0

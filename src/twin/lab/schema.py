@@ -7,6 +7,7 @@ import hashlib
 import hmac
 import json
 import re
+import unicodedata
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BeforeValidator, Field, model_validator
 
 from controllers.arrays import Array
-from twin.base.errors import ScenarioError, nearest, shortened
+from twin.base.errors import ScenarioError, nearest, printable, shortened
 from twin.base.shipped import shipped_labs
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.base.writing import why, write_folder, write_whole
@@ -39,6 +40,8 @@ MOST = 256
 """Runs of a check."""
 PRIVATE = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md")
 """What of a lab's folder no student is handed."""
+MAX_NAME_BYTES = 200
+"""Length of a student's name in UTF-8; the files of a result have it and some letters more."""
 
 
 class AnswerTable(Checked):
@@ -409,17 +412,19 @@ def had_again(lab: Lab, folder: Path, key: str | None, student: str | None = Non
     Raises:
         ScenarioError: If the file is of another lab, version, student or key.
     """
-    if not (folder / RIG).is_file():
+    try:
+        (folder / RIG).lstat()
+    except OSError:
         return deal(lab, student or "nobody", key)
-    said = read_model(HandedRig, folder / RIG)
+    said = read_model(HandedRig, folder / RIG, regular=True)
     wanted = {"lab": lab.name, "version": lab.version, "student": student or said.student}
     for what, must in wanted.items():
         if (has := getattr(said, what)) != must:
-            raise ScenarioError(f"{folder / RIG}: {what}: is {has!r}, must be {must!r}")
+            raise ScenarioError(f"{RIG}: {what}: is {has!r}, must be {must!r}")
     found = deal(lab, said.student, PRACTICE if said.practice and key is None else key, said.code)
     if found.code != said.code:
         raise ScenarioError(
-            f"{folder.name}/{RIG}: code: the course's key deals {said.student} another rig; "
+            f"{RIG}: code: the course's key deals {said.student} another rig; "
             "is it the key of this course?"
         )
     return found._replace(true=said.practice or key is not None)
@@ -433,7 +438,8 @@ def students(path: Path) -> list[str]:
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [row[0].strip() for row in csv.reader(file) if row and row[0].strip()][1:]
+            cells = [row[0].strip() for row in csv.reader(file) if row and row[0].strip()]
+            rows = [unicodedata.normalize("NFC", cell) for cell in cells[1:]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ScenarioError(f"{path}: cannot be read: {why(error)}") from None
     twice = next((name for name in rows if rows.count(name) > 1), None)
@@ -446,14 +452,16 @@ def students(path: Path) -> list[str]:
 
 
 def check_name(student: str) -> None:
-    """Make sure that a student's name can be that of a folder.
+    """Make sure that a student's name can be that of a folder, and of the files made for it.
 
     Raises:
         ScenarioError: If not.
     """
-    if not re.fullmatch(r"[\w@+-][\w.@+-]{0,99}", student):
+    letters = re.fullmatch(r"[\w@+-][\w.@+-]{0,99}", student)
+    if not letters or len(student.encode()) > MAX_NAME_BYTES:
         raise ScenarioError(
-            f"student '{shortened(student)}': is called by up to 100 letters, digits and .@+-_"
+            f"student '{shortened(printable(student))}': is called by up to 100 letters, digits "
+            f"and .@+-_, {MAX_NAME_BYTES} bytes in UTF-8"
         )
 
 
