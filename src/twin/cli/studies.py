@@ -257,6 +257,7 @@ def run(
 def verify(entry: Path | None, season: str | None) -> int:
     """Verify an entry: its scores, and its commands replayed; none of its code is run.
 
+    Replayed are the commands on the first rigs alone; of the others the file of runs is believed.
     Without one the benchmark itself: its files, and errors of its laws on the first rigs. Exit code
     1 where anything differs. An entry of a season needs its key, and the reference law is run once.
     """
@@ -268,8 +269,10 @@ def verify(entry: Path | None, season: str | None) -> int:
     with _counted("reference law", benchmark) if season else nullcontext() as told:
         replayed = benchmark.replayed(entry, progress=told) if entry else benchmark.differences()
         wrong = list(replayed)
-    what = "the benchmark" if entry is None else str(entry)
-    show(wrong, wrong or [f"{what}: as it was frozen" if entry is None else f"{what}: as told"])
+    right = (
+        "the benchmark: as it was frozen" if entry is None else f"{entry}: {benchmark.confirmed}"
+    )
+    show(wrong, wrong or [right])
     return 1 if wrong else 0
 
 
