@@ -34,6 +34,9 @@ from twin.study.schema import FamilyRig, Point, drawn, read_family
 from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
 
 RESULT = "ballplate/lab-result/v1"
+WIDEST = 2.0
+"""How wide an interval may be whose distance is judged, in distances from which on there are no
+points: the middle of a wider one may be so far off."""
 
 
 class EarlyEndError(LawError):
@@ -285,7 +288,11 @@ class Judge(NamedTuple):
     def of_numbers(self, check: CheckTable, found: Iterable[tuple[Point, Any]]) -> Judged:
         """The number that a check judges of numbers that are answered, a rig each."""
         value = max(self.off(check, given, point) for point, given in found)
-        said = f"{value:.4g}{measured(check)[1]}" if math.isfinite(value) else "is no such number"
+        unit, said = measured(check)[1], "is no such number"
+        if math.isfinite(value):
+            said = f"{value:.4g}{unit}"
+        elif check.judge == "distance":
+            said += f", or an interval wider than {WIDEST * abs(check.none):g}{unit}"
         return Judged(value, f"{check.number}: {said}")
 
     def off(self, check: CheckTable, given: Any, point: Point) -> float:
@@ -299,6 +306,8 @@ class Judge(NamedTuple):
             return float(high - low) / scale
         if check.judge == "error":
             return float(max(truth - low, high - truth)) / scale
+        if high - low > WIDEST * abs(check.none) * scale:  # one that holds everything says nothing
+            return math.inf
         return float(max(low - truth, truth - high, 0.0)) / scale
 
     def truth(self, check: CheckTable, truth: float | str, point: Point) -> float | str:
