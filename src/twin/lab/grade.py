@@ -170,6 +170,7 @@ def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | Non
     closed = {*PRIVATE, "__pycache__"} - ({"hidden.toml", "truth.py"} if graded else set())
     place = inner / "lab" if graded else inner
     shutil.copytree(lab.folder, place, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*closed))
+    check_without_key(place, key)
     for template in (TEMPLATES / system).iterdir():
         text = rendered(template, lab=lab, key=key, requirement=wanted)
         if template.stem.endswith(".ipynb"):
@@ -177,10 +178,28 @@ def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | Non
         made = inner / template.stem.replace("notebook", lab.name)
         write_whole(made, text)
         made.chmod(0o755 if graded else 0o644)
-    if graded and key:
-        write_whole(inner / "key.txt", key)
+    if graded and key:  # in a folder of its own, beside nothing that an answer is copied from
+        write_whole(inner / KEY_FOLDER / "key.txt", key)
+        (inner / KEY_FOLDER / "key.txt").chmod(0o600)
+        (inner / KEY_FOLDER).chmod(0o700)
     if graded and wheel:
         shutil.copy(wheel, inner)
+
+
+KEY_FOLDER = "secret"
+"""Folder of the course's key in a pack, closed to others than its owner."""
+
+
+def check_without_key(folder: Path, key: str | None) -> None:
+    """Make sure that the key is in no file of a lab that is handed on.
+
+    Raises:
+        ScenarioError: If it is in one.
+    """
+    for file in filter(Path.is_file, folder.rglob("*")):
+        if key and key.encode() in file.read_bytes():
+            name = file.relative_to(folder)
+            raise ScenarioError(f"{name}: has the course's key in it; the lab's folder is no place")
 
 
 ENDS = ("all points", "some", "none", "skipped")

@@ -38,7 +38,7 @@ NAMED = "[a-z0-9_-]+"
 """What a lab may be called."""
 MOST = 256
 """Runs of a check."""
-PRIVATE = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md")
+PRIVATE = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md", "*key.txt")
 """What of a lab's folder no student is handed."""
 MAX_NAME_BYTES = 200
 """Length of a student's name in UTF-8; the files of a result have it and some letters more."""
