@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from twin.study.work import Work
 
 
-@options.command(example="study friction --plan")
+@options.command(example="study friction --plan", reads="--plan")
 @click.argument("study", required=False, shell_complete=options.studies)
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
@@ -186,7 +186,7 @@ def bench() -> None:
     """The public benchmark: the same tasks on the same 128 rigs for every law."""
 
 
-@bench.command("list", cls=Command, example="bench list")
+@bench.command("list", cls=Command, example="bench list", reads=True)
 @SEASON
 @JSON
 def list_laws(season: str | None) -> int:
@@ -250,7 +250,7 @@ def run(
     return 0
 
 
-@bench.command(cls=Command, example="bench verify entry")
+@bench.command(cls=Command, example="bench verify entry", reads=True)
 @click.argument("entry", required=False, type=PATH)
 @SEASON
 @JSON
@@ -276,7 +276,7 @@ def verify(entry: Path | None, season: str | None) -> int:
     return 1 if wrong else 0
 
 
-@bench.command(cls=Command, example="bench table runs/bench-lqr runs/bench-afl")
+@bench.command(cls=Command, example="bench table runs/bench-lqr runs/bench-afl", reads=True)
 @click.argument("entries", nargs=-1, required=True, type=PATH)
 @JSON
 def table(entries: Sequence[Path]) -> int:
@@ -337,7 +337,7 @@ def lab() -> None:
     """Labs that mark themselves, each student on a rig of their own."""
 
 
-@lab.command("list", cls=Command, example="lab list")
+@lab.command("list", cls=Command, example="lab list", reads=True)
 @JSON
 def list_labs() -> int:
     """List the shipped labs."""

@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BeforeValidator, Field, model_validator
 
 from controllers.arrays import Array
+from controllers.catalog import EXECUTES
 from twin.base.errors import ScenarioError, nearest, printable, shortened
 from twin.base.shipped import shipped_labs
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
@@ -330,6 +331,7 @@ def trusted(file: Path, function: str) -> Callable[..., Any]:
     Raises:
         ScenarioError: If there is none.
     """
+    EXECUTES.info("runs %s of the lab", file)
     call: Callable[..., Any] | None = run_path(str(file)).get(function)
     if not callable(call):
         raise ScenarioError(f"{file.name}: must define a function {function}")
