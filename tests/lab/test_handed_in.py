@@ -244,6 +244,7 @@ def test_names_of_moodle_and_canvas_are_students(lab: Lab, handed_in: Path) -> N
         / f"{unicodedata.normalize('NFD', 'Zoë')}_9_assignsubmission_file_"
         / "answer.toml"
     )
+    put(handed_in / "O'Neil, Con_77_assignsubmission_file_" / "answer.toml")
     put(handed_in / "doedora_4711_815_answer.toml", BAD)
     put(handed_in / "doedora_4711_816_answer-1.toml", BAD)
     put(handed_in / "doedora_4711_817_answer-10.toml")
@@ -257,8 +258,8 @@ def test_names_of_moodle_and_canvas_are_students(lab: Lab, handed_in: Path) -> N
     found = graded(lab, handed_in)
     scores = {name: row["score"] for name, row in found.items()}
     assert scores == {
-        "ann": "4.0", "bob": "0.0", "Cid_Lee": "4.0", "Zoë": "4.0", "doedora": "4.0",
-        "poeeve": "4.0", "roefay": "", "moegil": "", "hal": "4.0",
+        "ann": "4.0", "bob": "0.0", "Cid_Lee": "4.0", "Zoë": "4.0", "O_Neil_Con": "4.0",
+        "doedora": "4.0", "poeeve": "4.0", "roefay": "", "moegil": "", "hal": "4.0",
     }  # fmt: skip
     assert found["roefay"]["problem"].endswith("there is roefay_4713_819_numbers.zip: unpack it")
     assert "code: the course's key deals moegil another rig" in found["moegil"]["problem"]
@@ -335,3 +336,25 @@ def test_the_grader_s_own_trouble_is_not_on_the_page_of_a_student(
     assert row["problem"] == f"the grader failed: OSError: {SECRET}"
     assert SECRET not in row["page"]
     assert "your lecturer" in row["page"]
+
+
+def test_who_is_not_in_the_class_is_not_told_who_is(lab: Lab, handed_in: Path) -> None:
+    put(handed_in / "anne.toml")
+    row = graded(lab, handed_in, ["anna", "bob"])["anne"]
+    assert row["problem"] == "student 'anne': not in the class; did you mean 'anna'?"
+    assert "bob" not in row["page"]
+
+
+def test_a_lab_s_own_functions_are_named_before_they_run(
+    lab: Lab, handed_in: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (lab.folder / "truth.py").write_text("def mass(rig, folder):\n    return 0.024\n")
+    text = (lab.folder / "lab.toml").read_text()
+    text = text.replace('"plant.ball.mass"', '"truth.py:mass"')
+    (lab.folder / "lab.toml").write_text(text)
+    put(handed_in / "ann.toml")
+    with caplog.at_level("INFO", logger="ballplate.executes"):
+        assert graded(read(lab.folder), handed_in)["ann"]["score"] == "4.0"
+    assert {record.getMessage() for record in caplog.records} == {
+        f"runs {lab.folder / 'truth.py'} of the lab"
+    }

@@ -26,6 +26,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
+from controllers.catalog import EXECUTES
 from twin.base.data_file import DataError, parse_json, read_regular
 from twin.base.errors import ScenarioError, TwinError, nearest, printable, shortened
 from twin.base.jobs import results
@@ -40,6 +41,7 @@ from twin.lab.schema import (
     MAX_NAME_BYTES,
     NAMED,
     PRIVATE,
+    RUNS,
     CheckTable,
     Deal,
     Lab,
@@ -338,7 +340,7 @@ def graded(
         if each.problem:
             raise ScenarioError(each.problem)
         if people is not None and each.student not in people:
-            where = nearest(each.student, people)
+            where = nearest(each.student, people).partition(" (known:")[0]  # not the whole class
             raise ScenarioError(f"student '{each.student}': not in the class{where}")
         with each.alone(lab.answer.file) as answer:
             result, page = _judged_with_page(lab, key, each.student, answer)
@@ -396,6 +398,8 @@ def grade(
     Raises:
         TwinError: If a folder cannot be read or written, or a process is killed.
     """
+    for file in lab.own_code:
+        EXECUTES.info(RUNS, file)  # said here, once, whatever process runs it
     mark, done = mark_of(lab), {}
     names = {
         each.student: digest(

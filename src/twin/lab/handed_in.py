@@ -204,7 +204,8 @@ def _whose(about: AnswerTable, path: Path, people: Collection[str]) -> str:
         raise ScenarioError("is of the system that packed it")
     canvas = None if stat.S_ISDIR(mode) else CANVAS.fullmatch(name)
     if systems := MOODLE.fullmatch(name) or canvas:
-        return _name(systems["student"])
+        full = unicodedata.normalize("NFC", systems["student"]).strip()
+        return re.sub(r"[^\w.@+-]+", "_", full)  # O'Neil is O_Neil
     if stat.S_ISDIR(mode):
         return _name(name)
     if path.suffix == Path(about.file).suffix or _name(path.stem) in people:

@@ -273,6 +273,13 @@ class Lab(Checked):
             return self.check + self.hidden
         return tuple(each for each in self.check if each.visible == "visible")
 
+    @property
+    def own_code(self) -> list[Path]:
+        """Its files that have functions which judging runs."""
+        named = {str(each.truth).partition(":") for each in self.checks(hidden=True)}
+        files = {self.folder / file for file, _, function in named if function}
+        return sorted(filter(Path.is_file, files))
+
     def path(self, name: str) -> str:
         """A file of this lab's folder by its path; any other name, as of what is shipped, as is."""
         own = self.folder / name
@@ -325,13 +332,17 @@ def read(name: str | Path) -> Lab:
     return read_model(Lab, file, called=str(name), folder=place.resolve(), hidden=more)
 
 
+RUNS = "runs %s of the lab"
+"""What is told before a lab's own file is run."""
+
+
 def trusted(file: Path, function: str) -> Callable[..., Any]:
     """A function of a lecturer's own file.
 
     Raises:
         ScenarioError: If there is none.
     """
-    EXECUTES.info("runs %s of the lab", file)
+    EXECUTES.info(RUNS, file)
     call: Callable[..., Any] | None = run_path(str(file)).get(function)
     if not callable(call):
         raise ScenarioError(f"{file.name}: must define a function {function}")
