@@ -29,7 +29,7 @@ V1 = Benchmark().folder
 EXAMPLES = Path(__file__).parents[2] / "examples"
 RIGS = 4
 CONFIRMED = (
-    "confirmed on 8 of {} rigs, which were replayed: the same errors and efforts; "
+    "confirmed on 8 of {} rigs replayed: the same errors and efforts; "
     "the scores are those of its runs"
 )
 KEY, OTHER = "the-key-of-a-season", "the-key-of-another-one"
@@ -205,7 +205,7 @@ def test_efforts_and_commands_of_an_entry_are_looked_at(small, tmp_path):
     rows = ran(small, entry, tmp_path, Store(folder))
     small.write(folder, entry, tmp_path, rows)
     assert list(small.replayed(folder)) == []
-    assert small.confirmed.startswith("confirmed on 2 of 4 rigs, which were replayed")
+    assert small.confirmed.startswith("confirmed on 2 of 4 rigs replayed: ")
     lazy = rows.assign(u_rms=rows["u_rms"] * 0.9)
     lazy.to_parquet(folder / "runs.parquet", index=False)
     scores = [each._asdict() for each in small.scores(lazy)]

@@ -342,6 +342,8 @@ def test_who_is_not_in_the_class_is_not_told_who_is(lab: Lab, handed_in: Path) -
     put(handed_in / "anne.toml")
     row = graded(lab, handed_in, ["anna", "bob"])["anne"]
     assert row["problem"] == "student 'anne': not in the class; did you mean 'anna'?"
+    (handed_in / "zed").mkdir()
+    assert "not in the class" in graded(lab, handed_in, ["anna", "bob"])["zed"]["problem"]
     assert "bob" not in row["page"]
 
 

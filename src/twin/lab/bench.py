@@ -409,10 +409,10 @@ class Benchmark:
     @property
     def confirmed(self) -> str:
         """What it says of an entry that nothing of it differs, in words."""
-        rigs = min(self.about.replayed, len(self.points))
+        rigs, count = min(self.about.replayed, len(self.points)), len(self.points)
         return (
-            f"confirmed on {rigs} of {len(self.points)} rigs, which were replayed: the same errors "
-            "and efforts; the scores are those of its runs"
+            f"confirmed on {rigs} of {count} rigs replayed: the same errors and efforts; "
+            "the scores are those of its runs"
         )
 
     def write(

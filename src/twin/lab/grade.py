@@ -337,11 +337,11 @@ def graded(
     """The result of a submission, its page written; what is wrong with it is part of that."""
     shown = ""
     try:
-        if each.problem:
-            raise ScenarioError(each.problem)
         if people is not None and each.student not in people:
             where = nearest(each.student, people).partition(" (known:")[0]  # not the whole class
             raise ScenarioError(f"student '{each.student}': not in the class{where}")
+        if each.problem:
+            raise ScenarioError(each.problem)
         with each.alone(lab.answer.file) as answer:
             result, page = _judged_with_page(lab, key, each.student, answer)
     except TwinError as error:
