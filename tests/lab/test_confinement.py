@@ -146,6 +146,26 @@ def test_what_an_answer_needs_works(tmp_path: Path) -> None:
         assert process.call("function", {}) == {"good": True, "here": ["answer.py"]}
 
 
+@pytest.mark.long
+def test_an_answer_may_use_control_and_what_that_imports(tmp_path: Path) -> None:
+    file = tmp_path / "answer.py"
+    file.write_text("""
+import control
+import numpy as np
+import pandas as pd
+import scipy.optimize, scipy.signal
+from matplotlib.figure import Figure
+
+def f():
+    gain, _, _ = control.lqr([[0, 1], [0, 0]], [[0], [1]], np.eye(2), [[1]])
+    Figure().subplots().plot([1, 2])
+    return {'gain': np.round(gain[0], 6), 'rows': len(pd.DataFrame({'a': [1]}))}
+""")
+    with answering(file, function("f", 60.0)) as process:
+        found = process.call("function", {})
+    assert found == {"gain": [1.0, 1.732051], "rows": 1}  # 1 and the root of 3
+
+
 @HELD
 def test_a_program_may_have_threads_and_no_process(tmp_path: Path) -> None:
     (tmp_path / "law.txt").write_text("""

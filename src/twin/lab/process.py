@@ -381,7 +381,8 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
                 stdout=subprocess.PIPE,
                 stderr=prints,
                 cwd=here,
-                env={"HOME": folder, "LANG": "C.UTF-8"} | QUIET,
+                # matplotlib, which control imports, keeps its lists there and makes no folder then
+                env={"HOME": folder, "MPLCONFIGDIR": folder, "LANG": "C.UTF-8"} | QUIET,
                 start_new_session=True,
             )
             assert begun.stdin is not None
