@@ -5,6 +5,9 @@ an entry point of the group ``ballplate.controllers``, or was added, contributes
 subclasses; nothing is listed by hand. One that cannot be imported, or takes a name that is taken,
 is left out and named by ``broken``. A class of a running program is taken in by ``register``.
 
+A program that only reads leaves the folder ``laws`` alone: to import a file is to run it, and
+whoever sent the folder has written it.
+
 Whether a law answers as a law does: asked once, when it is built.
 """
 
@@ -15,6 +18,7 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import logging
 import os
 import pkgutil
 import sys
@@ -42,16 +46,28 @@ _HELD = (bool, int, float, complex, str, PurePath, Enum, tuple, list, dict, type
 GROUP = "ballplate.controllers"
 FOLDER = "laws"
 """Folder of the working folder whose files are taken as well."""
+CLOSED = "BALLPLATE_LAWS_CLOSED"
+"""Environment variable that leaves the files of that folder alone, here and in child processes."""
+EXECUTES = logging.getLogger("ballplate.executes")
+"""Is told, before it is done, which files of others this program runs."""
 ADDED = "BALLPLATE_LAWS"
 """Environment variable with the files that were added, so that child processes have them."""
 _registered: dict[str, type[Law | Observer | Reference]] = {}
+_looked: dict[bool, tuple[tuple[ModuleType, ...], tuple[str, ...]]] = {}
+"""What was found, without the folder of laws and with it."""
 _texts: dict[str, str] = {}
 """The source of a module that lies in no package, as it was when it was imported."""
 
 
-@cache
 def _modules() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
     """Every module of this package, then those of outside packages; a line for each broken one."""
+    closed = bool(os.environ.get(CLOSED))
+    if closed not in _looked:
+        _looked[closed] = _look()
+    return _looked[closed]
+
+
+def _look() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
     modules: list[ModuleType] = []
     lines: list[str] = []
     taken: dict[str, type] = {}
@@ -115,8 +131,21 @@ def _own(path: Iterable[str], prefix: str) -> Iterator[tuple[str, Callable[[], M
 def _files() -> Iterator[tuple[str, Callable[[], ModuleType]]]:
     """Files of the folder of laws, and added ones: path, and how to import it."""
     added = [Path(text) for text in os.environ.get(ADDED, "").split(os.pathsep) if text]
-    for path in dict.fromkeys((*sorted(Path(FOLDER).resolve().glob("*.py")), *added)):
+    own = [] if os.environ.get(CLOSED) else in_folder()
+    if own:
+        EXECUTES.info("runs what lies in %s: %s", own[0].parent, ", ".join(p.stem for p in own))
+    for path in dict.fromkeys((*own, *added)):
         yield str(path), partial(imported, path)
+
+
+def in_folder() -> list[Path]:
+    """The files of the folder of laws; none is opened."""
+    return sorted(Path(FOLDER).resolve().glob("*.py"))
+
+
+def left_alone() -> list[Path]:
+    """The files of the folder of laws that a program which only reads does not run."""
+    return in_folder() if os.environ.get(CLOSED) else []
 
 
 def imported(path: Path) -> ModuleType:
@@ -240,7 +269,11 @@ def outside() -> list[ModuleType]:
 
 def catalog(kind: type[Kind]) -> dict[str, type[Kind]]:
     """All concrete classes of a kind (Law, Observer or Reference) by their name."""
-    found = {item.name: item for item in _all_classes() if issubclass(item, kind)}
+    found = {
+        item.name: item
+        for item in _all_classes(os.environ.get(CLOSED, ""))
+        if issubclass(item, kind)
+    }
     return dict(sorted(found.items()))
 
 
@@ -263,13 +296,14 @@ def origin(cls: type) -> tuple[str, str] | None:
 
 def forget() -> None:
     """Look through all modules again when next asked."""
-    _modules.cache_clear()
+    _looked.clear()
     _all_classes.cache_clear()
 
 
 @cache
-def _all_classes() -> list[type[Law | Observer | Reference]]:
+def _all_classes(closed: str) -> list[type[Law | Observer | Reference]]:
     """The classes of all modules; looking through them takes longer than most that asks."""
+    del closed  # but other modules
     found = [item for module in _modules()[0] for item in _classes(module)]
     return [*found, *_registered.values()]
 
@@ -298,6 +332,11 @@ def broken() -> tuple[str, ...]:
     return _modules()[1]
 
 
+def broken_so_far() -> tuple[str, ...]:
+    """As ``broken``, of what was looked through already; nothing is imported for it."""
+    return tuple(dict.fromkeys(line for _, lines in _looked.values() for line in lines))
+
+
 def unfinished() -> list[str]:
     """A line for each class of an outside module that is none of its kind: file, class and why."""
     return [
@@ -310,9 +349,11 @@ def unfinished() -> list[str]:
 
 def blamed(error: BaseException) -> str | None:
     """File, line and error in one line, if the error came out of a module of the catalog."""
-    files = {getattr(module, "__file__", None) for module in _modules()[0]}
+    modules = [module for found, _ in _looked.values() for module in found]
+    files = {getattr(module, "__file__", None) for module in modules}
     homes = [sys.modules.get(cls.__module__) for cls in _registered.values()]
-    outer = {getattr(module, "__file__", None) for module in (*outside(), *homes)} - {None}
+    own = [each for each in modules if not each.__name__.startswith("controllers.")]
+    outer = {getattr(module, "__file__", None) for module in (*own, *homes)} - {None}
     return failed_line(error, outer) or failed_line(error, files)
 
 

@@ -22,7 +22,7 @@ from weakref import finalize
 import numpy as np
 
 from controllers.arrays import Array, Positive
-from controllers.catalog import AnswerError
+from controllers.catalog import EXECUTES, AnswerError
 from controllers.interfaces import Feedback, Law, Reference
 
 STATE = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
@@ -91,6 +91,7 @@ class FmuProcess:
         self._law = law
         folder = TemporaryDirectory(prefix="ballplate-fmu-", ignore_cleanup_errors=True)
         file = str(Path(law.file).resolve())
+        EXECUTES.info("runs the machine code in %s, a controller as an FMU", file)
         self._process = subprocess.Popen(
             [sys.executable, "-I", __file__, file, folder.name, str(rigs), repr(period)],
             stdin=subprocess.PIPE,

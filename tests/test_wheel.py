@@ -3,6 +3,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
@@ -60,6 +61,26 @@ def test_the_wheel_installs_code_model_and_scenarios_typed_and_nothing_else(whee
     assert {name.split("/")[0] for name in names} == {
         "ballplate", "controllers", "scenarios", "twin", data,
     }  # fmt: skip
+
+
+@pytest.mark.long
+def test_the_archive_of_sources_has_nothing_that_no_student_is_handed(wheel, tmp_path):
+    call(UV, "build", "--sdist", "--out-dir", tmp_path, ROOT)
+    (path,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(path) as archive:
+        names = [name.partition("/")[2] for name in archive.getnames()]
+        archive.extractall(tmp_path / "out", filter="data")
+    labs = [Path(name) for name in names if name.startswith("scenarios/labs/")]
+    assert {each.parts[2] for each in labs} == {
+        each.name for each in (ROOT / "scenarios" / "labs").iterdir()
+    }
+    closed = {"mutants", "hidden.toml", "truth.py", "notes.md", "key.txt"}
+    assert not [each for each in labs if closed.intersection(each.parts) or each.stem == "solution"]
+    assert {"src/twin/lab/judge.py", "scenarios/labs/signs/task.md", "pyproject.toml"} <= set(names)
+    (inner,) = (tmp_path / "out").iterdir()
+    call(UV, "build", "--wheel", "--out-dir", tmp_path, inner)
+    (again,) = tmp_path.glob("*.whl")
+    assert zipfile.ZipFile(again).namelist() == zipfile.ZipFile(wheel).namelist()
 
 
 @pytest.mark.long

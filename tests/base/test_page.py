@@ -59,3 +59,14 @@ def test_a_table_has_words_to_the_left_numbers_to_the_right_and_an_empty_line_af
     ]
     assert "\n".join([text, "next"]).endswith("|\n\nnext")
     assert markdown(("a", "b", "c"), []) == "| a | b | c |\n|---|--:|--:|\n"
+
+
+def test_what_somebody_else_wrote_commands_no_terminal():
+    written = StringIO()
+    cells = ("\x1b[2Jaway", "two\nlines", "\u202egnp", "\x9b1m", "\udcff", "a\rb")
+    table = Table("", ("one",), [(cell,) for cell in cells])
+    Console(file=written, width=60, force_terminal=True, color_system=None).print(terminal(table))
+    said = re.sub(r"\x1b\[[01]m", "", written.getvalue())  # the heading is bold
+    assert not set("\x1b\x9b\u202e\r\udcff") & set(said)
+    for shown in ("\\x1b[2Jaway", "two", "lines", "\\u202egnp", "\\x9b1m", "\\udcff", "a\\rb"):
+        assert shown in said

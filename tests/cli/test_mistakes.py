@@ -151,3 +151,10 @@ def test_a_mistake_is_one_line_and_writes_nothing(ballplate, folder, monkeypatch
     assert err.count("\n") == 1
     assert words in err
     assert sorted(each for each in Path().rglob("*") if "__pycache__" not in each.parts) == before
+
+
+def test_a_message_that_quotes_what_was_given_commands_no_terminal(ballplate):
+    code, out, err = ballplate("run", "circle", "--set", "controller.kind=\x1b[2Jlqr\x9b1m")
+    assert code == 2
+    assert not {"\x1b", "\x9b"} & set(out + err)
+    assert "\\x1b[2Jlqr" in err

@@ -100,7 +100,7 @@ def test_of_a_law_that_was_changed_both_runs_are_kept_and_what_differs_is_told(b
     ballplate("run", "circle", *SHORT)
     rewrite("60.0", "61.0")
     code, _, err = ballplate("whatif", RUN, "--at", "0.05")
-    assert (code, err.count("\n")) == (2, 1)
+    assert (code, err.count("\n")) == (2, 2)  # before it what is run
     assert "mine.py has changed since" in err
     assert "was another: it stays" in ballplate("run", "circle", *SHORT)[1]
     other = RUN.with_name(f"{RUN.name}~2")
@@ -311,8 +311,10 @@ def test_a_law_without_name_or_method_is_told_to_who_asks_for_it(
 ):
     rewrite(old, new)
     code, _, err = ballplate("run", "circle", *SHORT)
-    assert (code, err.count("\n")) == (2, 1)
-    assert f"laws/mine.py: {lacks}" in err
+    what, wrong = err.splitlines()
+    assert code == 2
+    assert what == f"ballplate: runs what lies in {Path('laws').resolve()}: mine"
+    assert f"laws/mine.py: {lacks}" in wrong
 
 
 TUNE = """
@@ -397,11 +399,11 @@ def test_from_python_a_law_that_goes_wrong_is_the_same_line(rewrite):
 
 def test_a_field_that_no_scenario_can_hold_is_told_and_breaks_nothing_else(ballplate, rewrite):
     rewrite("    def control", "    K: np.ndarray = None\n\n    def control")
-    code, out, err = ballplate("describe", "lqr")
+    code, _, err = ballplate(
+        "run", "circle", "--set", "controller.kind=lqr", "--set", "duration=0.1"
+    )
     assert code == 0
-    assert "rho" in out
-    assert "``" not in out
-    (line,) = err.splitlines()
+    (line,) = (line for line in err.splitlines() if "not imported" in line)
     assert "laws/mine.py" in line
     assert "Mine.K: no scenario can hold a ndarray; write K: tuple[float, ...]" in line
     assert ballplate("run", "circle", *SHORT)[0] == 2
@@ -486,6 +488,59 @@ def test_of_a_law_that_says_nothing_of_itself_no_sentence_is_shown(ballplate, mi
     del lines[start + 1]  # its docstring
     mine.write_text("\n".join(lines))
     forget()
-    told = ballplate("describe", "mine")[1]
+    told = ballplate("describe", "mine", "--law", mine)[1]
     assert "controller.ball = " in told
     assert "factory" not in told
+
+
+MARK = "import pathlib\npathlib.Path('executed.txt').write_text('x')\n"
+READERS = {
+    "report": ("report", RUN),
+    "export": ("export", RUN, "c.csv"),
+    "view": ("view", RUN, "--rrd", "v.rrd"),
+    "describe": ("describe", "lqr"),
+    "describe laws": ("describe", "laws"),
+    "bench list": ("bench", "list"),
+    "lab list": ("lab", "list"),
+    "study": ("study", "friction", "--plan"),
+    "list": ("list",),
+    "trace": ("trace", RUN),
+    "bench verify": ("bench", "verify", RUN),
+}
+
+
+def test_what_only_reads_does_not_run_the_laws_of_a_folder(ballplate, mine):
+    ballplate("run", "circle", *SHORT)
+    mine.write_text(MARK + mine.read_text())
+    for name, given in READERS.items():
+        forget()
+        code, _, err = ballplate(*given)
+        assert code == (2 if name in {"trace", "bench verify"} else 0), err
+        assert "runs what lies in" not in err, name
+        assert not Path("executed.txt").exists(), name
+    forget()
+    code, _, err = ballplate("describe", "mine")
+    assert code == 2
+    assert "laws/mine.py: not run by a command that only reads; --law laws/mine.py does" in err
+    assert not Path("executed.txt").exists()
+    assert "controller.ball" in ballplate("describe", "mine", "--law", mine)[1]
+    assert Path("executed.txt").exists()
+    Path("executed.txt").unlink()
+    code, _, err = ballplate("run", "circle", *SHORT, "--out", "again")
+    assert code == 0
+    assert err.splitlines()[0] == f"ballplate: runs what lies in {Path('laws').resolve()}: mine"
+    assert Path("executed.txt").read_text() == "x"
+
+
+def test_the_tab_key_does_not_run_the_laws_of_a_folder(mine):
+    mine.write_text(MARK + mine.read_text())
+    words = {"COMP_WORDS": "ballplate run circle --set controller.kind=", "COMP_CWORD": "4"}
+    done = subprocess.run(
+        [Path(sys.executable).with_name("ballplate")],
+        env={**os.environ, **words, "_BALLPLATE_COMPLETE": "bash_complete"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "controller.kind=lqr" in done.stdout
+    assert not Path("executed.txt").exists()

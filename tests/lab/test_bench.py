@@ -28,6 +28,10 @@ from twin.study.schema import drawn, read_family
 V1 = Benchmark().folder
 EXAMPLES = Path(__file__).parents[2] / "examples"
 RIGS = 4
+CONFIRMED = (
+    "confirmed on 8 of {} rigs replayed: the same errors and efforts; "
+    "the scores are those of its runs"
+)
 KEY, OTHER = "the-key-of-a-season", "the-key-of-another-one"
 SMALL = """
 schema = "ballplate/bench/v1"
@@ -173,8 +177,9 @@ def test_an_entry_is_replayed_and_what_differs_is_seen(small, tmp_path):
         commands = [kept[f"arr_{i}"] for i in range(len(kept.files))]
     commands[3][100:] += 0.1
     np.savez_compressed(folder / "commands.npz", *commands)
-    (line,) = small.replayed(folder)
-    assert line.startswith("replay: Circle, rig 1, noise 1: ")
+    error, effort = small.replayed(folder)
+    assert error.startswith("replay: Circle, rig 1, noise 1: ")
+    assert effort.startswith("replay, effort: Circle, rig 1, noise 1: ")
     np.savez_compressed(folder / "commands.npz", *commands[1:])
     assert list(small.replayed(folder)) == [
         "commands.npz: not those of every run on the first rigs"
@@ -192,6 +197,48 @@ def test_an_entry_is_replayed_and_what_differs_is_seen(small, tmp_path):
     better = rows.assign(rms_distance=rows["rms_distance"] * 0.97)
     better.to_parquet(folder / "runs.parquet", index=False)
     assert len(list(small.replayed(folder))) == 1 + 2 * 2 * 2
+
+
+@pytest.mark.long
+def test_efforts_and_commands_of_an_entry_are_looked_at(small, tmp_path):
+    entry, folder = own(tmp_path), tmp_path / "entry"
+    rows = ran(small, entry, tmp_path, Store(folder))
+    small.write(folder, entry, tmp_path, rows)
+    assert list(small.replayed(folder)) == []
+    assert small.confirmed.startswith("confirmed on 2 of 4 rigs replayed: ")
+    lazy = rows.assign(u_rms=rows["u_rms"] * 0.9)
+    lazy.to_parquet(folder / "runs.parquet", index=False)
+    scores = [each._asdict() for each in small.scores(lazy)]
+    (folder / "scores.json").write_text(json.dumps({"season": "", "scores": scores}))
+    found = list(small.replayed(folder))
+    assert len(found) == 2 * 2 * 2
+    assert all(line.startswith("replay, effort: ") for line in found)
+    assert found[0].endswith(f"told {0.9 * rows['u_rms'][0]:.9g} rad/s^2")
+    small.write(folder, entry, tmp_path, rows)
+    with np.load(folder / "commands.npz") as kept:
+        commands = [kept[f"arr_{i}"] for i in range(len(kept.files))]
+    whole = [each.copy() for each in commands]
+    for strange, said in (
+        (np.nan, "has a command that is no number"),
+        (np.inf, "has a command that is no number"),
+        (None, "has no commands"),
+    ):
+        wrong = [each.copy() for each in whole]
+        wrong[3] = wrong[3][:0] if strange is None else wrong[3]
+        wrong[3][7:8] = strange or 0.0
+        np.savez_compressed(folder / "commands.npz", *wrong)
+        assert list(small.replayed(folder)) == [f"commands.npz: Circle, rig 1, noise 1: {said}"]
+    for strange in (["a", "b"], [object()]):
+        np.savez_compressed(folder / "commands.npz", *whole[1:], np.array(strange))
+        with pytest.raises(RecordError, match="holds no finished entry"):
+            list(small.replayed(folder))
+    pd.concat([rows, rows]).to_parquet(folder / "runs.parquet", index=False)
+    with pytest.raises(RecordError, match=r"runs\.parquet has 32 rows, of 16 runs"):
+        list(small.replayed(folder))
+    (folder / "runs.parquet").unlink()
+    (folder / "runs.parquet").symlink_to("/etc/hostname")
+    with pytest.raises(RecordError, match="is a link, which is not followed"):
+        list(small.replayed(folder))
 
 
 @pytest.mark.long
@@ -324,7 +371,9 @@ def test_what_is_no_entry_s_is_refused(small, tmp_path):
             ran(small, Entry(title="Both", file="own.py", set=(text,)), tmp_path)
     with pytest.raises(ScenarioError, match="neither a shipped law"):
         small.entry("none")
-    with pytest.raises(RecordError, match=r"holds no finished entry: No such file or directory$"):
+    with pytest.raises(
+        RecordError, match=r"holds no finished entry: cannot be read: No such file or directory$"
+    ):
         list(small.replayed(tmp_path))
     assert "did you mean 'lqr'?" in str(called("run", "lqrr"))
 
@@ -467,8 +516,8 @@ def test_an_entry_of_a_season_is_scored_and_verified_on_its_rigs_alone(shipped):
     }
     for file in shipped.rglob("*"):
         assert file.is_dir() or KEY.encode() not in file.read_bytes()
-    assert called("verify", ours, "--season", KEY) == f"{ours}: as told\n"
-    assert called("verify", frozen) == f"{frozen}: as told\n"
+    assert called("verify", ours, "--season", KEY) == f"{ours}: {CONFIRMED.format(64)}\n"
+    assert called("verify", frozen) == f"{frozen}: {CONFIRMED.format(128)}\n"
     assert called("run", "lqr", "--season", KEY, "-j", 1).startswith(
         f"LQR, on the rigs of season {season.season}"
     )

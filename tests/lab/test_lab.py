@@ -16,6 +16,7 @@ import ballplate as bp
 from twin.base.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
 from twin.lab.grade import begin, candidates, of_student, pack, tried, written
+from twin.lab.handed_in import collect
 from twin.lab.judge import Judge, judged
 from twin.lab.process import NAME, answering
 from twin.lab.schema import (
@@ -380,7 +381,7 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
     monkeypatch.setattr(grades, "judged", counted)
 
     def graded() -> dict[str, dict[str, object]]:
-        people, every = ["ann", "bob", "cid"], grades.submissions(lab, handed_in)
+        people, every = ["ann", "bob", "cid"], collect(lab, handed_in).submissions
         found = grades.grade(lab, KEY, people, every, kept, 1, lambda _: None)
         return {str(each["student"]): each for each in found}
 
@@ -408,18 +409,26 @@ def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: P
     (tmp_path / "numbers" / "task.md").write_text("# T\n")
     (tmp_path / "numbers" / "answer.toml").write_text("mass = 1\nwind = 1\n")
     hand_out(lab, {"ann": "ann", "bob": "bob"}, KEY, hand_out_to)
-    handed_in = grades.submissions(lab, hand_out_to)
+    handed_in = collect(lab, hand_out_to).submissions
     for key, whole in ((KEY, True), (PRACTICE, False)):
         found = [grades.graded(lab, key, None, tmp_path, each) for each in handed_in]
         assert all(("problem" not in each) == whole for each in found)
     assert "is it the key of this course" in found[0]["problem"]
 
 
-def test_no_wheel_has_what_no_student_is_handed() -> None:
+@pytest.mark.parametrize("target", ["wheel", "sdist"])
+def test_no_package_has_what_no_student_is_handed(target: str) -> None:
     root = Path(__file__).parents[2]
     build = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
-    spec = pathspec.GitIgnoreSpec.from_lines(build["targets"]["wheel"]["exclude"])
-    for name in ("solution.py", "solution.toml", "mutants/x.py", *PRIVATE[1:]):
+    spec = pathspec.GitIgnoreSpec.from_lines(build["targets"][target]["exclude"])
+    for name in (
+        "solution.py",
+        "solution.toml",
+        "mutants/x.py",
+        "key.txt",
+        "course-key.txt",
+        *PRIVATE[1:-1],
+    ):
         lies = f"scenarios/labs/any/{name}"
         assert spec.match_file(f"{lies}/x" if name == "mutants" else lies), name
     for name in ("lab.toml", "task.md", "answer.py", "family.toml"):
@@ -489,9 +498,17 @@ def test_a_pack_for_a_course_system_has_what_it_needs_and_no_solution(tmp_path: 
         pack(lab, system, tmp_path / out, KEY, None)
     with ZipFile(tmp_path / "x.zip") as file:
         names = set(file.namelist())
-        modes = {each.filename: each.external_attr >> 16 & 0o111 for each in file.infolist()}
-    assert {"setup.sh", "run_autograder", "key.txt", "lab/lab.toml", "lab/hidden.toml"} <= names
-    assert modes["run_autograder"]
+        modes = {each.filename: each.external_attr >> 16 & 0o777 for each in file.infolist()}
+    assert {
+        "setup.sh",
+        "run_autograder",
+        "secret/key.txt",
+        "lab/lab.toml",
+        "lab/hidden.toml",
+    } <= names
+    assert modes["run_autograder"] & 0o111
+    assert modes["secret/key.txt"] == 0o600
+    assert (tmp_path / "room" / "secret").stat().st_mode & 0o777 == 0o700
     room, given = (
         {path.name for path in (tmp_path / each).rglob("*")} for each in ("room", "students")
     )
@@ -503,6 +520,24 @@ def test_a_pack_for_a_course_system_has_what_it_needs_and_no_solution(tmp_path: 
     assert "".join(cells[-2]["source"]).startswith("%%writefile answer.py\n")
     with pytest.raises(ScenarioError, match="exists; name a new one"):
         pack(lab, "gradescope", tmp_path / "x.zip", KEY, None)
+
+
+def test_a_key_in_the_folder_of_a_lab_goes_to_nobody(tmp_path: Path) -> None:
+    folder = tmp_path / "mini"
+    shutil.copytree(MINI, folder)
+    (folder / "course-key.txt").write_text(KEY)
+    for system in ("folder", "classroom50"):
+        pack(read(folder), system, tmp_path / system, KEY, None)
+        holds = {
+            path.name for path in (tmp_path / system).rglob("*")
+            if path.is_file() and KEY in path.read_text()
+        }  # fmt: skip
+        assert holds == ({"key.txt"} if system == "classroom50" else set())
+    (folder / "readme.txt").write_text(f"the key is {KEY}\n")
+    for system in ("folder", "gradescope"):
+        with pytest.raises(ScenarioError, match=r"readme\.txt: has the course's key in it"):
+            pack(read(folder), system, tmp_path / f"{system} again", KEY, None)
+        assert not (tmp_path / f"{system} again").exists()
 
 
 def test_an_answer_of_another_kind_is_named(tmp_path: Path) -> None:

@@ -71,6 +71,27 @@ def test_an_answer_handed_on_scores_visibly_worse(name: str, tmp_path: Path) -> 
         assert copied["score"] <= 0.75 * found["score"]
 
 
+@pytest.mark.parametrize("name", ["identify", "wire"])
+def test_an_interval_that_holds_everything_earns_nothing(name: str, tmp_path: Path) -> None:
+    lab, file = read(name), tmp_path / "answer.toml"
+    for student in ("ann", "bob", "cid"):
+        dealt = deal(lab, student, KEY)
+        file.write_text("".join(f"{key} = [-1e9, 1e9]\n" for key in lab.answer.asked))
+        assert judged(lab, dealt, file, hidden=True)["score"] == 0
+
+
+def test_the_ranges_that_the_sheet_of_identify_tells_earn_nothing_for_the_log(
+    tmp_path: Path,
+) -> None:
+    lab, file = read("identify"), tmp_path / "answer.toml"
+    file.write_text(
+        'rolling_mm = [0.20, 0.26]\ndead_time = [0.03, 0.08]\nbreakaway_ratio = "not determined"\n'
+    )
+    for student in ("ann", "bob", "cid"):
+        found = judged(lab, deal(lab, student, KEY), file, hidden=True)["results"]
+        assert [each["score"] for each in found[:4]] == [0, 0, 0, 0]
+
+
 BEGINS = 2.1005
 """When the fault of that test begins, s: between two periods."""
 

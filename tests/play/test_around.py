@@ -1,6 +1,7 @@
 """What stands around a driven rig: who may ask, who drives, the clock, the sliders, the command."""
 
 import asyncio
+import logging
 import sys
 
 import numpy as np
@@ -11,7 +12,7 @@ from twin.base.errors import TwinError
 from twin.cli.rig import play
 from twin.play import serve
 from twin.play.page import PLANT, complete, gains, moved, shown_by
-from twin.play.serve import Audience, guarded, is_loopback
+from twin.play.serve import LOGGERS, MAX_LINES, Audience, guarded, in_lines, is_loopback
 from twin.play.session import AHEAD, BEHIND, COLUMNS, Errors, Pace
 from twin.scenario.load import load
 
@@ -196,3 +197,32 @@ def test_a_port_that_is_taken_is_one_line_and_starts_nothing(tmp_path):
     assert str(done.exception) == (
         f"address 127.0.0.1, port {port}: Address already in use; choose another"
     )
+
+
+def test_what_a_browser_sends_and_is_no_event_costs_a_line_and_no_stack_of_calls(capsys):
+    told = []
+    with in_lines(told.append):
+        for name in LOGGERS:
+            try:
+                {}["id"]
+            except KeyError as error:
+                logging.getLogger(name).exception(error)
+        logging.getLogger("nicegui").error("\x1b[31mred\nand more" + "!" * 1000)
+        logging.getLogger("nicegui").info("quiet")
+    assert len(told) == len(LOGGERS) + 1
+    begin = "the page was sent something that it cannot do: "
+    assert told[:-1] == [f"{begin}KeyError: 'id'"] * len(LOGGERS)
+    assert told[-1].startswith(f"{begin}\\x1b[31mred and more!!!")
+    assert len(told[-1]) < 250
+    assert capsys.readouterr().err == ""
+
+
+def test_of_many_things_that_are_no_event_the_first_are_told_and_the_others_counted():
+    told, logger = [], logging.getLogger("asyncio")
+    before = logger.handlers[:], logger.propagate
+    with in_lines(told.append):
+        for number in range(268):
+            logger.error("no event %d", number)
+    assert len(told) == MAX_LINES + 1
+    assert told[-1] == f"and {268 - MAX_LINES} more of these"
+    assert (logger.handlers, logger.propagate) == before

@@ -3,6 +3,7 @@
 Needs Chromium at /usr/bin/chromium (Debian: apt-get install chromium); without it these fail.
 """
 
+import asyncio
 import os
 import re
 import signal
@@ -283,6 +284,58 @@ def answer(url):
             return response.status
     except urllib.error.HTTPError as error:
         return error.code
+
+
+def test_the_page_needs_its_token_on_this_machine_too(tmp_path):
+    with playing("hold", "--out", str(tmp_path / "run")) as played:
+        bare, _, token = played.url.partition("?token=")
+        assert len(token) >= 20
+        assert (answer(played.url), answer(bare)) == (200, 403)
+
+
+NO_EVENTS = (
+    None,
+    1,
+    "x",
+    [],
+    {},
+    {"id": {}, "args": 1},
+    {"id": 5, "listener_id": "no", "args": ["{"]},
+)
+
+
+def test_what_is_sent_and_is_no_event_costs_lines_and_no_stack_of_calls(tmp_path):
+    socketio = pytest.importorskip("socketio")
+
+    async def send(base, token, client):
+        sender = socketio.AsyncClient()
+        query = f"token={token}&client_id={client}&implicit_handshake=true&next_message_id=0"
+        await sender.connect(
+            f"{base}?{query}&document_id=d&tab_id=t&old_tab_id=",
+            headers={"Cookie": f"ballplate_token={token}"},
+            socketio_path="/_nicegui_ws/socket.io",
+            transports=["websocket"],
+        )
+        for event in ("event", "javascript_response", "handshake", "ack", "log_message", "none"):
+            for given in NO_EVENTS:
+                more = {"client_id": client} if isinstance(given, dict) and given else {}
+                await sender.emit(event, {**given, **more} if more else given)
+        await asyncio.sleep(1.0)
+        await sender.disconnect()
+
+    with playing("hold", "--out", str(tmp_path / "run")) as played:
+        base, _, token = played.url.partition("?token=")
+        with urllib.request.urlopen(played.url) as response:
+            page = response.read().decode()
+        client = re.search(r"'client_id':\s*'([^']+)'|\"client_id\":\s*\"([^\"]+)\"", page)
+        asyncio.run(send(base, token, next(filter(None, client.groups()))))
+        assert played.process.poll() is None
+        played.process.send_signal(signal.SIGINT)
+        assert played.ended() == 0
+    said = "".join(played.lines)
+    assert "Traceback" not in said
+    assert 2 < said.count("the page was sent something that it cannot do: ") <= 10
+    assert " more of these" in said
 
 
 def test_another_address_needs_the_token_and_is_warned_of(tmp_path):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import stat
 import tomllib
 from datetime import date, time
 from importlib.resources import files
@@ -16,6 +18,9 @@ DEEPEST = 32
 INTEGERS = (-(2**63), 2**63 - 1)
 """Smallest and largest integer, as TOML promises them."""
 
+MAX_REGULAR_BYTES = 4 * 1024**2
+"""Length of a file that a stranger handed in."""
+
 _TOO_LARGE = "an integer beyond 64 bit"
 
 
@@ -23,8 +28,49 @@ class DataError(TwinError, ValueError):
     """A file or text is not what it should be; the message names no source: the caller does."""
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def read_regular(path: Path, largest: int = MAX_REGULAR_BYTES) -> bytes:
+    """The bytes of a file that a stranger handed in; no link is followed, nothing is waited for.
+
+    Args:
+        path: The file.
+        largest: Length in bytes that it may have.
+
+    Raises:
+        DataError: If it is no regular file with one name, is too large or cannot be read.
+    """
+    how = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    try:
+        check_regular(path.lstat())
+        with open(os.open(path, how | getattr(os, "O_BINARY", 0)), "rb") as file:  # noqa: PTH123
+            check_regular(os.fstat(file.fileno()))  # as it was opened
+            content = file.read(largest + 1)
+    except OSError as error:
+        raise DataError(f"cannot be read: {error.strerror}") from error
+    if len(content) > largest:
+        raise DataError(f"is larger than {largest // 1024} kB")
+    return content
+
+
+def check_regular(about: os.stat_result) -> None:
+    """Make sure that a file, by its state as of ``lstat``, is one that may be opened.
+
+    Raises:
+        DataError: If it is a link, a pipe, a device, or has a second name elsewhere.
+    """
+    if stat.S_ISLNK(about.st_mode):
+        raise DataError("is a link, which is not followed; hand in the file itself")
+    if not stat.S_ISREG(about.st_mode):
+        raise DataError("is no regular file")
+    if about.st_nlink > 1:
+        raise DataError("has a second name elsewhere (a hard link); hand in a copy")
+
+
+def read_toml(path: Path, *, regular: bool = False) -> dict[str, Any]:
     """The tables of a TOML file.
+
+    Args:
+        path: The file.
+        regular: Whether it must be a file as ``read_regular`` reads it.
 
     Raises:
         DataError: If it cannot be read, is not TOML, or goes beyond a limit of this module.
@@ -32,6 +78,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     if "\0" in str(path):
         raise DataError("cannot be read: a NUL in its name")
     try:
+        if regular:
+            return parse_toml(read_regular(path).decode("utf-8-sig"))
         return parse_toml(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise DataError(f"not a TOML file: {error}") from error

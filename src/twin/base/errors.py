@@ -13,6 +13,7 @@ TwinError
 from __future__ import annotations
 
 import difflib
+import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
@@ -74,3 +75,25 @@ def nearest(name: object, known: Iterable[str]) -> str:
 def shortened(text: str) -> str:
     """A text that fits into a message."""
     return text if len(text) <= 200 else f"{text[:200]}..."
+
+
+UNPRINTABLE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+"""Unicode's categories of what is no letter: controls, directions, halves of pairs, line ends."""
+
+
+def printable(text: str, keep: str = "") -> str:
+    """A text of somebody else as it may go to a terminal or into a file.
+
+    Control characters, among them the escape that begins a terminal's commands, marks that turn the
+    direction of writing, and bytes that were no UTF-8 are written as Python writes them in quotes.
+
+    Args:
+        text: The text.
+        keep: Control characters that stay.
+    """
+    return "".join(
+        letter.encode("unicode_escape").decode()
+        if unicodedata.category(letter) in UNPRINTABLE and letter not in keep
+        else letter
+        for letter in text
+    )

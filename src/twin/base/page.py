@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from markupsafe import Markup
 
+from twin.base.errors import printable
+
 if TYPE_CHECKING:
     import rich.table
     from jinja2 import Template
@@ -164,7 +166,7 @@ def terminal(table: Table) -> rich.table.Table:
         side: Literal["left", "right"] = "left" if at in table.left else "right"
         drawn.add_column(escape(head), justify=side, overflow="fold")
     for row in table.rows:
-        drawn.add_row(*map(escape, row))
+        drawn.add_row(*(escape(printable(cell, keep="\n")) for cell in row))
     return drawn
 
 

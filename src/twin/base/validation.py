@@ -28,12 +28,13 @@ class Checked(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
 
 
-def read_model(model: type[Model], path: Path, **given: Any) -> Model:
+def read_model(model: type[Model], path: Path, *, regular: bool = False, **given: Any) -> Model:
     """The model that a TOML file describes.
 
     Args:
         model: What it must be.
         path: The file.
+        regular: Whether it is a stranger's, as of ``read_regular``.
         given: Keys in place of the file's own; None for those that are not.
 
     Raises:
@@ -41,23 +42,24 @@ def read_model(model: type[Model], path: Path, **given: Any) -> Model:
     """
     instead = {key: value for key, value in given.items() if value is not None}
     try:
-        return model.model_validate(read_tables(path) | instead)
+        return model.model_validate(read_tables(path, regular=regular) | instead)
     except ValidationError as error:
         raise ScenarioError(f"{path.name}: {one_line(model, error)}") from None
 
 
-def read_tables(path: Path, called: str = "") -> dict[str, Any]:
+def read_tables(path: Path, called: str = "", *, regular: bool = False) -> dict[str, Any]:
     """The tables of a TOML file.
 
     Args:
         path: The file.
         called: What a message calls it; its name by default.
+        regular: Whether it is a stranger's, as of ``read_regular``.
 
     Raises:
         ScenarioError: If it cannot be read.
     """
     try:
-        return read_toml(path)
+        return read_toml(path, regular=regular)
     except DataError as error:
         raise ScenarioError(f"{called or path.name}: {error}") from error
 

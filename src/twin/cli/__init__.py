@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import signal
 import sys
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.base.data_file import packaged
-from twin.base.errors import LawError, TwinError, shortened
+from twin.base.errors import LawError, TwinError, printable, shortened
 
 if TYPE_CHECKING:
     from twin.cli.options import Command
@@ -87,6 +88,9 @@ def main(arguments: list[str] | None = None) -> None:
     os.environ["MUJOCO_GL"] = "disable"
     _have_streams()
     warnings.showwarning = _told
+    _tell_what_is_executed()
+    if "_BALLPLATE_COMPLETE" in os.environ:  # the Tab key runs nothing of the folder it is typed in
+        os.environ["BALLPLATE_LAWS_CLOSED"] = "yes"
     given = sys.argv[1:] if arguments is None else arguments
     if "--out=" in given or ("--out", "") in pairwise(given):
         sys.exit(_fail("--out: names no folder or file"))
@@ -152,15 +156,38 @@ def _told(message: Warning | str, *_: object, **__: object) -> None:
     click.echo(f"ballplate: warning: {' '.join(str(message).split())}", err=True)
 
 
+class Once(logging.Handler):
+    """Tells on standard error which files of others are run, each line once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._told: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Tell it, before it is done."""
+        line = record.getMessage()
+        if line not in self._told:
+            self._told.add(line)
+            click.echo(f"ballplate: {printable(line)}", err=True)
+
+
+def _tell_what_is_executed() -> None:
+    """Have each file of others that is about to be run named once."""
+    logger = logging.getLogger("ballplate.executes")
+    logger.handlers[:] = [Once()]
+    logger.setLevel(logging.INFO)
+    logger.propagate = False
+
+
 def _warn_of_broken_files() -> None:
     """Name the files of laws, observers and references that could not be imported."""
     catalog = sys.modules.get("controllers.catalog")
-    for line in catalog.broken() if catalog else ():
-        click.echo(f"ballplate: warning: not imported: {line}", err=True)
+    for line in catalog.broken_so_far() if catalog else ():
+        click.echo(f"ballplate: warning: not imported: {printable(line)}", err=True)
 
 
 def _fail(message: str, code: int = 2) -> int:
     line = " ".join(message.split())
     shown = line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]}..."
-    click.echo(f"ballplate: {shown}", err=True)
+    click.echo(f"ballplate: {printable(shown)}", err=True)
     return code

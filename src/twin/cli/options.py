@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, redirect_stdout
@@ -20,6 +21,9 @@ from twin.base.shipped import find, shipped, shipped_in
 from twin.cli.output import warn
 from twin.run.files import LAST, ROOT, run_folders
 
+CLOSED = "BALLPLATE_LAWS_CLOSED"
+"""As ``controllers.catalog`` has it, which a command imports when it needs it."""
+
 if TYPE_CHECKING:
     from ballplate.running import Attach
     from twin.run.record import Recorder
@@ -33,16 +37,37 @@ class Command(click.Command):
 
     Args:
         example: What is typed after ``ballplate``; other arguments are those of click.
+        reads: Whether it only reads, so that nothing of the folder ``laws`` is run; or the option
+            with which it does.
     """
 
-    def __init__(self, *given: Any, example: str, **more: Any) -> None:
+    def __init__(self, *given: Any, example: str, reads: bool | str = False, **more: Any) -> None:
         super().__init__(*given, **more)
-        self.example = example
+        self.example, self.reads = example, reads
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments, with the folder ``laws`` left alone where the command only reads."""
+        if self.reads in args or self.reads is True:
+            ctx.with_resource(laws_left_alone())
+        return super().parse_args(ctx, args)
 
     def format_usage(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the example, then how the command is called."""
         formatter.write(f"Example: ballplate {self.example}\n\n")
         super().format_usage(ctx, formatter)
+
+
+@contextmanager
+def laws_left_alone() -> Iterator[None]:
+    """Nothing of the folder ``laws`` is run within; files given by ``--law`` are."""
+    before = os.environ.get(CLOSED)
+    os.environ[CLOSED] = "yes"
+    try:
+        yield
+    finally:
+        os.environ.pop(CLOSED)
+        if before is not None:
+            os.environ[CLOSED] = before
 
 
 command = functools.partial(click.command, cls=Command)
@@ -247,7 +272,8 @@ LAW = click.option(
     expose_value=False,
     is_eager=True,
     callback=_add_laws,
-    help="Take in the laws, observers and references of a Python file; those in laws/ always are.",
+    help="Take in laws, observers and references of a Python file, as of laws/ where it is no "
+    "command that only reads.",
 )
 JSON = click.option(
     "--json",

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.text import Text
 
 from ballplate.reporter import Advance, Reporter, counted, now_and_then
+from twin.base.errors import printable
 from twin.base.page import Table, terminal
 from twin.base.shipped import shipped_in
 from twin.base.shipped import titles as titles_of
@@ -34,12 +35,12 @@ Shown = str | Text | Table
 
 def bold(sentence: str) -> Text:
     """A sentence that is asked for first."""
-    return Text(sentence, style="bold")
+    return Text(printable(sentence, keep="\n"), style="bold")
 
 
 def dim(sentence: str) -> Text:
     """A sentence for whom the others were not enough."""
-    return Text(sentence, style="dim")
+    return Text(printable(sentence, keep="\n"), style="dim")
 
 
 def json_wanted() -> bool:
@@ -70,6 +71,10 @@ def show(
         if isinstance(each, Table):
             say(*([each.title] if each.title else []))
             console.print(terminal(each))
+        elif isinstance(each, str):
+            console.print(
+                printable(each, keep="\n\t"), markup=False, soft_wrap=not console.is_terminal
+            )
         else:
             console.print(each, markup=False, soft_wrap=not console.is_terminal)
     if folder is not None:
@@ -92,7 +97,7 @@ def listed(folder: str) -> int:
 def say(*lines: str) -> None:
     """Lines as they are, not wrapped."""
     for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
+        console.print(printable(line, keep="\n\t"), markup=False, soft_wrap=True)
 
 
 def indicators(
@@ -159,12 +164,12 @@ class Terminal(Reporter):
 
     def warn(self, message: str) -> None:
         """One line about something that is allowed but not wise."""
-        click.echo(f"ballplate: warning: {message}", err=True)
+        click.echo(f"ballplate: warning: {printable(message)}", err=True)
 
     def note(self, line: str, *, weighty: bool = False) -> None:
         """A line, dim unless it is weighty."""
         style = None if weighty else "dim"
-        errors.print(line, style=style, highlight=False, markup=False)
+        errors.print(printable(line, keep="\n"), style=style, highlight=False, markup=False)
 
     def name_of(self, argument: str) -> str:
         """The option that an argument is."""

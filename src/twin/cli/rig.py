@@ -195,7 +195,7 @@ def _table(rows: list[FaultRow]) -> Table:
     return Table("", (*HEADING, "verdict"), lines, words=range(len(HEADING) + 1))
 
 
-@options.command(example="trace runs/circle-rig=emulated")
+@options.command(example="trace runs/circle-rig=emulated", reads=True)
 @click.argument("file", type=options.PATH)
 @click.option("--rig", type=options.PATH, help="Rig file: names, scales and mapping of its drives.")
 @click.option("--eds", type=options.PATH, help="EDS file of the drives: what objects are called.")
@@ -355,7 +355,7 @@ PORT = 8090
     "--address",
     default="127.0.0.1",
     show_default=True,
-    help="Serve there, behind a token; otherwise on this machine alone.",
+    help="Serve there; by default on this machine alone. The page is behind a token.",
 )
 @click.option("--no-browser", is_flag=True, help="Open no window; print the address only.")
 @click.option("--seconds", type=click.FloatRange(min=0), help="End by itself after this time, s.")
@@ -369,15 +369,14 @@ def play(
     folder like any other. It ends with Ctrl-C, or when the page is closed; what was driven and not
     saved is saved then.
     """
-    from twin.play.serve import Server, library
+    from twin.play.serve import Server, is_loopback, library
     from twin.scenario import load
 
     library()
     chosen = load(scenario, overrides)
     folder = check_writable(out or run_folder(f"play-{Path(scenario).stem}"))
-    server = Server(chosen, folder, **how)
-    if server.token:
-        where = how["address"]
+    server = Server(chosen, folder, warn=warn, **how)
+    if not is_loopback(where := how["address"]):
         warn(f"the page can be reached from other machines, by whoever has this address: {where}")
 
     def begun() -> None:

@@ -241,7 +241,7 @@ WORDS = {"laws": "controller", "observers": "observer", "references": "reference
 """What lists all of a kind, and the table of a scenario that names one."""
 
 
-@options.command(example="describe plant.friction")
+@options.command(example="describe plant.friction", reads=True)
 @click.argument(
     "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=options.names
 )
@@ -353,7 +353,7 @@ def _opened(paths: tuple[Path, ...]) -> list[Run]:
     return open_runs(paths, TERMINAL.warn)
 
 
-@options.command(example="view runs/circle")
+@options.command(example="view runs/circle", reads=True)
 @click.argument("runs", nargs=-1, type=options.PATH, shell_complete=options.runs)
 @click.option("--rrd", type=options.PATH, help="Write a recording, open no viewer.")
 @options.SERVE
@@ -398,7 +398,7 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
     return names
 
 
-@options.command(example="report runs/circle --format html,png")
+@options.command(example="report runs/circle --format html,png", reads=True)
 @click.argument("runs", nargs=-1, type=options.PATH, shell_complete=options.runs)
 @click.option("--format", "formats", callback=_formats, default="html", metavar="html,png,pdf")
 @click.option("--out", type=options.PATH, help="File without ending [RUN/report].")
@@ -427,7 +427,7 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     return 0
 
 
-@options.command(example="export runs/circle circle.mat")
+@options.command(example="export runs/circle circle.mat", reads=True)
 @click.argument("run", type=options.PATH, shell_complete=options.runs)
 @click.argument("file", type=options.PATH)
 @click.option(

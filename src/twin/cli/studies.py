@@ -18,7 +18,7 @@ from twin.base.shipped import chosen, shipped_in, shipped_labs, titles
 from twin.base.writing import check_writable
 from twin.cli import options
 from twin.cli.options import JSON, PATH, PROCESSES, Command, Group
-from twin.cli.output import TERMINAL, bold, listed, progress, say, show, show_titles
+from twin.cli.output import TERMINAL, bold, listed, progress, say, show, show_titles, warn
 
 if TYPE_CHECKING:
     from twin.lab.bench import Benchmark, BenchScore
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from twin.study.work import Work
 
 
-@options.command(example="study friction --plan")
+@options.command(example="study friction --plan", reads="--plan")
 @click.argument("study", required=False, shell_complete=options.studies)
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
@@ -186,7 +186,7 @@ def bench() -> None:
     """The public benchmark: the same tasks on the same 128 rigs for every law."""
 
 
-@bench.command("list", cls=Command, example="bench list")
+@bench.command("list", cls=Command, example="bench list", reads=True)
 @SEASON
 @JSON
 def list_laws(season: str | None) -> int:
@@ -250,13 +250,14 @@ def run(
     return 0
 
 
-@bench.command(cls=Command, example="bench verify entry")
+@bench.command(cls=Command, example="bench verify entry", reads=True)
 @click.argument("entry", required=False, type=PATH)
 @SEASON
 @JSON
 def verify(entry: Path | None, season: str | None) -> int:
     """Verify an entry: its scores, and its commands replayed; none of its code is run.
 
+    Replayed are the commands on the first rigs alone; of the others the file of runs is believed.
     Without one the benchmark itself: its files, and errors of its laws on the first rigs. Exit code
     1 where anything differs. An entry of a season needs its key, and the reference law is run once.
     """
@@ -268,12 +269,14 @@ def verify(entry: Path | None, season: str | None) -> int:
     with _counted("reference law", benchmark) if season else nullcontext() as told:
         replayed = benchmark.replayed(entry, progress=told) if entry else benchmark.differences()
         wrong = list(replayed)
-    what = "the benchmark" if entry is None else str(entry)
-    show(wrong, wrong or [f"{what}: as it was frozen" if entry is None else f"{what}: as told"])
+    right = (
+        "the benchmark: as it was frozen" if entry is None else f"{entry}: {benchmark.confirmed}"
+    )
+    show(wrong, wrong or [right])
     return 1 if wrong else 0
 
 
-@bench.command(cls=Command, example="bench table runs/bench-lqr runs/bench-afl")
+@bench.command(cls=Command, example="bench table runs/bench-lqr runs/bench-afl", reads=True)
 @click.argument("entries", nargs=-1, required=True, type=PATH)
 @JSON
 def table(entries: Sequence[Path]) -> int:
@@ -334,7 +337,7 @@ def lab() -> None:
     """Labs that mark themselves, each student on a rig of their own."""
 
 
-@lab.command("list", cls=Command, example="lab list")
+@lab.command("list", cls=Command, example="lab list", reads=True)
 @JSON
 def list_labs() -> int:
     """List the shipped labs."""
@@ -437,16 +440,20 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     """
     from twin.base.writing import write_whole, written_alone
     from twin.lab import grade as grades
+    from twin.lab.handed_in import collect
     from twin.lab.schema import students
 
     names = students(people) if people else None
     processes, key = given["processes"] or cores(), _text(given["key"])
-    handed_in, kept = grades.submissions(lab, folder), out.with_suffix(".results")
+    collected, kept = collect(lab, folder, names or ()), out.with_suffix(".results")
+    handed_in = collected.submissions
+    for line in collected.left_out:
+        warn(f"among the submissions: {line}")
     with written_alone(kept), progress("grade", len(handed_in), "answers") as advance:
         found = grades.grade(lab, key, names, handed_in, kept, processes, advance)
     write_whole(out, grades.marks(lab, found))
     page = out.with_suffix(".html")
-    write_whole(page, grades.of_class(lab, found, kept))
+    write_whole(page, grades.of_class(lab, found, kept, collected.left_out))
     files = f"{out.name}, {page.name}; of each student {kept.name}/"
     show(found, [grades.summary(found)], out.parent, files)
     return 1 if any("problem" in each for each in found) else 0

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.catalog import error_words, failed_line
+from controllers.catalog import EXECUTES, error_words, failed_line
 from twin.base.errors import RigError, ScenarioError
 from twin.devices.common import FaultReports, Ranged, bounded, net
 from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
@@ -138,6 +138,7 @@ def load_backend(named: str, config: OwnConfig) -> Hardware:
     file, _, name = named.rpartition(":")
     if not file.endswith(".py") or not Path(file).is_file():
         raise ScenarioError(f"backend: {named!r} must be FILE.py:CLASS; no file {file!r}")
+    EXECUTES.info("runs %s, the hardware of the rig file", file)
     sys.path.append(str(Path(file).resolve().parent))  # what it imports may lie beside it
     try:
         kind = runpy.run_path(file).get(name)

@@ -13,21 +13,23 @@ import math
 import re
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import pandas as pd
+from pyarrow.parquet import ParquetFile
 from pydantic import Field
 from scipy import stats
 
 from controllers import catalog
 from controllers.arrays import Array
 from controllers.interfaces import Feedback, Law, Reference
+from twin.base.data_file import DataError, check_regular, read_regular
 from twin.base.errors import LawError, RecordError, ScenarioError, nearest
 from twin.base.shipped import folder as scenarios_folder
 from twin.base.shipped import model_path
@@ -41,6 +43,10 @@ from twin.study.experiments import CHUNK, Store, carry
 from twin.study.schema import Point, Variant, drawn, read_family
 from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest
 
+EFFORT = "u_rms"
+"""The indicator of a run that its effort is, rad/s^2."""
+MAX_COMMANDS_BYTES = 1 << 30
+"""Sum of the commands of an entry, unpacked."""
 ALLOWED = ("controller", "observer", "predictor")
 """The tables of a scenario that are an entry's."""
 MAY = 300.0
@@ -232,7 +238,7 @@ class Benchmark:
         """
         with entered(entry, place) as (fixed, _):
             listed = self.runs(fixed, rigs=rigs)
-        text = (place / entry.file).read_bytes().hex() if entry.file else ""
+        text = read_regular(place / entry.file).hex() if entry.file else ""
         mark = digest(" ".join((text, *entry.command))) if text else ""
         work = ScenarioRuns((each.scenario for each in listed), mark=mark)
         do = partial(_carried_out, entry, place) if text else None
@@ -240,7 +246,7 @@ class Benchmark:
         for reason in rows.loc[rows["outcome"] == "refused", "reason"]:
             raise LawError(f"{entry.title}: {reason}")
         labels = pd.DataFrame([each[:3] for each in listed], columns=list(BenchRun._fields[:3]))
-        return labels.join(rows[["outcome", self.about.metric, "u_rms"]])
+        return labels.join(rows[["outcome", self.about.metric, EFFORT]])
 
     def processor_time(self, entry: Entry, place: Path) -> float:
         """About how long all runs take a processor, s: the first moments of some are timed.
@@ -321,7 +327,7 @@ class Benchmark:
                     int(good.sum()),
                     float(share.low),
                     float(share.high),
-                    float(its["u_rms"].median()),
+                    float(its[EFFORT].median()),
                 )
             )
         return found
@@ -358,9 +364,8 @@ class Benchmark:
             raise RecordError(f"{folder}: on {rigs_of(its)}, not on {rigs_of(self.season)}")
         self.known(**how)
         try:
-            rows = pd.read_parquet(folder / "runs.parquet")
-            with np.load(folder / "commands.npz") as commands:
-                Replayed.commands = [commands[f"arr_{i}"] for i in range(len(commands.files))]
+            rows = self._rows_of(folder)
+            Replayed.commands = commands_of(folder)
             same = [each._asdict() for each in self.scores(rows)] == told
         except (OSError, LookupError, TypeError, ValueError, BadZipFile) as error:
             raise RecordError(f"{folder}: holds no finished entry: {why(error)}") from error
@@ -371,6 +376,12 @@ class Benchmark:
         if [each.shape[1:] for each in Replayed.commands] != [(2,)] * len(first):
             yield "commands.npz: not those of every run on the first rigs"
             return
+        for row, kept in zip(first.itertuples(), Replayed.commands, strict=True):
+            if not kept.size or not np.isfinite(kept).all():
+                where = f"{row.task}, rig {row.rig}, noise {row.noise}"
+                what = "a command that is no number" if kept.size else "no commands"
+                yield f"commands.npz: {where}: has {what}"
+                return
         catalog.register(Replayed)
         try:
             listed = self.runs((f"controller.kind={Replayed.name}",), rigs=self.about.replayed)
@@ -381,8 +392,28 @@ class Benchmark:
             again = pd.DataFrame(carry_out(work.jobs(work.tasks)))
         finally:
             catalog.unregister(Replayed.name)
-        both = first.assign(**again[["outcome", self.about.metric]])
+        both = first.assign(**again[["outcome", self.about.metric, EFFORT]])
         yield from unlike(both, first[self.about.metric].to_numpy(), self.about.metric, "replay")
+        efforts = first[EFFORT].to_numpy()
+        yield from unlike(both, efforts, EFFORT, "replay, effort", unit="rad/s^2")
+
+    def _rows_of(self, folder: Path) -> pd.DataFrame:
+        """The runs of a finished entry, once their number is known to be that of the benchmark."""
+        file = folder / "runs.parquet"
+        check_regular(file.lstat())
+        expected = len(self.points) * self.about.seeds * len(self.about.tasks)
+        if (count := ParquetFile(file).metadata.num_rows) > expected:
+            raise ValueError(f"runs.parquet has {count} rows, of {expected} runs")
+        return pd.read_parquet(file)
+
+    @property
+    def confirmed(self) -> str:
+        """What it says of an entry that nothing of it differs, in words."""
+        rigs, count = min(self.about.replayed, len(self.points)), len(self.points)
+        return (
+            f"confirmed on {rigs} of {count} rigs replayed: the same errors and efforts; "
+            "the scores are those of its runs"
+        )
 
     def write(
         self, folder: Path, entry: Entry, place: Path, rows: pd.DataFrame
@@ -405,8 +436,8 @@ class Benchmark:
                 np.savez_compressed(file, *said)
 
         for name in filter(None, (entry.file, "README.md")):
-            if (place / name).is_file():
-                write_whole(folder / name, (place / name).read_bytes())
+            with suppress(DataError):  # a README may be missing, and a link is not followed
+                write_whole(folder / name, read_regular(place / name))
         write_whole(folder / "entry.toml", toml(entry.model_dump()))
         write_whole(folder / "runs.parquet", lambda path: rows.to_parquet(path, index=False))
         write_whole(folder / "commands.npz", commands)
@@ -518,23 +549,29 @@ def interval(errors: Array, strata: Sequence[Any]) -> tuple[float, float]:
 
 
 def unlike(
-    rows: pd.DataFrame, told: Array, metric: str, what: str, free: Array | float = 0.0
+    rows: pd.DataFrame,
+    told: Array,
+    metric: str,
+    what: str,
+    free: Array | float = 0.0,
+    unit: str = "m",
 ) -> Iterator[str]:
     """The runs whose error is not as it was told, beyond what platforms differ by, in words.
 
     Args:
         rows: Of the runs.
-        told: The error of each, m.
+        told: The error of each, in the unit.
         metric: The column that has it.
         what: Which law, for the words.
-        free: By how much an error may be another, m, beside ``TOLERANCE`` of it.
+        free: By how much an error may be another, in the unit, beside ``TOLERANCE`` of it.
+        unit: Of the column.
     """
     free = np.broadcast_to(free, len(rows))
     for row, wanted, by in zip(rows.itertuples(), np.asarray(told, float), free, strict=True):
         value = getattr(row, metric)
         if not np.isclose(value, wanted, rtol=TOLERANCE, atol=by, equal_nan=True):
             where = f"{what}: {row.task}, rig {row.rig}, noise {row.noise}"
-            yield f"{where}: {value:.9g} m, told {wanted:.9g} m"
+            yield f"{where}: {value:.9g} {unit}, told {wanted:.9g} {unit}"
 
 
 def season(key: str) -> tuple[str, pd.DataFrame]:
@@ -562,10 +599,28 @@ def scores_of(folder: Path) -> tuple[list[dict[str, Any]], str]:
         RecordError: If it holds none.
     """
     try:
-        found: dict[str, Any] = json.loads((folder / "scores.json").read_bytes())
+        found: dict[str, Any] = json.loads(read_regular(folder / "scores.json"))
         return found["scores"], str(found.get("season", ""))
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise RecordError(f"{folder}: holds no finished entry: {why(error)}") from error
+
+
+def commands_of(folder: Path) -> list[Array]:
+    """What a finished entry says that it commanded, run by run, each of shape (ticks, 2), rad/s^2.
+
+    Raises:
+        TwinError: If the file may not be opened, or is too large.
+        OSError: If it cannot be read.
+        ValueError: If it has something else than numbers.
+        BadZipFile: If it is none of numpy's files.
+    """
+    file = folder / "commands.npz"
+    check_regular(file.lstat())
+    with ZipFile(file) as packed:
+        if sum(each.file_size for each in packed.infolist()) > MAX_COMMANDS_BYTES:
+            raise ValueError(f"commands.npz unpacks to more than {MAX_COMMANDS_BYTES >> 20} MB")
+    with np.load(file) as commands:
+        return [np.asarray(commands[f"arr_{i}"], float) for i in range(len(commands.files))]
 
 
 def beside(folders: Sequence[Path]) -> tuple[dict[str, list[dict[str, Any]]], str]:

@@ -9,14 +9,12 @@ estimates comes in here, and nothing but numbers and texts goes out.
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import inspect
 import json
 import math
 import os
 import pickle
-import pwd
 import resource
 import struct
 import sys
@@ -35,18 +33,16 @@ import numpy as np
 import twin
 from controllers import catalog
 from controllers.interfaces import DelayedObserver, Feedback, Law, Measurement, Observer
+from twin.lab.confinement import be_nobody, refuse_calls, shut_in
 
 MOST_PRINTED = 256 * 1024
 """Bytes an answer may print or write."""
 MEMORY = 2 * 1024**3
 """Bytes of address space."""
+MAX_OPEN_FILES = 128
+"""Files that an answer may have open."""
 CLOSED = ("mujoco", "twin.sim", "twin.lab", "twin.hal", "twin.devices", "twin.emulator")
 STARTING = ("os.fork", "os.exec", "os.posix_spawn", "os.system", "subprocess.", "pty.spawn")
-READ_FILE, READ_FOLDER, EXECUTE = 1 << 2, 1 << 3, 1 << 0
-"""Rights of Landlock (linux/landlock.h)."""
-READ_ALL, PASS_ALL = 1 << 2, 1 << 1
-"""Capabilities (linux/capability.h): CAP_DAC_READ_SEARCH, and CAP_DAC_OVERRIDE, where root has no
-other, as in a container."""
 PICKLED, NUMBERS = b"*", b"="
 """What begins a pickle, and the bytes of an array; what is asked in every period begins with its
 first letter."""
@@ -89,12 +85,12 @@ def asked(**widths: Sequence[int]) -> Iterator[list[Any]]:
 def limit(seconds: int, program: Sequence[str] = ()) -> None:
     """Leave this process little more than its own thoughts, for good.
 
-    Limits of the system, where it has them: processor time, memory, length of files; on Linux,
-    another user than root, which files may be read (Landlock), no network and no signals to
-    others. A hook of the interpreter, which gives its reasons: no processes, and no import of what
-    simulates. A program has none, and may have threads.
+    Limits of the system, where it has them: processor time, memory, length and number of files; on
+    Linux, what ``confinement`` has. A hook of the interpreter, which gives its reasons: no
+    processes, and no import of what simulates. A program has none, and may have threads.
     """
     bounds = {"CPU": seconds, "FSIZE": MOST_PRINTED, "AS": MEMORY, "NPROC": 0, "CORE": 0}
+    bounds |= {"NOFILE": MAX_OPEN_FILES}
     if program:
         del bounds["NPROC"]  # which counts threads, and those of all processes of this user
     for name, bound in bounds.items():
@@ -102,6 +98,7 @@ def limit(seconds: int, program: Sequence[str] = ()) -> None:
     places = readable(*program[:1])
     be_nobody(places)
     shut_in(places)
+    refuse_calls(program=bool(program))
 
     def refuse(event: str, given: tuple[Any, ...]) -> None:
         if event.startswith(STARTING):
@@ -113,62 +110,12 @@ def limit(seconds: int, program: Sequence[str] = ()) -> None:
         sys.addaudithook(refuse)
 
 
-def be_nobody(places: Sequence[str]) -> None:
-    """Where root grades, on Linux: go on as a user who owns nothing but this process's own folder.
-
-    Of root's capabilities none is left, or that to read, where one of the places that it needs lies
-    in a folder that is closed to others; Landlock narrows it.
-    """
-    if sys.platform != "linux" or os.geteuid():
-        return
-    folders = {folder for each in places for folder in Path(each).resolve().parents}
-    closed = any(not folder.stat().st_mode & 1 for folder in folders)
-    libc = ctypes.CDLL(None)
-    with suppress(KeyError, OSError):  # no such user, or root may not change: as before
-        nobody = pwd.getpwnam("nobody")
-        os.chown(".", nobody.pw_uid, nobody.pw_gid)
-        libc.prctl(8, 1, 0, 0, 0)  # keeps what is permitted until it is chosen from
-        os.setgroups([])
-        os.setgid(nobody.pw_gid)
-        os.setuid(nobody.pw_uid)
-        for left in (READ_ALL, PASS_ALL, 0) if closed else (0,):
-            chosen = struct.pack("6I", left, left, *4 * [0])
-            if libc.capset(struct.pack("Ii", 0x20080522, 0), chosen) == 0:
-                break
-
-
 def readable(program: str = "") -> list[str]:
     """What it needs to read: Python, its packages, ours, and what a program lies beside."""
     home, packages = Path(twin.__file__).parent, Path(np.__file__).parents[1]
     ours = (home, home.parent / "ballplate", Path(inspect.getfile(Law)).parent, packages)
     theirs = (sys.prefix, sys.base_prefix, "/usr", "/lib", "/lib64", "/dev/urandom")
     return [*map(str, ours), *theirs, *([str(Path(program).parent)] if program else [])]
-
-
-def shut_in(places: Sequence[str]) -> bool:
-    """Let this process read these places, write in its own folder, and no more.
-
-    Whether the system can do it: Linux of 2021 or later.
-    """
-    if sys.platform != "linux":
-        return False
-    libc = ctypes.CDLL(None, use_errno=True)
-    version = libc.syscall(444, None, ctypes.c_size_t(0), 1)
-    if version < 1:
-        return False
-    every = (1 << {1: 13, 2: 14}.get(version, 15)) - 1
-    # a system that knows fewer rights takes zeros for those to come
-    rules = struct.pack("<QQQ", every, 3 if version >= 4 else 0, 3 if version >= 6 else 0)
-    ruleset = libc.syscall(444, rules, ctypes.c_size_t(len(rules)), 0)
-    seen = dict.fromkeys(places, READ_FILE | READ_FOLDER | EXECUTE)
-    for path, rights in {**seen, ".": every}.items():
-        with suppress(OSError):
-            place = os.open(path, os.O_PATH)
-            given = rights if Path(path).is_dir() else rights & (READ_FILE | EXECUTE)
-            libc.syscall(445, ruleset, 1, struct.pack("<Qi", given, place), 0)
-            os.close(place)
-    libc.prctl(38, 1, 0, 0, 0)  # no new privileges, without which nobody may be shut in
-    return bool(libc.syscall(446, ruleset, 0) == 0)
 
 
 def the_class(file: Path, base: type) -> Any:
@@ -262,6 +209,7 @@ def main(file: Path, seconds: int, kind: str, function: str, *program: str) -> N
     """Serve an answer until the grader has no more to ask, or it fails."""
     try:
         limit(seconds, program)
+        say(loading=True)
         if program:
             say(memory=0, needs=(), knows=())
             os.dup2(_IN, 0)

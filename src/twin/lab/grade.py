@@ -26,19 +26,22 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
-from twin.base.data_file import DataError, parse_json
-from twin.base.errors import ScenarioError, TwinError, nearest, shortened
+from controllers.catalog import EXECUTES
+from twin.base.data_file import DataError, parse_json, read_regular
+from twin.base.errors import ScenarioError, TwinError, nearest, printable, shortened
 from twin.base.jobs import results
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, html
 from twin.base.page import filled as rendered
 from twin.base.shipped import folder as shipped
 from twin.base.writing import write_folder, write_whole
+from twin.lab.handed_in import Submission
 from twin.lab.judge import Judge, digest_of, judged
 from twin.lab.schema import (
     LOG,
+    MAX_NAME_BYTES,
     NAMED,
     PRIVATE,
-    RIG,
+    RUNS,
     CheckTable,
     Deal,
     Lab,
@@ -97,7 +100,7 @@ def written(result: Result, form: str) -> str:
         TEMPLATES / "results" / f"{form}.j2",
         **result,
         reason=reason,
-        printable=printable,
+        in_xml=in_xml,
         hundredths=lambda checks, key: sum(round(100 * each[key]) for each in checks),
         environ=os.environ,
         now=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -105,7 +108,7 @@ def written(result: Result, form: str) -> str:
     return text if form == "junit" else written(json.loads(text), "json")
 
 
-def printable(text: str) -> str:
+def in_xml(text: str) -> str:
     """A text as XML can have it: without control characters, and its own signs escaped."""
     return escape("".join(letter if letter.isprintable() else " " for letter in text))
 
@@ -169,6 +172,7 @@ def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | Non
     closed = {*PRIVATE, "__pycache__"} - ({"hidden.toml", "truth.py"} if graded else set())
     place = inner / "lab" if graded else inner
     shutil.copytree(lab.folder, place, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*closed))
+    check_without_key(place, key)
     for template in (TEMPLATES / system).iterdir():
         text = rendered(template, lab=lab, key=key, requirement=wanted)
         if template.stem.endswith(".ipynb"):
@@ -176,10 +180,28 @@ def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | Non
         made = inner / template.stem.replace("notebook", lab.name)
         write_whole(made, text)
         made.chmod(0o755 if graded else 0o644)
-    if graded and key:
-        write_whole(inner / "key.txt", key)
+    if graded and key:  # in a folder of its own, beside nothing that an answer is copied from
+        write_whole(inner / KEY_FOLDER / "key.txt", key)
+        (inner / KEY_FOLDER / "key.txt").chmod(0o600)
+        (inner / KEY_FOLDER).chmod(0o700)
     if graded and wheel:
         shutil.copy(wheel, inner)
+
+
+KEY_FOLDER = "secret"
+"""Folder of the course's key in a pack, closed to others than its owner."""
+
+
+def check_without_key(folder: Path, key: str | None) -> None:
+    """Make sure that the key is in no file of a lab that is handed on.
+
+    Raises:
+        ScenarioError: If it is in one.
+    """
+    for file in filter(Path.is_file, folder.rglob("*")):
+        if key and key.encode() in file.read_bytes():
+            name = file.relative_to(folder)
+            raise ScenarioError(f"{name}: has the course's key in it; the lab's folder is no place")
 
 
 ENDS = ("all points", "some", "none", "skipped")
@@ -232,13 +254,14 @@ def pictured(judge: Judge, shown: Mapping[str, Result]) -> list[Block]:
     return [Picture(f"Check: {check.name}", drawing, note)]
 
 
-def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
+def of_class(lab: Lab, found: Sequence[Result], folder: Path, left_out: Sequence[str] = ()) -> str:
     """The page of a class.
 
     Args:
         lab: The lab.
         found: The results of its students.
         folder: Where their pages lie, beside this one.
+        left_out: What lies among the submissions and is none, in words.
     """
     judged, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
     scores = [[its["score"] for its in each["results"]] for each in judged]
@@ -265,6 +288,8 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
     blocks: list[Block] = [Text([summary(found)])]
     if problems:
         blocks.append(Table("Not judged", ("student", "why"), problems, words=(0, 1)))
+    if left_out:
+        blocks.append(Text(left_out, title="Among the submissions, and none"))
     numbers = map(str, range(1, len(checks) + 1))
     blocks.append(Table("Checks", ("check", *ENDS, "mean points"), rows))
     blocks.append(Table("Marks, check by check", ("student", "points", *numbers), marks, words=()))
@@ -288,7 +313,8 @@ def ending(check: Mapping[str, Any]) -> str:
 
 def link(student: str, folder: Path) -> str:
     """A student, with the page of theirs behind it where there is one."""
-    if not (folder / f"{student}.html").is_file():
+    page = folder / f"{student}.html"
+    if len(page.name.encode()) > MAX_NAME_BYTES + len(".html") or not page.is_file():
         return student
     where = quote(f"{folder.name}/{student}.html")
     return Markup('<a href="{}">{}</a>').format(where, student)
@@ -305,54 +331,47 @@ LONGEST = 60.0
 """Seconds in which an answer is to be judged."""
 
 
-class Submission(NamedTuple):
-    """What a student handed in: the file, there or not, and the folder that is theirs alone."""
-
-    student: str
-    file: Path
-    folder: Path
-
-
-def submissions(lab: Lab, folder: Path) -> list[Submission]:
-    """What lies in a folder: a folder or a file a student, called like them.
-
-    Raises:
-        ScenarioError: If there is nothing, or two of one student.
-    """
-    if not folder.is_dir():
-        raise ScenarioError(f"{folder}: must be the folder of the submissions")
-    answer, found = lab.answer.file, []
-    for each in sorted(folder.glob("[!.]*")):
-        if each.is_dir():
-            found.append(Submission(each.name, each / answer, each))
-        elif each.suffix == Path(answer).suffix:
-            found.append(Submission(each.stem, each, each))
-    if not found:
-        raise ScenarioError(f"{folder}: holds no submission, a folder or a file a student")
-    who = [each.student for each in found]
-    if twice := next((name for name in who if who.count(name) > 1), None):
-        raise ScenarioError(f"{folder}: two submissions of '{twice}'")
-    return found
-
-
 def graded(
     lab: Lab, key: str | None, people: list[str] | None, kept: Path, each: Submission
 ) -> dict[str, Any]:
     """The result of a submission, its page written; what is wrong with it is part of that."""
+    shown = ""
     try:
         if people is not None and each.student not in people:
-            where = nearest(each.student, people)
+            where = nearest(each.student, people).partition(" (known:")[0]  # not the whole class
             raise ScenarioError(f"student '{each.student}': not in the class{where}")
-        dealt = had_again(lab, each.folder, key, each.student)
-        result = judged(lab, dealt, each.file, hidden=True)
-        page = of_student(Judge(lab, dealt, each.file), result, everything=False)
+        if each.problem:
+            raise ScenarioError(each.problem)
+        with each.alone(lab.answer.file) as answer:
+            result, page = _judged_with_page(lab, key, each.student, answer)
+    except TwinError as error:
+        problem = shown = printable(str(error))
     except Exception as error:  # noqa: BLE001 - one answer's trouble is not that of others
-        own = isinstance(error, TwinError)
-        problem = str(error) if own else f"the grader failed: {type(error).__name__}: {error}"
-        result = {"student": each.student, "score": None, "results": [], "problem": problem}
-        page = html(f"{lab.title}: {each.student}", [Verdict([problem], good=False)])
+        problem = printable(f"the grader failed: {type(error).__name__}: {error}")
+        shown = "the grader failed; your lecturer is told why"
+    if shown:
+        result = unread(each.student, problem)
+        page = html(f"{lab.title}: {each.student}", [Verdict([shown], good=False)])
     write_whole(kept / f"{each.student}.html", page)
     return result
+
+
+def unread(student: str, problem: str) -> dict[str, Any]:
+    """The result of a submission that could not be judged: no points, which are not none."""
+    return {"student": student, "score": None, "results": [], "problem": problem}
+
+
+def _judged_with_page(
+    lab: Lab, key: str | None, student: str, answer: Path
+) -> tuple[dict[str, Any], str]:
+    """The result of an answer that is there, and the student's page of it."""
+    try:
+        read_regular(answer)
+    except DataError as error:
+        raise ScenarioError(f"{lab.answer.file}: {error}") from None
+    dealt = had_again(lab, answer.parent, key, student)
+    result = judged(lab, dealt, answer, hidden=True)
+    return result, of_student(Judge(lab, dealt, answer), result, everything=False)
 
 
 def grade(
@@ -379,18 +398,25 @@ def grade(
     Raises:
         TwinError: If a folder cannot be read or written, or a process is killed.
     """
+    for file in lab.own_code:
+        EXECUTES.info(RUNS, file)  # said here, once, whatever process runs it
     mark, done = mark_of(lab), {}
     names = {
         each.student: digest(
-            f"{mark} {key} {each.student} {digest_of(each.file)} {digest_of(each.folder / RIG)}"
+            f"{mark} {key} {each.student} {digest_of(each.answer)} {digest_of(each.rig)} "
+            f"{each.problem}"
         )
         for each in handed_in
+        if each.named
     }
     for student, name in names.items():
         with suppress(OSError, DataError):
             result = parse_json((kept / f"{student}.json").read_bytes())
             if result.get("kept_as") == name and (kept / f"{student}.html").is_file():
                 done[student] = result
+    for each in handed_in:
+        if not each.named:  # no file can have the student's name
+            done[each.student] = unread(each.student, each.problem)
     left = [(each.student, each) for each in handed_in if each.student not in done]
     for student, result in results(partial(graded, lab, key, people, kept), left, processes):
         done[student] = {**result, "kept_as": names[student]}
@@ -415,7 +441,23 @@ def marks(lab: Lab, found: list[dict[str, Any]]) -> str:
     """The marks of a class as CSV: a student a line, a check a column."""
     heads = ("student", "score", "max_score", *(each.name for each in lab.checks(hidden=True)))
     rows = [each | {check["name"]: check["score"] for check in each["results"]} for each in found]
-    return str(pd.DataFrame(rows, columns=[*heads, "problem"]).to_csv(index=False))
+    table = pd.DataFrame(rows, columns=[*heads, "problem"])
+    table.columns = pd.Index(map(in_cell, table.columns))
+    for name in map(in_cell, ("student", "problem")):
+        table[name] = table[name].map(in_cell, na_action="ignore")
+    return str(table.to_csv(index=False))
+
+
+FORMULA = re.compile(r"(^|[;,|])(\s*)(?=[=+\-@\uff1d\uff0b\uff0d\uff20])")
+"""Where a spreadsheet would begin a formula: first in a cell, or behind what may part cells."""
+
+
+def in_cell(text: str) -> str:
+    """A text as a cell of a table that a spreadsheet opens: in one line, and no formula.
+
+    An apostrophe stands before what would begin one.
+    """
+    return FORMULA.sub(r"\1\2'", printable(text))
 
 
 class SampleAnswer(NamedTuple):

@@ -6,15 +6,24 @@ import hashlib
 import math
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.base.errors import LawError, ScenarioError, TwinError, nearest, shortened
+from twin.base.data_file import DataError, read_regular
+from twin.base.errors import (
+    LawError,
+    ScenarioError,
+    TwinError,
+    nearest,
+    printable,
+    shortened,
+)
 from twin.base.validation import read_tables
+from twin.lab.handed_in import copied, is_there, missing
 from twin.lab.process import NAME, AnswerProcess, answering
 from twin.lab.schema import AnswerTable, CheckTable, Deal, Lab, seen, trusted
 from twin.run.files import UNITS
@@ -25,6 +34,9 @@ from twin.study.schema import FamilyRig, Point, drawn, read_family
 from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
 
 RESULT = "ballplate/lab-result/v1"
+WIDEST = 2.0
+"""How wide an interval may be whose distance is judged, in distances from which on there are no
+points: the middle of a wider one may be so far off."""
 
 
 class EarlyEndError(LawError):
@@ -74,8 +86,11 @@ def judged(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str, Any]
 
 
 def digest_of(file: Path) -> str:
-    """A short name for what a file holds; empty where there is none."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:16] if file.is_file() else ""
+    """A short name for what a file holds; empty where there is none that may be opened."""
+    try:
+        return hashlib.sha256(read_regular(file)).hexdigest()[:16]
+    except DataError:
+        return ""
 
 
 def ramp(check: CheckTable) -> str:
@@ -130,7 +145,7 @@ class Judge(NamedTuple):
             score = check.earned(found.value)
             passed, why = score >= check.points, f"{found.said}; {ramp(check)}. {check.why}".strip()
         except TwinError as error:
-            why = str(error)
+            why = printable(str(error))
             passed = None if isinstance(error, NotJudgedError) else False
             look = check.look if isinstance(error, EarlyEndError) else ""
         return {
@@ -140,7 +155,7 @@ class Judge(NamedTuple):
             "score": score,
             "max_score": check.points,
             "visible": check.visible,
-            "log": list(found.log),
+            "log": [printable(line) for line in found.log],
             "cause": None if passed else {"rationale": why, "help": look},
             "dependency": list(check.after),
             "data": {"value": found.value if math.isfinite(found.value) else None},
@@ -273,7 +288,11 @@ class Judge(NamedTuple):
     def of_numbers(self, check: CheckTable, found: Iterable[tuple[Point, Any]]) -> Judged:
         """The number that a check judges of numbers that are answered, a rig each."""
         value = max(self.off(check, given, point) for point, given in found)
-        said = f"{value:.4g}{measured(check)[1]}" if math.isfinite(value) else "is no such number"
+        unit, said = measured(check)[1], "is no such number"
+        if math.isfinite(value):
+            said = f"{value:.4g}{unit}"
+        elif check.judge == "distance":
+            said += f", or an interval wider than {WIDEST * abs(check.none):g}{unit}"
         return Judged(value, f"{check.number}: {said}")
 
     def off(self, check: CheckTable, given: Any, point: Point) -> float:
@@ -287,6 +306,8 @@ class Judge(NamedTuple):
             return float(high - low) / scale
         if check.judge == "error":
             return float(max(truth - low, high - truth)) / scale
+        if high - low > WIDEST * abs(check.none) * scale:  # one that holds everything says nothing
+            return math.inf
         return float(max(low - truth, truth - high, 0.0)) / scale
 
     def truth(self, check: CheckTable, truth: float | str, point: Point) -> float | str:
@@ -302,7 +323,9 @@ class Judge(NamedTuple):
         if (data and not self.dealt.true) or (function and not own.is_file()):
             raise NotJudgedError("judged by your lecturer, who knows the rig")
         if function:
-            found = trusted(own, function)(point, self.file.parent if data else check.given)
+            given = copied(self.file.parent) if data else nullcontext(check.given)
+            with given as known_to_student:
+                found = trusted(own, function)(point, known_to_student)
         else:
             known = Builder(self.lab.path(check.scenario)).value
             part = point.get(truth, 1.0) if truth in self.rigs(check)[1] else None
@@ -317,14 +340,15 @@ def tables(about: AnswerTable, file: Path) -> dict[str, Any]:
     Raises:
         ScenarioError: If it is not there, or not what was asked for.
     """
-    if not file.is_file():
+    if not is_there(file):
         beside = sorted({each.name for each in file.parent.glob(f"{file.stem}.*")} - {about.file})
-        others = ", ".join(beside)
-        other = f"; an answer here is a {about.kind}, not {others}" if others else ""
-        raise ScenarioError(f"{file.name}: not handed in{other}")
+        other = missing(about, file).partition("; ")[2]
+        if beside:
+            other = f"an answer here is a {about.kind}, not {printable(', '.join(beside))}"
+        raise ScenarioError("; ".join(filter(None, (f"{file.name}: not handed in", other))))
     if file.suffix != Path(about.file).suffix:
         raise ScenarioError(f"{file.name}: must be {about.file}, as the answer is a {about.kind}")
-    found = read_tables(file) if about.data else {}
+    found = read_tables(file, regular=True) if about.data else {}
     if about.kind == "parameters":
         for key in in_json(found):
             if not f"{key}.".startswith(tuple(f"{each}." for each in about.keys)):

@@ -14,10 +14,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from select import select
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from threading import RLock
 from time import monotonic
-from typing import Any, ClassVar
+from typing import IO, Any, ClassVar
 
 import numpy as np
 
@@ -25,12 +25,20 @@ from controllers import catalog
 from controllers.arrays import Array
 from controllers.controller import PerRigReference, SampledReference
 from controllers.interfaces import Feedback, Law, Measurement, Observer, Quantity, Reference
-from twin.base.data_file import DataError, parse_json
-from twin.base.errors import LawError, ScenarioError
+from twin.base.data_file import DataError, parse_json, read_regular
+from twin.base.errors import LawError, ScenarioError, printable
 from twin.lab.schema import AnswerTable
 
 START = 20.0
 """Seconds in which the process must be there, whatever else the machine does."""
+MAX_LOADING_S = 20.0
+"""Time that an answer's file may take to be loaded, or a check's where it is more."""
+LOOK_INTERVAL_S = 0.05
+"""Time after which its folder is looked at again when it is asked."""
+MAX_OWN_FILES = 32
+"""Files in its folder, its own among them."""
+MAX_OWN_BYTES = 4 * 1024**2
+"""Sum of what they hold that are not the answer itself."""
 SLICE = 0.01
 """Seconds after which one that has not answered is looked at."""
 RUNNING = ("R", "D")
@@ -41,6 +49,10 @@ LARGEST = 1e6
 """Largest number in an answer: accelerations in rad/s^2, estimates, rates of a law's memory."""
 LONGEST = 1 << 24
 """Bytes of a line that it says."""
+MAX_ERROR_CHARACTERS = 1000
+"""Length of an error that it tells."""
+MAX_PRINTED_BYTES = 1 << 20
+"""Bytes of what it prints that are read."""
 MOST_MEMORY = 1000
 """Integrator states that a law may have, and quantities that an observer may know."""
 NAME = "answer"
@@ -66,24 +78,30 @@ class AnswerProcess:
 
     Attributes:
         process: The process.
-        prints: File of what it prints.
+        prints: What it prints: a file without a name, which no answer can put a link in place of.
+        folder: Its own.
         name: What the answer's file is called.
         seconds: Time in s that it may take.
         left: That, and what it took until it was ready, less the time in which it slept.
         end: Until when it must have ended, whatever else the machine does.
         failure: Why it ended, in one line.
         program: Whether it is a program that is told numbers alone.
+        loading: Whether it has not come to its first answer.
+        looked: When its folder was looked at last, by the clock, s.
         slope: The last time in s of a command, and the rate of the law's memory then.
     """
 
     process: subprocess.Popen[bytes]
-    prints: Path
+    prints: IO[bytes]
+    folder: Path
     name: str
     seconds: float
     left: float
     end: float
     failure: str | None = None
     program: bool = False
+    loading: bool = True
+    looked: float = 0.0
     slope: tuple[float, Array] = (np.nan, np.zeros(0))
 
     def ask(self, what: str, width: int, time: float, *given: Array) -> Array:
@@ -141,6 +159,8 @@ class AnswerProcess:
         """Send it something; errors as of ``ask``."""
         if self.failure is not None:
             raise LawError(self.failure)
+        if monotonic() - self.looked > LOOK_INTERVAL_S:
+            self.check_files()
         assert self.process.stdin is not None
         pipe, rest = self.process.stdin.fileno(), memoryview(text)
         with suppress(BrokenPipeError):  # it has ended: what it said last is still to be read
@@ -179,7 +199,27 @@ class AnswerProcess:
             state, used = self.at_work()
             self.left -= 0.0 if state in RUNNING else SLICE
             if ready or used > self.left or monotonic() > self.end:
-                raise self.failed(f"it took longer than {self.seconds:g} s")
+                raise self.failed(self.too_late())
+            self.check_files()
+
+    def too_late(self) -> str:
+        """That it took too long, for what, in words."""
+        if not self.loading:
+            return f"it took longer than {self.seconds:g} s"
+        most = max(self.seconds, MAX_LOADING_S)
+        return f"it took longer than {most:g} s to be loaded: a loop outside of its functions?"
+
+    def check_files(self) -> None:
+        """Make sure that it has not filled its folder; errors as of ``ask``."""
+        self.looked, count, total = monotonic(), 0, 0
+        with suppress(OSError), os.scandir(self.folder) as entries:
+            for entry in entries:
+                count += 1
+                if entry.name != self.name:
+                    total += entry.stat(follow_symlinks=False).st_size
+                if count > MAX_OWN_FILES or total > MAX_OWN_BYTES:
+                    most = f"{MAX_OWN_FILES} files of {MAX_OWN_BYTES // 1024**2} MB together"
+                    raise self.failed(f"it writes more than {most}")
 
     def at_work(self) -> tuple[str, float]:
         """Its state, and its processor time in s, as Linux says; elsewhere it always sleeps."""
@@ -198,18 +238,20 @@ class AnswerProcess:
         if not isinstance(said, dict):
             raise self.failed(STRANGE)
         if "error" in said:
-            self.failure = str(said["error"]).encode("utf-8", "replace").decode()
+            text = str(said["error"]).encode("utf-8", "replace").decode()
+            self.failure = printable(text)[:MAX_ERROR_CHARACTERS]
             raise LawError(self.failure)
         return said
 
     def printed(self, most: int = 5) -> list[str]:
         """The last lines that the answer printed."""
-        text = self.prints.read_text(encoding="utf-8", errors="replace")
-        return [line[:200] for line in text.splitlines() if line.strip()][-most:]
+        text = os.pread(self.prints.fileno(), MAX_PRINTED_BYTES, 0).decode(errors="replace")
+        lines = [printable(line)[:200] for line in text.splitlines() if line.strip()]
+        return lines[-most:]
 
     def failed(self, why: str) -> LawError:
         """The error that it did not give what it must; it is asked nothing more."""
-        self.failure = f"{self.name}: {why}"
+        self.failure = printable(f"{self.name}: {why}")
         return LawError(self.failure)
 
 
@@ -320,32 +362,40 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
     may = about.seconds
     with TemporaryDirectory(prefix="ballplate-answer-") as folder:
         here = Path(folder).resolve()
-        own, prints = here / about.file, here / "printed.txt"
-        shutil.copyfile(file, own)
-        what = [str(int(may) + 5), about.kind, about.function]
+        own = here / about.file
+        try:
+            own.write_bytes(read_regular(file))
+        except DataError as error:
+            raise LawError(f"{about.file}: {error}") from None
+        what = [str(int(may + START + max(may, MAX_LOADING_S))), about.kind, about.function]
         if about.command:
             name, *given = about.command
             own.chmod(0o755)
             if not (program := own if Path(name) == Path(about.file) else shutil.which(name)):
                 raise ScenarioError(f"command: '{name}': no such program here")
             what += [str(Path(program).resolve()), *given]
-        with ONE_AT_A_TIME, prints.open("ab") as to:
+        with ONE_AT_A_TIME, TemporaryFile() as prints:
             begun = subprocess.Popen(
                 [sys.executable, "-I", "-u", child.__file__, own, *what],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=to,
+                stderr=prints,
                 cwd=here,
-                env={"HOME": folder, "LANG": "C.UTF-8"} | QUIET,
+                # matplotlib, which control imports, keeps its lists there and makes no folder then
+                env={"HOME": folder, "MPLCONFIGDIR": folder, "LANG": "C.UTF-8"} | QUIET,
                 start_new_session=True,
             )
             assert begun.stdin is not None
             os.set_blocking(begun.stdin.fileno(), False)  # one that reads nothing stops nobody
-            end = monotonic() + MOST_SLOWED * (START + may)
-            process = AnswerProcess(begun, prints, about.file, may, START + may, end)
+            end = monotonic() + MOST_SLOWED * (START + max(may, MAX_LOADING_S) + may)
+            process = AnswerProcess(begun, prints, here, about.file, may, START, end)
             process.program = bool(about.command)
             try:
                 said = process.read(process.heard())
+                process.left = max(may, MAX_LOADING_S) + process.at_work()[1]
+                if "loading" in said:  # it is there: from here on its own lines are at work
+                    said = process.read(process.heard())
+                process.loading = False
                 process.left = may + process.at_work()[1]
                 if about.kind != "function":
                     try:

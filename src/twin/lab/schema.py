@@ -7,6 +7,7 @@ import hashlib
 import hmac
 import json
 import re
+import unicodedata
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -16,7 +17,8 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BeforeValidator, Field, model_validator
 
 from controllers.arrays import Array
-from twin.base.errors import ScenarioError, nearest, shortened
+from controllers.catalog import EXECUTES
+from twin.base.errors import ScenarioError, nearest, printable, shortened
 from twin.base.shipped import shipped_labs
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.base.writing import why, write_folder, write_whole
@@ -37,8 +39,10 @@ NAMED = "[a-z0-9_-]+"
 """What a lab may be called."""
 MOST = 256
 """Runs of a check."""
-PRIVATE = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md")
+PRIVATE = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md", "*key.txt")
 """What of a lab's folder no student is handed."""
+MAX_NAME_BYTES = 200
+"""Length of a student's name in UTF-8; the files of a result have it and some letters more."""
 
 
 class AnswerTable(Checked):
@@ -269,6 +273,13 @@ class Lab(Checked):
             return self.check + self.hidden
         return tuple(each for each in self.check if each.visible == "visible")
 
+    @property
+    def own_code(self) -> list[Path]:
+        """Its files that have functions which judging runs."""
+        named = {str(each.truth).partition(":") for each in self.checks(hidden=True)}
+        files = {self.folder / file for file, _, function in named if function}
+        return sorted(filter(Path.is_file, files))
+
     def path(self, name: str) -> str:
         """A file of this lab's folder by its path; any other name, as of what is shipped, as is."""
         own = self.folder / name
@@ -321,12 +332,17 @@ def read(name: str | Path) -> Lab:
     return read_model(Lab, file, called=str(name), folder=place.resolve(), hidden=more)
 
 
+RUNS = "runs %s of the lab"
+"""What is told before a lab's own file is run."""
+
+
 def trusted(file: Path, function: str) -> Callable[..., Any]:
     """A function of a lecturer's own file.
 
     Raises:
         ScenarioError: If there is none.
     """
+    EXECUTES.info(RUNS, file)
     call: Callable[..., Any] | None = run_path(str(file)).get(function)
     if not callable(call):
         raise ScenarioError(f"{file.name}: must define a function {function}")
@@ -409,17 +425,19 @@ def had_again(lab: Lab, folder: Path, key: str | None, student: str | None = Non
     Raises:
         ScenarioError: If the file is of another lab, version, student or key.
     """
-    if not (folder / RIG).is_file():
+    try:
+        (folder / RIG).lstat()
+    except OSError:
         return deal(lab, student or "nobody", key)
-    said = read_model(HandedRig, folder / RIG)
+    said = read_model(HandedRig, folder / RIG, regular=True)
     wanted = {"lab": lab.name, "version": lab.version, "student": student or said.student}
     for what, must in wanted.items():
         if (has := getattr(said, what)) != must:
-            raise ScenarioError(f"{folder / RIG}: {what}: is {has!r}, must be {must!r}")
+            raise ScenarioError(f"{RIG}: {what}: is {has!r}, must be {must!r}")
     found = deal(lab, said.student, PRACTICE if said.practice and key is None else key, said.code)
     if found.code != said.code:
         raise ScenarioError(
-            f"{folder.name}/{RIG}: code: the course's key deals {said.student} another rig; "
+            f"{RIG}: code: the course's key deals {said.student} another rig; "
             "is it the key of this course?"
         )
     return found._replace(true=said.practice or key is not None)
@@ -433,7 +451,8 @@ def students(path: Path) -> list[str]:
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [row[0].strip() for row in csv.reader(file) if row and row[0].strip()][1:]
+            cells = [row[0].strip() for row in csv.reader(file) if row and row[0].strip()]
+            rows = [unicodedata.normalize("NFC", cell) for cell in cells[1:]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ScenarioError(f"{path}: cannot be read: {why(error)}") from None
     twice = next((name for name in rows if rows.count(name) > 1), None)
@@ -446,14 +465,16 @@ def students(path: Path) -> list[str]:
 
 
 def check_name(student: str) -> None:
-    """Make sure that a student's name can be that of a folder.
+    """Make sure that a student's name can be that of a folder, and of the files made for it.
 
     Raises:
         ScenarioError: If not.
     """
-    if not re.fullmatch(r"[\w@+-][\w.@+-]{0,99}", student):
+    letters = re.fullmatch(r"[\w@+-][\w.@+-]{0,99}", student)
+    if not letters or len(student.encode()) > MAX_NAME_BYTES:
         raise ScenarioError(
-            f"student '{shortened(student)}': is called by up to 100 letters, digits and .@+-_"
+            f"student '{shortened(printable(student))}': is called by up to 100 letters, digits "
+            f"and .@+-_, {MAX_NAME_BYTES} bytes in UTF-8"
         )
 
 

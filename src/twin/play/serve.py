@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import hmac
 import ipaddress
+import logging
 import multiprocessing
 import secrets
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
@@ -19,7 +20,8 @@ from urllib.parse import urlsplit
 
 from controllers import catalog
 from controllers.arrays import Array
-from twin.base.errors import TwinError, extra
+from controllers.catalog import error_words
+from twin.base.errors import TwinError, extra, printable, shortened
 from twin.base.jobs import SecondProcess, let_go, settle, spawned
 from twin.play.driven import Part, save_driven
 from twin.play.session import COLUMNS, End, Errors, Event, Pause, Save, Session, Status, Told
@@ -299,19 +301,74 @@ def library() -> None:
         import nicegui  # noqa: F401, PLC0415
 
 
+MAX_LINES = 10
+"""Lines about what browsers sent; what follows is counted."""
+LOGGERS = ("nicegui", "socketio.server", "engineio.server", "uvicorn.error", "asyncio")
+"""Who of the server's libraries tells what went wrong, each with the stack of its calls."""
+
+
+class Lines(logging.Handler):
+    """What libraries log, each in one line and few of them.
+
+    Args:
+        tell: Is told a line.
+    """
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        super().__init__(logging.WARNING)
+        self._tell, self._count = tell, 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Tell a line, if they are not too many yet."""
+        self._count += 1
+        if self._count > MAX_LINES:
+            return
+        error = record.exc_info[1] if record.exc_info else None
+        words = error_words(error) if error is not None else " ".join(record.getMessage().split())
+        self._tell(shortened(printable(f"the page was sent something that it cannot do: {words}")))
+
+    def close(self) -> None:
+        """Tell how many more there were."""
+        if self._count > MAX_LINES:
+            self._tell(f"and {self._count - MAX_LINES} more of these")
+            self._count = 0
+        super().close()
+
+
+@contextmanager
+def in_lines(tell: Callable[[str], None]) -> Iterator[None]:
+    """What the server's libraries log within is told in lines, without stacks of calls.
+
+    Args:
+        tell: Is told a line.
+    """
+    lines, loggers = Lines(tell), [logging.getLogger(name) for name in LOGGERS]
+    before = [(each, each.handlers[:], each.propagate) for each in loggers]
+    try:
+        for each in loggers:
+            each.handlers[:], each.propagate = [lines], False
+        yield
+    finally:
+        for each, handlers, propagate in before:
+            each.handlers[:], each.propagate = handlers, propagate
+        lines.close()
+
+
 class Server:
     """Serves the page until it is ended, its time is up, or nobody looks any more.
 
     Args:
         scenario: What to begin with.
         folder: Of the runs that are saved; the next ones have a number behind it.
-        address: Where to listen; with another one than that of this machine a token is needed.
+        address: Where to listen.
         port: Port; 0 for a free one.
         seconds: After which it ends by itself; None for never.
 
+        warn: Is told, in a line, what a browser sends that is no event.
+
     Attributes:
-        url: Address of the page, with the token if there is one.
-        token: What the address must carry; empty if it need not.
+        url: Address of the page, with the token.
+        token: What the address must carry: others work on this computer, too.
         failure: Why the simulation ended by itself; None if it did not.
         kept: What became at the end of what was driven and not saved; empty if there is none.
         lost: Whether that could not be written.
@@ -321,15 +378,22 @@ class Server:
     """
 
     def __init__(
-        self, scenario: Scenario, folder: Path, *, address: str, port: int, seconds: float | None
+        self,
+        scenario: Scenario,
+        folder: Path,
+        *,
+        address: str,
+        port: int,
+        seconds: float | None,
+        warn: Callable[[str], None] = lambda _: None,
     ) -> None:
         library()
+        self._warn = warn
         self._scenario, self._folder, self._seconds = scenario, folder, seconds
-        self.token = "" if is_loopback(address) else secrets.token_urlsafe(18)
+        self.token = secrets.token_urlsafe(18)
         self._socket = bound(address, port)
         host = f"[{address}]" if ":" in address else address
-        query = f"?token={self.token}" if self.token else ""
-        self.url = f"http://{host}:{self._socket.getsockname()[1]}/{query}"
+        self.url = f"http://{host}:{self._socket.getsockname()[1]}/?token={self.token}"
         self.failure: str | None = None
         self.kept, self.lost = "", False
         self._pages: dict[str, Any] = {}
@@ -350,7 +414,7 @@ class Server:
             begun: Called when the page can be loaded.
         """
         try:
-            with suppress(KeyboardInterrupt):
+            with suppress(KeyboardInterrupt), in_lines(self._warn):
                 self._serve(begun)
         finally:
             self._socket.close()
@@ -375,7 +439,11 @@ class Server:
             show_welcome_message=False,
         )
         config = uvicorn.Config(
-            guarded(app, self.token), log_level="error", ws="wsproto", timeout_graceful_shutdown=1
+            guarded(app, self.token),
+            log_config=None,
+            log_level="error",
+            ws="wsproto",
+            timeout_graceful_shutdown=1,
         )
         server = uvicorn.Server(config)
 

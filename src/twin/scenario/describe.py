@@ -21,6 +21,7 @@ from pydantic import BaseModel
 from twin.base.errors import ScenarioError, shortened
 from twin.base.settings import Setting, Unit, settings_of
 from twin.base.validation import is_table
+from twin.scenario.load import not_run
 from twin.scenario.schema import KINDS, Choice, Scenario, Section, choices, settings_model
 
 WORDS = {
@@ -121,6 +122,7 @@ def described(name: str = "") -> list[Key]:
         hint = f"; did you mean '{close[0]}'?" if close else ""
         raise ScenarioError(
             f"nothing called '{shortened(name)}'{hint}; `ballplate describe` lists every key"
+            + not_run()
         )
     return found
 

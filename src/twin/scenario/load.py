@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from controllers.catalog import broken, unfinished
+from controllers.catalog import FOLDER, broken, left_alone, unfinished
 from twin.base.data_file import DEEPEST, DataError, parse_toml
 from twin.base.errors import ScenarioError, nearest, shortened
 from twin.base.settings import value_of
@@ -362,6 +362,7 @@ def recorded(tables: Mapping[str, Any], source: str) -> tuple[Scenario, dict[str
             absent[table] = (
                 f"{source}: {table}.kind: no '{choice.kind}'{nearest(choice.kind, known)}"
                 + "".join(f"; not imported: {line}" for line in (*broken(), *unfinished()))
+                + not_run()
             )
             continue
         try:
@@ -372,6 +373,15 @@ def recorded(tables: Mapping[str, Any], source: str) -> tuple[Scenario, dict[str
             absent[table] = str(error)
     _check_changes(scenario, source)
     return scenario, absent
+
+
+def not_run() -> str:
+    """The end of a message of a command that only reads: which files it did not run, and how to."""
+    files = left_alone()
+    if not files:
+        return ""
+    names = ", ".join(f"{FOLDER}/{each.name}" for each in files)
+    return f"; {names}: not run by a command that only reads; --law {FOLDER}/{files[0].name} does"
 
 
 def _check_changes(scenario: Scenario, source: str) -> None:

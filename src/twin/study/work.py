@@ -21,7 +21,7 @@ from SALib.sample import latin, sobol
 
 import controllers
 from controllers.arrays import Array
-from controllers.catalog import outside
+from controllers.catalog import left_alone, outside
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.shipped import model_path
 from twin.run.assemble import build_controller, own_errors
@@ -420,7 +420,7 @@ def sources() -> list[Path]:
     found += [twin / "base" / "settings.py", Path(__file__)]
     found += [model_path(), model_path("cams.json")]
     found += [Path(module.__file__) for module in outside() if module.__file__]
-    return sorted(found)
+    return sorted({*found, *left_alone()})  # what would be run where a command does not only read
 
 
 RUN = ("assemble", "loop", "metrics", "record")

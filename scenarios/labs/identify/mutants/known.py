@@ -1,6 +1,6 @@
 """A mistake: the dead time is not looked for in the log, as the range of it was known.
 
-# fails: dead time: no wider than it must be
+# fails: dead time
 """
 
 from pathlib import Path

@@ -1,0 +1,280 @@
+"""What a class handed in: whose each entry of a folder is, and its files, opened safely.
+
+An entry is a student's folder or file, under their own name or as a course system calls it. Nothing
+is opened but regular files of limited size that lie in the submission itself: no link, no pipe, no
+device, no file that has a second name elsewhere.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+import unicodedata
+from collections import defaultdict
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+from twin.base.data_file import DataError, read_regular
+from twin.base.errors import ScenarioError, printable, shortened
+from twin.lab.schema import RIG, AnswerTable, Lab, check_name
+
+MAX_COPIED_BYTES = 32 * 1024**2
+"""Sum of the files of a submission that a lab's own function may read."""
+MAX_COPIED_FILES = 256
+"""Number of these."""
+MAX_SEARCHED_ENTRIES = 500
+"""Entries of a submission among which a missing answer is looked for."""
+MAX_SEARCH_DEPTH = 4
+"""Folders within folders in which it is looked for."""
+MAX_NAMED = 3
+"""Files that a message names."""
+ARCHIVES = (".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar")
+MOODLE = re.compile(
+    r"(?P<student>.+?)_\d+_assignsubmission_(?:file|onlinetext)_?(?P<file>.*)", re.DOTALL
+)
+"""Moodle's ``FULL NAME_12345_assignsubmission_file_``: a folder, or how a file's name begins."""
+CANVAS = re.compile(r"(?P<student>[^_]+)(?:_(?i:late))?_\d+_\d+_(?P<file>.+)", re.DOTALL)
+"""Canvas's ``NAME_12345_67890_FILE``, with ``_LATE`` after the name of one that came late."""
+REPEATED = re.compile(r"(?P<stem>.+?)-(?P<number>\d+)(?P<suffix>\.[^.]+)", re.DOTALL)
+"""Canvas's name of a file that was handed in again: ``answer-1.py``."""
+
+
+class Submission(NamedTuple):
+    """What a student handed in.
+
+    Attributes:
+        student: Who, by a name that may be that of a file; else what the entry is called, readable.
+        answer: The answer; where it ought to be if there is none.
+        rig: The ``rig.toml``, or where it ought to be.
+        problem: Why it cannot be judged, in a line; empty if it can.
+        named: Whether the student's name may be that of a file.
+        apart: Whether it lies in a folder of the student's own, not among the files of others.
+    """
+
+    student: str
+    answer: Path
+    rig: Path
+    problem: str = ""
+    named: bool = True
+    apart: bool = True
+
+    @contextmanager
+    def alone(self, called: str) -> Iterator[Path]:
+        """The answer in a folder that has nothing of other students.
+
+        Args:
+            called: What the lab calls the answer.
+
+        Raises:
+            DataError: If it, or the ``rig.toml``, is no file that may be opened.
+        """
+        if self.apart:
+            yield self.answer
+            return
+        with TemporaryDirectory(prefix="ballplate-submission-") as name:
+            answer = Path(name) / called
+            answer.write_bytes(read_regular(self.answer))
+            if is_there(self.rig):
+                (Path(name) / RIG).write_bytes(read_regular(self.rig))
+            yield answer
+
+
+class Collected(NamedTuple):
+    """The entries of a folder: submissions, and in words what is none."""
+
+    submissions: list[Submission]
+    left_out: list[str]
+
+
+def is_there(file: Path) -> bool:
+    """Whether there is something of this name, be it a link that leads nowhere."""
+    with suppress(OSError, ValueError):
+        file.lstat()
+        return True
+    return False
+
+
+@contextmanager
+def copied(folder: Path) -> Iterator[Path]:
+    """A private copy of the regular files of a submission, for a lab's own function to read.
+
+    Args:
+        folder: Of the submission.
+
+    Raises:
+        ScenarioError: If they are too many or too large together.
+    """
+    with TemporaryDirectory(prefix="ballplate-submission-") as name:
+        copies, total = 0, 0
+        for file in sorted(folder.iterdir()):
+            try:
+                content = read_regular(file, MAX_COPIED_BYTES)
+            except DataError:
+                continue  # what cannot be read is not there
+            copies, total = copies + 1, total + len(content)
+            if copies > MAX_COPIED_FILES or total > MAX_COPIED_BYTES:
+                most = f"{MAX_COPIED_FILES} files of {MAX_COPIED_BYTES // 1024**2} MB together"
+                raise ScenarioError(f"the folder of the answer has more than {most}")
+            (Path(name) / file.name).write_bytes(content)
+        yield Path(name)
+
+
+def missing(about: AnswerTable, answer: Path) -> str:
+    """That an answer is not there, and what there is in its place, in a line."""
+    here = f"no {about.file}"
+    suffix, stem = Path(about.file).suffix, Path(about.file).stem.casefold()
+    if not answer.parent.is_dir():
+        return here
+    files = [path.relative_to(answer.parent) for path in _regular_files(answer.parent)]
+    ranked = (
+        [each for each in files if each.name == about.file],
+        [each for each in files if each.name.casefold().startswith(stem)],
+        [each for each in files if each.suffix.casefold() == suffix],
+        [each for each in files if each.suffix.casefold() in ARCHIVES],
+        [each for each in files if each.name != RIG],
+    )
+    for alike in ranked:
+        if alike:
+            names = [shortened(printable(each.as_posix())) for each in alike[:MAX_NAMED]]
+            more = f" and {len(alike) - MAX_NAMED} more" if len(alike) > MAX_NAMED else ""
+            unpack = ": unpack it" if alike is ranked[3] else ""
+            return f"{here}; there is {', '.join(names)}{more}{unpack}"
+    return f"{here}; there is nothing else" if not files else here
+
+
+def _regular_files(folder: Path) -> list[Path]:
+    """The regular files of a folder and of those in it, within limits; no link is followed."""
+    found: list[Path] = []
+    waiting, seen = [(folder, 0)], 0
+    while waiting:
+        place, depth = waiting.pop(0)
+        with suppress(OSError), os.scandir(place) as entries:
+            for entry in sorted(entries, key=lambda each: each.name):
+                seen += 1
+                if seen > MAX_SEARCHED_ENTRIES:
+                    return found
+                if entry.name.startswith(".") or entry.name == "__MACOSX":
+                    continue
+                if entry.is_dir(follow_symlinks=False):
+                    if depth < MAX_SEARCH_DEPTH:
+                        waiting.append((place / entry.name, depth + 1))
+                elif entry.is_file(follow_symlinks=False):
+                    found.append(place / entry.name)
+    return found
+
+
+def collect(lab: Lab, folder: Path, people: Collection[str] = ()) -> Collected:
+    """What lies in the folder of a class, entry by entry; no entry keeps another from its mark.
+
+    Args:
+        lab: The lab.
+        folder: Of the submissions.
+        people: Who is in the class, if that is known.
+
+    Raises:
+        ScenarioError: If there is no such folder, or no student's folder or file in it.
+    """
+    if not folder.is_dir():
+        raise ScenarioError(f"{folder}: must be the folder of the submissions")
+    entries: dict[str, list[Path]] = defaultdict(list)
+    left_out = []
+    for path in sorted(folder.iterdir()):
+        try:
+            entries[_whose(lab.answer, path, people)].append(path)
+        except ScenarioError as error:
+            left_out.append(f"{shortened(printable(path.name))}: {error}")
+    if not entries:
+        raise ScenarioError(f"{folder}: holds no submission, a folder or a file a student")
+    found = [_submission(lab.answer, name, paths) for name, paths in entries.items()]
+    return Collected(sorted(found), left_out)
+
+
+def _whose(about: AnswerTable, path: Path, people: Collection[str]) -> str:
+    """Whose an entry is.
+
+    Raises:
+        ScenarioError: If it is nobody's: what it is, in words.
+    """
+    name, mode = path.name, path.lstat().st_mode
+    if name.startswith(".") or name == "__MACOSX":
+        raise ScenarioError("is of the system that packed it")
+    canvas = None if stat.S_ISDIR(mode) else CANVAS.fullmatch(name)
+    if systems := MOODLE.fullmatch(name) or canvas:
+        full = unicodedata.normalize("NFC", systems["student"]).strip()
+        return re.sub(r"[^\w.@+-]+", "_", full)  # O'Neil is O_Neil
+    if stat.S_ISDIR(mode):
+        return _name(name)
+    if path.suffix == Path(about.file).suffix or _name(path.stem) in people:
+        return _name(path.stem)
+    if stat.S_ISLNK(mode) or _name(name) in people:
+        return _name(name)
+    if path.suffix.casefold() in ARCHIVES:
+        raise ScenarioError("is an archive: unpack it")
+    kind = f"nor a {Path(about.file).suffix} file" if stat.S_ISREG(mode) else "nor a regular file"
+    raise ScenarioError(f"is neither a folder {kind}")
+
+
+def _name(text: str) -> str:
+    """A student's name as a course system has it, as the class's file has it: NFC, no blanks."""
+    return re.sub(" +", "_", unicodedata.normalize("NFC", text).strip(" "))
+
+
+def _submission(about: AnswerTable, student: str, paths: list[Path]) -> Submission:
+    """What a student's entries of the folder come to."""
+    shown = shortened(printable(student))
+    first = paths[0]
+    try:
+        check_name(student)
+    except ScenarioError as error:
+        return Submission(shown, first, first / RIG, str(error), named=False)
+    links = [path for path in paths if path.is_symlink()]
+    folders = [path for path in paths if path not in links and path.is_dir()]
+    # Moodle has a second folder for what a student typed into the page
+    texts = [path for path in folders if "_assignsubmission_onlinetext" in path.name]
+    if 0 < len(texts) < len(folders):
+        folders = [path for path in folders if path not in texts]
+        paths = [path for path in paths if path not in texts]
+        first = paths[0]
+    problem = ""
+    if links:
+        problem = "the entry is a link, which is not followed; hand in the file itself"
+    elif folders and len(paths) > 1:
+        names = ", ".join(shortened(printable(path.name)) for path in paths[:MAX_NAMED])
+        problem = f"two submissions: {names}; keep one of them"
+    if problem:
+        return Submission(student, first, first / RIG, problem)
+    if folders:
+        answer, rig = first / about.file, first / RIG
+        there = is_there(answer)
+        return Submission(student, answer, rig, "" if there else missing(about, answer))
+    return _of_files(about, student, paths)
+
+
+def _of_files(about: AnswerTable, student: str, paths: list[Path]) -> Submission:
+    """What a student's files come to that lie among those of others."""
+    newest: dict[str, tuple[int, Path]] = {}
+    for path in paths:
+        systems = MOODLE.fullmatch(path.name) or CANVAS.fullmatch(path.name)
+        own = systems["file"] if systems else path.name
+        if not systems and path.suffix == Path(about.file).suffix:
+            own = about.file  # under the student's own name
+        again = REPEATED.fullmatch(own)
+        number = 0
+        if again and again["stem"] + again["suffix"] in {about.file, RIG}:
+            own, number = again["stem"] + again["suffix"], int(again["number"])
+        if own in newest and newest[own][0] == number:
+            names = ", ".join(shortened(printable(each.name)) for each in (newest[own][1], path))
+            problem = f"two submissions: {names}; keep one of them"
+            return Submission(student, path, path / RIG, problem)
+        newest[own] = max(newest.get(own, (number, path)), (number, path))
+    nowhere = paths[0] / RIG
+    rig = newest[RIG][1] if RIG in newest else nowhere
+    if about.file in newest:
+        return Submission(student, newest[about.file][1], rig, apart=False)
+    names = ", ".join(shortened(printable(path.name)) for path in paths[:MAX_NAMED])
+    unpack = ": unpack it" if paths[0].suffix.casefold() in ARCHIVES else ""
+    return Submission(student, paths[0], rig, f"no {about.file}; there is {names}{unpack}")
