@@ -118,6 +118,18 @@ def write_folder(path: Path, fill: Callable[[Path], object]) -> None:
         raise RecordError(f"cannot write {path}: {why(error)}") from error
 
 
+def remove(path: Path) -> None:
+    """Remove a file that may be there.
+
+    Raises:
+        RecordError: If it cannot be removed.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise RecordError(f"cannot replace {path}: {why(error)}") from error
+
+
 def why(error: Exception) -> str:
     """Why a file cannot be read or written, in words."""
     if isinstance(error, FileExistsError | NotADirectoryError):

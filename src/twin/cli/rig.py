@@ -227,12 +227,15 @@ def trace(
     from twin.devices.akd.decoding import Conversation, Names, TracedEvent
     from twin.devices.akd.traces import read_trace
     from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
+    from twin.run.finished import incomplete_of
     from twin.scenario.rig import read_rig
 
     if log is not None and (rig is None or touch is None):
         raise LogError("--log: needs the scales of --rig, and what the ball did by --touch")
     place = file / TRACE if file.is_dir() else file
     found = read_trace(place, channel)
+    if place.name == TRACE:
+        found.remarks[:0] = incomplete_of(place.parent)
     own = read_rig(rig) if rig else None
     drives = own.servos(0.002) if own else None
     if again:

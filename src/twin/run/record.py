@@ -25,7 +25,7 @@ from controllers.catalog import origin
 from controllers.interfaces import Quantity
 from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import RecordError
-from twin.base.writing import write_whole
+from twin.base.writing import remove, write_whole
 from twin.run.files import STREAM, arrow_fields
 from twin.scenario.schema import KINDS, Scenario, choices, with_settings
 
@@ -218,7 +218,7 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
     schema = pa.schema(fields, metadata={"ballplate": said})
     found = pa.Table.from_arrays([_arrow(values) for *_, values in columns], schema=schema)
     write_whole(folder / "run.parquet", lambda path: pq.write_table(found, path))
-    (folder / STREAM).unlink(missing_ok=True)
+    remove(folder / STREAM)
 
 
 @contextmanager

@@ -177,6 +177,7 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
     told = [
         _ending(run),
+        *(f"Not whole: {line}." for line in run.incomplete),
         f"{_size(run, found)}.",
     ]
     if found.held:
