@@ -488,9 +488,11 @@ def open_run(path: Path) -> list[Run]:
     )
     if file.name != files.STREAM:
         return [run]
-    return [
-        judged_as(run, Outcome(Ending.ABORTED, values["time"][-1] + scenario.rig.period, KILLED))
-    ]
+    period = scenario.rig.period
+    if lost := round(float((np.diff(values["time"]) / period - 1).sum())):
+        lacks = f"{file.name}: {lost} periods are not in it: begun too late, or not written"
+        run = replace(run, incomplete=(*run.incomplete, lacks))
+    return [judged_as(run, Outcome(Ending.ABORTED, values["time"][-1] + period, KILLED))]
 
 
 def judged_as(run: Run, ended: Outcome) -> Run:
