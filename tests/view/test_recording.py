@@ -279,7 +279,8 @@ def test_runs_are_drawn_without_the_library_that_reads_a_bus():
 
 def test_no_time_is_cut_to_the_nanosecond_below(monkeypatch):
     sent = []
-    monkeypatch.setattr(recording.rr, "send_columns", lambda *_, indexes, **__: sent.append(indexes))
+    take = lambda *_, indexes, **__: sent.append(indexes)  # noqa: E731
+    monkeypatch.setattr(recording.rr, "send_columns", take)
     ticks = np.arange(20_000)
     recording.send(None, [Batch("ball", ticks * 0.002, [])])
     ((column,),) = sent

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -161,6 +162,12 @@ class Run(files.Signals):
         """When its last period ended, s; 0 if it had none."""
         time = self.rows["time"]
         return float(time[-1]) + self.scenario.rig.period if len(time) else 0.0
+
+    @property
+    def judged_until(self) -> float:
+        """When it was stopped, if it was, s; what ball and plate did then is not judged."""
+        ended = self.metrics.get("outcome_time")
+        return math.inf if ended is None or self.outcome == "finished" else float(ended)
 
     @property
     def interrupted(self) -> bool:
@@ -492,7 +499,12 @@ def open_run(path: Path) -> list[Run]:
     if lost := round(float((np.diff(values["time"]) / period - 1).sum())):
         lacks = f"{file.name}: {lost} periods are not in it: begun too late, or not written"
         run = replace(run, incomplete=(*run.incomplete, lacks))
-    return [judged_as(run, Outcome(Ending.ABORTED, values["time"][-1] + period, KILLED))]
+    end, reason = values["time"][-1] + period, KILLED
+    stopped = np.isin(values["supervisor"], (State.HOLDING, State.FAULT))
+    if stopped.any():
+        end = float(values["time"][stopped.argmax()])
+        reason = f"{KILLED}; the rig had been stopped before"
+    return [judged_as(run, Outcome(Ending.ABORTED, end, reason))]
 
 
 def judged_as(run: Run, ended: Outcome) -> Run:
