@@ -11,15 +11,15 @@ from ballplate.reporter import Reporter, default, overview, showable
 from twin.base.errors import RecordError, ScenarioError
 from twin.base.writing import write_whole
 from twin.run.files import MOVING, Signals, free
-from twin.run.finished import Run, of_other_class, save
+from twin.run.finished import Run, draw, of_other_class, save_record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from controllers.arrays import Array
-    from twin.base.jobs import SecondProcess
     from twin.identify import logs
     from twin.identify.judged import Identification, ParameterVerdict
+    from twin.run.metrics import Motion
 
 
 class Result(Run):
@@ -77,6 +77,11 @@ class Result(Run):
         return {self.label: self, **clean, **self.beside}
 
     @property
+    def motions(self) -> dict[str, Motion]:
+        """The motion of each run of its picture, by label."""
+        return {label: each.motion for label, each in self.shown.items()}
+
+    @property
     def verdict(self) -> str:
         """The run in one sentence: its tracking error, and what limited it most."""
         from twin.view.summary import judged
@@ -88,8 +93,7 @@ class Result(Run):
         """The picture: path of the ball, error, plate angles and effort."""
         from twin.run.picture import picture
 
-        motions = {label: each.motion for label, each in self.shown.items()}
-        return showable(picture(motions, self.title, self.scenario.dimensions))
+        return showable(picture(self.motions, self.title, self.scenario.dimensions))
 
     def report(self, file: str | Path) -> Path:
         """Write the report of ``ballplate report``, one page that needs nothing else."""
@@ -159,20 +163,26 @@ class Result(Run):
         return f"<{type(self).__name__} {self.title!r}: {self.outcome}{said}>"
 
 
-def kept(result: Result, folder: Path, beside: SecondProcess | None = None) -> Result:
+def kept(result: Result, folder: Path) -> Result:
     """The result, saved in a folder.
 
     Args:
         result: Of a run that was just made.
         folder: Where; made if missing.
-        beside: A process that draws while the rest is written.
 
     Raises:
         RecordError: If it cannot be written, or the run is one that was opened.
     """
+    recorded(result, folder)
+    draw(result, folder, result.motions)
+    return result
+
+
+def recorded(result: Result, folder: Path) -> Result:
+    """The result, saved in a folder without its picture; arguments as for ``kept``."""
     if result.record is None:
         raise RecordError(f"{result.name}: was opened from {result.folder}; nothing new to save")
-    save(result, folder, {label: each.motion for label, each in result.shown.items()}, beside)
+    save_record(result, folder)
     result.folder = folder
     return result
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import (
     AbstractContextManager,
     ExitStack,
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from twin.run.record import Recorder
     from twin.scenario.rig import RigFile
     from twin.scenario.schema import Scenario
+    from twin.view.live_process import LiveProcess
 
 
 CLEAN = "clean model"
@@ -87,10 +88,10 @@ def run(
         find(str(name))
     chosen = scenario_of(scenario, changed)
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
-    from ballplate.results import Result, kept
+    from ballplate.results import Result, recorded
     from twin.base.jobs import SecondProcess, cores
     from twin.run.assemble import PLANTS
-    from twin.run.finished import holds_finished
+    from twin.run.finished import draw, holds_finished
 
     folder = writable(out, report)
     if folder is not None and on is not None:
@@ -103,9 +104,10 @@ def run(
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
     saves = chosen.duration >= WORTH_PROCESS and cores() > 1 and importable(chosen)
     parallel = SecondProcess(wanted=compared and on is None and saves)
+    name, incomplete = Path(scenario).stem, list[str]()
     with alone, parallel as second, ExitStack() as written:
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
-        with traced(file, report, bounded=trace is None) as heard:
+        with traced(file, report, bounded=trace is None, incomplete=incomplete) as heard:
             rig = connected(on, chosen, keys, report, reset=reset, hear=heard)
             with rig as (real, chosen), attached as attach:
                 baseline = _begun(chosen, second, report) if compared else None
@@ -113,22 +115,41 @@ def run(
                 if real is not None and folder is not None:
                     observed = written.enter_context(streamed(chosen, folder, attach))
                 done = one_run(chosen, label, report, observed, real)
+                result = Result.from_run(done, name, label)
+                # what is kept does not depend on anything that is done after the run
+                if folder is not None:
+                    if on is None and done.interrupted and holds_finished(folder):
+                        folder = free(folder)  # what is finished is worth more than a beginning
+                    recorded(result, folder)
+        if incomplete and folder is not None:
+            result.incomplete = tuple(incomplete)
+            recorded(result, folder)
         if real is not None:
             tell_timing(real, report)
-        name = Path(scenario).stem
-        result = Result.from_run(done, name, label)
-        if baseline is not None and not done.interrupted:
-            with suppress(KeyboardInterrupt), _kept(report, real):
-                result.baseline = Result.from_run(baseline(), name, CLEAN)
-        for other, its in {} if done.interrupted else further.items():
-            with suppress(KeyboardInterrupt):
-                result.beside[other] = Result.from_run(one_run(its, other, report), other)
-        if folder is None:
-            return result
-        if done.interrupted and holds_finished(folder):
-            folder = free(folder)  # what is finished is worth more than a beginning
-        kept(result, folder, second)
+        if not done.interrupted:
+            _run_others(result, baseline, further, report, real)
+        if folder is not None:
+            # a clean model that nobody waits for any more may keep the second process busy
+            draw(result, folder, result.motions, second if result.finished else None)
         return result
+
+
+def _run_others(
+    result: Result,
+    baseline: Callable[[Run], Run] | None,
+    further: Mapping[str, Scenario],
+    reporter: Reporter,
+    rig: Rig | None,
+) -> None:
+    """Run the clean model, if there is one, and further scenarios for the picture of a run."""
+    from ballplate.results import Result
+
+    if baseline is not None:
+        with suppress(KeyboardInterrupt), _kept(reporter, rig):
+            result.baseline = Result.from_run(baseline(result), result.name, CLEAN)
+    for name, its in further.items():
+        with suppress(KeyboardInterrupt):
+            result.beside[name] = Result.from_run(one_run(its, name, reporter), name)
 
 
 @contextmanager
@@ -170,22 +191,28 @@ def trace_file(
 
 @contextmanager
 def traced(
-    file: Path | None, reporter: Reporter, *, bounded: bool
+    file: Path | None,
+    reporter: Reporter,
+    *,
+    bounded: bool,
+    incomplete: list[str] | None = None,
 ) -> Iterator[Callable[[Any], None] | None]:
     """Have the frames of a bus written by another process; what is given one never waits.
 
-    An error of the run within says where the trace lies.
+    The end of the context waits for that process for as long as it makes progress. An error of the
+    run within says where the trace lies.
 
     Args:
         file: Where; None for nowhere.
-        reporter: Is told how many frames are missing, if any.
+        reporter: Is warned if the trace is not whole.
         bounded: Whether only the beginning and the end of a long trace are kept.
+        incomplete: Takes in the same line.
     """
     if file is None:
         yield None
         return
-    from twin.devices.akd.traces import COLUMNS, PART, appended, to_row
-    from twin.view.live_process import LiveProcess
+    from twin.devices.akd.traces import COLUMNS, PART, appended, seal, to_row
+    from twin.view.live_process import EVIDENCE_PATIENCE, LiveProcess
 
     more = appended, file, PART if bounded else None
     with closing(LiveProcess(_write, more, rows=FRAMES, width=len(COLUMNS))) as live:
@@ -194,15 +221,33 @@ def traced(
         try:
             yield lambda message: put(to_row(message))
         except TwinError as error:
-            live.finish()
-            if live.taken:
+            live.finish(EVIDENCE_PATIENCE)
+            if live.written:
                 error.args = (f"{error}; what was said on the bus: ballplate trace {file}",)
             raise
-        live.finish()
-        if not bounded and not live.taken:
-            reporter.warn(f"{file}: not written, for nothing was said on a CAN bus")
-        if live.dropped:
-            reporter.warn(f"{file}: {live.dropped} frames are missing: the computer was too busy")
+        ended = live.finish(EVIDENCE_PATIENCE)
+        if not live.written:
+            if not bounded:
+                reporter.warn(f"{file}: not written, for nothing was said on a CAN bus")
+            return
+        if live.missing or not ended:
+            lost = "its last frames may be missing"
+            if live.missing:
+                lost = f"{live.missing} of {live.written} frames are missing"
+            reporter.warn(f"{file}: {lost}: {_blame(live)}")
+            if incomplete is not None:
+                incomplete.append(f"{file.name}: {lost}: {_blame(live)}")
+        if bounded:
+            seal(file)
+
+
+def _blame(live: LiveProcess) -> str:
+    """Why a process has not written all that it was given."""
+    if live.alive:
+        return "the computer was too busy, or its disk too slow"
+    if live.dropped:
+        return "the computer was too busy"
+    return "the process that writes it ended before; is the disk full?"
 
 
 def one_run(
@@ -274,20 +319,26 @@ def importable(scenario: Scenario) -> bool:
     return registered().isdisjoint(kinds)
 
 
-def _begun(scenario: Scenario, beside: SecondProcess, reporter: Reporter) -> Callable[[], Run]:
-    """Begin the run of the clean model in the second process, if there is one; what ends it."""
+def _begun(scenario: Scenario, beside: SecondProcess, reporter: Reporter) -> Callable[[Run], Run]:
+    """Begin the run of the clean model in the second process, if there is one.
+
+    What is returned gives its run, for as long as the run that it is given lasted.
+    """
     import scipy.linalg  # noqa: F401  both processes need it: once, where the second is a fork
 
     from twin.run import finished
-    from twin.scenario.load import clean
+    from twin.scenario.load import clean, cut_short
 
     model = clean(scenario)
-    if not beside.there:
-        return lambda: one_run(model, CLEAN, reporter)
-    result = beside.begin(finished.run, model)
-    beside.begin(finished.load_drawing)
+    if beside.there:
+        result = beside.begin(finished.run, model)
+        beside.begin(finished.load_drawing)
 
-    def ended() -> Run:
+    def ended(done: Run) -> Run:
+        if done.outcome != "finished":
+            return one_run(cut_short(model, done.end), CLEAN, reporter)
+        if not beside.there:
+            return one_run(model, CLEAN, reporter)
         warn_of_dangers(model, reporter)
         with reporter.progress(CLEAN, model.duration):
             return result()
@@ -299,6 +350,8 @@ EMULATED = "emulated"
 """The word for the virtual rig in place of a rig file."""
 EVERY = 0.25
 """Seconds from one writing of what has been recorded to the next."""
+MOST = 2000
+"""Rows written at a time, so that one sees a writer that is behind go on."""
 SIMULATION_ONLY = ("plant.", "sensors.", "disturbance.", "rig.cams", "rig.cam_")
 """Beginnings of the keys that describe a simulated rig and mean nothing to a real one."""
 
@@ -435,21 +488,27 @@ def streamed(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attac
     """
     from twin.run.finished import described
     from twin.run.record import stream
-    from twin.view.live_process import LiveProcess
+    from twin.view.live_process import EVIDENCE_PATIENCE, LiveProcess
 
     file = folder / STREAM
     with ExitStack() as end:
+        writers: list[LiveProcess] = []
 
         def both(recorder: Recorder) -> None:
             attach(recorder)
             more = stream, file, recorder.units, described(scenario)
             live = LiveProcess(_write, more)
             end.callback(live.close)
-            end.callback(live.finish)
+            writers.append(live)
             live.begun()
             live.watch(recorder)
 
-        yield both
+        try:
+            yield both
+        except BaseException:
+            for live in writers:  # what they write is all there is
+                live.finish(EVIDENCE_PATIENCE)
+            raise
     file.unlink(missing_ok=True)
     with suppress(OSError):  # there is none, or it holds more
         folder.rmdir()
@@ -463,12 +522,12 @@ def _write(buffer: tuple[int, int, str], into: Callable[..., Any], *more: Any) -
         into: Makes the context in which columns are appended, of their names and ``more``.
         more: What that needs.
     """
-    from twin.view.live_process import SharedRingBuffer, step_back
+    from twin.view.live_process import EVIDENCE_NICENESS, SharedRingBuffer, step_back
 
-    step_back()
+    step_back(EVIDENCE_NICENESS)
     with closing(SharedRingBuffer(*buffer)) as ring, ExitStack() as end:
         append = None
-        for block in ring.blocks(EVERY):
+        for block in ring.blocks(EVERY, MOST):
             if block and len(block["time"]):
                 append = append or end.enter_context(into([*block], *more))
                 append(block)

@@ -1,5 +1,6 @@
 """What is finished stays, and what cannot be is told in one line."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 import ballplate as bp
 from ballplate import comparing
 from twin.base.errors import ScenarioError, TwinError
-from twin.base.writing import written_alone
+from twin.base.writing import _locked, written_alone
 from twin.emulator import serve
 from twin.play.serve import Simulation
 from twin.run import loop
@@ -118,6 +119,38 @@ def test_the_lock_of_a_folder_goes_with_what_held_it(tmp_path):
         raise ZeroDivisionError
     with written_alone(tmp_path), pytest.raises(ScenarioError), written_alone(tmp_path):
         pass
+
+
+def test_the_lock_lies_beside_its_folder_and_is_gone_afterwards(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.gettempdir", lambda: 1 / 0)  # where anybody may write
+    folder = tmp_path / "runs" / "kept"
+    with written_alone(folder):
+        assert [each.name for each in tmp_path.rglob("*")] == ["runs", ".kept.lock"]
+        with pytest.raises(ScenarioError, match="another run is writing there"):
+            written_alone(folder).__enter__()
+    assert not [*tmp_path.iterdir()]
+    with written_alone(tmp_path / ("n" * 240)):
+        assert len([*tmp_path.glob(".*.lock")]) == 1
+
+
+def test_a_lock_is_no_link_that_is_followed(tmp_path):
+    (tmp_path / ".kept.lock").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ScenarioError, match="cannot be locked"):
+        written_alone(tmp_path / "kept").__enter__()
+    assert not (tmp_path / "elsewhere").exists()
+
+
+def test_a_lock_that_its_holder_removes_meanwhile_is_taken_anew(tmp_path):
+    calls = []
+
+    def lock(number, _):
+        calls.append(number)
+        if len(calls) == 1:  # who held it ends just now
+            (tmp_path / ".lock").unlink()
+
+    os.close(_locked(tmp_path / ".lock", 0, lock))
+    assert len(calls) == 2
+    assert (tmp_path / ".lock").exists()
 
 
 def test_a_scenario_that_begins_with_a_byte_order_mark_is_read(ballplate):

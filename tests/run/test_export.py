@@ -78,7 +78,10 @@ def test_the_mcap_file_has_ball_and_joints_as_messages_of_ros(folder, recorded, 
         np.testing.assert_array_equal([time for time, _ in told], ticks)
         stamps = [(each.header.stamp.sec, each.header.stamp.nanosec) for _, each in told]
         np.testing.assert_array_equal(np.dot(stamps, [10**9, 1]), ticks)
-        found = [(each.point.x, each.point.y, each.point.z) for _, each in told]
+        poses = [each.pose for _, each in told]
+        found = [(each.position.x, each.position.y, each.position.z) for each in poses]
+        turned = [each.orientation for each in poses]
+        assert {(each.x, each.y, each.z, each.w) for each in turned} == {(0, 0, 0, 1)}
         np.testing.assert_array_equal(np.array(found)[:, 0], columns[f"{kind}_x"])
         np.testing.assert_array_equal(np.array(found)[:, 1], columns[f"{kind}_y"])
         assert {each.header.frame_id for _, each in told} == {"plate"}
@@ -113,6 +116,9 @@ def test_reruns_own_importer_finds_nothing_wrong_in_the_mcap_file(folder, tmp_pa
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert "/joint_states/true/velocity - data columns: [Scalars:scalars" in shown.stdout
+    drawn = re.search(r"^.*/ball/true.* - data columns: .*$", shown.stdout, re.MULTILINE)
+    assert drawn, shown.stdout
+    assert "translation" in shown.stdout
 
 
 def test_without_the_extra_there_is_no_mcap_file_and_a_line(

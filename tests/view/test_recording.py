@@ -12,9 +12,9 @@ from rerun.experimental import ViewerClient
 from twin.base.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, record_run, run
 from twin.scenario import load
-from twin.view import viewer
+from twin.view import recording, viewer
 from twin.view.recording import blueprint, write
-from twin.view.streams import LINES, PLOTS, TIMELINE, signals, telling
+from twin.view.streams import LINES, PLOTS, TIMELINE, Batch, signals, telling
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
@@ -275,3 +275,13 @@ def test_runs_are_drawn_without_the_library_that_reads_a_bus():
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert done.stdout.strip() == "False"
+
+
+def test_no_time_is_cut_to_the_nanosecond_below(monkeypatch):
+    sent = []
+    take = lambda *_, indexes, **__: sent.append(indexes)  # noqa: E731
+    monkeypatch.setattr(recording.rr, "send_columns", take)
+    ticks = np.arange(20_000)
+    recording.send(None, [Batch("ball", ticks * 0.002, [])])
+    ((column,),) = sent
+    assert column.as_arrow_array().cast("int64").to_pylist() == (ticks * 2_000_000).tolist()

@@ -7,7 +7,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -44,29 +44,69 @@ def check_writable(folder: Path, option: str = "--out") -> Path:
 def written_alone(folder: Path, option: str = "--out") -> Iterator[None]:
     """Make sure that no other process writes into a folder within the context.
 
-    A lock of the system, gone with the process that holds it; where there are none, nothing.
+    A lock of the system on a hidden file beside the folder, gone with the process that holds it;
+    where there are no such locks, nothing.
 
     Raises:
-        ScenarioError: If another process does.
+        ScenarioError: If another process does, or the file cannot be made.
     """
     try:
         import fcntl  # noqa: PLC0415  not on Windows
     except ImportError:
         yield
         return
-    mark = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:24]
-    name = Path(tempfile.gettempdir()) / f"ballplate-{os.getuid()}-{mark}.lock"
-    with name.open("w") as file:
+    name = lock_file(folder)
+    above = [each for each in name.parents if not each.exists()]
+    try:
+        number = _locked(name, fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.flock)
+    except BlockingIOError:
+        raise ScenarioError(
+            f"{option} {folder}: another run is writing there; name another folder"
+        ) from None
+    except OSError as error:
+        raise ScenarioError(f"{option} {folder}: cannot be locked: {why(error)}") from error
+    try:
+        yield
+    finally:
+        name.unlink(missing_ok=True)
+        os.close(number)
+        with suppress(OSError):  # something has been written there
+            for each in above:
+                each.rmdir()
+
+
+def lock_file(folder: Path) -> Path:
+    """The file that is locked while a folder is written.
+
+    It lies beside the folder; in it if that is a root, or the folder above cannot be written.
+    """
+    place = folder.resolve()
+    above = next(each for each in place.parents or (place,) if each.exists())
+    if place.parent == place or (place.is_dir() and not os.access(above, os.W_OK)):
+        return place / ".lock"
+    inner = place.name if len(os.fsencode(place.name)) <= LONGEST_NAME else None
+    mark = inner or hashlib.sha256(os.fsencode(place.name)).hexdigest()
+    return place.with_name(f".{mark}.lock")
+
+
+LONGEST_NAME = 200
+"""Bytes of a folder's name to which others can be added: file systems allow 255."""
+
+
+def _locked(name: Path, how: int, lock: Callable[[int, int], object]) -> int:
+    """Descriptor of a locked file that is still there: who held it before may just remove it."""
+    while True:
+        name.parent.mkdir(parents=True, exist_ok=True)
+        number = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise ScenarioError(
-                f"{option} {folder}: another run is writing there; name another folder"
-            ) from None
-        try:
-            yield
-        finally:
-            name.unlink(missing_ok=True)
+            lock(number, how)
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(number), name.stat()):
+                    return number
+        except BaseException:
+            os.close(number)
+            raise
+        os.close(number)
 
 
 def write_whole(path: Path, content: str | bytes | Callable[[Path], object]) -> None:
@@ -116,6 +156,18 @@ def write_folder(path: Path, fill: Callable[[Path], object]) -> None:
             inner.replace(path)
     except OSError as error:
         raise RecordError(f"cannot write {path}: {why(error)}") from error
+
+
+def remove(path: Path) -> None:
+    """Remove a file that may be there.
+
+    Raises:
+        RecordError: If it cannot be removed.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise RecordError(f"cannot replace {path}: {why(error)}") from error
 
 
 def why(error: Exception) -> str:

@@ -232,6 +232,10 @@ def trace(
     found = read_trace(place, channel)
     if not found.timed and (again or log):
         raise LogError(f"{'--replay' if again else '--log'}: {file} has no times")
+    if place.name == TRACE:
+        from twin.run.finished import incomplete_of
+
+        found.remarks[:0] = incomplete_of(place.parent)
     if rig:
         from twin.scenario.rig import read_rig
     own = read_rig(rig) if rig else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -23,7 +24,7 @@ from controllers.stable_inversion import AboutMotion
 from twin.base.data_file import DataError, parse_json
 from twin.base.errors import RecordError, ScenarioError
 from twin.base.jobs import SecondProcess
-from twin.base.writing import write_json, write_whole
+from twin.base.writing import remove, write_json, write_whole
 from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import State
@@ -77,6 +78,7 @@ class Run(files.Signals):
         classes: What law, observer and reference were, see ``metadata.classes_of``; of records of
             earlier versions empty.
         absent: Of those of controller, observer and reference that are not here, why.
+        incomplete: What of the record or of the trace of its bus is missing, a line each.
         record: All channels of a run that was just made; None for one that was opened.
         real_time_factor: Simulated seconds per second of the loop, of a run that was just made.
         account: Timing statistics of one in real time.
@@ -95,6 +97,7 @@ class Run(files.Signals):
     driven: Mapping[str, Any] = field(default_factory=dict)
     classes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     absent: Mapping[str, str] = field(default_factory=dict)
+    incomplete: tuple[str, ...] = ()
     record: Recorder | None = None
     real_time_factor: float | None = None
     account: Mapping[str, Any] = field(default_factory=dict)
@@ -155,6 +158,18 @@ class Run(files.Signals):
         return str(self.metrics.get("outcome") or "unknown")
 
     @property
+    def end(self) -> float:
+        """When its last period ended, s; 0 if it had none."""
+        time = self.rows["time"]
+        return float(time[-1]) + self.scenario.rig.period if len(time) else 0.0
+
+    @property
+    def judged_until(self) -> float:
+        """When it was stopped, if it was, s; what ball and plate did then is not judged."""
+        ended = self.metrics.get("outcome_time")
+        return math.inf if ended is None or self.outcome == "finished" else float(ended)
+
+    @property
     def interrupted(self) -> bool:
         """Whether a person ended it."""
         return self.metrics.get("reason") == INTERRUPTED
@@ -167,7 +182,8 @@ class Run(files.Signals):
             made = {"judged_from": self.scenario.metrics.start, "real_time_factor": speed}
         driven = {"driven": self.driven} if made and self.driven else {}
         said = {"scenario": self.scenario.title, **self.metrics, **made}
-        return said | {"units": files.UNITS, **self.account, **driven}
+        lacks = {"incomplete": list(self.incomplete)} if self.incomplete else {}
+        return said | {"units": files.UNITS, **self.account, **driven, **lacks}
 
     @cached_property
     def followed(self) -> Reference:
@@ -321,24 +337,53 @@ def _laid(scenario: Scenario, record: Recorder, reference: Reference | None) -> 
     return None if np.isnan(path).all() else path
 
 
-def save(
-    run: Run, folder: Path, shown: dict[str, Motion], beside: SecondProcess | None = None
-) -> None:
+def save(run: Run, folder: Path, shown: dict[str, Motion]) -> None:
     """Write a run folder: run.parquet, metrics.json, picture.png.
 
     Args:
         run: The run.
         folder: Where; made if missing.
         shown: Motions for the picture, by label.
-        beside: A process that draws while the rest is written.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    save_record(run, folder)
+    draw(run, folder, shown)
+
+
+def save_record(run: Run, folder: Path) -> None:
+    """Write run.parquet and metrics.json of a run folder, in place of those of another run.
+
+    Args:
+        run: The run.
+        folder: Where; made if missing.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    for name in ("metrics.json", "picture.png"):  # of the run before: none is better than another's
+        remove(folder / name)
+    record_run(run, folder)
+    write_json(folder / "metrics.json", run.summary())
+
+
+def draw(
+    run: Run, folder: Path, shown: dict[str, Motion], beside: SecondProcess | None = None
+) -> None:
+    """Write the picture of a run folder.
+
+    Args:
+        run: The run.
+        folder: Where; made if missing.
+        shown: Motions for the picture, by label.
+        beside: A process that draws, if there is one.
 
     Raises:
         RecordError: If the folder cannot be written.
     """
     begin = beside.begin if beside else partial
     picture = begin(drawn, shown, run.scenario.title, run.scenario.dimensions)
-    record_run(run, folder)
-    write_json(folder / "metrics.json", run.summary())
     write_whole(folder / "picture.png", picture())
 
 
@@ -360,6 +405,7 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
         "events": list(run.events),
         **run.account,
         **({"driven": run.driven} if run.driven else {}),
+        **({"incomplete": list(run.incomplete)} if run.incomplete else {}),
         **(more or {}),
     }
     assert run.record is not None
@@ -397,7 +443,8 @@ NEEDED = (
 )
 """Columns without which a table is no record of a run."""
 SHAPES = dict.fromkeys(("metrics", "versions", "ledger", "branch", "driven", "classes"), dict) | {
-    "events": list
+    "events": list,
+    "incomplete": list,
 }
 """What of a record's metadata is what, where it is there."""
 TOGETHER = (CHANNELS["state"].columns, ("motor_phi_rad", "motor_theta_rad"))
@@ -444,13 +491,20 @@ def open_run(path: Path) -> list[Run]:
         units,
         folder=file.parent,
         absent=absent,
-        **said | {"events": tuple(said["events"])},
+        **said | {key: tuple(said[key]) for key, kind in SHAPES.items() if kind is list},
     )
     if file.name != files.STREAM:
         return [run]
-    return [
-        judged_as(run, Outcome(Ending.ABORTED, values["time"][-1] + scenario.rig.period, KILLED))
-    ]
+    period = scenario.rig.period
+    if lost := round(float((np.diff(values["time"]) / period - 1).sum())):
+        lacks = f"{file.name}: {lost} periods are not in it: begun too late, or not written"
+        run = replace(run, incomplete=(*run.incomplete, lacks))
+    end, reason = values["time"][-1] + period, KILLED
+    stopped = np.isin(values["supervisor"], (State.HOLDING, State.FAULT))
+    if stopped.any():
+        end = float(values["time"][stopped.argmax()])
+        reason = f"{KILLED}; the rig had been stopped before"
+    return [judged_as(run, Outcome(Ending.ABORTED, end, reason))]
 
 
 def judged_as(run: Run, ended: Outcome) -> Run:
@@ -518,6 +572,12 @@ def holds_finished(folder: Path) -> bool:
     """Whether a folder holds a run that nobody interrupted."""
     metrics = _metadata(folder).get("metrics")
     return isinstance(metrics, dict) and metrics.get("reason") != INTERRUPTED
+
+
+def incomplete_of(folder: Path) -> list[str]:
+    """What a folder's record says is missing of it or of its trace, a line each."""
+    found = _metadata(folder).get("incomplete")
+    return list(map(str, found)) if isinstance(found, list) else []
 
 
 def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:

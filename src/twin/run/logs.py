@@ -9,15 +9,14 @@ import csv
 import io
 import json
 import math
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.errors import LogError
+from twin.base.errors import LogError, shortened
 from twin.base.foreign import decode_text
 from twin.hal.interface import SCREEN
 from twin.hal.supervisor import State
@@ -25,8 +24,11 @@ from twin.run.files import is_record
 from twin.run.finished import Run, judged_as
 from twin.run.foreign_logs import ForeignTable, foreign_table, refuse_foreign
 from twin.run.metrics import Ending, Motion, Outcome
-from twin.run.record import CHANNELS, stored
+from twin.run.record import CHANNELS, is_number, stored
 from twin.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 SCALES = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
@@ -142,20 +144,22 @@ def _read_table(
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     import pyarrow as pa  # noqa: PLC0415  heavy: a CSV file does without
 
+    def wanted(schema: pa.Schema) -> list[str]:
+        _require(schema.names, needed, path.name)
+        known = [name for name in units if name in schema.names]
+        for name in known:
+            if schema.names.count(name) > 1 or not is_number(schema.field(name).type):
+                raise LogError(f"{path.name}: {name}: is not one column of numbers")
+        return known
+
     try:
-        table = stored(path)
+        table = stored(path, wanted)
     except pa.ArrowException as error:
         raise LogError(f"{path.name}: cannot be read: {error}") from error
     schema = table.schema
-    _require(schema.names, needed, path.name)
     columns: dict[str, Array] = {}
-    for name in units:
-        if name not in schema.names:
-            continue
-        try:
-            values = np.asarray(table[name].to_numpy(), dtype=float)
-        except (KeyError, TypeError, ValueError):
-            raise LogError(f"{path.name}: {name}: is not one column of numbers") from None
+    for name in schema.names:
+        values = np.asarray(table[name].to_numpy(), dtype=float)
         unit = (schema.field(name).metadata or {}).get(b"unit")
         columns[name] = values * scale(
             name, unit.decode() if unit else None, units[name], path.name
@@ -183,14 +187,19 @@ def scale(name: str, unit: str | None, known: str, source: str) -> float:
     allowed = SCALES[known]
     if unit not in allowed:
         listed = ", ".join(filter(None, allowed))
-        raise LogError(f"{source}: {name}: unit '{unit}'; known: {listed}")
+        raise LogError(f"{source}: {name}: unit '{shortened(unit)}'; known: {listed}")
     return allowed[unit]
 
 
 def split_unit(header: str) -> tuple[str, str | None]:
     """Name and unit of a header such as ``measured_x [mm]`` or ``X (mm)``; None without a unit."""
-    match = re.fullmatch(r"\s*(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*", header)
-    return (match[1], match[2]) if match else (header.strip(), None)
+    text = header.strip()
+    if text.endswith(("]", ")")):
+        since = max(text.rfind(bracket, 0, -1) for bracket in "])") + 1
+        begins = [at for bracket in "[(" if (at := text.find(bracket, since)) >= 0]
+        if begins:
+            return text[: min(begins)].strip(), text[min(begins) + 1 : -1].strip()
+    return text, None
 
 
 def _number(row: list[str], index: int, source: str, name: str, line: int) -> float:
@@ -198,7 +207,9 @@ def _number(row: list[str], index: int, source: str, name: str, line: int) -> fl
     try:
         return float(text) if text else np.nan
     except ValueError:
-        raise LogError(f"{source}: line {line}: {name}: '{text}' is not a number") from None
+        raise LogError(
+            f"{source}: line {line}: {name}: '{shortened(text)}' is not a number"
+        ) from None
 
 
 UNITS = {"time": "s"} | {
@@ -343,7 +354,7 @@ def distances(logs: Mapping[str, Run], motions: Mapping[str, Motion]) -> list[st
 
 def _require(names: list[str], needed: Sequence[str], source: str) -> None:
     if missing := [name for name in needed if name not in names]:
-        has = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+        has = ", ".join(name[:60] for name in names[:12]) + (", ..." if len(names) > 12 else "")
         raise LogError(
             f"{source}: no column {', '.join(missing)} (it has {has or 'none'}); identify takes "
             "others by --columns"

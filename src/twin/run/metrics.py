@@ -120,11 +120,26 @@ class Motion:
         """Reference minus ball in m, shape (K, 2), (C.5) and (C.6)."""
         return self.reference - self.ball
 
+    def until(self, end: float) -> Motion:
+        """What it did up to a time in s."""
+        count = int(np.searchsorted(self.time, end + 1e-9, side="right"))
+        if count == len(self.time):
+            return self
+        return Motion(
+            time=self.time[:count],
+            ball=self.ball[:count],
+            plate=self.plate[:count],
+            u=self.u[:count],
+            reference=self.reference[:count],
+            held=None if self.held is None else self.held[:count],
+            lateness=None if self.lateness is None else self.lateness[:count],
+        )
+
 
 def measure(
     motion: Motion, outcome: Outcome, *, start: float = 0.0, band_percent: float = 5.0
 ) -> dict[str, Any]:
-    """Judge one rig's motion.
+    """Judge one rig's motion, of a run that was stopped up to then.
 
     Args:
         motion: What the run did.
@@ -138,17 +153,22 @@ def measure(
         ``rms_distance``, of both axes; ``max_steady_error`` on x, None where that is the beginning.
         For a constant goal, on x: ``overshoot_percent`` of the way to it, ``settling_time`` from
         which on the ball stays in the band, ``steady_error`` at the end. Of the plate: its largest
-        angles, its largest applied accelerations ``u1_max`` and ``u2_max``, and their RMS.
+        angles, also after a stop, its largest applied accelerations ``u1_max`` and ``u2_max``, and
+        their RMS.
     """
     judged = unjudged(outcome)
     if len(motion.time) == 0:
         return judged
-    before = motion.time <= outcome.time + 1e-9  # what a stopped rig does then is no tracking
-    error = motion.error
-    steady = (motion.time >= start - 1e-9) & before
     found: dict[str, Any] = {
         "phi_max_deg": float(np.degrees(np.abs(motion.plate[:, 0]).max())),
         "theta_max_deg": float(np.degrees(np.abs(motion.plate[:, 1]).max())),
+    }
+    motion = motion.until(outcome.time)  # what a stopped rig does then is no tracking
+    if len(motion.time) == 0:
+        return judged | _finite(found)
+    error = motion.error
+    steady = motion.time >= start - 1e-9
+    found |= {
         "u1_max": float(np.abs(motion.u[:, 0]).max()),
         "u2_max": float(np.abs(motion.u[:, 1]).max()),
         "u_rms": _rms(motion.u),
@@ -157,7 +177,7 @@ def measure(
         found["late_percent"] = 100 * float((motion.lateness > 0).mean())
     if outcome.ending.value in LEFT:
         return judged | _finite(found)
-    along = error[before, 0]
+    along = error[:, 0]
     found |= {"rms_error": _rms(along), "mean_error": float(np.abs(along).mean())}
     if steady.any():
         found["tracking_error_percent"] = tracking_error(error[steady], motion.reference[steady])

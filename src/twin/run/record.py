@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,9 +25,9 @@ from controllers.catalog import origin
 from controllers.interfaces import Quantity
 from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import RecordError
-from twin.base.writing import write_whole
+from twin.base.writing import remove, write_whole
 from twin.run.files import STREAM, arrow_fields
-from twin.scenario.schema import KINDS, Scenario, choices, with_settings
+from twin.scenario.schema import KINDS, MOST_PERIODS, Scenario, choices, with_settings
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -213,12 +213,19 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
     import pyarrow.parquet as pq  # noqa: PLC0415
 
     columns = [("time", "s", recorder.time), *recorder.columns()]
-    fields = arrow_fields({name: unit for name, unit, _ in columns})
-    said = json.dumps(metadata, sort_keys=True)
-    schema = pa.schema(fields, metadata={"ballplate": said})
-    found = pa.Table.from_arrays([_arrow(values) for *_, values in columns], schema=schema)
-    write_whole(folder / "run.parquet", lambda path: pq.write_table(found, path))
-    (folder / STREAM).unlink(missing_ok=True)
+    arrays = [_arrow(values) for *_, values in columns]
+    schema, seal = _sealed({name: unit for name, unit, _ in columns}, metadata)
+    seal = _digest(seal, map(_bytes, arrays))
+    found = pa.Table.from_arrays(arrays, schema=schema)
+
+    def fill(path: Path) -> None:
+        with pq.ParquetWriter(path, schema) as writer:
+            writer.write_table(found)
+            # of the file, not of the schema: who changes its table writes another file without it
+            writer.add_key_value_metadata({CHECKSUM: seal})
+
+    write_whole(folder / "run.parquet", fill)
+    remove(folder / STREAM)
 
 
 @contextmanager
@@ -237,14 +244,17 @@ def stream(
     """
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
-    fields = arrow_fields({name: units.get(name, "") for name in columns})
-    schema = pa.schema(fields, metadata={"ballplate": json.dumps(metadata, sort_keys=True)})
+    schema, seal = _sealed({name: units.get(name, "") for name in columns}, metadata)
+    schema = schema.with_metadata({**schema.metadata, CHECKSUM: seal})
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("wb", buffering=0) as sink, pa.ipc.new_stream(sink, schema) as writer:
 
         def append(rows: Mapping[str, Array]) -> None:
+            nonlocal seal
             arrays = [_arrow(np.ascontiguousarray(column)) for column in rows.values()]
-            writer.write_batch(pa.RecordBatch.from_arrays(arrays, schema=schema))
+            seal = _digest(seal, map(_bytes, arrays))
+            batch = pa.RecordBatch.from_arrays(arrays, schema=schema)
+            writer.write_batch(batch, custom_metadata={CHECKSUM: seal})
             os.fsync(sink.fileno())
 
         yield append
@@ -261,6 +271,51 @@ def _arrow(values: NDArray[Any]) -> pa.Array:
     return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(values)])
 
 
+CHECKSUM = b"ballplate.checksum"
+"""Key of a SHA-256: in a Parquet file of the metadata, names, units and values of all columns; in a
+stream of the metadata, names and units, and with each batch that of the one before and its values.
+It is with the file, so that a table that is read, changed and written again has none.
+Records of earlier versions have none."""
+
+
+class DamagedError(OSError):
+    """A record is not what was written."""
+
+
+def _sealed(units: Mapping[str, str], metadata: Mapping[str, Any]) -> tuple[pa.Schema, bytes]:
+    """The schema of a record, and the checksum of what is in it."""
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+
+    said = json.dumps(metadata, sort_keys=True).encode()
+    schema = pa.schema(arrow_fields(units), metadata={b"ballplate": said})
+    return schema, _seal_of(schema)
+
+
+def _seal_of(schema: pa.Schema) -> bytes:
+    """The checksum of metadata, names, types and units of columns."""
+    units = [[each.name, str(each.type), _unit(each)] for each in schema]
+    said = (schema.metadata or {}).get(b"ballplate", b"")
+    return _digest(b"", (said, json.dumps(units).encode()))
+
+
+def _digest(before: bytes, parts: Iterable[bytes | memoryview]) -> bytes:
+    found = hashlib.sha256(before)
+    for part in parts:
+        found.update(part)
+    return found.hexdigest().encode()
+
+
+def _bytes(values: pa.Array) -> memoryview:
+    """The bytes of numbers without nulls."""
+    kind = np.dtype(values.type.to_pandas_dtype())
+    buffer = memoryview(values.buffers()[1] or b"")
+    return buffer[values.offset * kind.itemsize :][: len(values) * kind.itemsize]
+
+
+def _unit(item: pa.Field) -> str:
+    return (item.metadata or {}).get(b"unit", b"").decode(errors="replace")
+
+
 def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, Any]]:
     """Columns, their units and the metadata of a ``run.parquet`` or ``run.arrows``.
 
@@ -269,59 +324,161 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     """
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
+    def wanted(schema: pa.Schema) -> list[str]:
+        if len(set(schema.names)) < len(schema.names):
+            raise RecordError(f"{file}: not a readable Parquet file: two columns have one name")
+        if b"ballplate" not in (schema.metadata or {}):
+            raise RecordError(f"{file}: a Parquet file, but not a record of ballplate")
+        return [each.name for each in schema if is_number(each.type)]
+
     try:
-        table = stored(file)
+        table = stored(file, wanted)
     except FileNotFoundError as error:
         raise RecordError(f"{file}: no such record; a run folder holds run.parquet") from error
+    except DamagedError as error:
+        raise RecordError(f"{file}: {error}") from error
     except (OSError, pa.ArrowException) as error:
         if file.name == STREAM and not file.stat().st_size:
             raise RecordError(f"{file}: nothing has been recorded yet") from error
         reason = str(error).splitlines()[0]
         raise RecordError(f"{file}: not a readable Parquet file: {reason}") from error
-    if len(set(table.column_names)) < len(table.column_names):
-        raise RecordError(f"{file}: not a readable Parquet file: two columns have one name")
-    encoded = (table.schema.metadata or {}).get(b"ballplate")
-    if encoded is None:
-        raise RecordError(f"{file}: a Parquet file, but not a record of ballplate")
+    about = table.schema.metadata
     table = table.rename_columns([OLD_COLUMNS.get(name, name) for name in table.column_names])
-    columns = {
-        name: _numbers(table[name])
-        for name in table.column_names
-        if pa.types.is_floating(table[name].type) or pa.types.is_integer(table[name].type)
-    }
-    units = {
-        item.name: (item.metadata or {}).get(b"unit", b"").decode(errors="replace")
-        for item in table.schema
-    }
+    columns = {name: _numbers(table[name]) for name in table.column_names}
+    units = {item.name: _unit(item) for item in table.schema}
     try:
-        metadata = parse_json(encoded)
+        metadata = parse_json(about[b"ballplate"])
     except DataError as error:
         raise RecordError(f"{file}: metadata 'ballplate': {error}") from error
     if not isinstance(metadata, dict):
         raise RecordError(f"{file}: metadata 'ballplate': not a JSON object")
+    if TORN in about:
+        metadata["incomplete"] = [f"{file.name}: {about[TORN].decode()}"]
     return columns, units, metadata
 
 
-def stored(file: Path) -> pa.Table:
+TORN = b"ballplate.torn"
+"""Key of what is said of a stream whose last rows are left out; of no file."""
+MOST_ROWS = MOST_PERIODS
+"""Rows of a record that is read."""
+MOST_COLUMNS = 1000
+"""Columns of it, wanted or not."""
+MOST_BYTES, MOST_UNPACKED = 64_000_000, 200
+"""Bytes that a table may take in memory, or how many times its file's size if that is more: columns
+that stand still are packed well, but the noise and the times of a run are not."""
+
+
+def is_number(kind: pa.DataType) -> bool:
+    """Whether a column of a type is read."""
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+
+    return pa.types.is_floating(kind) or pa.types.is_integer(kind)
+
+
+def stored(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
     """The table of a Parquet file, or of a stream as far as it was written.
 
+    Its schema and its size are looked at before anything else is read.
+
+    Args:
+        file: The file.
+        wanted: Is given the schema; returns the names of the columns that are read, numbers all.
+
     Raises:
-        OSError: If it cannot be read.
+        DamagedError: If it has a checksum that it does not match.
+        OSError: If it cannot be read, or is larger than the limits of this module.
         pyarrow.ArrowException: If it is no such file.
     """
-    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
-    import pyarrow.parquet as pq  # noqa: PLC0415
+    import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
 
-    if file.suffix != Path(STREAM).suffix:
-        # not pq.read_table, which imports pandas wherever that is installed
-        with pq.ParquetFile(file) as parquet:
-            return parquet.read()
+    if file.suffix == Path(STREAM).suffix:
+        return _streamed(file, wanted)
+    # not pq.read_table, which imports pandas wherever that is installed
+    with pq.ParquetFile(file) as parquet:
+        schema, rows = parquet.schema_arrow, parquet.metadata.num_rows
+        names = wanted(schema)
+        _check_size(rows, len(schema), len(names), file.stat().st_size)
+        seal = (parquet.metadata.metadata or {}).get(CHECKSUM)
+        if seal is None:
+            return parquet.read(columns=names)
+        if not all(is_number(each.type) for each in schema):
+            raise DamagedError("damaged: a column holds no numbers")
+        _check_size(rows, len(schema), len(schema), file.stat().st_size)
+        table = parquet.read()
+    if any(column.null_count for column in table.columns):
+        raise DamagedError("damaged: values are missing")
+    parts = (_bytes(chunk) for column in table.columns for chunk in column.chunks)
+    if _digest(_seal_of(table.schema), parts) != seal:
+        raise DamagedError("damaged: it does not match its checksum")
+    return table.select(names)
+
+
+def _check_size(rows: int, columns: int, wanted: int, size: int) -> None:
+    """Make sure that a table is none that only fills the memory.
+
+    Raises:
+        OSError: If it is.
+    """
+    if rows > MOST_ROWS or columns > MOST_COLUMNS:
+        raise OSError(
+            f"{rows} rows of {columns} columns; at most {MOST_ROWS} of {MOST_COLUMNS} are read"
+        )
+    most = max(MOST_BYTES, MOST_UNPACKED * size)
+    if 8 * rows * wanted > most:
+        raise OSError(
+            f"{rows} rows of {wanted} columns would take {8e-6 * rows * wanted:.0f} MB; at most "
+            f"{1e-6 * most:.0f} MB are read of a file of {1e-3 * size:.0f} kB"
+        )
+
+
+def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
+    """The table of a stream; arguments and errors as for ``stored``."""
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+
+    batches, rows, left = [], 0, b""
     with file.open("rb") as source, pa.ipc.open_stream(source) as reader:
-        batches = []
-        with suppress(StopIteration, OSError, pa.ArrowException):  # its last rows may be torn
+        schema = reader.schema
+        names = wanted(schema)
+        sealed = CHECKSUM in (schema.metadata or {})
+        seal = _seal_of(schema)
+        if sealed and seal != schema.metadata[CHECKSUM]:
+            raise DamagedError("damaged: its head does not match its checksum")
+        end = source.tell()
+        # its last rows may be torn
+        with suppress(StopIteration, OSError, pa.ArrowException):
             while True:
-                batches.append(reader.read_next_batch())
-        return pa.Table.from_batches(batches, reader.schema)
+                batch, custom = reader.read_next_batch_with_custom_metadata()
+                batch.validate()
+                if sealed:
+                    seal = _digest(seal, map(_bytes, batch.columns))
+                    if any(each.null_count for each in batch.columns) or (
+                        seal != (custom or {}).get(CHECKSUM)
+                    ):
+                        break
+                batches.append(batch)
+                rows += len(batch)
+                end = source.tell()
+        _check_size(rows, len(schema), len(names), file.stat().st_size)
+        source.seek(end)
+        left = source.read().removesuffix(ENDED)
+    if sealed and (left.count(CHECKSUM) > 1 or (left and _is_ended(file))):
+        since = batches[-1][0][-1].as_py() if batches else 0.0
+        raise DamagedError(f"damaged: its rows after {since:.3f} s do not match their checksum")
+    if left:
+        lacks = "its last rows were being written or are damaged; they are left out"
+        schema = schema.with_metadata({**(schema.metadata or {}), TORN: lacks})
+    whole = [batch.replace_schema_metadata(schema.metadata) for batch in batches]
+    return pa.Table.from_batches(whole, schema).select(names)
+
+
+ENDED = b"\xff\xff\xff\xff\0\0\0\0"
+"""The end of a stream whose writer came to its end."""
+
+
+def _is_ended(file: Path) -> bool:
+    with file.open("rb") as source:
+        source.seek(-len(ENDED), os.SEEK_END)
+        return source.read() == ENDED
 
 
 def read_metadata(file: Path) -> bytes | None:
@@ -335,7 +492,7 @@ def read_metadata(file: Path) -> bytes | None:
 
     streamed = file.suffix == Path(STREAM).suffix
     try:
-        schema = stored(file).schema if streamed else pq.read_schema(file)
+        schema = stored(file, lambda _: []).schema if streamed else pq.read_schema(file)
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{file}: not a readable record") from error
     return (schema.metadata or {}).get(b"ballplate")

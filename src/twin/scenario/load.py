@@ -115,6 +115,15 @@ def _with(model: Any, key: str, value: Any) -> Any:
     return model.model_copy(update={name: inner})
 
 
+def cut_short(scenario: Scenario, duration: float) -> Scenario:
+    """A scenario that ends at a time in s, after one period at least, with all else as it is.
+
+    Steady tracking is evaluated from the same time on, which may be after that end.
+    """
+    period = scenario.rig.period
+    return scenario.model_copy(update={"duration": max(1, round(duration / period)) * period})
+
+
 def clean(scenario: Scenario) -> Scenario:
     """The same controller and motion on the exact equations that the controller is designed on.
 

@@ -563,6 +563,14 @@ class Scenario(Section):
                 f"duration: must be {period:g} to {MOST_PERIODS * period:g} s with "
                 f"rig.period = {period:g} s, got {self.duration:g}"
             )
+        angle, acceleration = self.rig.limits.angle_deg, self.rig.limits.acceleration
+        # a plate that is level may then be given no rate that could still be braked, see Clamp
+        if period >= (most := math.sqrt(8 * math.radians(angle) / acceleration)):
+            yield (
+                f"rig.period: must be less than {most:.3g} s with rig.limits.angle_deg = {angle:g} "
+                f"and rig.limits.acceleration = {acceleration:g}, got {period:g}: the plate could "
+                "never be moved"
+            )
         if problem := self.plant.problem():
             yield problem
         yield from self._transmission_problems()

@@ -190,6 +190,11 @@ def sentences(found: Shadow) -> list[str]:
             f"Healthy as far as the log tells: in the {told:.0f} of {length:.0f} s in which the "
             "ball moved, nothing but the twin is needed to explain it."
         )
+    elif found.verdict == "cannot tell" and len(found.gaps):
+        words.append(
+            f"Cannot tell: gaps cut the log up, and only {told:.0f} of {length:.0f} s are long "
+            "enough without one and have a ball that moves. That is no sign of health."
+        )
     elif found.verdict == "cannot tell":
         words.append(
             f"Cannot tell: the ball moved for {told:.0f} of {length:.0f} s, and a ball at rest "

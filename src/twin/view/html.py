@@ -38,7 +38,8 @@ def details(runs: Sequence[Run]) -> Figure:
             level = np.maximum(1000 * np.sqrt((amplitude**2).mean(axis=1)), 1e-6)
             look = {**style(index), "lw": 1}
             panels["spectrum"].loglog(frequency[1:], level[1:], label=run.name, **look)
-            distance = np.sort(1000 * np.hypot(*run.motion.error.T))
+            until = run.motion.until(run.judged_until)
+            distance = np.sort(1000 * np.hypot(*until.error.T))
             share = 100 * np.arange(1, len(distance) + 1) / len(distance)
             panels["share"].plot(distance, share, **look)
             if "true_x" in run.rows:

@@ -18,8 +18,8 @@ from twin.base.jobs import let_go, orphaned, spawned, wait_until
 from twin.run.record import Recorder
 
 _NAMES = 16384
-_COUNTERS = 6
-_WRITTEN, _DROPPED, _DONE, _NAMED, _OPENED, _TAKEN = range(_COUNTERS)
+_COUNTERS = 7
+_WRITTEN, _DROPPED, _DONE, _NAMED, _OPENED, _TAKEN, _PROCESSED = range(_COUNTERS)
 
 
 class SharedRingBuffer:
@@ -109,6 +109,7 @@ class SharedRingBuffer:
             columns = self.columns
             rows = self.take(most) if columns else np.empty((0, 0))
             yield dict(zip(columns, rows.T, strict=True))
+            self._counters[_PROCESSED] += len(rows)
             if most is None or len(rows) < most:
                 if done:
                     return
@@ -118,6 +119,16 @@ class SharedRingBuffer:
     def taken(self) -> int:
         """Rows the reader has taken, or missed, so far."""
         return int(self._counters[_TAKEN])
+
+    @property
+    def written(self) -> int:
+        """Rows that were handed over so far."""
+        return int(self._counters[_WRITTEN])
+
+    @property
+    def processed(self) -> int:
+        """Rows of ``blocks`` that the reader has finished with."""
+        return int(self._counters[_PROCESSED])
 
     @property
     def dropped(self) -> int:
@@ -154,16 +165,24 @@ WIDTH = 96
 FIRST = 60.0
 """Seconds the process may take to start; a shorter run waits for that at its end."""
 LAST = 5.0
-"""Seconds without progress after which, at the end, the process is taken for dead."""
+"""Seconds without progress after which, at the end, a view is taken for dead."""
+EVIDENCE_PATIENCE = 60.0
+"""The same of what writes a record or a trace: a busy computer may stop it for many seconds."""
+VIEW_NICENESS = 15
+"""Unix niceness of a process that only shows a run."""
+EVIDENCE_NICENESS = 5
+"""Unix niceness of one that writes a record or a trace. Four busy programs on two processors leave
+15 some 2 % of a processor, less than a trace of two drives at 2 ms needs (some 10 %), and 5 some
+14 %."""
 
 Address = tuple[int, int, str]
 
 
-def step_back() -> None:
-    """Give this process the lowest priority and leave Ctrl-C to the run."""
+def step_back(niceness: int = VIEW_NICENESS) -> None:
+    """Give this process a lower priority and leave Ctrl-C to the run."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
-        os.nice(15)
+        os.nice(niceness)
 
 
 class LiveProcess:
@@ -190,8 +209,10 @@ class LiveProcess:
         self._plan: list[tuple[str, int, int]] = []
         self.dropped = 0
         """Rows that the process missed, known after ``finish``."""
-        self.taken = 0
-        """Rows that it took, likewise."""
+        self.written = 0
+        """Rows that were handed over to it, likewise."""
+        self.missing = 0
+        """Rows that it has not finished with, whatever the reason, likewise."""
         self._process = spawned(work, self._ring.address, *arguments)
         self._started = monotonic()
 
@@ -247,13 +268,15 @@ class LiveProcess:
         Args:
             wait: Seconds without progress after which it is given up.
         """
-        self._ring.finish()
+        ring = self._ring
+        ring.finish()
         self.begun()
-        taken = -1
-        while self.alive and self._ring.taken != taken:
-            taken = self._ring.taken
+        progress = (-1, -1)
+        while self.alive and (ring.taken, ring.processed) != progress:
+            progress = ring.taken, ring.processed
             self._process.join(wait)
-        self.dropped, self.taken = self._ring.dropped, self._ring.taken
+        self.dropped, self.written = ring.dropped, ring.written
+        self.missing = ring.written - ring.processed
         return self._process.exitcode == 0
 
     def close(self) -> None:

@@ -129,7 +129,9 @@ def fix(stream: rr.RecordingStream, shapes: Iterable[tuple[str, rr.AsComponents]
 def send(stream: rr.RecordingStream, batches: Iterable[Batch]) -> None:
     """Send batches of columns."""
     for batch in batches:
-        time = rr.TimeColumn(TIMELINE, duration=batch.time)
+        # Rerun rounds the times of rows, but cuts those of columns
+        whole = np.round(1e9 * batch.time).astype("timedelta64[ns]")
+        time = rr.TimeColumn(TIMELINE, duration=whole)
         rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
 
 

@@ -15,6 +15,10 @@ from twin.run.assemble import build_law
 from twin.run.finished import Run, columns
 from twin.run.metrics import Motion
 
+ROUND = 0.99 * 2 * math.pi
+"""Turning of a reference in rad from which on delay and scale of a path can be told apart."""
+RESTING = 1e-3
+"""Speed of a reference in m/s below which it rests."""
 LONGEST_LAG = 1.5
 """Seconds up to which a lag behind the reference is looked for."""
 COARSE, FINE = 0.025, 0.005
@@ -31,7 +35,9 @@ AWAY = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """Facts of one run from ``metrics.start`` on; lengths in m, times in s, shares 0..1.
+    """Facts of one run from ``metrics.start`` on, of one that was stopped up to then.
+
+    Lengths are in m, times in s, shares 0..1.
 
     Attributes:
         rms: Root mean square distance of ball and reference.
@@ -39,6 +45,7 @@ class Diagnosis:
             no delay fits.
         gain: The scale about the plate's centre: below 1 the path is smaller; None without a lag.
         rest: Root mean square distance from the reference so delayed and scaled; None likewise.
+        turned: By how much the reference's direction turned in that time, rad; a reversal is pi.
         estimation: Root mean square error of the estimated position; None if the truth is unknown.
         cut: Share of time in which a limit reduced the control effort; None if not recorded.
         angle: Largest plate angle over its limit.
@@ -48,12 +55,14 @@ class Diagnosis:
             moved, or the ball is where it should be.
         tilt: Tilt of the plate then, rad.
         held: Share of the whole run in which friction held the ball at rest; None if unknown.
+        unmoved: Whether the law asked for motion and the limits left nothing of all of it.
     """
 
     rms: float
     lag: float | None
     gain: float | None
     rest: float | None
+    turned: float
     estimation: float | None
     cut: float | None
     angle: float
@@ -62,14 +71,16 @@ class Diagnosis:
     stuck: float | None
     tilt: float
     held: float | None
+    unmoved: bool
 
     @classmethod
     def of(cls, run: Run) -> Diagnosis:
         """Look through a run's record."""
-        motion, rows = run.motion, run.rows
-        end = min(motion.time[-1], run.metrics.get("outcome_time") or motion.time[-1])
-        begin = run.scenario.metrics.start if run.scenario.metrics.start < end else 0.0
-        late = (motion.time >= begin - 1e-9) & (motion.time <= end + 1e-9)
+        end = max(run.judged_until, float(run.motion.time[0]))
+        motion = run.motion.until(end)
+        rows = {name: values[: len(motion.time)] for name, values in run.rows.items()}
+        start = run.scenario.metrics.start
+        late = motion.time >= (start if start < motion.time[-1] else 0.0) - 1e-9
         time, ball = motion.time[late], motion.ball[late]
         lag, gain, rest = _timing(run, time, ball)
         estimation = None
@@ -84,6 +95,7 @@ class Diagnosis:
             lag=lag,
             gain=gain,
             rest=rest,
+            turned=_turned(motion.reference[late]),
             estimation=estimation,
             cut=None
             if np.isnan(requested).all()
@@ -94,6 +106,7 @@ class Diagnosis:
             stuck=_stuck(motion),
             tilt=float(np.hypot(*motion.plate[-1])),
             held=None if motion.held is None else float(motion.held.mean()),
+            unmoved=bool(np.nan_to_num(requested).any() and not applied.any()),
         )
 
 
@@ -108,10 +121,15 @@ def _stuck(motion: Motion) -> float | None:
 def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | None, float | None]:
     """Delay and scale of the reference that fit the ball best, and the error that is left.
 
-    Nothing if the best delay is the longest of those tried, up to half the time that is judged.
+    Nothing if the best delay is the first or last of those tried, up to half the time that is
+    judged, or if the reference neither turns once round in that time nor goes from rest to rest: a
+    part of its way can be delayed, scaled or not yet reached, which nobody can tell apart.
     """
     reference = run.followed
     if len(time) < 10 or np.ptp(reference(time)[0], axis=0).max() < 1e-3:
+        return None, None, None
+    speed = np.hypot(*reference(time[[0, -1]])[1].T)
+    if _turned(reference(time)[0]) < ROUND and speed.max() > RESTING:
         return None, None, None
     some = slice(None, None, max(1, len(time) // 2000))
     time, ball = time[some], ball[some]
@@ -124,7 +142,7 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
     coarse = np.arange(-0.2, min(LONGEST_LAG, float(np.ptp(time)) / 2), COARSE)
     every = max(1, len(time) // 400)
     best = coarse[int(np.argmin([fit(delay, every)[1] for delay in coarse]))]
-    if best == coarse[-1]:
+    if best in (coarse[0], coarse[-1]):
         return None, None, None
     fine = best + np.arange(-COARSE, 1.5 * COARSE, FINE)
     squares = np.array([fit(delay)[1] ** 2 for delay in fine])
@@ -135,12 +153,20 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
     return lag, *fit(lag)
 
 
+def _turned(path: Array) -> float:
+    """By how much the direction of a path (K, 2) turns in all, rad; a reversal is pi."""
+    steps = np.diff(path, axis=0)
+    steps = steps[np.hypot(*steps.T) > 1e-9]
+    turns = np.diff(np.arctan2(steps[:, 1], steps[:, 0]))
+    return float(np.abs((turns + np.pi) % (2 * np.pi) - np.pi).sum())
+
+
 def spectrum(run: Run) -> tuple[Array, Array]:
     """Amplitude of the tracking error over frequency: Hz (F,), m (F, 2) for x and y.
 
     A Hann window from ``metrics.start`` on, scaled so that a sine of amplitude a reads a.
     """
-    motion = run.motion
+    motion = run.motion.until(max(run.judged_until, float(run.motion.time[0])))
     late = motion.time >= run.scenario.metrics.start - 1e-9
     error = motion.error[late] if late.sum() >= 8 else motion.error
     window = np.hanning(len(error))
@@ -177,6 +203,7 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
     told = [
         _ending(run),
+        *(f"Not whole: {line}." for line in run.incomplete),
         f"{_size(run, found)}.",
     ]
     if found.held:
@@ -245,6 +272,13 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
                 f"the ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
                 f"{abs(1 - found.gain):.1%} {size}, without which {_mm(found.rest)} would be left"
             )
+    elif found.lag is None and RESTING < found.turned < ROUND and found.rms > SMALL:
+        facts.append(
+            f"too short for a lag: its reference turned by {math.degrees(found.turned):.0f} deg "
+            "in that time, less than once round"
+        )
+    if found.unmoved:
+        facts.insert(0, "the plate was never moved: limits left nothing of any command")
     if found.cut is not None and found.cut > CUT:
         facts.append(
             f"a limit of rate, acceleration or angle cut the effort {found.cut:.1%} of the time"

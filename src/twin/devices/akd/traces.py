@@ -6,6 +6,7 @@ bounded size. `trace_files` reads all of these, and those of other programs.
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -18,6 +19,7 @@ from typing import Any
 import can
 
 from twin.base.errors import LogError
+from twin.base.writing import write_whole
 from twin.devices.akd import TRACE
 from twin.devices.akd.trace_files import Notes, read_frames
 
@@ -66,6 +68,8 @@ class TracedBus(can.BusABC):
 
 PART = 20_000_000
 """Bytes of a part of a bounded trace: about two minutes of two drives at 500 Hz."""
+SEAL = "trace.sha256"
+"""Checksums of the parts of a run's trace, beside them."""
 WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
 """Endings of traces that are written; each but .blf, packed already, may be followed by .gz."""
 _DISORDER = 0.01
@@ -137,6 +141,8 @@ class TraceWriter:
         self._number = 0
         for old in parts(file):
             old.unlink()
+        if file.name == TRACE:
+            file.with_name(SEAL).unlink(missing_ok=True)
         file.parent.mkdir(parents=True, exist_ok=True)
         self._logger = can.Logger(file, channel=channel)
 
@@ -183,6 +189,37 @@ def parts(file: Path) -> list[Path]:
     return [each for number in numbers if (each := _part(file, number)).is_file()]
 
 
+def seal(file: Path) -> None:
+    """Write the SHA-256 of each part of a finished trace, in the form of ``sha256sum``."""
+    lines = [f"{_sha256(each)}  {each.name}\n" for each in parts(file)]
+    write_whole(file.with_name(SEAL), "".join(lines))
+
+
+def altered(file: Path) -> list[str]:
+    """Which parts of a run's trace are not what ``seal`` found, a line each; none without it."""
+    if file.name != TRACE:
+        return []
+    try:
+        lines = file.with_name(SEAL).read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return []
+    found = {each.name: each for each in parts(file)}
+    remarks = []
+    for line in lines:
+        mark, _, name = line.partition("  ")
+        part = found.pop(name, None)
+        if part is None:
+            remarks.append(f"{name}: is missing, or damaged with its checksum")
+        elif _sha256(part) != mark:
+            remarks.append(f"{name}: has changed since it was written, or is damaged")
+    return remarks
+
+
+def _sha256(file: Path) -> str:
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
+
+
 @dataclass
 class Trace:
     """The frames of one channel, in the order of their times.
@@ -210,7 +247,7 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
     Raises:
         LogError: If nothing in it can be read.
     """
-    remarks: list[str] = []
+    remarks = altered(path)
     frames: list[can.Message] = []
     files = parts(path)
     if not files:

@@ -1,0 +1,182 @@
+"""Damaged and hostile records: each is noticed in one line, and none fills the memory."""
+
+import time
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twin.base.errors import LogError, RecordError
+from twin.run.files import STREAM
+from twin.run.finished import described, open_run, record_run, run
+from twin.run.logs import NEEDED, UNITS, read_columns, split_unit
+from twin.run.record import CHECKSUM, read_run, stream
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The two forms of a record of 200 periods, and what is in it."""
+    from twin.scenario.load import load
+
+    scenario = load("hold", ["plant.kind=lagrange", "duration=0.4"])
+    done, folder = run(scenario), tmp_path_factory.mktemp("made")
+    record_run(done, folder / "whole")
+    rows = dict(done.rows)
+    with stream([*rows], folder / STREAM, done.units, described(scenario)) as append:
+        for first in range(0, 200, 20):
+            append({name: values[first : first + 20] for name, values in rows.items()})
+    return folder / "whole" / "run.parquet", folder / STREAM, rows
+
+
+def damaged(content, rng):
+    """A file with a byte changed, a sector of zeros or its end cut off."""
+    at, kind = int(rng.integers(len(content))), int(rng.integers(4))
+    if kind == 0:
+        return content[:at]
+    if kind == 1:
+        sector = at // 512 * 512
+        return (
+            content[:sector] + bytes(len(content[sector : sector + 512])) + content[sector + 512 :]
+        )
+    changed = bytearray(content)
+    changed[at] ^= 1 << int(rng.integers(8))
+    return bytes(changed)
+
+
+@pytest.mark.parametrize("form", [0, 1], ids=["parquet", "arrows"])
+@pytest.mark.parametrize(
+    "times", [60, pytest.param(1500, marks=pytest.mark.long)], ids=["some", "many"]
+)
+def test_no_damage_changes_a_number_without_a_word(made, tmp_path, form, times):
+    content, rows = made[form].read_bytes(), made[2]
+    _, units, metadata = read_run(made[form])
+    rng, file, noticed = np.random.default_rng(times), tmp_path / made[form].name, 0
+    for number in range(times):
+        file.write_bytes(damaged(content, rng))
+        try:
+            found, its, said = read_run(file)
+        except RecordError as refused:
+            noticed += str(refused).count("\n") == 0
+            continue
+        count = len(found["time"])
+        lacks = said.pop("incomplete", [])
+        noticed += bool(lacks)
+        assert (its, said) == (units, metadata), number
+        assert set(found) == set(rows), number
+        for name, values in rows.items():
+            assert np.array_equal(found[name], values[:count], equal_nan=True), (number, name)
+        assert count == 200 or (form and lacks and count % 20 == 0), number
+    assert noticed > 0.8 * times
+
+
+def test_a_stream_that_is_damaged_in_the_middle_says_from_when_on(made, tmp_path):
+    content = made[1].read_bytes()
+    one = content.index(CHECKSUM, content.index(CHECKSUM, len(content) // 2) + 1)
+    file = tmp_path / STREAM
+    file.write_bytes(content[: one + 600] + b"\x7f" + content[one + 601 :])
+    with pytest.raises(RecordError, match=r"run\.arrows: damaged: its rows after 0\.\d+ s do not"):
+        open_run(tmp_path)
+    with pytest.raises(LogError, match=r"run\.arrows: .*damaged: its rows after"):
+        read_columns(file, UNITS, NEEDED)
+
+
+def test_rows_that_were_being_written_are_left_out_and_that_is_said(made, tmp_path):
+    (tmp_path / STREAM).write_bytes(made[1].read_bytes()[:-300])
+    (found,) = open_run(tmp_path)
+    assert len(found.time) == 180
+    assert found.incomplete == (
+        "run.arrows: its last rows were being written or are damaged; they are left out",
+    )
+
+
+def test_a_stream_without_some_periods_says_how_many(made, tmp_path, scenario):
+    rows = {name: np.delete(values, slice(50, 60)) for name, values in made[2].items()}
+    with stream([*rows], tmp_path / STREAM, {}, described(scenario())) as append:
+        append(rows)
+    assert open_run(tmp_path)[0].incomplete == (
+        "run.arrows: 10 periods are not in it: begun too late, or not written",
+    )
+
+
+def test_records_without_a_checksum_are_read(made, tmp_path):
+    with pq.ParquetFile(made[0]) as parquet:
+        table = parquet.read()
+    about = {b"ballplate": table.schema.metadata[b"ballplate"]}
+    table = table.replace_schema_metadata(about)
+    pq.write_table(table, tmp_path / "run.parquet")
+    assert np.array_equal(read_run(tmp_path / "run.parquet")[0]["true_x"], made[2]["true_x"])
+    with pa.ipc.new_stream(tmp_path / STREAM, table.schema) as writer:
+        writer.write_table(table)
+    found = read_run(tmp_path / STREAM)
+    assert np.array_equal(found[0]["true_x"], made[2]["true_x"])
+    assert "incomplete" not in found[2]
+
+
+def flat(names, rows):
+    """A table that packs into nothing: every value the same."""
+    values = pa.chunked_array([pa.repeat(0.0, rows)])
+    return pa.table(dict.fromkeys(names, values))
+
+
+HOSTILE = {
+    "rows of 4 columns would take": lambda: flat(("time", "measured_x", "b", "c"), 4_000_000),
+    "11000000 rows of 1 columns; at most 10000000 of 1000": lambda: flat(("time",), 11_000_000),
+    "1 rows of 5000 columns": lambda: flat([f"c{i}" for i in range(5000)], 1),
+}
+
+
+@pytest.mark.parametrize("said", HOSTILE)
+def test_a_file_that_would_fill_the_memory_is_refused_by_its_schema(tmp_path, said, monkeypatch):
+    file = tmp_path / "run.parquet"
+    table = HOSTILE[said]().replace_schema_metadata({"ballplate": "{}"})
+    pq.write_table(table, file, compression="zstd")
+    assert file.stat().st_size < 2_000_000
+    monkeypatch.setattr(pq.ParquetFile, "read", lambda *_, **__: 1 / 0)
+    with pytest.raises(RecordError, match=said):
+        read_run(file)
+
+
+def test_columns_are_looked_at_before_any_is_read(tmp_path, monkeypatch):
+    nested = pa.array([{"x": 1.0}] * 3)
+    table = pa.table({"time": nested, "measured_x": [1.0] * 3, "text": ["a"] * 3})
+    pq.write_table(table.replace_schema_metadata({"ballplate": "{}"}), tmp_path / "run.parquet")
+    monkeypatch.setattr(pq.ParquetFile, "read", lambda *_, **__: 1 / 0)
+    with pytest.raises(LogError, match=r"no column .*measured_y"):
+        read_columns(tmp_path / "run.parquet", UNITS, NEEDED)
+    with pytest.raises(LogError, match="time: is not one column of numbers"):
+        read_columns(tmp_path / "run.parquet", UNITS, ("time",))
+    monkeypatch.undo()
+    assert [*read_run(tmp_path / "run.parquet")[0]] == ["measured_x"]
+
+
+LONG = 40_000
+HEADERS = {
+    "spaces": "x" + " " * LONG + "y",
+    "brackets": "[" * LONG,
+    "openings": "(a" * (LONG // 2) + ")" * 9 + "z",
+    "name": "n" * LONG,
+    "unit": f"time [{'u' * LONG}]",
+    "columns": ",".join(f"c{number}" for number in range(LONG // 6)),
+}
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_a_long_header_is_one_short_line_at_once(tmp_path, header):
+    (tmp_path / "log.csv").write_text(f"{HEADERS[header]}\n1\n")
+    begin = time.process_time()
+    with pytest.raises(LogError) as caught:
+        read_columns(tmp_path / "log.csv", UNITS, ("time", "measured_x"))
+    assert time.process_time() - begin < 1.0
+    assert len(str(caught.value)) < 1200
+
+
+@given(st.text("ab []()", max_size=12))
+@settings(max_examples=200)
+def test_a_header_is_a_name_and_in_the_last_brackets_a_unit(text):
+    name, unit = split_unit(f"{text.strip('[]() ')} [mm] ")
+    assert unit == "mm" or any(bracket in text.strip("[]() ") for bracket in "[(")
+    assert split_unit(text)[1] is None or text.strip()[-1] in "])"
+    assert name == name.strip()

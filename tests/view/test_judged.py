@@ -1,0 +1,150 @@
+"""A run is judged only while it was driven, and only by what it shows."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from twin.base.errors import ScenarioError
+from twin.hal.supervisor import State
+from twin.run.files import STREAM
+from twin.run.finished import described, open_run, run
+from twin.run.metrics import Ending, Motion, Outcome, measure
+from twin.run.record import stream
+from twin.scenario.load import cut_short, load
+from twin.shadow.report import sentences
+from twin.view.summary import Diagnosis, judged, spectrum, summary
+
+CIRCLE = ("plant.kind=lagrange", "plant.step=0.002", "metrics.start=0")
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return run(load("circle", [*CIRCLE, "duration=3"]))
+
+
+@pytest.fixture
+def stopped(whole):
+    """The same run stopped at 2 s, after which its ball is believed to run away."""
+    time = whole.rows["time"]
+    away = np.where(time > 2.003, 20.0 * (time - 2.0), 0.0)
+    rows = dict(whole.rows)
+    rows |= {name: rows[name] + away for name in ("true_x", "estimated_x", "true_y")}
+    rows["supervisor"] = np.where(time > 2.0, State.HOLDING, State.RUNNING).astype(float)
+    rows["touched"] = np.where(time > 2.0, 0.0, 1.0)
+    outcome = Outcome(Ending.ABORTED, 2.0, "ball too fast")
+    found = replace(whole, rows=rows, metrics={})
+    return replace(found, metrics=measure(found.motion, outcome))
+
+
+def same_until(whole, end):
+    """The numbers of a run that went on to a time only."""
+    return measure(whole.motion.until(end), Outcome(Ending.ABORTED, end))
+
+
+def test_a_stopped_run_is_judged_up_to_its_stop(whole, stopped):
+    alone = same_until(whole, 2.0)
+    numbers = ("rms_error", "mean_error", "tracking_error_percent", "rms_distance", "u_rms")
+    assert [stopped.metrics[each] for each in numbers] == [alone[each] for each in numbers]
+    found = Diagnosis.of(stopped)
+    assert found.rms == pytest.approx(alone["rms_distance"])
+    assert found.untouched == 0.0
+    angle = (
+        np.abs(whole.rows["true_phi"][:1001]).max(),
+        np.abs(whole.rows["true_theta"][:1001]).max(),
+    )
+    assert found.angle == max(angle) / whole.limits.angle
+    assert "stuck" not in " ".join(summary(stopped, found))
+    assert spectrum(stopped)[1].max() < 0.2
+
+
+def test_what_lies_still_after_a_stop_is_no_end_of_an_approach():
+    time = 0.002 * np.arange(2000)
+    ball = np.where(time < 1.0, 0.05 * time, 0.3)[:, None] * [1.0, 0.0]
+    motion = Motion(
+        time=time,
+        ball=ball,
+        plate=np.zeros((2000, 2)),
+        u=np.where(time < 1.0, 1.0, 9.0)[:, None] * [1.0, 1.0],
+        reference=np.tile([0.1, 0.0], (2000, 1)),
+    )
+    found = measure(motion, Outcome(Ending.FAULT, 0.998, "drive"))
+    assert found["overshoot_percent"] == 0.0
+    assert found["steady_error"] == pytest.approx(0.1 - 0.05 * 0.998)
+    assert found["u1_max"] == 1.0
+
+
+def test_a_killed_run_is_judged_up_to_where_its_rig_had_been_stopped(whole, stopped, tmp_path):
+    about = described(whole.scenario)
+    with stream([*stopped.rows], tmp_path / STREAM, whole.units, about) as append:
+        append(stopped.rows)
+    (found,) = open_run(tmp_path)
+    assert found.metrics["reason"].endswith("the rig had been stopped before")
+    assert found.metrics["outcome_time"] == pytest.approx(2.002)
+    expected = same_until(whole, 2.002)["rms_error"]
+    assert found.metrics["rms_error"] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("duration", [0.3, 1, 4])
+def test_a_part_of_a_round_has_no_lag_and_no_scale(duration):
+    short = run(load("circle", [*CIRCLE, f"duration={duration}"]))
+    found = Diagnosis.of(short)
+    assert (found.lag, found.gain, found.rest) == (None, None, None)
+    assert 0.0 < found.turned < 0.75 * duration  # it begins softly
+    assert "smaller" not in judged(short)
+    assert ("less than once round" in judged(short)) is (found.rms > 1e-4)
+
+
+def test_a_whole_round_has_both():
+    fast = ["reference.amplitude=0.05", "reference.omega=3.0", "metrics.start=3"]
+    found = Diagnosis.of(run(load("circle", [*CIRCLE[:2], *fast, "duration=6"])))
+    assert found.turned == pytest.approx(3 * 3.0, rel=0.01)
+    assert found.lag is not None
+    assert found.gain is not None
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        "rig.period=2",
+        "rig.period=0.45",
+        "rig.limits.acceleration=400000",
+        "rig.limits.angle_deg=0.0001",
+    ],
+)
+def test_a_period_in_which_no_plate_can_be_moved_is_refused(settings):
+    more = ["plant.step=0.002"] if "period" not in settings else ["plant.step=0.001"]
+    with pytest.raises(ScenarioError, match=r"rig\.period: must be less than .* never be moved"):
+        load("circle", [settings, *more])
+
+
+def test_just_below_that_period_a_plate_moves():
+    chosen = load("circle", [*CIRCLE, "rig.period=0.4", "plant.step=0.001", "duration=8"])
+    assert np.abs(run(chosen).motion.plate).max() > 1e-4
+
+
+def test_a_run_whose_commands_were_all_cut_to_nothing_says_so(whole):
+    rows = dict(whole.rows)
+    rows |= {f"applied_{axis}_acc": 0 * rows["time"] for axis in ("phi", "theta")}
+    assert "the plate was never moved" in judged(replace(whole, rows=rows))
+    assert "never moved" not in judged(whole)
+
+
+def test_a_log_that_gaps_cut_up_is_not_called_one_of_a_ball_at_rest():
+    seen = {"verdict": "cannot tell", "told": 0.0, "length": 25.0, "taught": "", "alarms": []}
+    seen |= {"score_median": None, "inside_band": None, "error_1s": None, "replays": None}
+    (still,) = sentences(SimpleNamespace(**seen, gaps=np.zeros((0, 2))))
+    cut, gaps = sentences(SimpleNamespace(**seen, gaps=np.tile([1.0, 1.1], (263, 1))))
+    assert "moved for 0 of 25 s" in still
+    assert "moved for" not in cut
+    assert cut.startswith("Cannot tell: gaps cut the log up, and only 0 of 25 s")
+    assert gaps.startswith("263 gaps")
+
+
+def test_a_scenario_that_is_cut_short_is_the_beginning_of_the_whole(whole):
+    part = run(cut_short(whole.scenario, 0.5))
+    assert part.end == pytest.approx(0.5)
+    for name, values in part.rows.items():
+        assert np.array_equal(values, whole.rows[name][: len(values)], equal_nan=True)
+    assert cut_short(whole.scenario, 0.0).duration == 0.002
