@@ -31,7 +31,7 @@ SLICE = 25
 class TimeVaryingLQR(AboutMotion):
     """u = u*(t) + K(t) (x*(t) - x) about the motion x* that makes the ball follow the reference.
 
-    With A(t), B(t) of the exact model (5.9) along the reference, K = R^-1 B'P, R = 1, and P of the
+    With A(t), B(t) of the model (5.9) along the reference, K = R^-1 B'P, R = 1, and P of the
     differential Riccati equation, integrated backward in time (Kalman 1960, "Contributions to the
     theory of optimal control"; Anderson and Moore 1990, "Optimal control", chapter 2),
 
@@ -78,7 +78,7 @@ class TimeVaryingLQR(AboutMotion):
 
 
 def along(model: BallPlate, reference: Reference, times: Array) -> tuple[Array, Array]:
-    """The exact model (5.9) linearised along a reference, the plate as the flat model takes it.
+    """The model (5.9) linearised along a reference, the plate as the flat model takes it.
 
     Returns:
         A and B of x' = A x + B u at K times, shapes (K, ..., 8, 8) and (K, ..., 8, 2).
@@ -328,7 +328,7 @@ class Horizon:
         self._law, self._motion, self._period = law, motion, period
         self._program = Program(law)
         self._ticks = max(1, round(law.step / period))
-        self._known = 0
+        self._known, self._step = 0, -1
         self._ahead = np.stack([self._knot() for _ in range(law.steps + 1)])
         self._v: Any = 0.0
         self._inputs: Array = np.zeros(law.steps)
@@ -343,8 +343,10 @@ class Horizon:
     def input(self, t: float, x: Array) -> Array:
         """Acceleration a'' in rad/s^2 at a time in s for a state, shape (..., 2)."""
         tick = round(t / self._period)
-        if tick % self._ticks == 0:
-            while self._known <= tick // self._ticks + self._law.steps:
+        step = tick // self._ticks
+        if step != self._step:  # at its begin, or within it where a run goes on from there
+            self._step = step
+            while self._known <= step + self._law.steps:
                 self._ahead = np.concatenate((self._ahead[1:], self._knot()[None]))
             self._v = self._best(x)
         share = (tick % self._ticks) / self._ticks

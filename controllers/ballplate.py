@@ -1,4 +1,8 @@
-"""The ball-and-plate model: exact (5.9), its Jacobians (7.15), linear (5.35) and flat (6.44)."""
+"""The ball-and-plate model of laws: (5.9), its Jacobians (7.15), linear (5.35) and flat (6.44).
+
+(5.9) is what the thesis designs its laws on. It lacks a term of a ball that rolls, and its spin:
+``twin.sim.plant.exact`` has both, docs/claims.md says where they matter.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +56,9 @@ class BallPlate:
 
     The state is x = (x, x', phi, phi', y, y', theta, theta') (5.5) in m, m/s, rad, rad/s, in plate
     axes; the input u = (phi'', theta'') (5.8) in rad/s^2. The rotation from plate to world is
-    R = Rx(theta) Ry(phi) (4.5). Assumes rolling without slip, spin or rolling resistance.
+    R = Rx(theta) Ry(phi) (4.5). Assumes rolling without slip, spin or rolling resistance, and takes
+    Lagrange's equations with the rolling condition put in, which loses (1 - c1) w_z y' in x'' and
+    -(1 - c1) w_z x' in y'', w_z = theta' sin(phi).
 
     Raises:
         ValueError: If a parameter is not finite, or not positive where it must be.
@@ -96,14 +102,14 @@ class BallPlate:
         object.__setattr__(self, "k", self.k1 * SIGN)
 
     def f(self, x: Array) -> Array:
-        """Drift of the exact model (5.9b), shape (..., 8)."""
+        """Drift of the model (5.9b), shape (..., 8)."""
         out = np.zeros_like(x)
         out[..., 0::2] = x[..., 1::2]
         out[..., 1], out[..., 5] = self._drift(_seen(x))
         return out
 
     def g(self, x: Array) -> Array:
-        """Input map of the exact model (5.9c), shape (..., 8, 2)."""
+        """Input map of the model (5.9c), shape (..., 8, 2)."""
         out = np.zeros((*x.shape, 2))
         out[..., 1, 0] = -self.c2
         out[..., 1, 1], out[..., 5, 1] = self._input(_seen(x))

@@ -3,7 +3,8 @@
 uv run python docs/claims.py
 
 The fields f, g1 and g2 are typed in from (5.9) and compared with the twin's model; brackets, Lie
-derivatives, the normal form and its zeros are derived from them with sympy.
+derivatives, the normal form and its zeros are derived from them with sympy. So is what (5.9) lacks
+of Newton and Euler of a rolling sphere; what that costs is run.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from pages import HERE, filled, write
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from twin.run.finished import run
+from twin.run.metrics import Ending
+from twin.scenario import Scenario
+from twin.scenario.load import clean, load
 
 MODEL = BallPlate()
 X = x1, x2, x3, x4, x5, x6, x7, x8 = sp.symbols("x1:9")
@@ -123,7 +128,101 @@ def claims() -> list[Claim]:
     inputs = sp.Matrix.hstack(g1, g2)
     assert np.allclose(at(f, states)[..., 0], MODEL.f(states))
     assert np.allclose(at(inputs, states), MODEL.g(states))
-    return [*_ranks(), *_rest(f, inputs), *_normal_form(f, g1, g2)]
+    return [*_rolling(f, inputs), *_ranks(), *_rest(f, inputs), *_normal_form(f, g1, g2)]
+
+
+def newton_euler() -> tuple[Any, Any, Any]:
+    """x'', y'' and n' of a sphere that rolls on the plate, with its spin as the symbol s_z.
+
+    Newton and Euler in the plate's axes, solved for the accelerations; the spin n about the normal
+    is s_z seen from the plate. ``twin.sim.plant.exact`` has the same by hand.
+    """
+    ax, ay, n_rate = sp.symbols("ax ay n_rate")
+    m, r, J, s_z = sp.symbols("m r J s_z")  # noqa: N806
+    s, c = sp.sin(x3), sp.cos(x3)
+    w = sp.Matrix([x8 * c, x4, x8 * s])
+    w_rate = sp.Matrix([U[1] * c - x4 * x8 * s, U[0], U[1] * s + x4 * x8 * c])
+    place, way = sp.Matrix([x1, x5, D]), sp.Matrix([x2, x6, 0])
+    own = sp.Matrix([-x6 / r, x2 / r, s_z])
+    acceleration = sp.Matrix([ax, ay, 0]) + w_rate.cross(place) + 2 * w.cross(way)
+    acceleration += w.cross(w.cross(place))
+    # Rx(theta) Ry(phi) turned back on gravity
+    gravity = G * sp.Matrix([s * sp.cos(x7), -sp.sin(x7), -c * sp.cos(x7)])
+    force = m * (acceleration - gravity)
+    # rate of the third component of W; of the first two from rolling
+    turning = sp.Matrix([w_rate[0] - ay / r, w_rate[1] + ax / r, n_rate]) + w.cross(w + own)
+    torque = sp.Matrix([r * force[1], -r * force[0], 0])
+    found = sp.solve(list(J * turning - torque), (ax, ay, n_rate))
+    return found[ax], found[ay], found[n_rate]
+
+
+def _rolling(f: Any, inputs: Any) -> list[Claim]:
+    m, r, J, s_z = sp.symbols("m r J s_z")  # noqa: N806
+    whole = m * r**2 + J
+    letters = {C1: m * r**2 / whole, C2: (D * m * r**2 + J * r) / whole}
+    letters[C3] = (J + 2 * D * m * r) / (m * r)
+    thesis = (f + inputs * sp.Matrix(U[:2])).subs(letters)
+    *accelerations, spun = newton_euler()
+    lacking = [
+        sp.factor(sp.simplify(found - thesis[row, 0]))
+        for found, row in zip(accelerations, (1, 5), strict=True)
+    ]
+    locked = [str(each.subs(s_z, 0).factor()) for each in lacking]
+    free = [str(sp.factor(each.coeff(s_z))) for each in map(sp.expand, lacking)]
+    return [
+        claim("5.9", "what Newton and Euler have more in x'', spin locked to the plate", "0",
+              locked[0], "(1 - c1) w_z y', w_z = theta' sin(phi)"),
+        claim("5.9", "what they have more in y''", "0", locked[1], "-(1 - c1) w_z x'"),
+        claim("5.9", "coefficients of a spin s_z against the plate in x'', y''", "0, 0",
+              ", ".join(free), "(1 - c1) r w_x and (1 - c1) r w_y"),
+        claim("5.9", "rate of the spin about the normal, nothing resisting it", "",
+              sp.simplify(spun), "the normal turns away from the ball's other rates"),
+    ]  # fmt: skip
+
+
+PATHS = {
+    "circle of 0.15 m": (
+        'reference={{kind="circle",amplitude=0.15,omega={0}}}', (0.75, 1.25, 1.75, 2.25, 2.5)),
+    "line of 0.15 m along both axes": (
+        'reference={{kind="sine",amplitude=[0.15,0.15],omega={0}}}', (0.75, 1.25, 1.75, 2.25, 2.5)),
+    "eight of 0.15 and 0.075 m": (
+        'reference={{kind="lissajous",amplitude=[0.15,0.075],omega=[{0},{1}]}}',
+        (0.75, 1.0, 1.25, 1.5, 1.75)),
+}  # fmt: skip
+"""Reference by name, as a setting of its frequency in rad/s and twice that; and frequencies."""
+STEADY, LASTS = 5.0, 10.0
+"""When the ball is judged from, and until when, s."""
+
+Cost = tuple[str, float, str, str, str, str]
+"""Reference, frequency in rad/s, largest tilt in deg, distance in mm, RMS errors in mm."""
+
+
+def costs() -> list[Cost]:
+    """What the term costs a law that does not know it: AFL on the clean model, two equations."""
+    found: list[Cost] = []
+    for name, (setting, rates) in PATHS.items():
+        for omega in rates:
+            keys = f"duration={LASTS}", f"metrics.start={STEADY}", "rig.limits.area=[0.3,0.19]"
+            way = setting.format(omega, 2 * omega)
+            thesis = clean(load("circle", (*keys, "controller.kind=afl", way)))
+            done = [run(each) for each in (thesis, _with_spin(thesis))]
+            if any(each.outcome != Ending.FINISHED for each in done):
+                found.append((name, omega, "", "the rig cannot follow", "", ""))
+                break
+            motions = [each.motion for each in done]
+            steady = motions[0].time >= STEADY
+            apart = np.hypot(*(motions[0].ball - motions[1].ball)[steady].T).max()
+            errors = [np.sqrt((each.error[steady] ** 2).sum(axis=1).mean()) for each in motions]
+            tilt = np.degrees(np.abs(motions[1].plate[steady]).max())
+            numbers = f"{tilt:.1f}", f"{1000 * apart:.2g}", *(f"{1000 * e:.3g}" for e in errors)
+            found.append((name, omega, *numbers))
+    return found
+
+
+def _with_spin(scenario: Scenario) -> Scenario:
+    """The same on the equations of a ball whose spin is free."""
+    plant = scenario.plant.model_copy(update={"ball_spin": "free"})
+    return scenario.model_copy(update={"plant": plant})
 
 
 def _ranks() -> list[Claim]:
@@ -210,10 +309,31 @@ def _normal_form(f: Any, g1: Any, g2: Any) -> list[Claim]:
     ]  # fmt: skip
 
 
-def page(found: list[Claim]) -> str:
+def one_millimetre(found: list[Cost]) -> dict[str, str]:
+    """By reference the frequency at which the balls are 1 mm apart, by a straight line of logs."""
+    answers = {}
+    for name in PATHS:
+        rows = [(row[1], float(row[3])) for row in found if row[0] == name and row[4]]
+        rates, apart = np.log(np.array(rows)).T
+        beyond = f"beyond {rows[-1][0]:g} rad/s, where the rig ends"
+        at = f"{np.exp(np.interp(0.0, apart, rates)):.2f} rad/s"
+        answers[name] = at if apart[-1] >= 0 else beyond
+    return answers
+
+
+def page(found: list[Claim], run: list[Cost]) -> str:
     """The page."""
-    return filled("claims", claims=found)
+    gain = max(float(row[5]) - float(row[4]) for row in run if row[4])
+    return filled(
+        "claims",
+        claims=found,
+        costs=run,
+        steady=f"{STEADY:g}",
+        lasts=f"{LASTS:g}",
+        ends=one_millimetre(run),
+        gain=f"{gain:.2g}",
+    )
 
 
 if __name__ == "__main__":
-    write(HERE / "claims.md", page(claims()))
+    write(HERE / "claims.md", page(claims(), costs()))

@@ -284,7 +284,7 @@ def scenarios() -> dict[str, str]:
 def model(
     scenario: str | Path | None = None, settings: Settings = (), **changes: Unpack[Changes]
 ) -> BallPlate:
-    """The exact equations of ball and plate, the model that controllers are designed on.
+    """The equations (5.9) of ball and plate, the model that controllers are designed on.
 
     ``A, B, C = model().linear()`` about the level plate; ``derivative(x, u)``, ``jacobian(x)`` and
     more are functions of any state.

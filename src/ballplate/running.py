@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 CLEAN = "clean model"
-"""The same controller on the frictionless exact equations it was designed on."""
+"""The same controller on the frictionless equations (5.9) it was designed on."""
 WORTH_PROCESS = 5.0
 """Simulated seconds from which a process of its own saves time."""
 Attach = Callable[["Recorder"], None]

@@ -12,14 +12,14 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
-from ballplate.systems import INPUTS, UNITS
+from ballplate.systems import INPUTS, SPIN, UNITS, without_state
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED, STATES, constants
 from twin.base.errors import ScenarioError, extra
 from twin.fmu.export import parameters
 from twin.run.assemble import build_limits
-from twin.sim.plant.exact import rolling
-from twin.sim.plant.interface import gravity_in_rig
+from twin.sim.plant.exact import RollingModel, rolling
+from twin.sim.plant.interface import BallSpin, gravity_in_rig
 
 PARAMETERS = (
     *("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia"),
@@ -52,7 +52,12 @@ class Delayed(NamedTuple):
 
 @dataclass(frozen=True)
 class Symbolic:
-    """The exact equations (5.9) with rolling friction, on a base that may be tilted.
+    """The exact equations of the rolling ball with friction, on a base that may be tilted.
+
+    They are (R5) of ``twin.sim.plant.exact``. The ball's spin about the plate's normal is locked to
+    the plate: no screen sees the spin, and on a level plate no input moves it. With
+    ``symbolic(..., spin=True)`` it is free, as in runs, and a ninth state; with
+    ``plant.ball_spin = "thesis"`` the equations are (5.9).
 
     Friction is that of runs with one change. There a resting ball starts only when pushed hard
     enough, which is no differential equation; here rolling resistance takes the share
@@ -62,10 +67,11 @@ class Symbolic:
     of its speed: ``dwell_time`` and ``presliding`` are left out, as are drives and mechanism.
 
     Attributes:
-        x: State of ``names["x"]``, (8, 1): x, x_rate, phi, phi_rate, y, y_rate, theta, theta_rate.
+        x: State of ``names["x"]``, (8, 1): x, x_rate, phi, phi_rate, y, y_rate, theta, theta_rate;
+            (9, 1) with ``spin``, rad/s, seen from the base.
         u: Plate accelerations phi_acc, theta_acc, held for a period, (2, 1).
         p: Parameters of ``names["p"]`` in SI units, (9, 1).
-        xdot: Rate of x, (8, 1).
+        xdot: Rate of x, of its shape.
         y: What is measured, x, phi, y, theta, (4, 1), without dead time.
         f: xdot of (x, u, p).
         F: x after a control period of (x, u, p), by RK4.
@@ -97,10 +103,10 @@ class Symbolic:
         """The same with the inputs of the dead time as further states."""
         import casadi as ca
 
-        n = round(self.dead_time / self.period)
-        z = ca.SX.sym("z", 8 + 2 * n)
-        each = [z[8 + 2 * i : 10 + 2 * i] for i in range(n)] + [self.u]
-        then, state = z[:8], z[:8]
+        n, m = round(self.dead_time / self.period), len(self.names["x"])
+        z = ca.SX.sym("z", m + 2 * n)
+        each = [z[m + 2 * i : m + 2 + 2 * i] for i in range(n)] + [self.u]
+        then, state = z[:m], z[:m]
         for u in each[:n]:
             state = self.F(state, u, self.p)
         after = ca.vertcat(self.F(then, each[0], self.p), *each[1:])
@@ -143,7 +149,7 @@ class Symbolic:
 
         model = AcadosModel()
         model.name, model.x, model.u, model.p = name, self.x, self.u, self.p
-        model.xdot = ca.SX.sym("xdot", 8)
+        model.xdot = ca.SX.sym("xdot", len(self.names["x"]))
         model.f_expl_expr, model.f_impl_expr = self.xdot, model.xdot - self.xdot
         return model
 
@@ -154,6 +160,7 @@ def symbolic(
     *,
     period: float | None = None,
     width: float = WIDTH,
+    spin: bool = False,
     **changes: Unpack[Changes],
 ) -> Symbolic:
     """Ball and plate of a scenario as CasADi symbols (SX), for optimisers; needs ``casadi``.
@@ -163,10 +170,12 @@ def symbolic(
         settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
         period: Control period in s; that of the scenario's law by default.
         width: Speed in m/s over which friction is smoothed, see ``Symbolic``.
+        spin: Whether the ball's spin about the plate's normal is a ninth state.
         changes: What is changed of it, by tables.
 
     Raises:
-        TwinError: If there is no such scenario, a number is out of range, or CasADi is lacking.
+        TwinError: If there is no such scenario, a number is out of range, CasADi is lacking, or the
+            ball of the scenario has no free spin to be a state.
     """
     with extra("casadi", "symbolic"):
         import casadi as ca
@@ -179,8 +188,11 @@ def symbolic(
     ball, predictor = chosen.designed_on, chosen.predictor
     nominal = {name: known[name].start for name in PARAMETERS}
     nominal |= {f"plant.ball.{name}": getattr(ball, name) for name in ("mass", "radius", "inertia")}
-    x, u, p = ca.SX.sym("x", 8), ca.SX.sym("u", 2), ca.SX.sym("p", len(PARAMETERS))
-    xdot = ca.vertcat(*_rates(ca, ca.vertsplit(x), ca.vertsplit(u), ca.vertsplit(p), ball, width))
+    names = (*STATES, SPIN) if spin else STATES
+    about = without_state(chosen.plant.ball_spin, spin=spin)
+    x, u, p = ca.SX.sym("x", len(names)), ca.SX.sym("u", 2), ca.SX.sym("p", len(PARAMETERS))
+    parts = ca.vertsplit(x), ca.vertsplit(u), ca.vertsplit(p)
+    xdot = ca.vertcat(*_rates(ca, *parts, ball, width, about))
     f = ca.Function("f", [x, u, p], [xdot], ["x", "u", "p"], ["xdot"])
     held = ca.vertcat(u, p)
     after = ca.simpleRK(ca.Function("rate", [x, held], [xdot]), 1, 4)(x, held, period)
@@ -196,8 +208,8 @@ def symbolic(
     return Symbolic(
         x, u, p, xdot, x[list(MEASURED)], f,
         ca.Function("F", [x, u, p], [after], ["x", "u", "p"], ["x_after"]),
-        {"x": STATES, "u": INPUTS, "p": PARAMETERS, "y": measured},
-        {name: UNITS[name] for name in (*STATES, *INPUTS)}
+        {"x": names, "u": INPUTS, "p": PARAMETERS, "y": measured},
+        {name: UNITS[name] for name in (*names, *INPUTS)}
         | {name: known[name].unit or "1" for name in PARAMETERS},
         {name: (-value, value) for name, value in most.items()},
         np.array(list(nominal.values()), float),
@@ -207,12 +219,19 @@ def symbolic(
 
 
 def _rates(
-    ca: Any, x: list[Any], u: list[Any], p: list[Any], ball: Any, width: float
+    ca: Any,
+    x: list[Any],
+    u: list[Any],
+    p: list[Any],
+    ball: Any,
+    width: float,
+    ball_spin: BallSpin,
 ) -> tuple[Any, ...]:
     """The rate of the state by the equations of ``ExactPlant``, friction smoothed."""
-    x1, x2, x3, x4, x5, x6, x7, x8 = x
+    x1, x2, x3, x4, x5, x6, x7, x8, *spin = x
     mass, radius, inertia, phi, theta, arm, ratio, stribeck, viscous = p
-    model = SimpleNamespace(**constants(mass, radius, inertia, ball.height))
+    known = SimpleNamespace(**constants(mass, radius, inertia, ball.height))
+    model = RollingModel.of(known, ball_spin)
     tilts = (ca.sin(phi), ca.sin(theta)), (ca.cos(phi), ca.cos(theta))
     sines, cosines = (ca.sin(x3), ca.sin(x7)), (ca.cos(x3), ca.cos(x7))
     gravity = gravity_in_rig(*tilts, ball.gravity)
@@ -220,5 +239,7 @@ def _rates(
     speed = ca.sqrt(x2 * x2 + x6 * x6 + width * width)
     surplus = 1 / (1 + (x2 * x2 + x6 * x6) / stribeck**2)
     drag = model.c1 / radius * at.normal * (arm * (1 + (ratio - 1) * surplus) / speed + viscous)
-    x_acc, y_acc = at.free(x1, x2, x5, x6)
-    return x2, x_acc - drag * x2, x4, u[0], x6, y_acc - drag * x6, x8, u[1]
+    scale = model.share * radius
+    x_acc, y_acc = at.free(x1, x2, x5, x6, scale * spin[0] if spin else 0.0)
+    spinning = [-(at.hx * x2 + at.hy * x6) / scale] if spin else []
+    return x2, x_acc - drag * x2, x4, u[0], x6, y_acc - drag * x6, x8, u[1], *spinning

@@ -31,7 +31,8 @@ def model():
 
 
 @pytest.mark.parametrize("ball", [{}, {"mass": 0.263, "radius": 0.021, "inertia": 4.2e-5}])
-def test_values_and_jacobians_are_those_of_the_exact_model(model, ball):
+def test_of_the_thesis_values_and_jacobians_are_those_of_the_model_of_laws(ball):
+    model = bp.symbolic("circle", plant={"kind": "lagrange", "ball_spin": "thesis"})
     exact, p = BallPlate(**ball), numbers(model, rolling=0.0, **ball)
     by_state = ca.Function("A", [model.x, model.u, model.p], [ca.jacobian(model.xdot, model.x)])
     by_input = ca.Function("B", [model.x, model.u, model.p], [ca.jacobian(model.xdot, model.u)])
@@ -83,18 +84,41 @@ def test_a_ball_creeps_on_a_slope_that_holds_the_twins_as_is_told(model):
     assert creeping == pytest.approx(0.5 * model.width / math.sqrt(0.75), rel=1e-3)
 
 
-def test_over_a_period_it_goes_where_the_twin_goes(model):
+@pytest.mark.parametrize("ball_spin", ["free", "locked", "thesis"])
+def test_over_a_period_it_goes_where_the_twin_goes(ball_spin):
     """The exact plant under the same inputs, rolling with friction, well above the width."""
-    start = {"x_rate": 0.3, "y_rate": -0.2}
-    with bp.rig("hold", plant={"kind": "lagrange", "start": start}, duration=0.1) as rig:
-        x, p = rig.state[0], numbers(model)
+    spun = 9.0 if ball_spin == "free" else 0.0
+    start = {"x_rate": 0.3, "y_rate": -0.2, "spin": spun}
+    plant = {"kind": "lagrange", "ball_spin": ball_spin, "start": start}
+    model = bp.symbolic("hold", plant=plant, spin=ball_spin == "free")
+    with bp.rig("hold", plant=plant, duration=0.1) as rig:
+        p = numbers(model)
+        x = np.append(rig.state[0], spun)[: len(model.names["x"])]
         rate = np.zeros(2)
         for tick in range(40):
             u = np.array([3.0, -2.0]) * math.cos(0.1 * tick)
             rate = rate + rig.period * u
             rig.step(rate)
             x = model.F(x, u, p).full()[:, 0]
-            np.testing.assert_allclose(x, rig.state[0], atol=2e-7)
+            np.testing.assert_allclose(x[:8], rig.state[0], atol=2e-7)
+    assert model.names["x"][8:] == (("spin",) if spun else ())
+
+
+def test_a_spin_is_a_state_where_it_is_asked_for_and_free():
+    model = bp.symbolic("circle", spin=True, period=0.02)
+    assert (model.names["x"][-1], model.units["spin"], model.x.shape) == ("spin", "rad/s", (9, 1))
+    late = model.delayed()
+    assert late.names[8:11] == ("spin", "phi_acc_2", "theta_acc_2")
+    z, p = np.arange(13) / 100, model.nominal
+    after = model.F(z[:9], z[9:11], p).full()[:, 0]
+    np.testing.assert_array_equal(late.F(z, INPUTS[0], p).full()[:9, 0], after)
+    # about the level plate no input moves it, and it moves nothing
+    jacobian = ca.Function("A", [model.x, model.u, model.p], [ca.jacobian(model.xdot, model.x)])
+    level = jacobian(np.zeros(9), np.zeros(2), numbers(model, rolling=0.0)).full()
+    assert not level[8].any()
+    assert not level[:, 8].any()
+    with pytest.raises(bp.TwinError, match="spin: is a state of a ball that spins freely only"):
+        bp.symbolic("circle", plant={"kind": "lagrange", "ball_spin": "locked"}, spin=True)
 
 
 def test_names_units_bounds_and_what_is_known_are_those_of_the_scenario():

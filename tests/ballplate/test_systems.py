@@ -198,10 +198,44 @@ def test_the_exact_plant_carries_the_age_of_a_contact_that_holds_the_ball():
     how = {"duration": 0.6, "baseline": False, "metrics": {"start": 0}, "plant": plant}
     done = bp.run("hold", **how)
     plant = bp.systems.exact("hold", **how)
-    begin = [0, 0.02, 0, 0, 0, 0, 0, 0, 1 / (1 + (0.02 / 0.005) ** 2)]
+    begin = [0, 0.02, 0, 0, 0, 0, 0, 0, 1 / (1 + (0.02 / 0.005) ** 2), 0]
     u = np.stack([done["applied_phi_acc"], done["applied_theta_acc"]])
     found = control.input_output_response(plant, done.time, u, begin).outputs
-    assert plant.output_labels[8] == "contact_age"
+    assert plant.output_labels[8:] == ["contact_age", "spin"]
     assert done["true_x_rate"][-1] == 0
     assert found[8, -1] > 0.3
     assert np.abs(found[[0, 4]].T - done.ball).max() < 1e-12
+
+
+@pytest.mark.parametrize("ball_spin", ["free", "locked", "thesis"])
+def test_the_exact_plant_and_the_equations_have_the_spin_of_the_scenario(ball_spin):
+    free = ball_spin == "free"
+    start = {"x_rate": 0.3, "y_rate": -0.2, "spin": 9.0 if free else 0.0}
+    plant = {"kind": "lagrange", "ball_spin": ball_spin, "start": start}
+    how = {"plant": plant | {"friction": {"rolling_mm": 0.0}}, "duration": 0.3, "baseline": False}
+    done = bp.run("hold", metrics={"start": 0}, **how)
+    u = np.stack([done["applied_phi_acc"], done["applied_theta_acc"]])
+    begin = [0, 0.3, 0, 0, 0, -0.2, 0, 0, *([9.0] if free else [])]
+    exact = bp.systems.exact("hold", **how)
+    found = control.input_output_response(exact, done.time, u, begin).outputs
+    assert exact.output_labels[8:] == (["spin"] if free else [])
+    assert np.abs(found[[0, 4]].T - done.ball).max() < 1e-12
+    equations = bp.systems.equations("hold", spin=free, plant=how["plant"])
+    at = done.time[::10]
+    held = u[:, ::10]
+    coarse = control.input_output_response(exact, done.time, np.repeat(held, 10, axis=1), begin)
+    x = np.array(begin, float)
+    for k, now in enumerate(held.T[:-1]):
+        np.testing.assert_allclose(x, coarse.states[:, 10 * k], rtol=0, atol=1e-9)
+        h = (at[1] - at[0]) / 20
+        for _ in range(20):  # a rule of its own: Runge and Kutta's, five times finer
+            k1 = equations.dynamics(0.0, x, now)
+            k2 = equations.dynamics(0.0, x + h / 2 * k1, now)
+            k3 = equations.dynamics(0.0, x + h / 2 * k2, now)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + equations.dynamics(0.0, x + h * k3, now))
+
+
+def test_a_spin_that_is_not_free_is_no_state():
+    locked = {"kind": "lagrange", "ball_spin": "locked"}
+    with pytest.raises(bp.TwinError, match="spin: is a state of a ball that spins freely only"):
+        bp.systems.equations("hold", spin=True, plant=locked)

@@ -72,6 +72,24 @@ def test_fmpy_finds_the_reference_that_lies_in_the_fmu(fmu):
     assert abs(noisy["measured_x"] - expected["measured_x"]).max() > 1e-4
 
 
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("jump", [0.1013, 0.0501, 0.102])
+def test_a_host_whose_input_jumps_between_two_periods_runs_it(exported, fmi, jump):
+    """A host splits a communication step there only if the FMU says that it can take it."""
+    fmu = exported / f"rig{fmi}.fmu"
+    told = fmpy.read_model_description(str(fmu)).coSimulation
+    assert not told.canHandleVariableCommunicationStepSize
+    kinds = [("time", float), ("rate_phi", float), ("rate_theta", float)]
+    rows = [(0.0, 0.0, 0.0), (jump, 0.0, 0.0), (jump, 0.2, -0.1), (0.3, 0.2, -0.1)]
+    options = {"start_values": {"noise": False}, "output": ["true_phi"], "stop_time": 0.3}
+    options |= {"output_interval": 0.002}
+    found = fmpy.simulate_fmu(str(fmu), input=np.array(rows, dtype=kinds), **options)
+    assert found["time"][-1] == pytest.approx(0.3)
+    first = found["time"][np.flatnonzero(found["true_phi"])[0]]
+    period = np.ceil(jump / 0.002 - 1e-9) * 0.002  # the first that begins with the new command
+    assert first == pytest.approx(period + 0.002)
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="libcosim is installed on Linux alone")
 def test_another_importer_finds_the_reference_too(exported):
     from libcosimpy.CosimExecution import CosimExecution
@@ -203,6 +221,7 @@ def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
     rest = {key for key, its in keys.items() if not its.plants} - named
     known = ("plant.surface.", "plant.camber", "plant.shape", "plant.kind", "plant.step")
     known += (
+        "plant.ball_spin",
         "plant.ball.kind",
         "plant.linkage.phi_deg",
         "plant.linkage.theta_deg",

@@ -1,9 +1,14 @@
 """The C rig against the twin's exact plant, drives, sensors and supervisor, effect by effect."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from c_rig import CRig, counted, exact, made, normal
 
+from twin.fmu import export
+from twin.fmu.export import c_name, frame_phase, variables
 from twin.hal.linkage import Linkage
 from twin.hal.supervisor import State
 from twin.run.assemble import assemble
@@ -272,6 +277,127 @@ def test_a_tunable_parameter_acts_as_a_change_of_the_scenario_does(library):
     ours, _ = both(exact(change=[{"at": 0.5, "set": said}]), c, 700)
     same, _ = both(exact(), CRig(library, exact()), 700)
     assert abs(same - ours).max() > 1e-4
+
+
+SPUN = {"plant__start__spin": 15.0, "plant__start__x_rate": 0.2, "plant__start__y_rate": -0.1}
+
+
+def offered(scenario):
+    """The parameters of a scenario's FMU."""
+    found = variables(scenario, frame_phase(scenario))
+    return [each for each in found if each.causality == "parameter"]
+
+
+def test_every_parameter_is_read_by_the_c_source():
+    folder = Path(export.__file__).parent / "c"
+    source = "".join(path.read_text(encoding="utf-8") for path in folder.glob("*.[ch]"))
+    names = {c_name(each.name) for each in offered(exact())}
+    # what follows the first of a pair or four is read by the first's place and so many
+    singles = {name for name in names if not re.search(r"_\d$", name)}
+    assert {name for name in singles if not re.search(rf"\b{name}\b", source)} == set()
+    assert len(singles) > 50
+
+
+def answers(library, scenario, speed, ticks=400, **changed):
+    """What a rig measures and does under one sequence of commands; why it refuses to begin."""
+    c = CRig(library, scenario, **changed)
+    c.enter()
+    if c.status("ExitInitializationMode"):
+        return "".join(c.said)
+    rows = []
+    for tick in range(ticks):
+        rows.append([*c.measured, *c.get("age"), *c.truth, *c.get("fault")])
+        c.step(speed * wish(tick * c.period))
+    return np.array(rows)
+
+
+EDGE = {"plant__start__x": 0.2, "plant__start__y": 0.1, "plant__start__x_rate": 0.15}
+BOX = {"sensors__touch__hidden": [-0.01, -0.01, 0.01, 0.01]}
+PLACES = (
+    (EFFECTS["all"] | SPUN, 1.0),
+    (EFFECTS["linkage_wrong"], 1.0),
+    (EFFECTS["linkage_ratio"], 1.0),
+    (EFFECTS["cams"] | {"plant__plate__height": 0.05}, 1.0),
+    (EFFECTS["deadband"], 1.0),
+    (EFFECTS["presliding"], 1.0),
+    (BOX | {"plant__start__x_rate": 0.1, "plant__start__y_rate": 0.03}, 1.0),
+    (BOX | {"plant__start__x_rate": 0.03, "plant__start__y_rate": 0.1}, 1.0),
+    (BOX | {"plant__start__x_rate": -0.1, "plant__start__y_rate": -0.03}, 1.0),
+    (BOX | {"plant__start__x_rate": -0.03, "plant__start__y_rate": -0.1}, 1.0),
+    (EDGE, 1.0),
+    (EDGE | {"plant__start__y_rate": 0.15, "rig__limits__area": [0.3, 0.12]}, 1.0),
+    (EFFECTS["fast"] | {"rig__limits__ball_speed": 0.95}, 1.0),
+    (FAR | {"rig__limits__angle_deg": 6.0}, 12.0),
+    (FAR | {"rig__limits__rate_deg": 20.0}, 12.0),
+)
+"""Rigs, and how many times as fast their plates are commanded, so that each parameter matters."""
+
+
+def other(parameter):
+    """A value near a parameter's own that is allowed."""
+    value = parameter.start
+    if parameter.type == "Boolean":
+        return 1 - value
+    if parameter.type == "Integer":
+        return value + 1000
+    near = 1.1 * value if value else 0.01
+    return near if parameter.low <= near <= parameter.high else 0.9 * value
+
+
+@pytest.mark.long
+def test_every_parameter_changes_what_the_rig_does(library):
+    """Of those that are 0 where they do nothing, where they are not."""
+    dead = {each.name for each in offered(exact())}
+    for settings, speed in PLACES:
+        scenario = exact(seed=7, **settings)
+        plain = answers(library, scenario, speed)
+        for each in offered(scenario):
+            if each.name not in dead:
+                continue
+            found = answers(library, scenario, speed, **{each.name: other(each)})
+            if not isinstance(found, str) and not np.array_equal(found, plain):
+                dead.remove(each.name)
+    assert dead == set()
+
+
+def test_the_plates_height_is_that_of_the_twin(library):
+    high = EFFECTS["none"] | {"plant__plate__height": 0.3}
+    scenario = exact(**high)
+    there, _ = both(scenario, CRig(library, scenario), 300)
+    usual, _ = both(exact(**EFFECTS["none"]), CRig(library, exact(**EFFECTS["none"])), 300)
+    assert np.abs(there - usual).max() > 1e-4
+
+
+@pytest.mark.parametrize("more", [SPUN, FAR | SPUN])
+def test_a_spin_that_is_free_is_that_of_the_twin(library, more):
+    scenario = exact(**more)
+    speed = 12 if "plant__size" in more else 1
+    ours, _ = both(scenario, CRig(library, scenario), 300, lambda time: speed * wish(time))
+    none = exact(**(more | {"plant__start__spin": 0.0}))
+    still, _ = both(none, CRig(library, none), 300, lambda time: speed * wish(time))
+    assert np.abs(ours - still).max() > 1e-5
+
+
+@pytest.fixture
+def quickly_compiled(monkeypatch):
+    """To optimise is most of what an FMU takes to be made."""
+    monkeypatch.setattr("twin.fmu.export.FLAGS", ("-std=c99", "-fPIC", "-shared"))
+
+
+@pytest.mark.usefixtures("quickly_compiled")
+@pytest.mark.parametrize("ball_spin", ["locked", pytest.param("thesis", marks=pytest.mark.long)])
+def test_a_ball_without_a_free_spin_is_that_of_the_twin(library, tmp_path, ball_spin):
+    wide = FAR | {"plant__start__x_rate": 0.2, "plant__start__y_rate": -0.1}
+    chosen = wide | {"plant__ball_spin": ball_spin}
+    path = made(tmp_path, duration=0.02, **chosen)
+    ours, _ = both(exact(**chosen), CRig(path), 300, lambda time: 12 * wish(time))
+    free = exact(**wide)
+    same, _ = both(free, CRig(library, free), 300, lambda time: 12 * wish(time))
+    assert np.abs(ours - same).max() > 1e-5
+    spun = CRig(path, **{"plant.start.spin": 2.0})
+    spun.enter()
+    assert spun.status("ExitInitializationMode") != 0
+    assert "plant.start.spin must be 0" in "".join(spun.said)
 
 
 def test_noise_is_white_normal_and_of_the_variance_asked_for():

@@ -2,6 +2,7 @@
 
 OTHER = {
     "plant.size": "[0.6, 0.32]",
+    "plant.ball_spin": "locked",
     "plant.friction.rolling_mm": "0.3",
     "plant.friction.breakaway_ratio": "2.0",
     "plant.friction.stribeck_speed": "0.01",

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from every_setting import QUIET
+from every_setting import OTHER, QUIET
 
 from controllers.ballplate import BallPlate
 from twin.base.errors import ScenarioError
@@ -12,6 +12,7 @@ from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.load import at_time, load
+from twin.scenario.schema import JUMPS, MECHANISM_ONLY, RAMPS
 
 PLANTS = ("lagrange", "mujoco")
 
@@ -154,6 +155,53 @@ def test_rigs_side_by_side_change_as_each_of_them_does_alone(plant):
         found = run(alone)
         for name in ("state", "measured"):
             assert np.abs(record[name][:, number] - columns(found, name)).max() < 1e-9, name
+
+
+def commanded(scenarios, ticks):
+    """States of rigs side by side under one sequence of commands, shape (ticks, N, 8)."""
+    rig, _ = assemble(scenarios, threads=1, unseen=True)
+    found = []
+    with rig:
+        rig.read()
+        rig.start()
+        for tick in range(ticks):
+            rate = 0.25 * np.array([np.sin(0.018 * tick), np.cos(0.014 * tick + 0.4)])
+            rig.write(np.tile(rate, (len(scenarios), 1)))
+            rig.wait()
+            rig.read()
+            found.append(rig.devices.state)
+    return np.array(found)
+
+
+EVERY = {
+    (plant, key)
+    for plant in PLANTS
+    for key in RAMPS + JUMPS
+    if key in OTHER and not (plant == "lagrange" and key[6:] in MECHANISM_ONLY)
+}
+QUICK = {("mujoco", "plant.level_deg")}
+
+
+@pytest.mark.parametrize("camber", [(), ("plant.camber=[0.3,-0.2]",)])
+@pytest.mark.parametrize(
+    ("plant", "key"),
+    [
+        pytest.param(*each, marks=() if each in QUICK else pytest.mark.long)
+        for each in sorted(EVERY)
+    ],
+)
+def test_rigs_side_by_side_change_to_the_bit_as_each_of_them_does_alone(plant, key, camber):
+    """Also those that do not all stand equally level to begin with."""
+    rng, each, ticks = np.random.default_rng(1), [], 75
+    for number in range(9):
+        own = [f"{name}={rng.uniform(-0.1, 0.1)}" for name in ("plant.start.x", "plant.start.y")]
+        own += [f"plant.friction.rolling_mm={rng.uniform(0.1, 0.3)}", f"seed={number}", *camber]
+        own.append(f"plant.level_deg={rng.uniform(-0.5, 0.5, 2).tolist()}")
+        to = rng.uniform(-1, 1, 2).tolist() if key == "plant.level_deg" else OTHER[key]
+        each.append(scenario(plant, one(key, to, at=0.1), *own, "sensors.touch.frame_rate=90"))
+    together = commanded(each, ticks)
+    for number, alone in enumerate(each):
+        assert np.array_equal(commanded([alone], ticks)[:, 0], together[:, number]), number
 
 
 WRONG = {

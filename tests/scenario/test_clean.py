@@ -24,7 +24,7 @@ OF_THE_RIG = {
     key: value
     for key, value in OTHER.items()
     if key.startswith(("plant.", "sensors.", "disturbance.", "rig.cam"))
-    if key not in KEPT | BALL.keys()
+    if key not in KEPT | BALL.keys() | {"plant.ball_spin"}
 }
 """Every other key that makes the rig another one, and a value it does not have by default."""
 
@@ -39,12 +39,14 @@ TABLE = {
     "plant.linkage.theta_deg": "[[-40,-12],[0,0],[40,13]]",
 }
 """Keys that only together make another rig."""
+SPIN = {"plant.kind": "lagrange", "plant.ball_spin": OTHER["plant.ball_spin"]}
+"""And one that only the exact equations have."""
 
 
 def test_every_key_of_plant_sensors_and_disturbance_is_either_dropped_or_kept():
     found = flat(load("circle").model_dump(include={"plant", "sensors", "disturbance"})).keys()
     dropped = {key for key in OF_THE_RIG if not key.startswith("rig.")}
-    assert found == KEPT | dropped | BALL.keys() | LINKAGE.keys() | TABLE.keys()
+    assert found == KEPT | dropped | BALL.keys() | LINKAGE.keys() | TABLE.keys() | SPIN.keys()
     assert {f"plant.{key}" for key in MECHANISM_ONLY} <= OF_THE_RIG.keys()
 
 
@@ -55,10 +57,12 @@ def test_another_rig_has_the_same_clean_model(key, value):
     assert clean(other) == clean(load("circle"))
 
 
-@pytest.mark.parametrize("linkage", [LINKAGE | {"rig.cams": "ratio"}, TABLE])
-def test_the_clean_model_has_no_linkage(linkage):
+@pytest.mark.parametrize("linkage", [LINKAGE | {"rig.cams": "ratio"}, TABLE, SPIN])
+def test_the_clean_model_has_no_linkage_and_the_equations_that_laws_are_designed_on(linkage):
     keys = [f"{key}={value}" for key, value in linkage.items()]
-    assert clean(load("circle", ["plant.kind=lagrange", *keys])) == clean(load("circle"))
+    found = clean(load("circle", ["plant.kind=lagrange", *keys]))
+    assert found == clean(load("circle"))
+    assert found.plant.ball_spin == "thesis"
 
 
 @pytest.mark.parametrize(("key", "value"), BALL.items(), ids=BALL)

@@ -7,7 +7,7 @@ from twin.hal.linkage import Linkage, TiltTable
 from twin.run.assemble import build_friction, build_plant, start_plant
 from twin.run.finished import run
 from twin.scenario import load
-from twin.sim.plant.exact import ExactPlant, rolling
+from twin.sim.plant.exact import ExactPlant, RollingModel, rolling
 from twin.sim.plant.friction import Friction, SurfaceMap
 from twin.sim.plant.interface import tilted_gravity
 
@@ -149,7 +149,8 @@ def test_random_states_move_as_the_models_derivative_under_coulomb_friction_says
     friction = Friction(rolling=arm) if arm else None
     states, commands = random_states(60), np.random.default_rng(6).uniform(-0.1, 0.1, (5, 2))
     groups = [states] if together else [state[None] for state in states]
-    found = np.concatenate([periods(group, commands, friction=friction) for group in groups])
+    about = {"friction": friction, "ball_spin": "thesis"}
+    found = np.concatenate([periods(group, commands, **about) for group in groups])
     for state, end in zip(states, found, strict=True):
         for command in commands:
             u = (command - state[3::4]) / 0.002
@@ -163,7 +164,11 @@ ROLLING, TILTED = {"friction": Friction(rolling=2e-4)}, {"level": (0.01, -0.02)}
 
 
 @pytest.mark.parametrize(
-    "about", [{}, ROLLING, TILTED, ROLLING | TILTED, ROLLING | {"linkage": LINKAGE}]
+    "about",
+    [
+        *({}, ROLLING, TILTED, ROLLING | TILTED, ROLLING | {"linkage": LINKAGE}),
+        *({"ball_spin": "locked"}, ROLLING | {"ball_spin": "thesis"}),
+    ],
 )
 def test_one_rig_alone_moves_to_the_bit_as_among_others(about):
     states, commands = random_states(30), np.random.default_rng(7).uniform(-0.1, 0.1, (50, 2))
@@ -259,11 +264,12 @@ def test_one_ball_that_runs_away_does_so_without_a_warning():
 
 
 @pytest.mark.parametrize("level", [(0.0, 0.0), (0.02, -0.01)])
-def test_the_equations_of_a_given_plate_are_the_models_own(level):
+def test_the_equations_of_the_thesis_on_a_given_plate_are_the_models_own(level):
     rng = np.random.default_rng(9)
     x, u = rng.normal(0, 0.3, (200, 8)), rng.normal(0, 5, (200, 2))
     angle, gravity = x.T[2::4], tilted_gravity(level, MODEL.gravity)
-    at = rolling(MODEL, np.sin(angle), np.cos(angle), x.T[3::4], u.T, gravity)
+    model = RollingModel.of(MODEL, "thesis")
+    at = rolling(model, np.sin(angle), np.cos(angle), x.T[3::4], u.T, gravity)
     found = np.stack(
         (
             at.xx * x[:, 0] + at.xy * x[:, 4] + at.turn * x[:, 5] + at.px,

@@ -49,11 +49,13 @@ SHORT = [{"duration": 1.5, "metrics.start": None, "baseline": None}]
 
 @pytest.fixture
 def clean():
-    """A sine without a single effect, on the exact equations."""
-    scenario = load("sine", (*CLEAN, "plant.kind=lagrange"))
+    """A sine without a single effect, on the equations that its law is designed on."""
+    scenario = load("sine", (*CLEAN, "plant.kind=lagrange", "plant.ball_spin=thesis"))
     return changed(scenario, [{"predictor": None}])
 
 
+ON_THE_MECHANISM = tuple(effect for effect in EFFECTS if effect.name != "rolling")
+"""Effects that the mechanism can be without; its ball rolls as a ball does."""
 TYPICAL = {
     name: {key: None if value == "default" else value for key, value in about.items()}
     for name, about in read_toml(Path(__file__).with_name("typical.toml")).items()
@@ -76,12 +78,21 @@ def tried(scenario):
 
 
 def test_a_scenario_with_every_effect_has_them_all(full):
-    assert {effect.name for effect in present(full)} == {effect.name for effect in EFFECTS}
+    own = {effect.name for effect in ON_THE_MECHANISM}
+    assert {effect.name for effect in present(full)} == own
 
 
-@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_how_the_ball_rolls_is_an_effect_of_the_exact_equations_alone(clean):
+    spun = changed(clean, [{"plant.ball_spin": "free", "plant.start.spin": 5.0}])
+    assert [effect.name for effect in present(spun)] == ["rolling"]
+    assert without(spun, present(spun)) == clean
+    one, other = (tried(each.model_dump_json()) for each in (spun, clean))
+    assert 1e-9 < np.abs(one.error - other.error).max() < 1e-3
+
+
+@pytest.mark.parametrize("effect", ON_THE_MECHANISM, ids=lambda effect: effect.name)
 def test_switching_one_effect_off_takes_it_and_no_other_away(effect, full):
-    gone = {e.name for e in EFFECTS} - {e.name for e in present(without(full, [effect]))}
+    gone = {e.name for e in ON_THE_MECHANISM} - {e.name for e in present(without(full, [effect]))}
     # without friction there is nothing to break away from; without dead time none that spreads
     implied = {"friction": {"breakaway"}, "deadtime": {"spread"}}.get(effect.name, set())
     assert effect.name in gone
@@ -91,12 +102,12 @@ def test_switching_one_effect_off_takes_it_and_no_other_away(effect, full):
 @pytest.mark.long
 @pytest.mark.parametrize(
     "effect",
-    [effect for effect in EFFECTS if effect.name not in {"drive", "limits", "liftoff"}],
+    [effect for effect in ON_THE_MECHANISM if effect.name not in {"drive", "limits", "liftoff"}],
     ids=lambda effect: effect.name,
 )
 def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, full):
-    others = [other for other in EFFECTS if other is not effect]
-    alone, none = without(full, others), without(full, EFFECTS)
+    others = [other for other in ON_THE_MECHANISM if other is not effect]
+    alone, none = without(full, others), without(full, ON_THE_MECHANISM)
     if effect.name == "breakaway":
         alone, none = (changed(s, [{"plant.friction.rolling_mm": 0.18}]) for s in (alone, none))
     if effect.name == "spread":
@@ -118,7 +129,7 @@ def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, ful
     ],
 )
 def test_a_limit_acts_where_it_is_reached(effect, limit):
-    free = changed(without(load("step"), EFFECTS), SHORT)
+    free = changed(without(load("step"), ON_THE_MECHANISM), SHORT)
     limited = changed(free, [limit])
     assert [e.name for e in present(limited)] == [effect]
     one, other = (tried(s.model_dump_json()) for s in (limited, free))
@@ -232,7 +243,8 @@ def test_where_every_run_with_an_effect_fell_the_picture_says_so_below_a_whole_t
 
 @pytest.mark.long
 def test_the_command_writes_its_files_and_prints_one_json_object(tmp_path):
-    settings = (*CLEAN, "plant.kind=lagrange", "plant.friction.rolling_mm=0.2", "duration=1")
+    exact = "plant.kind=lagrange", "plant.ball_spin=thesis"
+    settings = (*CLEAN, *exact, "plant.friction.rolling_mm=0.2", "duration=1")
     last = {setting.partition("=")[0]: setting for setting in settings}
     arguments = [part for setting in last.values() for part in ("--set", setting)]
     out = tmp_path / "out"

@@ -10,7 +10,8 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.interfaces import Measurement
+from controllers.catalog import catalog
+from controllers.interfaces import Law, Measurement
 from twin.base.errors import TwinError
 from twin.cli import ballplate
 from twin.run import finished
@@ -27,6 +28,7 @@ from twin.whatif.futures import (
     POOR,
     agreement,
     branches_of,
+    exact,
     futures,
     moment_of,
     path,
@@ -101,6 +103,43 @@ def test_an_unchanged_future_is_the_rest_of_a_simulated_run(tmp_path, keys):
     assert found.max_difference == 0.0
     rest = done.record["applied"][round(AT / 0.002) :]
     assert np.array_equal(found.run.record["applied"], rest)
+
+
+OWN = {
+    "friction_kalman": [law for law, cls in sorted(catalog(Law).items()) if cls.needs],
+    "luenberger": [law for law, cls in sorted(catalog(Law).items()) if not cls.needs],
+}
+"""Every law beside an observer that estimates what it needs; an FMU keeps its state to itself."""
+LAWS = [(law, observer) for observer, laws in OWN.items() for law in laws if law != "fmu"]
+
+
+@pytest.mark.parametrize(
+    ("law", "observer"),
+    [pytest.param(*each, marks=() if each[0] == "mpc" else pytest.mark.long) for each in LAWS],
+)
+@pytest.mark.parametrize(
+    "more", [(), pytest.param("controller.period=0.014", marks=pytest.mark.long)]
+)
+def test_from_any_moment_every_law_goes_on_as_it_would_have(law, observer, more):
+    """From moments within and between the periods of whatever a law holds or plans in."""
+    kinds = f"controller.kind={law}", f"observer.kind={observer}", *([more] if more else [])
+    begin = "plant.start.x=0.1", "plant.start.y=-0.05"  # so far off that limits are reached
+    short = "plant.kind=lagrange", "duration=0.3", "metrics.start=0.0", "seed=3"
+    run = finished.run(load("circle", [*short, *kinds, *begin]))
+    whole = run.record
+    for tick in (1, 50, 73, 107):
+        found = one(exact(run, 0.002 * tick), lasting=0.3 - 0.002 * tick).run.record
+        for name in ("requested", "applied", "state", "estimate"):
+            assert np.array_equal(found[name], whole[name][tick:], equal_nan=True), (tick, name)
+
+
+def test_under_mpc_another_path_begins_at_once_within_a_step_of_the_law():
+    """Nearly the same path, of which nothing is held: it is planned again at once."""
+    keys = "plant.kind=lagrange", "duration=1.5", "metrics.start=0.0", "controller.kind=mpc"
+    run = finished.run(load("circle", keys))
+    found = one(exact(run, 1.346), "reference.omega=0.7500001", lasting=0.15).run.record
+    there = run.record["requested"][673:, 0][: len(found["requested"])]
+    assert np.abs(found["requested"][:, 0] - there).max() < 0.1 * np.abs(there).max()
 
 
 def test_a_change_at_the_moment_is_the_run_that_changes_then(run, tmp_path):

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     import control
 
     from twin.scenario.schema import Scenario
+    from twin.sim.plant.interface import BallSpin
 
 
 __all__ = ["UNITS", "controller", "equations", "exact", "law", "linear", "mechanism", "sampled"]
@@ -56,12 +57,14 @@ INPUTS = ("phi_acc", "theta_acc")
 DESIRED = ("reference_x", "reference_y")
 """Where the ball shall be, in plate axes."""
 AGE = "contact_age"
+SPIN = "spin"
 
 UNITS = {
     **dict(zip(STATES, 2 * ("m", "m/s", "rad", "rad/s"), strict=True)),
     **dict.fromkeys(INPUTS, "rad/s^2"),
     **dict.fromkeys(DESIRED, "m"),
     AGE: "1",
+    SPIN: "rad/s",
 }
 """Unit of each input and output, and of the states of ball and plate."""
 
@@ -175,30 +178,67 @@ def mechanism(
 
 
 def equations(
-    scenario: str | Path | None = None, settings: Settings = (), **changes: Unpack[Changes]
+    scenario: str | Path | None = None,
+    settings: Settings = (),
+    *,
+    spin: bool = False,
+    **changes: Unpack[Changes],
 ) -> control.NonlinearIOSystem:
-    """The exact equations (5.9) in continuous time, x' = f(x) + g(x) u.
+    """The exact equations of the rolling ball in continuous time, x' = f(x) + g(x) u.
 
     Inputs ``phi_acc``, ``theta_acc`` in rad/s^2; states and outputs ``x``, ``x_rate``, ``phi``,
-    ``phi_rate``, ``y``, ... in SI units.
+    ``phi_rate``, ``y``, ... in SI units. The ball's spin about the plate's normal is locked to the
+    plate, or with ``spin`` free and a ninth state, ``spin`` in rad/s, seen from the base. With
+    ``plant.ball_spin = "thesis"`` the equations are (5.9).
 
-    In: the ball's mass, radius and inertia. Out: everything else of a scenario. Friction is out
-    because at rest it is no differential equation: what it holds back there depends on what pushes,
-    and a solver that chooses its own steps does not get past that point. ``exact`` has it.
+    In: the ball's mass, radius and inertia, the plate's height, and ``plant.ball_spin``. Out:
+    everything else of a scenario. Friction is out because at rest it is no differential equation:
+    what it holds back there depends on what pushes, and a solver that chooses its own steps does
+    not get past that point. ``exact`` has it.
 
-    Args and errors are those of ``linear``.
+    Args and errors are those of ``linear``; ``spin`` needs a scenario whose ball spins freely.
     """
     import control
 
+    from twin.sim.plant.exact import RollingModel, rolling
+
     ball = model(scenario, settings, **changes)
+    chosen: BallSpin = "free"
+    if scenario is not None:
+        chosen = scenario_of(scenario, changes_of(settings, changes)).plant.ball_spin
+    about = RollingModel.of(ball, without_state(chosen, spin=spin))
+    gravity, states = (0.0, 0.0, -ball.gravity), (*STATES, *([SPIN] if spin else []))
+    scale = about.share * ball.radius
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
-        return ball.derivative(x, u)
+        angles = x[2:8:4]
+        at = rolling(about, np.sin(angles), np.cos(angles), x[3:8:4], u, gravity)
+        ax, ay = at.free(x[0], x[1], x[4], x[5], scale * x[8] if spin else 0.0)
+        rates = [x[1], ax, x[3], u[0], x[5], ay, x[7], u[1]]
+        return np.array(rates + ([-(at.hx * x[1] + at.hy * x[5]) / scale] if spin else []))
 
     return control.nlsys(
-        update, None, inputs=list(INPUTS), outputs=list(STATES), states=list(STATES),
+        update, None, inputs=list(INPUTS), outputs=list(states), states=list(states),
         name="equations",
     )  # fmt: skip
+
+
+def without_state(ball_spin: BallSpin, *, spin: bool) -> BallSpin:
+    """What the spin does in equations in which it is a state or not.
+
+    Args:
+        ball_spin: What a scenario says.
+        spin: Whether it is to be a state.
+
+    Raises:
+        ScenarioError: If it is to be a state and is not free.
+    """
+    if spin and ball_spin != "free":
+        raise ScenarioError(
+            f"spin: is a state of a ball that spins freely only, and plant.ball_spin is "
+            f"{ball_spin!r}"
+        )
+    return "locked" if ball_spin == "free" and not spin else ball_spin
 
 
 def exact(
@@ -210,11 +250,12 @@ def exact(
     ``x_rate``, ``phi``, ``phi_rate``, ``y``, ... in SI units, at its beginning. ``dt`` is
     ``rig.period``; within, the plant goes by its own physics steps. Where friction builds up at
     rest (``plant.friction.dwell_time``), its age is a ninth state, ``contact_age``: 1 of a ball
-    that has rested long.
+    that has rested long. Where the ball spins freely (``plant.ball_spin``), the last state is its
+    ``spin`` about the plate's normal, rad/s, seen from the base.
 
-    In: the ball, all of ``plant.friction``, the surface, a tilted base, ``plant.step``,
-    ``rig.period``. Out: linkage, drives, limits, sensors, where the ball starts, and the edge of
-    the screen.
+    In: the ball and its spin, all of ``plant.friction``, the surface, a tilted base, ``plant.step``
+    and ``rig.period``. Out: linkage, drives, limits, sensors, where the ball starts, and the edge
+    of the screen.
 
     Args and errors are those of ``linear``, but a scenario must be named.
     """
@@ -228,12 +269,15 @@ def exact(
     assert isinstance(plant, ExactPlant)
     plant.linkage = None
     period, steps = chosen.rig.period, round(chosen.rig.period / plant.step)
-    states = STATES if plant.age is None else (*STATES, AGE)
+    ageing, spinning = plant.age is not None, plant.ball_spin == "free"
+    states = (*STATES, *([AGE] if ageing else []), *([SPIN] if spinning else []))
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
-        plant.resume(x[np.newaxis, :8], x[8:] if len(x) > 8 else None)
+        plant.resume(x[np.newaxis, :8], x[8:9] if ageing else None, x[-1:] if spinning else None)
         plant.advance(x[np.newaxis, RATES] + period * u, steps)
-        return plant.state[0] if plant.age is None else np.append(plant.state[0], plant.age)
+        age = plant.age if ageing else None
+        further = [each for each in (age, plant.spin if spinning else None) if each is not None]
+        return np.concatenate((plant.state[0], *further))
 
     return control.nlsys(
         update, None, inputs=list(INPUTS), outputs=list(states), states=list(states), dt=period,

@@ -107,7 +107,7 @@ def run(
     if model is not None:
         shown += reasons({CLEAN: numbers["baseline"]})
         shown.append(
-            f"{CLEAN}: the same controller on the frictionless exact equations it was designed on, "
+            f"{CLEAN}: the same controller on the frictionless equations (5.9) it was designed on, "
             "without dead time, noise or mechanism"
         )
     shown.append(bold(done.verdict))

@@ -119,7 +119,6 @@ def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[V
         "rig.period": scenario.rig.period,
         "plant.step": scenario.plant.step,
         "gravity": model.gravity,
-        "height": model.height,
         "rig.knows_linkage": scenario.rig.cams != "ratio",
         "noise": 1,
         "seed": scenario.seed % SEEDS,

@@ -132,13 +132,14 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
 
 
 def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
-    """What scenarios say of the exact equations: ball, friction, level and screen."""
+    """What scenarios say of the exact equations: ball and its spin, friction, level, screen."""
     return {
         "model": scenarios[0].plant.model,
         "friction": build_friction(scenarios),
         "level": per_rig(settings_of(Parts)["level"], scenarios),
         "size": per_rig(settings_of(TouchModel)["size"], scenarios),
         "rounded": [scenario.plant.shape == "round" for scenario in scenarios],
+        "ball_spin": scenarios[0].plant.ball_spin,
     }
 
 
@@ -561,7 +562,10 @@ SHARED = (
 )
 """Keys in which the rigs of a batch must agree: engine, time base, whether the truth is seen, and
 what tilts the plate."""
-SHARED_EXACT = "plant.plate.height", *(f"plant.ball.{of}" for of in ("mass", "radius", "inertia"))
+SHARED_EXACT = (
+    *("plant.ball_spin", "plant.plate.height"),
+    *(f"plant.ball.{of}" for of in ("mass", "radius", "inertia")),
+)
 """The same of rigs on the exact equations, besides."""
 
 

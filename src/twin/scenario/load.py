@@ -125,7 +125,7 @@ def cut_short(scenario: Scenario, duration: float) -> Scenario:
 
 
 def clean(scenario: Scenario) -> Scenario:
-    """The same controller and motion on the exact equations that the controller is designed on.
+    """The same controller and motion on the equations (5.9) that the controller is designed on.
 
     Nothing a scenario may say of its rig is left but the ball and the plate's height that the
     designer knows, where the ball starts, the plate's size, control period and limits: no friction,
@@ -138,6 +138,7 @@ def clean(scenario: Scenario) -> Scenario:
     said: dict[str, Any] = {
         "plant": {
             "kind": "lagrange",
+            "ball_spin": "thesis",
             "step": scenario.plant.step,
             "size": scenario.plant.size,
             "shape": scenario.plant.shape,

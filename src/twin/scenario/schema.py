@@ -22,7 +22,7 @@ from twin.base.settings import Setting, filled, settings_of, value_of
 from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.sim.plant.friction import Friction, SurfaceModel
-from twin.sim.plant.interface import BallStart, Parts
+from twin.sim.plant.interface import BallSpin, BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
@@ -233,11 +233,14 @@ class PlantKeys(Section):
         pydantic.AfterValidator(_known),
         pydantic.WithJsonSchema({"type": "string", "enum": list(PLANTS)}),
     ] = "mujoco"
-    """The mechanism in MuJoCo, or the exact equations (5.9)."""
+    """The mechanism in MuJoCo, or the exact equations of a ball that rolls."""
     step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
     """Time step of the simulation in s; for the mechanism at most 0.002."""
     shape: Literal["rectangle", "round"] = "rectangle"
     """Of the plate: a rectangle, or round with the diameter plant.size = [d, d]."""
+    ball_spin: BallSpin = "free"
+    """In the exact equations, the ball's spin about the plate's normal: free, locked to the plate,
+    or thesis for the equations (5.9), which lack a term of a ball whose spin is locked."""
 
     @model_validator(mode="after")
     def _kind_of_ball(self) -> PlantKeys:
@@ -254,7 +257,7 @@ class PlantKeys(Section):
 
     @property
     def model(self) -> BallPlate:
-        """The exact equations with this ball and plate."""
+        """The model that laws are designed on, with this ball and plate."""
         inner: Any = vars(self)
         ball = {name: vars(inner["ball"])[name] for name in ("mass", "radius", "inertia")}
         return BallPlate(**ball, height=inner["plate"].height)
@@ -269,6 +272,16 @@ class PlantKeys(Section):
         for key, what in MECHANISM_ONLY.items() if self.kind == "lagrange" else ():
             if value_of(self, key) != DEFAULTS[f"plant.{key}"]:
                 yield f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
+        if mechanism and self.ball_spin != "free":
+            yield (
+                f"plant.ball_spin: must be 'free' for the mechanism, whose ball spins freely, got "
+                f"{self.ball_spin!r}; set plant.kind=lagrange"
+            )
+        if self.kind == "lagrange" and self.ball_spin != "free" and inner["start"].spin:
+            yield (
+                f"plant.start.spin: must be 0 with plant.ball_spin = {self.ball_spin!r}, which has "
+                "no spin as a state; set plant.ball_spin=free"
+            )
         (x, y), start, disc = inner["size"], inner["start"], self.shape == "round"
         if mechanism and min(x, y) < LEAST_ON_CAMS and not any(inner["linkage"].crank_mm):
             yield (
@@ -303,6 +316,8 @@ MECHANISM_ONLY = {
     if about.exact
 }
 """Keys of ``plant`` that the exact equations cannot follow, and why."""
+EXACT_ONLY = ("ball_spin",)
+"""Keys of ``plant`` of which the mechanism knows only the default."""
 
 
 def without_ball(plant: dict[str, Any], kind: Any) -> None:

@@ -1,7 +1,7 @@
 """Tables 8.1 to 8.21, which the thesis simulated: run again, and every cell laid beside.
 
-A row is a scenario: what the data files say is laid over ``IDEAL``. *sampled* runs it on the exact
-equations, *mujoco* on the mechanism without rolling friction, both at 2 ms through the seam.
+A row is a scenario: what the data files say is laid over ``IDEAL``. *sampled* runs it on the
+equations (5.9), *mujoco* on the mechanism without rolling friction, both at 2 ms through the seam.
 *exact* is the same under continuous control, integrated once by commit eda4a26 and kept as data:
 full state feedback by LSODA at a relative tolerance of 1e-9; plant, observer in continuous time,
 dead time and held noise together by RK4 at 10 ms.
@@ -79,6 +79,7 @@ class SimulatedRow:
         step = COARSE if "disturbance" in self.setup else FINE
         settings = {
             "plant.kind": "mujoco" if mechanism else "endless",
+            "plant.ball_spin": "free" if mechanism else "thesis",
             "plant.step": min(step, period) if mechanism else period,
             "rig.period": period,
         }
@@ -252,7 +253,7 @@ Results = Mapping[tuple[RowId, str], RowResult]
 
 
 class EndlessPlate(ExactPlant):
-    """The exact model as the thesis simulates it: its plate has no edge."""
+    """The equations as the thesis simulates them: its plate has no edge."""
 
     @property
     def on_plate(self) -> Mask:
@@ -261,10 +262,12 @@ class EndlessPlate(ExactPlant):
 
 
 def _endless(scenarios: Sequence[Scenario], _: int) -> tuple[Plant, Transmission]:
-    return EndlessPlate(rigs=len(scenarios), step=scenarios[0].plant.step), FixedRatio()
+    plant = scenarios[0].plant
+    endless = EndlessPlate(rigs=len(scenarios), step=plant.step, ball_spin=plant.ball_spin)
+    return endless, FixedRatio()
 
 
-register("endless", PlantKind(_endless, "exact equations", least=2))
+register("endless", PlantKind(_endless, "equations of the thesis", least=2))
 
 
 def plan(wanted: Iterable[SimulatedTable]) -> list[ReproductionJob]:
@@ -400,8 +403,8 @@ class ThesisCell:
         row: The row's name.
         column: The column's key in ``COLUMNS``.
         thesis: The thesis's value.
-        exact: Exact model, continuous control, as kept.
-        sampled: Exact model, sampled loop through the seam; None if it ended early.
+        exact: Equations (5.9), continuous control, as kept.
+        sampled: Equations (5.9), sampled loop through the seam; None if it ended early.
         mujoco: The mechanism without rolling friction, through the seam; None if it ended early.
         note: What is known of the cell.
         verdict: Whether exact and sampled value agree with the thesis's.

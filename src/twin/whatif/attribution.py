@@ -21,7 +21,7 @@ from twin.run.assemble import linkage_of
 from twin.run.finished import run
 from twin.run.metrics import Ending
 from twin.run.picture import COLOURS, drawn
-from twin.scenario.schema import CAMS_ONLY, MECHANISM_ONLY, Scenario
+from twin.scenario.schema import CAMS_ONLY, EXACT_ONLY, MECHANISM_ONLY, Scenario
 
 Overrides = Mapping[str, Any]
 """Dotted key to value; None takes the key out, so that its default holds."""
@@ -70,10 +70,11 @@ def changed(scenario: Scenario, overrides: Iterable[Overrides]) -> Scenario:
 
 
 def present(scenario: Scenario) -> tuple[Effect, ...]:
-    """The effects that a scenario has; exact equations and rods have not all of the cams' own."""
+    """The effects that a scenario has, of those that its plant can be without."""
     now = scenario.model_dump()
     on_rods = CAMS_ONLY if linkage_of(scenario) else ()
-    other = MECHANISM_ONLY if scenario.plant.kind == "lagrange" else on_rods
+    own = MECHANISM_ONLY if scenario.plant.kind == "lagrange" else EXACT_ONLY
+    other = {*own, *on_rods}
     return tuple(
         effect
         for effect in EFFECTS

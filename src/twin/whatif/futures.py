@@ -24,7 +24,7 @@ from twin.base.jobs import SecondProcess
 from twin.base.writing import write_json, write_whole
 from twin.identify.logs import Log, read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges, interpolated
-from twin.run.assemble import assemble, build_controller, build_reference
+from twin.run.assemble import assemble, build_controller, build_reference, law_of
 from twin.run.files import WHATIF, forget, free, is_record, record_of, short_key, slug
 from twin.run.finished import Run, drawn, open_run, record_run, versions
 from twin.run.loop import drive
@@ -132,7 +132,7 @@ def take_over(new: Controller, old: Controller, was: Scenario, now: Scenario) ->
         was: Scenario of the old one.
         now: Of the new one.
     """
-    new.rate = old.rate
+    new.rate, new.requested = old.rate, old.requested
     if now.controller == was.controller:
         new.memory = old.memory
     if (now.observer, now.predictor) == (was.observer, was.predictor):
@@ -143,6 +143,9 @@ def take_over(new: Controller, old: Controller, was: Scenario, now: Scenario) ->
         new.observer.start(old.observer.x)
     if now.reference == was.reference:
         new.reference = old.reference
+        if law_of(now) == law_of(was):
+            # what the law laid ahead and holds goes on
+            new.plan = old.plan
 
 
 def exact(run: Run, at: float) -> Moment:

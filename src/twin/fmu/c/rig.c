@@ -278,7 +278,10 @@ static const char *misfit(const double *v) {
 /* ---- Ball -------------------------------------------------------------------------------------- */
 
 typedef struct {
-    double d, c1, c2, c3; /* (4.6) and (5.1) */
+    double c1, c2;           /* (5.1) */
+    double turn;             /* factor of the plate's rate about its normal */
+    double lever_x, lever_y; /* of products of the plate's rates, m */
+    double share;            /* sqrt(1 - c1) where the spin is a state, else 0 */
     double radius;
     double gravity[3]; /* in the axes of the base, m/s^2 */
 } Ball;
@@ -287,21 +290,26 @@ static Ball ball_of(const double *v) {
     double m = v[PLANT_BALL_MASS], r = v[PLANT_BALL_RADIUS], J = v[PLANT_BALL_INERTIA];
     double g = v[GRAVITY], phi = v[PLANT_LEVEL], theta = v[PLANT_LEVEL + 1];
     Ball ball;
+    double d = v[PLANT_PLATE_HEIGHT] + r, c4 = (J + d * m * r) / (m * r);
     ball.radius = r;
-    ball.d = v[HEIGHT] + r;
     ball.c1 = m * (r * r) / (m * (r * r) + J);
-    ball.c2 = (ball.d * m * (r * r) + J * r) / (m * (r * r) + J);
-    ball.c3 = (J + 2 * ball.d * m * r) / (m * r);
+    ball.c2 = (d * m * (r * r) + J * r) / (m * (r * r) + J);
+    ball.turn = BALL_SPIN == THESIS ? 2 * ball.c1 : 1 + ball.c1;
+    ball.lever_x = BALL_SPIN == FREE ? c4 : d;
+    ball.lever_y = BALL_SPIN == FREE ? 2 * c4 : (J + 2 * d * m * r) / (m * r);
+    ball.share = BALL_SPIN == FREE ? sqrt(1 - ball.c1) : 0;
     ball.gravity[0] = g * sin(phi) * cos(theta);
     ball.gravity[1] = -g * sin(theta);
     ball.gravity[2] = -g * cos(phi) * cos(theta);
     return ball;
 }
 
-/* Rows x'' and y'' of (5.9a), gathered for the ball where the plate's motion is given:
-   x'' = xx x + xy y + turn y' + px,  y'' = yx x + yy y - turn x' + py */
+/* Newton and Euler of the rolling ball where the plate's motion is given, (R5) and (R4) of
+   twin.sim.plant.exact; q = sqrt(1 - c1) r n is the speed of the spin n about the normal:
+   x'' = xx x + xy y + turn y' + px + hx q,  y'' = yx x + yy y - turn x' + py + hy q,
+   q' = -hx x' - hy y' */
 typedef struct {
-    double xx, xy, yx, yy, turn, px, py;
+    double xx, xy, yx, yy, turn, px, py, hx, hy;
     double normal; /* force per mass that presses the ball on the plate, m/s^2 */
 } Rolling;
 
@@ -316,9 +324,11 @@ static Rolling rolling(const Ball *ball, const double angle[2], const double rat
         xy,
         -2 * c1 * wx * wy - xy,
         c1 * w7 * w7,
-        2 * c1 * wz,
-        c1 * (c3 * gx - s3 * down - ball->d * wx * wz) - ball->c2 * u1,
-        c1 * (c7 * gy + s7 * gz - ball->c3 * wy * wz) + ball->c2 * c3 * u2,
+        ball->turn * wz,
+        c1 * (c3 * gx - s3 * down - ball->lever_x * wx * wz) - ball->c2 * u1,
+        c1 * (c7 * gy + s7 * gz - ball->lever_y * wy * wz) + ball->c2 * c3 * u2,
+        ball->share * wx,
+        ball->share * wy,
         -s3 * gx - c3 * down,
     };
     return at;
@@ -332,9 +342,9 @@ static double limit(const Rig *rig, const Ball *ball, const Rolling *at, double 
 
 /* Acceleration without resistance. */
 static void free_ball(const double *v, const Ball *ball, const Rolling *at, double x, double vx,
-                      double y, double vy, double a[2]) {
-    a[0] = at->xx * x + at->xy * y + at->turn * vy + at->px;
-    a[1] = at->yx * x + at->yy * y - at->turn * vx + at->py;
+                      double y, double vy, double q, double a[2]) {
+    a[0] = at->xx * x + at->xy * y + at->turn * vy + at->px + at->hx * q;
+    a[1] = at->yx * x + at->yy * y - at->turn * vx + at->py + at->hy * q;
     if (SLOPING) {
         double found[3];
         surface(v, x, y, found);
@@ -346,8 +356,8 @@ static void free_ball(const double *v, const Ball *ball, const Rolling *at, doub
 /* Acceleration with resistance: a moving ball is slowed against its velocity, a resting one starts
    only when the free acceleration exceeds the limit, a bent contact pushes back. */
 static void accelerate(const Rig *rig, const Ball *ball, const Rolling *at, double x, double vx,
-                       double y, double vy, double a[2]) {
-    free_ball(rig->v, ball, at, x, vx, y, vy, a);
+                       double y, double vy, double q, double a[2]) {
+    free_ball(rig->v, ball, at, x, vx, y, vy, q, a);
     if (absent(rig->v))
         return;
     double most = limit(rig, ball, at, x, vx, y, vy), s = rig->v[PLANT_FRICTION_PRESLIDING];
@@ -376,25 +386,32 @@ static int held(const Rig *rig, const Ball *ball, const Rolling *at) {
     double reach = limit(rig, ball, at, x, vx, y, vy) * STEP;
     if (!(vx * vx + vy * vy <= reach * reach))
         return 0;
-    free_ball(rig->v, ball, at, x, 0, y, 0, a);
+    free_ball(rig->v, ball, at, x, 0, y, 0, rig->q, a);
     double hold = limit(rig, ball, at, x, 0, y, 0);
     return a[0] * a[0] + a[1] * a[1] <= hold * hold;
 }
 
+/* By what the motion of the ball slows its spin, m/s^2. */
+static double lost(const Rolling *at, double vx, double vy) { return at->hx * vx + at->hy * vy; }
+
 /* One step of RK4, by the equations at its begin, middle and end. */
 static void roll_on(Rig *rig, const Ball *ball, const Rolling at[3]) {
     double h = STEP, half = STEP / 2;
-    double x = rig->x, vx = rig->vx, y = rig->y, vy = rig->vy;
+    double x = rig->x, vx = rig->vx, y = rig->y, vy = rig->vy, q = rig->q;
     double a[2], b[2], c[2], e[2];
     bend_on(rig, vx, vy, half);
-    accelerate(rig, ball, &at[0], x, vx, y, vy, a);
+    accelerate(rig, ball, &at[0], x, vx, y, vy, q, a);
     double vx2 = vx + half * a[0], vy2 = vy + half * a[1];
-    accelerate(rig, ball, &at[1], x + half * vx, vx2, y + half * vy, vy2, b);
+    double q1 = lost(&at[0], vx, vy), q2 = lost(&at[1], vx2, vy2);
+    accelerate(rig, ball, &at[1], x + half * vx, vx2, y + half * vy, vy2, q - half * q1, b);
     double vx3 = vx + half * b[0], vy3 = vy + half * b[1];
-    accelerate(rig, ball, &at[1], x + half * vx2, vx3, y + half * vy2, vy3, c);
+    double q3 = lost(&at[1], vx3, vy3);
+    accelerate(rig, ball, &at[1], x + half * vx2, vx3, y + half * vy2, vy3, q - half * q2, c);
     double vx4 = vx + h * c[0], vy4 = vy + h * c[1];
-    accelerate(rig, ball, &at[2], x + h * vx3, vx4, y + h * vy3, vy4, e);
+    double q4 = lost(&at[2], vx4, vy4);
+    accelerate(rig, ball, &at[2], x + h * vx3, vx4, y + h * vy3, vy4, q - h * q3, e);
     int rests = held(rig, ball, &at[0]);
+    rig->q = q - h / 6 * (q1 + 2 * (q2 + q3) + q4);
     rig->x = x + h / 6 * (vx + 2 * (vx2 + vx3) + vx4);
     rig->y = y + h / 6 * (vy + 2 * (vy2 + vy3) + vy4);
     rig->vx = rests ? 0 : vx + h / 6 * (a[0] + 2 * (b[0] + c[0]) + e[0]);
@@ -858,6 +875,8 @@ const char *rig_begin(Rig *rig) {
     if (2 + ceil((latest + (frames > 0 ? 1 / frames : 0)) / PERIOD) > RING)
         return "sensors.touch: the dead time is longer than this FMU remembers; export one from a "
                "scenario that has it";
+    if (BALL_SPIN != FREE && rig->v[PLANT_START_SPIN] != 0)
+        return "plant.start.spin must be 0: the ball of this FMU has no spin as a state";
     const char *wrong = misfit(rig->v);
     if (wrong)
         return wrong;
@@ -868,6 +887,7 @@ const char *rig_begin(Rig *rig) {
     rig->vx = v[PLANT_START_X_RATE];
     rig->y = v[PLANT_START_Y];
     rig->vy = v[PLANT_START_Y_RATE];
+    rig->q = ball_of(v).share * v[PLANT_BALL_RADIUS] * v[PLANT_START_SPIN];
     have_age(rig);
     for (int i = 0; i < RING; i++) {
         rig->past[i][0] = rig->x;

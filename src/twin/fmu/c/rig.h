@@ -11,6 +11,7 @@
 
 #include "scenario.h" /* written with each FMU: VARIABLES by name, PERIOD, RING, SURFACE, ... */
 
+enum BallSpin { FREE, LOCKED, THESIS };
 enum Type { NOTHING, REAL, INTEGER, BOOLEAN };
 enum Set { NEVER, AT_START, ALWAYS };
 
@@ -45,6 +46,7 @@ typedef struct {
     /* plate and ball */
     double angle[2], rate[2];
     double x, vx, y, vy;
+    double q;   /* speed of the spin, sqrt(1 - c1) r n */
     double age; /* of the contact, 0 to 1 */
     int ageing; /* whether it has one */
     double bend[2];

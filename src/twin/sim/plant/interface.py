@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from controllers.arrays import Array, Mask, Number, put
 from twin.base.settings import Unit, check, jump, ramp, setting
 from twin.hal.linkage import Linkage
+
+BallSpin = Literal["free", "locked", "thesis"]
+"""The ball's spin about the plate's normal in the exact equations: a state, locked to the plate, or
+locked with the equations (5.9) of the thesis; ``twin.sim.plant.exact`` derives them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,9 +33,7 @@ class BallStart:
     y: Number = setting("plant.start.y", 0.0, ge=-2.5, le=2.5)
     x_rate: Number = setting("plant.start.x_rate", 0.0)
     y_rate: Number = setting("plant.start.y_rate", 0.0)
-    spin: Number = setting(
-        "plant.start.spin", 0.0, ge=-500, le=500, exact="have a ball that never spins"
-    )
+    spin: Number = setting("plant.start.spin", 0.0, ge=-500, le=500)
 
     @property
     def ball(self) -> Array:
@@ -216,7 +218,7 @@ class Parts:
         otherwise=None,
         ge=0.01,
         le=10,
-        exact="have a ball that never spins",
+        exact="have a ball whose spin nothing resists",
     )
     stiffness: float | None = setting(
         "plant.wheels.stiffness", None, ge=5e3, le=2e6, exact="have no wheels"

@@ -121,6 +121,7 @@ class BallContact(Contacts):
     Args:
         batch: The rigs.
         friction: Their rolling resistance.
+        gravity: Its amount in m/s^2.
 
     Raises:
         ModelError: If a rolling resistance is too small for the engine.
@@ -128,7 +129,7 @@ class BallContact(Contacts):
 
     friction: Friction
 
-    def __init__(self, batch: Batch, friction: Friction) -> None:
+    def __init__(self, batch: Batch, friction: Friction, gravity: float) -> None:
         super().__init__(friction, batch.nsim)
         model = batch.model
         roll = np.broadcast_to(np.asarray(friction.rolling, float), (batch.nsim,))
@@ -149,7 +150,7 @@ class BallContact(Contacts):
         if self._forced:
             mass = batch.expanded("body_mass")
             masses = model.body_mass if mass is None else mass
-            self._weight = masses[..., ball] * np.linalg.norm(model.opt.gravity)
+            self._weight = masses[..., ball] * gravity
             sizes = batch.expanded("geom_size")
             sizes = model.geom_size if sizes is None else sizes
             self._radius = sizes[..., model.geom("ball").id, 0]
@@ -241,7 +242,7 @@ class Mechanism:
         self._qvel: Array = self._batch.bind("qvel")
         self._half, self._surface, self._rounded = self._models.shapes()
         self._height = self._models.heights()
-        self._contact = None if friction is None else BallContact(self._batch, friction)
+        self._contact = None if friction is None else self._touching(friction)
         # how often friction that changes with speed or place is updated: every 2 ms
         self._stride = max(1, round(0.002 / self.step))
         self.start(np.zeros((rigs, 4)))
@@ -285,9 +286,13 @@ class Mechanism:
 
     def _exchange_friction(self, friction: Friction) -> None:
         """Let the balls roll on with other friction."""
-        before, self._contact = self._contact, BallContact(self._batch, friction)
+        before, self._contact = self._contact, self._touching(friction)
         if before is not None:
             self._contact.go_on(before, self.state)
+
+    def _touching(self, friction: Friction) -> BallContact:
+        """The contacts of all balls with a friction."""
+        return BallContact(self._batch, friction, self._models.gravity)
 
     def start(self, ball: Array, spin: Number = 0.0) -> None:
         """Put every plate level and at rest with its ball rolling at (x, x', y, y'), shape (N, 4).

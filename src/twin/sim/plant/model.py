@@ -545,6 +545,9 @@ class RigModels:
         if len(self._parts) != rigs:
             raise ModelError(f"{rigs} rigs cannot have {len(self._parts)} sets of parts")
         self._step, self._disabled = step, disabled
+        file = model_path() if self._parts[0].linkage is None else model_path(RODS)
+        self.gravity = float(-load_model(file, drawn=False).opt.gravity[2])
+        """Amount of gravity in m/s^2: that of the file, as the one of a tilted base is rounded."""
         self._built = self._compiled(self._parts)
         self._now = self._built
         self._exchanged: dict[tuple[Parts, Parts], mujoco.MjModel] = {}
@@ -611,8 +614,7 @@ class RigModels:
             batch.expand(name)[:] = values[-len(models) :]
         self._now = models
         levels = [part.level or (0.0, 0.0) for part in parts]
-        gravity = float(np.linalg.norm(models[0].opt.gravity))
-        batch.expand("opt.gravity")[:] = tilted_gravity(levels, gravity)
+        batch.expand("opt.gravity")[:] = tilted_gravity(levels, self.gravity)
 
     def rebuild(self, batch: Batch, rigs: NDArray[np.integer], parts: Sequence[Parts]) -> None:
         """Build some rigs of a batch anew, with other parts, one each.
