@@ -117,6 +117,16 @@ class OwnConfig(Ranged):
     rest: float = net(0.5, 0.05, 10)
     steep_deg: float = net(2.0, 0.2, 20)
 
+    @property
+    def lost(self) -> float:
+        """Plate angle in rad by which commanded and measured plate may differ."""
+        return math.radians(self.astray_deg)
+
+    @property
+    def late(self) -> float:
+        """Longest time in s from a command to the motion of the plate."""
+        return 0.1 + 2 * self.plate_lag
+
 
 ASTRAY_FOR = 0.3
 """Seconds for which a plate must be astray until it is a fault."""
@@ -263,6 +273,10 @@ class OwnServos:
     def motor(self) -> Array:
         """The commanded plate angles, rad, shape (1, 2)."""
         return self._angle[None].copy()
+
+    def turned(self) -> tuple[Array, Array] | None:
+        """Nothing: no encoder of a motor is known."""
+        return None
 
     def age(self) -> Array:
         """Seconds since the plate was measured; 0 where it is computed, shape (1, 2)."""

@@ -63,6 +63,7 @@ def connect(
         "patience": rig.patience,
         "reset": reset,
         "relaxed": rig.relaxed(period),
+        "plate_lag": scenario.rig.plate_lag,
     }
     if rig.backend is not None:
         config = rig.own
