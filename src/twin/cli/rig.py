@@ -73,10 +73,14 @@ def doctor(
         return 0
     from twin.doctor.examine import examine
     from twin.scenario import load
+    from twin.scenario.passed import note_result
 
     chosen = load(scenario, overrides)
     with rig_file(rig, chosen) as (file, ask):
         found = _told(examine(chosen, file, ask, move=move, reset=reset))
+        if move and rig != EMULATED:
+            failed = any(each.status is CheckStatus.FAIL for each in found)
+            note_result(file, passed=not failed)
     counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
     told = ", ".join(f"{count} {status}" for status, count in counts.items())
     on = click.get_current_context().meta.get("on")
@@ -224,7 +228,7 @@ def trace(
     import numpy as np
     import pandas as pd
 
-    from twin.devices.akd.decoding import Conversation, Names, TracedEvent
+    from twin.devices.akd.decoding import Conversation, Names, TracedEvent, sync_period
     from twin.devices.akd.traces import read_trace
     from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
     from twin.scenario.rig import read_rig
@@ -234,7 +238,7 @@ def trace(
     place = file / TRACE if file.is_dir() else file
     found = read_trace(place, channel)
     own = read_rig(rig) if rig else None
-    drives = own.servos(0.002) if own else None
+    drives = own.servos(sync_period(found.frames)) if own else None
     if again:
         return _replay(file, found, Names(eds), drives)
     said = Conversation(found.frames, Names(eds), drives)
@@ -381,7 +385,7 @@ def _turned(
     from twin.devices.realtime import real_time
 
     with rig_file(rig, scenario) as (file, _), real_time(), progress(what, total) as advance:
-        yield file, AkdServos(file.servos(0.002)), advance
+        yield file, AkdServos(file.servos(scenario.rig.period)), advance
 
 
 @options.command("lost-motion", example="calibrate lost-motion --set plant.servo.backlash_deg=0.44")
@@ -397,7 +401,7 @@ def _turned(
 def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
     """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
 
-    Settings are those of the virtual rig.
+    Settings are the control period, and those of the virtual rig.
     """
     from twin.doctor.drives import measure_lost_motion
     from twin.identify.plate_motion import KEYS
@@ -480,13 +484,21 @@ calibrate.add_command(lost_motion)
 )
 @click.option("--reach", type=click.FloatRange(0.5, 8), default=6.0, help="Largest angle, deg [6].")
 @click.option("--lines", type=click.IntRange(4, 33), default=9, help="Points per axis [9].")
+@options.SETTING
 @options.JSON
-def cams(rig: str, out: Path, reach: float, lines: int) -> None:
-    """Measure the cam table of a rig: what its motors must turn for angles of the plate."""
+def cams(rig: str, out: Path, reach: float, lines: int, overrides: tuple[str, ...]) -> None:
+    """Measure the cam table of a rig: what its motors must turn for angles of the plate.
+
+    Settings are the control period, and those of the virtual rig.
+    """
     from twin.doctor.drives import measure_cams
     from twin.scenario import load
 
-    with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, tell):
+    with _turned(rig, load("circle", overrides), "measuring the cams", lines**2 + 1) as (
+        _,
+        servos,
+        tell,
+    ):
         found = measure_cams(servos, reach=math.radians(reach), lines=lines, progress=tell)
     write_whole(out, found.save)
     told = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}

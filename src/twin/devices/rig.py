@@ -21,7 +21,7 @@ from twin.base.errors import RigError
 from twin.devices.akd.conditions import RELAXED
 from twin.devices.realtime import RealTimeClock, Scheduling, TimingLog, real_time
 from twin.hal.agreement import AXES, Agreement
-from twin.hal.interface import Condition, Fault, Limits, Severity, Transmission
+from twin.hal.interface import NOMINAL_PERIOD, Condition, Fault, Limits, Severity, Transmission
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import BALL_LOST, State, Supervisor
 
@@ -51,7 +51,7 @@ SLOW_FOR = 3.0
 UNCHECKED = Condition(
     "first motion slow",
     Severity.WARNING,
-    0.002,
+    NOMINAL_PERIOD,
     "noted; the plate turns at 10 deg/s at most until motors and plate agree, or for 3 s",
     "run `ballplate doctor --move` with this rig file",
 )

@@ -18,9 +18,11 @@ from twin.hal.interface import Condition, Severity, Transmission
 _STOPPED = "zero rate, then no torque"
 _CHECK = "check wiring, signs and scales with `ballplate doctor --move`, then run again"
 
-OPPOSITE = Condition("plate turns against its motor", Severity.STOP, 0.1, _STOPPED, _CHECK, True, 3)
-WRONG_RATIO = Condition("plate ratio wrong", Severity.STOP, 0.5, _STOPPED, _CHECK, True, 3)
-EXCHANGED = Condition("axes exchanged", Severity.STOP, 0.25, _STOPPED, _CHECK, True, 3)
+OPPOSITE = Condition(
+    "plate turns against its motor", Severity.STOP, 0.1, _STOPPED, _CHECK, periods=4
+)
+WRONG_RATIO = Condition("plate ratio wrong", Severity.STOP, 0.5, _STOPPED, _CHECK, periods=4)
+EXCHANGED = Condition("axes exchanged", Severity.STOP, 0.25, _STOPPED, _CHECK, periods=4)
 AGREEMENT_CONDITIONS = (OPPOSITE, WRONG_RATIO, EXCHANGED)
 """How motors and plate may disagree; detected in that time where the plate turns at 10 deg/s."""
 
@@ -82,7 +84,7 @@ class Agreement:
     PROVEN = float(np.radians(2.0))
     """Plate angle in rad that both axes must have turned through to be known to be right."""
     FREE = 0.15
-    """Share of the motion by which a scale, which may be any, must explain it better than a sign."""
+    """Share of the motion by which a scale, which is free, must explain it better than a sign."""
     MEMORY = 0.5
     """Duration in s of the motion by which a disagreement is given its name."""
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from twin.base.errors import ScenarioError
 from twin.devices.common import Ranged, bounded, net
+from twin.hal.interface import NOMINAL_PERIOD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +208,7 @@ class AkdConfig(DriveSettings):
         AxisConfig(name="phi", node=1),
         AxisConfig(name="theta", node=2),
     )
-    period: float = 0.002
+    period: float = NOMINAL_PERIOD
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""

@@ -21,6 +21,7 @@ from twin.devices.akd import protocol
 from twin.devices.akd.config import RPM, TURN, AkdConfig
 from twin.devices.akd.protocol import Key, Object, mappings, table
 from twin.devices.common import one_line
+from twin.hal.interface import NOMINAL_PERIOD
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 _TOLD = {CONTROL, STATUS, 0x6060, 0x6061, 0x603F, 0x1001, 0x60FD, 0x2001}
@@ -47,6 +48,14 @@ _UNANSWERED = "unanswered", "no answer"
 _WORDS = {STATUS: protocol.status_words, CONTROL: protocol.control_words}
 HOST = "host"
 """Who sends what only a master sends."""
+
+
+def sync_period(frames: Sequence[can.Message]) -> float:
+    """The period in s, in whole ms, of the SYNCs of a trace; the nominal one if there are few."""
+    times = [each.timestamp for each in frames if each.arbitration_id == protocol.SYNC]
+    if len(times) <= _FEW:
+        return NOMINAL_PERIOD
+    return max(1, round(1e3 * float(np.median(np.diff(times))))) / 1e3
 
 
 class TracedEvent(NamedTuple):
