@@ -254,6 +254,7 @@ class Supervisor:
             self._judge(PLATE_TILTED, plate, np.degrees(y[:, 1::2]), where)
         if not every(touched):
             self._unseen = np.where(touched, 0.0, self._unseen + self._period)
+            self._before = np.where(touched[:, None], self._before, np.nan)
             self._judge(BALL_LOST, self.lost, y, "the ball is no longer detected")
         else:
             self._unseen = 0.0
@@ -276,9 +277,9 @@ class Supervisor:
         rate = np.abs(self.rate)
         way = rate * self._late + rate**2 / (2 * column(self.limits.acceleration))
         fresh = np.isnan(self._largest)
-        self._largest = np.where(fresh, tilt + way + self.GROWN, self._largest)
-        self._largest = np.where(holding, self._largest, np.nan)
-        further = holding & ~(tilt <= self._largest)
+        further = holding & ~fresh & ~(tilt <= self._largest)
+        begun = np.where(np.isnan(tilt), np.abs(self.angle), tilt) + way + self.GROWN
+        self._largest = np.where(holding, np.where(fresh, begun, self._largest), np.nan)
         if some(further):
             which = further.any(axis=1)
             degrees = np.degrees(tilt)
@@ -287,7 +288,7 @@ class Supervisor:
 
     def _watch_speed(self, ball: Array, touched: Mask) -> None:
         moved = np.abs(ball - self._before)
-        # NaN, where the ball was not felt, is never too fast
+        # NaN, where the ball was not felt all the time, is never too fast
         fast = (moved > self._way).any(axis=1)
         if some(fast):
             speed = moved / (self._paces * self._period)
