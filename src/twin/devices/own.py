@@ -139,12 +139,14 @@ class _DirectionTest:
         delays: How many s later than its command the plate may move.
         commanded: Range in rad through which the command must have gone.
         slope: Measured angle per commanded one, at most, at every delay.
+        every: Number of periods from one look to the next.
     """
 
     memory: float = 0.6
     delays: tuple[float, ...] = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
     commanded: float = math.radians(2.0)
     slope: float = -0.4
+    every: int = 8
 
     def opposite(self, commanded: Array, measured: Array, period: float) -> bool:
         """Whether an axis turned the other way, by its angles in rad period by period, (n,)."""
@@ -160,6 +162,8 @@ class _DirectionTest:
 
 
 DIRECTION = _DirectionTest()
+AT_ONCE = _DirectionTest(delays=(0.0,))
+"""The same for a plate that is known not to be where it should be, to tell in which way."""
 ASTRAY_FOR = 0.3
 """Seconds for which a plate must be astray until it is a fault."""
 OWN_CONDITIONS = tuple(conditions("twin.devices").values())
@@ -226,6 +230,7 @@ class OwnServos:
         self._rate, self._angle, self._model = np.zeros((3, 2))
         self._started = False
         self._astray: float | None = None
+        self._looks = 0
         self._motion: deque[tuple[float, ...]] = deque(maxlen=round(DIRECTION.memory / period))
         """Commanded, then measured plate angles of the last periods, rad."""
         self._place, self._moved = (math.nan, math.nan), math.inf
@@ -365,28 +370,25 @@ class OwnServos:
             self._report(FROZEN, f"the same for {now - self._moved:.2f} s on a tilted plate")
         if reading.phi is None:
             return
-        self._watch_direction(plate)
+        self._motion.append((*self._model.tolist(), *plate.tolist()))
+        self._looks += 1
+        if self._looks % DIRECTION.every == 0:
+            self._watch_direction(DIRECTION)
         off = float(np.degrees(np.abs(plate - self._model).max()))
         if off <= self.config.astray_deg:
             self._astray = None
         elif self._astray is None:
             self._astray = now
         elif now - self._astray > ASTRAY_FOR:
+            self._watch_direction(AT_ONCE)
             self._report(ASTRAY, f"{off:.1f} deg off for {now - self._astray:.1f} s")
 
-    def _watch_direction(self, plate: Array) -> None:
-        """Report an axis that is measured to turn against its commands.
-
-        Args:
-            plate: Measured plate angles in rad, shape (2,).
-        """
-        self._motion.append((*self._model.tolist(), *plate.tolist()))
-        if len(self._motion) % 8 and len(self._motion) < (self._motion.maxlen or 0):
-            return
+    def _watch_direction(self, test: _DirectionTest) -> None:
+        """Report an axis that is measured to turn against its commands."""
         commanded, measured = np.split(np.array(self._motion), 2, axis=1)
         for axis, name in enumerate(AXES):
             told, seen = commanded[:, axis], measured[:, axis]
-            if np.ptp(told) >= DIRECTION.commanded and DIRECTION.opposite(told, seen, self._period):
+            if test.opposite(told, seen, self._period):
                 turned = np.degrees((told[-1] - told[0], seen[-1] - seen[0]))
                 text = f"{name}: commanded {turned[0]:+.2f} deg, measured {turned[1]:+.2f} deg"
                 self._report(OPPOSITE, text)

@@ -172,3 +172,45 @@ def test_a_drive_that_keeps_its_torque_watches_the_host_beyond_the_shutdown(
             rig.bus.step(0.001)
         assert not drive.power.live
         assert abs(drive.rate) < 0.01
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.004])
+@pytest.mark.parametrize(
+    ("cause", "condition"), [("frozen", c.FROZEN), ("frozen_plate", c.PLATE_FROZEN)]
+)
+def test_a_frozen_encoder_is_found_in_time_where_the_motor_turns_as_slowly_as_may_be(
+    cause, condition, period
+):
+    with SteppedDrives(AkdConfig(period=period)) as rig:
+        rig.enabled()
+        rig.run(0.1, lambda _: (0.1, 0.1))
+        begin = rig.bus.time
+        OF_DRIVES[cause](rig)
+        seen = rig.run(condition.longest(period), lambda _: (0.1, 0.1))
+    (found,) = [each for each in seen if each.condition == condition]
+    assert found.at - begin <= condition.longest(period)
+
+
+def test_an_encoder_that_moves_now_and_then_is_not_frozen():
+    with SteppedDrives() as rig:
+        rig.enabled()
+        for _ in range(20):
+            rig.drives[0].motor.plate.frozen = True
+            rig.run(0.02, lambda _: (0.5, 0.5))  # 0.01 rad of 0.03
+            rig.drives[0].motor.plate.frozen = False
+            rig.run(0.02, lambda _: (0.5, 0.5))
+        assert not [each for each in rig.seen if each.condition == c.PLATE_FROZEN]
+
+
+def test_angles_are_of_one_instant_or_none():
+    with SteppedDrives() as rig:
+        rig.enabled()
+        rig.run(0.1, turn)
+        rig.servos.receive()
+        plate, motor = rig.servos.turned()
+        assert plate == pytest.approx(rig.servos.plate()[0])
+        assert motor == pytest.approx(rig.servos.motor()[0])
+        rig.bus.faults.drop(0x281, lasting=0.003)
+        rig.run(0.002, turn)
+        rig.servos.receive()
+        assert rig.servos.turned() is None
