@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from twin.hal.agreement import EXCHANGED, OPPOSITE, WRONG_RATIO, Agreement
+from twin.hal.agreement import (
+    DRIVES_EXCHANGED,
+    EXCHANGED,
+    OPPOSITE,
+    UPHILL,
+    WRONG_RATIO,
+    Agreement,
+    BallAgreement,
+)
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.linkage import Linkage
 
@@ -70,6 +78,14 @@ def test_a_wrong_sign_scale_or_exchange_is_found_while_the_plate_is_hardly_tilte
         assert np.degrees(np.abs(at).max()) < 1.5
 
 
+def test_a_wrong_scale_is_found_in_slow_motion_too(period):
+    time = period * np.arange(round(8.0 / period))[:, None]
+    true = np.radians(4.0) * np.sin(0.5 * time) * (1, 0)
+    found, at, _ = compared(FixedRatio(), period, 0.5 * true, true)
+    assert found.condition is WRONG_RATIO
+    assert np.degrees(np.abs(at).max()) < 1.5
+
+
 def test_a_change_in_the_middle_of_a_run_is_found_and_named_by_what_came_since(period):
     true = circle(period)
     half = len(true) // 2
@@ -115,3 +131,69 @@ def test_nothing_is_proven_before_both_axes_have_turned():
 def test_a_transmission_that_gives_no_number_says_nothing_of_the_plate():
     agreement = Agreement(FixedRatio(np.nan), LOST, 0.002)
     assert agreement.look(np.zeros(2), np.zeros(2)) is None
+
+
+def rolled(
+    period, as_if=lambda phi, theta: (phi, theta), *, k=7.0, noise=2e-4, push=0.0, seconds=2.0
+):
+    """What disagrees of a ball on a plate that is tilted otherwise than measured, and when, s.
+
+    Args:
+        period: Control period in s.
+        as_if: The true angles for the measured ones, rad.
+        k: Acceleration per angle, m/s^2.
+        noise: Of the positions, m.
+        push: Acceleration in m/s^2 along x for a tenth of a second, from 0.5 s on.
+        seconds: Duration in s.
+    """
+    rng = np.random.default_rng(1)
+    agreement, late = BallAgreement(period), []
+    ball, rate, seen = np.zeros(2), np.zeros(2), np.zeros(2)
+    frame = round(0.0174 / period)
+    for tick in range(round(seconds / period)):
+        time = tick * period
+        measured = np.radians([2 * np.sin(5 * time), -1.5 * np.cos(4 * time)])
+        phi, theta = as_if(*measured)
+        force = np.array([k * phi, -k * theta])
+        force[0] += push * (0.5 <= time < 0.6)
+        rate = rate + period * force
+        ball = ball + period * rate
+        late.append(ball + rng.normal(0.0, noise, 2))
+        if tick % frame == 0:
+            seen = late[max(0, tick - round(0.042 / period))]
+        found = agreement.look(seen, measured, True)
+        if found is not None:
+            return found[0], time
+    return None, seconds
+
+
+ROLLS = {
+    "exchanged": (lambda phi, theta: (theta, phi), DRIVES_EXCHANGED),
+    "phi": (lambda phi, theta: (-phi, theta), UPHILL),
+    "theta": (lambda phi, theta: (phi, -theta), UPHILL),
+    "both": (lambda phi, theta: (-phi, -theta), UPHILL),
+}
+
+
+@pytest.mark.parametrize("wrong", ROLLS)
+def test_a_ball_that_rolls_another_way_than_the_plate_is_tilted_tells_which(wrong, period):
+    as_if, condition = ROLLS[wrong]
+    found, time = rolled(period, as_if)
+    assert found is condition
+    assert time < condition.longest(period)
+
+
+@pytest.mark.parametrize(
+    "about",
+    [{}, {"k": 5.0}, {"noise": 2e-3}, {"push": 3.0}, {"push": -8.0}, {"noise": 0.02}],
+    ids=str,
+)
+def test_a_ball_that_rolls_downhill_disagrees_with_nothing(about, period):
+    assert rolled(period, **about)[0] is None
+
+
+def test_a_ball_that_is_not_felt_or_felt_nowhere_disagrees_with_nothing():
+    agreement = BallAgreement(0.002)
+    for tick in range(1000):
+        place = np.array([np.nan if tick % 3 else 0.001 * tick, 0.0])
+        assert agreement.look(place, np.array([0.05, 0.05]), bool(tick % 2)) is None

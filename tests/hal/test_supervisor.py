@@ -421,11 +421,12 @@ def test_the_hardest_wish_ends_at_the_angle_limit_and_not_past_it(period, way):
 def felt(ticks, speed, gone):
     """The state after a ball that jumps while it is not felt, and rests else."""
     supervisor = running(Limits(area=(1.0, 1.0)))
-    place = -0.2
+    place = shown = -0.2
     for tick in range(ticks):
         touched = tick not in gone
         place += 0.0 if touched else speed * PERIOD
-        supervisor.watch(np.array([[place, 0.0, 0.0, 0.0]]), np.array([touched]))
+        shown = place if touched else shown  # the screen keeps the last it has felt
+        supervisor.watch(np.array([[shown, 0.0, 0.0, 0.0]]), np.array([touched]))
     return State(supervisor.state[0])
 
 
@@ -434,6 +435,7 @@ def test_how_far_a_ball_has_come_while_it_was_not_felt_is_no_speed():
     assert felt(80, 3.0, range(30, 50)) is State.RUNNING
     assert felt(80, 3.0, range(39, 59)) is State.RUNNING
     assert felt(80, 12.0, range(45, 50)) is State.RUNNING
+    assert felt(80, 60.0, [39]) is State.RUNNING
     assert felt(80, 3.0, range(39, 59, 2)) is State.RUNNING
 
 

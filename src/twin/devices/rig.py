@@ -20,7 +20,7 @@ from controllers.interfaces import Measurement
 from twin.base.errors import RigError
 from twin.devices.akd.conditions import RELAXED
 from twin.devices.realtime import RealTimeClock, Scheduling, TimingLog, real_time
-from twin.hal.agreement import AXES, Agreement
+from twin.hal.agreement import AXES, Agreement, BallAgreement
 from twin.hal.interface import NOMINAL_PERIOD, Condition, Fault, Limits, Severity, Transmission
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import BALL_LOST, State, Supervisor
@@ -145,7 +145,13 @@ class HardwareRig(Rig):
             screen=screen,
             clock=clock,
             transmission=transmission,
-            supervisor=Supervisor(limits, clock.period, 1, late=servos.config.late + 2 * plate_lag),
+            supervisor=Supervisor(
+                limits,
+                clock.period,
+                1,
+                late=servos.config.late + 2 * plate_lag,
+                grown=max(Supervisor.GROWN, servos.config.lost),
+            ),
             period=clock.period,
             fault_sources=(servos, screen, clock, self._motors),
         )
@@ -159,6 +165,7 @@ class HardwareRig(Rig):
         self._relaxed = tuple(relaxed)
         self.unchecked = unchecked
         """Why the first motion after it is switched on must be slow, in words; empty for not."""
+        self._ball = BallAgreement(clock.period)
         self._slow_periods = 0
         """Periods for which the plate still turns slowly, at most."""
         self._scheduling = scheduling
@@ -201,6 +208,7 @@ class HardwareRig(Rig):
             self.supervisor.limit_rate(SLOW)
             self._slow_periods = round(SLOW_FOR / self.period)
         self._motors.begin(self._transmission)
+        self._ball = BallAgreement(self.period)
         for fault in self.servos.warnings():
             self.supervisor.report(fault)
         self._exchange()
@@ -240,6 +248,11 @@ class HardwareRig(Rig):
         """The present measurement; a rig past a limit, or with a fault, is stopped here."""
         self.screen.note_plate(self.servos.plate())
         measurement = super().read()
+        if self.supervisor.all_running:
+            y, touched = measurement.y[0], bool(measurement.touched[0])
+            found = self._ball.look(y[0::2], y[1::2], touched)
+            if found is not None:
+                self.supervisor.report(Fault(found[0], "plate", found[1], self.servos.now()))
         if self._slow_periods and self.supervisor.all_running:
             self._slow_periods -= 1
             if self._motors.proven or not self._slow_periods:

@@ -130,7 +130,8 @@ class EmulatedPlant:
         soft = 0.0
         if servo.resonance:
             limits = self._scenario.rig.limits
-            soft = 4 * limits.acceleration / (2 * np.pi * servo.resonance) ** 2
+            # twice the swing of a step of the acceleration, after one the other way
+            soft = 8 * limits.acceleration / (2 * np.pi * servo.resonance) ** 2
         return float(np.max(servo.backlash + servo.hysteresis + soft))
 
     @property

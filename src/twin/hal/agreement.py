@@ -23,8 +23,12 @@ OPPOSITE = Condition(
 )
 WRONG_RATIO = Condition("plate ratio wrong", Severity.STOP, 0.5, _STOPPED, _CHECK, periods=4)
 EXCHANGED = Condition("axes exchanged", Severity.STOP, 0.25, _STOPPED, _CHECK, periods=4)
-AGREEMENT_CONDITIONS = (OPPOSITE, WRONG_RATIO, EXCHANGED)
-"""How motors and plate may disagree; detected in that time where the plate turns at 10 deg/s."""
+_LEVELLED = "level the plate, then hold"
+DRIVES_EXCHANGED = Condition("drives exchanged", Severity.LEVEL, 2.0, _LEVELLED, _CHECK)
+UPHILL = Condition("ball rolls against the tilt", Severity.LEVEL, 2.0, _LEVELLED, _CHECK)
+AGREEMENT_CONDITIONS = (OPPOSITE, WRONG_RATIO, EXCHANGED, DRIVES_EXCHANGED, UPHILL)
+"""How motors, plate and ball may disagree. Motors against plate are detected in that time where it
+turns at 10 deg/s, the ball against the plate where that is tilted by 1 deg."""
 
 AXES = ("phi", "theta")
 
@@ -180,3 +184,103 @@ def _misfit(plate: Array, motor: Array) -> float:
     left = np.abs(plate - motor).max(axis=0)
     motion = max(float(np.abs(plate).max()), float(np.abs(motor).max()), 1e-9)
     return float((left / motion).max())
+
+
+class BallAgreement:
+    """Whether the ball rolls where the plate is measured to be tilted.
+
+    Motors and plate encoders agree where both drives are exchanged with all that is wired to them,
+    or where motor and encoder of an axis both count the wrong way. The ball tells: within a window
+
+        x = x_0 + v_0 t + k I_phi,  y = y_0 + w_0 t - k I_theta
+
+    with the double integrals I of the measured angles over time and any k above 0, (5.3) for a
+    plate that is tilted by little. Another explanation is believed only where this one leaves most
+    of the motion, and the other next to nothing.
+
+    Args:
+        period: Control period in s.
+    """
+
+    WINDOW = 1.0
+    """Duration in s of the motion that is explained."""
+    DELAY = 0.05
+    """Age in s of the ball's position, about: dead time of the screen and half a frame."""
+    SAMPLES = 20
+    """Number of positions from which the motion is explained."""
+    EVERY = 5
+    """Number of positions from one explanation to the next."""
+    MOVED = 0.003
+    """Size in m, as root of the mean square, of the motion that the tilt must have made."""
+    UNEXPLAINED, LEFT = 0.6, 0.1
+    """Share of that motion that the right explanation must leave, and another may at most."""
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._rate, self._way = [0.0, 0.0], [0.0, 0.0]
+        self._ways: deque[tuple[float, float]] = deque(maxlen=max(1, round(self.DELAY / period)))
+        self._seen: deque[tuple[float, ...]] = deque()
+        self._place = (math.nan, math.nan)
+        self._time = 0.0
+        self._new = 0
+
+    def look(self, ball: Array, plate: Array, touched: bool) -> tuple[Condition, str] | None:
+        """Take in a period; what disagrees and what was seen, in words, if anything does.
+
+        Args:
+            ball: Measured position of the ball in m, shape (2,).
+            plate: Measured plate angles (phi, theta) in rad, shape (2,).
+            touched: Whether the ball is felt.
+        """
+        self._time += self._period
+        angles, place = plate.tolist(), tuple(ball.tolist())
+        for axis in (0, 1):
+            self._rate[axis] += self._period * angles[axis]
+            self._way[axis] += self._period * self._rate[axis]
+        self._ways.append((self._way[0], self._way[1]))
+        if not touched or not all(map(math.isfinite, (*angles, *place))):
+            self._seen.clear()
+            return None
+        if place == self._place:
+            return None
+        self._place = place
+        self._seen.append((self._time, *place, *self._ways[0]))
+        while self._time - self._seen[0][0] > self.WINDOW:
+            self._seen.popleft()
+        self._new += 1
+        if self._new % self.EVERY or len(self._seen) < self.SAMPLES:
+            return None
+        return self._explained()
+
+    def _explained(self) -> tuple[Condition, str] | None:
+        seen = np.array(self._seen)
+        time = seen[:, 0] - seen[:, 0].mean()
+        moved = seen[:, 1:] - seen[:, 1:].mean(axis=0)
+        moved -= np.outer(time, time @ moved) / float(time @ time)
+        x, y, phi, theta = moved.T
+        whole = float(x @ x + y @ y)
+        if whole < len(seen) * self.MOVED**2:
+            return None
+
+        def left(by_x: Array, by_y: Array) -> float:
+            """Share of the motion that is left by accelerations of this shape."""
+            size = float(by_x @ by_x + by_y @ by_y)
+            k = max(0.0, float(x @ by_x + y @ by_y)) / max(size, 1e-30)
+            return float(np.square(x - k * by_x).sum() + np.square(y - k * by_y).sum()) / whole
+
+        if left(phi, -theta) < self.UNEXPLAINED:
+            return None
+        others = {
+            "phi and theta are exchanged": (DRIVES_EXCHANGED, left(theta, -phi)),
+            "phi has the other sign": (UPHILL, left(-phi, -theta)),
+            "theta has the other sign": (UPHILL, left(phi, theta)),
+            "phi and theta have the other sign": (UPHILL, left(-phi, theta)),
+        }
+        words = min(others, key=lambda each: others[each][1])
+        condition, share = others[words]
+        if share > self.LEFT:
+            return None
+        rival = min(each for other, each in others.values() if other is not condition)
+        if rival < 2 * self.LEFT and seen[-1, 0] - seen[0, 0] < 0.9 * self.WINDOW:
+            return None  # more motion tells them apart
+        return condition, f"the ball rolls as if {words}: the drives, or the touch screen's axes"

@@ -5,6 +5,7 @@ The supervisor: a state machine per rig, and the limits of what may be commanded
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 from enum import IntEnum, StrEnum
 from types import MappingProxyType
@@ -130,10 +131,15 @@ class Supervisor:
         period: Control period in s.
         rigs: Number of rigs.
         late: Longest time in s from a command to the motion of the plate.
+        grown: How far a plate may tilt further after it was asked to level, besides its braking,
+            rad.
     """
 
-    GROWN = np.radians(1.0)
-    """How far a plate may tilt further after it was asked to level, besides its braking, rad."""
+    GROWN = float(np.radians(1.0))
+    """Default of ``grown``."""
+
+    TURNED = 0.01
+    """Time in s over which it is measured how fast the plate turns when it is asked to level."""
 
     ANGLE_SLACK = np.radians(0.5)
     """How far a measured plate angle may pass the limit (encoder, spring) before a stop."""
@@ -142,9 +148,17 @@ class Supervisor:
     """Time in s within which a measured drift of the plate off its commands is taken in, while it
     is not levelled for longer."""
 
-    def __init__(self, limits: Limits, period: float, rigs: int = 1, *, late: float = 0.25) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        period: float,
+        rigs: int = 1,
+        *,
+        late: float = 0.25,
+        grown: float = GROWN,
+    ) -> None:
         self.limits = limits
-        self._late = late
+        self._late, self._grown = late, grown
         self.state = np.full(rigs, State.OFF)
         self.reason = [""] * rigs
         """Why each rig holds or has a fault."""
@@ -171,6 +185,8 @@ class Supervisor:
         self._before = np.full((rigs, 2), np.nan)
         self._largest = np.full((rigs, 2), np.nan)
         """Plate angles in rad that levelling may not exceed; NaN where nothing is levelled."""
+        self._plates: deque[Array] = deque(maxlen=max(2, round(self.TURNED / period)))
+        """Measured plate angles of the last periods, rad, shape (N, 2)."""
 
     def limit_rate(self, rate: float | None) -> None:
         """Allow plate rates up to this one in rad/s only; None for those of the limits."""
@@ -196,6 +212,7 @@ class Supervisor:
         self.angle = np.where(fresh, plate, self.angle)
         self.rate = np.where(fresh, 0.0, self.rate)
         self._unseen, self.drift_time = 0.0, self.DRIFT_TIME
+        self._plates.clear()
         self._before[:] = np.nan
 
     def adopt(self, rigs: NDArray[np.integer], other: Supervisor) -> None:
@@ -214,6 +231,7 @@ class Supervisor:
         self._unseen = put(np.broadcast_to(self._unseen, self.state.shape), rigs, other._unseen)
         self._before = put(self._before, rigs, other._before)
         self._largest = put(self._largest, rigs, other._largest)
+        self._plates.clear()
 
     def forget_ball(self) -> None:
         """Judge the ball from now on only, as somebody has put it elsewhere."""
@@ -262,6 +280,7 @@ class Supervisor:
         if self._pace == self._paces:
             self._pace = 0
             self._watch_speed(y[:, 0::2], touched)
+        self._plates.append(y[:, 1::2])
         if not self.all_running:
             self._watch_levelling(np.abs(y[:, 1::2]))
 
@@ -274,11 +293,13 @@ class Supervisor:
             tilt: Sizes of the measured plate angles in rad, shape (N, 2).
         """
         holding = (self.state == State.HOLDING)[:, None]
-        rate = np.abs(self.rate)
+        since = self._period * max(1, len(self._plates) - 1)
+        turned = np.abs(self._plates[-1] - self._plates[0]) / since
+        rate = np.maximum(np.abs(self.rate), np.where(np.isnan(turned), 0.0, turned))
         way = rate * self._late + rate**2 / (2 * column(self.limits.acceleration))
         fresh = np.isnan(self._largest)
         further = holding & ~fresh & ~(tilt <= self._largest)
-        begun = np.where(np.isnan(tilt), np.abs(self.angle), tilt) + way + self.GROWN
+        begun = np.where(np.isnan(tilt), np.abs(self.angle), tilt) + way + self._grown
         self._largest = np.where(holding, np.where(fresh, begun, self._largest), np.nan)
         if some(further):
             which = further.any(axis=1)

@@ -484,6 +484,18 @@ def level_by_wrong_encoders(rig: LockstepRig) -> None:
     _once(rig, turns, turn)
 
 
+def exchange_drives(rig: LockstepRig) -> None:
+    """Both drives are exchanged with their encoders, and the ball is pushed."""
+    rig.plant.rewire(motors=(1, 0), encoders=(1, 0))
+    push(rig, 0.08, 0.02)
+
+
+def turn_axis_over(rig: LockstepRig) -> None:
+    """Motor and encoder of phi both count the wrong way, and the ball is pushed."""
+    rig.plant.rewire(motor_scale=(-1.0, 1.0), encoder_scale=(-1.0, 1.0))
+    push(rig, 0.08, 0.02)
+
+
 def unchecked(rig: LockstepRig) -> None:
     """Nobody has checked the rig under its present configuration."""
     rig.unchecked = "doctor --move has not passed under this configuration"

@@ -10,7 +10,7 @@ from twin.devices.rig import SLOW, UNCHECKED
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig, MotionTrace
 from twin.emulator.serve import STOP, EmulatedPlant
-from twin.hal.agreement import EXCHANGED, OPPOSITE, WRONG_RATIO
+from twin.hal.agreement import DRIVES_EXCHANGED, EXCHANGED, OPPOSITE, WRONG_RATIO
 from twin.hal.interface import Severity
 from twin.hal.supervisor import Event, State
 from twin.scenario import load
@@ -98,6 +98,26 @@ def test_a_wrong_wire_is_named_on_cams_and_on_rods(wire, on):
     tilt, stopped = turned(rig, (0.5, -0.3))
     assert stopped is condition
     assert tilt < float(rig.supervisor.limits.angle) + np.radians(2.0)
+
+
+@pytest.mark.parametrize("on", [PLANT, COURSE], ids=["cams", "rods"])
+def test_exchanged_drives_are_named_by_where_the_ball_rolls_and_the_plate_is_levelled(on):
+    rig = LockstepRig(load("circle", on))
+    rig.plant.wiring = rig.plant.wiring._replace(encoders=(1, 0), motors=(1, 0))
+    trace = MotionTrace(rig)
+    with rig:
+        rig.start()
+        while rig.supervisor.state[0] == State.RUNNING and rig.clock.time < 2:
+            rig.read()
+            rig.write(
+                np.radians([[6 * np.cos(4 * rig.clock.time), 2 * np.sin(3 * rig.clock.time)]])
+            )
+            rig.wait()
+        assert rig.supervisor.state[0] == State.HOLDING
+        assert DRIVES_EXCHANGED.name in rig.supervisor.reason[0]
+    motion = trace.between(0.0)
+    assert np.degrees(motion.tilt.max()) < 4.0
+    assert np.degrees(motion.tilt[-1]) < 0.3
 
 
 def test_a_healthy_rig_turns_as_it_is_asked(scenario):
