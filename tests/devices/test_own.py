@@ -20,6 +20,7 @@ import ballplate as bp
 from twin.base.errors import RigError, ScenarioError
 from twin.devices.own import (
     ASTRAY,
+    DIRECTION,
     FAILED,
     FROZEN,
     LACKING,
@@ -194,6 +195,25 @@ def test_a_plate_that_is_late_does_not_count_as_turning_the_other_way(lag, late,
         for rate in (0.3, -0.3, -0.3, 0.3, 0.3, -0.3):  # 0.24 s each, to 4 deg either way
             turned(rig, 0.24, rate)
         assert rig.supervisor.state[0] == State.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("hertz", "delay", "sign", "opposite"),
+    [
+        (0.25, 0.0, -1, True),
+        (0.25, 0.1, -1, True),
+        (0.5, 0.0, 1, False),
+        (0.5, 0.2, 1, False),
+        (2.0, 0.0, 1, False),  # a delay of 0.25 s would turn it over
+        (2.0, 0.2, 1, False),
+    ],
+)
+def test_a_direction_is_wrong_only_where_no_delay_explains_it(hertz, delay, sign, opposite):
+    time = 0.002 * np.arange(300)
+    commanded = np.radians(5.0) * np.sin(2 * np.pi * hertz * time)
+    measured = sign * np.radians(5.0) * np.sin(2 * np.pi * hertz * (time - delay))
+    assert DIRECTION.opposite(commanded, measured, 0.002) == opposite
+    assert not DIRECTION.opposite(0.1 * commanded, 0.1 * measured, 0.002)
 
 
 def test_own_hardware_is_never_commanded_what_is_no_number(scenario):

@@ -86,6 +86,20 @@ def test_a_wrong_scale_is_found_in_slow_motion_too(period):
     assert np.degrees(np.abs(at).max()) < 1.5
 
 
+def test_a_part_that_slips_after_wide_motion_is_found_by_the_last_moments(period):
+    wide, small = circle(period, 9.0), circle(period, 3.0)
+    true = np.concatenate((wide, wide[-1] + small))
+    measured = np.concatenate((wide, wide[-1] + 0.4 * small))
+    found, _, _ = compared(FixedRatio(), period, measured, true)
+    assert found.condition is WRONG_RATIO
+
+
+def test_a_transmission_that_is_not_linear_is_no_disagreement_at_all(transmission, monkeypatch):
+    monkeypatch.setattr(Agreement, "SHARE", 0.0)
+    found, _, _ = compared(transmission, 0.002, circle(0.002, 9.0), lost=1e-6)
+    assert found is None
+
+
 def test_a_change_in_the_middle_of_a_run_is_found_and_named_by_what_came_since(period):
     true = circle(period)
     half = len(true) // 2
