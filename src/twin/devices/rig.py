@@ -150,7 +150,6 @@ class HardwareRig(Rig):
                 clock.period,
                 1,
                 late=servos.config.late + 2 * plate_lag,
-                grown=max(Supervisor.GROWN, servos.config.lost),
             ),
             period=clock.period,
             fault_sources=(servos, screen, clock, self._motors),

@@ -295,7 +295,8 @@ class Supervisor:
         holding = (self.state == State.HOLDING)[:, None]
         since = self._period * max(1, len(self._plates) - 1)
         turned = np.abs(self._plates[-1] - self._plates[0]) / since
-        rate = np.maximum(np.abs(self.rate), np.where(np.isnan(turned), 0.0, turned))
+        turned = np.minimum(np.where(np.isnan(turned), 0.0, turned), column(self.limits.rate))
+        rate = np.maximum(np.abs(self.rate), turned)
         way = rate * self._late + rate**2 / (2 * column(self.limits.acceleration))
         fresh = np.isnan(self._largest)
         further = holding & ~fresh & ~(tilt <= self._largest)
