@@ -18,6 +18,8 @@ from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
 from twin.devices.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
 from twin.devices.own import OWN_CONDITIONS
 from twin.devices.realtime import LOOP_OVERRUN
+from twin.devices.rig import UNCHECKED
+from twin.hal.agreement import AGREEMENT_CONDITIONS
 from twin.hal.interface import SCREEN, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
 from twin.safety.faults import CASES
@@ -25,6 +27,7 @@ from twin.safety.trial import AFTER, HEADING, LEFT, FaultRow, cells, run_all
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,
+    "Motors against plate": (*AGREEMENT_CONDITIONS, UNCHECKED),
     "The control loop": (LOOP_OVERRUN,),
     "The touch screen": SCREEN_CONDITIONS,
     "Drives and bus": DRIVE_CONDITIONS,
@@ -43,6 +46,7 @@ def document(rows: Sequence[FaultRow], own: Sequence[Sequence[str]] = ()) -> str
         "safety",
         transitions=TRANSITIONS,
         conditions=GROUPS,
+        counted=[(each.name, each.periods) for each in every() if each.periods not in {1, 4}],
         keys=_keys(),
         after=f"{AFTER:g}",
         left=f"{LEFT:g}",
@@ -53,6 +57,11 @@ def document(rows: Sequence[FaultRow], own: Sequence[Sequence[str]] = ()) -> str
         own=own,
         own_heading=own_faults.HEADING,
     )
+
+
+def every() -> list[Condition]:
+    """Every condition."""
+    return [each for group in GROUPS.values() for each in group]
 
 
 def _keys() -> dict[str, str]:

@@ -44,6 +44,14 @@ def pytest_collection():
     return found
 
 
+@pytest.fixture(autouse=True, scope="session")
+def own_state(tmp_path_factory):
+    """What commands remember is not kept among the files of whoever tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 @pytest.fixture(autouse=True, scope="module")
 def long_lived():
     """What has been imported stays, and the garbage collector need not look at it again.

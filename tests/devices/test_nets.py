@@ -43,7 +43,6 @@ def rig(**tables):
         (gate(confirm=0), "touch.gate.confirm = 0: must be 1 to 20"),
         ({"bus": {"bitrate": 800_000}}, "bus.bitrate: "),
         ({"phi": {"node": 1, "motor_sign": 0}}, "phi.motor_sign: "),
-        ({"bus": {"bitrate": 250_000}}, "take 161 % of its 2 ms"),
         ({"bus": {"bitrate": "fast"}}, "bus.bitrate: "),
         ({"drives": {"watch": {"stale": "soon"}}}, "drives.watch.stale"),
         ({"phi": {"node": 0}}, "phi.node = 0: must be 1 to 126"),

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import re
 import shutil
 import signal
@@ -19,6 +20,7 @@ import ballplate as bp
 from twin.base.errors import RigError, ScenarioError
 from twin.devices.own import (
     ASTRAY,
+    DIRECTION,
     FAILED,
     FROZEN,
     LACKING,
@@ -29,6 +31,8 @@ from twin.devices.own import (
     Reading,
     load_backend,
 )
+from twin.hal.agreement import OPPOSITE
+from twin.hal.cams import FixedRatio
 from twin.hal.supervisor import BALL_LOST, State
 from twin.run.assemble import assemble
 from twin.run.loop import drive
@@ -150,6 +154,91 @@ def test_a_fault_is_told_within_its_time_and_the_hardware_is_stopped_once(fault,
 def test_every_condition_of_own_hardware_is_provoked_here():
     provoked = {fault[4] for fault in FAULTS.values()} - {BALL_LOST}
     assert provoked == set(OWN_CONDITIONS) - {LACKING}
+
+
+def with_signs(hardware, phi, theta):
+    """The same, whose encoders count by other signs or scales."""
+    measure = hardware.measure
+
+    def measured():
+        reading = measure()
+        return reading._replace(phi=phi * reading.phi, theta=theta * reading.theta)
+
+    hardware.measure = measured
+    return hardware
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.004])
+@pytest.mark.parametrize("signs", [(-1, 1), (1, -1), (-1, -1)])
+def test_an_encoder_that_counts_the_wrong_way_stops_own_hardware_within_its_limit(
+    signs, period, scenario
+):
+    hardware = with_signs(VirtualBoard(), *signs)
+    tilt = 0.0
+    with own_rig(hardware, scenario(f"rig.period={period}")) as rig:
+        rig.start()
+        while rig.supervisor.state[0] == State.RUNNING and hardware.now < 2:
+            turned(rig, period, 0.3)
+            tilt = max(tilt, np.abs(hardware.board.angle).max())
+        assert rig.supervisor.state[0] == State.FAULT
+        assert OPPOSITE.name in rig.supervisor.reason[0]
+        assert np.degrees(tilt) < 10.5
+        turned(rig, 0.5, 0.3)
+        assert np.degrees(np.abs(hardware.board.angle).max()) < 10.5
+
+
+@pytest.mark.parametrize(("lag", "late"), [(0.004, 0.0), (0.08, 0.0), (0.04, 0.1)])
+def test_a_plate_that_is_late_does_not_count_as_turning_the_other_way(lag, late, scenario):
+    hardware = VirtualBoard(lag=lag, late=late)
+    with own_rig(hardware, scenario(), plate_lag=lag, astray_deg=20.0) as rig:
+        rig.start()
+        for rate in (0.3, -0.3, -0.3, 0.3, 0.3, -0.3):  # 0.24 s each, to 4 deg either way
+            turned(rig, 0.24, rate)
+        assert rig.supervisor.state[0] == State.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("hertz", "delay", "sign", "opposite"),
+    [
+        (0.25, 0.0, -1, True),
+        (0.25, 0.1, -1, True),
+        (0.5, 0.0, 1, False),
+        (0.5, 0.2, 1, False),
+        (2.0, 0.0, 1, False),  # a delay of 0.25 s would turn it over
+        (2.0, 0.2, 1, False),
+    ],
+)
+def test_a_direction_is_wrong_only_where_no_delay_explains_it(hertz, delay, sign, opposite):
+    time = 0.002 * np.arange(300)
+    commanded = np.radians(5.0) * np.sin(2 * np.pi * hertz * time)
+    measured = sign * np.radians(5.0) * np.sin(2 * np.pi * hertz * (time - delay))
+    assert DIRECTION.opposite(commanded, measured, 0.002) == opposite
+    assert not DIRECTION.opposite(0.1 * commanded, 0.1 * measured, 0.002)
+
+
+def test_own_hardware_is_never_commanded_what_is_no_number(scenario):
+    hardware = VirtualBoard()
+    asked = []
+    command = hardware.command
+    hardware.command = lambda *pairs: asked.append(pairs) or command(*pairs)
+    with own_rig(hardware, scenario()) as rig:
+        rig.start()
+        rig.replace_transmission(FixedRatio(math.nan))
+        turned(rig, 0.1, 0.1)
+        assert rig.supervisor.state[0] == State.FAULT
+    assert np.isfinite(asked).all()
+
+
+def test_a_clock_of_own_hardware_that_is_no_number_stops_it(scenario):
+    hardware = VirtualBoard()
+    rig = own_rig(hardware, scenario())
+    with rig:
+        rig.start()
+        turned(rig, 0.1)
+        rig.servos.now = lambda: math.nan
+        rig.servos.receive()
+        names = {fault.condition.name for fault in rig.servos.faults()}
+        assert {FAILED.name, SILENT.name} <= names
 
 
 def test_what_is_late_or_unseen_within_its_bounds_is_no_fault(scenario):

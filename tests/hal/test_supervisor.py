@@ -12,7 +12,15 @@ from twin.devices.common import FaultReports
 from twin.devices.lumio.conditions import BALL_LOST
 from twin.devices.lumio.conditions import CONDITIONS as TOUCH_CONDITIONS
 from twin.hal.interface import Clamp, Condition, Fault, Limits, Severity
-from twin.hal.supervisor import TRANSITIONS, Event, State, Supervisor
+from twin.hal.supervisor import (
+    BALL_OUTSIDE,
+    PLATE_TILTED,
+    RIG_CONDITIONS,
+    TRANSITIONS,
+    Event,
+    State,
+    Supervisor,
+)
 
 PERIOD = 0.002
 LIMITS = Limits()
@@ -268,3 +276,185 @@ def test_a_fault_stops_the_plate_at_once_and_a_hold_does_not():
     assert (rate[1] > 0).all()
     supervisor.handle(Event.SWITCH_OFF)
     assert not supervisor.clamp(np.full((2, 2), 0.2)).any()
+
+
+NAN = np.nan
+
+
+@pytest.mark.parametrize("at", [1, 3])
+def test_a_plate_angle_that_is_no_number_counts_as_past_its_limit(at):
+    supervisor = running(rigs=2)
+    y = np.zeros((2, 4))
+    y[1, at] = NAN
+    supervisor.watch(y, np.array([True, True]))
+    assert supervisor.state.tolist() == [State.RUNNING, State.HOLDING]
+    assert "plate" in supervisor.reason[1]
+    assert np.isfinite(supervisor.clamp(np.full((2, 2), 0.1))).all()
+    assert np.isfinite(supervisor.angle).all()
+    supervisor.watch(y, np.array([True, True]))  # nothing can level what has no angle
+    assert supervisor.state.tolist() == [State.RUNNING, State.FAULT]
+
+
+@pytest.mark.parametrize(("touched", "state"), [(True, State.HOLDING), (False, State.RUNNING)])
+@pytest.mark.parametrize("at", [0, 2])
+def test_a_ball_that_is_felt_at_no_number_counts_as_outside(at, touched, state):
+    supervisor = running()
+    y = np.zeros((1, 4))
+    y[0, at] = NAN
+    supervisor.watch(y, np.array([touched]))
+    assert supervisor.state[0] == state
+
+
+def test_a_ball_that_is_no_longer_felt_outside_of_its_area_has_left_it():
+    supervisor = running()
+    supervisor.watch(np.array([[0.3, 0.0, 0.0, 0.0]]), np.array([False]))
+    assert supervisor.state[0] == State.HOLDING
+
+
+def test_a_plate_that_is_levelled_and_has_no_angle_any_more_is_stopped():
+    supervisor = running(plate=(0.05, 0.0))
+    supervisor.handle(Event.LEVEL)
+    supervisor.watch(np.array([[0.0, 0.05, 0.0, 0.0]]), np.array([True]))
+    assert supervisor.state[0] == State.HOLDING
+    supervisor.watch(np.array([[0.0, NAN, 0.0, 0.0]]), np.array([True]))
+    assert supervisor.state[0] == State.FAULT
+
+
+def levelled(late, begin, rate, then):
+    """The state after a plate at an angle was asked to level and did what ``then`` says, deg."""
+    supervisor = Supervisor(LIMITS, PERIOD, 2, late=late)
+    supervisor.handle(Event.INITIALISE)
+    supervisor.powered(np.radians([[begin, 0.0], [0.0, 0.0]]))
+    supervisor.handle(Event.START)
+    supervisor.rate = np.radians([[rate, 0.0], [0.0, 0.0]])
+    supervisor.handle(Event.LEVEL)
+    for degrees in then:
+        y = np.zeros((2, 4))
+        y[0, 1] = np.radians(degrees)
+        supervisor.watch(y, np.array([True, True]))
+    return State(supervisor.state[0]), State(supervisor.state[1])
+
+
+BRAKED = np.degrees(np.radians(20.0) ** 2 / (2 * LIMITS.acceleration))
+"""Way in deg on which a plate brakes from 20 deg/s."""
+
+
+@pytest.mark.parametrize(
+    ("late", "begin", "rate", "then", "state"),
+    [
+        (0.0, 5.0, 0.0, [5.0, 5.9, 4.0, -4.0, -5.9], State.HOLDING),
+        (0.0, 5.0, 0.0, [5.0, 6.1], State.FAULT),
+        (0.0, -5.0, 0.0, [-5.0, -6.1], State.FAULT),
+        (0.0, 5.0, 0.0, [5.0, 0.0, -6.1], State.FAULT),
+        (0.0, 5.0, 20.0, [5.0, 5.9 + BRAKED], State.HOLDING),
+        (0.0, 5.0, 20.0, [5.0, 6.1 + BRAKED], State.FAULT),
+        (0.1, 5.0, 20.0, [5.0, 7.9 + BRAKED], State.HOLDING),
+        (0.1, 5.0, 20.0, [5.0, 8.1 + BRAKED], State.FAULT),
+    ],
+)
+def test_a_plate_that_tilts_further_though_it_is_levelled_is_stopped(
+    late, begin, rate, then, state
+):
+    assert levelled(late, begin, rate, then) == (state, State.HOLDING)
+
+
+def test_each_levelling_begins_where_the_plate_is_then():
+    supervisor = running(plate=(0.1, 0.0))
+    for angle in (0.1, 0.02):
+        supervisor.handle(Event.LEVEL)
+        for each in (angle, angle + 0.015):
+            supervisor.watch(np.array([[0.0, each, 0.0, 0.0]]), np.array([True]))
+        supervisor.handle(Event.SWITCH_OFF)
+        supervisor.watch(np.zeros((1, 4)), np.array([True]))
+        supervisor.handle(Event.INITIALISE)
+        supervisor.powered(np.array([[0.02, 0.0]]))
+        supervisor.handle(Event.START)
+    supervisor.handle(Event.LEVEL)
+    for each in (0.02, 0.02 + np.radians(1.1)):
+        supervisor.watch(np.array([[0.0, each, 0.0, 0.0]]), np.array([True]))
+    assert supervisor.state[0] == State.FAULT
+
+
+def test_rates_are_kept_to_a_narrower_limit_until_it_is_taken_back():
+    supervisor = running()
+    supervisor.limit_rate(0.1)
+    most = [np.abs(supervisor.clamp(np.full((1, 2), 0.5))).max() for _ in range(100)]
+    assert max(most) == pytest.approx(0.1)
+    supervisor.limit_rate(None)
+    supervisor.angle[:] = 0.0
+    assert supervisor.clamp(np.full((1, 2), 0.5)) == pytest.approx(0.1 + 7.0 * PERIOD)
+    wide = running()
+    wide.limit_rate(9.0)  # no wider than the limits
+    wide.angle[:] = -0.17
+    rates = [wide.clamp(np.full((1, 2), 5.0)).max() for _ in range(60)]
+    assert max(rates) == pytest.approx(LIMITS.rate)
+
+
+@settings(max_examples=100)
+@given(*[arrays(float, (3, 2), elements=st.floats(-r, r)) for r in (2.0, 0.6, 0.4)])
+def test_from_every_rate_and_angle_the_acceleration_limit_holds(wish, rate, angle):
+    step = LIMITS.acceleration * PERIOD
+    assert (np.abs(Clamp(LIMITS, PERIOD)(wish, rate, angle) - rate) <= step + 1e-12).all()
+
+
+def test_a_plate_turned_past_where_it_can_be_braked_is_braked_as_fast_as_it_may_be():
+    step = LIMITS.acceleration * PERIOD
+    found = Clamp(LIMITS, PERIOD)(
+        np.array([[0.5, -0.5]]), np.array([[0.5, -0.5]]), LIMITS.angle * np.array([[1.0, -1.0]])
+    )
+    assert found == pytest.approx(np.array([[0.5 - step, step - 0.5]]))
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.004])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_hardest_wish_ends_at_the_angle_limit_and_not_past_it(period, way):
+    supervisor = Supervisor(LIMITS, period)
+    supervisor.handle(Event.INITIALISE)
+    supervisor.powered(np.zeros((1, 2)))
+    supervisor.handle(Event.START)
+    for _ in range(round(1.0 / period)):
+        supervisor.clamp(np.full((1, 2), 5.0 * way))
+        assert np.abs(supervisor.angle).max() <= LIMITS.angle + 1e-9
+    assert way * supervisor.angle == pytest.approx(LIMITS.angle, abs=1e-4)
+
+
+def felt(ticks, speed, gone):
+    """The state after a ball that jumps while it is not felt, and rests else."""
+    supervisor = running(Limits(area=(1.0, 1.0)))
+    place = shown = -0.2
+    for tick in range(ticks):
+        touched = tick not in gone
+        place += 0.0 if touched else speed * PERIOD
+        shown = place if touched else shown  # the screen keeps the last it has felt
+        supervisor.watch(np.array([[shown, 0.0, 0.0, 0.0]]), np.array([touched]))
+    return State(supervisor.state[0])
+
+
+def test_how_far_a_ball_has_come_while_it_was_not_felt_is_no_speed():
+    # by 0.12 m, about the end of the 20 periods of a measurement, and within them
+    assert felt(80, 3.0, range(30, 50)) is State.RUNNING
+    assert felt(80, 3.0, range(39, 59)) is State.RUNNING
+    assert felt(80, 12.0, range(45, 50)) is State.RUNNING
+    assert felt(80, 60.0, [39]) is State.RUNNING
+    assert felt(80, 3.0, range(39, 59, 2)) is State.RUNNING
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.004])
+def test_what_the_supervisor_watches_is_detected_within_its_stated_time_at_every_period(period):
+    lost = next(each for each in RIG_CONDITIONS if each.name == "ball lost")
+    for condition, y, touched in (
+        (BALL_OUTSIDE, [0.5, 0.0, 0.0, 0.0], True),
+        (PLATE_TILTED, [0.0, 0.5, 0.0, 0.0], True),
+        (lost, [0.0, 0.0, 0.0, 0.0], False),
+    ):
+        supervisor = Supervisor(LIMITS, period)
+        supervisor.handle(Event.INITIALISE)
+        supervisor.powered(np.zeros((1, 2)))
+        supervisor.handle(Event.START)
+        periods = 0
+        while supervisor.state[0] == State.RUNNING:
+            supervisor.watch(np.array([y]), np.array([touched]))
+            periods += 1
+        assert periods * period <= condition.longest(period) + 1e-9
+        assert supervisor.notes[0].condition is condition
+    assert BALL_OUTSIDE.longest(period) == pytest.approx(period)

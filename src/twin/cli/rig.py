@@ -75,10 +75,14 @@ def doctor(
         return 0
     from twin.doctor.examine import examine
     from twin.scenario import load
+    from twin.scenario.passed import note_result
 
     chosen = load(scenario, overrides)
     with rig_file(rig, chosen) as (file, ask):
         found = _told(examine(chosen, file, ask, move=move, reset=reset))
+        if move and rig != EMULATED:
+            failed = any(each.status is CheckStatus.FAIL for each in found)
+            note_result(file, passed=not failed)
     counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
     told = ", ".join(f"{count} {status}" for status, count in counts.items())
     on = click.get_current_context().meta.get("on")
@@ -223,7 +227,7 @@ def trace(
     compare, identify and shadow take: encoders, motors and what was commanded, whoever drove.
     --replay sends what the host said to emulated drives, and tells where they answer otherwise.
     """
-    from twin.devices.akd.decoding import Conversation, Names, TracedEvent
+    from twin.devices.akd.decoding import Conversation, Names, TracedEvent, sync_period
     from twin.devices.akd.traces import read_trace
 
     if log is not None and (rig is None or touch is None):
@@ -239,7 +243,7 @@ def trace(
     if rig:
         from twin.scenario.rig import read_rig
     own = read_rig(rig) if rig else None
-    drives = own.servos(0.002) if own else None
+    drives = own.servos(sync_period(found.frames)) if own else None
     names = Names(eds)
     if again:
         return _replay(file, found, names, drives)
@@ -408,7 +412,7 @@ def _turned(
     from twin.devices.realtime import real_time
 
     with rig_file(rig, scenario) as (file, _), real_time(), progress(what, total) as advance:
-        yield file, AkdServos(file.servos(0.002)), advance
+        yield file, AkdServos(file.servos(scenario.rig.period)), advance
 
 
 @options.command("lost-motion", example="calibrate lost-motion --set plant.servo.backlash_deg=0.44")
@@ -424,7 +428,7 @@ def _turned(
 def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
     """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
 
-    Settings are those of the virtual rig.
+    Settings are the control period, and those of the virtual rig.
     """
     from twin.doctor.drives import measure_lost_motion
     from twin.identify.plate_motion import KEYS
@@ -507,13 +511,21 @@ calibrate.add_command(lost_motion)
 )
 @click.option("--reach", type=click.FloatRange(0.5, 8), default=6.0, help="Largest angle, deg [6].")
 @click.option("--lines", type=click.IntRange(4, 33), default=9, help="Points per axis [9].")
+@options.SETTING
 @options.JSON
-def cams(rig: str, out: Path, reach: float, lines: int) -> None:
-    """Measure the cam table of a rig: what its motors must turn for angles of the plate."""
+def cams(rig: str, out: Path, reach: float, lines: int, overrides: tuple[str, ...]) -> None:
+    """Measure the cam table of a rig: what its motors must turn for angles of the plate.
+
+    Settings are the control period, and those of the virtual rig.
+    """
     from twin.doctor.drives import measure_cams
     from twin.scenario import load
 
-    with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, tell):
+    with _turned(rig, load("circle", overrides), "measuring the cams", lines**2 + 1) as (
+        _,
+        servos,
+        tell,
+    ):
         found = measure_cams(servos, reach=math.radians(reach), lines=lines, progress=tell)
     write_whole(out, found.save)
     told = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}

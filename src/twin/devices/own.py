@@ -11,6 +11,7 @@ import runpy
 import sys
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from numbers import Real
@@ -23,6 +24,7 @@ from controllers.arrays import Array
 from controllers.catalog import EXECUTES, error_words, failed_line
 from twin.base.errors import RigError, ScenarioError
 from twin.devices.common import FaultReports, Ranged, bounded, net
+from twin.hal.agreement import AXES, OPPOSITE
 from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
 
 Answer = TypeVar("Answer")
@@ -117,7 +119,51 @@ class OwnConfig(Ranged):
     rest: float = net(0.5, 0.05, 10)
     steep_deg: float = net(2.0, 0.2, 20)
 
+    @property
+    def lost(self) -> float:
+        """Plate angle in rad by which commanded and measured plate may differ."""
+        return math.radians(self.astray_deg)
 
+    @property
+    def late(self) -> float:
+        """Longest time in s from a command to the motion of the plate."""
+        return 0.1 + 2 * self.plate_lag
+
+
+@dataclass(frozen=True, kw_only=True)
+class _DirectionTest:
+    """When a plate counts as turning against its commands.
+
+    Attributes:
+        memory: Duration in s of the motion that is looked at.
+        delays: How many s later than its command the plate may move.
+        commanded: Range in rad through which the command must have gone.
+        slope: Measured angle per commanded one, at most, at every delay.
+        every: Number of periods from one look to the next.
+    """
+
+    memory: float = 0.6
+    delays: tuple[float, ...] = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
+    commanded: float = math.radians(2.0)
+    slope: float = -0.4
+    every: int = 8
+
+    def opposite(self, commanded: Array, measured: Array, period: float) -> bool:
+        """Whether an axis turned the other way, by its angles in rad period by period, (n,)."""
+        slopes = []
+        for delay in self.delays:
+            lag = round(delay / period)
+            told, seen = commanded[: len(commanded) - lag], measured[lag:]
+            if len(told) < 2 or not np.ptp(told) >= self.commanded:
+                return False
+            told = told - told.mean()
+            slopes.append(float(told @ (seen - seen.mean())) / float(told @ told))
+        return max(slopes) <= self.slope
+
+
+DIRECTION = _DirectionTest()
+AT_ONCE = _DirectionTest(delays=(0.0,))
+"""The same for a plate that is known not to be where it should be, to tell in which way."""
 ASTRAY_FOR = 0.3
 """Seconds for which a plate must be astray until it is a fault."""
 OWN_CONDITIONS = tuple(conditions("twin.devices").values())
@@ -185,6 +231,9 @@ class OwnServos:
         self._rate, self._angle, self._model = np.zeros((3, 2))
         self._started = False
         self._astray: float | None = None
+        self._looks = 0
+        self._motion: deque[tuple[float, ...]] = deque(maxlen=round(DIRECTION.memory / period))
+        """Commanded, then measured plate angles of the last periods, rad."""
         self._place, self._moved = (math.nan, math.nan), math.inf
         """Where the ball was seen last, and since when it is seen there on a steep plate."""
         self._reports = FaultReports(math.inf)
@@ -204,6 +253,7 @@ class OwnServos:
         """
         self._started = True
         self._reports, self._astray = FaultReports(math.inf), None
+        self._motion.clear()
         try:
             self._hardware.start()
             self.reading = self._checked(self._hardware.measure())
@@ -237,6 +287,9 @@ class OwnServos:
     def send(self) -> None:
         """Command what is to hold for the period that begins."""
         before = self._angle
+        if not np.isfinite(self._rate).all():
+            self._report(FAILED, f"it was to be commanded {self._rate.tolist()} rad/s")
+            self._rate = np.zeros(2)
         self._angle = np.clip(before + self._period * self._rate, -self._limit, self._limit)
         rates = (self._angle - before) / self._period
         self._model = self._model + self._share * (self._angle - self._model)
@@ -265,6 +318,10 @@ class OwnServos:
         """The commanded plate angles, rad, shape (1, 2)."""
         return self._angle[None].copy()
 
+    def turned(self) -> tuple[Array, Array] | None:
+        """Nothing: no encoder of a motor is known."""
+        return None
+
     def age(self) -> Array:
         """Seconds since the plate was measured; 0 where it is computed, shape (1, 2)."""
         reading = self._measured
@@ -290,7 +347,7 @@ class OwnServos:
         numbers = (reading.x, reading.y, reading.at, *angles)
         if not all(isinstance(each, Real) for each in numbers):
             raise TypeError(f"measure must give numbers, NaN for a ball not seen: {reading}")
-        if len(angles) == 1 or not all(map(math.isfinite, numbers[2:])):
+        if len(angles) == 1 or not all(map(math.isfinite, (*numbers[2:], self.now()))):
             raise TypeError(f"measure must give a time, and two finite angles or none: {reading}")
         if (ahead := reading.at - self.now()) > self.config.silent:
             raise TypeError(f"at is {ahead:.3g} s ahead of time(): give self.time() as it arrived")
@@ -305,7 +362,7 @@ class OwnServos:
         reading, now = self.reading, self.now()
         if reading is None:
             return
-        if now - reading.at > self.config.silent:
+        if not now - reading.at <= self.config.silent:
             self._report(SILENT, f"none for {now - reading.at:.2f} s")
         plate, place = self.plate()[0], (reading.x, reading.y)
         if place != self._place or np.degrees(np.abs(plate).max()) <= self.config.steep_deg:
@@ -314,13 +371,28 @@ class OwnServos:
             self._report(FROZEN, f"the same for {now - self._moved:.2f} s on a tilted plate")
         if reading.phi is None:
             return
+        self._motion.append((*self._model.tolist(), *plate.tolist()))
+        self._looks += 1
+        if self._looks % DIRECTION.every == 0:
+            self._watch_direction(DIRECTION)
         off = float(np.degrees(np.abs(plate - self._model).max()))
         if off <= self.config.astray_deg:
             self._astray = None
         elif self._astray is None:
             self._astray = now
         elif now - self._astray > ASTRAY_FOR:
+            self._watch_direction(AT_ONCE)
             self._report(ASTRAY, f"{off:.1f} deg off for {now - self._astray:.1f} s")
+
+    def _watch_direction(self, test: _DirectionTest) -> None:
+        """Report an axis that is measured to turn against its commands."""
+        commanded, measured = np.split(np.array(self._motion), 2, axis=1)
+        for axis, name in enumerate(AXES):
+            told, seen = commanded[:, axis], measured[:, axis]
+            if test.opposite(told, seen, self._period):
+                turned = np.degrees((told[-1] - told[0], seen[-1] - seen[0]))
+                text = f"{name}: commanded {turned[0]:+.2f} deg, measured {turned[1]:+.2f} deg"
+                self._report(OPPOSITE, text)
 
     def _asked(self, method: Callable[[], Answer]) -> Answer | None:
         """What a method of the hardware gives; None, and a fault, where it fails."""

@@ -174,6 +174,7 @@ LOOP_OVERRUN = Condition(
     0.21,
     "the plate is levelled and held",
     "close other programs, allow real-time priority, then run again",
+    periods=105,
 )
 
 

@@ -20,7 +20,8 @@ from controllers.interfaces import Measurement
 from twin.base.errors import RigError
 from twin.devices.akd.conditions import RELAXED
 from twin.devices.realtime import RealTimeClock, Scheduling, TimingLog, real_time
-from twin.hal.interface import Fault, Limits, Severity, Transmission
+from twin.hal.agreement import AXES, Agreement, BallAgreement
+from twin.hal.interface import NOMINAL_PERIOD, Condition, Fault, Limits, Severity, Transmission
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import BALL_LOST, State, Supervisor
 
@@ -43,6 +44,55 @@ class StartRefusedError(RigError):
         super().__init__(line)
 
 
+SLOW = math.radians(10.0)
+"""Plate rate in rad/s of the first motion of a rig that nobody has checked."""
+SLOW_FOR = 3.0
+"""Seconds after which it ends even where no encoders can show that motors and plate agree."""
+UNCHECKED = Condition(
+    "first motion slow",
+    Severity.WARNING,
+    NOMINAL_PERIOD,
+    "noted; the plate turns at 10 deg/s at most until motors and plate agree, or for 3 s",
+    "run `ballplate doctor --move` with this rig file",
+)
+
+
+class MotorPlateWatch:
+    """Reports where motors and plate do not turn together.
+
+    Args:
+        servos: Who measures both.
+        period: Control period in s.
+    """
+
+    def __init__(self, servos: AkdServos | OwnServos, period: float) -> None:
+        self._servos = servos
+        self._period = period
+        self._agreement: Agreement | None = None
+        self.lost = servos.config.lost
+        """Plate angle in rad that may be lost between motor and plate."""
+
+    def begin(self, transmission: Transmission) -> None:
+        """Compare what turns from now on, by a transmission."""
+        self._agreement = Agreement(transmission, self.lost, self._period)
+
+    @property
+    def proven(self) -> bool:
+        """Whether both axes have turned far enough to be known to agree."""
+        return self._agreement is not None and self._agreement.proven
+
+    def faults(self) -> tuple[Fault, ...]:
+        """The disagreement that shows now, if any; each is reported once."""
+        turned = self._servos.turned()
+        if self._agreement is None or turned is None:
+            return ()
+        found = self._agreement.look(*turned)
+        if found is None:
+            return ()
+        self._agreement = None
+        return (Fault(found.condition, f"axis {AXES[found.axis]}", found.text, self._servos.now()),)
+
+
 class HardwareRig(Rig):
     """One real rig; as emulated devices speak the same bytes, they are driven by it, too.
 
@@ -60,6 +110,8 @@ class HardwareRig(Rig):
         patience: Longest time in s that the ball is waited for.
         reset: Whether faults in the drives are reset when switching on: a person's request.
         relaxed: Safety nets that are wider than by default, in words; every run is warned of them.
+        unchecked: Why its first motion must be slow, in words; empty where it need not.
+        plate_lag: Time constant in s with which the plate follows its command.
         scheduling: Makes the loop's thread a real-time one while the rig is on.
     """
 
@@ -83,16 +135,24 @@ class HardwareRig(Rig):
         patience: float = 30.0,
         reset: bool = False,
         relaxed: Sequence[str] = (),
+        unchecked: str = "",
+        plate_lag: float = 0.0,
         scheduling: Callable[[], AbstractContextManager[Scheduling]] = real_time,
     ) -> None:
+        self._motors = MotorPlateWatch(servos, clock.period)
         super().__init__(
             servos=servos,
             screen=screen,
             clock=clock,
             transmission=transmission,
-            supervisor=Supervisor(limits, clock.period, 1),
+            supervisor=Supervisor(
+                limits,
+                clock.period,
+                1,
+                late=servos.config.late + 2 * plate_lag,
+            ),
             period=clock.period,
-            fault_sources=(servos, screen, clock),
+            fault_sources=(servos, screen, clock, self._motors),
         )
         self.servos = servos
         self.screen = screen
@@ -102,6 +162,11 @@ class HardwareRig(Rig):
         self.reset = reset
         """A person's request: reset the faults in the drives when the rig is switched on next."""
         self._relaxed = tuple(relaxed)
+        self.unchecked = unchecked
+        """Why the first motion after it is switched on must be slow, in words; empty for not."""
+        self._ball = BallAgreement(clock.period)
+        self._slow_periods = 0
+        """Periods for which the plate still turns slowly, at most."""
         self._scheduling = scheduling
         self._on = ExitStack()
         self._obtained: Scheduling | None = None
@@ -137,6 +202,12 @@ class HardwareRig(Rig):
         super()._hold()
         for words in self._relaxed:
             self.supervisor.report(Fault(RELAXED, "rig file", words))
+        if self.unchecked:
+            self.supervisor.report(Fault(UNCHECKED, "rig file", self.unchecked))
+            self.supervisor.limit_rate(SLOW)
+            self._slow_periods = round(SLOW_FOR / self.period)
+        self._motors.begin(self._transmission)
+        self._ball = BallAgreement(self.period)
         for fault in self.servos.warnings():
             self.supervisor.report(fault)
         self._exchange()
@@ -176,6 +247,16 @@ class HardwareRig(Rig):
         """The present measurement; a rig past a limit, or with a fault, is stopped here."""
         self.screen.note_plate(self.servos.plate())
         measurement = super().read()
+        if self.supervisor.all_running:
+            y, touched = measurement.y[0], bool(measurement.touched[0])
+            found = self._ball.look(y[0::2], y[1::2], touched)
+            if found is not None:
+                self.supervisor.report(Fault(found[0], "plate", found[1], self.servos.now()))
+        if self._slow_periods and self.supervisor.all_running:
+            self._slow_periods -= 1
+            if self._motors.proven or not self._slow_periods:
+                self._slow_periods = 0
+                self.supervisor.limit_rate(None)
         if self.supervisor.state[0] == State.FAULT:
             self.servos.quick_stop()
         self.clock.timing.mark("read")
@@ -188,6 +269,11 @@ class HardwareRig(Rig):
         self.servos.send()
         self.clock.timing.mark("write")
         return applied
+
+    def replace_transmission(self, transmission: Transmission) -> None:
+        """Look the cams up in another transmission from now on; the plate stays where it is."""
+        super().replace_transmission(transmission)
+        self._motors.begin(transmission)
 
     def wait(self) -> None:
         """Return at the beginning of the next control period."""

@@ -184,9 +184,9 @@ def _crossed(servos: AkdServos, index: int, moved: Array) -> CheckResult:
 def _encoder(name: str, seen: float) -> CheckResult:
     text = f"plate turned {degrees(seen):+.3f} deg for {degrees(TILT):+.3f} deg commanded"
     what = f"{name} encoder"
-    if seen < 0:
+    if not seen >= 0:
         return failed(what, text, f"wrong way: change {name}.plate_sign or {name}.motor_sign")
-    if abs(seen / TILT - 1) > SCALE:
+    if not abs(seen / TILT - 1) <= SCALE:
         advice = (
             f"check {name}.plate_counts, {name}.motor_counts, {name}.gear and the cam table; a "
             "little too far or too short may be lost motion (calibrate lost-motion)"

@@ -322,7 +322,7 @@ def _tilts(real: HardwareRig, servos: OwnServos) -> Iterator[CheckResult]:
         _watched(real, servos, 0.5, -rates)
         if servos.reading is None or servos.reading.phi is None:
             yield warned(f"tilt of {angle}", "no encoder measures it", f"{look}: did it?")
-        elif abs(turned - 1) > 0.4:
+        elif not abs(turned - 1) <= 0.4:
             advice = "check sign and scale of the command and of the encoder"
             yield failed(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg", advice)
         else:

@@ -284,6 +284,7 @@ class LockstepRig(HardwareRig):
             limits=build_limits(scenario),
             patience=PATIENCE,
             relaxed=relaxed,
+            plate_lag=scenario.rig.plate_lag,
             scheduling=lambda: nullcontext(Scheduling(False, False, ("bus time",))),
         )
         plant.attach(self.lockstep.drives)

@@ -21,10 +21,11 @@ from importlib.resources import files
 from multiprocessing.connection import Connection
 from multiprocessing.sharedctypes import RawArray
 from string import Template
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from controllers.arrays import Array
 from twin.base.errors import RigError
 from twin.base.jobs import let_go, spawned
 from twin.base.settings import filled
@@ -46,6 +47,32 @@ from twin.sim.sensors import EncoderModel, TouchModel
 
 TICK = 0.001
 """Longest step in s of the plant between two looks at the drives."""
+
+
+STOP = float(np.radians(5.0))
+"""How far beyond the limit of its angle a plate meets its mechanical stop, rad; assumed.
+
+The stops of the rig, at 10 deg (thesis, chapter 3), would hide what the host does."""
+
+
+class Wiring(NamedTuple):
+    """How motors and plate encoders are joined to the drives, and motors to the plate.
+
+    Each is a pair: for the drive of phi, then that of theta; of ``slip`` for the axes of the plate.
+
+    Attributes:
+        motors: Axis whose motor the drive turns, 0 for phi.
+        encoders: Axis whose plate encoder it reads.
+        motor_scale: Turn of the shaft per turn of the drive; -1 for the wrong way.
+        encoder_scale: Angle that it reads per angle of the plate; -1 for the wrong way.
+        slip: Share of the motor's turn that does not reach the plate.
+    """
+
+    motors: tuple[int, int] = (0, 1)
+    encoders: tuple[int, int] = (0, 1)
+    motor_scale: tuple[float, float] = (1.0, 1.0)
+    encoder_scale: tuple[float, float] = (1.0, 1.0)
+    slip: tuple[float, float] = (0.0, 0.0)
 
 
 class EmulatedPlant:
@@ -77,6 +104,16 @@ class EmulatedPlant:
         """Whether there is a ball that the screen can sense."""
         self.shoved = np.zeros(2)
         """Rates in rad/s by which somebody turns the motor shafts besides the drives."""
+        self.wiring = Wiring()
+        """How drives, motors and encoders are joined; what is wrong with it may be put here."""
+        self.stop = float(np.max(scenario.rig.limits.angle_deg)) * np.pi / 180 + STOP
+        """Plate angle in rad at which each axis meets its mechanical stop."""
+        self._slipped = np.zeros(2)
+        """Motor angles in rad that have not reached the plate."""
+        self._angles = np.zeros((2, 2))
+        """Shaft and plate angle of each drive as it is joined now, rad."""
+        self._shown = np.zeros((2, 2))
+        """What is added to shaft and plate angle of each drive in rad, so that none has jumped."""
         self._owed = 0.0
         self._drives: Sequence[EmulatedDrive] = ()
 
@@ -85,6 +122,17 @@ class EmulatedPlant:
 
     _touch: Touch
     """What the screen is touched by now."""
+
+    @property
+    def lost(self) -> float:
+        """Plate angle in rad that its drive train may take between motor and plate."""
+        servo = filled(DriveModel, [self._scenario])
+        soft = 0.0
+        if servo.resonance:
+            limits = self._scenario.rig.limits
+            # twice the swing of a step of the acceleration, after one the other way
+            soft = 8 * limits.acceleration / (2 * np.pi * servo.resonance) ** 2
+        return float(np.max(servo.backlash + servo.hysteresis + soft))
 
     @property
     def kept_back(self) -> float:
@@ -114,9 +162,26 @@ class EmulatedPlant:
             self._owed -= self._tick
             if not any(drive.enabled for drive in self._drives):
                 self.devices.rest()
-            self.devices.command(np.array([[drive.rate for drive in self._drives]]) + self.shoved)
+            self.devices.command(self._rates() + self.shoved)
             self.devices.wait()
             self._sense()
+
+    def _rates(self) -> Array:
+        """Rates in rad/s with which the drives turn the shafts, shape (1, 2).
+
+        A plate at its stop keeps its motor, and so the drive, from turning further.
+        """
+        wiring, rates = self.wiring, np.zeros((1, 2))
+        angles = self.devices.state[0, 2::4]
+        for drive, axis, scale in zip(
+            self._drives, wiring.motors, wiring.motor_scale, strict=False
+        ):
+            rate = scale * drive.rate
+            if abs(angles[axis]) >= self.stop and rate * angles[axis] > 0:
+                drive.motor.rate = rate = 0.0
+            self._slipped[axis] += self._tick * wiring.slip[axis] * rate
+            rates[0, axis] = (1 - wiring.slip[axis]) * rate
+        return rates
 
     def restart(self) -> None:
         """Put the ball back to where the scenario starts, the plate level."""
@@ -134,10 +199,32 @@ class EmulatedPlant:
 
     def _sense(self) -> None:
         # sensors are read once a tick, however seldom a screen looks: their noise is drawn by it
-        self._touch, plate = self.devices.read(), self.devices.plate()[0]
-        motor = self.devices.motor()[0].tolist()
-        for drive, shaft, angle in zip(self._drives, motor, plate.tolist(), strict=True):
-            drive.motor.sense(shaft, angle)
+        self._touch = self.devices.read()
+        self._join()
+        for drive, shown in zip(self._drives, self._angles + self._shown, strict=False):
+            drive.motor.sense(*shown.tolist())
+
+    def _join(self) -> None:
+        """Lead the angles of shafts and plate to the drives that they are wired to."""
+        wiring = self.wiring
+        plate = self.devices.plate()[0].tolist()
+        motor = (self.devices.motor()[0] + self._slipped).tolist()
+        for index in (0, 1):
+            shaft = motor[wiring.motors[index]] / wiring.motor_scale[index]
+            angle = wiring.encoder_scale[index] * plate[wiring.encoders[index]]
+            self._angles[index] = shaft, angle
+
+    def rewire(self, **wiring: Any) -> None:
+        """Join drives, motors and encoders otherwise from now on; no counter jumps.
+
+        Args:
+            wiring: Fields of `Wiring`.
+        """
+        before = self._angles.copy()
+        self.wiring = self.wiring._replace(**wiring)
+        self._join()
+        self._shown += before - self._angles
+        self._sense()
 
 
 STARVED = 0.001
@@ -192,6 +279,7 @@ class VirtualRig:
             transport="serial" if serial else "hidraw",
             protocol=self.line.protocol,
             travel=min(0.005 + self.plant.kept_back, 0.1),  # its default, and the most it may be
+            lost=min(0.6 + float(np.degrees(self.plant.lost)), 5.0),
         )
 
     def tables(self) -> Tables:

@@ -30,16 +30,21 @@ class Severity(StrEnum):
     STOP = "stop"
 
 
+NOMINAL_PERIOD = 0.002
+"""Control period of the thesis in s, the default of every rig."""
+
+
 class Condition(NamedTuple):
     """One thing that can go wrong, as a row of the supervisor's table.
 
     Attributes:
         name: What it is called in records, tables and messages, as ``heartbeat lost``.
         severity: How it is answered.
-        within: Longest time in s from its start to its detection.
+        within: Longest time in s from its start to its detection at the nominal control period.
         reaction: What is done, in words.
         recovery: What a person does to go on, in words.
         device: Whether a device has a fault then; that there is no ball is none.
+        periods: Number of control periods that are part of ``within``.
     """
 
     name: str
@@ -48,6 +53,11 @@ class Condition(NamedTuple):
     reaction: str
     recovery: str
     device: bool = True
+    periods: int = 1
+
+    def longest(self, period: float) -> float:
+        """Longest time in s from its start to its detection at a control period in s."""
+        return self.within + self.periods * (period - NOMINAL_PERIOD)
 
 
 def conditions(package: str) -> dict[str, Condition]:
@@ -117,6 +127,11 @@ class Limits:
 
 class Clamp:
     """Keeps plate rates within rate, acceleration and what can be braked before the angle limit.
+
+    The acceleration limit has the last word: it holds from every rate and angle. The angle limit
+    holds from every state in which the plate can still be braked before it, so for all that is
+    commanded through the clamp; a plate that was turned past that point by something else is braked
+    as fast as the acceleration limit allows.
 
     Args:
         limits: What may be commanded.

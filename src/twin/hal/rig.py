@@ -117,7 +117,7 @@ class Rig:
         for tick in range(round(self.LEVELLING_TIME / self.period)):
             holding = self.supervisor.state == State.HOLDING
             # as it is measured, and not one that only passes its level or is seen there late
-            level = 0 if (np.abs(plate)[holding] >= self.LEVEL).any() else level + 1
+            level = level + 1 if (np.abs(plate)[holding] < self.LEVEL).all() else 0
             if level > self.LEVEL_FOR or not holding.any():
                 break
             # the longer it takes, the later a plate may do what it is told

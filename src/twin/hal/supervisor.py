@@ -5,6 +5,8 @@ The supervisor: a state machine per rig, and the limits of what may be commanded
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import replace
 from enum import IntEnum, StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
@@ -13,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, column, constant, every, finite, put, some
-from twin.hal.interface import Clamp, Condition, Fault, Limits, Severity
+from twin.hal.interface import NOMINAL_PERIOD, Clamp, Condition, Fault, Limits, Severity
 
 
 class State(IntEnum):
@@ -77,15 +79,33 @@ PACE = 0.04
 _LEVELLED = "level the plate, then hold"
 _AGAIN = "bring ball and plate back, then run again"
 
-BALL_OUTSIDE = Condition("ball outside", Severity.LEVEL, 0.002, _LEVELLED, _AGAIN)
+BALL_OUTSIDE = Condition("ball outside", Severity.LEVEL, NOMINAL_PERIOD, _LEVELLED, _AGAIN)
 BALL_FAST = Condition("ball too fast", Severity.LEVEL, 2 * PACE, _LEVELLED, _AGAIN)
-BALL_LOST = Condition("ball lost", Severity.LEVEL, LOST_AFTER + 0.002, _LEVELLED, _AGAIN)
-PLATE_TILTED = Condition("plate past its limit", Severity.LEVEL, 0.002, _LEVELLED, _AGAIN)
+BALL_LOST = Condition("ball lost", Severity.LEVEL, LOST_AFTER + NOMINAL_PERIOD, _LEVELLED, _AGAIN)
+PLATE_TILTED = Condition("plate past its limit", Severity.LEVEL, NOMINAL_PERIOD, _LEVELLED, _AGAIN)
 BAD_REQUEST = Condition(
-    "controller failed", Severity.LEVEL, 0.002, _LEVELLED, "fix the controller, then run again"
+    "controller failed",
+    Severity.LEVEL,
+    NOMINAL_PERIOD,
+    _LEVELLED,
+    "fix the controller, then run again",
+)
+NOT_LEVELLING = Condition(
+    "plate does not level",
+    Severity.STOP,
+    0.5,
+    "zero rate, then no torque",
+    "check signs and scales of the plate encoders with `ballplate doctor --move`, then run again",
 )
 
-RIG_CONDITIONS = (BALL_OUTSIDE, BALL_FAST, BALL_LOST, PLATE_TILTED, BAD_REQUEST)
+RIG_CONDITIONS = (
+    BALL_OUTSIDE,
+    BALL_FAST,
+    BALL_LOST,
+    PLATE_TILTED,
+    BAD_REQUEST,
+    NOT_LEVELLING,
+)
 """What the supervisor itself watches over, simulated or not."""
 
 
@@ -110,7 +130,16 @@ class Supervisor:
         limits: What may be commanded.
         period: Control period in s.
         rigs: Number of rigs.
+        late: Longest time in s from a command to the motion of the plate.
+        grown: How far a plate may tilt further after it was asked to level, besides its braking,
+            rad.
     """
+
+    GROWN = float(np.radians(1.0))
+    """Default of ``grown``."""
+
+    TURNED = 0.01
+    """Time in s over which it is measured how fast the plate turns when it is asked to level."""
 
     ANGLE_SLACK = np.radians(0.5)
     """How far a measured plate angle may pass the limit (encoder, spring) before a stop."""
@@ -119,8 +148,17 @@ class Supervisor:
     """Time in s within which a measured drift of the plate off its commands is taken in, while it
     is not levelled for longer."""
 
-    def __init__(self, limits: Limits, period: float, rigs: int = 1) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        period: float,
+        rigs: int = 1,
+        *,
+        late: float = 0.25,
+        grown: float = GROWN,
+    ) -> None:
         self.limits = limits
+        self._late, self._grown = late, grown
         self.state = np.full(rigs, State.OFF)
         self.reason = [""] * rigs
         """Why each rig holds or has a fault."""
@@ -145,6 +183,15 @@ class Supervisor:
         self._way = column(limits.ball_speed) * self._paces * period
         self._pace = 0
         self._before = np.full((rigs, 2), np.nan)
+        self._largest = np.full((rigs, 2), np.nan)
+        """Plate angles in rad that levelling may not exceed; NaN where nothing is levelled."""
+        self._plates: deque[Array] = deque(maxlen=max(2, round(self.TURNED / period)))
+        """Measured plate angles of the last periods, rad, shape (N, 2)."""
+
+    def limit_rate(self, rate: float | None) -> None:
+        """Allow plate rates up to this one in rad/s only; None for those of the limits."""
+        largest = self.limits.rate if rate is None else np.minimum(self.limits.rate, rate)
+        self._clamp = Clamp(replace(self.limits, rate=np.asarray(largest)), float(self._period))
 
     def handle(self, event: Event, which: Mask | None = None) -> Mask:
         """Let an event happen to some rigs, all by default; return which of them it changed."""
@@ -165,6 +212,7 @@ class Supervisor:
         self.angle = np.where(fresh, plate, self.angle)
         self.rate = np.where(fresh, 0.0, self.rate)
         self._unseen, self.drift_time = 0.0, self.DRIFT_TIME
+        self._plates.clear()
         self._before[:] = np.nan
 
     def adopt(self, rigs: NDArray[np.integer], other: Supervisor) -> None:
@@ -182,6 +230,8 @@ class Supervisor:
         self.rate, self.angle = put(self.rate, rigs, other.rate), put(self.angle, rigs, other.angle)
         self._unseen = put(np.broadcast_to(self._unseen, self.state.shape), rigs, other._unseen)
         self._before = put(self._before, rigs, other._before)
+        self._largest = put(self._largest, rigs, other._largest)
+        self._plates.clear()
 
     def forget_ball(self) -> None:
         """Judge the ball from now on only, as somebody has put it elsewhere."""
@@ -202,19 +252,27 @@ class Supervisor:
     def watch(self, y: Array, touched: Mask) -> None:
         """Level the running rigs whose measured ball or plate passed a limit.
 
+        What is no number counts as past its limit; of a ball that is not felt it says nothing.
+
         Args:
             y: Measured x, phi, y, theta in m and rad, shape (N, 4).
             touched: Whether the screen feels the ball, shape (N,).
         """
-        self.angle = self.angle + self._period / self.drift_time * (y[:, 1::2] - self.angle)
-        beyond = np.abs(y) > self._bounds
-        if some(beyond):
+        drift = y[:, 1::2] - self.angle
+        if not finite(drift):
+            drift = np.where(np.isfinite(drift), drift, 0.0)
+        self.angle = self.angle + self._period / self.drift_time * drift
+        within = np.abs(y) <= self._bounds
+        if not every(within):
+            beyond = ~within
+            beyond[:, 0::2] &= touched[:, None] | ~np.isnan(y[:, 0::2])
             ball, plate = beyond[:, 0::2].any(axis=1), beyond[:, 1::2].any(axis=1)
             self._judge(BALL_OUTSIDE, ball, y[:, 0::2], "ball at ({:.3f}, {:.3f}) m left the area")
             where = "plate at ({:.2f}, {:.2f}) deg past its limit"
             self._judge(PLATE_TILTED, plate, np.degrees(y[:, 1::2]), where)
         if not every(touched):
             self._unseen = np.where(touched, 0.0, self._unseen + self._period)
+            self._before = np.where(touched[:, None], self._before, np.nan)
             self._judge(BALL_LOST, self.lost, y, "the ball is no longer detected")
         else:
             self._unseen = 0.0
@@ -222,10 +280,37 @@ class Supervisor:
         if self._pace == self._paces:
             self._pace = 0
             self._watch_speed(y[:, 0::2], touched)
+        self._plates.append(y[:, 1::2])
+        if not self.all_running:
+            self._watch_levelling(np.abs(y[:, 1::2]))
+
+    def _watch_levelling(self, tilt: Array) -> None:
+        """Stop the rigs whose plate tilts ever further though it is levelled.
+
+        What is still on its way to the drives, and braking, may tilt it further by a little.
+
+        Args:
+            tilt: Sizes of the measured plate angles in rad, shape (N, 2).
+        """
+        holding = (self.state == State.HOLDING)[:, None]
+        since = self._period * max(1, len(self._plates) - 1)
+        turned = np.abs(self._plates[-1] - self._plates[0]) / since
+        turned = np.minimum(np.where(np.isnan(turned), 0.0, turned), column(self.limits.rate))
+        rate = np.maximum(np.abs(self.rate), turned)
+        way = rate * self._late + rate**2 / (2 * column(self.limits.acceleration))
+        fresh = np.isnan(self._largest)
+        further = holding & ~fresh & ~(tilt <= self._largest)
+        begun = np.where(np.isnan(tilt), np.abs(self.angle), tilt) + way + self._grown
+        self._largest = np.where(holding, np.where(fresh, begun, self._largest), np.nan)
+        if some(further):
+            which = further.any(axis=1)
+            degrees = np.degrees(tilt)
+            text = "plate tilts further though it is levelled, ({:.2f}, {:.2f}) deg by now"
+            self._judge(NOT_LEVELLING, which, degrees, text, State.HOLDING)
 
     def _watch_speed(self, ball: Array, touched: Mask) -> None:
         moved = np.abs(ball - self._before)
-        # NaN, where the ball was not felt, is never too fast
+        # NaN, where the ball was not felt all the time, is never too fast
         fast = (moved > self._way).any(axis=1)
         if some(fast):
             speed = moved / (self._paces * self._period)
@@ -259,10 +344,15 @@ class Supervisor:
         return np.where(dead, 0.0, self._clamp(requested, self.rate, self.angle))
 
     def _judge(
-        self, condition: Condition, which: Mask | np.bool_, values: Array, text: str
+        self,
+        condition: Condition,
+        which: Mask | np.bool_,
+        values: Array,
+        text: str,
+        state: State = State.RUNNING,
     ) -> None:
-        """Answer a condition of the running rigs it holds for."""
-        for rig in np.flatnonzero(which & (self.state == State.RUNNING)):
+        """Answer a condition of the rigs in a state, running ones by default, it holds for."""
+        for rig in np.flatnonzero(which & (self.state == state)):
             self._answer(
                 condition, np.arange(len(self.state)) == rig, text.format(*values[rig].tolist())
             )

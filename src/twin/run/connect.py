@@ -29,8 +29,12 @@ from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Transmission
 from twin.run.assemble import assemble, build_limits, own_errors
 from twin.run.logs import AXES, UNITS, read_csv
+from twin.scenario.passed import has_passed
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
+
+UNPASSED = "`ballplate doctor --move` has not passed under this configuration"
+"""Why the first motion of a rig is slow."""
 
 
 def connect(
@@ -63,6 +67,8 @@ def connect(
         "patience": rig.patience,
         "reset": reset,
         "relaxed": rig.relaxed(period),
+        "plate_lag": scenario.rig.plate_lag,
+        "unchecked": "" if transmission is not None or has_passed(rig) else UNPASSED,
     }
     if rig.backend is not None:
         config = rig.own

@@ -25,6 +25,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.data_file import packaged
 from twin.devices import realtime
+from twin.devices import rig as hardware
 from twin.devices.akd import conditions as akd
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.devices.akd.servos import SHUTDOWN
@@ -36,7 +37,8 @@ from twin.emulator.drive import COASTING, STOP_RAMP, VELOCITY_UNIT, Power
 from twin.emulator.drive_objects import Frame
 from twin.emulator.lockstep import PATIENCE, LockstepRig
 from twin.emulator.screen import Protocol, ScreenFault
-from twin.hal import supervisor
+from twin.emulator.serve import Wiring
+from twin.hal import agreement, supervisor
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import SCREEN, Condition, Limits, Severity
 from twin.hal.supervisor import Supervisor
@@ -464,6 +466,41 @@ def zero_rate_in_turn(rig: LockstepRig) -> None:
     _once(rig, turns, lambda rig: together(rig, "no_quick_stop", "motor_jump"))
 
 
+def rewire_in_turn(rig: LockstepRig, wiring: dict[str, list[float]]) -> None:
+    """The plate turns; then drives, motors and encoders are joined otherwise."""
+    ask(rig, 2 * _QUICK, -1.5 * _QUICK)
+    joined = {key: (value[0], value[1]) for key, value in wiring.items()}
+    _once(rig, turns, lambda rig: rig.plant.rewire(**joined))
+
+
+def level_by_wrong_encoders(rig: LockstepRig) -> None:
+    """The plate turns; then it is levelled by encoders that count the wrong way."""
+    ask(rig, 2 * _QUICK, 2 * _QUICK)
+
+    def turn(rig: LockstepRig) -> None:
+        rig.plant.rewire(encoder_scale=(-1.0, -1.0))
+        ask(rig, math.nan, math.nan)
+
+    _once(rig, turns, turn)
+
+
+def exchange_drives(rig: LockstepRig) -> None:
+    """Both drives are exchanged with their encoders, and the ball is pushed."""
+    rig.plant.rewire(motors=(1, 0), encoders=(1, 0))
+    push(rig, 0.08, 0.02)
+
+
+def turn_axis_over(rig: LockstepRig) -> None:
+    """Motor and encoder of phi both count the wrong way, and the ball is pushed."""
+    rig.plant.rewire(motor_scale=(-1.0, 1.0), encoder_scale=(-1.0, 1.0))
+    push(rig, 0.08, 0.02)
+
+
+def unchecked(rig: LockstepRig) -> None:
+    """Nobody has checked the rig under its present configuration."""
+    rig.unchecked = "doctor --move has not passed under this configuration"
+
+
 def push(rig: LockstepRig, x_rate: float, y_rate: float) -> None:
     """The ball has another velocity at once, m/s."""
     x, y = _ball(rig)
@@ -515,6 +552,11 @@ def turns(rig: LockstepRig) -> bool:
     return bool(np.abs(rig.plant.devices.state[0, 3::4]).min() > _QUICK)
 
 
+def rewired(rig: LockstepRig) -> bool:
+    """Whether drives, motors and encoders are joined otherwise."""
+    return rig.plant.wiring != Wiring()
+
+
 def _ball(rig: LockstepRig) -> Array:
     """Position of the ball along x and y, m."""
     return rig.plant.devices.state[0, 0::4]
@@ -533,7 +575,14 @@ def _once(rig: LockstepRig, there: Callable[[LockstepRig], bool], act: Act) -> N
     rig.lockstep.bus.moved = move
 
 
-SOURCES = {"drives": akd, "screen": lumio, "supervisor": supervisor, "loop": realtime}
+SOURCES = {
+    "drives": akd,
+    "screen": lumio,
+    "supervisor": supervisor,
+    "agreement": agreement,
+    "rig": hardware,
+    "loop": realtime,
+}
 """Where conditions stand."""
 WAITS = {
     "bring_up": BRING_UP,

@@ -34,6 +34,7 @@ from twin.emulator.drive import (
 )
 from twin.emulator.lockstep import LockstepRig, MotionTrace, PowerChange
 from twin.emulator.screen import DEAD_TIME, FRAME
+from twin.emulator.serve import Wiring
 from twin.hal.interface import Severity
 from twin.run.assemble import build_controller
 from twin.run.loop import drive
@@ -472,7 +473,7 @@ class Trial:
             silence = case.host.silence if Stopper.HEARTBEAT in case.stoppers else 0.0
             return silence + self.rig.period
         late = DEAD_TIME + FRAME + self.rig.period if case.of_screen else 0.0
-        return case.expected.within + late + case.wait if case.expected else 0.0
+        return case.expected.longest(self.rig.period) + late + case.wait if case.expected else 0.0
 
     def _seen(self, run: TrialRun, allowed: float, at: AtFault) -> tuple[Reaction, float | None]:
         """The reaction, and the longest time to standstill."""
@@ -535,6 +536,7 @@ class Trial:
         rig.line.protocol = self.case.protocol
         rig.replace_transmission(rig.plant.transmission)
         rig.plant.shoved = np.zeros(2)
+        rig.plant.rewire(**Wiring()._asdict())
         rig.lockstep.bus.beside.clear()
         rig.lockstep.missing = None
         for each in self.drives:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Self
@@ -18,6 +20,9 @@ from twin.scenario.load import Tables, validated
 from twin.scenario.schema import CAMS_DEG, RigLimitsTable, Scenario, Section
 
 LATE_PERIODS = 25
+LONGEST_PERIOD = 0.02
+"""Control period in s at which a rig file is checked by itself; what a shorter one cannot have, as
+the frames of a slow bus, is refused when the period is known."""
 
 
 class RigFile(Section):
@@ -59,8 +64,20 @@ class RigFile(Section):
         if self.backend is not None and wired:
             raise ValueError(f"{', '.join(sorted(wired))}: a rig with a backend has none of these")
         if self.backend is None:
-            self.servos(0.002), self.uncalibrated_screen()
+            self.servos(LONGEST_PERIOD), self.uncalibrated_screen()
         return self
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of everything that the file says, and of the files of cams and backend it names."""
+        said = json.dumps(
+            self.model_dump(mode="json", exclude={"title", "patience"}), sort_keys=True
+        )
+        digest = hashlib.sha256(said.encode())
+        for named in (self.cams, (self.backend or "").rpartition(":")[0]):
+            if named and (file := Path(named)).is_file():
+                digest.update(file.read_bytes())
+        return digest.hexdigest()[:16]
 
     def limited(self, scenario: Scenario) -> Scenario:
         """A scenario within the narrower of its own limits and the rig's."""

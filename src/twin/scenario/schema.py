@@ -19,7 +19,7 @@ from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.base.settings import Setting, filled, settings_of, value_of
-from twin.hal.interface import Limits
+from twin.hal.interface import NOMINAL_PERIOD, Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallSpin, BallStart, Parts
@@ -371,7 +371,7 @@ MOST_PERIODS = 10_000_000
 class _Rig(Section):
     """How often the rig is controlled, and what it knows of its cams or linkage."""
 
-    period: Positive = 0.002
+    period: Positive = NOMINAL_PERIOD
     """Control period in s."""
     cams: Literal["table", "per_axis", "ratio"] = "table"
     """The calibrated table over both plate angles, which of a linkage is all its lengths, one table

@@ -86,6 +86,11 @@ class PerRigTransmission:
         return found
 
 
+SWUNG = math.radians(5.0)
+"""How far a plate on a soft drive train may swing further as it is levelled, rad; no encoder of a
+simulated rig counts the wrong way."""
+
+
 class Vibration:
     """Rates of both axes of N plates that swing by themselves, a quarter turn apart.
 
@@ -650,7 +655,7 @@ class SimulatedRig(Rig):
             screen=devices,
             clock=devices,
             transmission=transmission,
-            supervisor=Supervisor(limits, period, devices.plant.rigs),
+            supervisor=Supervisor(limits, period, devices.plant.rigs, grown=SWUNG),
             period=period,
             anchor=anchor,
         )

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from twin.base.errors import ScenarioError
 from twin.devices.common import Ranged, bounded, net
+from twin.hal.interface import NOMINAL_PERIOD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +30,7 @@ class MonitorConfig(Ranged):
         slack: Motion that is never a jump: motor rad, plate rad.
         lag: Motor rate error, rad/s, for longer than ``lag_time`` s that counts as not following.
         limit_time: Duration of an internal limit that levels, s.
+        lost_deg: Plate angle that play and elastic parts may take between motor and plate, deg.
         reset: Time a fault reset may take, s.
         stop: Time a quick stop may take before the heartbeat is withheld, s.
         enquiry: Pause between two readings of the drives' own monitoring, s.
@@ -49,6 +51,7 @@ class MonitorConfig(Ranged):
     lag: float = net(1.0, 0.1, 8)
     lag_time: float = net(0.06, 0.01, 2)
     limit_time: float = net(0.02, 0.002, 1)
+    lost_deg: float = net(0.6, 0.1, 5)
     reset: float = net(0.1, 0.02, 2)
     stop: float = net(0.3, 0.05, 2)
     enquiry: float = net(0.5, 0.05, 5)
@@ -205,7 +208,7 @@ class AkdConfig(DriveSettings):
         AxisConfig(name="phi", node=1),
         AxisConfig(name="theta", node=2),
     )
-    period: float = 0.002
+    period: float = NOMINAL_PERIOD
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
@@ -229,6 +232,16 @@ class AkdConfig(DriveSettings):
                 f"bus.bitrate = {self.bus.bitrate}: the frames of a period take "
                 f"{100 * self.bus_load:.0f} % of its {1e3 * self.period:g} ms"
             )
+
+    @property
+    def lost(self) -> float:
+        """Plate angle in rad that may be lost between motor and plate."""
+        return math.radians(self.watch.lost_deg)
+
+    @property
+    def late(self) -> float:
+        """Longest time in s from a command to the motion of the plate."""
+        return 0.01 + 2 * self.period
 
     @property
     def bus_load(self) -> float:

@@ -24,6 +24,7 @@ from twin.devices.akd import protocol
 from twin.devices.akd.config import RPM, TURN, AkdConfig
 from twin.devices.akd.eds import DataSheet, read_data_sheet
 from twin.devices.akd.protocol import Key, Object, mappings, table
+from twin.hal.interface import NOMINAL_PERIOD
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 _ERROR_CODE, _FAULTS, _PROFILE, _VENDOR = 0x603F, 0x2001, (0x1000, 0), (0x1018, 1)
@@ -60,6 +61,14 @@ _BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOA
 _UNANSWERED = "unanswered", "no answer"
 HOST = "host"
 """Who sends what only a master sends."""
+
+
+def sync_period(frames: Sequence[can.Message]) -> float:
+    """The period in s, in whole ms, of the SYNCs of a trace; the nominal one if there are few."""
+    times = [each.timestamp for each in frames if each.arbitration_id == protocol.SYNC]
+    if len(times) <= _FEW:
+        return NOMINAL_PERIOD
+    return max(1, round(1e3 * float(np.median(np.diff(times))))) / 1e3
 
 
 class TracedEvent(NamedTuple):

@@ -298,6 +298,13 @@ class AkdServos:
         """Newest motor angles at the cam shafts in rad, shape (1, 2)."""
         return self._motor_angles() - self._motor_zero
 
+    def turned(self) -> tuple[Array, Array] | None:
+        """Plate and motor angles in rad, shape (2,) each, that one SYNC sampled; else None."""
+        counters = [each for axis in self.axes for each in (axis.plate, axis.motor)]
+        if len({each.sampled for each in counters}) != 1:
+            return None
+        return self.plate()[0], self.motor()[0]
+
     def age(self) -> Array:
         """Seconds since the older of plate and motor angle was sampled, shape (1, 2)."""
         oldest = [min(axis.motor.sampled, axis.plate.sampled) for axis in self.axes]
