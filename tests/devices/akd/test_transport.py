@@ -11,6 +11,7 @@ import os
 import select
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -19,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.devices.akd.bus import CanTransport, PromptSlcanBus, open_bus
-from twin.devices.akd.conditions import GARBLED, DriveError
+from twin.devices.akd.conditions import FOREIGN_FRAME, GARBLED, DriveError
 from twin.devices.akd.config import BusConfig
 from twin.devices.common import FaultReports
 
@@ -209,13 +210,40 @@ def test_our_host_takes_any_bytes_of_an_adapter(chunks):
     with terminal() as line, slcan(PromptSlcanBus, line) as bus:
         for message in (each for chunk in chunks for each in play(line, bus, chunk)):
             assert len(message.data) <= 8
-            assert message.is_error_frame or 0 <= message.arbitration_id <= 0x7FF
+            last = 0x1FFFFFFF if message.is_extended_id else 0x7FF
+            assert message.is_error_frame or 0 <= message.arbitration_id <= last
 
 
-EXTENDED_OR_REMOTE = b"T0000010021133 r1002 r1000 R000001002"
-"""Lines of the manual."""
+@pytest.mark.parametrize(
+    ("line", "identifier", "extended", "remote", "words"),
+    [
+        (b"T0000010021133", 0x100, True, False, "100h of 29 bits"),
+        (b"r1002", 0x100, False, True, "remote request for 100h"),
+        (b"r1000", 0x100, False, True, "remote request for 100h"),
+        (b"R000001002", 0x100, True, True, "100h of 29 bits"),
+        (b"r18121234", 0x181, False, True, "remote request for 181h"),  # with a time stamp
+        (b"T0000018121133ABCD", 0x181, True, False, "181h of 29 bits"),
+        (b"T1FFFFFFF0", 0x1FFFFFFF, True, False, "1FFFFFFFh of 29 bits"),
+    ],
+)
+def test_frames_of_29_bits_and_remote_requests_are_known_as_that_and_not_read(
+    serial_line, line, identifier, extended, remote, words
+):
+    with slcan(PromptSlcanBus, serial_line) as bus:
+        heard, plain = play(serial_line, bus, line + b"\rt18222B3C\r")
+        flags = (heard.arbitration_id, heard.is_extended_id, heard.is_remote_frame)
+        assert flags == (identifier, extended, remote)
+        assert frames([plain]) == [(0x182, b"\x2b\x3c")]
+        assert bus.unreadable_lines == 0
+        said = iter([heard, plain, None])
+        transport, reports = transport_on(SimpleNamespace(recv=lambda _: next(said)))
+        assert list(transport.receive()) == [(0x182, b"\x2b\x3c")]
+        assert [(f.condition, f.detail) for f in reports.take()] == [(FOREIGN_FRAME, words)]
+
+
 NO_FRAMES = b"t1811G0 t18 t18132B x t1812ABCDEF F1 t-120 t+120 t1_20 tFFF0 t8000 t123+"
-LINES = [*EXTENDED_OR_REMOTE.split(), *NO_FRAMES.split(), b"t 120", b"t12 0", b"t1819" + b"00" * 9]
+OTHERS = b"T1812 T200000000 T00000181 r8000 r18 r1811223344 R00000181 R0000018113 T0000010031133"
+LINES = [*NO_FRAMES.split(), *OTHERS.split(), b"t 120", b"t12 0", b"t1819" + b"00" * 9]
 
 
 @pytest.mark.parametrize("line", LINES)
