@@ -120,6 +120,34 @@ def test_one_report_that_comes_twice_is_refused_and_no_fault(panel):
     assert panel.seen == []
 
 
+@pytest.mark.parametrize("length", [2, 3, 10, 100])
+def test_the_last_reports_sent_again_in_turn_are_refused_and_named(panel, length):
+    panel.roll(3.0)
+    begin = panel.time
+    old = [begin - FRAME * (length - number) for number in range(length)]
+    for number in range(12):
+        panel.roll(FRAME, lambda _, number=number: old[number % length])
+    when, condition, _ = panel.seen[0]
+    assert condition is c.SCAN_STILL
+    assert when - begin <= c.SCAN_STILL.within
+    assert panel.stream.tracker.sample.time == pytest.approx(begin - FRAME)
+
+
+def test_a_counter_that_begins_anew_after_a_lift_off_is_followed(panel):
+    panel.roll(1.0)
+    panel.time += 0.065
+    begin = panel.time
+    panel.roll(1.0, lambda now: now - begin)
+    assert c.SCAN_STILL.name not in panel.names
+    assert panel.stream.tracker.sample.time == pytest.approx(panel.time - FRAME)
+
+
+def test_a_counter_that_counts_down_is_no_clock(panel):
+    panel.roll(1.0, lambda now: 5.0 - now)
+    assert panel.seen == []
+    assert panel.stream.tracker.sample.time == pytest.approx(panel.time - FRAME)
+
+
 def test_a_counter_that_never_counts_is_no_clock(panel):
     panel.roll(2.0, lambda _: 1.0)
     assert panel.seen == []

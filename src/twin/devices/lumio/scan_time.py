@@ -34,9 +34,11 @@ class ScanClock:
     """
 
     REPEATS = 3
-    """Reports in a row of one scan time that show that it stands still."""
+    """Reports in a row, none of them new, that show that the scan time stands still."""
     PAUSE = 0.25
-    """Pause in s between two reports after which a panel may count anew."""
+    """Pause in s between two reports after which nothing of before is known any more."""
+    GAP = 0.06
+    """Pause in s after which a counter may begin anew; else an earlier time is an old one."""
     LEARN = 1.0
     """Seconds of reports after which it is known whether a panel's counter keeps time; if not, it
     is found out anew."""
@@ -73,19 +75,23 @@ class ScanClock:
             contacts: Numbers of its contacts. A frame may be spread over reports of one scan time,
                 which have different contacts.
         """
-        before, self._newest = self._newest, scan
-        passed, self._arrived = arrival - self._arrived, arrival
-        if before is None or passed > self.PAUSE:
+        before, passed, self._arrived = self._newest, arrival - self._arrived, arrival
+        counted = 0.0 if before is None else (scan.time - before.time) % scan.wrap
+        old = counted > scan.wrap / 2
+        if before is None or passed > self.PAUSE or (old and passed > self.GAP):
             self._restart(arrival)
-            self._repeats, self._contacts = 0, set(contacts)
-            return True
-        if scan.time == before.time:
+        elif old and self._moves:
+            self._repeats += 1
+            return False
+        elif not counted:
             again = not self._contacts.isdisjoint(contacts)
             self._contacts.update(contacts)
             self._repeats += again
             return not (again and self._moves)
-        self._moves, self._repeats, self._contacts = True, 0, set(contacts)
-        self._compare(arrival, (scan.time - before.time) % scan.wrap, passed)
+        elif not old:
+            self._moves = True
+            self._compare(arrival, counted, passed)
+        self._newest, self._repeats, self._contacts = scan, 0, set(contacts)
         return True
 
     @property

@@ -380,7 +380,7 @@ class TouchStream:
             return True
         new = self._scans.is_new(time, report.scan, touching)
         if self._scans.stands_still:
-            counter = f"{report.scan.time:.4f} s in {self._scans.REPEATS + 1} reports or more"
+            counter = f"{report.scan.time:.4f} s is no new one, for {self._scans.REPEATS} reports"
             self._report_rate_limited(time, c.SCAN_STILL, counter)
         if self._scans.falls_behind:
             late = f"{1e3 * self._scans.excess:.0f} ms later after the scan than the promptest"
