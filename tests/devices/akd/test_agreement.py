@@ -29,7 +29,7 @@ def rig():
 
 def followed(seconds, angle, rate):
     """The time at which a motion with a position and a velocity of time is found out, if it is."""
-    agreement = MotionAgreement()
+    agreement = MotionAgreement(0.01)
     for number in range(round(seconds / T)):
         time = number * T
         if agreement.take(time, angle(time), rate(time)) > 0:
@@ -37,7 +37,7 @@ def followed(seconds, angle, rate):
     return None
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.002, 0.005])
+@pytest.mark.parametrize("lag", [-0.02, 0.0, 0.002, 0.005, 0.02])
 def test_a_velocity_that_is_filtered_agrees_with_its_position(lag):
     # as fast as a plate is turned with cams of ratio 5: 3 rad/s, 35 rad/s^2
     angle, rate = (lambda t: 0.257 * math.sin(11.7 * t)), (lambda t: 3 * math.cos(11.7 * (t - lag)))
@@ -59,7 +59,7 @@ def test_a_velocity_a_little_off_is_none(share):
 
 
 def test_a_position_that_stands_while_the_velocity_does_not_disagrees_only_beyond_the_slack():
-    agreement = MotionAgreement()
+    agreement = MotionAgreement(0.01)
     assert agreement.take(0.0, 0.0, 1.0) == pytest.approx(-0.01)
     # one period at 1 rad/s: 2 mrad, of which a quarter is allowed besides
     assert agreement.take(T, 0.0, 1.0) == pytest.approx(0.002 - 0.01 - 0.0005)
@@ -69,7 +69,7 @@ def test_a_position_that_stands_while_the_velocity_does_not_disagrees_only_beyon
 
 
 def test_what_is_long_past_is_forgotten():
-    agreement = MotionAgreement()
+    agreement = MotionAgreement(0.01)
     for number in range(2000):
         time = number * T
         # 15 mrad/s of difference for good: 7.5 mrad within the window, 60 mrad in all
@@ -77,7 +77,7 @@ def test_what_is_long_past_is_forgotten():
 
 
 def test_missing_samples_are_bridged():
-    agreement = MotionAgreement()
+    agreement = MotionAgreement(0.01)
     for number in (0, 1, 2, 10, 11, 12):
         assert agreement.take(number * T, number * T * 3.0, 3.0) < 0
 

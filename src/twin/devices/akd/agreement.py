@@ -12,20 +12,24 @@ from collections import deque
 class MotionAgreement:
     """Compares a motor's velocity, added up, with its position.
 
-    Both are of the same SYNC. Velocities of a drive are filtered and lag by some ms.
+    Both are of the same SYNC. Velocities of a drive are filtered and lag by some ms; the shaft of
+    an emulated one may lag behind its velocity.
+
+    Args:
+        slack: Difference that is always allowed, rad at the cam shaft.
     """
 
     WINDOW = 0.5
     """Seconds over which the motion is compared."""
-    SLACK = 0.01
-    """Difference that is always allowed, rad at the cam shaft."""
     SHARE = 0.25
     """Share of the way turned that is allowed besides."""
+    LAG = 0.03
+    """Seconds by which one may lag behind the other."""
 
-    def __init__(self) -> None:
-        self._samples: deque[tuple[float, float, float, float]] = deque()
-        """Time in s, position in rad, velocity added up in rad, and its size likewise."""
-        self._rate = 0.0
+    def __init__(self, slack: float) -> None:
+        self._slack = slack
+        self._samples: deque[tuple[float, float, float, float, float]] = deque()
+        """Time in s, position in rad, velocity in rad/s and added up in rad, its size likewise."""
 
     def restart(self) -> None:
         """Forget what was before."""
@@ -41,19 +45,19 @@ class MotionAgreement:
         """
         turned = way = 0.0
         if self._samples:
-            before, _, turned, way = self._samples[-1]
+            before, _, last, turned, way = self._samples[-1]
             passed = sampled - before
             if passed <= 0:
-                return -self.SLACK
-            mean = (rate + self._rate) / 2
+                return -self._slack
+            mean = (rate + last) / 2
             turned, way = turned + mean * passed, way + abs(mean) * passed
-        self._rate = rate
-        self._samples.append((sampled, angle, turned, way))
+        self._samples.append((sampled, angle, rate, turned, way))
         while sampled - self._samples[0][0] > self.WINDOW:
             self._samples.popleft()
-        _, first, turned_before, way_before = self._samples[0]
+        _, first, rate_before, turned_before, way_before = self._samples[0]
         off = abs((angle - first) - (turned - turned_before))
-        return off - self.SLACK - self.SHARE * (way - way_before)
+        allowed = self.SHARE * (way - way_before) + self.LAG * abs(rate - rate_before)
+        return off - self._slack - allowed
 
 
 class HeartbeatCount:

@@ -39,6 +39,8 @@ ANSWER = 0.8
 """Share of a period that a drive may take to answer a SYNC."""
 _DOUBLED = 10
 """Cycles in a row with doubled PDOs that mean a second node with this id."""
+_AGREEMENT = 2
+"""Travels without a count by which velocity and position may differ: one each way."""
 _ANSWERED = 3
 """Cycles with both PDOs after which a heartbeat of a node that can send none is another node's."""
 
@@ -188,7 +190,7 @@ class Axis:
         self.heartbeat = at
         """Time in s at which the last heartbeat arrived."""
         self._beats = HeartbeatCount(drives.heartbeat)
-        self._agreement = MotionAgreement()
+        self._agreement = MotionAgreement(_AGREEMENT * limits.travel)
         self._heard: tuple[int, int] | None = None
         """NMT state of a heartbeat that is not operational, and the cycles since with both PDOs."""
         self.found_faults: tuple[int, ...] = ()
@@ -406,7 +408,8 @@ class Axis:
         if not (self.motor.pdo.missed or self.plate.pdo.missed):
             off = self._agreement.take(self.plate.sampled, self.motor.angle, self.rate)
             if off > 0:
-                self._report(c.CONTRADICTION, f"rate {self.rate:.2f} rad/s, position otherwise", at)
+                detail = f"off by {off:.3f} rad more than allowed, at {self.rate:.2f} rad/s"
+                self._report(c.CONTRADICTION, detail, at)
         for counter, rate, most, condition, whose in (
             (self.motor, self.sent, limits.travel, c.FROZEN, "commanded"),
             (self.plate, self.rate, limits.plate_travel, c.PLATE_FROZEN, "of the motor"),
