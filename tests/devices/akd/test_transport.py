@@ -252,3 +252,9 @@ def test_a_line_that_is_no_data_frame_is_counted_not_believed(serial_line, line)
         heard = play(serial_line, bus, line + b"\rt18222B3C\r")
         assert frames(heard) == [(0x182, b"\x2b\x3c")]
         assert bus.unreadable_lines == 1
+
+
+def test_a_flood_is_read_in_portions_of_400_frames():
+    flood = [can.Message(arbitration_id=0x181, is_extended_id=False) for _ in range(1000)]
+    transport, _ = transport_on(SimpleNamespace(recv=lambda _: flood.pop() if flood else None))
+    assert [len(list(transport.receive())) for _ in range(4)] == [400, 400, 200, 0]

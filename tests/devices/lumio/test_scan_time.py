@@ -233,3 +233,18 @@ def test_any_scan_times_are_taken(steps):
         clock.is_new(time, ScanTime(scan, WRAP), {contact})
         assert clock.excess >= 0
         assert clock.stands_still in {True, False}
+
+
+def test_a_counter_that_stands_still_during_a_pause_is_not_late_afterwards(panel):
+    panel.roll(3.0)
+    panel.time += 0.3
+    panel.roll(3.0, lambda now: now - 0.3)
+    assert panel.names <= {c.STALE.name, c.BALL_LOST.name}
+
+
+@pytest.mark.parametrize("drift", [-0.015, 0.015])
+def test_lateness_is_noticed_by_a_counter_that_is_as_inexact_as_allowed(panel, drift):
+    panel.roll(3.0, lambda now: now * (1 + drift))
+    begin = panel.time
+    panel.roll(1.0, lambda now: (now - 0.3 * (now - begin)) * (1 + drift))
+    assert c.TOUCH_LATE in [condition for _, condition, _ in panel.seen]

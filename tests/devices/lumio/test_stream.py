@@ -419,3 +419,29 @@ def test_a_jump_to_a_place_that_is_a_little_nearer_with_its_axes_swapped_is_a_ju
     screen.roll(5, there)
     assert "position jumped and stayed" in screen.names
     assert "axes swapped" not in screen.names
+
+
+def test_the_lift_off_of_another_contact_is_not_that_of_the_ball():
+    screen = FedScreen()
+    screen.roll(10, (0.0, 0.0))
+    x, y = CALIBRATION.screen(0.0, 0.0)
+    finger = CALIBRATION.screen(0.3, 0.1)
+    for down in (True, True, False):
+        screen.send(b"".join(ENCODERS[screen.protocol]([Spot(x, y, 1), Spot(*finger, 2, down)])))
+        screen.time += FRAME
+    screen.send(b"".join(ENCODERS[screen.protocol]([Spot(*finger, 2, False)])))
+    assert screen.state == TouchState.TOUCHING
+    screen.roll(5, (0.0, 0.0))
+    assert screen.names == ["two contacts"]
+
+
+def test_axes_that_were_swapped_for_a_moment_leave_nothing_behind(screen):
+    screen.roll(10, (0.2, 0.0))
+    x, y = CALIBRATION.screen(0.2, 0.0)
+    screen.roll(4, CALIBRATION.plate(y, x))
+    screen.roll(10, (0.2, 0.0))
+    screen.wait(0.2)
+    screen.roll(10, (0.1, 0.0))
+    assert screen.state == TouchState.TOUCHING
+    screen.roll(4, CALIBRATION.plate(*CALIBRATION.screen(0.1, 0.0)[::-1]))
+    assert screen.names.count("axes swapped") == 2
