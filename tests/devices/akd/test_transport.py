@@ -258,3 +258,13 @@ def test_a_flood_is_read_in_portions_of_400_frames():
     flood = [can.Message(arbitration_id=0x181, is_extended_id=False) for _ in range(1000)]
     transport, _ = transport_on(SimpleNamespace(recv=lambda _: flood.pop() if flood else None))
     assert [len(list(transport.receive())) for _ in range(4)] == [400, 400, 200, 0]
+
+
+def test_lines_that_cannot_be_read_are_counted_once():
+    bus, reports, now = SimpleNamespace(recv=lambda _: None), FaultReports(1.0), [0.0]
+    transport = CanTransport(bus, "CAN test", reports, lambda: now[0])
+    told = []
+    for now[0], bus.unreadable_lines in ((0.0, 3), (5.0, 3), (10.0, 4), (15.0, 4)):
+        list(transport.receive())
+        told.append([each.detail for each in reports.take()])
+    assert told == [["3 lines cannot be read"], [], ["1 lines cannot be read"], []]
