@@ -7,6 +7,7 @@ A terminal hands over what is written in pieces, some later than the next read w
 busy: all that a program has written is known only once something written after it has come.
 """
 
+import errno
 import os
 import select
 import time
@@ -20,7 +21,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.devices.akd.bus import CanTransport, PromptSlcanBus, open_bus
-from twin.devices.akd.conditions import FOREIGN_FRAME, GARBLED, DriveError
+from twin.devices.akd.conditions import (
+    ADAPTER_GONE,
+    BUS_OFF,
+    FOREIGN_FRAME,
+    GARBLED,
+    DriveError,
+)
 from twin.devices.akd.config import BusConfig
 from twin.devices.common import FaultReports
 
@@ -268,3 +275,44 @@ def test_lines_that_cannot_be_read_are_counted_once():
         list(transport.receive())
         told.append([each.detail for each in reports.take()])
     assert told == [["3 lines cannot be read"], [], ["1 lines cannot be read"], []]
+
+
+class Failing:
+    """A bus whose transmissions fail with the errors given, in their order; None: one passes."""
+
+    def __init__(self, *errors):
+        self.errors, self.tried = list(errors), 0
+
+    def send(self, message, timeout):
+        self.tried += 1
+        if (error := self.errors.pop(0)) is not None:
+            raise error
+
+
+FULL = can.CanOperationError("no buffer", errno.ENOBUFS)
+
+
+@pytest.mark.parametrize(
+    ("errors", "off"),
+    [([FULL] * 4, False), ([FULL] * 5, True), ([*[FULL] * 4, None, FULL], False)],
+)
+def test_a_bus_counts_as_off_after_five_frames_in_a_row_that_find_no_room(errors, off):
+    bus = Failing(*errors)
+    transport, reports = transport_on(bus)
+    for _ in errors:
+        transport.send(0x080, b"")
+    assert [each.condition for each in reports.take()] == [BUS_OFF] * off
+    assert transport.up
+    assert bus.tried == len(errors)
+
+
+@pytest.mark.parametrize(
+    "error", [can.CanOperationError("gone"), OSError(errno.ENODEV, "gone")], ids=repr
+)
+def test_an_adapter_that_goes_is_reported_and_sent_nothing_more(error):
+    bus = Failing(error)
+    transport, reports = transport_on(bus)
+    for _ in range(3):
+        transport.send(0x080, b"")
+    assert [each.condition for each in reports.take()] == [ADAPTER_GONE]
+    assert (transport.up, bus.tried) == (False, 1)
