@@ -24,6 +24,7 @@ from twin.devices.akd.bus import CanTransport, PromptSlcanBus, open_bus
 from twin.devices.akd.conditions import (
     ADAPTER_GONE,
     BUS_OFF,
+    ERROR_PASSIVE,
     FOREIGN_FRAME,
     GARBLED,
     DriveError,
@@ -316,3 +317,31 @@ def test_an_adapter_that_goes_is_reported_and_sent_nothing_more(error):
         transport.send(0x080, b"")
     assert [each.condition for each in reports.take()] == [ADAPTER_GONE]
     assert (transport.up, bus.tried) == (False, 1)
+
+
+@pytest.mark.parametrize(
+    ("identifier", "data", "condition"),
+    [
+        (0x004, b"\0\x10", ERROR_PASSIVE),  # receiving; SocketCAN's error frames
+        (0x004, b"\0\x20", ERROR_PASSIVE),  # transmitting
+        (0x004, b"\0\x0c", None),  # warning levels only
+        (0x004, b"", None),
+        (0x040, b"", BUS_OFF),
+        (0x080, b"", None),
+    ],
+)
+def test_error_frames_mean_what_they_mean_in_socketcan(identifier, data, condition):
+    error = can.Message(
+        arbitration_id=identifier, is_error_frame=True, is_extended_id=True, data=data
+    )
+    said = [error]
+    transport, reports = transport_on(SimpleNamespace(recv=lambda _: said.pop() if said else None))
+    assert list(transport.receive()) == []
+    assert [each.condition for each in reports.take()] == ([condition] if condition else [])
+
+
+def test_a_frame_of_can_fd_is_foreign():
+    said = [can.Message(arbitration_id=0x181, is_extended_id=False, is_fd=True, data=bytes(7))]
+    transport, reports = transport_on(SimpleNamespace(recv=lambda _: said.pop() if said else None))
+    assert list(transport.receive()) == []
+    assert [each.detail for each in reports.take()] == ["181h of CAN FD"]
