@@ -177,3 +177,12 @@ def test_an_sdo_answer_to_something_else_refuses_the_start_and_is_named():
     with SteppedDrives() as rig:
         rig.bus.faults.flip(0x581, at=1, bits=0x01)
         assert "answered for 1001h:0 instead" in refused(rig, c.SDO_WRONG)
+
+
+def test_a_velocity_that_is_always_zero_is_found_in_time_while_the_motor_turns_slowly(rig):
+    rig.run(0.6, lambda _: (0.1, 0.1))
+    rig.bus.faults.overwrite(0x281, at=0, data=bytes(4), towards=Towards.HOST)
+    begin = rig.bus.time
+    (found, *_) = rig.run(0.4, lambda _: (0.1, 0.1))
+    assert found.condition is c.CONTRADICTION
+    assert found.at - begin <= c.CONTRADICTION.within
