@@ -1,7 +1,8 @@
 """What becomes of a rig of one's own when something goes wrong, for fault-matrix.md.
 
 The class and the emulated board of ``examples/own_rig``, byte by byte, in virtual time: the same on
-every run. Each fault is done while the ball tracks a circle; then the run goes on to its end.
+every run. Each fault is done while the ball tracks a circle; then the run goes on to its end. A row
+is a row of the fault matrix, judged as that is.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices import own
-from twin.devices.own import OwnConfig, OwnScreen, OwnServos
+from twin.devices.own import OwnConfig, OwnScreen, OwnServos, Reading
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
 from twin.hal import supervisor
@@ -28,14 +29,16 @@ from twin.hal.interface import Condition, Severity
 from twin.hal.supervisor import Supervisor
 from twin.run.assemble import build_controller, build_limits
 from twin.run.loop import drive
-from twin.run.metrics import Ending
+from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder
+from twin.safety.trial import FaultRow
 from twin.scenario.load import load
 from twin.scenario.rig import read_rig
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "own_rig"
-BEGIN, AFTER, LEFT = 4.0, 3.0, 1.5
-"""When a fault begins, how long the run goes on from then on, and is watched then, s."""
+BEGIN, AFTER, LEFT, AGAIN = 4.0, 3.0, 1.5, 1.0
+"""When a fault begins, how long the run goes on from then on, and is watched then, and for how long
+it runs again, s."""
 LEVEL, STILL = math.radians(0.3), 0.02
 """Plate angle in rad and rate in rad/s that count as level and standing."""
 
@@ -57,8 +60,11 @@ class Line:
         self.gone = False
         self.late, self.lose, self.between = 0.0, 0.0, b""
         self.says: Callable[[str], str] = lambda text: text
+        self.told: Callable[[], Array] = lambda: np.zeros(2)
+        """Where the host believes to have told the plate to be, rad."""
         self.trace: list[tuple[float, ...]] = []
-        """Time, phi, theta, x, y, and whether the board's watchdog has the plate."""
+        """Time, phi, theta, x, y, whether the board's watchdog has the plate, and by how much the
+        plate is not where the host has told it to be, rad."""
 
     def say(self, text: str) -> None:
         """Send a line to the host; an empty one is none."""
@@ -80,7 +86,8 @@ class Line:
                     self.board.hear(line, time)
             said = self.board.step(time)
             alone = time - self.board.heard > BOARD.WATCHDOG
-            self.trace.append((time, *self.board.angle, *self.board.ball, alone))
+            astray = float(np.abs(self.told() - self.board.angle).max())
+            self.trace.append((time, *self.board.angle, *self.board.ball, alone, astray))
             for text in said:
                 self.say(self.says(text))
 
@@ -114,12 +121,21 @@ class Line:
 class Stepped(ARDUINO.Arduino):  # type: ignore[name-defined,misc]
     """The example's class on such a line."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, encoder: bool) -> None:
         super().__init__("emulated")
         ARDUINO.serial = SimpleNamespace(Serial=Line)
         self.line = Line()
+        self._encoder = encoder
         self.levelled = True
         """Whether the plate had been told to be level before it was told to stop."""
+
+    def measure(self) -> Reading:
+        """The newest measurement, with what an encoder says now if there is one."""
+        found = super().measure()
+        if not self._encoder:
+            return found
+        phi, theta = self.line.board.angle
+        return Reading(found.x, found.y, found.at, phi, theta)
 
     def stop(self) -> None:
         """Stop, and keep what was before."""
@@ -153,6 +169,8 @@ class Row(NamedTuple):
         more: Time in s that may pass besides that of the condition.
         by: Who must level the plate; that of the condition's severity by default.
         begins: From when on it can be seen, of the rows of `Line.trace`; at once by default.
+        at: When it is done, s.
+        encoder: Whether the plate has an encoder.
     """
 
     name: str
@@ -161,8 +179,17 @@ class Row(NamedTuple):
     more: float = 0.0
     by: str = ""
     begins: Callable[[Array], Any] = lambda trace: np.ones(len(trace), bool)
+    at: float = BEGIN
+    encoder: bool = False
 
 
+ENDED = {
+    "nobody": "goes on",
+    "host's levelling": "level",
+    "`stop`": "told to be level",
+    "board's watchdog": "level by itself",
+}
+"""What the plate is brought to, by who does it; the servos of this board keep their torque."""
 NOBODY, HOST, STOP, WATCHDOG = "nobody", "host's levelling", "`stop`", "board's watchdog"
 
 
@@ -224,6 +251,11 @@ def outside(trace: Array) -> Any:
     return (np.abs(trace[:, 3:5]) > EDGE).any(axis=1)
 
 
+def astray(trace: Array) -> Any:
+    """Where the plate is not where it was told to be."""
+    return trace[:, 6] > math.radians(CONFIG.astray_deg)
+
+
 def steep(trace: Array) -> Any:
     """From where on the plate is so steep for long enough that no ball rests on it."""
     level = np.abs(trace[:, 1:3]).max(axis=1) <= math.radians(CONFIG.steep_deg)
@@ -259,13 +291,20 @@ ROWS = (
         begins=outside,
     ),
     Row("Nothing of the host arrives any more", sets(late=math.inf), by=WATCHDOG),
+    Row(
+        *(
+            "Nothing of the host arrives any more, and the plate has an encoder",
+            sets(late=math.inf),
+        ),
+        # what the plate is compared with follows the command with the lag of the servos
+        *(own.ASTRAY, SEEN + CONFIG.plate_lag),
+        by=WATCHDOG,
+        begins=astray,
+        encoder=True,
+    ),
+    Row("The plate has no encoder", sets(), own.LACKING, at=0.0),
 )
-"""Every row; ``own.ASTRAY`` needs an encoder, which this rig does not have."""
-
-HEADING = (
-    *("fault", "reported", "detected [ms]", "level [ms]", "tilt [deg]", "ball x, y [mm]"),
-    *("levelled by", "run", "verdict"),
-)
+"""Every row."""
 
 
 def way_to_level(by: str) -> float:
@@ -282,10 +321,22 @@ def way_to_level(by: str) -> float:
     return servos + {HOST: host, STOP: 2 * PERIOD, WATCHDOG: BOARD.WATCHDOG + PERIOD}.get(by, 0.0)
 
 
-def carried_out(row: Row) -> tuple[str, ...]:
-    """The cells of a row, as measured and judged."""
-    hardware = Stepped()
+def switched_on(row: Row, board: Any = None) -> tuple[Stepped, Rig]:
+    """Hardware and rig of a row, on a board that has been there before if one is given."""
+    hardware = Stepped(encoder=row.encoder)
     servos = OwnServos(hardware, CONFIG, LIMITS, PERIOD)
+    start = hardware.start
+
+    def opened() -> None:
+        start()
+        if board is not None:
+            hardware.line.board = board
+            board.heard, board.due = -math.inf, 0.0
+            board.frames.clear()
+            board.ball, board.speed = [0.0, 0.0], [0.0, 0.0]
+        hardware.line.told = lambda: servos.motor()[0]
+
+    hardware.start = opened
     rig = Rig(
         servos=servos,
         screen=OwnScreen(servos),
@@ -295,23 +346,44 @@ def carried_out(row: Row) -> tuple[str, ...]:
         patience=1.0,
         scheduling=lambda: nullcontext(Scheduling(False, False, ("virtual time",))),
     )
+    return hardware, rig
+
+
+def run(rig: Rig, duration: float, *observers: Any) -> tuple[Outcome, Recorder]:
+    """Track the circle."""
+    record = Recorder(round(duration / PERIOD), 1, PERIOD)
+    record.observers.extend(observers)
+    (outcome,) = drive(rig, build_controller(SCENARIO), duration, record)
+    return outcome, record
+
+
+def recovers(row: Row, board: Any) -> bool:
+    """Whether the program runs again on the board when the cause is gone."""
+    _, rig = switched_on(row, board)
+    outcome, _ = run(rig, AGAIN)
+    serious = [note for _, note in rig.journal if note.condition.severity is not Severity.WARNING]
+    return outcome.ending is Ending.FINISHED and not serious
+
+
+def carried_out(row: Row) -> FaultRow:
+    """A row as measured and judged."""
+    hardware, rig = switched_on(row)
     begun: list[tuple[float, float]] = []
 
     def watch(time: float, _: object) -> None:
-        if time >= BEGIN and not begun:
+        if time >= row.at and not begun:
             begun.append((time, hardware.line.now))
             row.act(hardware.line)
 
-    record = Recorder(round(SCENARIO.duration / PERIOD), 1, PERIOD)
-    record.observers.append(watch)
-    (outcome,) = drive(rig, build_controller(SCENARIO), SCENARIO.duration, record)
+    outcome, record = run(rig, SCENARIO.duration, watch)
     hardware.wait(LEFT)
     (begin, now), after = begun[0], np.array(hardware.line.trace)
     after = after[after[:, 0] >= now]
     notes = [(at, note.condition) for at, note in rig.journal if at >= begin]
     found = [at for at, condition in notes if condition is row.expected]
-    serious = any(condition.severity is not Severity.WARNING for _, condition in notes)
-    seen = after[np.flatnonzero(row.begins(after))[0], 0] - now
+    serious = [each.name for _, each in notes if each.severity is not Severity.WARNING]
+    shows = np.flatnonzero(row.begins(after))
+    seen = after[shows[0], 0] - now if len(shows) else math.inf
     rate = np.gradient(after[:, 1:3], after[:, 0], axis=0)
     tilt = np.abs(after[:, 1:3]).max(axis=1)
     last = after[np.flatnonzero((tilt > LEVEL) | (np.abs(rate).max(axis=1) > STILL))[-1]]
@@ -321,28 +393,44 @@ def carried_out(row: Row) -> tuple[str, ...]:
         by = WATCHDOG
     elif outcome.ending is Ending.FINISHED:
         by = NOBODY
+    expected = row.expected
     levels = {Severity.LEVEL: HOST, Severity.STOP: STOP}
-    wanted = row.by or (levels.get(row.expected.severity, NOBODY) if row.expected else NOBODY)
-    allowed = row.expected.within + PERIOD + row.more if row.expected else 0.0
-    limit = allowed + way_to_level(wanted) if wanted != NOBODY else math.inf
-    ball = np.abs(after[after[:, 0] <= now + seen + min(limit, AFTER), 3:5]).max(axis=0)
-    told = found[0] - begin - seen if found else math.nan
-    failures = {
-        "reported": bool(found) if row.expected else not serious or row.by == WATCHDOG,
-        "detected": not row.expected or told <= allowed,
-        "level": level - seen <= limit,
-        "levelled by": by == wanted,
-        "ball": bool((ball < EDGE).all()) or row.begins is outside,
-    }
-    bad = [name for name, right in failures.items() if not right]
-    return (
-        row.name,
-        row.expected.name if row.expected else "none",
-        f"{1e3 * told:.0f} of {1e3 * allowed:.0f}" if row.expected else "-",
-        f"{1e3 * (level - seen):.0f} of {1e3 * limit:.0f}" if wanted != NOBODY else "-",
-        f"{math.degrees(tilt.max()):.2f}",
-        ", ".join(f"{1e3 * each:.0f}" for each in ball),
-        by,
-        str(outcome.ending),
-        f"**BAD**: {', '.join(bad)}" if bad else "good",
+    wanted = row.by or (levels.get(expected.severity, NOBODY) if expected else NOBODY)
+    allowed = expected.within + PERIOD + row.more if expected else 0.0
+    limit = allowed + way_to_level(wanted) if wanted != NOBODY else None
+    until = math.inf if limit is None else limit
+    ball = np.abs(after[after[:, 0] <= now + seen + min(until, AFTER), 3:5]).max(axis=0)
+    ends = expected is not None and expected.severity is not Severity.WARNING
+    reason = serious[0] if serious else ""
+    # what the host makes of a board that it cannot reach is not what brings the plate level
+    due = expected.name if ends and expected else "" if row.by != WATCHDOG else reason
+    gaps = np.diff(record.time)
+    return FaultRow(
+        name=row.name,
+        condition=expected.name if expected else "",
+        severity=str(expected.severity) if expected else "",
+        allowed=allowed,
+        detected=max(0.0, found[0] - begin - seen) if found else None,
+        ending=str(outcome.ending),
+        line=outcome.reason,
+        says=True,
+        whole=bool((gaps > 0).all()) and record.end >= outcome.time - PERIOD,
+        recovered=recovers(row, hardware.line.board),
+        reason=reason,
+        reason_expected=due,
+        stopped_by=(by, by),
+        stopped_by_expected=(wanted, wanted),
+        state=(ENDED[by],) * 2,
+        state_expected=(ENDED[wanted],) * 2,
+        standstill=None if limit is None else level - seen,
+        standstill_limit=limit,
+        torque_off=None,
+        torque_off_limit=None,
+        torque=False,
+        tilt=float(tilt.max()),
+        tilt_limit=float(np.max(LIMITS.angle)) + Supervisor.ANGLE_SLACK,
+        ball=(float(ball[0]), float(ball[1])),
+        ball_limit=(math.inf, math.inf) if row.begins is outside else tuple(EDGE.tolist()),
+        ball_later=tuple(np.abs(after[:, 3:5]).max(axis=0).tolist()),
+        held=True,
     )

@@ -35,12 +35,12 @@ GROUPS: dict[str, Iterable[Condition]] = {
 }
 
 
-def document(rows: Sequence[FaultRow], own: Sequence[Sequence[str]] = ()) -> str:
+def document(rows: Sequence[FaultRow], own: Sequence[FaultRow] = ()) -> str:
     """Both pages, as Markdown: ``safety.template.md`` with what the code says.
 
     Args:
         rows: The fault matrix.
-        own: Its cells of hardware of one's own.
+        own: Its rows of hardware of one's own.
     """
     return filled(
         "safety",
@@ -54,8 +54,9 @@ def document(rows: Sequence[FaultRow], own: Sequence[Sequence[str]] = ()) -> str
         number=len(rows),
         heading=HEADING,
         matrix=map(_cells, rows),
-        own=own,
-        own_heading=own_faults.HEADING,
+        own=map(_cells, own),
+        own_good=sum(row.good for row in own),
+        own_number=len(own),
     )
 
 

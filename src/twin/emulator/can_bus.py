@@ -121,6 +121,14 @@ class BusFaults:
         end = at + len(data)
         self._add(cob_id, change=lambda old: old[:at] + data + old[end:], **when)
 
+    def flip(self, cob_id: Ids, *, at: int, bits: int, **when: Any) -> None:
+        """Turn bits of the byte ``at`` of frames over; a frame without that byte is left alone."""
+
+        def flipped(data: bytes) -> bytes:
+            return bytes(byte ^ (bits if place == at else 0) for place, byte in enumerate(data))
+
+        self._add(cob_id, change=flipped, **when)
+
     def silence(self, node: int, **when: Any) -> None:
         """Lose everything a node says."""
         services = (0x080, 0x180, 0x280, 0x380, 0x480, 0x580, 0x700)
@@ -190,9 +198,9 @@ class EmulatedBus:
         return True
 
     def from_other(self, frame: Frame) -> None:
-        """Take a frame of a third participant, as of another master: drives and host hear it."""
-        self._carry(frame, Towards.DRIVES)
+        """Take a frame of a third participant, as of another master: host and drives hear it."""
         self._carry(frame, Towards.HOST)
+        self._carry(frame, Towards.DRIVES)
 
     def to_host(self) -> list[Frame]:
         """Frames that have reached the host's adapter since the last call."""
@@ -299,7 +307,10 @@ class DirectBus(can.BusABC):
         for (identifier, data), now, then in zip(_REPORTS, self._told, before, strict=True):
             if now and not then:
                 self._inbox.append(message(identifier, data, error=True))
-        self._inbox.extend(message(each.cob_id, each.data) for each in self._bus.to_host())
+        self._inbox.extend(
+            message(each.cob_id, each.data, remote=each.remote, extended=each.extended)
+            for each in self._bus.to_host()
+        )
         return bool(self._inbox)
 
     def _check(self) -> None:
@@ -307,10 +318,21 @@ class DirectBus(can.BusABC):
             raise CanOperationError("the adapter is gone")
 
 
-def message(identifier: int, data: bytes, *, error: bool = False) -> can.Message:
+def message(
+    identifier: int,
+    data: bytes,
+    *,
+    error: bool = False,
+    remote: bool = False,
+    extended: bool = False,
+) -> can.Message:
     """A frame as python-can has it."""
     return can.Message(
-        arbitration_id=identifier, data=data, is_extended_id=error, is_error_frame=error
+        arbitration_id=identifier,
+        data=None if remote else data,
+        is_extended_id=error or extended,
+        is_error_frame=error,
+        is_remote_frame=remote,
     )
 
 
@@ -413,7 +435,7 @@ class SlcanAdapter:
     """The adapter's firmware: bytes in, bytes out.
 
     It answers each command with CR (transmissions with z CR) or, refused, with BELL. Not
-    emulated: extended frames, filters and timestamps.
+    emulated: sending extended frames, filters and timestamps.
 
     Args:
         bus: What it is on.
@@ -442,8 +464,7 @@ class SlcanAdapter:
         frames = self._bus.to_host()
         if not self.open or self.bitrate != self._bus.bitrate:
             return b""
-        each = ((one.cob_id, len(one.data), one.data.hex().upper().encode()) for one in frames)
-        return b"".join(b"t%03X%d%s\r" % one for one in each)
+        return b"".join(map(_written, frames))
 
     def _command(self, line: bytes) -> bytes:
         commands: dict[bytes, Callable[[bytes], bytes]] = {
@@ -540,6 +561,18 @@ class SlcanPort(PseudoTerminal):
                 passing(number / len(waited))
             self.write(self.adapter.feed(newest))
             self.write(self.adapter.heard())
+
+
+def _written(frame: Frame) -> bytes:
+    """The line of a frame: t, r for a remote request, in capitals with eight digits of identifier.
+
+    A remote request asks for as many bytes as it says and has none.
+    """
+    kind = b"r" if frame.remote else b"t"
+    digits = b"%08X" if frame.extended else b"%03X"
+    data = b"" if frame.remote else frame.data.hex().upper().encode()
+    head = (kind.upper() if frame.extended else kind) + digits % frame.cob_id
+    return b"%s%d%s\r" % (head, len(frame.data), data)
 
 
 def _read(line: bytes) -> Frame | None:

@@ -275,6 +275,7 @@ class EmulatedDrive:
         self.node = node
         self.parameter_count = parameter_count
         self._start_counts = start_counts
+        self._off = 0.0
         self.power_on()
         self._let_alone()
 
@@ -335,6 +336,11 @@ class EmulatedDrive:
         self.power_on()
         self.motor.rate = rate
 
+    def lose_power(self, seconds: float) -> None:
+        """Lose the power of the electronics (24 V) for a time in s; then as after power-up."""
+        self._off = seconds
+        self.power.state = Power.SWITCH_ON_DISABLED
+
     def open_sto(self) -> None:
         """Open the safe torque off input, as an emergency stop button does."""
         self.power.sto_closed = False
@@ -377,7 +383,7 @@ class EmulatedDrive:
     def receive(self, frame: Frame) -> list[Frame]:
         """Take in any frame on the bus; what it answers at once."""
         node, service, data = self.node, frame.cob_id, frame.data
-        if frame.remote:
+        if frame.remote or frame.extended or self._off > 0:
             return []
         if service == 0x000 and len(data) == 2 and data[1] in {0, node}:
             self._command(data[0])
@@ -396,6 +402,12 @@ class EmulatedDrive:
 
     def step(self, dt: float) -> list[Frame]:
         """Let dt seconds pass; what it sends meanwhile."""
+        if self._off > 0:
+            self._off -= dt
+            self.motor.coast(dt)
+            if self._off <= 0:
+                self.reboot()
+            return []
         self._failed(self.power.inputs())
         if self.heartbeats.missed(dt):
             self._failed(self.power.fail(MASTER_SILENT, braked=True))

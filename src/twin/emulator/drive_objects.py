@@ -33,17 +33,19 @@ _FIRST_TRANSMIT = 0x1800
 
 
 class Frame(NamedTuple):
-    """A classic CAN frame with an 11-bit identifier and up to eight bytes.
+    """A classic CAN frame of up to eight bytes.
 
     Attributes:
         cob_id: Identifier.
         data: Its bytes.
         remote: Whether it is a remote request.
+        extended: Whether the identifier has 29 bits; CANopen's have 11.
     """
 
     cob_id: int
     data: bytes = b""
     remote: bool = False
+    extended: bool = False
 
 
 class AbortError(Exception):

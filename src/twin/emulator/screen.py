@@ -23,6 +23,7 @@ class Protocol(StrEnum):
     ELO = "elo"
     HID_0006 = "hid-0006"
     HID_0007 = "hid-0007"
+    HID_TIMED = "hid-timed"
 
 
 class Spot(NamedTuple):
@@ -75,11 +76,25 @@ def hid_0007(spots: Sequence[Spot]) -> list[bytes]:
     return [_status(s) + b"\0" + _pair(s) + bytes([s.id, 0]) for s in spots]
 
 
+def hid_timed(spots: Sequence[Spot], scan: int = 0) -> list[bytes]:
+    """Reports of two contacts each, with the scan time in 100 us."""
+    reports = []
+    for begin in range(0, len(spots), 2):
+        blocks = b"".join(
+            bytes([spot.down, spot.id]) + _pair(spot) for spot in spots[begin : begin + 2]
+        )
+        number = len(spots) if begin == 0 else 0
+        time = (scan % (1 << 16)).to_bytes(2, "little")
+        reports.append(blocks.ljust(12, b"\0") + bytes([number]) + time)
+    return reports
+
+
 ENCODERS: dict[Protocol, Callable[[Sequence[Spot]], list[bytes]]] = {
     Protocol.MICROTOUCH: microtouch,
     Protocol.ELO: elo,
     Protocol.HID_0006: hid_0006,
     Protocol.HID_0007: hid_0007,
+    Protocol.HID_TIMED: hid_timed,
 }
 """The packets of a frame, by protocol."""
 
@@ -126,7 +141,10 @@ class ScreenFault(StrEnum):
     Contacts: PEN_UP lifts the ball off; MISSING_PEN_UP takes it away without saying so; DROPOUT
     does the same for a moment; TWO_CONTACTS adds a finger, which a protocol of one contact reports
     in turn with the ball (assumed); SWAP_AXES exchanges x and y; FREEZE repeats the last place;
-    JUMP puts the ball elsewhere in one frame only.
+    JUMP puts the ball elsewhere in one frame only; DRIFT lets places walk away along x.
+
+    Times: LATER lets every frame arrive later than the one before; REPEAT sends the last frame
+    again and again, its scan time included; TIME_STILL lets the scan time alone stand still.
     """
 
     TRUNCATE = "truncate"
@@ -144,6 +162,10 @@ class ScreenFault(StrEnum):
     SWAP_AXES = "swap axes"
     FREEZE = "freeze"
     JUMP = "jump"
+    DRIFT = "drift"
+    LATER = "later"
+    REPEAT = "repeat"
+    TIME_STILL = "time still"
 
 
 class Damage:
@@ -156,11 +178,17 @@ class Damage:
 
     FINGER = Spot(0.9, 0.9, 2)
     """Where the second contact is."""
+    DRIFT = 0.3
+    """Share of the screen's first axis per second by which places walk away: 0.21 m/s."""
+    LATER = 0.2
+    """Seconds per second by which the dead time grows."""
 
     def __init__(self, protocol: Protocol, seed: int) -> None:
         self._protocol = protocol
         self._random = random.Random(seed)
         self._until: dict[ScreenFault, float] = {}
+        self._begun: dict[ScreenFault, float] = {}
+        """When each of those that are or were in force was first asked for, s."""
         self._last: tuple[Spot, ...] = ()
         self._kept = b""
         self._turn = False
@@ -179,11 +207,18 @@ class Damage:
     def clear(self) -> None:
         """End all of it."""
         self._until.clear()
+        self._begun.clear()
         self._last, self._kept = (), b""
 
     def active(self, time: float, *faults: ScreenFault) -> bool:
         """Whether a fault, or one of several, is in force at a time in s."""
         return any(time < self._until.get(fault, -1.0) for fault in faults)
+
+    def lasting(self, time: float, fault: ScreenFault) -> float:
+        """Since how many s a fault has been in force at a time in s; 0 where it is not."""
+        if not self.active(time, fault):
+            return 0.0
+        return time - self._begun.setdefault(fault, time)
 
     def noise(self, count: int) -> bytes:
         """Random bytes."""
@@ -198,6 +233,8 @@ class Damage:
         if self._until.pop(ScreenFault.JUMP, -1.0) > time and seen:
             ball = seen[0]
             seen = (ball._replace(x=(ball.x + 0.45) % 1, y=(ball.y + 0.45) % 1), *seen[1:])
+        way = self.DRIFT * self.lasting(time, ScreenFault.DRIFT)
+        seen = tuple(spot._replace(x=spot.x + way) for spot in seen)
         if self.active(time, ScreenFault.SWAP_AXES):
             seen = tuple(spot._replace(x=spot.y, y=spot.x) for spot in seen)
         if self.active(time, ScreenFault.PEN_UP) or self.hides_lift(time):
@@ -237,6 +274,8 @@ FRAME = 0.01736
 """Seconds between frames, as recorded from a screen of product 202E:0006."""
 DEAD_TIME = 0.042
 """Seconds from a touch to its arrival, as the thesis measured."""
+SCAN_TICK = 1e-4
+"""Seconds of one count of a scan time."""
 SPLIT_GAP = 0.003
 """Seconds between the parts of a packet that is split on purpose."""
 
@@ -296,6 +335,14 @@ class ScreenLine:
         self._queue: deque[tuple[float, bytes]] = deque()
         self._free = 0.0
         self._down: tuple[Spot, ...] = ()
+        self._sent: list[bytes] = []
+        self._scan = 0
+
+    def clear(self) -> None:
+        """End all damage, and drop what is on its way."""
+        self.damage.clear()
+        self._queue.clear()
+        self._free = 0.0
 
     def step(self, now: float) -> list[bytes]:
         """Look if a frame is due; the portions of bytes that are due by now, in order."""
@@ -320,16 +367,29 @@ class ScreenLine:
             for name, (x, y) in enumerate(shares, start=1)
             if 0 <= x <= 1 and 0 <= y <= 1
         ]
-        arrival = now + max(0.0, self._random.gauss(self.dead_time, self.spread))
+        later = self.damage.LATER * self.damage.lasting(now, ScreenFault.LATER)
+        arrival = now + max(0.0, self._random.gauss(self.dead_time, self.spread)) + later
         spots = self.damage.contacts(now, seen)
         lifted = () if self.damage.hides_lift(now) else self._lifted(spots)
         self._down = spots
-        for packet in ENCODERS[self.protocol]((*spots, *lifted)):
+        for packet in self._packets(now, (*spots, *lifted)):
             for number, part in enumerate(self.damage.packet(now, packet)):
                 self._schedule(arrival + number * SPLIT_GAP, part)
         if self.damage.active(now, ScreenFault.FLOOD):
             rate = self.baud / 10 if self._byte else 100_000
             self._schedule(arrival, self.damage.noise(int(self.frame * rate)))
+
+    def _packets(self, now: float, spots: Sequence[Spot]) -> list[bytes]:
+        """The packets of a frame; a scan time is that of when the contacts were looked at."""
+        if self.damage.active(now, ScreenFault.REPEAT):
+            return self._sent
+        if self.protocol is Protocol.HID_TIMED:
+            if not self.damage.active(now, ScreenFault.TIME_STILL):
+                self._scan = int(now / SCAN_TICK)
+            self._sent = hid_timed(spots, self._scan)
+        else:
+            self._sent = ENCODERS[self.protocol](spots)
+        return self._sent
 
     def _lifted(self, spots: Sequence[Spot]) -> tuple[Spot, ...]:
         """One last report of every contact that touched in the last frame and no longer does."""

@@ -454,16 +454,41 @@ def no_zero_rate(rig: LockstepRig) -> None:
         )
 
 
-def together(rig: LockstepRig, *names: str) -> None:
+Named = str | list[Any]
+"""A cause or function by its name, or a list of that and its arguments."""
+
+
+def together(rig: LockstepRig, *named: Named) -> None:
     """Several causes or functions, one after the other."""
-    for name in names:
-        _done([name])(rig)
+    for each in named:
+        _done([each] if isinstance(each, str) else each)(rig)
 
 
-def zero_rate_in_turn(rig: LockstepRig) -> None:
-    """The plate turns; then the motor encoder jumps, and no quick stop reaches the drives."""
+def then(rig: LockstepRig, seconds: float, first: Named, second: Named) -> None:
+    """A cause or function, and another one some seconds later."""
+    due = rig.now() + seconds
+    together(rig, first)
+    _once(rig, lambda rig: rig.now() >= due, lambda rig: together(rig, second))
+
+
+def in_turn(rig: LockstepRig, *named: Named) -> None:
+    """The plate is made to turn about both axes; then causes or functions."""
     ask(rig, 2 * _QUICK, 2 * _QUICK)
-    _once(rig, turns, lambda rig: together(rig, "no_quick_stop", "motor_jump"))
+    _once(rig, turns, lambda rig: together(rig, *named))
+
+
+def also(rig: LockstepRig, cob_id: int, data: str, every: float, kind: str = "") -> None:
+    """Somebody else sends a frame every so often, s; kind: remote or extended, if it is that."""
+    rig.lockstep.bus.beside.append((_frame(cob_id, data, kind), every))
+
+
+def say(rig: LockstepRig, cob_id: int, data: str) -> None:
+    """Somebody else sends a frame once."""
+    rig.lockstep.bus.from_other(_frame(cob_id, data))
+
+
+def _frame(cob_id: int, data: str, kind: str = "") -> Frame:
+    return Frame(cob_id, bytes.fromhex(data), kind == "remote", kind == "extended")
 
 
 def rewire_in_turn(rig: LockstepRig, wiring: dict[str, list[float]]) -> None:
@@ -545,6 +570,17 @@ def outside(rig: LockstepRig, axis: int) -> bool:
 def steep(rig: LockstepRig, axis: int) -> bool:
     """Whether the plate is tilted too far about an axis."""
     return bool(abs(rig.plant.devices.state[0, 2 + 4 * axis]) > BEYOND)
+
+
+def off(rig: LockstepRig) -> bool:
+    """Whether the ball is off the screen."""
+    return bool((np.abs(_ball(rig)) > np.array(SCREEN) / 2).any())
+
+
+def late(rig: LockstepRig) -> bool:
+    """Whether positions come later than the screen's driver allows."""
+    since = rig.line.damage.lasting(rig.now(), ScreenFault.LATER)
+    return rig.line.damage.LATER * since > rig.screen.config.gate.late  # type: ignore[union-attr]
 
 
 def turns(rig: LockstepRig) -> bool:

@@ -22,7 +22,7 @@ from twin.base.jobs import results
 from twin.devices.akd.conditions import STOP_IGNORED, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.conditions import UNPLUGGED
-from twin.devices.lumio.config import LumioConfig, ScreenError
+from twin.devices.lumio.config import PANELS, LumioConfig, ScreenError
 from twin.devices.rig import StartRefusedError
 from twin.emulator.drive import (
     MASTER_SILENT,
@@ -385,7 +385,12 @@ class Trial:
     def __init__(self, case: FaultCase) -> None:
         self.case = case
         self.scenario = tracking(BEGIN + AFTER, resting=case.resting)
-        screen = LumioConfig(port="emulated", protocol=str(case.protocol), gate=case.gate)
+        screen = LumioConfig(
+            port="emulated",
+            transport="hidraw" if case.protocol in PANELS else "serial",
+            protocol=str(case.protocol),
+            gate=case.gate,
+        )
         self.rig = LockstepRig(
             self.scenario,
             config=case.host,
@@ -530,7 +535,7 @@ class Trial:
         rig.lockstep.bus.drives[:] = self.drives
         rig.lockstep.bus.faults.clear()
         rig.lockstep.adapter.plugged = rig.port.plugged = rig.plant.present = True
-        rig.line.damage.clear()
+        rig.line.clear()
         rig.stall = rig.uneven = 0.0
         rig.asked = None
         rig.line.protocol = self.case.protocol

@@ -7,10 +7,12 @@ A terminal hands over what is written in pieces, some later than the next read w
 busy: all that a program has written is known only once something written after it has come.
 """
 
+import errno
 import os
 import select
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -19,7 +21,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.devices.akd.bus import CanTransport, PromptSlcanBus, open_bus
-from twin.devices.akd.conditions import GARBLED, DriveError
+from twin.devices.akd.conditions import (
+    ADAPTER_GONE,
+    BUS_OFF,
+    ERROR_PASSIVE,
+    FOREIGN_FRAME,
+    GARBLED,
+    DriveError,
+)
 from twin.devices.akd.config import BusConfig
 from twin.devices.common import FaultReports
 
@@ -209,13 +218,40 @@ def test_our_host_takes_any_bytes_of_an_adapter(chunks):
     with terminal() as line, slcan(PromptSlcanBus, line) as bus:
         for message in (each for chunk in chunks for each in play(line, bus, chunk)):
             assert len(message.data) <= 8
-            assert message.is_error_frame or 0 <= message.arbitration_id <= 0x7FF
+            last = 0x1FFFFFFF if message.is_extended_id else 0x7FF
+            assert message.is_error_frame or 0 <= message.arbitration_id <= last
 
 
-EXTENDED_OR_REMOTE = b"T0000010021133 r1002 r1000 R000001002"
-"""Lines of the manual."""
+@pytest.mark.parametrize(
+    ("line", "identifier", "extended", "remote", "words"),
+    [
+        (b"T0000010021133", 0x100, True, False, "100h of 29 bits"),
+        (b"r1002", 0x100, False, True, "remote request for 100h"),
+        (b"r1000", 0x100, False, True, "remote request for 100h"),
+        (b"R000001002", 0x100, True, True, "100h of 29 bits"),
+        (b"r18121234", 0x181, False, True, "remote request for 181h"),  # with a time stamp
+        (b"T0000018121133ABCD", 0x181, True, False, "181h of 29 bits"),
+        (b"T1FFFFFFF0", 0x1FFFFFFF, True, False, "1FFFFFFFh of 29 bits"),
+    ],
+)
+def test_frames_of_29_bits_and_remote_requests_are_known_as_that_and_not_read(
+    serial_line, line, identifier, extended, remote, words
+):
+    with slcan(PromptSlcanBus, serial_line) as bus:
+        heard, plain = play(serial_line, bus, line + b"\rt18222B3C\r")
+        flags = (heard.arbitration_id, heard.is_extended_id, heard.is_remote_frame)
+        assert flags == (identifier, extended, remote)
+        assert frames([plain]) == [(0x182, b"\x2b\x3c")]
+        assert bus.unreadable_lines == 0
+        said = iter([heard, plain, None])
+        transport, reports = transport_on(SimpleNamespace(recv=lambda _: next(said)))
+        assert list(transport.receive()) == [(0x182, b"\x2b\x3c")]
+        assert [(f.condition, f.detail) for f in reports.take()] == [(FOREIGN_FRAME, words)]
+
+
 NO_FRAMES = b"t1811G0 t18 t18132B x t1812ABCDEF F1 t-120 t+120 t1_20 tFFF0 t8000 t123+"
-LINES = [*EXTENDED_OR_REMOTE.split(), *NO_FRAMES.split(), b"t 120", b"t12 0", b"t1819" + b"00" * 9]
+OTHERS = b"T1812 T200000000 T00000181 r8000 r18 r1811223344 R00000181 R0000018113 T0000010031133"
+LINES = [*NO_FRAMES.split(), *OTHERS.split(), b"t 120", b"t12 0", b"t1819" + b"00" * 9]
 
 
 @pytest.mark.parametrize("line", LINES)
@@ -224,3 +260,88 @@ def test_a_line_that_is_no_data_frame_is_counted_not_believed(serial_line, line)
         heard = play(serial_line, bus, line + b"\rt18222B3C\r")
         assert frames(heard) == [(0x182, b"\x2b\x3c")]
         assert bus.unreadable_lines == 1
+
+
+def test_a_flood_is_read_in_portions_of_400_frames():
+    flood = [can.Message(arbitration_id=0x181, is_extended_id=False) for _ in range(1000)]
+    transport, _ = transport_on(SimpleNamespace(recv=lambda _: flood.pop() if flood else None))
+    assert [len(list(transport.receive())) for _ in range(4)] == [400, 400, 200, 0]
+
+
+def test_lines_that_cannot_be_read_are_counted_once():
+    bus, reports, now = SimpleNamespace(recv=lambda _: None), FaultReports(1.0), [0.0]
+    transport = CanTransport(bus, "CAN test", reports, lambda: now[0])
+    told = []
+    for now[0], bus.unreadable_lines in ((0.0, 3), (5.0, 3), (10.0, 4), (15.0, 4)):
+        list(transport.receive())
+        told.append([each.detail for each in reports.take()])
+    assert told == [["3 lines cannot be read"], [], ["1 lines cannot be read"], []]
+
+
+class Failing:
+    """A bus whose transmissions fail with the errors given, in their order; None: one passes."""
+
+    def __init__(self, *errors):
+        self.errors, self.tried = list(errors), 0
+
+    def send(self, message, timeout):
+        self.tried += 1
+        if (error := self.errors.pop(0)) is not None:
+            raise error
+
+
+FULL = can.CanOperationError("no buffer", errno.ENOBUFS)
+
+
+@pytest.mark.parametrize(
+    ("errors", "off"),
+    [([FULL] * 4, False), ([FULL] * 5, True), ([*[FULL] * 4, None, FULL], False)],
+)
+def test_a_bus_counts_as_off_after_five_frames_in_a_row_that_find_no_room(errors, off):
+    bus = Failing(*errors)
+    transport, reports = transport_on(bus)
+    for _ in errors:
+        transport.send(0x080, b"")
+    assert [each.condition for each in reports.take()] == [BUS_OFF] * off
+    assert transport.up
+    assert bus.tried == len(errors)
+
+
+@pytest.mark.parametrize(
+    "error", [can.CanOperationError("gone"), OSError(errno.ENODEV, "gone")], ids=repr
+)
+def test_an_adapter_that_goes_is_reported_and_sent_nothing_more(error):
+    bus = Failing(error)
+    transport, reports = transport_on(bus)
+    for _ in range(3):
+        transport.send(0x080, b"")
+    assert [each.condition for each in reports.take()] == [ADAPTER_GONE]
+    assert (transport.up, bus.tried) == (False, 1)
+
+
+@pytest.mark.parametrize(
+    ("identifier", "data", "condition"),
+    [
+        (0x004, b"\0\x10", ERROR_PASSIVE),  # receiving; SocketCAN's error frames
+        (0x004, b"\0\x20", ERROR_PASSIVE),  # transmitting
+        (0x004, b"\0\x0c", None),  # warning levels only
+        (0x004, b"", None),
+        (0x040, b"", BUS_OFF),
+        (0x080, b"", None),
+    ],
+)
+def test_error_frames_mean_what_they_mean_in_socketcan(identifier, data, condition):
+    error = can.Message(
+        arbitration_id=identifier, is_error_frame=True, is_extended_id=True, data=data
+    )
+    said = [error]
+    transport, reports = transport_on(SimpleNamespace(recv=lambda _: said.pop() if said else None))
+    assert list(transport.receive()) == []
+    assert [each.condition for each in reports.take()] == ([condition] if condition else [])
+
+
+def test_a_frame_of_can_fd_is_foreign():
+    said = [can.Message(arbitration_id=0x181, is_extended_id=False, is_fd=True, data=bytes(7))]
+    transport, reports = transport_on(SimpleNamespace(recv=lambda _: said.pop() if said else None))
+    assert list(transport.receive()) == []
+    assert [each.detail for each in reports.take()] == ["181h of CAN FD"]

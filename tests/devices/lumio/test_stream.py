@@ -351,3 +351,97 @@ def test_whatever_bytes_come_no_position_is_off_the_screen(protocol, data):
             assert abs(x) <= SCREEN[0] / 2 + 1e-12
             assert abs(y) <= SCREEN[1] / 2 + 1e-12
     stream.faults()
+
+
+def test_two_contacts_are_told_with_the_second_report_of_them_and_again_when_they_come_again():
+    screen = FedScreen()
+    screen.roll(10, (0.0, 0.0))
+    for _ in range(2):
+        begin, before = screen.time, screen.names.count("two contacts")
+        for number in range(2):
+            screen.send(screen.packet((0.0, 0.0), (0.3, 0.1)))
+            assert screen.names.count("two contacts") == before + number
+            screen.time += FRAME
+        assert screen.seen[-1][0] == pytest.approx(begin + FRAME)
+        # the finger goes without a lift-off: after the stale time it no longer counts
+        screen.roll(8, (0.0, 0.0))
+    assert set(screen.names) == {"two contacts"}
+
+
+@pytest.mark.parametrize(("beyond_mm", "refused"), [(-1.0, False), (1.0, True)])
+def test_a_ball_moves_by_its_slack_and_its_fastest_speed_and_not_a_millimetre_further(
+    beyond_mm, refused
+):
+    screen = FedScreen()
+    screen.roll(10, (-0.2, 0.0))
+    way = screen.limits.slack + screen.limits.speed * FRAME + 1e-3 * beyond_mm
+    screen.send(screen.packet((-0.2 + way, 0.0)))
+    assert ("position jumped" in screen.names) == refused
+
+
+def test_half_a_packet_is_given_up_after_the_decoder_s_patience_without_another_byte():
+    screen = FedScreen(Protocol.ELO)
+    screen.roll(10, (0.0, 0.0))
+    begin = screen.time
+    screen.send(screen.packet((0.0, 0.0))[:4])
+    screen.wait(0.08)
+    patience = screen.stream.decoder.patience
+    assert patience < screen.first("bytes not understood") - begin <= patience + 0.0021
+
+
+def test_a_ball_is_believed_with_its_third_report_in_a_row():
+    screen = FedScreen()
+    for _ in range(3):
+        assert screen.stream.tracker.sample is None
+        screen.roll(1, (0.1, 0.0))
+    assert screen.stream.tracker.sample.position == pytest.approx((0.1, 0.0), abs=2e-4)
+
+
+def test_a_ball_that_comes_back_under_another_number_is_the_ball():
+    screen = FedScreen()
+    screen.roll(10, (0.0, 0.0))
+    screen.wait(0.08)  # gone without a lift-off
+    x, y = CALIBRATION.screen(0.0, 0.0)
+    for _ in range(3):
+        screen.send(b"".join(ENCODERS[screen.protocol]([Spot(x, y, 7)])))
+        screen.time += FRAME
+    assert screen.names == ["touch stale", "brief dropout"]
+    assert screen.stream.tracker.sample.time == pytest.approx(screen.time - FRAME)
+
+
+def test_a_jump_to_a_place_that_is_a_little_nearer_with_its_axes_swapped_is_a_jump():
+    screen = FedScreen()
+    here, turned = (0.07, 0.0), (0.14, 0.0)
+    x, y = CALIBRATION.screen(*turned)
+    there = CALIBRATION.plate(y, x)
+    assert math.dist(here, there) / 2 < math.dist(here, turned) < math.dist(here, there)
+    screen.roll(10, here)
+    screen.roll(5, there)
+    assert "position jumped and stayed" in screen.names
+    assert "axes swapped" not in screen.names
+
+
+def test_the_lift_off_of_another_contact_is_not_that_of_the_ball():
+    screen = FedScreen()
+    screen.roll(10, (0.0, 0.0))
+    x, y = CALIBRATION.screen(0.0, 0.0)
+    finger = CALIBRATION.screen(0.3, 0.1)
+    for down in (True, True, False):
+        screen.send(b"".join(ENCODERS[screen.protocol]([Spot(x, y, 1), Spot(*finger, 2, down)])))
+        screen.time += FRAME
+    screen.send(b"".join(ENCODERS[screen.protocol]([Spot(*finger, 2, False)])))
+    assert screen.state == TouchState.TOUCHING
+    screen.roll(5, (0.0, 0.0))
+    assert screen.names == ["two contacts"]
+
+
+def test_axes_that_were_swapped_for_a_moment_leave_nothing_behind(screen):
+    screen.roll(10, (0.2, 0.0))
+    x, y = CALIBRATION.screen(0.2, 0.0)
+    screen.roll(4, CALIBRATION.plate(y, x))
+    screen.roll(10, (0.2, 0.0))
+    screen.wait(0.2)
+    screen.roll(10, (0.1, 0.0))
+    assert screen.state == TouchState.TOUCHING
+    screen.roll(4, CALIBRATION.plate(*CALIBRATION.screen(0.1, 0.0)[::-1]))
+    assert screen.names.count("axes swapped") == 2

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
+from twin.devices.akd.agreement import HeartbeatCount, MotionAgreement
 from twin.devices.akd.config import AkdConfig, AxisConfig, counts32
 from twin.devices.akd.protocol import AxisRequest, DriveState, StatusBit
 from twin.devices.common import FaultReports
@@ -38,6 +39,10 @@ ANSWER = 0.8
 """Share of a period that a drive may take to answer a SYNC."""
 _DOUBLED = 10
 """Cycles in a row with doubled PDOs that mean a second node with this id."""
+_AGREEMENT = 2
+"""Travels without a count by which velocity and position may differ: one each way."""
+_ANSWERED = 3
+"""Cycles with both PDOs after which a heartbeat of a node that can send none is another node's."""
 
 
 def difference(new: int, old: int) -> int:
@@ -184,8 +189,10 @@ class Axis:
         """Measured motor rate at the cam shaft, rad/s."""
         self.heartbeat = at
         """Time in s at which the last heartbeat arrived."""
-        self.booted = False
-        """Whether a boot-up message of the drive has arrived since the start."""
+        self._beats = HeartbeatCount(drives.heartbeat)
+        self._agreement = MotionAgreement(_AGREEMENT * limits.travel)
+        self._heard: tuple[int, int] | None = None
+        """NMT state of a heartbeat that is not operational, and the cycles since with both PDOs."""
         self.found_faults: tuple[int, ...] = ()
         """Numbers of the faults it was found with at the start, until they are reset."""
         self.emergency = ""
@@ -286,6 +293,7 @@ class Axis:
     def cycle(self, at: float, synced: float) -> None:
         """Judge the cycle whose SYNC was sent at a time in s and that ends now, before the next."""
         self._judge_pdos(at, early=at - synced < ANSWER * self._period)
+        self._judge_node(at)
         if at - self.heartbeat > self._silence:
             silent = at - self.heartbeat
             self._report(c.HEARTBEAT_LOST, f"none for {1e3 * silent:.0f} ms", at)
@@ -300,14 +308,28 @@ class Axis:
     def _heartbeat(self, state: int | None, at: float) -> None:
         if state is None:
             return
-        if state == 0:
-            self.booted = True
-            self._report(c.DRIVE_REBOOTED, "boot-up message in mid-run", at)
-        elif state != protocol.OPERATIONAL:
-            self._report(c.NMT_LEFT, f"is {protocol.nmt_words(state)}", at)
-        elif self.booted:
-            self._report(c.DUPLICATE_ID, "one node boots while another with its id runs", at)
+        if state != protocol.OPERATIONAL:
+            self._heard = self._heard or (state, 0)
+        if self._beats.too_many(at):
+            self._report(c.DUPLICATE_ID, "more heartbeats than one node sends", at)
         self.heartbeat = at
+
+    def _judge_node(self, at: float) -> None:
+        """Find out whose heartbeat said that it is not operational: such a node sends no PDO."""
+        if self._heard is None:
+            return
+        state, answered = self._heard
+        self._heard = state, answered + 1
+        if self.motor.pdo.missed or self.plate.pdo.missed:
+            self._heard = None
+            if state:
+                self._report(c.NMT_LEFT, f"is {protocol.nmt_words(state)}", at)
+            else:
+                self._report(c.DRIVE_REBOOTED, "boot-up message in mid-run", at)
+        elif answered + 1 == _ANSWERED:
+            self._heard = None
+            words = protocol.nmt_words(state) if state else "booting"
+            self._report(c.DUPLICATE_ID, f"one node is {words} while another with its id runs", at)
 
     def _emergency(self, message: protocol.Emergency, at: float) -> None:
         self.emergency = message.words
@@ -381,7 +403,13 @@ class Axis:
                 counter.jump = 0
         if not self.enabled:
             self.motor.travel = self.plate.travel = self._lagging = 0.0
+            self._agreement.restart()
             return
+        if not (self.motor.pdo.missed or self.plate.pdo.missed):
+            off = self._agreement.take(self.plate.sampled, self.motor.angle, self.rate)
+            if off > 0:
+                detail = f"off by {off:.3f} rad more than allowed, at {self.rate:.2f} rad/s"
+                self._report(c.CONTRADICTION, detail, at)
         for counter, rate, most, condition, whose in (
             (self.motor, self.sent, limits.travel, c.FROZEN, "commanded"),
             (self.plate, self.rate, limits.plate_travel, c.PLATE_FROZEN, "of the motor"),

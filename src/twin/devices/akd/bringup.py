@@ -81,6 +81,12 @@ class Network:
         self.pump(self.answer, lambda: answered() is not None)
         return answered()
 
+    def answered_otherwise(self, node: int, index: int, sub: int) -> str:
+        """What a node has answered instead to the newest request, in words; empty if nothing."""
+        if node not in self._answer:
+            return ""
+        return protocol.answers_otherwise((index, sub), self._answer[node])
+
     def pump(self, seconds: float, done: Callable[[], bool] = lambda: False) -> bool:
         """Read the bus until something is done, at most for s; return whether it was done.
 
@@ -202,6 +208,8 @@ class Remote:
         except BUS_ERRORS as error:
             raise DriveError(c.ADAPTER_GONE, where, f"{what}: adapter gone ({error})") from error
         if answer is None:
+            if other := self.network.answered_otherwise(self.axis.node, index, sub):
+                raise DriveError(c.SDO_WRONG, where, f"{what}: {other}")
             if self.axis.node in self.network.answers:
                 raise DriveError(c.SDO_TIMEOUT, where, f"{what}: no answer")
             raise DriveError(c.NODE_ABSENT, where, absent(self.network, self.axis))

@@ -39,14 +39,14 @@ BUS_OFF_FRAME = (0x040, bytes(8))
 """Error frames, identifier and data, as SocketCAN writes them."""
 
 _FLAG_PASSIVE, _FLAG_BUS_ERROR = 0x20, 0x80
-_LAST_IDENTIFIER = 0x7FF
+_LAST_IDENTIFIER, _LAST_EXTENDED = 0x7FF, 0x1FFFFFFF
 
 
 class PromptSlcanBus(slcanBus):
     """A LAWICEL adapter on a serial port that queues frames; bus errors arrive as error frames.
 
     The port is opened exclusively: who asks for a lock on it, as this program does, is refused.
-    Only classic data frames with 11-bit identifiers are read; other lines are counted in
+    Classic frames are read, remote requests and those of 29 bits, too; other lines are counted in
     ``unreadable_lines``. Every ``POLL`` seconds the adapter's status flags are requested.
     """
 
@@ -146,11 +146,22 @@ class PromptSlcanBus(slcanBus):
         try:
             if kind == b"F" and len(line) == 3:
                 return self._flags(int(line[1:], 16))
-            identifier, length, data = int(line[1:4], 16), int(line[4:5]), line[5:]
+            extended, remote = kind in b"TR", kind in b"rR"
+            end, last = (9, _LAST_EXTENDED) if extended else (4, _LAST_IDENTIFIER)
+            identifier, data = int(line[1:end], 16), line[end + 1 :]
+            length = int(line[end : end + 1])
             # Python also reads 1_2 and -12 as numbers; no adapter writes them
-            plain = line.isalnum() and identifier <= _LAST_IDENTIFIER and length <= 8
-            if kind == b"t" and plain and len(data) in {2 * length, 2 * length + 4}:
-                return _message(identifier, bytes.fromhex(data[: 2 * length].decode("ascii")))
+            plain = line.isalnum() and identifier <= last and length <= 8
+            digits = 0 if remote else 2 * length
+            if kind in b"tTrR" and plain and len(data) in {digits, digits + 4}:
+                return Message(
+                    timestamp=time.time(),
+                    arbitration_id=identifier,
+                    is_extended_id=extended,
+                    is_remote_frame=remote,
+                    dlc=length,
+                    data=None if remote else bytes.fromhex(data[:digits].decode("ascii")),
+                )
         except ValueError:
             pass
         self.unreadable_lines += 1
@@ -159,21 +170,21 @@ class PromptSlcanBus(slcanBus):
     def _refusal(self) -> Message | None:
         self._refused += 1
         off = self._refused == self.REFUSALS
-        return _message(*BUS_OFF_FRAME, error=True) if off else None
+        return _error_message(*BUS_OFF_FRAME) if off else None
 
     @staticmethod
     def _flags(flags: int) -> Message | None:
         if flags & _FLAG_PASSIVE:
-            return _message(*ERROR_PASSIVE_FRAME, error=True)
-        return _message(*BUS_ERROR_FRAME, error=True) if flags & _FLAG_BUS_ERROR else None
+            return _error_message(*ERROR_PASSIVE_FRAME)
+        return _error_message(*BUS_ERROR_FRAME) if flags & _FLAG_BUS_ERROR else None
 
 
-def _message(identifier: int, data: bytes, *, error: bool = False) -> Message:
+def _error_message(identifier: int, data: bytes) -> Message:
     return Message(
         timestamp=time.time(),
         arbitration_id=identifier,
-        is_extended_id=error,
-        is_error_frame=error,
+        is_extended_id=True,
+        is_error_frame=True,
         data=data,
     )
 
@@ -184,6 +195,16 @@ _MOST = 400
 """Frames taken at one time; a flood must not hold up the loop."""
 _BLOCKED = 5
 """Frames in a row that find no room to be sent before the bus counts as off."""
+
+
+def _foreign(message: can.Message) -> str:
+    """Why a frame is none of CANopen's that is answered here, in words; empty if it may be one."""
+    identifier = f"{message.arbitration_id:X}h"
+    if message.is_extended_id:
+        return f"{identifier} of 29 bits"
+    if message.is_remote_frame:
+        return f"remote request for {identifier}"
+    return f"{identifier} of CAN FD" if message.is_fd else ""
 
 
 class CanTransport:
@@ -249,7 +270,9 @@ class CanTransport:
                 break
             if message.is_error_frame:
                 self._error(message)
-            elif message.is_rx and not (message.is_remote_frame or message.is_extended_id):
+            elif foreign := _foreign(message):
+                self._reports.report(c.FOREIGN_FRAME, self._where, foreign, self._now())
+            elif message.is_rx:
                 yield message.arbitration_id, bytes(message.data)
             wait = 0.0
         unreadable = getattr(self._bus, "unreadable_lines", 0)

@@ -21,7 +21,8 @@ class MonitorConfig(Ranged):
         unsteady: Irregular cycles (missing, late, surplus, short) among the last 50 that level;
             51 never does.
         burst: Emergencies within 1 s that level.
-        travel: Commanded motor travel without a single count of motion, rad, that is a fault.
+        travel: Commanded motor travel without a single count of motion, rad, that is a fault; twice
+            as much is allowed between position and added-up velocity.
         plate_travel: Motor travel without a count of the plate encoder, rad; with cams of ratio 5
             it moves the plate by 230 counts of 245760, or by three times the play of 0.1 deg.
         frozen: Time of fresh data without a count, s, that must have passed as well: answers lag.

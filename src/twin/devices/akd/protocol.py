@@ -353,6 +353,24 @@ def decode_sdo(data: bytes) -> SdoAnswer | None:
     return SdoAnswer((index, sub), value[: 4 - (command >> 2 & 3)], aborted=False)
 
 
+def answers_otherwise(asked: Key, answer: SdoAnswer | None) -> str:
+    """Why an answer is not one to the request to read an object, in words; empty if it is one.
+
+    Args:
+        asked: Index and subindex of the object.
+        answer: The answer; None for one that `decode_sdo` cannot read.
+    """
+    if answer is None:
+        return "an answer that cannot be read"
+    if answer.key != asked:
+        index, sub = answer.key
+        return f"answered for {index:04X}h:{sub} instead"
+    needed = objects()[asked].bits // 8
+    if not answer.aborted and len(answer.data) != needed:
+        return f"{len(answer.data)} bytes, an AKD has {needed}"
+    return ""
+
+
 def decode_tpdo(service: int, data: bytes) -> tuple[int, ...] | None:
     """The values of a PDO of `TPDOS`; None unless it is exactly as long as mapped."""
     layout = TPDOS[service]

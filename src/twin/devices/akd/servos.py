@@ -72,12 +72,15 @@ class SdoPolling:
         return protocol.SDO_REQUEST + node, protocol.encode_sdo_read(*key)
 
     def receive(self, node: int, data: bytes, at: float) -> None:
-        """Take in what a drive answers, any bytes; what answers no pending request is left out."""
+        """Take in what a drive answers, any bytes; what nobody has asked for is left out."""
         answer = protocol.decode_sdo(data)
-        if answer is None or not answer.data or self._pending != (node, *answer.key):
+        if self._pending is None or self._pending[0] != node or (answer and not answer.data):
             return
-        self._pending, where = None, self._where[node]
-        if answer.aborted:
+        (_, *asked), self._pending, where = self._pending, None, self._where[node]
+        wrong = protocol.answers_otherwise((asked[0], asked[1]), answer)
+        if answer is None or wrong:
+            self._reports.report(c.SDO_WRONG, where, f"{_reading(*asked)}: {wrong}", at)
+        elif answer.aborted:
             detail = f"{_reading(*answer.key)}: {abort_words(answer.value)}"
             self._reports.report(c.SDO_ABORT, where, detail, at)
         elif answer.key == _FAULT_NUMBER:

@@ -30,8 +30,8 @@ from twin.devices.lumio.protocols import STREAMS, Decoder, DescriptorError, HidD
 from twin.hal.interface import SCREEN
 
 VENDOR = 0x202E
-PANELS = ("hid-0006", "hid-0007")
-"""Protocols of the products whose report descriptors are in ``panels.toml``."""
+PANELS = ("hid-0006", "hid-0007", "hid-timed")
+"""Protocols of the panels whose report descriptors are in ``panels.toml``."""
 HIDRAW_CLASS = Path("/sys/class/hidraw")
 """Where Linux describes raw HID devices; anyone may read it."""
 UDEV_RULES = Path(__file__).with_name("70-ballplate-touch.rules")
@@ -427,6 +427,8 @@ class PlausibilityLimits(Ranged):
             touch is frozen.
         tilt: Plate angle in rad on which no ball rests.
         rest: Seconds of rest on a plate tilted further than that, which show the same.
+        late: Seconds by which reports may arrive later after their scan than the promptest ones,
+            where a panel gives a scan time.
     """
 
     keys = "touch.gate."
@@ -439,6 +441,7 @@ class PlausibilityLimits(Ranged):
     still: int = net(4, 2, 120)
     tilt: float = net(math.radians(2), 0.01, 0.17)
     rest: float = net(0.3, 0.05, 10)
+    late: float = net(0.03, 0.01, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -448,9 +451,9 @@ class LumioConfig(Ranged):
     Attributes:
         port: Device path: ``/dev/ttyUSB0``, ``/dev/hidraw0``.
         transport: ``serial`` or ``hidraw``.
-        protocol: ``auto``, ``microtouch``, ``elo``, ``hid-0006`` or ``hid-0007``. A raw HID device
-            is read by its own report descriptor, whatever is given here; a port that shows none by
-            that of the product named.
+        protocol: ``auto``, ``microtouch``, ``elo``, ``hid-0006``, ``hid-0007`` or ``hid-timed``. A
+            raw HID device is read by its own report descriptor, whatever is given here; a port that
+            shows none by that of the panel named.
         baud: Bits per second of a serial line; eight data bits, no parity, one stop bit.
         calibration: Screen units to plate axes; None for a screen mounted square and centred, of
             the size that it says, else of the size of the model's.

@@ -15,6 +15,7 @@ from typing import ClassVar, NamedTuple, Self
 
 from twin.base.data_file import packaged
 from twin.base.errors import TwinError
+from twin.devices.lumio.scan_time import ScanTime
 
 
 class Contact(NamedTuple):
@@ -33,8 +34,15 @@ class Contact(NamedTuple):
     id: int = 1
 
 
-Report = tuple[Contact, ...]
-"""The contacts of one packet."""
+class Report(tuple[Contact, ...]):
+    """The contacts of one packet.
+
+    Attributes:
+        scan: When they were scanned; None in a protocol that does not say, and in the packets that
+            go on with the contacts of one before.
+    """
+
+    scan: ScanTime | None = None
 
 
 @dataclass(slots=True)
@@ -148,7 +156,8 @@ class MicroTouchDecoder(StreamDecoder):
 
     def _report(self, packet: bytearray) -> Report:
         x, y = packet[1] | packet[2] << 7, packet[3] | packet[4] << 7
-        return (Contact(x / _TABLET_TOP, 1 - y / _TABLET_TOP, bool(packet[0] & 0x40)),)
+        down = bool(packet[0] & 0x40)
+        return Report((Contact(x / _TABLET_TOP, 1 - y / _TABLET_TOP, down),))
 
 
 _SMARTSET_TOP = 4095
@@ -181,7 +190,7 @@ class EloDecoder(StreamDecoder):
             self.stats.outside += 1
             return None
         down = bool(status & _TOUCHING) and not status & _LIFTED
-        return (Contact(x / _SMARTSET_TOP, y / _SMARTSET_TOP, down),)
+        return Report((Contact(x / _SMARTSET_TOP, y / _SMARTSET_TOP, down),))
 
 
 STREAMS: dict[str, type[StreamDecoder]] = {
@@ -229,6 +238,7 @@ LARGEST = 8 * 16384
 """Bits of a report, as the kernel allows."""
 TOUCH_SCREEN = 0x000D_0004
 _TIP, _IDENTIFIER, _COUNT = 0x000D_0042, 0x000D_0051, 0x000D_0054
+_SCAN_TIME = 0x000D_0056
 _X, _Y = 0x0001_0030, 0x0001_0031
 _OF_CONTACT = {_TIP, _IDENTIFIER, _X, _Y}
 
@@ -241,6 +251,10 @@ _PUSH, _POP = 0xA, 0xB
 _USAGE = 0x0
 _METRES = {0x11: 0.01, 0x13: 0.0254}
 """Units of length, centimetre and inch, in m."""
+_SECONDS = {0x1001, 0x1003}
+"""Units of time."""
+_SCAN_TICK = 1e-4
+"""What one count of a scan time stands for, s, where the descriptor gives no unit of time."""
 
 
 class DescriptorError(TwinError, ValueError):
@@ -257,6 +271,7 @@ class ReportField(NamedTuple):
         low: Smallest value.
         high: Largest value.
         length: What its whole range stands for, m; 0 if that is no length.
+        duration: The same, s; 0 if that is no time.
     """
 
     usage: int
@@ -265,6 +280,7 @@ class ReportField(NamedTuple):
     low: int
     high: int
     length: float
+    duration: float = 0.0
 
     def value(self, report: int) -> int:
         """Its value in a report, given as one little-endian number without the report's number."""
@@ -342,9 +358,10 @@ def _fields(begin: int, end: int, usages: list[int], now: dict[int, int]) -> Ite
     span = now[_PHYSICAL_HIGH] - now[_PHYSICAL_LOW] or high - low
     exponent = (now[_EXPONENT] & 0xF ^ 8) - 8  # half a byte with a sign
     length = span * _METRES.get(now[_UNIT], 0.0) * 10.0**exponent
+    duration = span * 10.0**exponent if now[_UNIT] in _SECONDS else 0.0
     for index, at in enumerate(range(begin, end, now[_SIZE] or LARGEST)):
         for usage in usages[: index + 1][-1:]:
-            yield ReportField(usage, at, now[_SIZE], low, high, length)
+            yield ReportField(usage, at, now[_SIZE], low, high, length, duration)
 
 
 class ContactFields(NamedTuple):
@@ -365,12 +382,14 @@ class TouchLayout:
         size: Its bytes, the number included.
         contacts: The places for contacts.
         count: How many of them hold one; None where a report does not say.
+        scan: When they were scanned; None where a report does not say.
     """
 
     report: int
     size: int
     contacts: tuple[ContactFields, ...]
     count: ReportField | None
+    scan: ReportField | None = None
 
     @classmethod
     def of(cls, descriptor: bytes) -> Self | None:
@@ -394,8 +413,11 @@ class TouchLayout:
                 and all(place[each].low < place[each].high for each in (_X, _Y))
             )
             if contacts:
-                count = next((field for field in fields if field.usage == _COUNT), None)
-                return cls(report, -(-bits // 8) + (report > 0), contacts, count)
+                count, scan = (
+                    next((field for field in fields if field.usage == usage), None)
+                    for usage in (_COUNT, _SCAN_TIME)
+                )
+                return cls(report, -(-bits // 8) + (report > 0), contacts, count, scan)
         return None
 
     @property
@@ -448,6 +470,7 @@ class HidDecoder(Decoder):
         self._left = 0
 
     def _contacts(self, report: int) -> Report | None:
+        goes_on = self._left > 0
         used = self._used(report)
         contacts = []
         for place in used:
@@ -457,7 +480,19 @@ class HidDecoder(Decoder):
                 return None
             name = 1 if place.identifier is None else place.identifier.value(report)
             contacts.append(Contact(x, y, bool(place.tip.value(report)), name))
-        return tuple(contacts)
+        found = Report(contacts)
+        if not goes_on:
+            found.scan = self._scanned(report)
+        return found
+
+    def _scanned(self, report: int) -> ScanTime | None:
+        """When the contacts of a report were scanned."""
+        field = self.layout.scan
+        if field is None or field.low >= field.high:
+            return None
+        whole = field.duration or _SCAN_TICK * (field.high - field.low)
+        tick = whole / (field.high - field.low)
+        return ScanTime((field.value(report) - field.low) * tick, whole + tick)
 
     def _used(self, report: int) -> tuple[ContactFields, ...]:
         """The places that hold a contact.

@@ -35,6 +35,7 @@ from twin.devices.lumio.protocols import (
     Report,
     decoder_of,
 )
+from twin.devices.lumio.scan_time import ScanClock
 from twin.devices.realtime import ahead
 from twin.hal.interface import Condition, Fault, Touch
 
@@ -316,6 +317,7 @@ class TouchStream:
         calibration = config.calibration or Calibration.nominal()
         self.tracker = Tracker(config.gate, calibration, self.report_fault)
         """Where the ball is."""
+        self._scans = ScanClock(config.gate.late)
         self._faults: deque[Fault] = deque(maxlen=1000)
         self._seen = DecoderStats()
         self._reported: dict[Condition, float] = {}
@@ -364,8 +366,26 @@ class TouchStream:
             self._measure(time, len(data))
             for report in self._decode(time, data[-self.MOST :]):
                 self._times.append(time)
-                self.tracker.take(time, report)
+                if self._is_new(time, report):
+                    self.tracker.take(time, report)
         self._compare(time)
+
+    def _is_new(self, time: float, report: Report) -> bool:
+        """Whether the contacts of a report have been scanned since the one before.
+
+        A report of a lift-off is always taken; one that does not say is new.
+        """
+        touching = {contact.id for contact in report if contact.down}
+        if report.scan is None or not touching:
+            return True
+        new = self._scans.is_new(time, report.scan, touching)
+        if self._scans.stands_still:
+            counter = f"{report.scan.time:.4f} s is no new one, for {self._scans.REPEATS} reports"
+            self._report_rate_limited(time, c.SCAN_STILL, counter)
+        if self._scans.falls_behind:
+            late = f"{1e3 * self._scans.excess:.0f} ms later after the scan than the promptest"
+            self._report_rate_limited(time, c.TOUCH_LATE, late)
+        return new
 
     def _decode(self, time: float, data: bytes) -> list[Report]:
         reports = self.decoder.feed(data) if self.decoder else []

@@ -1,0 +1,83 @@
+"""Whether what a drive says agrees with what else it says: velocity with position, heartbeats.
+
+A wrong byte that passes every check of its own, as a bit of a velocity turned over, shows only
+where the same motion is counted twice.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+
+class MotionAgreement:
+    """Compares a motor's velocity, added up, with its position.
+
+    Both are of the same SYNC. Velocities of a drive are filtered and lag by some ms; the shaft of
+    an emulated one may lag behind its velocity.
+
+    Args:
+        slack: Difference that is always allowed, rad at the cam shaft.
+    """
+
+    WINDOW = 0.5
+    """Seconds over which the motion is compared."""
+    SHARE = 0.25
+    """Share of the way turned that is allowed besides."""
+    LAG = 0.03
+    """Seconds by which one may lag behind the other."""
+
+    def __init__(self, slack: float) -> None:
+        self._slack = slack
+        self._samples: deque[tuple[float, float, float, float, float]] = deque()
+        """Time in s, position in rad, velocity in rad/s and added up in rad, its size likewise."""
+
+    def restart(self) -> None:
+        """Forget what was before."""
+        self._samples.clear()
+
+    def take(self, sampled: float, angle: float, rate: float) -> float:
+        """Take in a sample; by how much both differ beyond what is allowed, rad.
+
+        Args:
+            sampled: When it was taken, s; a sample of the time before is left out.
+            angle: Position, rad.
+            rate: Velocity, rad/s.
+        """
+        turned = way = 0.0
+        if self._samples:
+            before, _, last, turned, way = self._samples[-1]
+            passed = sampled - before
+            if passed <= 0:
+                return -self._slack
+            mean = (rate + last) / 2
+            turned, way = turned + mean * passed, way + abs(mean) * passed
+        self._samples.append((sampled, angle, rate, turned, way))
+        while sampled - self._samples[0][0] > self.WINDOW:
+            self._samples.popleft()
+        _, first, rate_before, turned_before, way_before = self._samples[0]
+        off = abs((angle - first) - (turned - turned_before))
+        allowed = self.SHARE * (way - way_before) + self.LAG * abs(rate - rate_before)
+        return off - self._slack - allowed
+
+
+class HeartbeatCount:
+    """Counts heartbeats: those of a second node with the same id make them too many.
+
+    Args:
+        period: Seconds from one to the next of one node.
+    """
+
+    INTERVALS = 20
+    """Intervals over which they are counted; a host that stalls hears some at once."""
+    SHARE = 0.8
+    """Share of the time that these take of one node, from which there are two."""
+
+    def __init__(self, period: float) -> None:
+        self._least = self.SHARE * self.INTERVALS * period
+        self._arrived: deque[float] = deque(maxlen=self.INTERVALS + 1)
+
+    def too_many(self, arrival: float) -> bool:
+        """Take one in that arrives at a time in s; whether they are more than one node sends."""
+        self._arrived.append(arrival)
+        full = len(self._arrived) == self._arrived.maxlen
+        return full and arrival - self._arrived[0] < self._least
