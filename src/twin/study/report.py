@@ -202,30 +202,34 @@ def _indices(
     if not all(np.ptp(each[:, [0, -1]]) > 0 for each in used):
         notes.append("no indices, because the runs of a design do not differ")
         return ()
-    first, total = (np.array(each) for each in zip(*map(sobol_indices, used), strict=True))
-    values = total.mean(axis=0)
-    halves = student_half_width(total)
+    first, total, halves = sobol_indices(used)
     return tuple(
         SensitivityIndex(key, float(value), float(half), float(one), bool(value - half > 0))
-        for key, value, half, one in zip(keys, values, halves, first.mean(axis=0), strict=True)
+        for key, value, half, one in zip(keys, total, halves, first, strict=True)
     )
 
 
-def sobol_indices(values: Array) -> tuple[Array, Array]:
-    """First-order and total Sobol indices of one design, shape (d,) each.
+def sobol_indices(designs: Sequence[Array]) -> tuple[Array, Array, Array]:
+    """First-order and total Sobol indices, and half-widths of the total ones, shape (d,) each.
 
-    Saltelli et al. (2010), Table 2, (b) about the mean and (f).
+    Saltelli et al. (2010), Table 2, (b) about the mean and (f). Numerators and variances are means
+    over the designs, as the mean of their quotients would be too large; the interval is Student's t
+    over what each design leaves of the quotient (the delta method).
 
     Args:
-        values: Of each base sample at A, at A with one coordinate of B after the other, and at B,
-            shape (n, d + 2).
+        designs: Of each its values: of each base sample at A, at A with one coordinate of B after
+            the other, and at B, shape (n, d + 2).
     """
-    at_a, mixed, at_b = values[:, :1], values[:, 1:-1], values[:, -1:]
-    ends = np.concatenate((at_a, at_b))
-    variance = ends.var()
-    first = ((at_b - ends.mean()) * (mixed - at_a)).mean(axis=0) / variance
-    total = ((at_a - mixed) ** 2).mean(axis=0) / (2 * variance)
-    return first, total
+    parts = []
+    for values in designs:
+        at_a, mixed, at_b = values[:, :1], values[:, 1:-1], values[:, -1:]
+        ends = np.concatenate((at_a, at_b))
+        first = ((at_b - ends.mean()) * (mixed - at_a)).mean(axis=0)
+        parts.append((first, ((at_a - mixed) ** 2).mean(axis=0) / 2, ends.var(keepdims=True)[0]))
+    first, total, variance = (np.array(each) for each in zip(*parts, strict=True))
+    whole = variance.mean()
+    value = total.mean(axis=0) / whole
+    return first.mean(axis=0) / whole, value, student_half_width((total - value * variance) / whole)
 
 
 def student_half_width(estimates: Array) -> Array:
