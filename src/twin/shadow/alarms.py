@@ -259,10 +259,10 @@ Without a change a likelihood ratio whose size is integrated over its prior exce
 given time of change with a probability of at most exp(-h) (Ville's inequality), and every window
 may be one. The bounds of a window lower the ratio, and so only lower this probability.
 """
-LATE_SUSPECTED = 3.4
+LATE_SUSPECTED = 6.0
 """Log-likelihood ratio above which another dead time is called possible; it is no alarm.
 
-Healthy rigs with even screens exceed it a few times an hour.
+Healthy rigs with even screens exceeded it twice in 1.2 hours.
 """
 
 

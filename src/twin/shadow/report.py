@@ -230,8 +230,8 @@ def indistinguishable(found: Shadow) -> list[str]:
         ratio = float(found.tests.delayed.max())
         words.append(
             f"Another dead time is possible: its log likelihood ratio was {ratio:.1f}, where "
-            f"{LATE_THRESHOLD:.1f} is an alarm and healthy rigs exceed {LATE_SUSPECTED:g} a few "
-            "times an hour."
+            f"{LATE_THRESHOLD:.1f} is an alarm and healthy rigs exceed {LATE_SUSPECTED:g} about "
+            "twice an hour."
         )
     return words
 
