@@ -168,7 +168,7 @@ def found_of(log: Log, point: Mapping[str, Any]) -> dict[str, Any]:
     errors = {who: each[at] for who, each in found.scores[0].median.items()}
     return {
         "why": "",
-        "white": found.whiteness.white,
+        "white": not found.whiteness.rejected,
         "uneven": found.fit.problem.windows.white is not None,
         "verdicts": verdicts,
         "errors": {**errors, "nominal": off[at]},

@@ -10,7 +10,7 @@ import pytest
 from twin.cli import main
 
 UNUSED = {
-    "control", "pandas", "sympy", "SALib", "rerun", "matplotlib.pyplot", "scipy.signal",
+    "control", "pandas", "sympy", "rerun", "matplotlib.pyplot", "scipy.signal",
     "scipy.stats", "scipy.interpolate", "scipy.optimize", "glfw",
 }  # fmt: skip
 """What no run with a nonlinear law needs, whatever it writes."""

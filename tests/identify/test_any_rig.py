@@ -19,11 +19,12 @@ from twin.identify.any_rig import (
     PlainIdentification,
     _chosen,
     _joined,
+    _share,
     _verdicts,
     identify_any,
 )
 from twin.identify.drives import TiltHistory, followed
-from twin.identify.judged import HORIZONS, IDENTIFIED, NOT, ParameterVerdict, score
+from twin.identify.judged import BOUNDED, HORIZONS, IDENTIFIED, NOT, ParameterVerdict, score
 from twin.identify.logs import (
     AnyLog,
     AxisLog,
@@ -665,6 +666,39 @@ def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     found, told = of_axis(replace(log, tilt=other), ("friction",))
     assert told["gain_x"].word == NOT
     assert any("WORSE THAN NO MODEL" in each for each in sentences(found))
+    assert not any("tell the command times" in each for each in sentences(found))
+    assert any("no factor on the command is advised" in each for each in sentences(found))
+
+
+def gain_of(word, value, low, high):
+    return ParameterVerdict(
+        about=PLAIN["gain"], name="gain_x", value=value, low=low, high=high, word=word
+    )
+
+
+@pytest.mark.parametrize(
+    "gain",
+    [
+        gain_of(NOT, -0.08, -9.2, 0.0),
+        gain_of(NOT, 1.9, 0.5, 2.1),
+        gain_of(BOUNDED, 1.9, 0.5, 40.0),
+        gain_of(NOT, None, None, None),
+    ],
+    ids=["holds zero", "wide", "at its bound", "not shown"],
+)
+def test_no_factor_is_advised_of_a_gain_that_is_not_identified(gain):
+    said = _share("x", gain, 0.714)
+    assert "times" not in said
+    assert said.startswith("x: how far a command tilts the plate is not known from this log")
+    assert ("0.5 to 2.1" in said) == (gain.low == 0.5 and gain.high == 2.1)
+
+
+def test_the_factor_that_is_advised_of_an_identified_gain_has_its_interval():
+    said = _share("y", gain_of(IDENTIFIED, 1.9, 1.7, 2.1), 0.714)
+    share = [-each / (0.714 * 9.81) for each in (1.9, 2.1, 1.7)]
+    assert "tell the command times {:.3g} ({:.3g} to {:.3g}; a -".format(*share) in said
+    near = _share("x", gain_of(IDENTIFIED, 7.0, 6.8, 7.2), 0.714)
+    assert "tell the command" not in near
 
 
 def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():

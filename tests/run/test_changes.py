@@ -39,6 +39,8 @@ def columns(found, name):
         ("lagrange", "plant.servo.bandwidth_hz", 5.0),
         ("lagrange", "sensors.encoders.variance", [1e-6, 1e-6]),
         ("lagrange", "sensors.touch.lost", 0.5),
+        ("lagrange", "sensors.touch.frame_rate", 20.0),
+        ("mujoco", "sensors.touch.rotation_deg", 2.0),
         ("mujoco", "rig.cam_error_percent", [9.0, 5.0]),
     ],
 )

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import importlib
-import math
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from controllers.catalog import catalog
@@ -17,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 trials = importlib.import_module("shadow_trials")
 identified = importlib.import_module("shadow_identified")
 sys.path.pop(0)
-CALIBRATED, INJECTED, JUDGED = trials.CALIBRATED, trials.INJECTED, trials.JUDGED
+INJECTED, JUDGED = trials.INJECTED, trials.JUDGED
 HEALTHY, KINDS, LAWS, UNDER_LAWS = trials.HEALTHY, [*trials.KINDS], trials.LAWS, trials.UNDER_LAWS
 page, rig = trials.page, trials.rig
 
@@ -31,7 +29,6 @@ def trial(seed, kind, alarm=None, causes=(), largest=1.0, law=trials.LAW):
 def test_alarms_count_in_time_right_wrong_and_early():
     friction = KINDS[0]
     found = [
-        *[trial(CALIBRATED + k, HEALTHY, largest=1.0 + 0.3 * k) for k in range(6)],
         trial(JUDGED, HEALTHY),
         trial(JUDGED + 1, HEALTHY, alarm=30.0, causes=("level",)),
         trial(INJECTED, friction, 25.0, ("rolling friction",)),
@@ -56,7 +53,7 @@ def test_alarms_count_in_time_right_wrong_and_early():
     assert cells[4].startswith("25 ")
     assert cells[5] == "1"
     assert cells[6] == "19, 21"  # 5, 6, 19, 19 and 21 s
-    alarms = [line for line in text.splitlines() if line.startswith("| false alarms on the ")]
+    alarms = [line for line in text.splitlines() if line.startswith("| false alarms on ")]
     assert "| 1 in 0.03 h (" in alarms[0]  # 2 times 60 s
     assert "| 1 in 0.03 h (" in alarms[1]  # the early one is false, too; 6 times 20 s
     assert "50.0 % of 4" in text
@@ -73,7 +70,7 @@ def test_every_kind_is_a_rig_that_can_be_simulated_jump_or_ramp():
     assert [trials.slowly(3, kind) for kind in KINDS].count(False) == 3
 
 
-HOURS = "healthy: less than one false alarm in 24 h"
+HOURS = "healthy, {} screens: less than one false alarm in 24 h"
 
 
 def verdicts(found, healthy):
@@ -90,12 +87,15 @@ def test_a_goal_is_met_or_missed_only_where_the_interval_says_so():
     for some, word in ((few, "too few rigs to tell"), (many, "met"), (late, "**not met**")):
         assert verdicts(some, healthy)["alarm in time for 95 %: rolling friction +30 %"][1] == word
     # no alarm in one hour is no proof of less than one a day
-    assert verdicts(many, healthy)[HOURS][1] == "too few hours to tell"
+    assert verdicts(many, healthy)[HOURS.format("uneven")][1] == "too few hours to tell"
+    assert verdicts(many, healthy)[HOURS.format("even")][1] == "too few hours to tell"
     # an alarm before anything happens is a false one, whatever happens then
     early = [trial(INJECTED + 2 * k, KINDS[0], 12.0, ("rolling friction",)) for k in range(4)]
-    found, word = verdicts(many + early, healthy)[HOURS]
-    assert found.startswith(f"{24 * 4 / (1 + 104 * 20 / 3600):.2g} (")
+    found, word = verdicts(many + early, healthy)[HOURS.format("even")]
+    assert found.startswith(f"{24 * 4 / (104 * 20 / 3600):.2g} (")
     assert word == "**not met**"
+    # rigs of the other sort are not held against it, nor counted for it
+    assert verdicts(many + early, healthy)[HOURS.format("uneven")][1] == "too few hours to tell"
 
 
 def test_a_rig_of_a_family_is_what_was_drawn_and_believed_but_for_the_errors_of_a_fit():
@@ -123,12 +123,14 @@ def test_every_law_that_is_shipped_is_tried_and_runs_as_told():
     assert rig(2, law="cure")[1].observer.kind == "friction_map_kalman"
 
 
-def test_hours_between_alarms_are_those_of_the_distribution():
-    rng = np.random.default_rng(2)
-    largest = rng.gumbel(2.0, 1.0, 4000)
-    exceeded = -math.expm1(-math.exp(-(9.0 - 2.0)))
-    expected = 60 / 3600 / exceeded
-    assert trials.hours_between_alarms(largest, 9.0, 60.0) == pytest.approx(expected, rel=0.25)
+def test_the_page_tells_of_no_rate_beyond_what_was_counted():
+    healthy = [trial(JUDGED + k, HEALTHY) for k in range(60)]
+    changed = [trial(INJECTED + 2 * k, KINDS[0], 25.0, ("rolling friction",)) for k in range(9)]
+    text = page(trials.judged_rigs(healthy + changed), "shadow_trials.py")
+    assert "fit" not in text.split("## Healthy rigs")[1].split("## ")[0]
+    rows = [line for line in text.splitlines() if line.startswith("| false alarms on ")]
+    assert "| 0 in 1.00 h (0.00 to 3.69 per hour)" in rows[0]  # none: at most -log(0.025)
+    assert "| 0 in 0.05 h (" in rows[1]
 
 
 def test_what_has_been_tried_is_kept_whole_and_only_for_the_same_job(monkeypatch, tmp_path):

@@ -149,6 +149,41 @@ def test_frames_of_a_jittering_clock_scatter_as_said_and_show_what_was_there():
     assert np.corrcoef(np.concatenate(steps, axis=1))[0, 1] == pytest.approx(-0.5, abs=0.06)
 
 
+@pytest.mark.parametrize(
+    ("before", "after"), [(50.0, 20.0), (20.0, 50.0), (0.0, 25.0), (25.0, 0.0)]
+)
+def test_a_camera_whose_frame_rate_changes_shows_frames_of_the_new_rate_and_what_was_there(
+    before, after
+):
+    model = TouchModel(dead_time=0.03, frame_rate=before, grid=0, variance=(0.0, 0.0))
+    screen, seen = SimulatedScreen(model, PERIOD, seeds(1)), []
+    for tick in range(1000):
+        if tick == 500:
+            screen.change(replace(model, frame_rate=after))
+        screen.see(np.array([[tick * PERIOD, 0.0]]), np.ones(1, bool))
+        touch = screen.read()
+        seen.append((tick * PERIOD, touch.age[0], touch.position[0, 0]))
+    now, age, place = np.array(seen).T
+    # of a slower camera the newest frame may be older than anything that was kept
+    settled = (now > 0.1) & ((now < 1.0) | (now > 1.05))
+    assert place[settled] == pytest.approx((now - age - 0.03)[settled], abs=1e-9)
+    for rate, part in ((before, slice(100, 500)), (after, slice(550, 1000))):
+        came = now[part][1:][np.diff(place[part]) != 0]
+        assert np.diff(came).mean() == pytest.approx(1 / rate if rate else PERIOD, rel=0.05)
+
+
+def test_a_screen_that_slips_in_its_mount_turns_what_it_reports_from_then_on():
+    model = TouchModel(dead_time=0.0, grid=0, variance=(0.0, 0.0))
+    screen = SimulatedScreen(model, PERIOD, seeds(1))
+    ball, touching = np.array([[0.1, 0.05]]), np.ones(1, bool)
+    screen.see(ball, touching)
+    assert screen.read().position[0] == pytest.approx([0.1, 0.05])
+    screen.change(replace(model, rotation=np.radians(2.0)))
+    screen.see(ball, touching)
+    along = complex(0.1, 0.05) * np.exp(-1j * np.radians(2.0))
+    assert screen.read().position[0] == pytest.approx([along.real, along.imag])
+
+
 def test_the_clock_that_jitters_most_still_shows_frames_in_their_order():
     for found in frames_of(camera(jitter=0.1), seconds=4):
         assert (np.diff(found[:, 2]) > 0).all()

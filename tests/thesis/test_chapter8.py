@@ -22,11 +22,15 @@ from twin.thesis.chapter8 import (
     COLUMNS,
     WAYS,
     Agreement,
+    Disagreement,
+    Reason,
     ReproductionJob,
     RowResult,
     carry_out,
     compare,
     judge,
+    lines,
+    sentence,
     stored,
     tables,
 )
@@ -83,14 +87,58 @@ def test_what_is_kept_agrees_with_the_thesis(steps):
     assert all(cell.sampled == cell.exact for cell in cells)
 
 
-def test_a_cell_out_of_bounds_differs_unless_a_reason_is_known(steps):
+def test_a_cell_out_of_bounds_differs_unless_it_is_noted_and_keeps_its_reason(steps):
     (table,), found = steps
     plain = compare([altered(table, "u1_max")], found)
-    excused = compare([altered(table, "u1_max", exceptions={"u1_max": "copied"})], found)
+    known = {"u1_max": Disagreement(Reason.COPIED, "from another table")}
+    excused = compare([altered(table, "u1_max", exceptions=known)], found)
     assert [cell.column for cell in plain if cell.verdict is Agreement.DIFFERS] == ["u1_max"]
     (cell,) = (cell for cell in excused if cell.verdict is not Agreement.AGREES)
     assert cell.verdict is Agreement.EXCEPTION
-    assert cell.note.startswith("copied")
+    assert cell.note.startswith("from another table")
+    assert cell.because is Reason.COPIED
+
+
+@pytest.mark.parametrize(
+    ("because", "words", "mark"),
+    [
+        (Reason.UNEXPLAINED, "14 agree, 1 do not (1 unexplained)", "!!"),
+        (Reason.FITTED, "1 do not (1 with a reason that was fitted to them afterwards)", "(!)"),
+        (Reason.COPIED, "1 do not (1 that repeat the numbers of another table)", "(!)"),
+        (None, "14 agree, 1 do not (1 new, not noted so far)", "!!"),
+    ],
+)
+def test_the_summary_says_how_many_disagree_and_why_and_calls_no_cell_explained_that_is_not(
+    steps, because, words, mark
+):
+    (table,), found = steps
+    known = {"exceptions": {"u1_max": Disagreement(because, "why")} if because else {}}
+    cells = compare([altered(table, "u1_max", **known)], found)
+    assert words in sentence(cells)
+    assert "known reason" not in sentence(cells)
+    marks = [row[-1].split(" ")[0] for row in lines(cells)[0]]
+    assert [each for each in marks if each in {"!!", "(!)"}] == [mark]
+
+
+def test_every_cell_that_is_noted_as_unexplained_or_fitted_says_so_in_its_own_words():
+    by = {kind: [] for kind in Reason}
+    for table in tables().values():
+        for row in table.rows:
+            for each in row.exceptions.values():
+                by[each.because].append(each.note)
+    assert sum(map(len, by.values())) == 26
+    none = ("Not reproduced", "no gain tried", "No reading", "no single reading", "A little above")
+    assert all(any(word in note for word in none) for note in by[Reason.UNEXPLAINED])
+    assert all("fitted, not derived" in note for note in by[Reason.FITTED])
+    others = [note for kind in Reason for note in by[kind] if kind is not Reason.UNEXPLAINED]
+    assert not any(word in note for note in others for word in none)
+    assert {kind: len(notes) for kind, notes in by.items()} == {
+        Reason.UNEXPLAINED: 9,
+        Reason.FITTED: 9,
+        Reason.NOT_GIVEN: 4,
+        Reason.COPIED: 3,
+        Reason.ARTEFACT: 1,
+    }
 
 
 @pytest.mark.parametrize("way", WAYS[1:])
@@ -122,6 +170,7 @@ def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
     cells = json.loads(call("8.1", "--json").stdout)
     assert len(cells) == 15
     keys = {"table", "row", "column", "thesis", *WAYS, "deviation_percent", "note", "verdict"}
+    keys |= {"because"}
     assert all(set(cell) - {f"{way}_range" for way in WAYS} == keys for cell in cells)
     (effort,) = (
         cell for cell in cells if (cell["row"], cell["column"]) == ("case 2", "u1_max [rad/s^2]")

@@ -101,7 +101,7 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
                 "chance_to_fail": answer.whole.chance,
                 "indices": {
                     index.key: {
-                        "value": number(index.value) if index.decided else None,
+                        "value": number(index.value) if index.decided or index.negligible else None,
                         "half_width": number(index.half),
                         "decided": index.decided,
                     }

@@ -445,6 +445,6 @@ def _simulated(wanted: list[SimulatedTable], cells: list[ThesisCell]) -> Iterato
     yield dim(
         "exact: continuous control, as kept; sampled: at 2 ms through the seam; MuJoCo: the "
         "mechanism without rolling friction; in brackets the 5 to 95 % range of the seeds or the "
-        "range of the reading; (!) an exception, !! unexplained."
+        "range of the reading; (!) does not agree for the reason noted, !! unexplained."
     )
     yield sentence(cells)

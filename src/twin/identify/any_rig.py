@@ -185,7 +185,8 @@ def identify_any(
     if len(tried) > 1:
         scores.append(judged.score(tried))
     seconds = sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known)
-    told = (_share(axis, fit, factor) for axis, fit in fits.items() if first.unit[axis] == "rad")
+    gains = {each.name.rpartition("_")[2]: each for each in found if each.name.startswith("gain_")}
+    told = (_share(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad")
     return PlainIdentification(
         source=first.source,
         seconds=seconds,
@@ -201,22 +202,40 @@ def identify_any(
     )
 
 
-def _share(axis: str, fit: AxisFit, factor: float) -> str:
-    """How much of what a ball does an axis does, in a sentence."""
-    per = fit.value("gain") / fit.problem.tilt.scale
-    share = per / (factor * BallPlate().gravity)
-    turned = dict(SIGNS)[axis] * share
+def _share(axis: str, gain: judged.ParameterVerdict, factor: float) -> str:
+    """How much of what a ball does an axis does, in a sentence.
+
+    No factor is advised from a gain that is not identified.
+
+    Args:
+        axis: x or y.
+        gain: Verdict of its gain, m/s^2 per rad.
+        factor: Share of gravity that accelerates the ball.
+    """
+    sign, push = dict(SIGNS)[axis], factor * BallPlate().gravity
+    if gain.word != judged.IDENTIFIED or gain.value is None:
+        known = "" if gain.low is None else f" (95 %: {gain.interval} m/s^2 per rad)"
+        return (
+            f"{axis}: how far a command tilts the plate is not known from this log{known}, so no "
+            "factor on the command is advised and no rig of its own follows from it."
+        )
+    share = gain.value / push
+    turned = sign * share
     told = (
-        f"{axis}: {per:.3g} m/s^2 per rad of command is {share:.2f} times what a ball does that "
-        f"takes {factor:.3g} of gravity: only this product of the plate's tilt per command and the "
-        "ball's share of gravity is told, and commands are taken as angles of the plate, whatever "
-        "linkage a rig has."
+        f"{axis}: {gain.value:.3g} m/s^2 per rad of command ({gain.interval}) is {share:.2f} times "
+        f"what a ball does that takes {factor:.3g} of gravity: only this product of the plate's "
+        "tilt per command and the ball's share of gravity is told, and commands are taken as "
+        "angles of the plate, whatever linkage a rig has."
     )
-    more = (
-        f" For compare, shadow and whatif tell the command times {turned:.3g} (a - before its name "
-        "turns the sign, a factor stands before its unit)."
+    if not _another(turned):
+        return told
+    assert gain.low is not None
+    assert gain.high is not None
+    least, most = sorted(sign * end / push for end in (gain.low, gain.high))
+    return (
+        f"{told} For compare, shadow and whatif tell the command times {turned:.3g} ({least:.3g} "
+        f"to {most:.3g}; a - before its name turns the sign, a factor stands before its unit)."
     )
-    return told + more * _another(turned)
 
 
 def _another(turned: float) -> bool:

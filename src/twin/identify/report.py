@@ -23,11 +23,11 @@ BAD = 0.02
 
 
 def sentences(found: judged.Identification) -> list[str]:
-    """The verdict in words."""
-    words = []
+    """The verdict in words: what the model predicts, then what is known of its parameters."""
+    words = list(_judged(found.scores))
     for said, among in (
         ("Identified", (judged.IDENTIFIED,)),
-        ("Fitted, but the log rejects the model, so that no error is known", (judged.REJECTED,)),
+        ("Best fit only, as the log rejects the model: no error is known", (judged.REJECTED,)),
         ("Not identified from this log", (judged.BOUNDED, judged.NOT)),
         ("Held as it was told, not fitted", (judged.GIVEN,)),
     ):
@@ -35,7 +35,7 @@ def sentences(found: judged.Identification) -> list[str]:
         names = [each.removeprefix("plant.").removeprefix("sensors.") for each in labels]
         if names:
             words.append(f"{said}: {', '.join(names)}.")
-    return [*words, *_judged(found.scores), *found.remarks]
+    return [*words, *found.remarks]
 
 
 def _judged(scores: tuple[judged.PredictionScore, ...]) -> Iterator[str]:

@@ -553,3 +553,23 @@ class Fit:
             np.concatenate((score, (precision * (theta - mean))[None])),
             noise,
         )
+
+    def moved_by(self, unexplained: float) -> Array:
+        """By how much motion that the model does not explain moves the parameters at worst, (P,).
+
+        Least squares takes motion m into the parameters as inv(J'J) J'm, no more of one than
+        |m| sqrt(inv(J'J)), if all of it looks like that parameter (Cauchy and Schwarz).
+
+        Args:
+            unexplained: Variance of the motion in noise variances.
+        """
+        line = self.found.linearisation
+        free, _ = line.eliminate_starts()
+        J, weight = free[0, ..., 1:], self.problem.weights(line.r)[0]  # noqa: N806
+        precision = np.diag(self.problem.known[1])
+        information = np.einsum("wmi,wmj,w->ij", J, J, weight) + precision
+        diagonal = np.diagonal(information)
+        scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        inverse = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
+        size = unexplained * float(weight @ self.problem.windows.size)
+        return np.asarray(np.sqrt(size * np.maximum(np.diagonal(inverse), 0.0)) / scale)

@@ -294,6 +294,9 @@ SLIGHT = 0.05
 """Correlation of the residuals that is seen in a long log but does not reject a model: what moves
 together is then a twentieth of the noise variance, less than 0.1 mm. A replay leaves up to 0.03 of
 the twin itself; what hides in the intervals' own scatter between windows is of this size."""
+LARGEST_SHARE = 0.3
+"""Share of the noise variance up to which motion that the twin does not explain widens the
+intervals; a model that leaves more is rejected."""
 
 
 @dataclass(frozen=True)
@@ -324,18 +327,37 @@ class Whiteness:
         """
         chance = stats.chi2.ppf(CHANCE, LAGS) / LAGS * (self.band / 1.96) ** 2
         beyond = float((self.correlation**2).mean()) > chance + SLIGHT**2
-        return not beyond and self.misfit < 1.3
+        return not beyond and self.misfit < 1 + LARGEST_SHARE
+
+    @property
+    def unexplained(self) -> float:
+        """Variance of the motion that the twin does not explain, in noise variances; 0 if white.
+
+        It is no more than moves together at any lag, or exceeds the noise.
+        """
+        if self.white:
+            return 0.0
+        return max(float(np.abs(self.correlation).max()), self.misfit - 1)
+
+    @property
+    def rejected(self) -> bool:
+        """Whether so much is unexplained that no interval is told."""
+        return self.unexplained > LARGEST_SHARE
 
     @property
     def words(self) -> str:
         """The verdict in words."""
         if self.white:
             return "the residuals look like the sensor's noise"
-        return (
+        what = (
             f"the residuals are not white: {self.outside} of {LAGS} lags outside the band, "
             f"{self.misfit:.2f} times the sensor's noise; the log holds motion that the twin "
-            "does not explain"
+            f"does not explain, {np.sqrt(self.unexplained):.2f} times the noise's standard "
+            "deviation"
         )
+        if self.rejected:
+            return f"{what}: too much for an interval"
+        return f"{what}: the intervals hold what it may have moved the parameters by at worst"
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -343,7 +365,7 @@ class Whiteness:
 
 
 def verdicts(
-    names: tuple[str, ...], fit: search.Fit, drives: Drives | None, *, white: bool
+    names: tuple[str, ...], fit: search.Fit, drives: Drives | None, left: Whiteness
 ) -> tuple[judged.ParameterVerdict, ...]:
     """One verdict per parameter asked for, in that order; the level has two.
 
@@ -351,9 +373,10 @@ def verdicts(
         names: What was asked for.
         fit: The fit of the ball's motion.
         drives: How they follow; None if no command was recorded.
-        white: Whether the fit explains the log.
+        left: What the fit leaves over.
     """
     found, ball = [], fit.estimate()
+    moved = fit.moved_by(left.unexplained)
     for name in names:
         if name in HIDDEN:
             why = "neither ball nor plate positions show it"
@@ -362,7 +385,7 @@ def verdicts(
             found.append(_servo(drives))
         else:
             axes = ("level_phi", "level_theta") if name == "level" else (name,)
-            found += [_ball(each, fit, ball, white=white) for each in axes]
+            found += [_ball(each, fit, ball, moved, rejected=left.rejected) for each in axes]
     return tuple(found)
 
 
@@ -391,16 +414,26 @@ def whiteness(fit: search.Fit) -> Whiteness:
 
 
 def _ball(
-    name: str, fit: search.Fit, ball: search.Estimate, *, white: bool
+    name: str, fit: search.Fit, ball: search.Estimate, moved: Array, *, rejected: bool
 ) -> judged.ParameterVerdict:
+    """The verdict of a parameter of the ball.
+
+    Args:
+        name: Which.
+        fit: The fit of the ball's motion.
+        ball: Its estimate.
+        moved: By how much unexplained motion may have moved each parameter, SI units, shape (P,).
+        rejected: Whether the log rejects the model.
+    """
     about, k = BALL[name], fit.problem.names.index(name)
-    value, half = float(ball.value[k]), max(float(ball.half_width[k]), about.floor)
+    half = max(float(np.hypot(ball.half_width[k], moved[k])), about.floor)
+    value = float(ball.value[k])
     never = name in {"breakaway", "stribeck", "dwell"} and not fit.problem.windows.resting.any()
     if never or not math.isfinite(half):
         why = "the ball never rests" if never else "the log does not show it"
         return judged.ParameterVerdict.unknown(about, name, why)
     found = judged.ParameterVerdict(about=about, name=name, value=about.factor * value)
-    if not white:
+    if rejected:
         why = "best fit only: the log holds motion that the twin does not explain"
         return replace(found, word=judged.REJECTED, why=why)
     low, high = max(value - half, about.least), min(value + half, about.most)
@@ -593,7 +626,7 @@ def identify(
     if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
-    words, known_of = white.words, verdicts(names, fit, drives, white=white.white)
+    words, known_of = white.words, verdicts(names, fit, drives, white)
     if all(each.word != judged.IDENTIFIED for each in known_of):
         notes.append(
             "nothing was identified: two minutes of the scenario excite would show more; the twin "

@@ -7,11 +7,10 @@ off before the change is learned from the windows before it: a rig with much tha
 out (uneven screen, play, a slow screen clock) scatters more than the twin expects.
 
 The dead time has a test alone. A screen that answers 5 ms later moves the ball's samples by less
-than a millimetre, now here, now there, but does so in every window: many small signs, of which none
-may count for much. The test of all causes trusts a single window more, and so has to leave much
-room for what differs from window to window where the ball stops; little of the dead time is left to
-see there. Here each window is trusted with little, also where it and others would add up to much,
-which bounds the outliers of stopping balls, and the room is smaller.
+than a millimetre, now here, now there, but does so in every window: many small signs. The test of
+all causes has to leave much room for what differs from window to window where the ball stops;
+little of the dead time is left to see there. Here the room is smaller, and no window adds more than
+a bound, which bounds the outliers of stopping balls.
 
 The evidence of the windows holds close to what is believed. A cause that changes the ball's motion
 much is therefore expanded again where it puts the parameters, until both agree (Laplace's method).
@@ -245,14 +244,26 @@ def baseline(evidence: Evidence, belief: Belief, change: int) -> Before:
 
 DEAD_TIME = ("dead time",)
 LATE = PARAMETERS.index("delay")
-ALONE = 0.5
+ALONE = 5.0
 """Log-likelihood ratio that one window alone may speak for a change of the dead time,"""
-ADDED = 1.8
+ADDED = 5.0
 """and on top of what the windows before it have said."""
 ROOM = 0.2
 """Share of what else is expected to differ between windows in which the ball stops."""
-LATE_THRESHOLD = 3.4
-"""Log-likelihood ratio at which this test raises an alarm."""
+WINDOWS_PER_HOUR = 2100
+"""Windows that show the dead time in an hour in which the ball follows ``excite``."""
+LATE_THRESHOLD = float(np.log(24 * WINDOWS_PER_HOUR))
+"""Log-likelihood ratio at which this test raises an alarm: at most one false one in 24 hours.
+
+Without a change a likelihood ratio whose size is integrated over its prior exceeds exp(h) after one
+given time of change with a probability of at most exp(-h) (Ville's inequality), and every window
+may be one. The bounds of a window lower the ratio, and so only lower this probability.
+"""
+LATE_SUSPECTED = 6.0
+"""Log-likelihood ratio above which another dead time is called possible; it is no alarm.
+
+Healthy rigs with even screens exceeded it twice in 1.2 hours.
+"""
 
 
 def limited(evidence: Evidence, belief: Belief, after: int = 0) -> Evidence:
@@ -336,6 +347,16 @@ class SequentialTests:
         at_end = standing(self._limited, self._late, self.soft.end[count:])
         self.delayed = np.concatenate((self.delayed, at_end))
 
+    @property
+    def limited(self) -> Evidence:
+        """The windows that show the dead time, as its own test takes them."""
+        return self._limited
+
+    @property
+    def suspected(self) -> bool:
+        """Whether another dead time is possible, short of an alarm."""
+        return bool(self.delayed.max(initial=0.0) > LATE_SUSPECTED)
+
     def forget(self) -> None:
         """Let what was taken in so far raise no alarm; it still tells what the rig is like."""
         for ratio in (self.ratio, self.delayed, self._late):
@@ -356,6 +377,43 @@ class SequentialTests:
         """The log-likelihood ratio of the test that a window raises an alarm by."""
         of_all = float(self.ratio[crossing])
         return of_all if of_all > THRESHOLD else float(self.delayed[crossing])
+
+
+ONE_SIDED_95 = 1.645
+"""Standard deviations that 95 % of normal deviations stay below."""
+
+
+def resolution(tests: SequentialTests) -> dict[str, float]:
+    """The smallest change of one parameter that would raise an alarm with about 95 %, by its cause.
+
+    In SI units, rolling friction in m; causes of which no window showed anything are left out. It
+    follows from what the last windows show, what may change on a healthy rig, and the thresholds.
+    With n the variance of a change that is none and c^2 that of one by its cause, the
+    log-likelihood ratio of x is x^2 / 2 (1 / n - 1 / (n + c^2)) - log(1 + c^2 / n) / 2.
+    """
+    belief, found = tests.belief, dict[str, float]()
+    for evidence, threshold, only in (
+        (tests.soft, THRESHOLD, tuple(CAUSES)),
+        (tests.limited, LATE_THRESHOLD, DEAD_TIME),
+    ):
+        total = evidence.information[-LOOKBACKS[-1] :].sum(axis=0)
+        apart = 1 / (belief.constant**2 + belief.drift**2)
+        for cause in only:
+            name, *others = CAUSES[cause]
+            k = PARAMETERS.index(name)
+            if (others and cause != "level") or total[k, k] <= 0:
+                continue
+            known = np.where(np.arange(len(apart)) == k, 0.0, apart)
+            unit = np.sqrt(1 / np.maximum(np.diagonal(total) + known, 1e-300))
+            scaled = unit[:, None] * (total + np.diag(known)) * unit
+            shown = float(np.linalg.pinv(scaled, hermitian=True)[k, k] * unit[k] ** 2)
+            none = shown + float(belief.drift[k] ** 2) + min(shown, float(belief.constant[k] ** 2))
+            changed = (belief.unit[k] * CAUSES[cause][name]) ** 2
+            needed = threshold + np.log1p(changed / none) / 2
+            least = np.sqrt(2 * needed / (1 / none - 1 / (none + changed)))
+            least = float(least + ONE_SIDED_95 * np.sqrt(shown))
+            found[cause] = min(least, found.get(cause, np.inf))
+    return found
 
 
 LEAST = 0.05

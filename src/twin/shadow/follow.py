@@ -28,7 +28,7 @@ from twin.identify.windows import Windows, unknown_motion
 from twin.run.logs import NEEDED
 from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import LOOKBACKS, Alarm, SequentialTests, baseline, onset, weigh
+from twin.shadow.alarms import LOOKBACKS, Alarm, SequentialTests, baseline, onset, resolution, weigh
 from twin.shadow.belief import BALL, OPEN, PARAMETERS, Belief
 from twin.shadow.evidence import (
     GAPS,
@@ -135,6 +135,7 @@ class Shadow:
             "inside_band_percent": self.inside_band,
             "replay_error_1s_mm": None if error is None else 1000 * error,
             "alarms": [each.as_dict() for each in self.alarms],
+            "smallest_seen": resolution(self.tests),
             "told_seconds": self.told,
             "gaps": self.gaps.tolist(),
             "taught": self.taught,

@@ -23,8 +23,8 @@ from twin.run.assemble import drawn_mechanism
 from twin.run.files import run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import LATE_THRESHOLD, THRESHOLD, Alarm
-from twin.shadow.belief import believed, beside, check_commands
+from twin.shadow.alarms import LATE_SUSPECTED, LATE_THRESHOLD, THRESHOLD, Alarm, resolution
+from twin.shadow.belief import CAUSES, TABLES, Belief, believed, beside, check_commands
 from twin.shadow.follow import LEARNING, MARGIN, SETTLING, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import AHEAD, DRAWN, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
@@ -200,6 +200,8 @@ def sentences(found: Shadow) -> list[str]:
             f"Cannot tell: the ball moved for {told:.0f} of {length:.0f} s, and a ball at rest "
             "shows neither friction nor level nor dead time. That is no sign of health."
         )
+    if found.verdict == "healthy":
+        words += indistinguishable(found)
     words += [found.taught] if found.taught else []
     words += [f"Reality has left the model. Alarm at {alarm.words}." for alarm in found.alarms]
     score, inside, error = found.score_median, found.inside_band, found.error_1s
@@ -218,6 +220,45 @@ def sentences(found: Shadow) -> list[str]:
     return words
 
 
+def indistinguishable(found: Shadow) -> list[str]:
+    """What a healthy verdict leaves open: changes too small to be seen, and a suspicion."""
+    words = []
+    least = resolution(found.tests)
+    if least:
+        sizes = [
+            f"{RESOLVED[cause]} below {_size(cause, value, found.tests.belief)}"
+            for cause, value in least.items()
+            if cause in RESOLVED
+        ]
+        words.append(f"Cannot be told from healthy: a change of {', of '.join(sizes)}.")
+    if found.tests.suspected:
+        ratio = float(found.tests.delayed.max())
+        words.append(
+            f"Another dead time is possible: its log likelihood ratio was {ratio:.1f}, where "
+            f"{LATE_THRESHOLD:.1f} is an alarm and healthy rigs exceed {LATE_SUSPECTED:g} about "
+            "twice an hour."
+        )
+    return words
+
+
+RESOLVED = {
+    "dead time": "the screen's dead time",
+    "servo lag": "the drives' lag or dead time",
+    "rolling friction": "rolling friction",
+    "level": "the level",
+    "tilt gain": "the tilt gain",
+}
+"""Causes whose smallest change that would be seen is said, in words."""
+
+
+def _size(cause: str, value: float, belief: Belief) -> str:
+    """The size of a change of one parameter in words."""
+    about = TABLES["parameters"][next(iter(CAUSES[cause]))]
+    unit = belief.values["rolling"] if cause == "rolling friction" else 1.0
+    words = {"dead time": "{:.1f} ms", "servo lag": "{:.1f} ms", "level": "{:.3f} deg"}
+    return words.get(cause, "{:.0f} %").format(about["factor"] * value / unit)
+
+
 def page(found: Shadow) -> str:
     """The report as one HTML file."""
     blocks: list[Block] = [
@@ -230,7 +271,7 @@ def page(found: Shadow) -> str:
             "nothing can be told. Vertical lines: an alarm, and (dotted) when it most likely "
             "began. An alarm is raised where the logarithm of the likelihood ratio passes "
             f"{THRESHOLD:g}; that of another dead time has a test of its own and "
-            f"{LATE_THRESHOLD:g}. All causes count as equally likely beforehand; those below 5 % "
+            f"{LATE_THRESHOLD:.3g}. All causes count as equally likely beforehand; those below 5 % "
             "are not named.",
         ),
     ]

@@ -200,8 +200,8 @@ class TouchModel:
     jitter: Number = ramp("sensors.touch.jitter", 0.0, ge=0, le=0.1)
     lost: Number = ramp("sensors.touch.lost", 0.0, ge=0, le=0.9)
     hidden: tuple[float, float, float, float] | Array = jump("sensors.touch.hidden", (0.0,) * 4)
-    rotation: Number = setting("sensors.touch.rotation_deg", 0.0, Unit.DEG, ge=-45, le=45)
-    frame_rate: Number = setting("sensors.touch.frame_rate", 0.0, ge=0, le=10_000)
+    rotation: Number = ramp("sensors.touch.rotation_deg", 0.0, Unit.DEG, ge=-45, le=45)
+    frame_rate: Number = jump("sensors.touch.frame_rate", 0.0, ge=0, le=10_000)
     grid: Number = setting("sensors.touch.grid", 4096, ge=0)
     variance: tuple[float, float] | Array = ramp(
         "sensors.touch.variance", (7.2538e-7, 1.7721e-7), otherwise=(0.0, 0.0), ge=0

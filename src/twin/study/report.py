@@ -17,10 +17,9 @@ import pyarrow.parquet as pq
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from SALib.analyze import sobol
 from scipy import stats
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from twin.base import page
 from twin.base.data_file import read_toml
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, inline
@@ -29,7 +28,7 @@ from twin.run.picture import drawn, style
 from twin.run.tables import LABELS
 from twin.study.experiments import labelled
 from twin.study.schema import Point, Study
-from twin.study.work import SEED, Design, Work, problem
+from twin.study.work import Design, Work, sobol_designs
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,8 @@ class SensitivityIndex:
     Attributes:
         key: The parameter.
         value: Total Sobol index, or Spearman's rank correlation.
-        half: Half-width of its 95 % interval; NaN if there is none. Bootstrap for Sobol.
+        half: Half-width of its 95 % interval; NaN if there is none. For Sobol indices Student's t
+            over the estimates of independent designs.
         first: First-order Sobol index; NaN for others.
         decided: Whether the interval excludes zero.
     """
@@ -49,6 +49,16 @@ class SensitivityIndex:
     half: float
     first: float
     decided: bool
+
+    @property
+    def negligible(self) -> bool:
+        """Whether the whole interval is below ``NEGLIGIBLE``."""
+        return abs(self.value) + self.half < NEGLIGIBLE
+
+    @property
+    def matters(self) -> bool:
+        """Whether it is known to differ from zero, and is not negligible."""
+        return self.decided and abs(self.value) >= NEGLIGIBLE
 
 
 @dataclass(frozen=True)
@@ -134,24 +144,42 @@ def answers(work: Work, rows: pa.Table) -> list[Answer]:
             mean = np.bincount(at, values) / np.bincount(at)
             indices = _indices(study, design, mean, notes)
         curves = _curves(study, design[at], values) if study.method == "grid" else ()
-        whole = spread(values)
+        failing = np.bincount(at, ~np.isfinite(values)) / np.bincount(at)
+        if study.method == "sobol":  # the other rows of a block share its two points
+            failing = failing.reshape(-1, len(study.parameters) + 2)[:, [0, -1]].ravel()
+        whole = spread(values, failing)
         found.append(Answer(variant.name, whole, indices, curves, tuple(notes), values))
     return found
 
 
-def spread(values: Array) -> Spread:
+def spread(values: Array, failing: Array | None = None) -> Spread:
     """Median and quantiles of finished runs, and the probability of failure.
 
     Args:
         values: A metric, NaN for runs that failed, shape (K,).
+        failing: Share of failed runs at each independently drawn point, shape (P,); None if every
+            run is a point of its own.
     """
-    good = values[np.isfinite(values)]
-    failed = len(values) - len(good)
-    chance = stats.binomtest(failed, max(len(values), 1)).proportion_ci(method="wilson")
+    finished = np.isfinite(values)
+    good = values[finished]
     middle, low, high = (
         np.quantile(good, (0.5, 0.05, 0.95)).tolist() if len(good) else (np.nan,) * 3
     )
-    return Spread(middle, low, high, len(values), failed, (float(chance.low), float(chance.high)))
+    chance = wilson(~finished if failing is None else failing)
+    return Spread(middle, low, high, len(values), len(values) - len(good), chance)
+
+
+def wilson(failing: Array | Mask) -> tuple[float, float]:
+    """Wilson's 95 % interval of a probability from independent draws.
+
+    Args:
+        failing: Of each draw whether it failed, or the share of its runs that did, shape (P,).
+    """
+    count = max(len(failing), 1)
+    share, z = failing.sum() / count, stats.norm.ppf(0.975)
+    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
+    reach = z * np.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2) / (1 + z**2 / count)
+    return max(0.0, float(middle - reach)), min(1.0, float(middle + reach))
 
 
 def _indices(
@@ -161,21 +189,58 @@ def _indices(
     if study.method in {"lhs", "montecarlo"}:
         return _ranks(design, mean)
     block = len(keys) + 2
-    whole = np.asarray(np.isfinite(mean).reshape(-1, block).all(axis=1))
+    blocks = mean.reshape(sobol_designs(study), -1, block)
+    whole = np.asarray(np.isfinite(blocks).all(axis=-1))
     if not whole.all():
         notes.append(
-            f"{int((~whole).sum())} of {len(whole)} blocks left out, because a run in them failed"
+            f"{int((~whole).sum())} of {whole.size} blocks left out, because a run in them failed"
         )
-    if whole.sum() < 4:
+    used = [each[kept] for each, kept in zip(blocks, whole, strict=True) if kept.sum() >= 2]
+    if len(used) < 2:
         notes.append("too few whole blocks for indices")
         return ()
-    kept = np.repeat(whole, block)
-    got = sobol.analyze(problem(study), mean[kept], calc_second_order=False, seed=SEED)
-    triples = zip(got["ST"], got["ST_conf"], got["S1"], strict=True)
+    if not all(np.ptp(each[:, [0, -1]]) > 0 for each in used):
+        notes.append("no indices, because the runs of a design do not differ")
+        return ()
+    first, total, halves = sobol_indices(used)
     return tuple(
-        SensitivityIndex(key, float(value), float(half), float(first), bool(value - half > 0))
-        for key, (value, half, first) in zip(keys, triples, strict=True)
+        SensitivityIndex(key, float(value), float(half), float(one), bool(value - half > 0))
+        for key, value, half, one in zip(keys, total, halves, first, strict=True)
     )
+
+
+def sobol_indices(designs: Sequence[Array]) -> tuple[Array, Array, Array]:
+    """First-order and total Sobol indices, and half-widths of the total ones, shape (d,) each.
+
+    Saltelli et al. (2010), Table 2, (b) about the mean and (f). Numerators and variances are means
+    over the designs, as the mean of their quotients would be too large; the interval is Student's t
+    over what each design leaves of the quotient (the delta method).
+
+    Args:
+        designs: Of each its values: of each base sample at A, at A with one coordinate of B after
+            the other, and at B, shape (n, d + 2).
+    """
+    parts = []
+    for values in designs:
+        at_a, mixed, at_b = values[:, :1], values[:, 1:-1], values[:, -1:]
+        ends = np.concatenate((at_a, at_b))
+        first = ((at_b - ends.mean()) * (mixed - at_a)).mean(axis=0)
+        parts.append((first, ((at_a - mixed) ** 2).mean(axis=0) / 2, ends.var(keepdims=True)[0]))
+    first, total, variance = (np.array(each) for each in zip(*parts, strict=True))
+    whole = variance.mean()
+    value = total.mean(axis=0) / whole
+    return first.mean(axis=0) / whole, value, student_half_width((total - value * variance) / whole)
+
+
+def student_half_width(estimates: Array) -> Array:
+    """Half-width of the 95 % interval of a mean of independent estimates, shape (...).
+
+    Args:
+        estimates: Shape (R, ...), R at least 2.
+    """
+    count = len(estimates)
+    factor = stats.t.ppf(0.975, count - 1) / np.sqrt(count)
+    return np.asarray(factor * estimates.std(axis=0, ddof=1))
 
 
 def _ranks(design: Design, mean: Array) -> tuple[SensitivityIndex, ...]:
@@ -300,7 +365,7 @@ def _draw_indices(study: Study, found: Sequence[Answer]) -> Figure:
 def _bar(panel: Axes, index: SensitivityIndex, at: float, height: float, colour: str) -> None:
     reach = (index.value - index.half, index.value + index.half)
     panel.plot(reach, (at, at), color="0.2" if index.decided else colour, lw=1.2, zorder=3)
-    if not index.decided:  # no bar: its sign is unknown
+    if not (index.decided or index.negligible):  # no bar: its sign is unknown
         panel.plot(0, at, "o", mec=colour, mfc="white", ms=4)
         return
     panel.barh(at, index.value, height, color=colour, alpha=0.85)
@@ -392,16 +457,20 @@ def _importance(found: Sequence[Answer], metric: str) -> list[str]:
     for answer in found:
         for index in sorted(answer.indices, key=lambda each: -abs(each.value)):
             own = names.setdefault(index.key, [])
-            if index.decided and abs(index.value) >= NEGLIGIBLE:
+            if index.matters:
                 own.append(f"{index.value:.2g} ± {index.half:.1g}" if one else answer.variant)
     words = []
     for key, who in sorted(names.items(), key=lambda item: -len(item[1])):
         if who:
             told = "all variants" if 1 < len(who) == len(found) else ", ".join(who)
             words.append(f"{key} matters to {metric}{': ' if one else ' for '}{told}.")
-    others = [key for key, who in names.items() if not who]
-    if others:
-        words.append(f"Undecided with this sample, or negligible: {', '.join(others)}.")
+    every = [index for answer in found for index in answer.indices if not names[index.key]]
+    undecided = list(dict.fromkeys(index.key for index in every if not index.negligible))
+    negligible = list(dict.fromkeys(index.key for index in every if index.key not in undecided))
+    if negligible:
+        words.append(f"Negligible, an index below {NEGLIGIBLE:g}: {', '.join(negligible)}.")
+    if undecided:
+        words.append(f"Undecided with this sample: {', '.join(undecided)}.")
     return words
 
 
@@ -516,11 +585,11 @@ def _index_rows(answer: Answer) -> list[tuple[Any, ...]]:
         value = (
             digits(index.value, places=3) if abs(index.value) >= NEGLIGIBLE else f"< {NEGLIGIBLE:g}"
         )
-        verdict = "matters" if abs(index.value) >= NEGLIGIBLE else "negligible"
         first = f"< {NEGLIGIBLE:g}" if index.first < NEGLIGIBLE else digits(index.first, places=3)
-        if not index.decided:
+        verdict = "matters" if index.matters else "negligible"
+        if not (index.matters or index.negligible):
             value, first = "-", "-"
-            verdict = "undecided: the interval holds zero"
+            verdict = "undecided: the interval holds values that are negligible and others"
         rows.append(
             (index.key, answer.variant, value, digits(index.half, places=3), first, verdict)
         )

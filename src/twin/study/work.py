@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
-from SALib.sample import latin, sobol
+from scipy.stats import qmc
 
 import controllers
 from controllers.arrays import Array
@@ -38,23 +38,39 @@ SEED = 1
 """Of the designs: the same study has the same points."""
 
 
-def problem(study: Study) -> dict[str, Any]:
-    """The study for SALib: its designs work on quantiles."""
-    names = list(study.parameters)
-    return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
+SOBOL_DESIGNS = 8
+"""Independently scrambled designs of a Sobol study, as far as each has ``SOBOL_LEAST`` samples."""
+SOBOL_LEAST = 8
+"""Base samples below which a design's indices are too coarse for Student's t."""
+
+
+def sobol_designs(study: Study) -> int:
+    """How many independent designs share the base samples of a Sobol study; at least two."""
+    return min(SOBOL_DESIGNS, max(2, study.samples // SOBOL_LEAST))
 
 
 def quantiles(study: Study) -> Array:
-    """The design in quantiles, shape (points, parameters); of the methods that have one."""
-    about, count = problem(study), study.samples
-    found: Array
-    if study.method == "sobol":
-        found = sobol.sample(about, count, calc_second_order=False, seed=SEED)
-    elif study.method == "lhs":
-        found = latin.sample(about, count, seed=SEED)
-    else:
-        found = np.random.default_rng(SEED).uniform(size=(count, about["num_vars"]))
-    return np.asarray(found)
+    """The design in quantiles, shape (points, parameters); of the methods that have one.
+
+    That of ``sobol`` is several designs, one after the other, each an independently scrambled
+    Sobol sequence (Owen). A base sample has two points A and B that are drawn independently, and is
+    a block of d + 2 rows: A, then A with one coordinate of B after the other, then B.
+    """
+    count, d = study.samples, len(study.parameters)
+    rng = np.random.default_rng(SEED)
+    if study.method == "lhs":
+        return np.asarray(qmc.LatinHypercube(d, rng=rng).random(count))
+    if study.method != "sobol":
+        return np.asarray(rng.uniform(size=(count, d)))
+    designs = sobol_designs(study)
+    base = [qmc.Sobol(2 * d, rng=each).random(count // designs) for each in rng.spawn(designs)]
+    # a sequence is most even in neighbouring dimensions: they are the two values of a parameter
+    pairs = np.concatenate(base).reshape(-1, d, 2)
+    blocks = np.repeat(pairs[:, None, :, 0], d + 2, axis=1)
+    for k in range(d):
+        blocks[:, k + 1, k] = pairs[:, k, 1]
+    blocks[:, -1] = pairs[..., 1]
+    return np.asarray(blocks.reshape(-1, d))
 
 
 class Design(Sequence[Point]):

@@ -47,6 +47,44 @@ IDEAL = packaged(HERE, "data/ideal.toml")
 """A rig with the imperfections that a row gives, and no others; nothing saturates."""
 
 
+class Reason(StrEnum):
+    """Why a cell is known not to agree with the thesis, the weakest reason first.
+
+    UNEXPLAINED: no reason is known. FITTED: a reason that was fitted to the cell afterwards, which
+    the thesis's text does not give. NOT_GIVEN: the cell depends on a number that the thesis does
+    not give. COPIED: the cell repeats the number of another table. ARTEFACT: an artefact of the
+    thesis's computation, shown by computing it.
+    """
+
+    UNEXPLAINED = "unexplained"
+    FITTED = "fitted"
+    NOT_GIVEN = "not given"
+    COPIED = "copied"
+    ARTEFACT = "artefact"
+
+
+REASONS = {
+    Reason.UNEXPLAINED: "unexplained",
+    Reason.FITTED: "with a reason that was fitted to them afterwards",
+    Reason.NOT_GIVEN: "that depend on numbers which the thesis does not give",
+    Reason.COPIED: "that repeat the numbers of another table",
+    Reason.ARTEFACT: "by an artefact of the thesis's computation",
+}
+"""The reasons in words, behind a number of cells."""
+
+
+class Disagreement(NamedTuple):
+    """Why a cell is known not to agree, as the data file has it.
+
+    Attributes:
+        because: What kind of reason there is.
+        note: In words.
+    """
+
+    because: Reason
+    note: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRow:
     """A row: one simulation of the thesis.
@@ -60,7 +98,7 @@ class SimulatedRow:
         cells: Column to the thesis's value.
         notes: Column to a remark on the cell.
         causes: Column to what made the thesis's values of this kind inexact.
-        exceptions: Column to the reason why this cell cannot be reproduced.
+        exceptions: Column to why this cell is known not to agree.
     """
 
     name: str
@@ -71,7 +109,7 @@ class SimulatedRow:
     cells: Mapping[str, float]
     notes: Mapping[str, str] = field(default_factory=dict)
     causes: Mapping[str, str]
-    exceptions: Mapping[str, str] = field(default_factory=dict)
+    exceptions: Mapping[str, Disagreement] = field(default_factory=dict)
 
     def scenario(self, way: str, period: float = PERIOD) -> Scenario:
         """What runs, on the plant of ``sampled`` or ``mujoco``, at a control period in s."""
@@ -129,12 +167,19 @@ def tables() -> dict[str, SimulatedTable]:
                 bound=bound,
                 shared=tuple(content["remarks"]),
                 own=tuple(entry.get("remarks", ())),
-                rows=tuple(
-                    SimulatedRow(**common | row | {"setup": laid_over(setup, row.get("setup", {}))})
-                    for row in entry["row"]
-                ),
+                rows=tuple(_row(common | row, setup) for row in entry["row"]),
             )
     return dict(sorted(found.items(), key=lambda item: int(item[0].split(".")[1])))
+
+
+def _row(about: Mapping[str, Any], setup: Mapping[str, Any]) -> SimulatedRow:
+    """A row of a data file, over the setup of its table."""
+    exceptions = {
+        column: Disagreement(Reason(each["because"]), each["note"])
+        for column, each in about.get("exceptions", {}).items()
+    }
+    own = {"setup": laid_over(setup, about.get("setup", {})), "exceptions": exceptions}
+    return SimulatedRow(**{**about, **own})
 
 
 @cache
@@ -375,7 +420,8 @@ WORTH_A_NOTE = 1.0
 class Agreement(StrEnum):
     """Whether a cell agrees with the thesis.
 
-    AGREES: within its bound. EXCEPTION: not, for a reason that is known and noted. DIFFERS: not.
+    AGREES: within its bound. EXCEPTION: not, and it is noted among those that do not, with its
+    ``Reason`` or with none. DIFFERS: not, and it is not noted.
     """
 
     AGREES = "agrees"
@@ -408,6 +454,7 @@ class ThesisCell:
         mujoco: The mechanism without rolling friction, through the seam; None if it ended early.
         note: What is known of the cell.
         verdict: Whether exact and sampled value agree with the thesis's.
+        because: What kind of reason an exception has; None for other cells.
     """
 
     table: str
@@ -419,6 +466,14 @@ class ThesisCell:
     mujoco: Value | None
     note: str
     verdict: Agreement
+    because: Reason | None = None
+
+    @property
+    def mark(self) -> str:
+        """Of a cell that does not agree: (!) with a reason, !! without."""
+        if self.verdict is Agreement.AGREES:
+            return ""
+        return "!!" if self.because in {None, Reason.UNEXPLAINED} else "(!)"
 
     @property
     def deviation_percent(self) -> float | None:
@@ -435,6 +490,7 @@ class ThesisCell:
             "deviation_percent": self.deviation_percent,
             "note": self.note,
             "verdict": self.verdict.value,
+            "because": self.because and self.because.value,
         }
         for way in WAYS:
             value: Value | None = getattr(self, way)
@@ -462,17 +518,17 @@ def _cell(table: SimulatedTable, index: int, column: str, found: Results) -> The
     values = {way: _value(result.values[column], column) for way, result in mine.items()}
     of_exact = Value(exact, (span[0], span[1]) if span else None)
     agrees = all(_agrees(v, thesis, column, table.bound) for v in (of_exact, values["sampled"]))
-    excused = column in row.exceptions
-    remarks = [row.notes.get(column), row.exceptions.get(column)]
+    known_not_to = row.exceptions.get(column)
+    remarks = [row.notes.get(column), known_not_to and known_not_to.note]
     deviation = of_exact.deviation(thesis)
-    if deviation is not None and abs(deviation) > WORTH_A_NOTE and not excused:
+    if deviation is not None and abs(deviation) > WORTH_A_NOTE and not known_not_to:
         remarks.append(row.causes.get(column))
     if not agrees and COLUMNS[column].judged == "noise":
         remarks.append("The thesis's value is outside the 5 to 95 % range of the seeds.")
     if column == "e_tt":
         remarks.append(known["fitted"])
     remarks += [f"{way}: {result.ended}." for way, result in mine.items() if result.ended]
-    differs = Agreement.EXCEPTION if excused else Agreement.DIFFERS
+    differs = Agreement.EXCEPTION if known_not_to else Agreement.DIFFERS
     return ThesisCell(
         table=table.id,
         row=row.name,
@@ -482,6 +538,7 @@ def _cell(table: SimulatedTable, index: int, column: str, found: Results) -> The
         **values,
         note=" ".join(filter(None, remarks)),
         verdict=Agreement.AGREES if agrees else differs,
+        because=known_not_to.because if known_not_to and not agrees else None,
     )
 
 
@@ -512,7 +569,6 @@ def _agrees(value: Value | None, thesis: float, column: str, bound: float) -> bo
 
 
 HEADINGS = ("row", "quantity", "thesis", "exact", "sampled", "MuJoCo", "exact − thesis", "")
-MARKS = {Agreement.AGREES: "", Agreement.EXCEPTION: "(!)", Agreement.DIFFERS: "!!"}
 STEPS = (1.0, 2.0, 4.0, 5.0)
 """Deviations in % by which cells are counted."""
 
@@ -542,7 +598,7 @@ def lines(cells: Iterable[ThesisCell]) -> tuple[list[tuple[str, ...]], list[str]
                 f"{cell.thesis:.5g}",
                 *(shown(getattr(cell, way)) for way in WAYS),
                 "-" if off is None else f"{off:+.1f} %",
-                f"{MARKS[cell.verdict]} {note}".strip(),
+                f"{cell.mark} {note}".strip(),
             )
         )
         last = cell.row
@@ -568,6 +624,8 @@ def summary(cells: Sequence[ThesisCell]) -> dict[str, Any]:
         "within": {step: sum(off <= step for off, _ in plain) for step in STEPS},
         "worst": worst and worst[1],
         **{kind.value: sum(cell.verdict is kind for cell in cells) for kind in Agreement},
+        "disagree": sum(cell.verdict is not Agreement.AGREES for cell in cells),
+        "because": {kind.value: sum(cell.because is kind for cell in cells) for kind in Reason},
     }
 
 
@@ -575,8 +633,12 @@ def sentence(cells: Sequence[ThesisCell]) -> str:
     """The summary in one line."""
     found = summary(cells)
     within = ", ".join(f"{count} within {step:g} %" for step, count in found["within"].items())
-    text = f"{found['cells']} cells: {found['agrees']} agree, {found['exception']} are exceptions"
-    text += f" with a known reason, {found['differs']} differ. "
+    why = [f"{found['because'][kind]} {words}" for kind, words in REASONS.items()]
+    why = [each for each in why if not each.startswith("0 ")]
+    if found["differs"]:
+        why.insert(0, f"{found['differs']} new, not noted so far")
+    text = f"{found['cells']} cells: {found['agrees']} agree, {found['disagree']} do not"
+    text += f" ({', '.join(why)}). " if why else ". "
     text += f"Of {found['values']} values without spread {within}"
     worst: ThesisCell | None = found["worst"]
     if worst is None:
