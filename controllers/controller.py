@@ -114,6 +114,13 @@ class HeldLaw(Law):
         plan = self.law.start(x, reference, self.ticks * period)
         return HeldCommand(plan, period, self.ticks, np.zeros((*x.shape[:-1], 2)))
 
+    def replanned(
+        self, plan: HeldCommand, t: float, x: Array, reference: Reference, period: float
+    ) -> HeldCommand:
+        """The law's plan from a time in s on, with what is held."""
+        plan.plan = self.law.replanned(plan.plan, t, x, reference, self.ticks * period)
+        return plan
+
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2): new ones when it is time."""
         held: HeldCommand = now.plan
@@ -207,6 +214,11 @@ class Controller:
         self.memory = np.zeros((*x.shape[:-1], self.law.memory))
         self.plan = self.law.start(x, self.reference, self.period)
         self._time = None
+
+    def take_over_at(self, t: float) -> None:
+        """Let the law plan anew from a time in s on, from where the observer has ball and plate."""
+        x, path = self.observer.x, self.reference
+        self.plan = self.law.replanned(self.plan, t, x, path, self.period)
 
     def command(self, measurement: Measurement) -> ControlStep:
         """The estimate for a measurement, and what is requested of the rig."""
@@ -414,6 +426,15 @@ class PerRigLaw(Law):
     def start(self, x: Array, reference: Reference, period: float) -> list[Any]:
         """The plan of each group of rigs."""
         return [law.start(x[own], _PartOf(reference, own), period) for own, law in self.groups.each]
+
+    def replanned(
+        self, plan: list[Any], t: float, x: Array, reference: Reference, period: float
+    ) -> list[Any]:
+        """The plans from a time in s on."""
+        return [
+            law.replanned(each, t, x[own], _PartOf(reference, own), period)
+            for (own, law), each in zip(self.groups.each, plan, strict=True)
+        ]
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (N, 2)."""

@@ -161,6 +161,18 @@ class Law(ABC):
         """
         return None
 
+    def replanned(self, plan: Any, t: float, x: Array, reference: Reference, period: float) -> Any:
+        """The plan of a law that takes over a run under way; by default that of its start.
+
+        Args:
+            plan: What ``start`` returned.
+            t: Time in s at which it takes over.
+            x: Estimate of then, shape (..., 8).
+            reference: The path to follow.
+            period: Control period in s.
+        """
+        return plan
+
     def command(self, now: Feedback) -> Array:
         """Plate accelerations u in rad/s^2, shape (..., 2), from all there is to act on.
 

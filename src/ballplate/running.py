@@ -211,6 +211,8 @@ def one_run(
     reporter: Reporter,
     attach: Attach = lambda _: None,
     rig: Rig | None = None,
+    *,
+    path: bool = True,
 ) -> Run:
     """Run a scenario with its warnings and its progress.
 
@@ -220,6 +222,7 @@ def one_run(
         reporter: Who is told.
         attach: Is given the recorder before the run.
         rig: A real rig; simulated by default.
+        path: Whether to warn of a reference that the plate cannot give.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
@@ -227,6 +230,8 @@ def one_run(
     from twin.run import finished
 
     warn_of_dangers(scenario, reporter)
+    if path:
+        warn_of_path(scenario, reporter)
     with reporter.progress(label, scenario.duration) as advance:
         return finished.run(scenario, advance, attach, rig)
 
@@ -266,6 +271,20 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
             reporter.warn(f"{label}: {danger}" if label else danger)
 
 
+def warn_of_path(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
+    """Warn of a reference that the plate cannot give.
+
+    Args:
+        scenario: What is to run.
+        reporter: Who is told.
+        label: Which of several runs it is.
+    """
+    from twin.run.finished import out_of_reach
+
+    if line := out_of_reach(scenario):
+        reporter.warn(f"{label}: {line}" if label else line)
+
+
 def importable(scenario: Scenario) -> bool:
     """Whether another process knows the scenario's law, observer and reference, too."""
     from controllers.catalog import registered
@@ -283,7 +302,7 @@ def _begun(scenario: Scenario, beside: SecondProcess, reporter: Reporter) -> Cal
 
     model = clean(scenario)
     if not beside.there:
-        return lambda: one_run(model, CLEAN, reporter)
+        return lambda: one_run(model, CLEAN, reporter, path=False)
     result = beside.begin(finished.run, model)
     beside.begin(finished.load_drawing)
 
