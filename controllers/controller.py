@@ -96,7 +96,8 @@ class HeldLaw(Law):
     computing_time: float | str
 
     def __init__(self, law: Law, ticks: int, computing_time: float | str = 0.0) -> None:
-        own = {each: getattr(law, each) for each in ("name", "memory", "needs", "model")}
+        names = "name", "memory", "needs", "counts", "model"
+        own = {each: getattr(law, each) for each in names}
         own |= {"law": law, "ticks": ticks, "computing_time": computing_time}
         for name, value in own.items():
             object.__setattr__(self, name, value)
@@ -294,7 +295,7 @@ class Controller:
 
 
 def needed(law: Law, observer: Observer) -> list[int]:
-    """Where what a law needs stands in what an observer knows.
+    """Where what a law needs, and what it counts if it is known, stands in what an observer knows.
 
     Raises:
         ValueError: If the observer does not estimate it: which law, what, which observer.
@@ -306,7 +307,8 @@ def needed(law: Law, observer: Observer) -> list[int]:
                 f"law '{law.name}' needs an observer that estimates {name}: "
                 f"'{observer.name}' does not"
             )
-    return [known.index(name) for name in law.needs]
+    counted = law.counts if set(law.counts) <= set(known) else ()
+    return [known.index(name) for name in (*law.needs, *counted)]
 
 
 class SampledReference(Reference):
@@ -418,9 +420,9 @@ class PerRigLaw(Law):
     def __init__(self, laws: Sequence[Law]) -> None:
         object.__setattr__(self, "groups", Groups(laws))
         object.__setattr__(self, "memory", max(law.memory for law in laws))
-        object.__setattr__(
-            self, "needs", tuple(dict.fromkeys(n for law in laws for n in law.needs))
-        )
+        for names in ("needs", "counts"):
+            found = dict.fromkeys(name for law in laws for name in getattr(law, names))
+            object.__setattr__(self, names, tuple(found))
         object.__setattr__(self, "model", laws[0].model)
 
     def start(self, x: Array, reference: Reference, period: float) -> list[Any]:
@@ -439,12 +441,13 @@ class PerRigLaw(Law):
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (N, 2)."""
         u = np.empty((len(now.x), 2))
+        known = (*self.needs, *self.counts)[: now.needed.shape[-1]]
         for (own, law), plan in zip(self.groups.each, now.plan, strict=True):
             mine = Feedback(
                 now.time,
                 now.x[own],
                 now.equivalent[own],
-                now.needed[own][:, [self.needs.index(name) for name in law.needs]],
+                now.needed[own][:, [known.index(n) for n in law.needs + law.counts if n in known]],
                 now.rate[own],
                 now.requested[own],
                 _PartOf(now.reference, own),

@@ -680,7 +680,9 @@ class StableInversion(AboutMotion):
         a* - a*'' / Z^2 = (r'' + F h(r') - d) / k1,    Z^2 = k1 / c2,
 
     divided by 1 + kappa. It begins before what causes it, so the reference is asked ahead. F, d and
-    kappa come from the observer, h(v) = v / sqrt(|v|^2 + vs^2). About it the law is
+    kappa come from the observer, h(v) = v / sqrt(|v|^2 + vs^2). On a plate with a camber c, d
+    changes by c r' as the ball goes on, and so do rate and acceleration of the slope. About it the
+    law is
 
         a'' = a*'' - K (eta - r - c2 a*, eta' - r' - c2 a*', a - a*, a' - a*')
 
@@ -709,6 +711,8 @@ class StableInversion(AboutMotion):
         "plate_lag",
         *(f"{each}_{axis}" for each in ("disturbance", "tilt_gain", "plate_bias") for axis in "xy"),
     )
+
+    counts: ClassVar[tuple[str, ...]] = ("camber_x", "camber_y")
 
     Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (3e5, 3e4, 1e4, 200.0)
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1. An
@@ -772,7 +776,8 @@ class StableInversion(AboutMotion):
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
         rows, k1 = now.x.reshape(-1, 8), self.model.k1
-        x, (F, lag, *known) = components(rows), components(now.needed.reshape(-1, 8))
+        x, (F, lag, *known) = components(rows), components(now.needed.reshape(len(rows), -1))
+        camber = known[6:] or (0.0, 0.0)
         motion, planned, fast = now.plan.at(now.time, now.reference), 1.0, 1.0
         if self.resting_speed:
             planned = beyond(motion[0].pace, self.resting_speed)
@@ -792,17 +797,19 @@ class StableInversion(AboutMotion):
             if self.resting_speed:  # as planned, at rest by the ball's own heading
                 own = (1 - planned) * v / (length * k1)
                 drag = Tilts(planned * drag[0] + own, planned * drag[1], planned * drag[2])
+            c = camber[axis]  # d changes as the ball goes on
             slope = Tilts(
                 (free.angle + F * drag.angle - d / k1) / gain,
-                (free.rate + F * drag.rate) / gain,
-                (free.acceleration + F * drag.acceleration) / gain,
+                (free.rate + F * drag.rate - c * wanted.velocity / k1) / gain,
+                (free.acceleration + F * drag.acceleration - c * free.angle) / gain,
             )
             seen = ball, v, sign * angle, sign * rate
             asked = self._about(K, seen, (wanted.position, wanted.velocity), slope)
             if len(K) > 4:
                 counted = self.rate_bias * fast * known[4 + axis]
                 commanded = sign * (numbers(now.rate[..., axis]) + counted)
-                jerk = (wanted.jerk[0] + F * planned * wanted.jerk[1]) / gain
+                jerk = wanted.jerk[0] + F * planned * wanted.jerk[1] - c * free.rate
+                jerk = jerk / gain
                 ahead = commanded - slope.rate - lag * slope.acceleration
                 asked = asked + lag * jerk - K[4] * ahead
             u.append(sign * asked)
