@@ -376,8 +376,13 @@ class DriveLag:
         self._axes = [(none, none, none)] * 2
         """Way since an axis turned round, slow means of what it is behind by and of its rate."""
         self._squares = self._products = none
+        self._kept = none + 1.0
         self.lag = self.left = none
         """T, s, and the share of a change of the commanded rate that it leaves after a period."""
+
+    def give_up(self, swings: Any) -> None:
+        """Find none any more where the plate swings, which looks like a lag and is none."""
+        self._kept = self._by.where(swings, 0.0, 1.0)
 
     def correct(self, measured: Sequence[Any]) -> None:
         """Take in the measured angles in rad."""
@@ -394,7 +399,7 @@ class DriveLag:
         self._squares, self._products = squares, products = forget * squares, forget * products
         found = products / (squares + FIRM) - OWN
         sure = by.least(found, 2 * (found - UNSURE))
-        self.lag = lag = by.least(by.most(sure, 0.0), LONGEST_LAG)
+        self.lag = lag = self._kept * by.least(by.most(sure, 0.0), LONGEST_LAG)
         # exp(-period / lag) by what gives one rig the same bits as beside others
         self.left = (lag > self._period) * (2 * lag - self._period) / (2 * lag + self._period)
 
@@ -424,7 +429,11 @@ class LateBall(DelayedObserver):
     plate_pole: Positive = 10.0
     """Both poles of the plate's estimate, as a rate in 1/s."""
     swinging_pole: NotNegative = 0.0
-    """The same once the plate is found to swing on a soft drive train; 0 for no other."""
+    """The same, as a rate in 1/s, once the plate is found to swing on a soft drive train; 0 for as
+    before."""
+    screen_deg: float = 0.0
+    """Angle in deg by which the screen is turned on the plate, as it was measured: samples are
+    turned back by it. It cannot be found while the ball goes round at one speed."""
     plate: Literal["measured", "modelled"] = "measured"
     """Whether its angles are measured; modelled ones, for a rig without encoders, are what was
     commanded as drives with the lag that is known follow it."""
@@ -447,6 +456,8 @@ class LateBall(DelayedObserver):
         as_told = self.plate_pole, self.period, self.model.lag
         self._plates = [SlowPlate(*as_told, *state[k : k + 2]) for k in (2, 6)]
         known = self.model.lag or self.plate == "modelled" or LAG not in dict(self.knows)
+        turn = math.radians(self.screen_deg)
+        self._turned = math.cos(turn), math.sin(turn)
         self._drives = None if known else DriveLag(self.period, state, self._by)
         self._swing = SwingingPlate(self.period, 0.0 * state[2], self._by)
         c2 = self.model.c2
@@ -461,6 +472,9 @@ class LateBall(DelayedObserver):
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
         x, phi, y, theta = components(measurement.y.reshape(-1, 4))
+        if self.screen_deg:
+            cos, sin = self._turned
+            x, y = cos * x - sin * y, cos * y + sin * x
         along, across = self._plates
         if self.plate == "modelled":
             phi, theta = along.angle, across.angle
@@ -471,6 +485,8 @@ class LateBall(DelayedObserver):
             pole = self._by.where(self._swing.found, self.swinging_pole, self.plate_pole)
             along.be(pole)
             across.be(pole)
+            if self._drives is not None:
+                self._drives.give_up(self._swing.found)
         commanded = along.commanded, across.commanded
         if self._drives is not None:
             self._drives.correct(measured)

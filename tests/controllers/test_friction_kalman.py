@@ -390,6 +390,19 @@ def test_the_camber_of_a_plate_is_found_and_the_disturbance_is_that_of_the_place
     assert np.abs(seen_there - local).max() < 0.6 * far
 
 
+def test_what_a_turned_screen_shows_is_turned_back():
+    turn, straight, turned = np.radians(3.0), FrictionKalman(), FrictionKalman(screen_deg=3.0)
+    R = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    y = np.zeros((300, 1, 4))
+    t = T * np.arange(300)
+    y[:, 0, 0], y[:, 0, 2] = 0.1 * np.sin(t), 0.05 * t
+    on_screen = y.copy()
+    on_screen[..., 0::2] = y[..., 0::2] @ R.T
+    for observer in (straight, turned):
+        observer.start(np.zeros((1, 8)))
+    np.testing.assert_allclose(shown(turned, on_screen), shown(straight, y), atol=1e-9)
+
+
 def test_a_plate_that_is_taken_for_flat_has_no_camber():
     for observer in (FrictionKalman(), FrictionMapKalman(**COARSE)):
         observer.start(np.zeros((2, 8)))
