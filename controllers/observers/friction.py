@@ -134,6 +134,9 @@ LEARNT = slice(6, None)
 """Tilt gain and friction, which are learnt in motion alone."""
 RESTING = 0.004
 """Speed in m/s at which a ball counts as resting by a quarter: what noise leaves of rest."""
+LARGEST_CAMBER = 0.8
+"""Bound of the camber in 1/s^2: beyond what real plates were found to have. A ball that is seen
+later than is believed looks like one on a more and more cambered plate."""
 LARGEST_GAIN = 0.2
 """Bound of the error of the tilt gain."""
 FREE = 0.006
@@ -539,3 +542,6 @@ class FrictionMapKalman(FrictionKalman):
         """Add to the estimate what a touch sample says of it, shape (N, 9 + points)."""
         super()._correct_by(change[:, :9])
         self._m = self._m + change[:, 9:]
+        if self.camber_spread:
+            camber = self._m[:, self._points :]
+            np.clip(camber, -LARGEST_CAMBER, LARGEST_CAMBER, out=camber)

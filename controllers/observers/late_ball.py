@@ -298,7 +298,7 @@ class SlowPlate:
         self.angle = self.angle + T * (before + self.commanded) / 2 + T * self.bias
 
 
-SWING, HALF_SWING, HALVES = 0.003, 0.2, 8
+SWING, HALF_SWING, HALVES = 0.003, 0.14, 8
 """Amplitude in rad, longest time in s of half a swing, and half swings after which the plate is
 found to swing."""
 
