@@ -96,7 +96,8 @@ class HeldLaw(Law):
     computing_time: float | str
 
     def __init__(self, law: Law, ticks: int, computing_time: float | str = 0.0) -> None:
-        own = {each: getattr(law, each) for each in ("name", "memory", "needs", "model")}
+        names = "name", "memory", "needs", "counts", "model"
+        own = {each: getattr(law, each) for each in names}
         own |= {"law": law, "ticks": ticks, "computing_time": computing_time}
         for name, value in own.items():
             object.__setattr__(self, name, value)
@@ -113,6 +114,13 @@ class HeldLaw(Law):
         """The law's plan for its own period, and nothing held yet."""
         plan = self.law.start(x, reference, self.ticks * period)
         return HeldCommand(plan, period, self.ticks, np.zeros((*x.shape[:-1], 2)))
+
+    def replanned(
+        self, plan: HeldCommand, t: float, x: Array, reference: Reference, period: float
+    ) -> HeldCommand:
+        """The law's plan from a time in s on, with what is held."""
+        plan.plan = self.law.replanned(plan.plan, t, x, reference, self.ticks * period)
+        return plan
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2): new ones when it is time."""
@@ -208,6 +216,11 @@ class Controller:
         self.plan = self.law.start(x, self.reference, self.period)
         self._time = None
 
+    def take_over_at(self, t: float) -> None:
+        """Let the law plan anew from a time in s on, from where the observer has ball and plate."""
+        x, path = self.observer.x, self.reference
+        self.plan = self.law.replanned(self.plan, t, x, path, self.period)
+
     def command(self, measurement: Measurement) -> ControlStep:
         """The estimate for a measurement, and what is requested of the rig."""
         t, observer = measurement.time, self.observer
@@ -282,7 +295,7 @@ class Controller:
 
 
 def needed(law: Law, observer: Observer) -> list[int]:
-    """Where what a law needs stands in what an observer knows.
+    """Where what a law needs, and what it counts if it is known, stands in what an observer knows.
 
     Raises:
         ValueError: If the observer does not estimate it: which law, what, which observer.
@@ -294,7 +307,8 @@ def needed(law: Law, observer: Observer) -> list[int]:
                 f"law '{law.name}' needs an observer that estimates {name}: "
                 f"'{observer.name}' does not"
             )
-    return [known.index(name) for name in law.needs]
+    counted = law.counts if set(law.counts) <= set(known) else ()
+    return [known.index(name) for name in (*law.needs, *counted)]
 
 
 class SampledReference(Reference):
@@ -406,24 +420,34 @@ class PerRigLaw(Law):
     def __init__(self, laws: Sequence[Law]) -> None:
         object.__setattr__(self, "groups", Groups(laws))
         object.__setattr__(self, "memory", max(law.memory for law in laws))
-        object.__setattr__(
-            self, "needs", tuple(dict.fromkeys(n for law in laws for n in law.needs))
-        )
+        for names in ("needs", "counts"):
+            found = dict.fromkeys(name for law in laws for name in getattr(law, names))
+            object.__setattr__(self, names, tuple(found))
         object.__setattr__(self, "model", laws[0].model)
 
     def start(self, x: Array, reference: Reference, period: float) -> list[Any]:
         """The plan of each group of rigs."""
         return [law.start(x[own], _PartOf(reference, own), period) for own, law in self.groups.each]
 
+    def replanned(
+        self, plan: list[Any], t: float, x: Array, reference: Reference, period: float
+    ) -> list[Any]:
+        """The plans from a time in s on."""
+        return [
+            law.replanned(each, t, x[own], _PartOf(reference, own), period)
+            for (own, law), each in zip(self.groups.each, plan, strict=True)
+        ]
+
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (N, 2)."""
         u = np.empty((len(now.x), 2))
+        known = (*self.needs, *self.counts)[: now.needed.shape[-1]]
         for (own, law), plan in zip(self.groups.each, now.plan, strict=True):
             mine = Feedback(
                 now.time,
                 now.x[own],
                 now.equivalent[own],
-                now.needed[own][:, [self.needs.index(name) for name in law.needs]],
+                now.needed[own][:, [known.index(n) for n in law.needs + law.counts if n in known]],
                 now.rate[own],
                 now.requested[own],
                 _PartOf(now.reference, own),

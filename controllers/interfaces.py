@@ -80,7 +80,8 @@ class Feedback(NamedTuple):
         x: Estimated state, shape (..., 8).
         equivalent: The same with the plate angles and rates that would move a ball without
             friction on a level plate alike, shape (..., 8); x of an observer that knows neither.
-        needed: What the law ``needs`` of the observer beyond x, in that order, (..., len(needs)).
+        needed: What the law ``needs`` of the observer beyond x, in that order, and what it
+            ``counts`` if the observer knows it, (..., len(needs) or more).
         rate: Plate rates the rig commanded last, after its clamps, rad/s, shape (..., 2).
         requested: Plate rates requested last, rad/s, shape (..., 2).
         reference: The path to follow; asked ahead with an array of times.
@@ -119,6 +120,8 @@ class Law(ABC):
     """Length of q, the law's own integrator states; 0 for a static law."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Names of the quantities beyond the state without which the law cannot work."""
+    counts: ClassVar[tuple[str, ...]] = ()
+    """Names of further ones that it counts where an observer knows all of them."""
     replans: ClassVar[bool] = False
     """Whether its plan takes in that the path ahead has become another."""
 
@@ -160,6 +163,18 @@ class Law(ABC):
             period: Control period in s.
         """
         return None
+
+    def replanned(self, plan: Any, t: float, x: Array, reference: Reference, period: float) -> Any:
+        """The plan of a law that takes over a run under way; by default that of its start.
+
+        Args:
+            plan: What ``start`` returned.
+            t: Time in s at which it takes over.
+            x: Estimate of then, shape (..., 8).
+            reference: The path to follow.
+            period: Control period in s.
+        """
+        return plan
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations u in rad/s^2, shape (..., 2), from all there is to act on.

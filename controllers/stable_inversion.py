@@ -59,7 +59,7 @@ class Slices(ABC):
 
     def __init__(self, preview: Preview, period: float) -> None:
         self._preview, self._period = preview, period
-        self._first, self._made = -preview.count, 0
+        self._first, self._made = preview.first - preview.count, 0
         self._turn()
 
     def _tick(self, t: float, reference: Reference | None = None) -> int:
@@ -379,6 +379,9 @@ class Preview:
         horizon: How far the reference is asked ahead, s; 0 for not at all.
         spread: Time in s over which a jump of 0.15 m is spread; 0 leaves jumps as they are.
         limits: Of acceleration, m/s^2, and jerk, m/s^3, along either axis; None for none.
+        moving: Velocity, m/s, and acceleration, m/s^2, of the ball at the start, (2, ..., 2); at
+            rest by default. A path that keeps to limits goes on from there.
+        first: Control periods from time 0 to the start.
     """
 
     def __init__(
@@ -389,8 +392,12 @@ class Preview:
         horizon: float,
         spread: float,
         limits: tuple[float, float] | None = None,
+        moving: Array | None = None,
+        first: int = 0,
     ) -> None:
         self._period, self._spread = period, spread
+        self.first = first
+        """Control periods from time 0 to the start."""
         self.reference = reference
         """The path; another one is asked from the next slice on."""
         self._asked_of: Any = None
@@ -401,7 +408,7 @@ class Preview:
         """Ticks of the window."""
         self.count = min(SLICE, self.length)
         """Ticks of a slice."""
-        self._known = self._begun = 0
+        self._known = self._begun = first
         able = limits is not None and self.early > 0
         self._feasible = FeasiblePath(limits, period, self.count) if able and limits else None
         self._further = math.ceil(AHEAD / period) if able else 0
@@ -412,12 +419,15 @@ class Preview:
         begins with it and ends the horizon after it is asked for."""
         self._jumps: list[_Jump] = []
         self._last = np.stack((start, 0 * start))
+        velocity, acceleration = np.zeros((2, *start.shape)) if moving is None else moving
+        self._before = np.stack((start - period * velocity, velocity, acceleration))
+        """Position, velocity, acceleration of the ball a period before the start, (3, ..., 2)."""
 
     def ask(self) -> None:
         """Ask for a slice more of the reference, its jumps spread; of another one for all of it."""
         count = self.count
         original = getattr(self.reference, "original", self.reference)
-        if self._known and original != self._asked_of:
+        if self._known > self.first and original != self._asked_of:
             self._forget()
         self._asked_of = original
         if self._known == self._begun:
@@ -441,6 +451,25 @@ class Preview:
         if self._feasible is not None:
             self._feasible.begin_anew()
 
+    def able(self, path: Array) -> bool:
+        """Whether a path from the start on keeps to the limits, in all rigs.
+
+        Args:
+            path: Position, velocity, acceleration, shape (3, K, ..., 2).
+        """
+        if self._feasible is None:
+            return True
+        return bool(self._feasible.within(np.concatenate((self._before[:, None], path), 1)).all())
+
+    def along(self, count: int) -> Array:
+        """The path so many control periods on from the start, shape (3, count, ..., 2)."""
+        path = []
+        for _ in range(0, count, self.count):
+            self.ask()
+            self.go_on()
+            path.append(self.window[:, : self.count])
+        return np.concatenate(path, axis=1)[:, :count]
+
     def go_on(self) -> None:
         """Go on by a slice, along what plate and ball can do of what was asked for."""
         passed, made = self._made[:, : self.count], self._made[:, self.count :]
@@ -448,7 +477,7 @@ class Preview:
             slice_ = self._asked[:, : self.count]
             if self._feasible is not None:
                 last = made if made.shape[1] else passed
-                before = last[:, -1] if last.shape[1] else slice_[:, 0]
+                before = last[:, -1] if last.shape[1] else self._before
                 slice_ = self._feasible.follow(before, self._asked)
             made = np.concatenate((made, slice_), axis=1)
             self._asked = self._asked[:, self.count :]
@@ -457,7 +486,7 @@ class Preview:
 
     def _spread_jumps(self, r: Array, times: Array) -> None:
         """Spread the jumps of what was asked for last, shape (3, K, ..., 2), in place."""
-        T, count, begin = self._period, len(times), int(self._known == 0)
+        T, count, begin = self._period, len(times), int(self._known == self.first)
         position, velocity = np.concatenate((self._last[:, None], r[:2]), axis=1)
         self._last = r[:2, -1].copy()
         way = position[1:] - position[:-1]
@@ -543,7 +572,13 @@ class AboutMotion(Law):
         return P[3]
 
     def ahead(
-        self, x: Array, reference: Reference, period: float, *, feasible: bool = True
+        self,
+        x: Array,
+        reference: Reference,
+        period: float,
+        *,
+        feasible: bool = True,
+        time: float = 0.0,
     ) -> Preview:
         """The path ahead of a state at the start, shape (..., 8).
 
@@ -552,12 +587,17 @@ class AboutMotion(Law):
             reference: Path of the ball.
             period: Control period in s.
             feasible: Whether it keeps to what the plate can give.
+            time: Of the start in s.
         """
         limits = self.model.k1 * self.slope, self.model.k1 * self.slope_rate
         bounds = limits if feasible and all(limits) else None
-        return Preview(reference, x[..., 0::4], period, self.preview, self.spread, bounds)
+        start, moving = x[..., 0::4], np.stack((x[..., 1::4], self.model.k1 * SIGN * x[..., 2::4]))
+        first = round(time / period)
+        return Preview(reference, start, period, self.preview, self.spread, bounds, moving, first)
 
-    def laid(self, x: Array, reference: Reference, period: float, count: int) -> Array:
+    def laid(
+        self, x: Array, reference: Reference, period: float, count: int, time: float = 0.0
+    ) -> Array:
         """The path laid where the plate cannot give what is wished, m, (count, 2); NaN elsewhere.
 
         Args:
@@ -565,17 +605,15 @@ class AboutMotion(Law):
             reference: Path of the ball.
             period: Control period in s.
             count: Control periods from the start on.
+            time: Of the start in s.
         """
-        paths = []
-        for feasible in (True, False):
-            ahead, path = self.ahead(x, reference, period, feasible=feasible), []
-            for _ in range(0, count, ahead.count):
-                ahead.ask()
-                ahead.go_on()
-                path.append(ahead.window[0, : ahead.count])
-            paths.append(np.concatenate(path)[:count])
-        laid, wished = paths
-        away = np.hypot(*(laid - wished).T)
+        ahead = self.ahead(x, reference, period, time=time)
+        further = math.ceil((self.preview + AHEAD) / period)
+        wished = self.ahead(x, reference, period, feasible=False, time=time).along(count + further)
+        if ahead.able(wished):
+            return np.full((count, 2), np.nan)
+        laid = ahead.along(count)[0]
+        away = np.hypot(*(laid - wished[0, :count]).T)
         return np.where(away[:, None] > DIFFERENT, laid, np.nan)
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
@@ -642,7 +680,9 @@ class StableInversion(AboutMotion):
         a* - a*'' / Z^2 = (r'' + F h(r') - d) / k1,    Z^2 = k1 / c2,
 
     divided by 1 + kappa. It begins before what causes it, so the reference is asked ahead. F, d and
-    kappa come from the observer, h(v) = v / sqrt(|v|^2 + vs^2). About it the law is
+    kappa come from the observer, h(v) = v / sqrt(|v|^2 + vs^2). On a plate with a camber c, d
+    changes by c r' as the ball goes on, and so do rate and acceleration of the slope. About it the
+    law is
 
         a'' = a*'' - K (eta - r - c2 a*, eta' - r' - c2 a*', a - a*, a' - a*')
 
@@ -671,6 +711,8 @@ class StableInversion(AboutMotion):
         "plate_lag",
         *(f"{each}_{axis}" for each in ("disturbance", "tilt_gain", "plate_bias") for axis in "xy"),
     )
+
+    counts: ClassVar[tuple[str, ...]] = ("camber_x", "camber_y")
 
     Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (3e5, 3e4, 1e4, 200.0)
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1. An
@@ -725,10 +767,17 @@ class StableInversion(AboutMotion):
         """The motion of ball and plate, its first slice laid."""
         return InversePlan(self, x, reference, period)
 
+    def replanned(
+        self, plan: InversePlan, t: float, x: Array, reference: Reference, period: float
+    ) -> InversePlan:
+        """The motion from where the ball is at a time in s."""
+        return InversePlan(self, x, reference, period, t)
+
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
         rows, k1 = now.x.reshape(-1, 8), self.model.k1
-        x, (F, lag, *known) = components(rows), components(now.needed.reshape(-1, 8))
+        x, (F, lag, *known) = components(rows), components(now.needed.reshape(len(rows), -1))
+        camber = known[6:] or (0.0, 0.0)
         motion, planned, fast = now.plan.at(now.time, now.reference), 1.0, 1.0
         if self.resting_speed:
             planned = beyond(motion[0].pace, self.resting_speed)
@@ -748,17 +797,19 @@ class StableInversion(AboutMotion):
             if self.resting_speed:  # as planned, at rest by the ball's own heading
                 own = (1 - planned) * v / (length * k1)
                 drag = Tilts(planned * drag[0] + own, planned * drag[1], planned * drag[2])
+            c = camber[axis]  # d changes as the ball goes on
             slope = Tilts(
                 (free.angle + F * drag.angle - d / k1) / gain,
-                (free.rate + F * drag.rate) / gain,
-                (free.acceleration + F * drag.acceleration) / gain,
+                (free.rate + F * drag.rate - c * wanted.velocity / k1) / gain,
+                (free.acceleration + F * drag.acceleration - c * free.angle) / gain,
             )
             seen = ball, v, sign * angle, sign * rate
             asked = self._about(K, seen, (wanted.position, wanted.velocity), slope)
             if len(K) > 4:
                 counted = self.rate_bias * fast * known[4 + axis]
                 commanded = sign * (numbers(now.rate[..., axis]) + counted)
-                jerk = (wanted.jerk[0] + F * planned * wanted.jerk[1]) / gain
+                jerk = wanted.jerk[0] + F * planned * wanted.jerk[1] - c * free.rate
+                jerk = jerk / gain
                 ahead = commanded - slope.rate - lag * slope.acceleration
                 asked = asked + lag * jerk - K[4] * ahead
             u.append(sign * asked)
@@ -814,11 +865,19 @@ class InversePlan(Slices):
         x: State at the start, shape (..., 8).
         reference: Path of the ball.
         period: Control period in s.
+        time: Of the start in s.
     """
 
-    def __init__(self, law: StableInversion, x: Array, reference: Reference, period: float) -> None:
+    def __init__(
+        self,
+        law: StableInversion,
+        x: Array,
+        reference: Reference,
+        period: float,
+        time: float = 0.0,
+    ) -> None:
         self._law = law
-        preview = law.ahead(x, reference, period)
+        preview = law.ahead(x, reference, period, time=time)
         self._free, self._drag = (inverse(law.model, preview, period) for _ in range(2))
         super().__init__(preview, period)
 

@@ -14,7 +14,7 @@ import click
 import numpy as np
 from cure import KINDS, Cell, cells, known, scenarios, settings
 from cure_floor import least
-from pages import HERE, filled, planned, said, wilson, write
+from pages import HERE, clopper_pearson, filled, planned, said, write
 
 from twin.study.schema import FamilyRig, drawn, read_family
 from twin.study.work import Builder
@@ -62,9 +62,9 @@ class Found(NamedTuple):
         return quantile(self.family, share)
 
     def within(self, goal: float) -> tuple[int, float, float]:
-        """How many rigs keep a goal, and Wilson's 95 % interval of their share in %."""
+        """How many rigs keep a goal, and the exact 95 % interval of their share in %."""
         count = sum(_order(value) <= goal for value in self.family)
-        return count, *wilson(count, len(self.family))
+        return count, *clopper_pearson(count, len(self.family))
 
 
 def quantile(values: list[float | None], share: float) -> float | None:

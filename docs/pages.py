@@ -73,6 +73,12 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
     return 100 * float(ends.low), 100 * float(ends.high)
 
 
+def clopper_pearson(hits: int, count: int) -> tuple[float, float]:
+    """Exact 95 % interval of a share by Clopper and Pearson, in %."""
+    ends = stats.binomtest(hits, count).proportion_ci(method="exact")
+    return 100 * float(ends.low), 100 * float(ends.high)
+
+
 def kept(name: str, key: str, make: Callable[[], Any]) -> Any:
     """What is kept in runs/NAME under a key, else what is made and then kept."""
     file = HERE.parent / "runs" / name / f"{key}.json"

@@ -15,7 +15,17 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask, Positive, column, components, every, numbers, together
+from controllers.arrays import (
+    Array,
+    Mask,
+    NotNegative,
+    Positive,
+    column,
+    components,
+    every,
+    numbers,
+    together,
+)
 from controllers.interfaces import Quantity
 from controllers.observers.late_ball import LAG, Derivatives, LateBall, LocalState, Tilt
 from controllers.observers.thesis import NOISE
@@ -111,17 +121,22 @@ KNOWN = (
     *(Quantity(f"tilt_gain_{axis}", "1") for axis in "xy"),
     Quantity("friction_spread", "m/s^2"),
     *(Quantity(f"tilt_gain_{axis}_spread", "1") for axis in "xy"),
+    *(Quantity(f"camber_{axis}", "1/s^2") for axis in "xy"),
     *(Quantity(f"plate_bias_{axis}", "rad/s") for axis in "xy"),
     Quantity(LAG, "s"),
 )
 """What the filter knows beyond the state; tilt gains are errors, spreads standard deviations, the
-lag is that of the drives, and the bias what the plate turns faster than they were told."""
+lag is that of the drives, and the bias what the plate turns faster than they were told. The camber
+is found by a filter with a map alone."""
 F = 8
 """Where the friction stands in the filter's state."""
 LEARNT = slice(6, None)
 """Tilt gain and friction, which are learnt in motion alone."""
 RESTING = 0.004
 """Speed in m/s at which a ball counts as resting by a quarter: what noise leaves of rest."""
+LARGEST_CAMBER = 0.8
+"""Bound of the camber in 1/s^2: beyond what real plates were found to have. A ball that is seen
+later than is believed looks like one on a more and more cambered plate."""
 LARGEST_GAIN = 0.2
 """Bound of the error of the tilt gain."""
 FREE = 0.006
@@ -234,14 +249,20 @@ class FrictionKalman(LateBall):
 
     @property
     def further(self) -> Array:
-        """What is ``KNOWN`` of friction, disturbance, tilt gain and drives, shape (..., 11)."""
+        """What is ``KNOWN`` of friction, disturbance, tilt gain, drives and plate, (..., 13)."""
         by, (_, _, _, _, dx, dy, kx, ky, friction) = self._by, self._now.s
         along, across, variance = components(diagonal(self._P)[:, 6:])
         variance = by.most(variance + self._varies(), 0.0)  # a map is rounded
         spreads = map(by.sqrt, (variance, along, across))
         drives = *(plate.bias for plate in self._plates), self._lag + 0.0 * friction
-        found = together((friction, dx, dy, kx, ky, *spreads, *drives), self._rigs)
+        camber = components(self.camber.reshape(-1, 2))
+        found = together((friction, dx, dy, kx, ky, *spreads, *camber, *drives), self._rigs)
         return found.reshape(*self._shape, len(KNOWN))
+
+    @property
+    def camber(self) -> Array:
+        """Acceleration per length off the plate's middle along x and y, 1/s^2, shape (..., 2)."""
+        return np.zeros((*self._shape, 2))
 
     def _varies(self) -> Any:
         """What is added to the variance of the friction where the ball is now."""
@@ -250,7 +271,7 @@ class FrictionKalman(LateBall):
     def _advance(self, begin: Tilt, then: Tilt) -> None:
         """One period of the filter, from one touch sample's time to the next."""
         s, step = self._ball.step(self._there.s, begin, then)
-        self._s = [*s[:F], self._s[F]]
+        self._s = [*s[:4], *self._s[4:]]
         A = self._A
         xx, xy, yy = step.slope
         A[:, 2, 2], A[:, 2, 3], A[:, 3, 2], A[:, 3, 3] = 1 + xx, xy, xy, 1 + yy
@@ -372,6 +393,10 @@ class FrictionMapKalman(FrictionKalman):
 
     ``friction`` and its spread are those of the place where the ball is now.
 
+    With a ``camber_spread`` the plate may be cambered: a ball is accelerated off its middle by
+    c_x x along x and c_y y along y. Both c are further states, learnt in motion like the map, and
+    the ``disturbance`` is that of the ball's place.
+
     Good where a path, or a part of the screen, comes again. On the first way over a screen it costs
     calculation and gives nothing; what depends on the place for another reason, as an error of the
     cams' table does, is taken for friction too.
@@ -391,6 +416,9 @@ class FrictionMapKalman(FrictionKalman):
     to the fourth power."""
     map_sides: tuple[Positive, Positive] = (0.70, 0.395)
     """Extent of the map in m along x and y about the plate's centre; beside it its edge counts."""
+    camber_spread: NotNegative = 0.0
+    """Standard deviation of the plate's camber in 1/s^2, before anything is known; 0 for a plate
+    that is taken for flat."""
 
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8), with the same friction everywhere."""
@@ -398,6 +426,9 @@ class FrictionMapKalman(FrictionKalman):
         lines, prior = gaussian_field(
             self.map_sides, self.map_pitch, self.map_spread, self.map_length
         )
+        self._points = len(prior)
+        if self.camber_spread:
+            prior = scipy.linalg.block_diag(prior, self.camber_spread**2 * np.eye(2))
         self._cells, rigs, count = (lines[0] - 1, lines[1] - 1), self._rigs, len(prior)
         self._m = np.zeros((rigs, count))
         self._P = np.concatenate((self._P, np.zeros((rigs, 9, count))), axis=2)
@@ -419,7 +450,15 @@ class FrictionMapKalman(FrictionKalman):
     def friction_map(self) -> Array:
         """Friction at the points of the grid, m/s^2, shape (..., n, m), first along x."""
         n, m = self._cells
-        return (np.reshape(self._s[F], (-1, 1)) + self._m).reshape(*self._shape, n + 1, m + 1)
+        friction = np.reshape(self._s[F], (-1, 1)) + self._m[:, : self._points]
+        return friction.reshape(*self._shape, n + 1, m + 1)
+
+    @property
+    def camber(self) -> Array:
+        """Acceleration per length off the plate's middle along x and y, 1/s^2, shape (..., 2)."""
+        if not self.camber_spread:
+            return super().camber
+        return self._m[:, self._points :].reshape(*self._shape, 2)
 
     def _varies(self) -> Any:
         """What the map adds to the variance of the friction where the ball is now."""
@@ -438,7 +477,7 @@ class FrictionMapKalman(FrictionKalman):
         # a ball that has run away is nowhere, and all that follows from it not a number
         first = i * (m + 1) + j
         first = self._by.where(first >= 0, first, 0.0)
-        h, rows = np.zeros((self._rigs, (n + 1) * (m + 1))), self._rows
+        h, rows = np.zeros(self._m.shape), self._rows
         first = int(first) if self._rigs == 1 else first.astype(int)
         h[rows, first], h[rows, first + 1] = (1 - a) * (1 - b), (1 - a) * b
         h[rows, first + m + 1], h[rows, first + m + 2] = a * (1 - b), a * b
@@ -448,7 +487,12 @@ class FrictionMapKalman(FrictionKalman):
         """The nine states with the friction of a place (x, y) in m, which drives no ball."""
         h = self._shares_at(place)
         more = numbers((self._m * h).sum(axis=-1))
-        return LocalState([*self._s[:F], self._by.most(self._s[F] + more, 0.0)], h)
+        s = [*self._s[:F], self._by.most(self._s[F] + more, 0.0)]
+        if not self.camber_spread:
+            return LocalState(s, h)
+        for axis, c in enumerate(components(self._m[:, self._points :])):
+            s[4 + axis] = s[4 + axis] + c * place[axis]
+        return LocalState(s, h, place)
 
     def _map_times(self, h: Array) -> Array:
         """The covariance of the map times a vector of each rig, shape (N, points)."""
@@ -460,7 +504,8 @@ class FrictionMapKalman(FrictionKalman):
         """Covariance a period on: the map acts on the velocities as F does, where it was asked.
 
         With the shares h of the map and the derivatives by of the nine states by the friction,
-        they are A s + by h m after it, and the map is what it was.
+        they are A s + by h m after it, and the map is what it was. A camber acts likewise along
+        either axis alone, by the place.
         """
         shares = self._there.shares
         h, P, by = shares[:, :, None], self._P, together(step.friction, self._rigs)[:, :, None]
@@ -468,11 +513,23 @@ class FrictionMapKalman(FrictionKalman):
         states, points = after[:, 2:4, :9], after[:, 2:4, 9:]
         states += by * (P[:, :, 9:] @ h).mT
         points += by * self._map_times(shares)[:, None]
+        if self.camber_spread:
+            pushed = self.period * together(self._there.place, self._rigs)[:, :, None]
+            states += pushed * P[:, :, -2:].mT
+            points += pushed * self._camber_rows()
         own = after[:, :, :9] @ A.mT
         states = own[:, :, 2:4]
         states += (after[:, :, 9:] @ h) * by.mT
+        if self.camber_spread:
+            states += after[:, :, -2:] * pushed.mT
         after[:, :, :9] = own
         return after
+
+    def _camber_rows(self) -> Array:
+        """The covariance of the camber with all of the map, shape (N, 2, points + 2)."""
+        rows = self._M[:, -2:].copy()
+        rows[:, 0, -1] = rows[:, 1, -2]
+        return rows
 
     def _reduce(self, W: Array, moving: Mask) -> None:
         """Take from the covariance what a touch sample tells; nothing of the map at rest."""
@@ -485,3 +542,6 @@ class FrictionMapKalman(FrictionKalman):
         """Add to the estimate what a touch sample says of it, shape (N, 9 + points)."""
         super()._correct_by(change[:, :9])
         self._m = self._m + change[:, 9:]
+        if self.camber_spread:
+            camber = self._m[:, self._points :]
+            np.clip(camber, -LARGEST_CAMBER, LARGEST_CAMBER, out=camber)

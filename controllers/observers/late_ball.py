@@ -22,6 +22,7 @@ from controllers.arrays import (
     NUMBERS,
     Arithmetic,
     Array,
+    NotNegative,
     Positive,
     components,
     numbers,
@@ -70,6 +71,8 @@ class LocalState(NamedTuple):
     s: Any
     shares: Any = None
     """The share of every point of a map of the friction in that place, if there is one."""
+    place: Any = None
+    """That place (x, y) in m, if the disturbance depends on it."""
 
 
 class Derivatives(NamedTuple):
@@ -271,12 +274,18 @@ class SlowPlate:
         """Share of a change of the commanded rate that the drives have left after a period."""
         self.bias = 0 * angle
         """What the plate turns faster than that, rad/s: play of the drives, disturbed motors."""
+        self.error: Any = 0 * angle
+        """What was measured last less the angle expected then, rad."""
         self._period = period
-        self._gain = 2 * pole * period, pole * pole * period
+        self.be(pole)
+
+    def be(self, pole: Any) -> None:
+        """Have both poles of the error there from now on, as a rate in 1/s."""
+        self._gain = 2 * pole * self._period, pole * pole * self._period
 
     def correct(self, measured: Any) -> tuple[Any, Any]:
         """Angle in rad and rate in rad/s, once the angle has been measured."""
-        error = measured - self.angle
+        self.error = error = measured - self.angle
         self.angle = self.angle + self._gain[0] * error
         self.bias = self.bias + self._gain[1] * error
         return self.angle, self.commanded + self.bias
@@ -287,6 +296,47 @@ class SlowPlate:
         self.told = self.told + T * u
         self.commanded = self.told + self.left * (before - self.told)
         self.angle = self.angle + T * (before + self.commanded) / 2 + T * self.bias
+
+
+SWING, HALF_SWING, HALVES = 0.003, 0.14, 8
+"""Amplitude in rad, longest time in s of half a swing, and half swings after which the plate is
+found to swing."""
+
+
+class SwingingPlate:
+    """Whether a plate swings on a soft drive train, with the feedback that sees it.
+
+    A plate whose drive train gives way swings at a few hertz. Feedback of its measured angle is too
+    late for that and keeps it swinging. It is found by what is measured beside what was commanded:
+    one half swing after the other, to either side.
+
+    Args:
+        period: Control period in s.
+        none: 0 for each rig, a component.
+        by: How components are calculated with.
+    """
+
+    def __init__(self, period: float, none: Any, by: Arithmetic) -> None:
+        self._period, self._by = period, by
+        self._axes = [(none + 1.0, none, none)] * 2
+        """Side of each axis, time since it was taken in s, half swings so far."""
+        self.found = none > 0
+        """Whether it does, or did."""
+
+    def correct(self, errors: Sequence[Any]) -> bool:
+        """Take in measured angles less those expected, rad; whether more is found than before."""
+        by, found = self._by, self.found
+        for axis, error in enumerate(errors):
+            side, since, halves = self._axes[axis]
+            turned = error * side < -SWING
+            counted = by.where(since < HALF_SWING, halves + 1.0, 1.0)
+            halves = by.where(turned, counted, halves)
+            since = by.where(turned, 0.0, since + self._period)
+            self._axes[axis] = by.where(turned, -side, side), since, halves
+            found = found | (halves > HALVES)
+        more = bool(by.any(found != self.found))
+        self.found = found
+        return more
 
 
 LAG = "plate_lag"
@@ -326,8 +376,13 @@ class DriveLag:
         self._axes = [(none, none, none)] * 2
         """Way since an axis turned round, slow means of what it is behind by and of its rate."""
         self._squares = self._products = none
+        self._kept = none + 1.0
         self.lag = self.left = none
         """T, s, and the share of a change of the commanded rate that it leaves after a period."""
+
+    def give_up(self, swings: Any) -> None:
+        """Find none any more where the plate swings, which looks like a lag and is none."""
+        self._kept = self._by.where(swings, 0.0, 1.0)
 
     def correct(self, measured: Sequence[Any]) -> None:
         """Take in the measured angles in rad."""
@@ -344,7 +399,7 @@ class DriveLag:
         self._squares, self._products = squares, products = forget * squares, forget * products
         found = products / (squares + FIRM) - OWN
         sure = by.least(found, 2 * (found - UNSURE))
-        self.lag = lag = by.least(by.most(sure, 0.0), LONGEST_LAG)
+        self.lag = lag = self._kept * by.least(by.most(sure, 0.0), LONGEST_LAG)
         # exp(-period / lag) by what gives one rig the same bits as beside others
         self.left = (lag > self._period) * (2 * lag - self._period) / (2 * lag + self._period)
 
@@ -373,6 +428,12 @@ class LateBall(DelayedObserver):
 
     plate_pole: Positive = 10.0
     """Both poles of the plate's estimate, as a rate in 1/s."""
+    swinging_pole: NotNegative = 0.0
+    """The same, as a rate in 1/s, once the plate is found to swing on a soft drive train; 0 for as
+    before."""
+    screen_deg: float = 0.0
+    """Angle in deg by which the screen is turned on the plate, as it was measured: samples are
+    turned back by it. It cannot be found while the ball goes round at one speed."""
     plate: Literal["measured", "modelled"] = "measured"
     """Whether its angles are measured; modelled ones, for a rig without encoders, are what was
     commanded as drives with the lag that is known follow it."""
@@ -395,7 +456,10 @@ class LateBall(DelayedObserver):
         as_told = self.plate_pole, self.period, self.model.lag
         self._plates = [SlowPlate(*as_told, *state[k : k + 2]) for k in (2, 6)]
         known = self.model.lag or self.plate == "modelled" or LAG not in dict(self.knows)
+        turn = math.radians(self.screen_deg)
+        self._turned = math.cos(turn), math.sin(turn)
         self._drives = None if known else DriveLag(self.period, state, self._by)
+        self._swing = SwingingPlate(self.period, 0.0 * state[2], self._by)
         c2 = self.model.c2
         s = np.zeros((self._rigs, 9))
         s[:, 0:2] = rows[:, 0::4] + c2 * SIGN * rows[:, 2::4]
@@ -408,12 +472,21 @@ class LateBall(DelayedObserver):
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
         x, phi, y, theta = components(measurement.y.reshape(-1, 4))
+        if self.screen_deg:
+            cos, sin = self._turned
+            x, y = cos * x - sin * y, cos * y + sin * x
         along, across = self._plates
         if self.plate == "modelled":
             phi, theta = along.angle, across.angle
         measured = phi, theta
         phi, phi_rate = along.correct(phi)
         theta, theta_rate = across.correct(theta)
+        if self.swinging_pole and self._swing.correct((along.error, across.error)):
+            pole = self._by.where(self._swing.found, self.swinging_pole, self.plate_pole)
+            along.be(pole)
+            across.be(pole)
+            if self._drives is not None:
+                self._drives.give_up(self._swing.found)
         commanded = along.commanded, across.commanded
         if self._drives is not None:
             self._drives.correct(measured)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
 
 from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, scenario_of, varied_of
 from ballplate.reporter import Reporter, default, overview, showable, writable
-from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers
+from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers, warn_of_path
 from twin.base.errors import LawError, ScenarioError
 from twin.base.shipped import find
 from twin.base.writing import write_json, write_whole
@@ -254,7 +254,9 @@ def _warn(scenarios: Mapping[str, Scenario], reporter: Reporter) -> None:
     """Warn of the dangers of each scenario."""
     for label, each in scenarios.items():
         with suppress(LawError):  # its run will tell
-            warn_of_dangers(each, reporter, label if len(scenarios) > 1 else "")
+            own = label if len(scenarios) > 1 else ""
+            warn_of_dangers(each, reporter, own)
+            warn_of_path(each, reporter, own)
 
 
 def measured(

@@ -256,6 +256,8 @@ def one_run(
     reporter: Reporter,
     attach: Attach = lambda _: None,
     rig: Rig | None = None,
+    *,
+    path: bool = True,
 ) -> Run:
     """Run a scenario with its warnings and its progress.
 
@@ -265,6 +267,7 @@ def one_run(
         reporter: Who is told.
         attach: Is given the recorder before the run.
         rig: A real rig; simulated by default.
+        path: Whether to warn of a reference that the plate cannot give.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
@@ -272,6 +275,8 @@ def one_run(
     from twin.run import finished
 
     warn_of_dangers(scenario, reporter)
+    if path:
+        warn_of_path(scenario, reporter)
     with reporter.progress(label, scenario.duration) as advance:
         return finished.run(scenario, advance, attach, rig)
 
@@ -311,6 +316,20 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
             reporter.warn(f"{label}: {danger}" if label else danger)
 
 
+def warn_of_path(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
+    """Warn of a reference that the plate cannot give.
+
+    Args:
+        scenario: What is to run.
+        reporter: Who is told.
+        label: Which of several runs it is.
+    """
+    from twin.run.finished import out_of_reach
+
+    if line := out_of_reach(scenario):
+        reporter.warn(f"{label}: {line}" if label else line)
+
+
 def importable(scenario: Scenario) -> bool:
     """Whether another process knows the scenario's law, observer and reference, too."""
     from controllers.catalog import registered
@@ -336,9 +355,9 @@ def _begun(scenario: Scenario, beside: SecondProcess, reporter: Reporter) -> Cal
 
     def ended(done: Run) -> Run:
         if done.outcome != "finished":
-            return one_run(cut_short(model, done.end), CLEAN, reporter)
+            return one_run(cut_short(model, done.end), CLEAN, reporter, path=False)
         if not beside.there:
-            return one_run(model, CLEAN, reporter)
+            return one_run(model, CLEAN, reporter, path=False)
         warn_of_dangers(model, reporter)
         with reporter.progress(CLEAN, model.duration):
             return result()

@@ -1,6 +1,7 @@
 """`ballplate.run` does what the command does, to the bit; what it changes is said in Python."""
 
 import json
+import re
 import subprocess
 import sys
 import warnings
@@ -16,6 +17,7 @@ from ballplate.changes import changes_of, scenario_of
 from ballplate.reporter import Notebook, Reporter
 from ballplate.running import warn_of_dangers
 from twin.base.shipped import shipped_in
+from twin.run.finished import out_of_reach
 from twin.run.loop import simulate
 from twin.scenario import load
 
@@ -134,6 +136,31 @@ def dangers(scenario, *settings):
 @pytest.mark.parametrize("rig", [None, *shipped_in("rigs")])
 def test_who_tells_the_cure_what_a_rig_file_says_is_warned_of_nothing(rig):
     assert dangers("cure", *([f"parameters={rig}"] if rig else [])) == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        (["omega=5.0"], r"0\.75 m/s at the start, from rest, and for up to 3\.75 m/s\^2.*1\d\d mm"),
+        (["omega=1.5"], r"0\.22 m/s at the start, from rest\).*for 1?\.?\d+ s .* \d\d mm away"),
+        (["omega=0.5"], None),
+        (
+            ["omega=5.0", "law=afl"],
+            r"it asks for up to 3\.75 m/s\^2, a plate at 10 deg gives 1\.02",
+        ),
+        (["omega=0.5", "law=afl"], None),
+    ],
+)
+def test_a_reference_that_the_plate_cannot_give_is_said_before_the_run(settings, line):
+    omega, *law = (each.split("=")[1] for each in settings)
+    path = f'reference={{kind="sine",amplitude=[0.15,0.0],omega={omega}}}'
+    found = out_of_reach(load("circle" if law else "cure", [path]))
+    assert found is None if line is None else re.search(line, found)
+
+
+@pytest.mark.parametrize("scenario", ["cure", "circle", "step", "sine", "hold", "excite"])
+def test_of_a_reference_that_the_plate_can_give_nothing_is_said(scenario):
+    assert out_of_reach(load(scenario)) is None
 
 
 HOBBY = "cure parameters=hobby"  # a lag of 60 ms and 30 ms of dead time

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import ballplate as bp
 from controllers.controller import PerRigReference
 from controllers.interfaces import Reference
-from controllers.references import Circle, Setpoints, Transition
+from controllers.references import Circle, Lissajous, Path, Setpoints, Sine, Transition
 from controllers.stable_inversion import PIECES, FeasiblePath, Preview, StableInversion
 from twin.view.summary import judged
 
@@ -63,6 +63,45 @@ def keeps_to_the_limits(p, v, a):
 def test_a_path_that_the_plate_can_give_is_left_as_it_is():
     circle, start = Circle(amplitude=0.15, omega=0.75), (0.15, 0.0)
     np.testing.assert_array_equal(laid(circle, start, 6.0), laid(circle, start, 6.0, None))
+
+
+FAST = {
+    "sine": Sine(amplitude=(0.15, 0.0), omega=5.0),
+    "slow sine": Sine(amplitude=(0.15, 0.0), omega=0.5),
+    "cosine": Sine(amplitude=(0.05, 0.12), omega=(3.0, 8.0), wave=("cos", "sin")),
+    "circle": Circle(amplitude=0.12, omega=-4.0, start=0.0),
+    "figure": Lissajous(amplitude=(0.2, 0.12), omega=(2.0, 6.0), phase=0.7, start=0.0),
+    "short ramp": Path(points=((0.0, 0.0), (0.1, 0.1), (0.1, -0.1)), duration=1.0, ramp=0.05),
+    "leaves at once": Transition(end=(0.15, 0.1), duration=0.2),
+}
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.1, -0.07)])
+@pytest.mark.parametrize("path", FAST.values(), ids=FAST)
+def test_a_path_that_is_under_way_at_the_start_is_joined_from_rest(path, place):
+    # the ball rests where it is, and a period later has what limits of jerk and acceleration give
+    p, v, a = laid(path, place, 3.0)
+    rest = np.array((place, (0.0, 0.0), (0.0, 0.0)))[:, None]
+    keeps_to_the_limits(*np.concatenate((rest, (p, v, a)), axis=1))
+    if path is FAST["slow sine"]:  # which the plate can give, once the ball is on it
+        times = T * np.arange(len(p))
+        np.testing.assert_allclose(p[times > 1.5], path(times[times > 1.5])[0], atol=1e-3)
+
+
+def test_a_ball_that_moves_at_the_start_is_led_on_from_there():
+    x = np.zeros((1, 8))
+    x[0, 0::4], x[0, 1::4], x[0, 2] = (0.05, -0.02), (0.2, -0.1), 0.03
+    fresh = LAW.start(x, FAST["sine"], T)
+    for plan, t in ((fresh, 0.0), (LAW.replanned(fresh, 4.0, x, FAST["sine"], T), 4.0)):
+        found = plan.at(t)
+        np.testing.assert_allclose([each.position for each in found], (0.05, -0.02), atol=1e-5)
+        np.testing.assert_allclose([each.velocity for each in found], (0.2, -0.1), atol=A * T)
+        later = plan.at(t + 0.1)
+        moved = (0.05 + 0.02 + 0.005 * LAW.model.k1 * 0.03, -0.03)
+        # by the jerk that it may have been given since
+        np.testing.assert_allclose(
+            [each.position for each in later], moved, atol=J * 0.1**3 / 6 + 1e-4
+        )
 
 
 def unforeseen(points, time_constant):
@@ -188,7 +227,16 @@ def test_a_corner_without_acceleration_is_seen():
     assert feasible.within(corner[:, :50])
 
 
+def test_the_cure_keeps_a_ball_whose_reference_is_under_way_at_the_start():
+    fast = ['reference={kind="sine",amplitude=[0.15,0.0],omega=5.0}', "duration=1.2"]
+    with pytest.warns(bp.BallplateWarning, match="up to 1[0-9][0-9] mm away"):
+        run = bp.run("cure", ["baseline=false", "plant.kind=lagrange", *fast])
+    assert run.outcome == "finished"
+    assert np.abs(run.rows["true_x"]).max() < 0.15
+
+
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore::ballplate.BallplateWarning")
 def test_the_cure_keeps_a_ball_on_a_path_that_the_plate_cannot_give():
     cure = [
         "baseline=false",

@@ -34,6 +34,23 @@ def test_a_friction_that_is_not_the_believed_one_is_found_and_made_up_for(rollin
     assert found["friction_spread"] < 0.03 / 2  # half of what it began with
 
 
+@pytest.mark.parametrize(
+    ("wrong", "most"),
+    [
+        ("sensors.touch.rotation_deg=2 observer.screen_deg=2", 0.3),  # 3.5 % by one not told
+        ("plant.camber=[0.6,-0.6]", 0.4),  # 9.6 % by an observer that takes the plate for flat
+        ("plant.servo.resonance_hz=5", 1.0),  # 18 % by one that goes on feeding its swing back
+        ("plant.servo.resonance_hz=8", 0.4),  # 2.3 %
+        # 78 ms later than is believed: lost where the camber has no bound, and looks like one
+        ("sensors.touch.dead_time=0.12 duration=18", 15.0),
+    ],
+)
+def test_a_cambered_plate_and_one_that_swings_are_followed_as_a_flat_and_stiff_one(wrong, most):
+    done = run(load("cure", ["baseline=false", "plant.step=0.002", *wrong.split()]))
+    assert done.outcome == "finished"
+    assert done.metrics["tracking_error_percent"] < most
+
+
 STICKING = (10, 16)
 """Rigs of draw 101 of the family whose balls take 1.9 and 1.6 times their friction to start."""
 

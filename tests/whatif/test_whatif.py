@@ -198,6 +198,23 @@ def test_another_law_is_given_a_lag_of_the_drives_that_was_found_only_if_it_coun
     assert "plate_lag" in observer.needed
 
 
+@pytest.mark.parametrize("held", [(), ("controller.period=0.01",)])
+def test_a_plan_that_does_not_stay_begins_where_the_ball_is(held):
+    fast = 'reference={kind="sine",amplitude=[0.15,0.0],omega=5.0}'
+    was = load("cure", held)
+    old, again, new = map(build_controller, (was, was, load("cure", [*held, fast])))
+    for controller in (old, again, new):
+        controller.start(Measurement(0.0, np.zeros((1, 4)), np.zeros(1), np.ones(1, bool)))
+    old.observer.x = x = np.array([[0.05, 0.2, 0.02, 0.0, -0.03, 0.1, 0.01, 0.0]])
+    take_over(again, old, was, was, 4.0)
+    assert again.plan is old.plan  # with all that it holds
+    take_over(new, old, was, load("cure", [*held, fast]), 4.0)
+    plan = new.plan.plan if held else new.plan
+    wanted = plan.at(4.0)
+    np.testing.assert_allclose([each.position for each in wanted], x[0, 0::4], atol=1e-4)
+    np.testing.assert_allclose([each.velocity for each in wanted], x[0, 1::4], atol=0.01)
+
+
 def test_what_a_csv_log_shows_is_where_the_twin_begins(run, log):
     moment = moment_of(log, LATE, "circle")
     assert not moment.exact

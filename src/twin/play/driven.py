@@ -139,7 +139,7 @@ class DrivenRig:
             self.ghost.measurement = state.ghost.restore(self.ghost.rig, self.ghost.controller)
         else:
             measurement = state.rig.restore(self.rig)
-            take_over(self.controller, *before, self._controlled)
+            take_over(self.controller, *before, self._controlled, measurement.time)
         return measurement
 
     def picture(
@@ -203,7 +203,7 @@ class Ghost:
         now = clean(scenario)
         controller = build_controller(now)
         controller.start(self.measurement)
-        take_over(controller, self.controller, self._scenario, now)
+        take_over(controller, self.controller, self._scenario, now, self.measurement.time)
         self._scenario, self.controller = now, controller
 
 

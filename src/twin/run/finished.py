@@ -321,19 +321,66 @@ def run(
     )
 
 
+SPEED = 0.01
+"""Speed in m/s at the start that is worth a word."""
+FAR = 0.02
+"""Distance in m of the path that a law lays from the reference that is worth a warning."""
+
+
+def out_of_reach(scenario: Scenario) -> str | None:
+    """One line if the plate cannot give a scenario's reference, with the figures; else None.
+
+    Of a law that lays another path then: how far that is from the reference, if more than ``FAR``;
+    of any other: the acceleration that is asked for.
+
+    Raises:
+        ScenarioError: If law or reference refuse their settings.
+    """
+    reference, law = assemble.build_reference(scenario), assemble.build_law(scenario)
+    period, start, limits = scenario.rig.period, scenario.plant.start, scenario.rig.limits
+    if isinstance(law, HeldLaw):
+        period, law = law.ticks * period, law.law
+    count = math.ceil(scenario.duration / period)
+    wished = reference(period * np.arange(count))
+    asked, most = np.abs(wished[2]).max(), law.model.k1 * math.sin(math.radians(limits.angle_deg))
+    if not isinstance(law, AboutMotion):
+        beyond = f"up to {asked:.3g} m/s^2, a plate at {limits.angle_deg:g} deg gives {most:.3g}"
+        return f"reference: it asks for {beyond}: no law can follow it" if asked > most else None
+    x = np.zeros(8)
+    x[0::4] = start.x, start.y
+    laid = law.laid(x, reference, period, count)
+    away = np.hypot(*(laid - wished[0]).T)
+    far = 0.0 if np.isnan(away).all() else float(np.nanmax(away))
+    if far < FAR:
+        return None
+    speed, why = np.abs(wished[1, 0]).max(), []
+    if speed > SPEED:
+        why.append(f"{speed:.2g} m/s at the start, from rest")
+    if asked > (given := law.model.k1 * law.slope):
+        why.append(f"up to {asked:.3g} m/s^2, where {given:.2g} are planned with")
+    asks = f" (it asks for {', and for '.join(why)})" if why else ""
+    seconds = period * np.isfinite(away).sum()
+    return (
+        f"reference: the plate cannot give it{asks}: for {seconds:.2g} s the ball is led along "
+        f"another path, up to {1e3 * far:.0f} mm away"
+    )
+
+
 def _laid(scenario: Scenario, record: Recorder, reference: Reference | None) -> Array | None:
     """The channel of that name; None if the law laid what was wished, or lays nothing."""
     law = choices("controller")[scenario.controller.kind]
     if not (issubclass(law, AboutMotion) and record.length):
         return None
     built: Any = assemble.build_law(scenario)
-    x, period = np.zeros(8), scenario.rig.period
-    x[0::4] = record["measured"][0, 0, 0::2]
+    x, period, begin = np.zeros(8), scenario.rig.period, float(record.time[0])
+    x[0::2] = record["measured"][0, 0]
+    if begin > 0:  # of a run that goes on from another one
+        x = record["estimate"][0, 0]
     if isinstance(built, HeldLaw):
         period, built = built.ticks * period, built.law
-    ticks = (record.time / period + 1e-6).astype(int)
+    ticks = (record.time / period + 1e-6).astype(int) - round(begin / period)
     wished, count = reference or assemble.build_reference(scenario), int(ticks[-1]) + 1
-    path: Array = built.laid(x, wished, period, count)[ticks]
+    path: Array = built.laid(x, wished, period, count, begin)[np.maximum(ticks, 0)]
     return None if np.isnan(path).all() else path
 
 

@@ -123,7 +123,9 @@ class Moment:
     notes: tuple[str, ...] = ()
 
 
-def take_over(new: Controller, old: Controller, was: Scenario, now: Scenario) -> None:
+def take_over(
+    new: Controller, old: Controller, was: Scenario, now: Scenario, at: float = 0.0
+) -> None:
     """Give a controller, just started, what stays of the one before it.
 
     Args:
@@ -131,6 +133,7 @@ def take_over(new: Controller, old: Controller, was: Scenario, now: Scenario) ->
         old: The one before it, in its state.
         was: Scenario of the old one.
         now: Of the new one.
+        at: When, s: a plan that does not stay is laid from there on.
     """
     new.rate, new.requested = old.rate, old.requested
     if now.controller == was.controller:
@@ -143,9 +146,11 @@ def take_over(new: Controller, old: Controller, was: Scenario, now: Scenario) ->
         new.observer.start(old.observer.x)
     if now.reference == was.reference:
         new.reference = old.reference
-        if law_of(now) == law_of(was):
-            # what the law laid ahead and holds goes on
-            new.plan = old.plan
+    if now.reference == was.reference and law_of(now) == law_of(was):
+        # what the law has planned and holds stays
+        new.plan = old.plan
+    else:
+        new.take_over_at(at)
 
 
 def exact(run: Run, at: float) -> Moment:
@@ -509,7 +514,7 @@ def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Fut
     period = scenario.rig.period
 
     def begin(_: Measurement) -> Measurement:
-        take_over(controller, moment.controller(), moment.scenario, scenario)
+        take_over(controller, moment.controller(), moment.scenario, scenario, moment.at)
         return moment.put(rig)
 
     ticks = round(scenario.duration / period) - round(moment.at / period)
