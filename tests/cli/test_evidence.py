@@ -183,8 +183,8 @@ def test_a_rigs_run_is_kept_with_its_end_before_its_clean_model_begins(tmp_path,
 def test_the_clean_model_runs_only_for_as_long_as_the_run_did(monkeypatch):
     seen, one_run = [], running.one_run
 
-    def look(scenario, label, *more):
-        done = one_run(scenario, label, *more)
+    def look(scenario, label, *more, **options):
+        done = one_run(scenario, label, *more, **options)
         seen.append((label, done.end))
         return done
 

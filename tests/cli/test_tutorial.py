@@ -145,7 +145,7 @@ def test_the_lines_that_the_tutorial_adds_to_the_law_make_a_setting(tmp_path, mo
     called(capsys, "new", "law", "mine")
     added(dict(PARTS.findall(PAGES["tutorial"]))["diff"])
     forget()
-    _, told, _ = called(capsys, "describe", "mine")
+    _, told, _ = called(capsys, "describe", "mine", "--law", "laws/mine.py")
     assert "controller.push = 0.0 m/s^2 Push against friction" in squeezed(told)
 
 

@@ -67,6 +67,7 @@ def test_what_a_simulated_run_never_sees_is_not(key, parts):
 BESIDE = {
     "base/data_file",
     "base/errors",
+    "base/foreign",
     "base/shipped",
     "base/validation",
     "base/writing",
