@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks import measurements, physics_step
 from benchmarks.figures import GROUPS, Figure
-from twin.base.page import filled, markdown
+from twin.base.page import markdown, render_template
 from twin.base.writing import write_whole
 
 TEMPLATE = Path(__file__).parent.parent / "docs" / "performance.template.md"
@@ -36,7 +36,7 @@ def page() -> str:
     """docs/performance.md, of all measurements and of the physics as it is now."""
     known = measurements.kept()
     deviations = chain(physics_step.paths(), physics_step.numbers())
-    return filled(
+    return render_template(
         TEMPLATE,
         figures=measurements.figures_table(known),
         measurements=measurements.measurements_table(known),

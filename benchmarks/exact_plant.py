@@ -14,7 +14,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.sim.plant.exact import ExactPlant
-from twin.sim.plant.friction import Friction, resisted
+from twin.sim.plant.friction import Friction, resist
 
 STEP, STEPS = 0.001, 2
 MODEL = BallPlate()
@@ -33,7 +33,7 @@ def plain(friction: Friction | None, rates: Array) -> float:
         out = MODEL.derivative(x, u)
         if friction is not None:
             limit = friction.deceleration(MODEL, x)
-            out[:, 1], out[:, 5] = resisted(limit, (x[:, 1], x[:, 5]), (out[:, 1], out[:, 5]))
+            out[:, 1], out[:, 5] = resist(limit, (x[:, 1], x[:, 5]), (out[:, 1], out[:, 5]))
         return out
 
     x = np.zeros((rates.shape[1], 8))

@@ -15,15 +15,15 @@ import scipy
 from annotated_types import Ge, Gt, Lt
 
 from controllers.arrays import Array, NotNegative, Positive
-from controllers.ballplate import SIGN, BallPlate
+from controllers.ballplate import TILT_SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 from controllers.stable_inversion import AboutMotion, DesiredMotion, MotionPlan, Tilts, flat_axis
 
 __all__ = ["InternalModel", "IterativeLearning", "Predictive", "TimeVaryingLQR"]
 
-KNOT = 0.02
+GAIN_KNOT_S = 0.02
 """Time in s from one gain to the next."""
-SLICE = 25
+GAINS_PER_SWEEP = 25
 """Gains that are laid in one sweep."""
 
 
@@ -49,7 +49,7 @@ class TimeVaryingLQR(AboutMotion):
 
     name: ClassVar[str] = "tvlqr"
 
-    horizon: Annotated[float, Ge(KNOT)] = 1.5
+    horizon: Annotated[float, Ge(GAIN_KNOT_S)] = 1.5
     """Time in s over which P forgets where it began; the reference is asked a second further."""
 
     def start(self, x: Array, reference: Reference, period: float) -> VaryingGain:
@@ -63,14 +63,14 @@ class TimeVaryingLQR(AboutMotion):
         x = now.equivalent.copy()
         x[..., 0::4] -= wanted.position
         x[..., 1::4] -= wanted.velocity
-        x[..., 2::4] -= SIGN * wanted.slope.angle
-        x[..., 3::4] -= SIGN * wanted.slope.rate
-        return SIGN * wanted.slope.acceleration - np.einsum("...ij,...j->...i", K, x)
+        x[..., 2::4] -= TILT_SIGN * wanted.slope.angle
+        x[..., 3::4] -= TILT_SIGN * wanted.slope.rate
+        return TILT_SIGN * wanted.slope.acceleration - np.einsum("...ij,...j->...i", K, x)
 
     def weight(self) -> Array:
         """Q as a weight of the state (5.5), shape (8, 8)."""
         flat = np.zeros((8, 8))
-        for axis, sign in enumerate(SIGN):
+        for axis, sign in enumerate(TILT_SIGN):
             own = slice(4 * axis, 4 * axis + 4)
             flat[own, own] = np.diag((1.0, 1.0, sign, sign))
             flat[own, own] += self.model.c2 * sign * np.eye(4, k=2)
@@ -86,8 +86,8 @@ def along(model: BallPlate, reference: Reference, times: Array) -> tuple[Array, 
     r = reference(times)
     x = np.zeros((*r.shape[1:-1], 8))
     x[..., 0::4], x[..., 1::4] = r[0], r[1]
-    x[..., 2::4], x[..., 3::4] = SIGN * r[2] / model.k1, SIGN * r[3] / model.k1
-    return model.jacobian(x, SIGN * r[4] / model.k1), model.g(x)
+    x[..., 2::4], x[..., 3::4] = TILT_SIGN * r[2] / model.k1, TILT_SIGN * r[3] / model.k1
+    return model.jacobian(x, TILT_SIGN * r[4] / model.k1), model.g(x)
 
 
 def slope(P: Array, A: Array, B: Array, Q: Array) -> Array:
@@ -114,17 +114,17 @@ class VaryingGain:
         self._Q = law.weight()
         A, B, _ = law.model.linear()
         self._level = scipy.linalg.solve_continuous_are(A, B, self._Q, np.eye(2))
-        self._knots = SLICE + round(law.horizon / KNOT)
-        self._begin = -2 * SLICE
-        self._next = self._laid = np.zeros((SLICE, 2, 8))
+        self._knots = GAINS_PER_SWEEP + round(law.horizon / GAIN_KNOT_S)
+        self._begin = -2 * GAINS_PER_SWEEP
+        self._next = self._laid = np.zeros((GAINS_PER_SWEEP, 2, 8))
         self._sweep()
         self._turn()
         self._turn()
 
     def gain(self, t: float) -> Array:
         """K at a time in s that does not lie before the one asked for last, shape (..., 2, 8)."""
-        knot = int(round(t / self._period) * self._period / KNOT + 1e-9)
-        while knot >= self._begin + SLICE:
+        knot = int(round(t / self._period) * self._period / GAIN_KNOT_S + 1e-9)
+        while knot >= self._begin + GAINS_PER_SWEEP:
             self._turn()
         if self._left:
             self._step()
@@ -135,21 +135,21 @@ class VaryingGain:
         while self._left:
             self._step()
         self._laid = self._next
-        self._begin += SLICE
+        self._begin += GAINS_PER_SWEEP
         self._sweep()
 
     def _sweep(self) -> None:
         """Begin the sweep for the gains after the next ones."""
-        first = self._begin + SLICE
-        times = (first + np.arange(self._knots + 1)) * KNOT
+        first = self._begin + GAINS_PER_SWEEP
+        times = (first + np.arange(self._knots + 1)) * GAIN_KNOT_S
         self._A, self._B = along(self._law.model, self._reference, times)
         self._P = np.broadcast_to(self._level, self._A.shape[1:])
         self._left = self._knots
-        self._next = np.empty((SLICE, *self._B.shape[1:-2], 2, 8))
+        self._next = np.empty((GAINS_PER_SWEEP, *self._B.shape[1:-2], 2, 8))
 
     def _step(self) -> None:
         """One step of the sweep backward in time, by the rule of Runge and Kutta."""
-        A, B, Q, P, h = self._A, self._B, self._Q, self._P, KNOT
+        A, B, Q, P, h = self._A, self._B, self._Q, self._P, GAIN_KNOT_S
         late, early = self._left, self._left - 1
         Am, Bm = (A[late] + A[early]) / 2, (B[late] + B[early]) / 2
         k1 = slope(P, A[late], B[late], Q)
@@ -158,14 +158,14 @@ class VaryingGain:
         k4 = slope(P + h * k3, A[early], B[early], Q)
         self._P = P + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         self._left = early
-        if early < SLICE:
+        if early < GAINS_PER_SWEEP:
             self._next[early] = B[early].swapaxes(-1, -2) @ self._P
 
 
-MOST = 100
+MAX_SOLVER_ITERATIONS = 100
 """Iterations of the solver, to bound its time; three times what references far beyond the limits
 were seen to take."""
-SOFT = 8
+SOFT_CONSTRAINT = 8
 """How the solver is told that a constraint may be broken where nothing keeps it."""
 
 
@@ -254,7 +254,7 @@ class Predictive(AboutMotion):
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2)."""
-        return SIGN * now.plan.input(now.time, now.equivalent)
+        return TILT_SIGN * now.plan.input(now.time, now.equivalent)
 
 
 class Program:
@@ -289,7 +289,7 @@ class Program:
         # acceleration, rate, angle that the regulator without limits would make of z(0)
         self.regulator = np.stack((-law.K @ regulated[:N], regulated[1:, 3], regulated[1:, 2]))
         self._states = np.concatenate((self._forced[:, 3], self._forced[:, 2]))
-        self._sense = np.repeat((0, SOFT), (N, 2 * N)).astype(np.int32)
+        self._sense = np.repeat((0, SOFT_CONSTRAINT), (N, 2 * N)).astype(np.int32)
 
     def solve(self, z: Array, motion: Array) -> Array | None:
         """The inputs of least cost, shape (N,); None if they were not found in time.
@@ -310,7 +310,7 @@ class Program:
             most - shift,
             -most - shift,
             self._sense,
-            iter_limit=MOST,
+            iter_limit=MAX_SOLVER_ITERATIONS,
         )
         return np.array(found) if flag > 0 else None
 
@@ -356,7 +356,7 @@ class Horizon:
     def _best(self, x: Array) -> Array:
         """The first input v of every rig and axis, rad/s^2, shape (..., 2)."""
         law, program, now = self._law, self._program, self._ahead[0]
-        slope, rate = SIGN * x[..., 2::4] - now[2], SIGN * x[..., 3::4] - now[3]
+        slope, rate = TILT_SIGN * x[..., 2::4] - now[2], TILT_SIGN * x[..., 3::4] - now[3]
         c2 = law.model.c2
         eta, eta_rate = x[..., 0::4] - now[0] + c2 * slope, x[..., 1::4] - now[1] + c2 * rate
         z = np.stack((eta, eta_rate, slope, rate), axis=-1)
@@ -443,7 +443,7 @@ class InternalModel(Law):
         object.__setattr__(self, "memory", 2 * count)
 
     def oscillators(self) -> Array:
-        """Of the memory of an axis, q' = S q + b e: S, shape (1 + 2 n, 1 + 2 n)."""
+        """S of the memory of an axis, q' = S q + b e, shape (1 + 2 n, 1 + 2 n)."""
         turning = [np.array([[0.0, w], [-w, 0.0]]) for w in self.frequencies]
         return scipy.linalg.block_diag(np.zeros((1, 1)), *turning)
 
@@ -454,10 +454,10 @@ class InternalModel(Law):
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2)."""
         r, k1, K = reference(t), self.model.k1, self.K
-        slope, rate = SIGN * x[..., 2::4] - r[2] / k1, SIGN * x[..., 3::4] - r[3] / k1
+        slope, rate = TILT_SIGN * x[..., 2::4] - r[2] / k1, TILT_SIGN * x[..., 3::4] - r[3] / k1
         e, e_rate = x[..., 0::4] - r[0], x[..., 1::4] - r[1]
         u = r[4] / k1 - K[0] * e - K[1] * e_rate - K[2] * slope - K[3] * rate
-        return SIGN * (u - K[4:] @ self._by_axis(q))
+        return TILT_SIGN * (u - K[4:] @ self._by_axis(q))
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """S q + b e of either axis, shape (..., memory)."""
@@ -470,9 +470,9 @@ class InternalModel(Law):
         return q.reshape(*q.shape[:-1], -1, 2)
 
 
-ALIKE = 1e-3
+MAX_LAP_DIFFERENCE_M = 1e-3
 """Distance in m by which a lap of the reference that is learnt from may differ from the last."""
-CHECKED = 64
+LAP_CHECK_INSTANTS = 64
 """Instants of a lap at which that is looked at."""
 
 
@@ -581,9 +581,9 @@ class Laps:
     def _repeated(self) -> Array:
         """1 for rigs whose reference repeated the lap before, shape (..., 1)."""
         length = 2 * math.pi / self._law.omega
-        times = np.linspace(0, length, CHECKED, endpoint=False) + self._lap * length
+        times = np.linspace(0, length, LAP_CHECK_INSTANTS, endpoint=False) + self._lap * length
         change = np.abs(self._reference(times)[0] - self._reference(times - length)[0]).max(axis=0)
-        return (change.max(axis=-1, keepdims=True) < ALIKE).astype(float)
+        return (change.max(axis=-1, keepdims=True) < MAX_LAP_DIFFERENCE_M).astype(float)
 
 
 def inverse_of(model: BallPlate, pulse: Array) -> Array:

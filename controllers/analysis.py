@@ -20,9 +20,9 @@ import scipy
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from controllers.ballplate import ACCELERATION, BALL
+from controllers.ballplate import BALL_ACCELERATIONS, BALL_POSITIONS
 from controllers.controller import HeldLaw, Smith
-from controllers.design import listed, sample
+from controllers.design import format_numbers, sample
 from controllers.interfaces import Law, Measurement, Observer, Reference
 from controllers.observers.thesis import Ideal
 from controllers.references import Hold
@@ -54,8 +54,8 @@ def slow_observer(law: Law, observer: Observer) -> str | None:
     )
 
 
-STEP = 1e-4
-ORIGIN = Hold()
+DIFFERENCE_STEP = 1e-4
+ORIGIN_REFERENCE = Hold()
 
 
 class System(NamedTuple):
@@ -77,8 +77,8 @@ def linear_law(law: Law) -> System:
     """
     if type(law.law if isinstance(law, HeldLaw) else law).control is Law.control:
         raise ValueError(f"law '{law.name}' acts by command alone: it has no linearisation")
-    J = _law_jacobian(law, STEP)
-    if np.abs(J - _law_jacobian(law, STEP / 10)).max() > 1e-3 * np.abs(J).max():
+    J = _law_jacobian(law, DIFFERENCE_STEP)
+    if np.abs(J - _law_jacobian(law, DIFFERENCE_STEP / 10)).max() > 1e-3 * np.abs(J).max():
         raise ValueError(f"law '{law.name}' has no linearisation about the level plate")
     return System(A=J[2:, 8:], B=J[2:, :8], C=J[:2, 8:], D=J[:2, :8])
 
@@ -94,8 +94,8 @@ def tracking_law(law: Law) -> System:
     A, B, C, D, _ = linear_law(law)
     ahead = []
     for axis in ("x", "y"):
-        there, back = (_answer_to(law, Hold(**{axis: way * STEP})) for way in (1, -1))
-        ahead.append((there - back) / (2 * STEP))
+        there, back = (_answer_to(law, Hold(**{axis: way * DIFFERENCE_STEP})) for way in (1, -1))
+        ahead.append((there - back) / (2 * DIFFERENCE_STEP))
     J = np.stack(ahead, axis=-1)
     return System(A, np.hstack([B, J[2:]]), C, np.hstack([D, J[:2]]))
 
@@ -113,8 +113,8 @@ def _law_jacobian(law: Law, step: float) -> Array:
 
     def both(s: Array) -> Array:
         x, q = s[:, :8], s[:, 8:]
-        u = law.control(0.0, x, ORIGIN, q)
-        return np.concatenate([u, law.memory_rate(0.0, x, ORIGIN, q)], axis=-1)
+        u = law.control(0.0, x, ORIGIN_REFERENCE, q)
+        return np.concatenate([u, law.memory_rate(0.0, x, ORIGIN_REFERENCE, q)], axis=-1)
 
     return (both(ahead) - both(-ahead)).T / (2 * step)
 
@@ -149,8 +149,8 @@ class _Tick:
         self._sizes = [vars(self._started(1))[name].size for name in self._names]
         self.period = observer.period
         n = sum(self._sizes) + law.memory
-        ahead = STEP * np.eye(n + 4)
-        J = (self._answer(ahead) - self._answer(-ahead)).T / (2 * STEP)
+        ahead = DIFFERENCE_STEP * np.eye(n + 4)
+        J = (self._answer(ahead) - self._answer(-ahead)).T / (2 * DIFFERENCE_STEP)
         self.A, self.B = J[:n, :n], J[:n, n:]
         self.C, self.D = J[n:, :n], J[n:, n:]
         self._verify()
@@ -166,7 +166,7 @@ class _Tick:
 
     def _memory_names(self) -> list[str]:
         """Arrays of the observer that a small deviation of its state changes to first order."""
-        deviation = STEP * np.random.default_rng(0).uniform(0.5, 1, (1, 8))
+        deviation = DIFFERENCE_STEP * np.random.default_rng(0).uniform(0.5, 1, (1, 8))
         after = []
         for x in (np.zeros((1, 8)), deviation):
             observer = deepcopy(self._observer)
@@ -176,7 +176,7 @@ class _Tick:
             after.append(vars(observer))
         arrays = [name for name, value in after[0].items() if isinstance(value, np.ndarray)]
         moved = {name: np.abs(after[1][name] - after[0][name]).max() for name in arrays}
-        return [name for name in arrays if moved[name] > 1e-3 * STEP]
+        return [name for name in arrays if moved[name] > 1e-3 * DIFFERENCE_STEP]
 
     def _answer(self, s: Array) -> Array:
         """States and outputs after a tick, for a row of states and inputs each."""
@@ -188,25 +188,25 @@ class _Tick:
             setattr(observer, name, s[:, begin : begin + size].reshape(shape).copy())
             begin += size
         q, y = s[:, begin:n], s[:, n:]
-        before = observer.x[:, BALL].copy()
+        before = observer.x[:, BALL_POSITIONS].copy()
         observer.correct(_measurement(y))
         x = observer.equivalent.copy()
-        u = self._law.control(0.0, x, ORIGIN, q)
-        q = q + observer.period * self._law.memory_rate(0.0, x, ORIGIN, q)
+        u = self._law.control(0.0, x, ORIGIN_REFERENCE, q)
+        q = q + observer.period * self._law.memory_rate(0.0, x, ORIGIN_REFERENCE, q)
         x = observer.x.copy()
         observer.predict(u)
         kept = [getattr(observer, name).reshape(rigs, -1) for name in self._names]
-        return np.concatenate([*kept, q, u, x[:, BALL], before], axis=-1)
+        return np.concatenate([*kept, q, u, x[:, BALL_POSITIONS], before], axis=-1)
 
     def _verify(self) -> None:
         """Compare five ticks with the real observer: what hides elsewhere shows."""
         observer, q = self._started(1), np.zeros((1, self._law.memory))
         s = np.zeros(len(self.A))
-        for y in STEP * np.random.default_rng(1).normal(size=(5, 1, 4)):
+        for y in DIFFERENCE_STEP * np.random.default_rng(1).normal(size=(5, 1, 4)):
             observer.correct(_measurement(y))
             x = observer.equivalent.copy()
-            real = self._law.control(0.0, x, ORIGIN, q)[0]
-            q = q + self.period * self._law.memory_rate(0.0, x, ORIGIN, q)
+            real = self._law.control(0.0, x, ORIGIN_REFERENCE, q)[0]
+            q = q + self.period * self._law.memory_rate(0.0, x, ORIGIN_REFERENCE, q)
             observer.predict(real[np.newaxis])
             linear = self.C[:2] @ s + self.D[:2] @ y[0]
             s = self.A @ s + self.B @ y[0]
@@ -307,9 +307,9 @@ def margins(loop: Loop, cut: str, *, points: int = 300) -> Margins | None:
 
 Complex = NDArray[np.complexfloating]
 
-INPUTS = ("u1", "u2")
-STATES = ("x", "x'", "phi", "phi'", "y", "y'", "theta", "theta'")
-MEASUREMENTS = ("x", "phi", "y", "theta")
+INPUT_NAMES = ("u1", "u2")
+STATE_SYMBOLS = ("x", "x'", "phi", "phi'", "y", "y'", "theta", "theta'")
+MEASUREMENT_NAMES = ("x", "phi", "y", "theta")
 
 
 class Loop(NamedTuple):
@@ -378,7 +378,7 @@ def close(plant: System, controller: System, outputs: Sequence[str]) -> Loop:
         A=np.block([[Ap + Bp @ Dc @ Cp, Bp @ Cc], [Bc @ Cp, Ac]]),
         B=np.block([[Bp, Bp @ Dc], [np.zeros((len(Ac), Bp.shape[1])), Bc]]),
         C=np.block([[Dc @ Cp, Cc], [Cp, np.zeros((len(Cp), len(Ac)))]]),
-        cuts=(*INPUTS, *outputs),
+        cuts=(*INPUT_NAMES, *outputs),
         period=period,
     )
 
@@ -396,8 +396,8 @@ def state_feedback_loop(law: Law, *, flat: bool = False) -> Loop:
     """
     A, B, _ = law.model.linear()
     if flat:
-        B[ACCELERATION] = 0
-    return close(System(A, B, np.eye(8), np.zeros((8, 2))), linear_law(law), STATES)
+        B[BALL_ACCELERATIONS] = 0
+    return close(System(A, B, np.eye(8), np.zeros((8, 2))), linear_law(law), STATE_SYMBOLS)
 
 
 def sampled_loop(law: Law, observer: Observer, *, dead_time: float = 0.0, lag: float = 0.0) -> Loop:
@@ -420,16 +420,18 @@ def sampled_loop(law: Law, observer: Observer, *, dead_time: float = 0.0, lag: f
     A, B, C = law.model.linear()
     if lag:  # two states more, the commanded rates r: u = (r - plate rate) / lag acts, r' = u
         A[:, 3::4] -= B / lag
-        A = np.block([[A, B / lag], [np.zeros((2, STATE + 2))]])
-        B, C = np.eye(STATE + 2, 2, -STATE), np.pad(C, ((0, 0), (0, 2)))
+        A = np.block([[A, B / lag], [np.zeros((2, PLANT_STATE_COUNT + 2))]])
+        B, C = np.eye(PLANT_STATE_COUNT + 2, 2, -PLANT_STATE_COUNT), np.pad(C, ((0, 0), (0, 2)))
     Ad, Bd = sample(A, B, T)
     if isinstance(observer, Ideal):
         law_only = linear_law(law)
         memory = np.eye(law.memory) + T * law_only.A
         controller = System(memory, T * law_only.B, law_only.C, law_only.D, T)
-        return close(System(Ad, Bd, np.eye(8, len(Ad)), np.zeros((8, 2)), T), controller, STATES)
+        return close(
+            System(Ad, Bd, np.eye(8, len(Ad)), np.zeros((8, 2)), T), controller, STATE_SYMBOLS
+        )
     plant = measured_late(System(Ad, Bd, C, np.zeros((4, 2)), T), dead_time)
-    return close(plant, linear_controller(law, observer), MEASUREMENTS)
+    return close(plant, linear_controller(law, observer), MEASUREMENT_NAMES)
 
 
 def measured_late(plant: System, dead_time: float) -> System:
@@ -461,9 +463,9 @@ def measured_late(plant: System, dead_time: float) -> System:
     )
 
 
-STATE = 8
+PLANT_STATE_COUNT = 8
 """States of the plant, the first of a loop's."""
-IDLE = 1e-6
+MIN_EIGENVECTOR_SHARE = 1e-6
 """Share of an eigenvector in the plant's states, and distance of z from 1, that count as none."""
 
 
@@ -486,7 +488,7 @@ def instability(
 
     def poles_outside(late: float) -> Complex:
         z, v = np.linalg.eig(sampled_loop(law, observer, dead_time=late, lag=lag).A)
-        moving = np.linalg.norm(v[:STATE], axis=0) > IDLE
+        moving = np.linalg.norm(v[:PLANT_STATE_COUNT], axis=0) > MIN_EIGENVECTOR_SHARE
         return unstable(z[moving].astype(complex))
 
     try:
@@ -495,13 +497,14 @@ def instability(
         return None
     if len(outside) == 0:
         return None
-    if (np.abs(outside - 1) < IDLE).all():
+    if (np.abs(outside - 1) < MIN_EIGENVECTOR_SHARE).all():
         return (
             "the sampled loop only integrates about the level plate: "
             f"{len(outside)} poles at 0 1/s, so nothing brings the ball back"
         )
     poles = np.unique((np.log(outside) / observer.period).round(3))
-    line = f"the sampled loop is unstable about the level plate: poles {listed(poles.tolist())} 1/s"
+    shown = format_numbers(poles.tolist())
+    line = f"the sampled loop is unstable about the level plate: poles {shown} 1/s"
     T = observer.period
     held = bisect(range(round(dead_time / T)), 0, key=lambda n: len(poles_outside(n * T))) - 1
     late = f"{1e3 * held * T:.0f} ms late, not {1e3 * dead_time:.0f} ms"

@@ -75,7 +75,7 @@ class Arithmetic(NamedTuple):
     """The larger of two; the first if it is not a number."""
 
 
-NUMBERS = Arithmetic(
+NUMBER_ARITHMETIC = Arithmetic(
     math.sqrt,
     lambda condition, this, other: this if condition else other,
     bool,
@@ -83,7 +83,7 @@ NUMBERS = Arithmetic(
     lambda this, other: other if other > this else this,
 )
 """Of plain numbers, several times faster than numpy's for one rig."""
-ARRAYS = Arithmetic(np.sqrt, np.where, np.any, np.minimum, np.maximum)
+ARRAY_ARITHMETIC = Arithmetic(np.sqrt, np.where, np.any, np.minimum, np.maximum)
 
 
 def elementwise(
@@ -97,8 +97,8 @@ def elementwise(
         *arrays: What it is calculated from.
     """
     if len(arrays[0]) > 1:
-        return formula(ARRAYS, *arrays)
-    one = map(formula, repeat(NUMBERS), *[array.tolist()[0] for array in arrays])
+        return formula(ARRAY_ARITHMETIC, *arrays)
+    one = map(formula, repeat(NUMBER_ARITHMETIC), *[array.tolist()[0] for array in arrays])
     return np.array([list(one)])
 
 

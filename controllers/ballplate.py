@@ -15,15 +15,15 @@ import numpy as np
 
 from controllers.arrays import Array, NotNegative, Positive, check
 
-STATES = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
+STATE_NAMES = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
 """Names of the state (5.5) in columns and signals."""
-MEASURED = (0, 2, 4, 6)
+MEASURED_STATES = (0, 2, 4, 6)
 """Where the measurement y = (x, phi, y, theta) of (5.3) stands in the state (5.5)."""
-BALL = [0, 4]
+BALL_POSITIONS = [0, 4]
 """Where the ball's position x, y stands in the state."""
-ACCELERATION = [1, 5]
+BALL_ACCELERATIONS = [1, 5]
 """Where the rate of the state has the ball's acceleration."""
-SIGN = np.array((1.0, -1.0))
+TILT_SIGN = np.array((1.0, -1.0))
 """Sense in which a positive plate angle accelerates the ball along x and along y, (6.45)."""
 LONGEST_LAG = 0.03
 """Largest lag of the drives in s that is found rather than told."""
@@ -87,7 +87,7 @@ class BallPlate:
     c3: float = field(init=False, repr=False)
     """Lever of the gyroscopic coupling in m, (5.1)."""
     c4: float = field(init=False, repr=False)
-    """c2 / c1 in m, (5.1)."""
+    """Ratio c2 / c1 in m, (5.1)."""
     k1: float = field(init=False, repr=False)
     """Ball acceleration for a unit sine of the slope in m/s^2, (6.41)."""
     k: Array = field(init=False, repr=False, compare=False)
@@ -99,26 +99,26 @@ class BallPlate:
         for name, value in constants(self.mass, self.radius, self.inertia, self.height).items():
             object.__setattr__(self, name, value)
         object.__setattr__(self, "k1", self.c1 * self.gravity)
-        object.__setattr__(self, "k", self.k1 * SIGN)
+        object.__setattr__(self, "k", self.k1 * TILT_SIGN)
 
     def f(self, x: Array) -> Array:
         """Drift of the model (5.9b), shape (..., 8)."""
         out = np.zeros_like(x)
         out[..., 0::2] = x[..., 1::2]
-        out[..., 1], out[..., 5] = self._drift(_seen(x))
+        out[..., 1], out[..., 5] = self._drift(_motion_terms(x))
         return out
 
     def g(self, x: Array) -> Array:
         """Input map of the model (5.9c), shape (..., 8, 2)."""
         out = np.zeros((*x.shape, 2))
         out[..., 1, 0] = -self.c2
-        out[..., 1, 1], out[..., 5, 1] = self._input(_seen(x))
+        out[..., 1, 1], out[..., 5, 1] = self._input(_motion_terms(x))
         out[..., 3, 0] = out[..., 7, 1] = 1
         return out
 
     def derivative(self, x: Array, u: Array) -> Array:
         """Rate of the state, f(x) + g(x) u of (5.9a), shape (..., 8)."""
-        seen = _seen(x)
+        seen = _motion_terms(x)
         u1, u2 = u[..., 0], u[..., 1]
         (f2, f6), (g2, g6) = self._drift(seen), self._input(seen)
         out = np.empty_like(x)
@@ -130,7 +130,7 @@ class BallPlate:
 
     def output(self, x: Array) -> Array:
         """Measured outputs h(x) = (x, phi, y, theta) of (5.7), shape (..., 4)."""
-        return x[..., MEASURED]
+        return x[..., MEASURED_STATES]
 
     def jacobian(self, x: Array, u: Array | None = None) -> Array:
         """State Jacobian, shape (..., 8, 8): of f alone (7.15) or, given u, of f + g u.
@@ -147,7 +147,7 @@ class BallPlate:
 
         All other rows of Jacobian, input map and drift only integrate. A is that of ``jacobian``.
         """
-        seen = _seen(x)
+        seen = _motion_terms(x)
         x1, x2, x5, x6, x8 = seen.x1, seen.x2, seen.x5, seen.x6, seen.x8
         s3, c3, wx, wy, wz = seen.s3, seen.c3, seen.wx, seen.wy, seen.wz
         u2 = 0.0 if u is None else u[..., 1]
@@ -190,7 +190,7 @@ class BallPlate:
     def linear(self) -> LinearModel:
         """Linear model about the level plate and the ball on the centre, (5.35)."""
         level = np.zeros(8)
-        return LinearModel(self.jacobian(level), self.g(level), np.eye(8)[list(MEASURED)])
+        return LinearModel(self.jacobian(level), self.g(level), np.eye(8)[list(MEASURED_STATES)])
 
     def flat(self, x: Array, u: Array) -> Array:
         """Rate of the state of the flat model (6.44), shape (..., 8)."""
@@ -232,7 +232,7 @@ def constants(m: Any, r: Any, J: Any, height: Any) -> dict[str, Any]:
     }
 
 
-def desired(r: Array) -> Array:
+def stack_reference(r: Array) -> Array:
     """The position and k - 1 derivatives of a reference, (k, ..., 2), as a chain, (..., 2, k)."""
     return r.T if r.ndim == 2 else np.moveaxis(r, 0, -1)
 
@@ -258,7 +258,7 @@ class _Seen(NamedTuple):
     wz: Any
 
 
-def _seen(x: Array) -> _Seen:
+def _motion_terms(x: Array) -> _Seen:
     """What the equations of motion are made of, from the state.
 
     Python calculates with numbers several times faster than numpy with arrays of one, but raises
@@ -267,12 +267,12 @@ def _seen(x: Array) -> _Seen:
     if x.size == 8 and x.dtype == np.float64:
         numbers = x.ravel().tolist()
         if all(-1e9 < number < 1e9 for number in numbers):
-            return _gathered(math.sin, math.cos, numbers)
+            return _gather_terms(math.sin, math.cos, numbers)
     # of many rigs each state by itself in one piece, which numpy reads three times faster
-    return _gathered(np.sin, np.cos, np.moveaxis(x, -1, 0).copy())
+    return _gather_terms(np.sin, np.cos, np.moveaxis(x, -1, 0).copy())
 
 
-def _gathered(sin: Any, cos: Any, states: Iterable[Any]) -> _Seen:
+def _gather_terms(sin: Any, cos: Any, states: Iterable[Any]) -> _Seen:
     x1, x2, x3, x4, x5, x6, x7, x8 = states
     s3, c3 = sin(x3), cos(x3)
     return _Seen(x1, x2, x5, x6, x8, s3, c3, sin(x7), cos(x7), x8 * c3, x4, x8 * s3)

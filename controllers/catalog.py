@@ -40,17 +40,17 @@ from controllers.arrays import Array
 from controllers.interfaces import Law, Observer, Reference
 
 Kind = TypeVar("Kind", Law, Observer, Reference)
-_HELD = (bool, int, float, complex, str, PurePath, Enum, tuple, list, dict, type(None))
+_SETTING_TYPES = (bool, int, float, complex, str, PurePath, Enum, tuple, list, dict, type(None))
 """What a scenario can hold."""
 
-GROUP = "ballplate.controllers"
-FOLDER = "laws"
+ENTRY_POINT_GROUP = "ballplate.controllers"
+LAWS_FOLDER = "laws"
 """Folder of the working folder whose files are taken as well."""
 CLOSED = "BALLPLATE_LAWS_CLOSED"
 """Environment variable that leaves the files of that folder alone, here and in child processes."""
 EXECUTES = logging.getLogger("ballplate.executes")
 """Is told, before it is done, which files of others this program runs."""
-ADDED = "BALLPLATE_LAWS"
+ADDED_FILES_VARIABLE = "BALLPLATE_LAWS"
 """Environment variable with the files that were added, so that child processes have them."""
 _registered: dict[str, type[Law | Observer | Reference]] = {}
 _looked: dict[bool, tuple[tuple[ModuleType, ...], tuple[str, ...]]] = {}
@@ -72,7 +72,10 @@ def _look() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
     lines: list[str] = []
     taken: dict[str, type] = {}
     # entry points of outside packages: what to call them, and how to import them
-    outside = ((f"entry point '{e.name}' ({e.value})", e.load) for e in entry_points(group=GROUP))
+    outside = (
+        (f"entry point '{e.name}' ({e.value})", e.load)
+        for e in entry_points(group=ENTRY_POINT_GROUP)
+    )
     for place, load in chain(_own(controllers.__path__, "controllers."), outside, _files()):
         try:
             module = load()
@@ -115,7 +118,7 @@ def _holds(kind: Any) -> bool:
         return get_origin(kind) is Literal or all(_holds(part) for part in parts)
     if kind is Any or not isinstance(kind, type) or dataclasses.is_dataclass(kind):
         return True
-    return issubclass(kind, _HELD)
+    return issubclass(kind, _SETTING_TYPES)
 
 
 def _own(path: Iterable[str], prefix: str) -> Iterator[tuple[str, Callable[[], ModuleType]]]:
@@ -130,17 +133,19 @@ def _own(path: Iterable[str], prefix: str) -> Iterator[tuple[str, Callable[[], M
 
 def _files() -> Iterator[tuple[str, Callable[[], ModuleType]]]:
     """Files of the folder of laws, and added ones: path, and how to import it."""
-    added = [Path(text) for text in os.environ.get(ADDED, "").split(os.pathsep) if text]
+    added = [
+        Path(text) for text in os.environ.get(ADDED_FILES_VARIABLE, "").split(os.pathsep) if text
+    ]
     own = [] if os.environ.get(CLOSED) else in_folder()
     if own:
         EXECUTES.info("runs what lies in %s: %s", own[0].parent, ", ".join(p.stem for p in own))
     for path in dict.fromkeys((*own, *added)):
-        yield str(path), partial(imported, path)
+        yield str(path), partial(import_file, path)
 
 
 def in_folder() -> list[Path]:
     """The files of the folder of laws; none is opened."""
-    return sorted(Path(FOLDER).resolve().glob("*.py"))
+    return sorted(Path(LAWS_FOLDER).resolve().glob("*.py"))
 
 
 def left_alone() -> list[Path]:
@@ -148,9 +153,9 @@ def left_alone() -> list[Path]:
     return in_folder() if os.environ.get(CLOSED) else []
 
 
-def imported(path: Path) -> ModuleType:
+def import_file(path: Path) -> ModuleType:
     """The module of a file that lies in no package."""
-    name = f"{FOLDER}_{path.stem}"
+    name = f"{LAWS_FOLDER}_{path.stem}"
     if getattr(sys.modules.get(name), "__file__", str(path)) != str(path):
         name += (
             f"_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"  # another file of this name
@@ -181,15 +186,15 @@ def add(file: Path) -> list[str]:
     path = file.resolve()
     if not path.is_file() or path.suffix != ".py":
         raise ValueError(f"{file}: {'not a Python file' if file.exists() else 'no such file'}")
-    before = os.environ.get(ADDED, "")
-    os.environ[ADDED] = os.pathsep.join(filter(None, (before, str(path))))
+    before = os.environ.get(ADDED_FILES_VARIABLE, "")
+    os.environ[ADDED_FILES_VARIABLE] = os.pathsep.join(filter(None, (before, str(path))))
     forget()
     wrong = next((line for line in broken() if line.startswith(str(path))), "")
     found = [module for module in outside() if module.__file__ == str(path)]
     if not wrong and not any(map(_classes, found)):
         wrong = f"{file}: no law, observer or reference in it has a name"
     if wrong:
-        os.environ[ADDED] = before
+        os.environ[ADDED_FILES_VARIABLE] = before
         forget()
         raise ValueError(wrong)
     return [cls.name for module in found for cls in _classes(module)]
@@ -244,7 +249,7 @@ def _home(cls: type) -> tuple[str, str]:
     return (str(Path(file).resolve()) if file else cls.__module__), cls.__qualname__
 
 
-def registered() -> frozenset[str]:
+def registered_names() -> frozenset[str]:
     """Names of the classes that only this process knows."""
     return frozenset(_registered)
 
@@ -337,7 +342,7 @@ def broken_so_far() -> tuple[str, ...]:
     return tuple(dict.fromkeys(line for _, lines in _looked.values() for line in lines))
 
 
-def unfinished() -> list[str]:
+def describe_incomplete_classes() -> list[str]:
     """A line for each class of an outside module that is none of its kind: file, class and why."""
     return [
         f"{module.__file__}: {item.__name__} lacks {_lacking(item)}"
@@ -347,7 +352,7 @@ def unfinished() -> list[str]:
     ]
 
 
-def blamed(error: BaseException) -> str | None:
+def locate_error(error: BaseException) -> str | None:
     """File, line and error in one line, if the error came out of a module of the catalog."""
     modules = [module for found, _ in _looked.values() for module in found]
     files = {getattr(module, "__file__", None) for module in modules}
@@ -392,7 +397,7 @@ def wrong_answer(law: Law) -> str | None:
         return f"{_place(law)}: control takes (self, t, x, reference, q)"
     given = law.control(*asked)
     try:
-        answer = commanded(law, given, np.zeros((1, 2)))
+        answer = check_command(law, given, np.zeros((1, 2)))
     except AnswerError as error:
         return str(error)
     if not np.isfinite(answer).all():
@@ -404,7 +409,7 @@ class AnswerError(ValueError):
     """A law or observer answers otherwise than one does: file, line, what it gave, what it must."""
 
 
-def commanded(law: Law, u: Any, like: Array) -> Array:
+def check_command(law: Law, u: Any, like: Array) -> Array:
     """The plate accelerations that a law gave, of the shape of an array.
 
     Raises:
@@ -416,7 +421,7 @@ def commanded(law: Law, u: Any, like: Array) -> Array:
     return u
 
 
-def remembered(law: Law, slope: Any, like: Array) -> Array:
+def check_memory_rate(law: Law, slope: Any, like: Array) -> Array:
     """The rate of a law's memory that it gave, of the shape of an array.
 
     Raises:
@@ -427,7 +432,7 @@ def remembered(law: Law, slope: Any, like: Array) -> Array:
     return slope
 
 
-def estimated(observer: Observer, x: Any, like: Array) -> Array:
+def check_estimate(observer: Observer, x: Any, like: Array) -> Array:
     """The estimate that an observer gave, for as many rigs as an array (..., 2).
 
     Raises:

@@ -20,8 +20,8 @@ import scipy
 from annotated_types import Gt, Le, Len
 
 from controllers.arrays import Array, NotNegative, Positive
-from controllers.ballplate import SIGN, desired
-from controllers.design import Pole, gains_from, listed, require_stable, stable_poles
+from controllers.ballplate import TILT_SIGN, stack_reference
+from controllers.design import Pole, format_numbers, gains_from, require_stable, stable_poles
 from controllers.interfaces import Law, Reference
 
 __all__ = [
@@ -84,7 +84,7 @@ class PolePlacement(_StateFeedback):
             raise ValueError(f"poles must be 4 or 8 numbers, got {len(self.poles)}")
         both = (*stable_poles(both[:4], 4), *stable_poles(both[4:], 4))
         object.__setattr__(self, "poles", both[: len(self.poles)])
-        return placed(self.model.linear().A, self.model.linear().B, both)
+        return place_axis_poles(self.model.linear().A, self.model.linear().B, both)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +122,7 @@ def weights(rho: float, kappa: float) -> tuple[float, ...]:
     return (rho, rho * kappa) * 4
 
 
-def placed(A: Array, B: Array, poles: Sequence[Pole]) -> Array:
+def place_axis_poles(A: Array, B: Array, poles: Sequence[Pole]) -> Array:
     """Gain K that gives A - B K the poles, axis by axis (6.4), (6.6).
 
     Args:
@@ -167,12 +167,13 @@ def optimal(A: Array, B: Array, Q: Sequence[float], R: Sequence[float]) -> Array
     # A mode without weight keeps its pole on the imaginary axis, to the solver's accuracy.
     if not (poles.real < -1e-4).all():
         raise ValueError(
-            f"Q {list(Q)} with R {list(R)} leaves a motion without control: poles {listed(poles)}"
+            f"Q {list(Q)} with R {list(R)} leaves a motion without control: "
+            f"poles {format_numbers(poles)}"
         )
     return K
 
 
-STEEPEST = 0.5
+MAX_FEEDFORWARD_SINE = 0.5
 """Sine of the steepest plate angle fed forward, 30 deg: more than the plate reaches, and far from
 90 deg, where the rate would be divided by zero."""
 
@@ -208,7 +209,7 @@ class Feedforward(Law):
             K = optimal(A, B, weights(self.rho, self.kappa), (1.0, 1.0))
         elif (self.rho, self.kappa) == (Feedforward.rho, Feedforward.kappa):
             object.__setattr__(self, "poles", stable_poles(self.poles, 4))
-            K = placed(A, B, (*self.poles, *self.poles))
+            K = place_axis_poles(A, B, (*self.poles, *self.poles))
         else:
             raise ValueError("poles replace rho and kappa: give either poles or rho and kappa")
         object.__setattr__(self, "K", K)
@@ -223,7 +224,7 @@ class Feedforward(Law):
             x*, shape (..., 8), and u_ff in rad/s^2, shape (..., 2).
         """
         k = self.model.k
-        sine = np.minimum(np.maximum(r[2] / k, -STEEPEST), STEEPEST)
+        sine = np.minimum(np.maximum(r[2] / k, -MAX_FEEDFORWARD_SINE), MAX_FEEDFORWARD_SINE)
         a = k * np.sqrt(1 - sine * sine)
         rate = r[3] / a
         x = np.empty((*r.shape[1:-1], 8))
@@ -268,7 +269,7 @@ class Pid(Law):
         """Plate accelerations (phi'', theta'') in rad/s^2, shape (..., 2)."""
         angle, rate = x[..., 2::4], x[..., 3::4]
         wanted = np.clip(self._asked(t, x, reference, q), -self._most, self._most)
-        goal = SIGN * np.arcsin(wanted / self.model.k1)
+        goal = TILT_SIGN * np.arcsin(wanted / self.model.k1)
         return self.plate[0] * (goal - angle) - self.plate[1] * rate
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
@@ -333,7 +334,7 @@ class AFL(Law):
         """Plate accelerations (6.59) in rad/s^2, shape (..., 2)."""
         z, _, rate, a = self.model.chain(x)
         r = reference(t)
-        v = r[4] - (z - desired(r[:4])).dot(self.p[:4])
+        v = r[4] - (z - stack_reference(r[:4])).dot(self.p[:4])
         if self.memory:
             v = v - self.p[4] * q
         return (v + z[..., 2] * rate * rate) / a
@@ -413,7 +414,7 @@ class Backstepping(Law):
         c1, c2, c3, c4 = self.c
         z, angle, rate, a = self.model.chain(x)
         r = reference(t)
-        mapped = (z[..., :3] - desired(r[:3])) @ self._map
+        mapped = (z[..., :3] - stack_reference(r[:3])) @ self._map
         e3, bracket, bracket_rate = mapped[..., 0], mapped[..., 1], mapped[..., 2]
         alpha3 = (bracket + r[3]) / a
         e4 = rate - alpha3
@@ -423,8 +424,8 @@ class Backstepping(Law):
         return alpha3_rate - a * e3 - c4 * e4
 
 
-POWERS = np.array((3.0, 4.0, 6.0))
-ROOTS = np.array((1 / 4, 1 / 6, 1 / 12))
+SLIDING_POWERS = np.array((3.0, 4.0, 6.0))
+SLIDING_ROOTS = np.array((1 / 4, 1 / 6, 1 / 12))
 """N_i of (2.55), r = 4, q = 12: root of the sum of the first i of |s|^3, |s'|^4, |s''|^6."""
 
 
@@ -451,12 +452,15 @@ class SlidingMode(Law):
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2)."""
-        s = self.model.chain(x).z - desired(reference(t)[:4])
-        pull = self.betas * np.add.accumulate(np.abs(s[..., :3]) ** POWERS, axis=-1) ** ROOTS
+        s = self.model.chain(x).z - stack_reference(reference(t)[:4])
+        pull = (
+            self.betas
+            * np.add.accumulate(np.abs(s[..., :3]) ** SLIDING_POWERS, axis=-1) ** SLIDING_ROOTS
+        )
         psi = self._sigmoid(s[..., 0])
         for i in (1, 2, 3):
             psi = self._sigmoid(s[..., i] + pull[..., i - 1] * psi)
-        return -self.alpha * SIGN * psi
+        return -self.alpha * TILT_SIGN * psi
 
     def _sigmoid(self, s: Array) -> Array:
         """Smooth stand-in for the sign (2.52)."""

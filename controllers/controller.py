@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, NotNegative, constant, some
-from controllers.catalog import commanded, estimated, remembered
+from controllers.catalog import check_command, check_estimate, check_memory_rate
 from controllers.interfaces import DelayedObserver, Feedback, Law, Measurement, Observer, Reference
 
 
@@ -73,7 +73,7 @@ class HeldCommand:
         return self.u
 
 
-MEASURED = "measured"
+MEASURED_TIME = "measured"
 """A computing time that is taken by the clock."""
 
 
@@ -132,7 +132,7 @@ class HeldLaw(Law):
             took = self.computing_time
             if isinstance(took, str):
                 took = held.before + perf_counter() - begin
-            held.take(now.time, commanded(self.law, u, now.rate), took)
+            held.take(now.time, check_command(self.law, u, now.rate), took)
         return held.hold(now.time)
 
     @property
@@ -140,7 +140,7 @@ class HeldLaw(Law):
         """What a report should tell of the law, and that no analysis knows of its hold."""
         held = f"evaluated every {self.ticks} control periods and held between"
         if self.computing_time:
-            each = "the time it takes here" if self.computing_time == MEASURED else "its time"
+            each = "the time it takes here" if self.computing_time == MEASURED_TIME else "its time"
             held += f", each command applied when {each} is over"
         unheld = (
             f"The law is {held}; poles, "
@@ -189,7 +189,7 @@ class Controller:
     """Periods that are made up for at most; after longer ones a rig has been levelled."""
 
     def __init__(self, law: Law, observer: Observer, reference: Reference, period: float) -> None:
-        self._needed = _place(needed(law, observer))
+        self._needed = _place(needed_columns(law, observer))
         self.law = law
         self.observer = observer
         if not isinstance(reference, SampledReference):
@@ -201,7 +201,7 @@ class Controller:
         laws = law.groups.each if isinstance(law, PerRigLaw) else [(slice(None), law)]
         late = [each for _, each in laws if isinstance(each, HeldLaw) and each.computing_time]
         self._places = [place for place, _ in laws] if late else []
-        self.timed = any(each.computing_time == MEASURED for each in late)
+        self.timed = any(each.computing_time == MEASURED_TIME for each in late)
         """Whether the law's computing time is measured."""
 
     def start(self, measurement: Measurement) -> None:
@@ -228,7 +228,7 @@ class Controller:
         if self._time is not None and t - self._time > 1.5 * self.period:
             self._make_up(self._time, measurement)
         self._time, self._angles, self._age = t, measurement.y[..., 1::2], measurement.age
-        x = estimated(observer, observer.correct(measurement), self.rate)
+        x = check_estimate(observer, observer.correct(measurement), self.rate)
         seen, further = observer.equivalent, observer.further
         if self.timed:
             self.plan.before += perf_counter() - begin
@@ -243,7 +243,7 @@ class Controller:
             self.memory,
             self.plan,
         )
-        u = commanded(self.law, self.law.command(now), self.rate)
+        u = check_command(self.law, self.law.command(now), self.rate)
         self._remember(t, seen)
         self.requested = self.rate + self._period * u
         return ControlStep(x, u, self.requested, further, self._computing())
@@ -263,7 +263,7 @@ class Controller:
         """Integrate the law's memory over one period, from an equivalent state."""
         if self.law.memory:
             slope = self.law.memory_rate(t, seen, self.reference, self.memory)
-            slope = remembered(self.law, slope, self.memory)
+            slope = check_memory_rate(self.law, slope, self.memory)
             self.memory = self.memory + self._period * slope
 
     def _make_up(self, before: float, present: Measurement) -> None:
@@ -294,7 +294,7 @@ class Controller:
         return acceleration
 
 
-def needed(law: Law, observer: Observer) -> list[int]:
+def needed_columns(law: Law, observer: Observer) -> list[int]:
     """Where what a law needs, and what it counts if it is known, stands in what an observer knows.
 
     Raises:
@@ -454,7 +454,7 @@ class PerRigLaw(Law):
                 now.memory[own, : law.memory],
                 plan,
             )
-            u[own] = commanded(law, law.command(mine), mine.rate)
+            u[own] = check_command(law, law.command(mine), mine.rate)
         return u
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
@@ -465,7 +465,7 @@ class PerRigLaw(Law):
                 mine = q[own, : law.memory]
                 part = _PartOf(reference, own)
                 given = law.memory_rate(t, x[own], part, mine)
-                slope[own, : law.memory] = remembered(law, given, mine)
+                slope[own, : law.memory] = check_memory_rate(law, given, mine)
         return slope
 
 
@@ -500,7 +500,7 @@ class PerRigObserver(Observer):
                 measurement.touched[own],
                 None if state is None else state[own],
             )
-            x[own] = estimated(observer, observer.correct(part), part.y)
+            x[own] = check_estimate(observer, observer.correct(part), part.y)
         self.x = x
         return x
 
@@ -534,7 +534,7 @@ class PerRigObserver(Observer):
         return x
 
 
-BALL = slice(0, None, 4)
+BALL_SLICE = slice(0, None, 4)
 """The ball's position X_1 = (x, y) in the state (5.5)."""
 
 
@@ -592,11 +592,13 @@ class Smith(Observer):
         self.observer.start(x)
         self.x = self.observer.x
         self._tick = 0
-        self._past = np.array(np.broadcast_to(self.x[..., BALL], (self._length, *x.shape[:-1], 2)))
+        self._past = np.array(
+            np.broadcast_to(self.x[..., BALL_SLICE], (self._length, *x.shape[:-1], 2))
+        )
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
-        ball = self.x[..., BALL]
+        ball = self.x[..., BALL_SLICE]
         slot = self._tick % self._length
         if not self._whole:  # else nobody looks at it before it is known better
             self._past[slot] = ball
@@ -610,8 +612,8 @@ class Smith(Observer):
         else:
             position += ball - self._look_back()
         part = Measurement(measurement.time, y, measurement.age, touched, measurement.state)
-        self.x = estimated(self.observer, self.observer.correct(part), y)
-        self._past[slot] = self.x[..., BALL]
+        self.x = check_estimate(self.observer, self.observer.correct(part), y)
+        self._past[slot] = self.x[..., BALL_SLICE]
         return self.x
 
     def predict(self, u: Array) -> None:

@@ -41,9 +41,9 @@ def stable_poles(poles: Sequence[Pole], count: int) -> tuple[Pole, ...]:
         raise ValueError(f"poles must be {count} numbers, got {len(numbers)}")
     for pole in numbers:
         if not (np.isfinite(pole) and pole.real < 0):
-            raise ValueError(f"poles must have a negative real part, got {listed([pole])}")
+            raise ValueError(f"poles must have a negative real part, got {format_numbers([pole])}")
         if numbers.count(pole) != numbers.count(pole.conjugate()):
-            raise ValueError(f"poles must come in conjugate pairs, got {listed(numbers)}")
+            raise ValueError(f"poles must come in conjugate pairs, got {format_numbers(numbers)}")
     return tuple(pole if pole.imag else pole.real for pole in numbers)
 
 
@@ -59,7 +59,10 @@ def require_stable(coefficients: Array, gains: Sequence[float]) -> None:
     """
     poles = np.roots((1.0, *coefficients[::-1])).tolist()
     if not all(pole.real < 0 for pole in poles):
-        raise ValueError(f"gains {listed(gains)} are unstable: they give the poles {listed(poles)}")
+        raise ValueError(
+            f"gains {format_numbers(gains)} are unstable: "
+            f"they give the poles {format_numbers(poles)}"
+        )
 
 
 def gains_from(poles: Sequence[Pole]) -> Array:
@@ -67,7 +70,7 @@ def gains_from(poles: Sequence[Pole]) -> Array:
     return np.poly(poles)[:0:-1].real
 
 
-def listed(numbers: Iterable[Pole]) -> str:
+def format_numbers(numbers: Iterable[Pole]) -> str:
     """The numbers as a short text."""
     return ", ".join(f"{p:.4g}" if p.imag else f"{p.real:.4g}" for p in numbers)
 
@@ -93,11 +96,11 @@ def sample(A: Array, B: Array, T: float) -> tuple[Array, Array]:
 Complex = NDArray[Any]
 """Real or complex numbers."""
 
-SWEEPS = 30
+MAX_SWEEPS = 30
 """Most times that all pairs are turned."""
-SETTLED = 1e-3
+VOLUME_TOLERANCE = 1e-3
 """Relative change of the eigenvectors' volume in a sweep at which the search ends."""
-PAIRS = {
+SWEEP_PAIRS = {
     0: ((3, 0), (1, 2), (0, 1), (2, 3), (0, 2), (1, 3)),
     1: ((1, 0), (2, 3), (0, 1), (2, 3), (2, 3), (2, 3), (0, 1), (2, 3)),
     2: ((0, 1), (2, 3)) * 5,
@@ -129,14 +132,14 @@ def place_poles(A: Array, B: Array, poles: Sequence[Pole] | Array) -> Array:
         columns += parts
         planes += [plane] * len(parts)
     X = np.stack(columns, axis=1)
-    for _ in range(SWEEPS):
+    for _ in range(MAX_SWEEPS):
         before = abs(np.linalg.det(X))
-        for i, j in PAIRS[len(lower)]:
-            turn = _turned if i < len(real) else _turned_conjugates
+        for i, j in SWEEP_PAIRS[len(lower)]:
+            turn = _turn_eigenvectors if i < len(real) else _turned_conjugates
             others = scipy.linalg.qr(np.delete(X, (i, j), axis=1))[0]
             X[:, i], X[:, j] = turn(X[:, i], X[:, j], planes[i], planes[j], *others.T[2:])
         volume = abs(np.linalg.det(X))
-        if abs(volume - before) < SETTLED * volume:
+        if abs(volume - before) < VOLUME_TOLERANCE * volume:
             break
     V = X.astype(complex)
     values = [complex(pole) for pole in real]
@@ -148,7 +151,9 @@ def place_poles(A: Array, B: Array, poles: Sequence[Pole] | Array) -> Array:
     return B.T @ (A - closed.real)
 
 
-def _turned(x: Array, y: Array, P: Array, Q: Array, u: Array, v: Array) -> tuple[Array, Array]:
+def _turn_eigenvectors(
+    x: Array, y: Array, P: Array, Q: Array, u: Array, v: Array
+) -> tuple[Array, Array]:
     """The eigenvectors x, y of two real poles in their planes P, Q that span most with the others.
 
     Args:

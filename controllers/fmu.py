@@ -25,19 +25,22 @@ from controllers.arrays import Array, Positive
 from controllers.catalog import EXECUTES, AnswerError
 from controllers.interfaces import Feedback, Law, Reference
 
-STATE = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
-INPUTS = (
-    *(f"estimated_{each}" for each in STATE),
-    *(f"equivalent_{each}" for each in STATE),
+STATE_COLUMNS = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
+FMU_INPUT_NAMES = (
+    *(f"estimated_{each}" for each in STATE_COLUMNS),
+    *(f"equivalent_{each}" for each in STATE_COLUMNS),
     *(f"reference_{axis}{order}" for order in ("", "_rate", "_acc") for axis in "xy"),
     *("applied_phi_rate", "applied_theta_rate"),
 )
 """What an FMU may ask for, by the name of its inputs; SI units."""
-RATES, ACCELERATIONS = ("rate_phi", "rate_theta"), ("requested_phi_acc", "requested_theta_acc")
+RATE_OUTPUTS, ACCELERATION_OUTPUTS = (
+    ("rate_phi", "rate_theta"),
+    ("requested_phi_acc", "requested_theta_acc"),
+)
 """The outputs that it may have: plate rates in rad/s, or plate accelerations in rad/s^2."""
-START = 30.0
+START_TIMEOUT_S = 30.0
 """Seconds in which the process must be there."""
-NUMBERS, WORDS = b"=", b"!"
+NUMBERS_MARK, ERROR_MARK = b"=", b"!"
 """What begins an answer, and what begins the line that says why there is none."""
 
 
@@ -103,7 +106,7 @@ class FmuProcess:
         self._reader.start()
         self._asked = False
         finalize(self, _end, self._process, folder)
-        self._hear(START)
+        self._hear(START_TIMEOUT_S)
 
     def ask(self, time: float, given: Array) -> Array:
         """The answer to what ``INPUTS`` has, shape (..., len(INPUTS)), at a time in s.
@@ -146,7 +149,7 @@ class FmuProcess:
         except Empty:
             self._process.kill()
             raise self._failed(f"gave no answer within {seconds:g} s") from None
-        if said[:1] != NUMBERS:
+        if said[:1] != NUMBERS_MARK:
             raise self._failed(said[1:].decode(errors="replace").strip() or "its process ended")
         return said[1:]
 
@@ -157,7 +160,7 @@ class FmuProcess:
 def _read(pipe: Any, size: int, answers: SimpleQueue[bytes]) -> None:
     """Read what a process says until it ends."""
     with pipe:
-        while (first := pipe.read(1)) == NUMBERS:
+        while (first := pipe.read(1)) == NUMBERS_MARK:
             answers.put(first + pipe.read(size))
         answers.put(first + pipe.read())
 
@@ -182,19 +185,21 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
     if about.coSimulation is None:
         raise ValueError("is not for co-simulation; export it as such")
     wanted = [each for each, variable in known.items() if variable.causality == "input"]
-    if unknown := [each for each in wanted if each not in INPUTS]:
-        raise ValueError(f"has the input {unknown[0]}; inputs may be {', '.join(INPUTS)}")
-    given = [pair for pair in (RATES, ACCELERATIONS) if known.keys() >= {*pair}]
+    if unknown := [each for each in wanted if each not in FMU_INPUT_NAMES]:
+        raise ValueError(f"has the input {unknown[0]}; inputs may be {', '.join(FMU_INPUT_NAMES)}")
+    given = [pair for pair in (RATE_OUTPUTS, ACCELERATION_OUTPUTS) if known.keys() >= {*pair}]
     if not given:
-        raise ValueError(f"must have the outputs {' and '.join(RATES)}, or {ACCELERATIONS}")
+        raise ValueError(
+            f"must have the outputs {' and '.join(RATE_OUTPUTS)}, or {ACCELERATION_OUTPUTS}"
+        )
     takes = [known[each].valueReference for each in wanted]
     gives = [known[each].valueReference for each in given[0]]
     extract(file, folder)
     units = [instantiate_fmu(folder, about, "CoSimulation") for _ in range(rigs)]
     modern = about.fmiVersion.startswith("3")
-    os.write(out, NUMBERS + np.zeros((rigs, 2)).tobytes())
+    os.write(out, NUMBERS_MARK + np.zeros((rigs, 2)).tobytes())
     step = 0
-    while text := sys.stdin.buffer.read(8 + 8 * rigs * len(INPUTS)):
+    while text := sys.stdin.buffer.read(8 + 8 * rigs * len(FMU_INPUT_NAMES)):
         now, *rest = np.frombuffer(text)
         rows = np.reshape(rest, (rigs, -1))
         if step == 0:
@@ -202,7 +207,7 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
         due = max(step, round((now - begun) / period)) + 1
         answers = []
         for unit, values in zip(
-            units, rows[:, [INPUTS.index(each) for each in wanted]].tolist(), strict=True
+            units, rows[:, [FMU_INPUT_NAMES.index(each) for each in wanted]].tolist(), strict=True
         ):
             put, get = (
                 (unit.setFloat64, unit.getFloat64) if modern else (unit.setReal, unit.getReal)
@@ -218,9 +223,9 @@ def _serve(file: str, folder: str, rigs: int, period: float, out: int) -> None:
                 unit.doStep(begun + each * period, period)
             answers.append(get(gives))
         u = np.array(answers, dtype=float)
-        if given[0] is RATES:
+        if given[0] is RATE_OUTPUTS:
             u = (u - rows[:, -2:]) / period
-        os.write(out, NUMBERS + u.tobytes())
+        os.write(out, NUMBERS_MARK + u.tobytes())
         step = due
 
 
@@ -230,5 +235,5 @@ if __name__ == "__main__":
     try:
         _serve(sys.argv[1], sys.argv[2], int(sys.argv[3]), float(sys.argv[4]), _out)
     except Exception as error:  # noqa: BLE001  an FMU may fail in any way
-        os.write(_out, WORDS + " ".join(str(error).split()).encode())
+        os.write(_out, ERROR_MARK + " ".join(str(error).split()).encode())
     os._exit(0)

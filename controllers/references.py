@@ -26,7 +26,7 @@ from controllers.interfaces import Reference
 __all__ = ["Circle", "Hold", "Lissajous", "Path", "Setpoints", "Sine", "Step", "Transition"]
 
 
-DEGREE = 9
+JOIN_DEGREE = 9
 """Degree of the joins: five conditions at either end."""
 
 
@@ -54,14 +54,14 @@ def _control_points(start: Array, end: Array, duration: float) -> Array:
     Its q-th derivative at an end is 9!/(9 - q)! T^-q times the q-th difference of the control
     points there, which gives one after another.
     """
-    n, T = DEGREE + 1, np.float64(duration)
+    n, T = JOIN_DEGREE + 1, np.float64(duration)
     c = np.empty((n, start.shape[1]))
     for q in range(5):
-        c[q] = start[q] / perm(DEGREE, q) * T**q
+        c[q] = start[q] / perm(JOIN_DEGREE, q) * T**q
         for j in range(q):
             c[q] -= (-1) ** (j + q) * comb(q, j) * c[j]
     for q in range(5):
-        c[-q - 1] = end[q] / perm(DEGREE, q) * (-1) ** q * T**q
+        c[-q - 1] = end[q] / perm(JOIN_DEGREE, q) * (-1) ** q * T**q
         for j in range(q):
             c[-q - 1] -= (-1) ** (j + 1) * comb(q, j + 1) * c[-q + j]
     return c
@@ -71,9 +71,9 @@ def _powers(control: Array, duration: float) -> Array:
     """Coefficients of t^9 ... t^0 from those in the Bernstein basis, both of shape (10, n)."""
     T, c = np.array([duration]), np.zeros_like(control)
     for a, point in enumerate(control):
-        factor = (-1) ** a * comb(DEGREE, a) * point
-        for s in range(a, DEGREE + 1):
-            c[DEGREE - s] += factor * (comb(DEGREE - a, s - a) * (-1) ** s) / T**s
+        factor = (-1) ** a * comb(JOIN_DEGREE, a) * point
+        for s in range(a, JOIN_DEGREE + 1):
+            c[JOIN_DEGREE - s] += factor * (comb(JOIN_DEGREE - a, s - a) * (-1) ** s) / T**s
     return c
 
 
@@ -83,7 +83,7 @@ def linear(start: Array) -> Array:
     Args:
         start: Value and at least one derivative at t = 0, shape (2 or more, n).
     """
-    out = np.zeros((DEGREE + 1, start.shape[1]))
+    out = np.zeros((JOIN_DEGREE + 1, start.shape[1]))
     out[-1], out[-2] = start[:2]
     return out
 
@@ -404,7 +404,7 @@ class Sine(Reference):
         return self._motion(t)
 
 
-REVOLUTIONS = 0.75
+SOFT_START_PERIODS = 0.75
 """Default length of the soft start in periods of the faster axis.
 
 At three quarters the start passes the amplitude by at most 0.6 % and the acceleration of a circle
@@ -435,7 +435,7 @@ class _SoftStarted(Reference):
         """Join rest and motion."""
         super().__post_init__()
         motion, fastest = self._settings()
-        start = REVOLUTIONS * 2 * math.pi / fastest if self.start is None else self.start
+        start = SOFT_START_PERIODS * 2 * math.pi / fastest if self.start is None else self.start
         rest = at_rest((0.0, 0.0))
         still = linear(rest)
         pieces = (still, join(rest, motion(start), start) if start > 0 else still)
@@ -502,9 +502,9 @@ class Lissajous(_SoftStarted):
         return Oscillation(sine, cosine, omega), max(abs(omega[0]), abs(omega[1]))
 
 
-ORDER = 5
-"""Of the filter: position and four derivatives are continuous."""
-BLOCK = 10_000
+FILTER_ORDER = 5
+"""Order of the filter: position and four derivatives are continuous."""
+MAX_TIMES_AT_ONCE = 10_000
 """Times that are worked out at once, so that many of them need no more memory."""
 
 
@@ -527,7 +527,7 @@ class Setpoints(Reference):
     points: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),)
     """The goals (time, x, y): seconds of the run, metres in plate axes."""
     time_constant: Positive = 0.2
-    """Of the filter in s: half of the way after 4.7, nine tenths after 8 of them."""
+    """Time constant of the filter in s: half of the way after 4.7, nine tenths after 8 of them."""
     before: dict[str, Any] | None = None
     """Reference until the time of the first goal, its kind and settings; none: the first goal."""
 
@@ -548,7 +548,7 @@ class Setpoints(Reference):
             laid = laid.then(time, goal)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "_filter", laid)
-        object.__setattr__(self, "_faded", _made(self.before))
+        object.__setattr__(self, "_faded", _make_optional_reference(self.before))
 
     def then(self, time: float, x: float, y: float) -> Setpoints:
         """The same with one more goal, from a time in s after the last one on; x and y in m."""
@@ -573,13 +573,13 @@ class Setpoints(Reference):
         mixed = goals + np.stack(
             [
                 sum(comb(n, k) * share[k] * difference[n - k] for k in range(n + 1))
-                for n in range(ORDER)
+                for n in range(FILTER_ORDER)
             ]
         )
         return np.where(late[..., None], mixed, out)
 
 
-def _made(settings: Mapping[str, Any] | None) -> Reference | None:
+def _make_optional_reference(settings: Mapping[str, Any] | None) -> Reference | None:
     """The reference of a table with its kind and settings; None of None."""
     if settings is None:
         return None
@@ -606,11 +606,11 @@ class _Filter:
     def __init__(self, a: float, time: float, goal: Sequence[float]) -> None:
         self._a = a
         # coefficients of the derivative: (d/ds - a) of the polynomial
-        self._derived = np.diag(np.arange(1.0, ORDER), 1) - a * np.eye(ORDER)
+        self._derived = np.diag(np.arange(1.0, FILTER_ORDER), 1) - a * np.eye(FILTER_ORDER)
         self._count = 1
         self._times = [time]
         self._goals = [np.array(goal, float)]
-        self._parts = [np.zeros((ORDER, ORDER, 2))]
+        self._parts = [np.zeros((FILTER_ORDER, FILTER_ORDER, 2))]
         """Of each goal and each derivative the coefficients b, both axes."""
 
     def then(self, time: float, goal: Sequence[float]) -> _Filter:
@@ -625,11 +625,11 @@ class _Filter:
         first = np.array(
             [
                 sum(comb(n, k) * self._a ** (n - k) * state[k] for k in range(n + 1)) / factorial(n)
-                for n in range(ORDER)
+                for n in range(FILTER_ORDER)
             ]
         )
         parts = [first]
-        for _ in range(ORDER - 1):
+        for _ in range(FILTER_ORDER - 1):
             parts.append(self._derived @ parts[-1])
         longer._times.append(time)
         longer._goals.append(np.array(goal, float))
@@ -639,8 +639,8 @@ class _Filter:
 
     def __call__(self, t: Array) -> Array:
         """Position and four derivatives at t, shape (5, *shape(t), 2)."""
-        if t.ndim == 1 and len(t) > BLOCK:
-            blocks = np.array_split(t, len(t) // BLOCK + 1)
+        if t.ndim == 1 and len(t) > MAX_TIMES_AT_ONCE:
+            blocks = np.array_split(t, len(t) // MAX_TIMES_AT_ONCE + 1)
             return np.concatenate([self(block) for block in blocks], axis=1)
         known, last = self._times[: self._count], self._count - 1
         if t.size and t.min() >= known[last]:  # as nearly always while it is driven
@@ -660,14 +660,14 @@ class _Filter:
 
     def _powers(self, s: Array) -> Array:
         """exp(-a s) (1, s, ..., s^4), shape (*shape(s), 5)."""
-        return np.exp(-self._a * s)[..., None] * s[..., None] ** np.arange(ORDER)
+        return np.exp(-self._a * s)[..., None] * s[..., None] ** np.arange(FILTER_ORDER)
 
     def fading(self, s: Array) -> Array:
         """What is left of a step after a time s, and its four derivatives, shape (5, *shape(s))."""
-        b = np.array([self._a**k / factorial(k) for k in range(ORDER)])
+        b = np.array([self._a**k / factorial(k) for k in range(FILTER_ORDER)])
         powers = self._powers(s)
         out = []
-        for _ in range(ORDER):
+        for _ in range(FILTER_ORDER):
             out.append((powers * b).sum(axis=-1))
             b = self._derived @ b
         return np.array(out)

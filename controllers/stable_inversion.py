@@ -17,8 +17,8 @@ import numpy as np
 import scipy
 
 from controllers.arrays import (
-    ARRAYS,
-    NUMBERS,
+    ARRAY_ARITHMETIC,
+    NUMBER_ARITHMETIC,
     Array,
     Mask,
     NotNegative,
@@ -28,7 +28,7 @@ from controllers.arrays import (
     square_of,
     together,
 )
-from controllers.ballplate import LONGEST_LAG, SIGN, BallPlate
+from controllers.ballplate import LONGEST_LAG, TILT_SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 
 
@@ -36,11 +36,11 @@ class DesiredMotion(NamedTuple):
     """What ball and plate are to do at one tick."""
 
     position: Array
-    """Of the ball, m, shape (..., 2)."""
+    """Position of the ball in m, shape (..., 2)."""
     velocity: Array
-    """Of the ball, m/s, shape (..., 2)."""
+    """Velocity of the ball in m/s, shape (..., 2)."""
     slope: Tilts
-    """Of the plate, (phi, -theta), rad."""
+    """Tilt of the plate along x and y, (phi, -theta), in rad."""
 
 
 class Slices(ABC):
@@ -177,7 +177,7 @@ class TwoSided:
         """Third derivative of a in the slice laid last, shape (count, ...)."""
 
     def lay(self, w: Array) -> Tilts:
-        """a, a' and a'' of a slice, each shape (count, ...), from a window that begins with it.
+        """Return a, a' and a'' of a slice, each (count, ...), from a window that begins with it.
 
         Every sample makes use of the same time ahead, that of the slice's last one.
 
@@ -202,19 +202,19 @@ class TwoSided:
         return Tilts(*(each.swapaxes(-2, 0) for each in slopes))
 
 
-SLICE = 25
+SLICE_PERIODS = 25
 """Control periods that are laid at once: few, so that none of them takes long."""
-EARLY = 4
+MAX_EARLY_TICKS = 4
 """Ticks before a slice is due at which the first of its parts, at most as many, is made."""
-JUMP = 2e-3
+MIN_JUMP_M = 2e-3
 """Distance in m from one period to the next, beyond what the speed covers, that is a jump."""
-LENGTH = 0.15
+REFERENCE_JUMP_M = 0.15
 """Length of a jump in m to which its time refers."""
 
 
-AHEAD = 1.2
+SHAPING_HORIZON_S = 1.2
 """Time in s beyond the window over which a path that the plate cannot give is made one it can."""
-PIECES = 2
+PIECES_PER_SLICE = 2
 """Pieces of constant jerk in a slice of such a path."""
 
 
@@ -233,18 +233,18 @@ class FeasiblePath:
     """
 
     STEPS = 20
-    """Of the method in each slice."""
+    """Iterations of the method in each slice."""
     WEIGHT = 3e-3
-    """Of the bounds in the method, m^2."""
+    """Weight of the bounds in the method, m^2."""
 
     def __init__(self, limits: tuple[float, float], period: float, count: int) -> None:
         self.count, self._limits, self._period = count, limits, period
-        piece = count * period / PIECES
-        self.length = n = PIECES * math.ceil(AHEAD / (count * period))
+        piece = count * period / PIECES_PER_SLICE
+        self.length = n = PIECES_PER_SLICE * math.ceil(SHAPING_HORIZON_S / (count * period))
         """Pieces that are looked ahead."""
         self._places = np.arange(1, n + 1) * piece / period
-        """Of the ends of pieces among the samples, the last of the slice before being 0."""
-        on, by = _integrated(piece)
+        """Places of the ends of pieces among the samples; the last of the slice before is 0."""
+        on, by = _integration_matrices(piece)
         state, push = np.eye(3), np.zeros((3, n))
         states, pushes = np.empty((n, 3, 3)), np.empty((n, 3, n))
         for k in range(n):
@@ -258,13 +258,13 @@ class FeasiblePath:
         self._solved = np.linalg.inv(H + 1e-9 * np.eye(n))
         self._pull = self.WEIGHT * self._bounded.T
         times = np.arange(1, count + 1) * period
-        within = np.minimum(np.floor((times - 1e-9) / piece).astype(int), PIECES - 1)
-        self._samples = np.empty((count, 3, 3 + PIECES))
+        within = np.minimum(np.floor((times - 1e-9) / piece).astype(int), PIECES_PER_SLICE - 1)
+        self._samples = np.empty((count, 3, 3 + PIECES_PER_SLICE))
         for row, time, k in zip(self._samples, times, within.tolist(), strict=True):
-            on, by = _integrated(time - k * piece)
-            begin = np.hstack((np.eye(3), np.zeros((3, PIECES))))
+            on, by = _integration_matrices(time - k * piece)
+            begin = np.hstack((np.eye(3), np.zeros((3, PIECES_PER_SLICE))))
             if k:
-                begin = np.hstack((states[k - 1], pushes[k - 1][:, :PIECES]))
+                begin = np.hstack((states[k - 1], pushes[k - 1][:, :PIECES_PER_SLICE]))
             row[:] = on @ begin
             row[:, 3 + k] += by
         self._warm: tuple[Array, Array] | None = None
@@ -298,8 +298,10 @@ class FeasiblePath:
         slice_: Array = path[:, : self.count]
         if able.all() and not self._astray.any():
             return slice_
-        arrived = np.tensordot(_integrated(self._period)[0], state, axes=1)
-        near = np.abs(arrived - path[:, 0]) < np.array(BACK).reshape(3, *[1] * (state.ndim - 1))
+        arrived = np.tensordot(_integration_matrices(self._period)[0], state, axes=1)
+        near = np.abs(arrived - path[:, 0]) < np.array(PATH_RETURN_TOLERANCES).reshape(
+            3, *[1] * (state.ndim - 1)
+        )
         self._astray = astray = ~able | (self._astray & ~near.all(axis=(0, -1)))
         if not astray.any():
             self._warm = None
@@ -326,9 +328,9 @@ class FeasiblePath:
             z = np.minimum(np.maximum(done + price, least), most)
             price = price + done - z
         kept = self._astray[..., None, None]
-        self._warm = kept * _shifted(z), kept * _shifted(price)
-        piece, now, pushes = self.count * self._period / PIECES, x[..., 2, :], []
-        for k in range(PIECES):  # what the method leaves beyond the limits
+        self._warm = kept * _shift_multipliers(z), kept * _shift_multipliers(price)
+        piece, now, pushes = self.count * self._period / PIECES_PER_SLICE, x[..., 2, :], []
+        for k in range(PIECES_PER_SLICE):  # what the method leaves beyond the limits
             push = np.clip(jerk[..., k, :], -J, J)
             end = np.clip(now + piece * push, -A, A)
             pushes.append((end - now) / piece)
@@ -339,22 +341,22 @@ class FeasiblePath:
         return np.moveaxis(made, (-3, -2), (1, 0))
 
 
-DIFFERENT = 1e-3
+MIN_PATH_DIFFERENCE_M = 1e-3
 """Distance in m from which on a path is another than what is wished."""
-BACK = (1e-4, 1e-3, 2e-2)
+PATH_RETURN_TOLERANCES = (1e-4, 1e-3, 2e-2)
 """Distances in m, m/s and m/s^2 from a path that can be followed below which it is."""
 
 
-def _integrated(time: float) -> tuple[Array, Array]:
+def _integration_matrices(time: float) -> tuple[Array, Array]:
     """Position, velocity, acceleration after a time in s: by those at first, and by the jerk."""
     on = np.array([[1, time, time**2 / 2], [0, 1, time], [0, 0, 1]])
     return on, np.array([time**3 / 6, time**2 / 2, time])
 
 
-def _shifted(bounds: Array) -> Array:
+def _shift_multipliers(bounds: Array) -> Array:
     """What belongs to acceleration and jerk of each piece, a slice on."""
     n = bounds.shape[-2] // 2
-    order = np.minimum(np.arange(n) + PIECES, n - 1)
+    order = np.minimum(np.arange(n) + PIECES_PER_SLICE, n - 1)
     return np.take(bounds, np.concatenate((order, n + order)), axis=-2)
 
 
@@ -402,16 +404,16 @@ class Preview:
         """The path; another one is asked from the next slice on."""
         self._asked_of: Any = None
         ahead = math.floor(horizon / period + 1e-9)
-        self.early = EARLY if ahead >= SLICE + EARLY else 0
+        self.early = MAX_EARLY_TICKS if ahead >= SLICE_PERIODS + MAX_EARLY_TICKS else 0
         """Ticks before a slice begins at which it is asked for, so that the window is shorter."""
         self.length = ahead + 1 - self.early
         """Ticks of the window."""
-        self.count = min(SLICE, self.length)
+        self.count = min(SLICE_PERIODS, self.length)
         """Ticks of a slice."""
         self._known = self._begun = first
         able = limits is not None and self.early > 0
         self._feasible = FeasiblePath(limits, period, self.count) if able and limits else None
-        self._further = math.ceil(AHEAD / period) if able else 0
+        self._further = math.ceil(SHAPING_HORIZON_S / period) if able else 0
         self._asked: Array = np.empty((3, 0, *start.shape))
         self._made = self._asked
         self.window: Array = self._asked
@@ -491,20 +493,20 @@ class Preview:
         self._last = r[:2, -1].copy()
         way = position[1:] - position[:-1]
         way[begin:] -= T / 2 * (velocity[begin + 1 :] + velocity[begin:-1])
-        far = (np.abs(way) > JUMP).any(axis=-1, keepdims=True)
+        far = (np.abs(way) > MIN_JUMP_M).any(axis=-1, keepdims=True)
         if far.any():
             way = np.where(far, way, 0.0)  # what is no jump of this rig's is none beside another's
             for i in np.flatnonzero(far.reshape(count, -1).any(axis=1)).tolist():
                 length = np.hypot(way[i, ..., :1], way[i, ..., 1:])
-                duration = np.maximum(self._spread * np.sqrt(length / LENGTH), T)
+                duration = np.maximum(self._spread * np.sqrt(length / REFERENCE_JUMP_M), T)
                 self._jumps.append(_Jump(float(times[i]), way[i], duration))
         for jump in self._jumps:
-            r += _left(times - jump.time, jump)
+            r += _remaining_jump(times - jump.time, jump)
         ended = times[-1]
         self._jumps = [each for each in self._jumps if each.time + each.duration.max() > ended]
 
 
-def _left(time: Array, jump: _Jump) -> Array:
+def _remaining_jump(time: Array, jump: _Jump) -> Array:
     """What is left of a spread jump some time after it: 0 before, then from the whole to nothing.
 
     Args:
@@ -591,7 +593,10 @@ class AboutMotion(Law):
         """
         limits = self.model.k1 * self.slope, self.model.k1 * self.slope_rate
         bounds = limits if feasible and all(limits) else None
-        start, moving = x[..., 0::4], np.stack((x[..., 1::4], self.model.k1 * SIGN * x[..., 2::4]))
+        start, moving = (
+            x[..., 0::4],
+            np.stack((x[..., 1::4], self.model.k1 * TILT_SIGN * x[..., 2::4])),
+        )
         first = round(time / period)
         return Preview(reference, start, period, self.preview, self.spread, bounds, moving, first)
 
@@ -608,13 +613,13 @@ class AboutMotion(Law):
             time: Of the start in s.
         """
         ahead = self.ahead(x, reference, period, time=time)
-        further = math.ceil((self.preview + AHEAD) / period)
+        further = math.ceil((self.preview + SHAPING_HORIZON_S) / period)
         wished = self.ahead(x, reference, period, feasible=False, time=time).along(count + further)
         if ahead.able(wished):
             return np.full((count, 2), np.nan)
         laid = ahead.along(count)[0]
         away = np.hypot(*(laid - wished[0, :count]).T)
-        return np.where(away[:, None] > DIFFERENT, laid, np.nan)
+        return np.where(away[:, None] > MIN_PATH_DIFFERENCE_M, laid, np.nan)
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """The same without a plan: the flat model's slope."""
@@ -624,9 +629,9 @@ class AboutMotion(Law):
 
     def about(self, x: Array, position: Array, velocity: Array, wanted: Tilts) -> Array:
         """Feedback about a motion, rad/s^2, shape (..., 2)."""
-        axis = x[..., 0::4], x[..., 1::4], SIGN * x[..., 2::4], SIGN * x[..., 3::4]
+        axis = x[..., 0::4], x[..., 1::4], TILT_SIGN * x[..., 2::4], TILT_SIGN * x[..., 3::4]
         K = (*self.K[:3], self.K[3:].sum())  # of a plate that is as fast as it is told
-        return SIGN * self._about(K, axis, (position, velocity), wanted)
+        return TILT_SIGN * self._about(K, axis, (position, velocity), wanted)
 
     def _about(
         self, K: Sequence[float] | Array, axis: Sequence[Any], path: Sequence[Any], wanted: Tilts
@@ -657,9 +662,9 @@ def flat_axis(model: BallPlate) -> tuple[Array, Array]:
     return A, B
 
 
-FAR = 0.025
+PUSHED_ERROR_M = 0.025
 """Error of eta in m from which on a ball has been pushed: no start on a path has as much."""
-LEAVING, RETURNING = 0.01, 0.05
+MAX_GROWING_ERROR_M, MAX_FED_BACK_ERROR_M = 0.01, 0.05
 """Errors of eta in m that are fed back at most: of a larger one than ``FAR`` that grows, of any."""
 
 
@@ -788,7 +793,12 @@ class StableInversion(AboutMotion):
             K = [k + fast * (full - k) for k, full in zip(slow, K, strict=True)]
         # a resting ball is better off with a plate that swings in the play of its drives
         lag = self.model.lag or planned * lag
-        sqrt, vx, vy, u = (NUMBERS if len(rows) == 1 else ARRAYS).sqrt, x[1], x[5], []
+        sqrt, vx, vy, u = (
+            (NUMBER_ARITHMETIC if len(rows) == 1 else ARRAY_ARITHMETIC).sqrt,
+            x[1],
+            x[5],
+            [],
+        )
         length = sqrt(vx * vx + vy * vy + self.smooth**2)
         for axis, wanted in enumerate(motion):
             d, gain, sign = known[axis], 1 + known[2 + axis], (1.0, -1.0)[axis]
@@ -828,10 +838,10 @@ class StableInversion(AboutMotion):
 
     def _pull(self, eta: Any, rate: Any) -> Any:
         """The error of eta within bounds; the same bits where it does not reach them."""
-        far = abs(eta) > FAR
+        far = abs(eta) > PUSHED_ERROR_M
         if far is False or not np.any(far):
             return eta
-        most = np.where(far & (eta * rate > 0), LEAVING, RETURNING)
+        most = np.where(far & (eta * rate > 0), MAX_GROWING_ERROR_M, MAX_FED_BACK_ERROR_M)
         return np.minimum(np.maximum(eta, -most), most)
 
 
@@ -842,9 +852,9 @@ class InverseMotion(NamedTuple):
     """
 
     position: Any
-    """Of the ball, m."""
+    """Position of the ball in m."""
     velocity: Any
-    """Of the ball, m/s."""
+    """Velocity of the ball in m/s."""
     pace: Any
     """Square of its speed along both, and of what its acceleration adds in a second, (m/s)^2."""
     going: Any

@@ -19,11 +19,11 @@ import pandas as pd
 from pages import HERE, filled, write
 
 from twin.base.writing import write_whole
-from twin.lab.bench import FAMILY, LOCKED, MODEL, Benchmark, entered, hashed
+from twin.lab.bench import FAMILY_NAME, LOCKED_FILES, MODEL_FILES, Benchmark, enter, hash_file
 from twin.run.loop import simulate
-from twin.run.picture import drawn
+from twin.run.picture import styled_figure
 from twin.study.experiments import Store
-from twin.study.schema import drawn as rigs_of
+from twin.study.schema import draw_rigs as rigs_of
 from twin.study.schema import read_family
 
 DRAW, RIGS = 2026, 128
@@ -44,7 +44,7 @@ ball was lost, and the RMS plate acceleration in rad/s^2.
 
 def rigs() -> str:
     """The rigs as a table: a column for each parameter, and the first of their seeds."""
-    family, file = read_family(FAMILY), io.StringIO()
+    family, file = read_family(FAMILY_NAME), io.StringIO()
     table = csv.writer(file, lineterminator="\n")
     table.writerow([*family.parameters, "seed"])
     for each in rigs_of(family, DRAW, RIGS):
@@ -88,7 +88,7 @@ def freeze(folder: Any) -> None:
     known = bench.as_reference(rows)
     write_whole(folder / "reference.csv", known.to_csv(index=False, lineterminator="\n"))
     lines = ["# What version 1 was when it was frozen: docs/benchmark.py --freeze.", "[files]"]
-    lines += [f'"{name}" = "{hashed(folder, name)}"' for name in (*LOCKED, *MODEL)]
+    lines += [f'"{name}" = "{hash_file(folder, name)}"' for name in (*LOCKED_FILES, *MODEL_FILES)]
     for law in EXPECTED:
         rows = measured(bench, law)
         lines += ["", f"[expected.{law}]"]
@@ -101,7 +101,7 @@ def freeze(folder: Any) -> None:
 
 def rounding(bench: Benchmark, law: str) -> dict[str, list[float]]:
     """By task of ``HELD``, how far apart in m an error is with the ball begun ``BESIDE`` on."""
-    with entered(bench.about.laws[law], bench.folder) as (fixed, _):
+    with enter(bench.about.laws[law], bench.folder) as (fixed, _):
         listed = bench.runs(fixed, rigs=FIRST)
     found = {}
     for task in HELD:
@@ -122,7 +122,7 @@ def moved(scenario: Any, shift: float) -> Any:
 
 def picture(bench: Benchmark, errors: dict[str, Any]) -> Any:
     """For every task the share of runs whose relative error is at most so much."""
-    with drawn(10, 6) as figure:
+    with styled_figure(10, 6) as figure:
         panels = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
         for panel, task in zip(panels, bench.about.tasks, strict=False):
             for law, rows in errors.items():

@@ -20,12 +20,12 @@ from pages import filled, write
 from PIL import Image
 
 from controllers.arrays import Array
-from controllers.ballplate import ACCELERATION, BallPlate
+from controllers.ballplate import BALL_ACCELERATIONS, BallPlate
 from twin.base.page import markdown
 from twin.base.writing import write_whole
-from twin.run.picture import COLOURS, REFERENCE
+from twin.run.picture import REFERENCE_STYLE, RUN_COLOURS
 from twin.thesis import chapter8
-from twin.thesis.chapter8 import COLUMNS, Results, SimulatedTable, ThesisCell
+from twin.thesis.chapter8 import THESIS_COLUMNS, Results, SimulatedTable, ThesisCell
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
 """The mechanism's lines, dashed over the exact model's."""
@@ -52,12 +52,14 @@ def draw_table(path: Path, table: SimulatedTable, found: Results) -> None:
         for index, row in enumerate(table.rows):
             label = row.detail or _omega(row.name)
             ours, mujoco = (found[(table.id, index), way].excerpt for way in ("sampled", "mujoco"))
-            _add(panels, ours, step=step, color=COLOURS[index], label=label)
+            _add(panels, ours, step=step, color=RUN_COLOURS[index], label=label)
             _add(panels, mujoco, step=step, zorder=4, **MECHANISM)
         for axis, name in enumerate("xy"):
             panels[0, axis].set_ylabel(f"{name} [mm]" if step else f"error of {name} [mm]")
             if step:
-                panels[0, axis].plot(ours["time"], 1000 * ours["reference"][:, axis], **REFERENCE)
+                panels[0, axis].plot(
+                    ours["time"], 1000 * ours["reference"][:, axis], **REFERENCE_STYLE
+                )
 
 
 def draw_observer(path: Path, table: SimulatedTable, index: int, found: Results) -> None:
@@ -76,12 +78,12 @@ def draw_observer(path: Path, table: SimulatedTable, index: int, found: Results)
             for state, (scale, unit) in enumerate(scales):
                 panel, at = panels[state, axis], 4 * axis + state
                 for values, colour, label in (
-                    (shown["estimate"], COLOURS[1], "estimated"),
-                    (shown["state"], COLOURS[0], "true"),
+                    (shown["estimate"], RUN_COLOURS[1], "estimated"),
+                    (shown["state"], RUN_COLOURS[0], "true"),
                 ):
                     panel.plot(shown["time"], scale * values[:, at], color=colour, label=label)
                 panel.set_ylabel(f"{names[axis][state]} [{unit}]")
-            panels[4, axis].plot(shown["time"], shown["applied"][:, axis], color=COLOURS[0])
+            panels[4, axis].plot(shown["time"], shown["applied"][:, axis], color=RUN_COLOURS[0])
             panels[4, axis].set_ylabel(f"{names[axis][2]}″ [rad/s²]")
 
 
@@ -108,9 +110,9 @@ def terms(model: BallPlate, x: Array, u: Array) -> Terms:
         x: States, shape (..., 8).
         u: Plate accelerations in rad/s^2, shape (..., 2).
     """
-    exact = model.derivative(x, u)[..., ACCELERATION] / model.c1
-    main = model.flat(x, u)[..., ACCELERATION] / model.c1
-    drift = model.f(x)[..., ACCELERATION] / model.c1
+    exact = model.derivative(x, u)[..., BALL_ACCELERATIONS] / model.c1
+    main = model.flat(x, u)[..., BALL_ACCELERATIONS] / model.c1
+    drift = model.f(x)[..., BALL_ACCELERATIONS] / model.c1
     gravity = main.copy()
     gravity[..., 0] *= np.cos(x[..., 6])
     return Terms(main, drift - gravity, exact - main - (drift - gravity))
@@ -127,7 +129,7 @@ def draw_neglected(path: Path, table: SimulatedTable, found: Results) -> None:
         for index, row in enumerate(table.rows):
             shown = found[(table.id, index), "sampled"].excerpt
             parts = terms(BallPlate(), shown["state"], shown["applied"])
-            look = {"color": COLOURS[index], "label": _omega(row.name)}
+            look = {"color": RUN_COLOURS[index], "label": _omega(row.name)}
             for axis in (0, 1):
                 panels[0, axis].plot(shown["time"], parts.main[:, axis], **look)
                 panels[1, axis].plot(shown["time"], 1000 * parts.neglected[:, axis], **look)
@@ -224,7 +226,7 @@ def write_doc(
         parts = []
         for table in (each for each in tables if each.id in names):
             rows, notes = chapter8.lines(_of(table, cells))
-            made = markdown(chapter8.HEADINGS, rows, words=(0, 1, -1))
+            made = markdown(chapter8.CHAPTER8_HEADINGS, rows, words=(0, 1, -1))
             parts.append((table, made, notes, draw_all(path.parent / "figures", table, found)))
         if parts:
             page = f"{path.stem}-{names[0].replace('.', '-')}.md"
@@ -232,9 +234,9 @@ def write_doc(
     text = filled(
         "reproduction",
         sentence=chapter8.sentence(cells),
-        steps=chapter8.STEPS,
+        steps=chapter8.DEVIATION_STEPS_PERCENT,
         summary=[(table, chapter8.summary(_of(table, cells))) for table in tables],
-        columns=COLUMNS,
+        columns=THESIS_COLUMNS,
         groups=groups,
     )
     write(path, text)

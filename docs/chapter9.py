@@ -22,7 +22,7 @@ from controllers.arrays import Array
 from twin.base.jobs import cores
 from twin.base.writing import write_json, write_whole
 from twin.thesis import chapter9
-from twin.thesis.chapter8 import COLUMNS
+from twin.thesis.chapter8 import THESIS_COLUMNS
 from twin.thesis.chapter9 import Row
 from twin.tune.cells import cells as numbers_of
 from twin.tune.cells import read
@@ -190,7 +190,7 @@ def _logs(cells: Sequence[Row], columns: Sequence[str], key: str) -> Array:
 
 def scatter() -> dict[str, float]:
     """By how much each of ``held_out_goals`` differs between the searches, largest less least."""
-    goals = [search["goals"] for search in chapter9.stored("chapter_9")["searches"]]
+    goals = [search["goals"] for search in chapter9.read_stored("chapter_9")["searches"]]
     return {each: float(np.ptp([known[each] for known in goals])) for each in goals[0]}
 
 
@@ -203,7 +203,7 @@ def page(cells: list[Row], confirmed: list[Row]) -> str:
         "experiments",
         figure=FIGURE,
         goals=goals(cells),
-        known=chapter9.stored("chapter_9"),
+        known=chapter9.read_stored("chapter_9"),
         parameters=about.parameters,
         values=dict(zip(about.parameters, ends, strict=True)),
         number=len(numbers_of(about)),
@@ -211,7 +211,7 @@ def page(cells: list[Row], confirmed: list[Row]) -> str:
         scatter=scatter(),
         cells=cells,
         confirmed=zip(cells, confirmed, strict=True),
-        columns=COLUMNS,
+        columns=THESIS_COLUMNS,
         said=said,
     )
 
@@ -265,10 +265,12 @@ def keep(found: Path) -> None:
             for group, numbers in new["without"].items()
         },
     }
-    searches = [*(chapter9.stored("chapter_9")["searches"] if KEPT.exists() else []), search]
-    ends = [[chapter9.ended(each, e.own_group)[1] for e in about.experiments] for each in searches]
+    searches = [*(chapter9.read_stored("chapter_9")["searches"] if KEPT.exists() else []), search]
+    ends = [
+        [chapter9.search_end(each, e.own_group)[1] for e in about.experiments] for each in searches
+    ]
     wanted = [(sample, k) for end in ends for k, sample in enumerate(end)]
-    values = chapter9.carried(about, wanted, cores(), lambda _: None)
+    values = chapter9.run_samples(about, wanted, cores(), lambda _: None)
     for search, end in zip(searches, ends, strict=True):
         cells = [
             {
@@ -278,13 +280,13 @@ def keep(found: Path) -> None:
                 "held_out": values[end[k], k][kind.metric],
             }
             for k, each in enumerate(about.experiments)
-            for column, kind in COLUMNS.items()
+            for column, kind in THESIS_COLUMNS.items()
             if kind.metric in each.measured
         ]
         search["goals"] = {goal.sentence: round(goal.value, 4) for goal in held_out_goals(cells)}
     content = {key: new[key] for key in ("parameters", "correlation")} | {"searches": searches}
     write_json(KEPT, content)
-    chapter9.stored.cache_clear()
+    chapter9.read_stored.cache_clear()
 
 
 @click.command()

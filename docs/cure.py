@@ -19,7 +19,7 @@ from pages import HERE, driven, filled, kept, planned, points, said, write
 
 from twin.run.assemble import assemble
 from twin.run.metrics import Motion, tracking_error
-from twin.study.schema import drawn, read_family
+from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder, code, digest
 
 EVERY = 5
@@ -52,7 +52,7 @@ class Cell(NamedTuple):
 def scenarios(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
     """Of every law in turn: the nominal rig with several noises, then those of the family."""
     build = Builder(plan["scenario"])
-    rigs = drawn(read_family(plan["family"]), plan["draw"], plan["rigs"])
+    rigs = draw_rigs(read_family(plan["family"]), plan["draw"], plan["rigs"])
     found = []
     for law in plan["laws"]:
         fixed = settings(plan, task, law)

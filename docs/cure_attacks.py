@@ -11,7 +11,7 @@ from typing import Any
 from cure import known
 from pages import HERE, filled, planned, said, write
 
-from twin.run.assemble import shared
+from twin.run.assemble import batch_keys
 from twin.scenario.load import load
 
 
@@ -23,7 +23,7 @@ def main() -> None:
         batches: dict[str, dict[str, Any]] = {}
         for attack in plan["attacks"]:
             run = load(plan["scenario"], [*plan["set"], *task["set"], *attack["set"]])
-            batches.setdefault(str(shared(run)), {})[attack["name"]] = run
+            batches.setdefault(str(batch_keys(run)), {})[attack["name"]] = run
         for batch in batches.values():
             for name, value in zip(batch, known([*batch.values()], task["judged"]), strict=True):
                 table[name].append(value)

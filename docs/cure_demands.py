@@ -14,7 +14,7 @@ import numpy as np
 from pages import HERE, driven, filled, kept, planned, write
 
 from twin.run.assemble import assemble
-from twin.study.schema import drawn, read_family
+from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder, code, digest
 
 AREA = np.array((0.2, 0.12))
@@ -101,7 +101,7 @@ def pushes(number: int) -> list[Run]:
 
 def scenarios(runs: dict[int, Run], law: list[str], family: bool) -> list[Any]:
     """Runs by their number, under a law, on the nominal rig or by turns on those of the family."""
-    build, rigs = Builder(PLAN["scenario"]), drawn(read_family(PLAN["family"]), 31, RIGS)
+    build, rigs = Builder(PLAN["scenario"]), draw_rigs(read_family(PLAN["family"]), 31, RIGS)
     return [
         build(
             [*PLAN["set"], *run.settings, *law, f"seed={number}"],

@@ -16,7 +16,7 @@ from cure import KINDS, Cell, cells, known, scenarios, settings
 from cure_floor import least
 from pages import HERE, clopper_pearson, filled, planned, said, write
 
-from twin.study.schema import FamilyRig, drawn, read_family
+from twin.study.schema import FamilyRig, draw_rigs, read_family
 from twin.study.work import Builder
 
 CURE = planned("cure")
@@ -85,7 +85,7 @@ def tasks(plan: dict[str, Any]) -> list[dict[str, Any]]:
 
 def family(plan: dict[str, Any]) -> list[FamilyRig]:
     """The rigs."""
-    return drawn(read_family(CURE["family"]), plan["draw"], plan["rigs"])
+    return draw_rigs(read_family(CURE["family"]), plan["draw"], plan["rigs"])
 
 
 def measured(plan: dict[str, Any], task: dict[str, Any]) -> Found:
@@ -167,7 +167,7 @@ def others(plan: dict[str, Any], rig: str, task: dict[str, Any]) -> list[Cell]:
         runs += [build([*fixed, f"seed={noise}"], {}) for noise in range(plan["noises"])]
         runs += [
             build([*fixed, f"seed={each.seed}"], each.point, relative)
-            for each in drawn(family, plan["draw"], plan["count"])
+            for each in draw_rigs(family, plan["draw"], plan["count"])
         ]
     return cells(plan, known(runs, task.get("judged", "tracking")))
 

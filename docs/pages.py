@@ -16,7 +16,7 @@ from ballplate.changes import KeyChange
 from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
-from twin.base.page import filled as filled_template
+from twin.base.page import render_template as filled_template
 from twin.base.writing import write_json, write_whole
 from twin.run.loop import drive
 from twin.run.metrics import Ending

@@ -20,10 +20,10 @@ from twin.devices.own import OWN_CONDITIONS
 from twin.devices.realtime import LOOP_OVERRUN
 from twin.devices.rig import UNCHECKED
 from twin.hal.agreement import AGREEMENT_CONDITIONS
-from twin.hal.interface import SCREEN, Condition
+from twin.hal.interface import SCREEN_SIZE_M, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
 from twin.safety.faults import CASES
-from twin.safety.trial import AFTER, HEADING, LEFT, FaultRow, cells, run_all
+from twin.safety.trial import RUN_AFTER_S, TABLE_HEADINGS, WATCH_AFTER_S, FaultRow, cells, run_all
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,
@@ -48,11 +48,11 @@ def document(rows: Sequence[FaultRow], own: Sequence[FaultRow] = ()) -> str:
         conditions=GROUPS,
         counted=[(each.name, each.periods) for each in every() if each.periods not in {1, 4}],
         keys=_keys(),
-        after=f"{AFTER:g}",
-        left=f"{LEFT:g}",
+        after=f"{RUN_AFTER_S:g}",
+        left=f"{WATCH_AFTER_S:g}",
         good=sum(row.good for row in rows),
         number=len(rows),
-        heading=HEADING,
+        heading=TABLE_HEADINGS,
         matrix=map(_cells, rows),
         own=map(_cells, own),
         own_good=sum(row.good for row in own),
@@ -73,7 +73,7 @@ def _keys() -> dict[str, str]:
 
 
 def _cells(row: FaultRow) -> tuple[str, ...]:
-    left = any(way > whole / 2 for way, whole in zip(row.ball_later, SCREEN, strict=True))
+    left = any(way > whole / 2 for way, whole in zip(row.ball_later, SCREEN_SIZE_M, strict=True))
     then = "off the plate" if left else ", ".join(f"{1e3 * way:.0f}" for way in row.ball_later)
     facts = ("yes" if fact else "**NO**" for fact in (row.whole, row.recovered))
     verdict = "good" if row.good else f"**BAD**: {', '.join(row.failures)}"

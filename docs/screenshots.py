@@ -18,8 +18,8 @@ from twin.base.writing import write_whole
 from twin.run.finished import open_runs, run, save
 from twin.scenario import load
 from twin.view.recording import write
-from twin.view.streams import TIMELINE
-from twin.view.viewer import Opened, started
+from twin.view.streams import TIMELINE_NAME
+from twin.view.viewer import Opened, start_viewer
 
 HERE = Path(__file__).parent
 UNEVEN = ("plant.surface.spread_percent=40", "plant.surface.slope_deg=0.1", "baseline=false")
@@ -41,7 +41,7 @@ def headless(path: Path) -> Iterator[ViewerClient]:
     Raises:
         ViewError: If it does not start, does not load the file, or ends by itself.
     """
-    viewer = started("--headless", "--window-size", "{}x{}".format(*SIZE))
+    viewer = start_viewer("--headless", "--window-size", "{}x{}".format(*SIZE))
     try:
         client = _connect(viewer)
         client.open(str(path.resolve()))
@@ -80,7 +80,7 @@ def screenshot(recording: Path, picture: Path, at: float) -> None:
         RecordError: If the picture cannot be written.
     """
     with headless(recording) as viewer:
-        viewer.set_time(TIMELINE, duration=at, play_state="paused")
+        viewer.set_time(TIMELINE_NAME, duration=at, play_state="paused")
         time.sleep(SETTLE)
         write_whole(picture, lambda target: _take(viewer, target))
 

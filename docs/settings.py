@@ -4,12 +4,12 @@ from itertools import groupby
 
 from pages import HERE, filled, write
 
-from twin.scenario.describe import about, described, every_kind
+from twin.scenario.describe import about, every_kind, find_keys
 
 
 def page() -> str:
     """Every setting, as Markdown of several pages."""
-    tables = groupby(described(), lambda key: key.key.rpartition(".")[0])
+    tables = groupby(find_keys(), lambda key: key.key.rpartition(".")[0])
     groups = [(name, list(keys)) for name, keys in tables]
     kinds = groupby(every_kind().items(), lambda kind: kind[0].partition(".")[0])
     return filled("settings", groups=groups, kinds=kinds, about=about)

@@ -42,17 +42,17 @@ from shadow_trials import (
 from twin.base.errors import TwinError
 from twin.base.jobs import cores, results
 from twin.cli.output import progress
-from twin.identify.judged import HORIZONS, IDENTIFIED, score
+from twin.identify.judged import HORIZONS_S, IDENTIFIED_VERDICT, score
 from twin.identify.logs import Log
-from twin.identify.parameters import BALL, DEFAULT, SHARE
+from twin.identify.parameters import BALL_PARAMETERS, DEFAULT_PARAMETERS, FITTED_SHARE
 from twin.identify.report import parameters
-from twin.identify.twin_model import identify, replayed
+from twin.identify.twin_model import identify, replay_log
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow.alarms import likely
-from twin.shadow.belief import believed, logs
+from twin.shadow.belief import belief_of, logs
 from twin.shadow.follow import shadow
-from twin.study.schema import drawn, read_family
+from twin.study.schema import draw_rigs, read_family
 from twin.study.work import code, digest
 
 DRAW = 9_140
@@ -133,7 +133,7 @@ def known(job: tuple[bool, tuple[int, ...]]) -> list[dict[str, Any]]:
 
 def judged(numbers: Sequence[int]) -> list[dict[str, Any]]:
     """What `ballplate identify` finds of rigs beside the truth: a row for each in JSON."""
-    points = [each.point for each in drawn(read_family(FAMILY), FRESH, max(numbers) + 1)]
+    points = [each.point for each in draw_rigs(read_family(FAMILY), FRESH, max(numbers) + 1)]
     runs = [Watched(2 * FIRST + number, EXCITED, HEALTHY) for number in numbers]
     pairs = [simulated(_whole(points[k]), run, 0) for k, run in zip(numbers, runs, strict=True)]
     return [
@@ -150,7 +150,7 @@ def found_of(log: Log, point: Mapping[str, Any]) -> dict[str, Any]:
         point: The truth, by the keys of the family.
     """
     try:
-        found = identify(log, DEFAULT)
+        found = identify(log, DEFAULT_PARAMETERS)
     except TwinError as error:
         return {"why": str(error)}
     verdicts = {
@@ -161,10 +161,10 @@ def found_of(log: Log, point: Mapping[str, Any]) -> dict[str, Any]:
     # the rig as the project describes it, in place of what was found
     usual = {"rolling": 1.8e-4, "delay": 0.042, "breakaway": 1.0}
     names = found.fit.problem.names
-    theta = np.array([[usual.get(name, max(0.0, BALL[name].least)) for name in names]])
+    theta = np.array([[usual.get(name, max(0.0, BALL_PARAMETERS[name].least)) for name in names]])
     nominal = replace(found.fit, found=found.fit.found._replace(theta=theta))
-    off = score(replayed(found.log.split(SHARE)[1], nominal, 0.0)).median["model"]
-    at = HORIZONS.index(1.0)
+    off = score(replay_log(found.log.split(FITTED_SHARE)[1], nominal, 0.0)).median["model"]
+    at = HORIZONS_S.index(1.0)
     errors = {who: each[at] for who, each in found.scores[0].median.items()}
     return {
         "why": "",
@@ -181,7 +181,7 @@ def carry_out(numbers: Sequence[int]) -> list[dict[str, Any]]:
     Args:
         numbers: Which of the draw.
     """
-    rigs = drawn(read_family(FAMILY), DRAW, max(numbers) + 1)
+    rigs = draw_rigs(read_family(FAMILY), DRAW, max(numbers) + 1)
     runs: list[tuple[int, Watched, tuple[Scenario, Scenario]]] = []
     for number in numbers:
         true = _whole(rigs[number].point)
@@ -205,11 +205,11 @@ def carry_out(numbers: Sequence[int]) -> list[dict[str, Any]]:
 def identified(log: Log, file: Path) -> list[str]:
     """What `ballplate identify` finds in a log, written to a file."""
     try:
-        found = identify(log, DEFAULT)
+        found = identify(log, DEFAULT_PARAMETERS)
     except TwinError:
         return []
     file.write_text(parameters(found), encoding="utf-8")
-    return [each.name for each in found.verdicts if each.word == IDENTIFIED]
+    return [each.name for each in found.verdicts if each.word == IDENTIFIED_VERDICT]
 
 
 def said(log: Log, given: Sequence[str], *, learning: bool) -> dict[str, Any]:
@@ -219,7 +219,7 @@ def said(log: Log, given: Sequence[str], *, learning: bool) -> dict[str, Any]:
     """
     nothing: dict[str, Any] = {"alarm": None, "causes": [], "score": None, "why": ""}
     try:
-        found = shadow(log, believed(log, given), learning=learning)
+        found = shadow(log, belief_of(log, given), learning=learning)
     except TwinError as error:
         return {**nothing, "why": str(error)}
     for alarm in found.alarms[:1]:
@@ -265,7 +265,7 @@ def coverage(rigs: Sequence[dict[str, Any]]) -> list[tuple[Any, ...]]:
             for word, true, value, low, high in every
             if low is not None
         ]
-        good = [each for each in ends if each[0] == IDENTIFIED]
+        good = [each for each in ends if each[0] == IDENTIFIED_VERDICT]
         held, sure = (
             share(sum(low <= true <= high for _, true, _, low, high in some), len(some))
             for some in (ends, good)

@@ -30,11 +30,11 @@ from twin.cli.output import progress
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow.alarms import likely
-from twin.shadow.belief import CONSTANT, PARAMETERS, believed, logs
-from twin.shadow.evidence import GAPS
+from twin.shadow.belief import TWIN_ERROR_STD, WATCHED_PARAMETERS, belief_of, logs
+from twin.shadow.evidence import PLAY_WIDTHS_RAD
 from twin.shadow.follow import shadow
-from twin.shadow.horizon import BAND, MEDIAN
-from twin.study.schema import drawn as drawn_rigs
+from twin.shadow.horizon import CHI_SQUARE_95, CHI_SQUARE_MEDIAN
+from twin.study.schema import draw_rigs as drawn_rigs
 from twin.study.schema import read_family
 from twin.study.work import code, digest
 
@@ -156,8 +156,8 @@ def _whole(drawn: Drawn) -> Settings:
 
 def _with_errors(known: Settings, rng: np.random.Generator) -> Settings:
     """A rig that differs from what is known of it by the errors of an identification."""
-    off = dict(zip(PARAMETERS, rng.standard_normal(len(PARAMETERS)), strict=True))
-    off = {name: CONSTANT[name] * error for name, error in off.items()}
+    off = dict(zip(WATCHED_PARAMETERS, rng.standard_normal(len(WATCHED_PARAMETERS)), strict=True))
+    off = {name: TWIN_ERROR_STD[name] * error for name, error in off.items()}
     level = np.degrees([off["level_phi"], off["level_theta"]])
     true = {
         **known,
@@ -170,7 +170,9 @@ def _with_errors(known: Settings, rng: np.random.Generator) -> Settings:
         lag = 1 / (2 * np.pi * known[BANDWIDTH]) + off["lag"]
         true[BANDWIDTH] = 1 / (2 * np.pi * max(lag, 1e-3))
     if BACKLASH in known:
-        true[BACKLASH] = max(0.0, known[BACKLASH] + np.degrees(GAPS[0]) * off["narrow_play"])
+        true[BACKLASH] = max(
+            0.0, known[BACKLASH] + np.degrees(PLAY_WIDTHS_RAD[0]) * off["narrow_play"]
+        )
     if CAMS in known:
         true[CAMS] = [percent + float(100 * off["transmission"]) for percent in known[CAMS]]
     return true
@@ -228,7 +230,7 @@ def carry_out(job: Job) -> list[dict[str, Any]]:
     found = []
     pairs = [rig(each.seed, job.scenario, each.kind, each.drawn, job.law) for each in job.rigs]
     for each, (_, truth), log in zip(job.rigs, pairs, logs(pairs), strict=True):
-        said = shadow(log, believed(log))
+        said = shadow(log, belief_of(log))
         first = said.alarms[0] if said.alarms else None
         run = None if said.replays is None else said.replays.take(said.replays.counted)
         found.append(
@@ -417,7 +419,7 @@ def _every(some: pd.DataFrame, name: str) -> Array:
 
 def inside(found: pd.DataFrame) -> float:
     """Percentage of replays that end in their 95 % band."""
-    return float(100 * (_every(found, "squares") <= BAND).mean())
+    return float(100 * (_every(found, "squares") <= CHI_SQUARE_95).mean())
 
 
 def _healthy(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[str, str]]:
@@ -430,7 +432,10 @@ def _healthy(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[str, str]]
     rows = [
         ("false alarms on rigs of the family, with uneven screens", others),
         ("false alarms on the rigs below, with even screens, before anything happens", before),
-        ("median score (1: as predicted)", f"{np.sqrt(np.median(squares) / MEDIAN):.2f}"),
+        (
+            "median score (1: as predicted)",
+            f"{np.sqrt(np.median(squares) / CHI_SQUARE_MEDIAN):.2f}",
+        ),
         ("replays of 1 s inside their 95 % band", f"{inside(judged):.1f} % of {len(squares)}"),
         ("replay error after 1 s, median", median(judged)),
     ]

@@ -19,11 +19,11 @@ def write(name: str, folder: Path) -> None:
     pictures = report.inline_figures(done.work, found)
     for each, picture in pictures.items():
         write_whole(folder / f"{stem}-{each}.svg", picture)
-    compared = report.compared(asked, found)
+    compared = report.compare_variants(asked, found)
     text = filled(
         "study", title=asked.title, about=report.what_ran(done.work),
         sentences=report.sentences(asked, found), stem=stem,
-        pictures={each: report.WORDS["figures"][each] for each in pictures},
+        pictures={each: report.REPORT_WORDS["figures"][each] for each in pictures},
         heading=compared.title, compared=markdown(compared.heads, compared.rows),
     )  # fmt: skip
     write_whole(folder / f"{stem}.md", text)

@@ -20,7 +20,7 @@ from pages import HERE, filled, kept, planned, points, said, write
 
 from twin.study.experiments import Store, executors
 from twin.study.work import code, digest
-from twin.tune.search import tuned
+from twin.tune.search import carry_out_tune
 from twin.tune.trials import Trials, read
 
 OWN, KNOWN = ", thesis", ", friction known"
@@ -64,7 +64,7 @@ def result(tune: Any) -> dict[str, Any]:
     """What a tune finds, as its ``--json`` says."""
     with executors(None) as (executor, count):
         store = Store(HERE.parent / "runs" / "tuned")
-        return tuned(Trials(tune, store, executor=executor, processes=count)).as_dict()
+        return carry_out_tune(Trials(tune, store, executor=executor, processes=count)).as_dict()
 
 
 def fewer(plan: dict[str, Any], found: dict[str, dict[str, Any]]) -> list[str]:

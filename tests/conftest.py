@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, settings
 
 from controllers import catalog
 from controllers.catalog import forget
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.scenario.load import check, put, setting
 
 TABLES = {
@@ -73,7 +73,7 @@ def installed_once():
 @pytest.fixture(scope="session")
 def descriptors():
     """Report descriptors by what they are of."""
-    panels = packaged("twin.devices.lumio", "panels.toml")["descriptors"]
+    panels = read_packaged("twin.devices.lumio", "panels.toml")["descriptors"]
     texts = {**panels, "mouse": MOUSE}
     return {name: bytes.fromhex(text) for name, text in texts.items()}
 

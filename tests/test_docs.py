@@ -17,7 +17,7 @@ from twin.cli import ballplate
 from twin.cli.runs import new
 from twin.run.finished import run
 from twin.scenario import load
-from twin.scenario.load import check, parsed, read, resolved, setting, variants
+from twin.scenario.load import check, parse_variations, read, resolve, setting, variants
 
 ROOT = Path(__file__).parent.parent
 EXTENDING = "\n".join(
@@ -375,9 +375,9 @@ def test_every_change_of_a_scenario_that_a_page_shows_is_accepted(dropped, tmp_p
         varied = [text for option, text in given if option == "--vary"]
         if scenario.startswith("runs/") or scenario.endswith(".csv"):
             continue  # finished runs and logs
-        for variant in variants(parsed(varied)):
+        for variant in variants(parse_variations(varied)):
             changes = [*map(setting, fixed), *variant.settings]
-            check(*resolved(*read(scenario), changes))
+            check(*resolve(*read(scenario), changes))
         changed |= {text.partition("=")[0] for text in (*fixed, *varied)}
     assert changed == {
         "controller", "controller.ball", "controller.kind", "parameters",

@@ -11,7 +11,7 @@ from controllers import catalog as catalog_module
 from controllers.catalog import catalog
 from controllers.interfaces import Law
 from twin.scenario.rig import check_rig
-from twin.scenario.schema import KINDS, Scenario, choices
+from twin.scenario.schema import CATALOG_TABLES, Scenario, choices
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -29,7 +29,7 @@ def test_an_outside_package_contributes_by_an_entry_point(tmp_path, monkeypatch)
     )
     monkeypatch.syspath_prepend(tmp_path)
     importlib.invalidate_caches()
-    entry = EntryPoint("outside", "outside_laws", catalog_module.GROUP)
+    entry = EntryPoint("outside", "outside_laws", catalog_module.ENTRY_POINT_GROUP)
     monkeypatch.setattr(catalog_module, "entry_points", lambda group: [entry])
     catalog_module.forget()
     try:
@@ -52,7 +52,7 @@ def test_the_list_of_tables_names_every_table_law_observer_and_reference():
     tables = {name for names in rows for name in re.findall(r"\[(\w+)\]", names)}
     simple = {"title", "duration", "seed", "baseline"}
     assert tables == set(Scenario.model_fields) - simple
-    for table in KINDS:
+    for table in CATALOG_TABLES:
         named = set(re.findall(r"`(\w+)`", rows[f"`[{table}]`"]))
         assert named == set(choices(table)), table
 

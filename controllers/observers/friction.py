@@ -27,10 +27,10 @@ from controllers.arrays import (
     together,
 )
 from controllers.interfaces import Quantity
-from controllers.observers.late_ball import LAG, Derivatives, LateBall, LocalState, Tilt
-from controllers.observers.thesis import NOISE
+from controllers.observers.late_ball import LAG_NAME, Derivatives, LateBall, LocalState, Tilt
+from controllers.observers.thesis import NOISE_VARIANCES
 
-LONGEST = 50
+MAX_SAMPLE_PERIODS = 50
 """Control periods between two samples from which on the gain is that of so many."""
 
 
@@ -71,7 +71,7 @@ class DisturbanceObserver(LateBall):
     def __post_init__(self) -> None:
         """Check the settings and compute the gains once."""
         super().__post_init__()
-        ticks = np.arange(1, LONGEST + 1)
+        ticks = np.arange(1, MAX_SAMPLE_PERIODS + 1)
         self._gains = np.array([gains(self.pole, count * self.period) for count in ticks])
 
     def start(self, x: Array) -> None:
@@ -91,7 +91,7 @@ class DisturbanceObserver(LateBall):
 
     def _take(self, seen: tuple[Any, Any], age: Any, new: Any, then: Tilt) -> None:
         """Correct by a touch sample."""
-        L = self._gains[self._by.least(self._waited, LONGEST) - 1].reshape(-1, 3)
+        L = self._gains[self._by.least(self._waited, MAX_SAMPLE_PERIODS) - 1].reshape(-1, 3)
         here, velocity = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
         s: list[Any] = list(self._s)
         position, speed, force = (gain * new for gain in components(L))
@@ -115,7 +115,7 @@ def gains(pole: float, T: float) -> Array:
     return np.array([1 - z**3, 1.5 * (1 - z) ** 2 * (1 + z) / T, (1 - z) ** 3 / T**2])
 
 
-KNOWN = (
+KNOWN_QUANTITIES = (
     Quantity("friction", "m/s^2"),
     *DisturbanceObserver.knows,
     *(Quantity(f"tilt_gain_{axis}", "1") for axis in "xy"),
@@ -123,32 +123,32 @@ KNOWN = (
     *(Quantity(f"tilt_gain_{axis}_spread", "1") for axis in "xy"),
     *(Quantity(f"camber_{axis}", "1/s^2") for axis in "xy"),
     *(Quantity(f"plate_bias_{axis}", "rad/s") for axis in "xy"),
-    Quantity(LAG, "s"),
+    Quantity(LAG_NAME, "s"),
 )
 """What the filter knows beyond the state; tilt gains are errors, spreads standard deviations, the
 lag is that of the drives, and the bias what the plate turns faster than they were told. The camber
 is found by a filter with a map alone."""
-F = 8
+FRICTION_INDEX = 8
 """Where the friction stands in the filter's state."""
-LEARNT = slice(6, None)
+LEARNT_IN_MOTION = slice(6, None)
 """Tilt gain and friction, which are learnt in motion alone."""
-RESTING = 0.004
+REST_SPEED_M_S = 0.004
 """Speed in m/s at which a ball counts as resting by a quarter: what noise leaves of rest."""
 LARGEST_CAMBER = 0.8
 """Bound of the camber in 1/s^2: beyond what real plates were found to have. A ball that is seen
 later than is believed looks like one on a more and more cambered plate."""
 LARGEST_GAIN = 0.2
 """Bound of the error of the tilt gain."""
-FREE = 0.006
+FREE_SPEED_M_S = 0.006
 """Speed in m/s at which a ball that rested has come free by a half: beyond what noise leaves."""
-UNLIKELY = 36.0
+OUTLIER_SQUARED_DISTANCE = 36.0
 """Square of a touch sample's distance from what is expected, in standard deviations: noise is so
 far away once in 10^8 samples. Two in a row on the same side, and the ball has been struck: after a
 wrong one the next is on the other side."""
-BLOW = 0.3
-"""Standard deviation in m/s of how the velocity of a ball may have changed then,"""
-SINCE = 0.015
-"""and for how long in s it had been so, unseen."""
+IMPACT_VELOCITY_STD_M_S = 0.3
+"""Standard deviation in m/s of the change of a ball's velocity by an impact."""
+IMPACT_AGE_S = 0.015
+"""Time in s since an impact, unseen, when it is detected."""
 
 
 @dataclass(kw_only=True)
@@ -184,7 +184,7 @@ class FrictionKalman(LateBall):
     """
 
     name: ClassVar[str] = "friction_kalman"
-    knows: ClassVar[tuple[Quantity, ...]] = KNOWN
+    knows: ClassVar[tuple[Quantity, ...]] = KNOWN_QUANTITIES
 
     believed_mm: Positive = 0.18
     """Rolling resistance arm in mm that is believed at the start."""
@@ -209,7 +209,7 @@ class FrictionKalman(LateBall):
     None for never."""
     spread: tuple[Positive, Positive, Positive] = (0.03, 0.03, 0.02)
     """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
-    R: tuple[Positive, Positive] = (NOISE[0], NOISE[2])
+    R: tuple[Positive, Positive] = (NOISE_VARIANCES[0], NOISE_VARIANCES[2])
     """Variances of a touch sample of x and y in m^2; Table B.1."""
     most_friction: Positive = 3.0
     """Largest friction estimated, as a multiple of the one believed at the start."""
@@ -224,7 +224,7 @@ class FrictionKalman(LateBall):
         self._Q = np.append(np.repeat((0.0, velocity, disturbance, gain), 2), friction)
         self._Q_at_rest = np.append(np.repeat((0.0, 0.0, resting - disturbance, 0.0), 2), 0.0)
         if self.keep_at_rest:
-            self._Q_at_rest[LEARNT] = -self._Q[LEARNT]
+            self._Q_at_rest[LEARNT_IN_MOTION] = -self._Q[LEARNT_IN_MOTION]
         self._at_rest = bool(self._Q_at_rest.any() or self.forget_rest)
         d, F0, kappa = np.square(self.spread)
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
@@ -257,7 +257,7 @@ class FrictionKalman(LateBall):
         drives = *(plate.bias for plate in self._plates), self._lag + 0.0 * friction
         camber = components(self.camber.reshape(-1, 2))
         found = together((friction, dx, dy, kx, ky, *spreads, *camber, *drives), self._rigs)
-        return found.reshape(*self._shape, len(KNOWN))
+        return found.reshape(*self._shape, len(KNOWN_QUANTITIES))
 
     @property
     def camber(self) -> Array:
@@ -275,17 +275,17 @@ class FrictionKalman(LateBall):
         A = self._A
         xx, xy, yy = step.slope
         A[:, 2, 2], A[:, 2, 3], A[:, 3, 2], A[:, 3, 3] = 1 + xx, xy, xy, 1 + yy
-        A[:, 2, F], A[:, 3, F] = step.friction
+        A[:, 2, FRICTION_INDEX], A[:, 3, FRICTION_INDEX] = step.friction
         A[:, 2, 6], A[:, 3, 7] = step.gain
         self._P = P = self._propagated(A, step)
         Q = self._Q
         if self._at_rest:
             vx, vy = self._ball.velocity(self._s, then)
             square = vx * vx + vy * vy
-            rest = 1 / (1 + square / RESTING**2) ** 2
+            rest = 1 / (1 + square / REST_SPEED_M_S**2) ** 2
             Q = Q + column(rest) * self._Q_at_rest
             if self.forget_rest:
-                self._rest = 1 / (1 + (square / FREE**2) ** 2)
+                self._rest = 1 / (1 + (square / FREE_SPEED_M_S**2) ** 2)
                 kept = 1 - self.period / self.forget_rest * (1 - self._rest)
                 for axis, added in enumerate(self._added):
                     self._s[4 + axis] = self._s[4 + axis] - (1 - kept) * added
@@ -317,32 +317,34 @@ class FrictionKalman(LateBall):
         cross = -b / a * second
         W = together((first, 0.0 * first, cross, second), self._rigs).reshape(-1, 2, 2) @ hP
         told = first * ex, cross * ex + second * ey
-        unlikely = told[0] * told[0] + told[1] * told[1] > UNLIKELY
+        unlikely = told[0] * told[0] + told[1] * told[1] > OUTLIER_SQUARED_DISTANCE
         far = told[0] * unlikely, told[1] * unlikely
         struck = far[0] * self._far[0] + far[1] * self._far[1] > 0.0
         self._far = tuple(by.where(new, *each) for each in zip(far, self._far, strict=True))
         change = (together(told, self._rigs)[:, None] @ W)[:, 0]
         moving = np.array(way[0] * way[0] + way[1] * way[1] > self.learning_speed**2, ndmin=1)
         if not every(moving):
-            change[~moving, LEARNT] = 0.0
+            change[~moving, LEARNT_IN_MOTION] = 0.0
         self._reduce(W, moving)
         self._correct_by(change)
         if self.forget_rest:
             told_at_rest = zip(self._added, components(change[:, 4:6]), strict=True)
             self._added = [a + self._rest * d for a, d in told_at_rest]
         if by.any(struck):
-            passed = np.vstack((SINCE * np.eye(2), np.eye(2)))  # by a blow, eta and eta'
-            self._P[np.reshape(struck, -1), :4, :4] += BLOW**2 * passed @ passed.T
+            passed = np.vstack((IMPACT_AGE_S * np.eye(2), np.eye(2)))  # by a blow, eta and eta'
+            self._P[np.reshape(struck, -1), :4, :4] += (
+                IMPACT_VELOCITY_STD_M_S**2 * passed @ passed.T
+            )
         least, most, (*_, kx, ky, friction) = by.least, by.most, self._s
         self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
-        self._s[F] = least(most(friction, 0.0), self.most_friction * self._F)
+        self._s[FRICTION_INDEX] = least(most(friction, 0.0), self.most_friction * self._F)
 
     def _reduce(self, W: Array, moving: Mask) -> None:
         """Take from the covariance what a touch sample tells; nothing of F and kappa at rest."""
         fall = W[:, :, :9].mT @ W
         if not every(moving):
-            fall[~moving, LEARNT, LEARNT] = 0.0
+            fall[~moving, LEARNT_IN_MOTION, LEARNT_IN_MOTION] = 0.0
         self._P = self._P - fall
 
     def _correct_by(self, change: Array) -> None:
@@ -450,7 +452,7 @@ class FrictionMapKalman(FrictionKalman):
     def friction_map(self) -> Array:
         """Friction at the points of the grid, m/s^2, shape (..., n, m), first along x."""
         n, m = self._cells
-        friction = np.reshape(self._s[F], (-1, 1)) + self._m[:, : self._points]
+        friction = np.reshape(self._s[FRICTION_INDEX], (-1, 1)) + self._m[:, : self._points]
         return friction.reshape(*self._shape, n + 1, m + 1)
 
     @property
@@ -463,7 +465,7 @@ class FrictionMapKalman(FrictionKalman):
     def _varies(self) -> Any:
         """What the map adds to the variance of the friction where the ball is now."""
         h = self._now.shares
-        with_map = (self._map_times(h) + 2 * self._P[:, F, 9:]) * h
+        with_map = (self._map_times(h) + 2 * self._P[:, FRICTION_INDEX, 9:]) * h
         return numbers(with_map.sum(axis=-1))
 
     def _shares_at(self, place: Sequence[Any]) -> Array:
@@ -487,7 +489,7 @@ class FrictionMapKalman(FrictionKalman):
         """The nine states with the friction of a place (x, y) in m, which drives no ball."""
         h = self._shares_at(place)
         more = numbers((self._m * h).sum(axis=-1))
-        s = [*self._s[:F], self._by.most(self._s[F] + more, 0.0)]
+        s = [*self._s[:FRICTION_INDEX], self._by.most(self._s[FRICTION_INDEX] + more, 0.0)]
         if not self.camber_spread:
             return LocalState(s, h)
         for axis, c in enumerate(components(self._m[:, self._points :])):

@@ -18,8 +18,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from controllers.arrays import (
-    ARRAYS,
-    NUMBERS,
+    ARRAY_ARITHMETIC,
+    NUMBER_ARITHMETIC,
     Arithmetic,
     Array,
     NotNegative,
@@ -28,10 +28,10 @@ from controllers.arrays import (
     numbers,
     together,
 )
-from controllers.ballplate import LONGEST_LAG, SIGN, BallPlate
+from controllers.ballplate import LONGEST_LAG, TILT_SIGN, BallPlate
 from controllers.interfaces import DelayedObserver, Measurement
 
-SUBSTEP = 0.011
+MAX_SUBSTEP_S = 0.011
 """Longest time in s over which the friction's heading is taken as constant while carried."""
 
 
@@ -104,7 +104,7 @@ class RollingBall:
     ) -> None:
         self._model, self._smooth, self._period = model, smooth * smooth, period
         one = len(x) == 1
-        self._sqrt = (NUMBERS if one else ARRAYS).sqrt
+        self._sqrt = (NUMBER_ARITHMETIC if one else ARRAY_ARITHMETIC).sqrt
         self._sin: Any
         self._cos: Any
         self._sin, self._cos = (_sin, _cos) if one else (np.sin, np.cos)
@@ -112,7 +112,7 @@ class RollingBall:
         self._share = delay / period - self._back
         if self._share < 1e-9:
             self._share = 0.0
-        count = math.ceil(delay / SUBSTEP)
+        count = math.ceil(delay / MAX_SUBSTEP_S)
         self._marks = [round(self._back * (count - 1 - i) / count) for i in range(count)]
         ends = [self._back + self._share, *self._marks]
         self._steps = [period * (a - b) for a, b in zip(ends, self._marks, strict=False)]
@@ -339,15 +339,15 @@ class SwingingPlate:
         return more
 
 
-LAG = "plate_lag"
+LAG_NAME = "plate_lag"
 """What a law needs that counts the lag of the drives."""
-GAP = 0.0052
+MAX_PLAY_RAD = 0.0052
 """Way in rad after a reversal of a drive within which its play, at most 0.3 deg, may be crossed."""
-CHANGE = 0.03
+RATE_CHANGE_WINDOW_S = 0.03
 """Time in s over which changes of the plate's rate are compared with its angle."""
-OWN, UNSURE = 0.0025, 0.004
+PLATE_LAG_S, PLATE_LAG_STD_S = 0.0025, 0.004
 """Lag in s that a plate has by itself, and what beyond it may come of other causes."""
-FIRM, FULL = 0.02, 4.0
+MIN_RATE_CHANGE_SUM, MAX_RATE_CHANGE_SUM = 0.02, 4.0
 """Sums of the squares of changes of the rate, (rad/s)^2, up to which a lag is drawn to none, and
 beyond which old ones are forgotten."""
 
@@ -386,19 +386,19 @@ class DriveLag:
 
     def correct(self, measured: Sequence[Any]) -> None:
         """Take in the measured angles in rad."""
-        by, share = self._by, self._period / CHANGE
+        by, share = self._by, self._period / RATE_CHANGE_WINDOW_S
         squares, products = self._squares, self._products
         for axis, (turned, slow_behind, slow_rate) in enumerate(self._axes):
             r, behind = self._followed[axis], self._sent[axis] - measured[axis]
             way = by.where(turned * r < 0, 0.0, turned) + self._period * r
-            engaged = abs(way) > GAP
+            engaged = abs(way) > MAX_PLAY_RAD
             b, c = engaged * (behind - slow_behind), engaged * (r - slow_rate)
             squares, products = squares + c * c, products + b * c
             self._axes[axis] = way, behind - (1 - share) * b, r - (1 - share) * c
-        forget = FULL / by.most(squares, FULL)
+        forget = MAX_RATE_CHANGE_SUM / by.most(squares, MAX_RATE_CHANGE_SUM)
         self._squares, self._products = squares, products = forget * squares, forget * products
-        found = products / (squares + FIRM) - OWN
-        sure = by.least(found, 2 * (found - UNSURE))
+        found = products / (squares + MIN_RATE_CHANGE_SUM) - PLATE_LAG_S
+        sure = by.least(found, 2 * (found - PLATE_LAG_STD_S))
         self.lag = lag = self._kept * by.least(by.most(sure, 0.0), LONGEST_LAG)
         # exp(-period / lag) by what gives one rig the same bits as beside others
         self.left = (lag > self._period) * (2 * lag - self._period) / (2 * lag + self._period)
@@ -450,20 +450,20 @@ class LateBall(DelayedObserver):
         self._shape = self.x.shape[:-1]
         rows = self.x.reshape(-1, 8)
         self._rigs = len(rows)
-        self._by = NUMBERS if self._rigs == 1 else ARRAYS
+        self._by = NUMBER_ARITHMETIC if self._rigs == 1 else ARRAY_ARITHMETIC
         self._ball = RollingBall(self.model, smooth, self.period, self.delay, rows)
         self._state = state = components(rows)
         as_told = self.plate_pole, self.period, self.model.lag
         self._plates = [SlowPlate(*as_told, *state[k : k + 2]) for k in (2, 6)]
-        known = self.model.lag or self.plate == "modelled" or LAG not in dict(self.knows)
+        known = self.model.lag or self.plate == "modelled" or LAG_NAME not in dict(self.knows)
         turn = math.radians(self.screen_deg)
         self._turned = math.cos(turn), math.sin(turn)
         self._drives = None if known else DriveLag(self.period, state, self._by)
         self._swing = SwingingPlate(self.period, 0.0 * state[2], self._by)
         c2 = self.model.c2
         s = np.zeros((self._rigs, 9))
-        s[:, 0:2] = rows[:, 0::4] + c2 * SIGN * rows[:, 2::4]
-        s[:, 2:4] = rows[:, 1::4] + c2 * SIGN * rows[:, 3::4]
+        s[:, 0:2] = rows[:, 0::4] + c2 * TILT_SIGN * rows[:, 2::4]
+        s[:, 2:4] = rows[:, 1::4] + c2 * TILT_SIGN * rows[:, 3::4]
         s[:, 8] = friction
         self._s: Any = components(s)
         self._age: Any = numbers(np.full(self._rigs, np.inf))
@@ -490,7 +490,7 @@ class LateBall(DelayedObserver):
         commanded = along.commanded, across.commanded
         if self._drives is not None:
             self._drives.correct(measured)
-            along.left = across.left = self._drives.left if LAG in self.needed else 0.0
+            along.left = across.left = self._drives.left if LAG_NAME in self.needed else 0.0
         begin, then = self._ball.measured(measured, commanded, self._state)
         self._advance(begin, then)
         age, touched = numbers(measurement.age), numbers(measurement.touched)

@@ -19,11 +19,11 @@ import scipy
 from annotated_types import Len
 
 from controllers.arrays import Array, Positive, every
-from controllers.ballplate import MEASURED, BallPlate
-from controllers.design import Pole, listed, place_poles, sample, stable_poles
+from controllers.ballplate import MEASURED_STATES, BallPlate
+from controllers.design import Pole, format_numbers, place_poles, sample, stable_poles
 from controllers.interfaces import Measurement, Observer
 
-OUTPUTS = slice(0, None, 2)
+OUTPUT_SLICE = slice(0, None, 2)
 """h(x) = (x, phi, y, theta) of (5.7) as a slice of the state: unlike a list of indices, a view."""
 
 
@@ -37,7 +37,7 @@ def innovation(measurement: Measurement, x: Array) -> Array:
     Returns:
         Shape (..., 4), in m and rad.
     """
-    e = measurement.y - x[..., OUTPUTS]
+    e = measurement.y - x[..., OUTPUT_SLICE]
     if not every(measurement.touched):
         e[~measurement.touched, 0::2] = 0
     return e
@@ -68,7 +68,7 @@ class LinearObserver(Observer):
         self.x = self.x.dot(self.A.T) + u.dot(self.B.T)
 
 
-RATES = slice(3, None, 4)
+PLATE_RATE_SLICE = slice(3, None, 4)
 """The plate rates phi', theta' in the state (5.5)."""
 
 
@@ -92,14 +92,14 @@ class Ideal(Observer):
         if measurement.state is None:
             raise ValueError("observer 'ideal' needs a simulated rig with ideal sensors")
         x = np.array(measurement.state, dtype=float)
-        x[..., RATES] = self.x[..., RATES]
+        x[..., PLATE_RATE_SLICE] = self.x[..., PLATE_RATE_SLICE]
         self.x = x
         return x
 
     def predict(self, u: Array) -> None:
         """Integrate the plate rates one period under the applied input u, shape (..., 2)."""
         x = self.x.copy()
-        x[..., RATES] += self.period * u
+        x[..., PLATE_RATE_SLICE] += self.period * u
         self.x = x
 
 
@@ -164,14 +164,14 @@ def current_gain(A: Array, poles: Sequence[Pole], T: float) -> Array:
         ValueError: If more than two poles coincide.
     """
     if max(map(poles.count, poles)) > 2:
-        raise ValueError(f"poles may coincide in pairs, no more, got {listed(poles)}")
-    C = np.eye(4)[OUTPUTS]
+        raise ValueError(f"poles may coincide in pairs, no more, got {format_numbers(poles)}")
+    C = np.eye(4)[OUTPUT_SLICE]
     return np.linalg.solve(A, place_poles(A.T, C.T, np.exp(np.array(poles) * T)).T)
 
 
-DISTURBANCE = (1.0816e-4, 2.8090e-5)
+DISTURBANCE_VARIANCES = (1.0816e-4, 2.8090e-5)
 """Q of Table B.1: disturbance of u1, u2."""
-NOISE = (7.2538e-7, 1.5433e-10, 1.7721e-7, 1.1580e-10)
+NOISE_VARIANCES = (7.2538e-7, 1.5433e-10, 1.7721e-7, 1.1580e-10)
 """R of Table B.1 in the order of (7.6b): x, phi, y, theta."""
 
 
@@ -198,9 +198,9 @@ class Kalman(LinearObserver):
 
     name: ClassVar[str] = "kalman"
 
-    Q: tuple[Positive, Positive] = DISTURBANCE
+    Q: tuple[Positive, Positive] = DISTURBANCE_VARIANCES
     """Intensities of the disturbance of u1, u2 in (rad/s^2)^2 s; Table B.1."""
-    R: tuple[Positive, Positive, Positive, Positive] = NOISE
+    R: tuple[Positive, Positive, Positive, Positive] = NOISE_VARIANCES
     """Intensities of the noise of x, phi, y, theta in m^2 s and rad^2 s; Table B.1."""
 
     S: Array = field(init=False, repr=False)
@@ -235,8 +235,8 @@ def predicted_covariance(A: Array, B: Array, C: Array, Q: Array, R: Array) -> Ar
     return (S + S.T) / 2
 
 
-STEEPEST = math.sin(math.radians(60))
-FASTEST = 10.0
+MAX_TILT_SINE = math.sin(math.radians(60))
+MAX_BALL_SPEED_M_S = 10.0
 
 
 @dataclass(kw_only=True)
@@ -302,9 +302,9 @@ class NonlinearLuenberger(Observer):
         e = innovation(measurement, self.x)
         z, _ = self._chain()
         z += e[..., 0::2, np.newaxis] * self.G
-        sine = cut(z[..., 2] / self._k, STEEPEST)
+        sine = cut(z[..., 2] / self._k, MAX_TILT_SINE)
         z[..., 2] = np.arcsin(sine)
-        z[..., 3] = cut(z[..., 3] / (self._k * np.sqrt(1 - sine * sine)), FASTEST)
+        z[..., 3] = cut(z[..., 3] / (self._k * np.sqrt(1 - sine * sine)), MAX_BALL_SPEED_M_S)
         self._flat = z
         if self.plate_observer:
             z = z.copy()
@@ -367,7 +367,7 @@ def chain_gain(poles: Sequence[Pole], T: float) -> Array:
 
 
 OF_PLATE = np.array([False, True, False, True])
-"""Which measurements are the plate's: they hold without a touch, too."""
+"""Measurements of the plate, True: they are valid without a touch as well."""
 
 
 @dataclass(kw_only=True)
@@ -403,9 +403,9 @@ class ExtendedKalman(Observer):
 
     name: ClassVar[str] = "ekf"
 
-    Q: tuple[Positive, Positive] = DISTURBANCE
+    Q: tuple[Positive, Positive] = DISTURBANCE_VARIANCES
     """Intensities of the disturbance of u1, u2 in (rad/s^2)^2 s; Table B.1."""
-    R: tuple[Positive, Positive, Positive, Positive] = NOISE
+    R: tuple[Positive, Positive, Positive, Positive] = NOISE_VARIANCES
     """Intensities of the noise of x, phi, y, theta in m^2 s and rad^2 s; Table B.1."""
     spread: Annotated[tuple[Positive, ...], Len(8, 8)] | None = None
     """Standard deviations of the eight states at the start; by default the covariance in which
@@ -439,12 +439,12 @@ class ExtendedKalman(Observer):
         x, P, y, R = self.x, self.P, measurement.y, self._R
         if not every(measurement.touched):
             felt = measurement.touched[..., np.newaxis] | OF_PLATE
-            y, R = np.where(felt, y, x[..., OUTPUTS]), np.where(felt, R, math.inf)
+            y, R = np.where(felt, y, x[..., OUTPUT_SLICE]), np.where(felt, R, math.inf)
         # rows of C P, and the innovation as a further column that is treated as they are
-        W = np.empty((*x.shape[:-1], len(MEASURED), 9))
-        W[..., :8] = P[..., OUTPUTS, :]
-        W[..., 8] = y - x[..., OUTPUTS]
-        for j, i in enumerate(MEASURED):
+        W = np.empty((*x.shape[:-1], len(MEASURED_STATES), 9))
+        W[..., :8] = P[..., OUTPUT_SLICE, :]
+        W[..., 8] = y - x[..., OUTPUT_SLICE]
+        for j, i in enumerate(MEASURED_STATES):
             w = W[..., j, :]
             if j:
                 taken = W[..., :j, :]

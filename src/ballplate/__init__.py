@@ -76,9 +76,9 @@ __all__ = [
     "systems",
 ]
 
-_MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
+_LAZY_MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
-_NAMES = {
+_LAZY_NAMES = {
     "comparing": ("Comparison", "compare", "load"),
     "results": ("Identified", "Log", "Result", "identify"),
     "rigs": ("Rig", "fmu", "rig"),
@@ -92,9 +92,9 @@ if "gymnasium" in sys.modules:  # as within gym.make("ballplate:..."); see ballp
 
 
 def __getattr__(name: str) -> Any:
-    if name in _MODULES:
+    if name in _LAZY_MODULES:
         return import_module(f"ballplate.{name}")
-    for module, names in _NAMES.items():
+    for module, names in _LAZY_NAMES.items():
         if name in names:
             return getattr(import_module(f"ballplate.{module}"), name)
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

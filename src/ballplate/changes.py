@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 
 from twin.base.errors import ScenarioError
-from twin.base.shipped import shipped, titles
+from twin.base.shipped import shipped_scenarios, titles
 
 if TYPE_CHECKING:
     from controllers.ballplate import BallPlate
@@ -41,7 +41,7 @@ class Changes(TypedDict, total=False):
     duration: float
     """How long it runs, in s."""
     seed: int
-    """Which noise is drawn."""
+    """Seed of the noise."""
     baseline: bool
     """Whether the clean model runs beside it."""
     plant: Table
@@ -82,9 +82,9 @@ class KeyChange(NamedTuple):
     @classmethod
     def of(cls, key: str, value: Any) -> KeyChange:
         """That of a key and a plain value."""
-        from twin.scenario.load import written
+        from twin.scenario.load import format_toml_value
 
-        return cls(key, value, f"{key}={written(value)}")
+        return cls(key, value, f"{key}={format_toml_value(value)}")
 
 
 def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[KeyChange]:
@@ -96,16 +96,16 @@ def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[KeyChange]
         ScenarioError: If a text is not ``KEY=VALUE``, or a value none that a scenario can hold.
     """
     from twin.scenario.load import setting
-    from twin.scenario.schema import KINDS
+    from twin.scenario.schema import CATALOG_TABLES
 
     if isinstance(settings, str) or not isinstance(settings, Iterable):
         raise ScenarioError(f"settings: must be a table or a list of texts, got {settings!r}")
     if isinstance(settings, Mapping):
-        found = [KeyChange.of(*pair) for pair in flattened(settings)]
+        found = [KeyChange.of(*pair) for pair in flatten(settings)]
     else:
         found = [KeyChange(*setting(text), text) for text in map(str, settings)]
-    own = [KeyChange.of(*pair) for pair in flattened(tables)]
-    whole = [each for each in own if each.key in KINDS]
+    own = [KeyChange.of(*pair) for pair in flatten(tables)]
+    whole = [each for each in own if each.key in CATALOG_TABLES]
     return [*whole, *found, *(each for each in own if each not in whole)]
 
 
@@ -120,27 +120,27 @@ def scenario_of(name: str | Path, changed: Sequence[KeyChange], *, titled: bool 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    from twin.scenario.load import check, comparison, read, resolved
+    from twin.scenario.load import check, comparison, read, resolve
 
-    chosen = check(*resolved(*read(str(name)), [(each.key, each.value) for each in changed]))
+    chosen = check(*resolve(*read(str(name)), [(each.key, each.value) for each in changed]))
     title = comparison(chosen.title, (), [each.text for each in changed])
     return chosen.model_copy(update={"title": title}) if titled else chosen
 
 
-def flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flatten(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted keys and plain values of nested tables.
 
     Raises:
         ScenarioError: If a value is none that a scenario can hold.
     """
-    from twin.scenario.schema import KINDS
+    from twin.scenario.schema import CATALOG_TABLES
 
     for name, value in tables.items():
         key = f"{prefix}{name}"
-        if key in KINDS and not isinstance(value, Mapping):
-            yield from _choice(key, KINDS[key], value)
+        if key in CATALOG_TABLES and not isinstance(value, Mapping):
+            yield from _choice(key, CATALOG_TABLES[key], value)
         elif isinstance(value, Mapping):
-            yield from flattened(value, f"{key}.")
+            yield from flatten(value, f"{key}.")
         else:
             yield key, _plain(key, value)
 
@@ -152,16 +152,18 @@ def varied_of(vary: Vary) -> dict[str, list[Any]]:
         ScenarioError: If a value is none that a scenario can hold, or there is no list of values,
             none in it, or one twice.
     """
-    from twin.scenario.load import parsed
+    from twin.scenario.load import parse_variations
 
     if isinstance(vary, list | tuple):
-        vary = parsed(vary)
+        vary = parse_variations(vary)
     if not isinstance(vary, Mapping):
         raise ScenarioError(f"vary: give a table of keys and their values, got {vary!r}")
     for key, values in vary.items():
         if isinstance(values, str | Mapping) or not isinstance(values, Iterable):
             raise ScenarioError(f"vary {key}: give a list of values, as in [{values!r}]")
-    found = {key: [_varied(key, value) for value in values] for key, values in vary.items()}
+    found = {
+        key: [_normalise_variation(key, value) for value in values] for key, values in vary.items()
+    }
     for key, values in found.items():
         if not values:
             raise ScenarioError(f"vary {key}: give at least one value")
@@ -171,10 +173,10 @@ def varied_of(vary: Vary) -> dict[str, list[Any]]:
     return found
 
 
-def _varied(key: str, value: Any) -> Any:
+def _normalise_variation(key: str, value: Any) -> Any:
     if isinstance(value, Mapping):
         return _plain(key, value)
-    ((named, found),) = flattened({key: value})
+    ((named, found),) = flatten({key: value})
     return found if named == key else {"kind": found}
 
 
@@ -267,18 +269,18 @@ def describe(name: str = "") -> Keys:
     Raises:
         ScenarioError: If there is nothing of that name.
     """
-    from twin.scenario.describe import about, described
+    from twin.scenario.describe import about, find_keys
 
     if not isinstance(name, str):
         raise ScenarioError(f"describe: give a key, a table or a kind as a text, got {name!r}")
-    found = Keys(described(name))
+    found = Keys(find_keys(name))
     found.sentence = about(name)
     return found
 
 
 def scenarios() -> dict[str, str]:
     """The shipped scenarios: name to title."""
-    return titles(shipped())
+    return titles(shipped_scenarios())
 
 
 def model(
@@ -305,7 +307,7 @@ def model(
     return scenario_of(scenario, changes_of(settings, changes)).plant.model
 
 
-GIVEN = ("t", "x", "reference")
+LAW_ARGUMENTS = ("t", "x", "reference")
 """What the function is given, in this order."""
 
 
@@ -335,10 +337,12 @@ def law(function: Callable[..., Any]) -> type[Law]:
     parameters = inspect.signature(function).parameters
     given = [name for name, each in parameters.items() if each.kind is not each.KEYWORD_ONLY]
     settings = {name: each for name, each in parameters.items() if name not in given}
-    if len(given) != len(GIVEN) or any(each.default is each.empty for each in settings.values()):
+    if len(given) != len(LAW_ARGUMENTS) or any(
+        each.default is each.empty for each in settings.values()
+    ):
         raise ScenarioError(
-            f"law: {function.__name__} must take ({', '.join(GIVEN)}), and settings with defaults "
-            "behind a *, as in def pd(t, x, reference, *, kp=6.0)"
+            f"law: {function.__name__} must take ({', '.join(LAW_ARGUMENTS)}), and settings with "
+            "defaults behind a *, as in def pd(t, x, reference, *, kp=6.0)"
         )
 
     def control(self: Any, t: float, x: Any, reference: Any, q: Any) -> Any:

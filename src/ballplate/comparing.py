@@ -14,7 +14,7 @@ from ballplate.running import WORTH_PROCESS, importable, warn_of_dangers, warn_o
 from twin.base.errors import LawError, ScenarioError
 from twin.base.shipped import find
 from twin.base.writing import write_json, write_whole
-from twin.run.files import MANIFEST, forget, numbered, slug, sorted_out
+from twin.run.files import MANIFEST_FILE, forget, number_name, slug, sorted_out
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,12 +100,12 @@ class Comparison(Mapping[str, "Result"]):
         Raises:
             RecordError: If it cannot be written, or a run is one that was opened.
         """
-        from ballplate.results import kept
+        from ballplate.results import save_result
 
         forget(Path(folder))
         self.folders = {label: slug(self.names[label]) for label in self.runs}
         for label, each in self.runs.items():
-            kept(each, Path(folder) / self.folders[label])
+            save_result(each, Path(folder) / self.folders[label])
         return self.draw(folder)
 
     def draw(self, folder: str | Path) -> Path:
@@ -123,7 +123,7 @@ class Comparison(Mapping[str, "Result"]):
             "names": [self.names[label] for label in self.folders],
             "runs": self.summaries(),
         }
-        write_json(place / MANIFEST, content)
+        write_json(place / MANIFEST_FILE, content)
         return place
 
     @property
@@ -196,7 +196,7 @@ def compare(
         raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
     for name in names:
         find(name)  # a wrong name is told before anything heavy is imported
-    from ballplate.results import Result, kept
+    from ballplate.results import Result, save_result
     from twin.run.finished import open_runs
     from twin.scenario.load import comparison
 
@@ -207,8 +207,8 @@ def compare(
         if not isinstance(each, Result):
             raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
     opened = [*map(Result.from_run, found), *results]
-    recorded, fitted = measured(logs, names, opened, base, (columns, separator), report.warn)
-    finished = labelled([*map(Result.from_run, recorded), *opened])
+    recorded, fitted = runs_of_logs(logs, names, opened, base, (columns, separator), report.warn)
+    finished = label_runs([*map(Result.from_run, recorded), *opened])
     cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
     listed = ", ".join((*names, *finished))
     named = any(each.key == "title" for each in base) or (len(names) == 1 and not finished)
@@ -228,7 +228,9 @@ def compare(
                 report.warn(f"{label}: {came}")
                 continue
             run = Result.from_run(came, label)
-            runs[label] = run if folder is None else kept(run, folder / slug(cases[label].name))
+            runs[label] = (
+                run if folder is None else save_result(run, folder / slug(cases[label].name))
+            )
     except KeyboardInterrupt:
         if not runs:
             raise
@@ -259,7 +261,7 @@ def _warn(scenarios: Mapping[str, Scenario], reporter: Reporter) -> None:
             warn_of_path(each, reporter, own)
 
 
-def measured(
+def runs_of_logs(
     logs: Sequence[Path],
     names: Sequence[str],
     finished: Sequence[Run],
@@ -303,7 +305,7 @@ def measured(
             own = changes_of(fitting(rows, scenario), {})
             fitted = fitted or own
             scenario = scenario_of(names[0], [*own, *base], titled=False)
-        name = numbered(path.stem, [run.name for run in runs])
+        name = number_name(path.stem, [run.name for run in runs])
         runs.append(log_run(rows, scenario, name))
     return runs, fitted
 
@@ -341,13 +343,13 @@ def cases_of(
     return cases
 
 
-def labelled(finished: Sequence[Result]) -> dict[str, Result]:
+def label_runs(finished: Sequence[Result]) -> dict[str, Result]:
     """Finished runs by their names, or, where those are the same, by their titles."""
     names = [each.name for each in finished]
     found: dict[str, Result] = {}
     for each in finished:
         label = each.name if names.count(each.name) == 1 else each.title
-        found[numbered(label, found)] = each
+        found[number_name(label, found)] = each
     return found
 
 
@@ -418,7 +420,9 @@ def load(path: str | Path) -> Result | Comparison | Log:
     file = Path(path)
     if file.suffix == ".csv":
         log = logs.read(file)
-        return Log(log.source, log.columns, {name: logs.COLUMNS[name] for name in log.columns})
+        return Log(
+            log.source, log.columns, {name: logs.LOG_COLUMN_UNITS[name] for name in log.columns}
+        )
     runs = {each.name: Result.from_run(each) for each in open_runs((file,), tell=default().warn)}
     if len(runs) == 1:
         return next(iter(runs.values()))

@@ -42,7 +42,7 @@ def check(
     if file.is_dir():
         file /= found.answer.file
     dealt = had_again(found, file.parent, key, student)
-    result = judge.judged(found, dealt, file, hidden=hidden)
+    result = judge.judge_answer(found, dealt, file, hidden=hidden)
     if page is not None:
         from twin.base.writing import write_whole
         from twin.lab.grade import of_student

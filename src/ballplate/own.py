@@ -10,7 +10,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-HOME = Path(__file__).resolve().parents[1]
+SOURCE_FOLDER = Path(__file__).resolve().parents[1]
 
 
 def _take_twin() -> None:
@@ -19,12 +19,12 @@ def _take_twin() -> None:
     Raises:
         ImportError: If something else is called so already.
     """
-    sys.path.insert(0, str(HOME))
+    sys.path.insert(0, str(SOURCE_FOLDER))
     try:
         found = Path(str(import_module("twin").__file__)).resolve()
     finally:
-        sys.path.remove(str(HOME))
-    if found.parent != HOME / "twin":
+        sys.path.remove(str(SOURCE_FOLDER))
+    if found.parent != SOURCE_FOLDER / "twin":
         raise ImportError(f"another module called twin was imported before ballplate: {found}")
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from twin.run.finished import Run
 
 
-OWN = ("ballplate", "twin", "contextlib")
+OWN_PACKAGES = ("ballplate", "twin", "contextlib")
 """Packages whose lines a warning is not about."""
 LINE_EVERY = 10.0
 """Seconds between two lines of progress where there is no terminal."""
@@ -83,13 +83,13 @@ def now_and_then(what: str, total: float, unit: str, say: Callable[[str], object
     def line(done: float, note: str = "", /) -> None:
         nonlocal last
         if monotonic() - last > LINE_EVERY:
-            say(f"{what}: {counted(done, total, unit, note)}")
+            say(f"{what}: {format_progress(done, total, unit, note)}")
             last = monotonic()
 
     return line
 
 
-def counted(done: float, total: float, unit: str, note: str) -> str:
+def format_progress(done: float, total: float, unit: str, note: str) -> str:
     """How far some work is, in words; arguments as for ``Reporter.progress``."""
     share = f"{done:.0f} of {total:.0f} {unit}" if unit else f"{min(done / total, 1):.0%}"
     return f"{share}, {note}" if note else share
@@ -112,12 +112,14 @@ def default() -> Reporter:
 def _outside() -> int:
     """How many levels above the caller the first line of a user's program is."""
     frame, level = sys._getframe(1), 1
-    while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] in OWN:
+    while (
+        frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] in OWN_PACKAGES
+    ):
         frame, level = frame.f_back, level + 1
     return level
 
 
-DPI = 80
+NOTEBOOK_DPI = 80
 """Resolution of pictures in a notebook."""
 
 
@@ -150,6 +152,6 @@ def overview(title: str, runs: Mapping[str, Run], figure: Figure) -> str:
 
 def png(figure: Figure) -> bytes:
     """A figure as a PNG."""
-    from twin.base.page import encoded
+    from twin.base.page import encode_figure
 
-    return encoded(figure, "png", DPI)
+    return encode_figure(figure, "png", NOTEBOOK_DPI)

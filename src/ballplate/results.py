@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ballplate.reporter import Reporter, default, overview, showable
 from twin.base.errors import RecordError, ScenarioError
 from twin.base.writing import write_whole
-from twin.run.files import MOVING, Signals, free
+from twin.run.files import FILM_SUFFIXES, Signals, free
 from twin.run.finished import Run, draw, of_other_class, save_record
 
 if TYPE_CHECKING:
@@ -84,10 +84,10 @@ class Result(Run):
     @property
     def verdict(self) -> str:
         """The run in one sentence: its tracking error, and what limited it most."""
-        from twin.view.summary import judged
+        from twin.view.summary import describe_run
 
         clean = None if self.baseline is None else self.baseline.metrics["tracking_error_percent"]
-        return judged(self, clean)
+        return describe_run(self, clean)
 
     def plot(self) -> Figure:
         """The picture: path of the ball, error, plate angles and effort."""
@@ -126,7 +126,7 @@ class Result(Run):
             RecordError: If the ending is none of these, the run has no such part, or the file
                 cannot be written.
         """
-        if Path(file).suffix not in MOVING:
+        if Path(file).suffix not in FILM_SUFFIXES:
             return super().export(file)
         from twin.run.film import Cut, Film, moving
 
@@ -151,7 +151,7 @@ class Result(Run):
                 place = free(place)
             else:
                 default().warn(f"{place}: replaces a run whose law was another")
-        return kept(self, place).folder or place
+        return save_result(self, place).folder or place
 
     def _repr_html_(self) -> str:
         """For a notebook: title, indicators and picture."""
@@ -163,7 +163,7 @@ class Result(Run):
         return f"<{type(self).__name__} {self.title!r}: {self.outcome}{said}>"
 
 
-def kept(result: Result, folder: Path) -> Result:
+def save_result(result: Result, folder: Path) -> Result:
     """The result, saved in a folder.
 
     Args:
@@ -250,10 +250,10 @@ class Identified:
     def _repr_html_(self) -> str:
         """For a notebook: the verdict in words, and each parameter with its interval."""
         from twin.base.page import Table, Text, fragment
-        from twin.identify.report import HEADS, rows
+        from twin.identify.report import TABLE_HEADINGS, rows
 
         title = f"Identification from {self.found.source}"
-        return fragment(title, [Table("", HEADS, rows(self.found)), Text(self.sentences)])
+        return fragment(title, [Table("", TABLE_HEADINGS, rows(self.found)), Text(self.sentences)])
 
 
 def identify(
@@ -290,7 +290,7 @@ def identify(
         TwinError: If the log cannot be read, or nothing can be learned from it.
     """
     from twin.identify.logs import ball_factor, ball_heights, read_any, wanted_columns
-    from twin.identify.parameters import PLAIN, chosen
+    from twin.identify.parameters import PLAIN_PARAMETERS, chosen
     from twin.scenario import load
 
     if isinstance(hold_out, float | int) and not 0 <= hold_out <= 0.8:
@@ -309,7 +309,7 @@ def identify(
             if isinstance(hold_out, float | int)
             else [read_any(path, wanted, separator) for path in _paths(hold_out)]
         )
-        fitted = chosen(",".join(names) or None, tuple(PLAIN), ())
+        fitted = chosen(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
         rig = load("hold", [f"parameters={on}"]).plant.model if on else None
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
             found = identify_any(
@@ -327,7 +327,7 @@ def identify(
     if not isinstance(hold_out, float | int):
         raise ScenarioError("hold_out: must be 0 to 0.8; another log is taken with columns only")
     wanted_names = chosen(",".join(names) or None)
-    recorded = _recorded(log)
+    recorded = _read_recorded(log)
     if factor is not None:
         recorded = recorded.with_ball(factor)
     with report.progress(f"identifying from {recorded.source}", 1.0) as advance:
@@ -340,7 +340,7 @@ def _paths(logs: str | Path | Result | Sequence[str | Path]) -> list[Path]:
     return [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
 
 
-def _recorded(log: str | Path | Result) -> logs.Log:
+def _read_recorded(log: str | Path | Result) -> logs.Log:
     from twin.identify import logs
 
     if not isinstance(log, Result):
@@ -348,5 +348,5 @@ def _recorded(log: str | Path | Result) -> logs.Log:
     if log.folder is not None:
         return logs.read(log.folder)
     scenario = log.scenario.model_dump(mode="json")
-    columns = {name: log[name] for name in logs.COLUMNS if name in log}
+    columns = {name: log[name] for name in logs.LOG_COLUMN_UNITS if name in log}
     return logs.of_columns(columns, {"scenario": scenario}, log.name)

@@ -20,12 +20,12 @@ from controllers.interfaces import Measurement, Reference
 from twin.base.errors import RecordError, TwinError
 from twin.base.shipped import find
 from twin.run.assemble import PLANTS, assemble
-from twin.run.loop import RunMonitor, passed
+from twin.run.loop import RunMonitor, record_and_wait
 from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder
 from twin.scenario.schema import Scenario
 
-LOOKED = 100
+DIVERGENCE_CHECK_PERIODS = 100
 """Control periods after which is looked whether numbers have run away, as in a run."""
 
 
@@ -139,13 +139,13 @@ class Rig:
         count = len(self.scenarios)
 
         def each(what: str, given: ArrayLike, width: int) -> Array:
-            return np.broadcast_to(shaped(what, given, (width,), (count, width)), (count, width))
+            return np.broadcast_to(as_shape(what, given, (width,), (count, width)), (count, width))
 
         wanted = each("rate", rate, 2)
         believed = each("estimate", np.full(8, np.nan) if estimate is None else estimate, 8)
         known = len(self._record.further)
         more = each("further", np.full(known, np.nan) if further is None else further, known)
-        took = float(shaped("computed_s", computed_s, ()))
+        took = float(as_shape("computed_s", computed_s, ()))
         if not 0 <= took < np.inf:
             raise TwinError(f"computed_s: must be a time in s of 0 or more, got {computed_s!r}")
         late = max(0, math.ceil(took / self.period - 1e-9) - 1)
@@ -165,9 +165,9 @@ class Rig:
         now, requested = self.measurement, (wanted - self.applied) / self.period
         before, self.applied = self.applied, self._rig.write(wanted)
         decided = (believed, requested, (self.applied - before) / self.period, more)
-        self.measurement = passed(self._rig, self._record, now, *decided)
+        self.measurement = record_and_wait(self._rig, self._record, now, *decided)
         self._over = self._monitor.watch(self.measurement)
-        if not self._over and (self._record.length - 1) % LOOKED == 0:
+        if not self._over and (self._record.length - 1) % DIVERGENCE_CHECK_PERIODS == 0:
             self._over = self._monitor.examine(self.time)
 
     def result(self, rig: int = 0) -> Result:
@@ -190,7 +190,7 @@ class Rig:
         return Result.from_run(done, f"rig-{rig}", PLANTS[scenario.plant.kind].label)
 
 
-def shaped(what: str, given: ArrayLike, *shapes: tuple[int, ...]) -> Array:
+def as_shape(what: str, given: ArrayLike, *shapes: tuple[int, ...]) -> Array:
     """Numbers of one of some shapes.
 
     Raises:
@@ -251,8 +251,8 @@ def rig(
     return Rig(scenarios)
 
 
-EXACT = {"plant.kind": "lagrange"}
-QUIET = {
+EXACT_PLANT = {"plant.kind": "lagrange"}
+NO_NOISE = {
     f"{key}.variance": [0, 0] for key in ("sensors.touch", "sensors.encoders", "disturbance")
 } | {f"sensors.touch.{key}": 0 for key in ("dead_time_spread", "jitter", "lost")}
 """Without any noise; a vibration that is random is left out, too."""
@@ -293,9 +293,9 @@ def fmu(
     if path.suffix != ".fmu":
         raise RecordError(f"{path}: an FMU's file must end in .fmu")
     find(str(scenario))
-    said = [*changes_of(settings, changes), *changes_of(EXACT, {})]
+    said = [*changes_of(settings, changes), *changes_of(EXACT_PLANT, {})]
     chosen = scenario_of(scenario, said)
-    still = QUIET | ({"plant.servo.vibration": 0} if chosen.plant.servo.vibration_wander else {})
+    still = NO_NOISE | ({"plant.servo.vibration": 0} if chosen.plant.servo.vibration_wander else {})
     quiet = scenario_of(scenario, [*said, *changes_of(still, {})])
     from twin.fmu.export import export
 

@@ -19,7 +19,7 @@ from ballplate.reporter import Reporter, default, writable
 from twin.base.errors import LawError, RigError, ScenarioError, TwinError
 from twin.base.shipped import find
 from twin.base.writing import written_alone
-from twin.run.files import STREAM, free
+from twin.run.files import STREAM_FILE, free
 
 if TYPE_CHECKING:
     from ballplate.results import Result
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from twin.view.live_process import LiveProcess
 
 
-CLEAN = "clean model"
+CLEAN_LABEL = "clean model"
 """The same controller on the frictionless equations (5.9) it was designed on."""
 WORTH_PROCESS = 5.0
 """Simulated seconds from which a process of its own saves time."""
@@ -107,13 +107,13 @@ def run(
     name, incomplete = Path(scenario).stem, list[str]()
     with alone, parallel as second, ExitStack() as written:
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
-        with traced(file, report, bounded=trace is None, incomplete=incomplete) as heard:
-            rig = connected(on, chosen, keys, report, reset=reset, hear=heard)
+        with write_trace(file, report, bounded=trace is None, incomplete=incomplete) as heard:
+            rig = open_rig(on, chosen, keys, report, reset=reset, hear=heard)
             with rig as (real, chosen), attached as attach:
-                baseline = _begun(chosen, second, report) if compared else None
+                baseline = _begin_clean_run(chosen, second, report) if compared else None
                 observed = attach
                 if real is not None and folder is not None:
-                    observed = written.enter_context(streamed(chosen, folder, attach))
+                    observed = written.enter_context(stream_record(chosen, folder, attach))
                 done = one_run(chosen, label, report, observed, real)
                 result = Result.from_run(done, name, label)
                 # what is kept does not depend on anything that is done after the run
@@ -145,25 +145,25 @@ def _run_others(
     from ballplate.results import Result
 
     if baseline is not None:
-        with suppress(KeyboardInterrupt), _kept(reporter, rig):
-            result.baseline = Result.from_run(baseline(result), result.name, CLEAN)
+        with suppress(KeyboardInterrupt), _keep_rig_outcome(reporter, rig):
+            result.baseline = Result.from_run(baseline(result), result.name, CLEAN_LABEL)
     for name, its in further.items():
         with suppress(KeyboardInterrupt):
             result.beside[name] = Result.from_run(one_run(its, name, reporter), name)
 
 
 @contextmanager
-def _kept(reporter: Reporter, rig: Rig | None) -> Iterator[None]:
+def _keep_rig_outcome(reporter: Reporter, rig: Rig | None) -> Iterator[None]:
     """Only tell what a law raises beside what a rig did, which is to be kept."""
     try:
         yield
     except LawError as error:
         if rig is None:
             raise
-        reporter.warn(f"{CLEAN}: {error}")
+        reporter.warn(f"{CLEAN_LABEL}: {error}")
 
 
-FRAMES = 1 << 18
+TRACE_BUFFER_FRAMES = 1 << 18
 """Frames the buffer holds: more than a minute of two drives at 2 ms."""
 
 
@@ -180,17 +180,17 @@ def trace_file(
             what, needed = reporter.name_of("trace"), reporter.name_of("on")
             raise ScenarioError(f"{what}: a simulated rig has no bus; it needs {needed}")
         return None
-    from twin.devices.akd import TRACE
+    from twin.devices.akd import TRACE_FILE
     from twin.devices.akd.traces import check_ending
 
     if trace is None:
-        return None if folder is None else folder / TRACE
+        return None if folder is None else folder / TRACE_FILE
     check_ending(Path(trace))
     return Path(trace)
 
 
 @contextmanager
-def traced(
+def write_trace(
     file: Path | None,
     reporter: Reporter,
     *,
@@ -211,11 +211,11 @@ def traced(
     if file is None:
         yield None
         return
-    from twin.devices.akd.traces import COLUMNS, PART, appended, seal, to_row
+    from twin.devices.akd.traces import COLUMNS, PART, append_trace, seal, to_row
     from twin.view.live_process import EVIDENCE_PATIENCE, LiveProcess
 
-    more = appended, file, PART if bounded else None
-    with closing(LiveProcess(_write, more, rows=FRAMES, width=len(COLUMNS))) as live:
+    more = append_trace, file, PART if bounded else None
+    with closing(LiveProcess(_write, more, rows=TRACE_BUFFER_FRAMES, width=len(COLUMNS))) as live:
         put = live.take_rows(COLUMNS)
         live.begun()
         try:
@@ -281,8 +281,11 @@ def one_run(
         return finished.run(scenario, advance, attach, rig)
 
 
-LATER = "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say", 30
-EARLIER = "the dead time is {:.0f} ms shorter than predictor.delay says", 15
+LATER_WARNING = (
+    "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say",
+    30,
+)
+EARLIER_WARNING = "the dead time is {:.0f} ms shorter than predictor.delay says", 15
 """How a rig may differ from what the cure is told, and from how many ms on its error may double."""
 
 
@@ -308,7 +311,10 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     unknown = lag - told if told or not encoders else max(0.0, lag - LONGEST_LAG)
     drives = scenario.plant.servo.dead_time  # beside encoders nothing told has it in it
     dead, unknown = (dead, unknown + drives) if encoders else (dead + drives, unknown)
-    for (said, most), by in ((LATER, 1000 * (dead + unknown)), (EARLIER, -1000 * dead)):
+    for (said, most), by in (
+        (LATER_WARNING, 1000 * (dead + unknown)),
+        (EARLIER_WARNING, -1000 * dead),
+    ):
         if scenario.controller.kind == "stable_inversion" and by > most:
             dangers.append(f"{said.format(by)}: from {most} ms on the cure may err twice as much")
     for danger in dangers:
@@ -332,13 +338,15 @@ def warn_of_path(scenario: Scenario, reporter: Reporter, label: str = "") -> Non
 
 def importable(scenario: Scenario) -> bool:
     """Whether another process knows the scenario's law, observer and reference, too."""
-    from controllers.catalog import registered
+    from controllers.catalog import registered_names
 
     kinds = (scenario.controller.kind, scenario.observer.kind, scenario.reference.kind)
-    return registered().isdisjoint(kinds)
+    return registered_names().isdisjoint(kinds)
 
 
-def _begun(scenario: Scenario, beside: SecondProcess, reporter: Reporter) -> Callable[[Run], Run]:
+def _begin_clean_run(
+    scenario: Scenario, beside: SecondProcess, reporter: Reporter
+) -> Callable[[Run], Run]:
     """Begin the run of the clean model in the second process, if there is one.
 
     What is returned gives its run, for as long as the run that it is given lasted.
@@ -355,19 +363,19 @@ def _begun(scenario: Scenario, beside: SecondProcess, reporter: Reporter) -> Cal
 
     def ended(done: Run) -> Run:
         if done.outcome != "finished":
-            return one_run(cut_short(model, done.end), CLEAN, reporter, path=False)
+            return one_run(cut_short(model, done.end), CLEAN_LABEL, reporter, path=False)
         if not beside.there:
-            return one_run(model, CLEAN, reporter, path=False)
+            return one_run(model, CLEAN_LABEL, reporter, path=False)
         warn_of_dangers(model, reporter)
-        with reporter.progress(CLEAN, model.duration):
+        with reporter.progress(CLEAN_LABEL, model.duration):
             return result()
 
     return ended
 
 
-EMULATED = "emulated"
+EMULATED_RIG = "emulated"
 """The word for the virtual rig in place of a rig file."""
-EVERY = 0.25
+WRITE_INTERVAL_S = 0.25
 """Seconds from one writing of what has been recorded to the next."""
 MOST = 2000
 """Rows written at a time, so that one sees a writer that is behind go on."""
@@ -389,19 +397,19 @@ def rig_of(
     Raises:
         TwinError: If there is no such rig, or its file is wrong.
     """
-    from twin.emulator.serve import emulated
+    from twin.emulator.serve import serve_rig
     from twin.scenario.rig import check_rig, read_rig
 
-    if on != EMULATED:
+    if on != EMULATED_RIG:
         yield read_rig(Path(on)), None
         return
-    with emulated(scenario) as virtual:
-        yield check_rig(virtual.tables, EMULATED), virtual
+    with serve_rig(scenario) as virtual:
+        yield check_rig(virtual.tables, EMULATED_RIG), virtual
         reporter.note(virtual.lag())
 
 
 @contextmanager
-def connected(
+def open_rig(
     on: str | None,
     scenario: Scenario,
     keys: Sequence[str],
@@ -430,7 +438,7 @@ def connected(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None, scenario
         return
-    from twin.run.assemble import believed, build_reference
+    from twin.run.assemble import assumed_transmission, build_reference
     from twin.run.connect import connect
 
     if scenario.sensors.ideal:
@@ -439,7 +447,7 @@ def connected(
         raise ScenarioError(
             f"{name} {on}: [[change]] changes a simulated rig, none on a wire; leave it out"
         )
-    if on != EMULATED:
+    if on != EMULATED_RIG:
         for key in keys:
             if key.startswith(SIMULATION_ONLY):
                 raise ScenarioError(
@@ -456,7 +464,7 @@ def connected(
             yield real, file.limited(scenario)
             return
         # what a virtual rig knows of its cams is part of its scenario
-        known, paused = believed(scenario), virtual.pauses.paused
+        known, paused = assumed_transmission(scenario), virtual.pauses.paused
         real = connect(scenario, file, reset=reset, transmission=known, paused=paused, hear=hear)
         yield real, scenario
 
@@ -481,12 +489,12 @@ def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:
 
     If one of them ended the run while the computer was late, that comes first.
     """
-    from twin.devices.realtime import blamed
+    from twin.devices.realtime import describe_lateness
     from twin.hal.interface import Severity
 
     mild = Severity.WARNING
     stopped = any(entry.note.condition.severity is not mild for entry in rig.journal)
-    if stopped and (line := blamed(rig.clock.timing.as_dict())):
+    if stopped and (line := describe_lateness(rig.clock.timing.as_dict())):
         reporter.note(line, weighty=True)
     for line in (*rig.scheduling, *rig.clock.timing.text()):
         reporter.note(line)
@@ -495,7 +503,7 @@ def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:
 
 
 @contextmanager
-def streamed(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attach]:
+def stream_record(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attach]:
     """Have what a run records written by another process while it lasts.
 
     Where the run is killed, or cannot be kept, that remains; else it is gone.
@@ -505,17 +513,17 @@ def streamed(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attac
         folder: Holds no run.
         attach: What else is given the recorder before the run.
     """
-    from twin.run.finished import described
+    from twin.run.finished import run_metadata
     from twin.run.record import stream
     from twin.view.live_process import EVIDENCE_PATIENCE, LiveProcess
 
-    file = folder / STREAM
+    file = folder / STREAM_FILE
     with ExitStack() as end:
         writers: list[LiveProcess] = []
 
         def both(recorder: Recorder) -> None:
             attach(recorder)
-            more = stream, file, recorder.units, described(scenario)
+            more = stream, file, recorder.units, run_metadata(scenario)
             live = LiveProcess(_write, more)
             end.callback(live.close)
             writers.append(live)
@@ -546,7 +554,7 @@ def _write(buffer: tuple[int, int, str], into: Callable[..., Any], *more: Any) -
     step_back(EVIDENCE_NICENESS)
     with closing(SharedRingBuffer(*buffer)) as ring, ExitStack() as end:
         append = None
-        for block in ring.blocks(EVERY, MOST):
+        for block in ring.blocks(WRITE_INTERVAL_S, MOST):
             if block and len(block["time"]):
                 append = append or end.enter_context(into([*block], *more))
                 append(block)

@@ -14,21 +14,21 @@ import numpy as np
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.systems import INPUTS, SPIN, UNITS, without_state
 from controllers.arrays import Array
-from controllers.ballplate import MEASURED, STATES, constants
+from controllers.ballplate import MEASURED_STATES, STATE_NAMES, constants
 from twin.base.errors import ScenarioError, extra
 from twin.fmu.export import parameters
 from twin.run.assemble import build_limits
 from twin.sim.plant.exact import RollingModel, rolling
 from twin.sim.plant.interface import BallSpin, gravity_in_rig
 
-PARAMETERS = (
+SYMBOL_KEYS = (
     *("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia"),
     *("plant.level[1]", "plant.level[2]"),
     *("plant.friction.rolling", "plant.friction.breakaway_ratio"),
     *("plant.friction.stribeck_speed", "plant.friction.viscous"),
 )
 """What is a symbol of p: keys of ``describe`` without the suffix of their unit, as in an FMU."""
-WIDTH = 0.002
+SMOOTHING_SPEED_M_S = 0.002
 """Speed in m/s over which friction is smoothed by default."""
 
 
@@ -159,7 +159,7 @@ def symbolic(
     settings: Settings = (),
     *,
     period: float | None = None,
-    width: float = WIDTH,
+    width: float = SMOOTHING_SPEED_M_S,
     spin: bool = False,
     **changes: Unpack[Changes],
 ) -> Symbolic:
@@ -186,11 +186,11 @@ def symbolic(
             raise ScenarioError(f"{name}: must be more than 0, got {value!r}")
     known = {each.name: each for each in parameters(chosen)}
     ball, predictor = chosen.designed_on, chosen.predictor
-    nominal = {name: known[name].start for name in PARAMETERS}
+    nominal = {name: known[name].start for name in SYMBOL_KEYS}
     nominal |= {f"plant.ball.{name}": getattr(ball, name) for name in ("mass", "radius", "inertia")}
-    names = (*STATES, SPIN) if spin else STATES
+    names = (*STATE_NAMES, SPIN) if spin else STATE_NAMES
     about = without_state(chosen.plant.ball_spin, spin=spin)
-    x, u, p = ca.SX.sym("x", len(names)), ca.SX.sym("u", 2), ca.SX.sym("p", len(PARAMETERS))
+    x, u, p = ca.SX.sym("x", len(names)), ca.SX.sym("u", 2), ca.SX.sym("p", len(SYMBOL_KEYS))
     parts = ca.vertsplit(x), ca.vertsplit(u), ca.vertsplit(p)
     xdot = ca.vertcat(*_rates(ca, *parts, ball, width, about))
     f = ca.Function("f", [x, u, p], [xdot], ["x", "u", "p"], ["xdot"])
@@ -204,13 +204,13 @@ def symbolic(
             f"{axis}_rate": limits.rate,
             f"{axis}_acc": limits.acceleration,
         }
-    measured = tuple(STATES[i] for i in MEASURED)
+    measured = tuple(STATE_NAMES[i] for i in MEASURED_STATES)
     return Symbolic(
-        x, u, p, xdot, x[list(MEASURED)], f,
+        x, u, p, xdot, x[list(MEASURED_STATES)], f,
         ca.Function("F", [x, u, p], [after], ["x", "u", "p"], ["x_after"]),
-        {"x": names, "u": INPUTS, "p": PARAMETERS, "y": measured},
+        {"x": names, "u": INPUTS, "p": SYMBOL_KEYS, "y": measured},
         {name: UNITS[name] for name in (*names, *INPUTS)}
-        | {name: known[name].unit or "1" for name in PARAMETERS},
+        | {name: known[name].unit or "1" for name in SYMBOL_KEYS},
         {name: (-value, value) for name, value in most.items()},
         np.array(list(nominal.values()), float),
         chosen.sensors.touch.dead_time if predictor is None else predictor.delay,

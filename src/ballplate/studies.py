@@ -16,7 +16,7 @@ from twin.base.errors import LawError, ScenarioError, nearest
 from twin.base.page import Picture, Table, Text, fragment
 from twin.base.shipped import find
 from twin.base.writing import write_whole
-from twin.run.files import UNITS
+from twin.run.files import INDICATOR_UNITS
 from twin.run.tables import LABELS, by_run
 
 if TYPE_CHECKING:
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from twin.study.work import Work
 
 
-DRAWN = ("tracking_error_percent", "rms_error")
+DRAWN_INDICATORS = ("tracking_error_percent", "rms_error")
 """The first of these indicators that applies is drawn unless another is named."""
-WIDTH = 80
+TITLE_WIDTH = 80
 """Characters in a line of the title."""
 
 
@@ -83,7 +83,7 @@ class Sweep:
         """The rows over the values of the first key, by the values of the others."""
         found: dict[str, list[Mapping[str, Any]]] = {}
         for point, row in zip(self.points, self.rows, strict=True):
-            found.setdefault(", ".join(map(named, point[1:])), []).append(row)
+            found.setdefault(", ".join(map(format_value, point[1:])), []).append(row)
         return found
 
     def to_pandas(self) -> pd.DataFrame:
@@ -100,14 +100,17 @@ class Sweep:
         for at, row in zip(self.points, self.rows, strict=True):
             when = "" if row["outcome_time"] is None else f" at {row['outcome_time']:.3g} s"
             early = {"outcome": row["outcome"] + when}
-            runs[", ".join(map(named, at))] = row if row["outcome"] == "finished" else early
+            runs[", ".join(map(format_value, at))] = row if row["outcome"] == "finished" else early
         return by_run(runs, ", ".join(self.keys))
 
     def csv(self) -> str:
         """A line per run: values of the keys, every indicator with its unit in the header."""
-        names = ["outcome", *(name for name in UNITS if name != "real_time_factor")]
+        names = ["outcome", *(name for name in INDICATOR_UNITS if name != "real_time_factor")]
         frame = self.to_pandas().reindex(columns=[*self.keys, *names])
-        frame.columns = [f"{name} [{UNITS[name]}]" if name in UNITS else name for name in frame]
+        frame.columns = [
+            f"{name} [{INDICATOR_UNITS[name]}]" if name in INDICATOR_UNITS else name
+            for name in frame
+        ]
         return frame.to_csv(index=False, lineterminator="\n")
 
     def plot(self, *metrics: str) -> Figure:
@@ -124,16 +127,16 @@ class Sweep:
         """
         import numpy as np
 
-        from twin.run.picture import drawn, style
+        from twin.run.picture import style, styled_figure
 
-        known = [name for name in DRAWN if any(each is not None for each in self[name])]
-        wanted = metrics or known[:1] or DRAWN[:1]
+        known = [name for name in DRAWN_INDICATORS if any(each is not None for each in self[name])]
+        wanted = metrics or known[:1] or DRAWN_INDICATORS[:1]
         for name in wanted:
             self[name]  # tells which there are
         numeric = all(isinstance(value, int | float) for value in self.values)
-        at = np.array(self.values if numeric else [*map(named, self.values)])
-        with drawn(8, 1.6 + 2.8 * len(wanted)) as figure:
-            title = "\n".join(textwrap.wrap(self.title, WIDTH))
+        at = np.array(self.values if numeric else [*map(format_value, self.values)])
+        with styled_figure(8, 1.6 + 2.8 * len(wanted)) as figure:
+            title = "\n".join(textwrap.wrap(self.title, TITLE_WIDTH))
             figure.suptitle(title, fontsize=11, fontweight="bold")
             panels = figure.subplots(len(wanted), sharex=True, squeeze=False)[:, 0]
             for panel, name in zip(panels, wanted, strict=True):
@@ -171,7 +174,7 @@ class Sweep:
         return fragment(self.title, [self.table(), Picture("", png(self.plot()))])
 
 
-def named(value: Any) -> str:
+def format_value(value: Any) -> str:
     """A value in the digits a person wants to read."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
@@ -219,7 +222,7 @@ def sweep(
     rows: dict[int, dict[str, Any]] = {}
     try:
         numbered = dict(enumerate(cases))
-        rows.update(carried_out(_judged, numbered, processes, report, "sweep"))
+        rows.update(carried_out(_evaluate_run, numbered, processes, report, "sweep"))
     except KeyboardInterrupt:
         if not rows:
             raise
@@ -238,7 +241,7 @@ def sweep(
     return done
 
 
-def _judged(scenario: Scenario) -> dict[str, Any]:
+def _evaluate_run(scenario: Scenario) -> dict[str, Any]:
     """The indicators of a run; of one whose law raises an error none, but its line."""
     done = attempt(scenario)
     if isinstance(done, LawError):
@@ -248,7 +251,7 @@ def _judged(scenario: Scenario) -> dict[str, Any]:
 
 def _none(outcome: str) -> dict[str, Any]:
     """The indicators of a run that there is not, and why not."""
-    return dict.fromkeys(UNITS) | {"outcome": outcome}
+    return dict.fromkeys(INDICATOR_UNITS) | {"outcome": outcome}
 
 
 @dataclass(repr=False, eq=False)
@@ -279,9 +282,9 @@ class StudyResult:
 
     def to_pandas(self) -> pd.DataFrame:
         """A row per run: variant, point, seed, parameters, outcome, indicators."""
-        from twin.study.experiments import labelled
+        from twin.study.experiments import label_rows
 
-        return labelled(self.work.labels, self.rows).to_pandas()
+        return label_rows(self.work.labels, self.rows).to_pandas()
 
     def plot(self) -> dict[str, Figure]:
         """Its figures by name: ``curves`` or ``indices``, as the method has."""
@@ -303,9 +306,9 @@ class StudyResult:
 
     def _repr_html_(self) -> str:
         """For a notebook: sentences, a row per variant, figures."""
-        from twin.study.report import compared
+        from twin.study.report import compare_variants
 
-        found = compared(self.work.study, self.answers)
+        found = compare_variants(self.work.study, self.answers)
         pictures = [Picture("", png(figure)) for figure in self.plot().values()]
         return fragment(self.title, [Text(self.sentences), found, *pictures])
 

@@ -17,7 +17,7 @@ import pytest
 
 import ballplate as bp
 from ballplate.reporter import Reporter
-from ballplate.running import streamed, tell_timing, traced
+from ballplate.running import stream_record, tell_timing, write_trace
 from twin.base.errors import TwinError
 from twin.devices.akd.conditions import NODE_ABSENT, DriveError
 from twin.devices.akd.traces import read_trace
@@ -106,7 +106,7 @@ def test_what_a_rig_believes_of_its_cams_needs_no_mechanism(keys, monkeypatch):
     scenario, angle = load("circle", keys), np.array([[0.03, -0.02]])
     wanted = assemble.build_plant([scenario])[1].motor(angle)
     monkeypatch.setattr(assemble, "build_plant", None)
-    assert np.array_equal(assemble.believed(scenario).motor(angle), wanted)
+    assert np.array_equal(assemble.assumed_transmission(scenario).motor(angle), wanted)
 
 
 def killed(program, place, read, whole):
@@ -177,7 +177,7 @@ def test_an_error_on_the_wire_ends_with_where_the_trace_lies(tmp_path):
     error = DriveError(NODE_ABSENT, "drive phi (node 1)", "does not answer")
 
     def fail():
-        with traced(file, told, bounded=True) as hear:
+        with write_trace(file, told, bounded=True) as hear:
             hear(said)
             raise error
 
@@ -198,7 +198,7 @@ def test_a_bus_that_was_never_opened_leaves_no_trace_and_an_older_one_is_not_its
         (tmp_path / name).touch()
     with (
         pytest.raises(DriveError, match=r"cannot be opened$"),
-        traced(tmp_path / "trace.log", Heard(), bounded=True),
+        write_trace(tmp_path / "trace.log", Heard(), bounded=True),
     ):
         raise DriveError(NODE_ABSENT, "CAN", "cannot be opened")
     assert [each.name for each in tmp_path.iterdir()] == older
@@ -208,7 +208,7 @@ def test_a_bus_that_was_never_opened_leaves_no_trace_and_an_older_one_is_not_its
 def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails):
     folder = tmp_path / "run"
     try:
-        with streamed(scenario(), folder, lambda _: None) as attach:
+        with stream_record(scenario(), folder, lambda _: None) as attach:
             run(scenario(), watch=attach)
             assert not fails or 1 / 0
     except ZeroDivisionError:
@@ -220,7 +220,7 @@ def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails
 @pytest.mark.usefixtures("unlocked")
 def test_a_run_on_a_rig_never_replaces_one(tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "ballplate.running.connected", lambda _, its, *__, **___: nullcontext((None, its))
+        "ballplate.running.open_rig", lambda _, its, *__, **___: nullcontext((None, its))
     )
     short = {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
     for on, names in (("my.toml", ["one", "one~2"]), (None, ["one", "one"])):

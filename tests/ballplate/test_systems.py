@@ -7,13 +7,13 @@ import pytest
 import ballplate as bp
 from ballplate.systems import DESIRED, INPUTS
 from controllers.analysis import margins, sampled_loop, state_feedback_loop
-from controllers.ballplate import STATES
+from controllers.ballplate import STATE_NAMES
 from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, PolePlacement
 from twin.run.assemble import build_controller
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.mechanism import Mechanism
 
-AXIS_X = list(STATES[:4])
+AXIS_X = list(STATE_NAMES[:4])
 FREE = {"plant": {"kind": "lagrange", "friction": {"rolling_mm": 0}}}
 IDEAL = {"observer": "ideal", "predictor": None, "sensors": {"ideal": True}, **FREE}
 T = 0.002
@@ -47,13 +47,13 @@ def test_the_linear_plant_is_the_derivative_of_the_equations():
     found = control.linearize(equations, np.zeros(8), np.zeros(2))
     assert np.allclose(found.A, plant.A, atol=1e-9)
     assert np.allclose(found.B, plant.B, atol=1e-9)
-    assert plant.state_labels == equations.output_labels == list(STATES)
+    assert plant.state_labels == equations.output_labels == list(STATE_NAMES)
     assert plant.A[1, 2] == pytest.approx(5 / 7 * 9.81, rel=1e-3)
 
 
 def test_every_signal_has_a_unit_and_a_column_of_the_record():
     done = bp.run("hold", duration=0.05, **FREE)
-    for name in (*STATES, *INPUTS):
+    for name in (*STATE_NAMES, *INPUTS):
         prefix = "applied" if name in INPUTS else "true"
         assert done.units[f"{prefix}_{name}"] == bp.systems.UNITS[name]
     for each in (bp.systems.law("circle"), bp.systems.sampled("circle")):

@@ -5,7 +5,14 @@ from command_line import called
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.base.data_file import DEEPEST, INTEGERS, DataError, parse_json, parse_toml, read_toml
+from twin.base.data_file import (
+    INTEGER_RANGE,
+    MAX_NESTING,
+    DataError,
+    parse_json,
+    parse_toml,
+    read_toml,
+)
 
 DEEP = "[" * 3000 + "]" * 3000
 TABLES = "{a = " * 3000 + "1" + "}" * 3000
@@ -100,12 +107,12 @@ def test_a_damaged_csv_log_is_one_line_at_once(refused, tmp_path, text, expected
 
 
 def test_what_is_within_the_limits_is_read_as_it_stands(tmp_path):
-    low, high = INTEGERS
-    text = f"{'.'.join('a' * DEEPEST)} = {high}\n# {LONG[:63]}\nb = [{low}, 1.5, 'x.y']\n"
+    low, high = INTEGER_RANGE
+    text = f"{'.'.join('a' * MAX_NESTING)} = {high}\n# {LONG[:63]}\nb = [{low}, 1.5, 'x.y']\n"
     (tmp_path / "good.toml").write_text(text)
     node = read_toml(tmp_path / "good.toml")
     assert node["b"] == [low, 1.5, "x.y"]
-    for _ in range(DEEPEST - 1):
+    for _ in range(MAX_NESTING - 1):
         node = node["a"]
     assert node["a"] == high
 

@@ -23,7 +23,7 @@ def test_a_person_is_asked_in_words():
 @pytest.mark.long
 @pytest.mark.real_time
 def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(ballplate, tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.doctor.drives.READINGS", 5)  # of a point, instead of 20
+    monkeypatch.setattr("twin.doctor.drives.TOUCH_READINGS", 5)  # of a point, instead of 20
     file = tmp_path / "touch.json"
     corners = [(x, y) for x in (-0.28, 0.28) for y in (-0.15, 0.15)]
     monkeypatch.setattr("twin.doctor.drives.usual_points", lambda: corners)

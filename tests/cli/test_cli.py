@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from twin.base.shipped import shipped_in
-from twin.cli import COMMANDS, FIRST, GROUPS, output
+from twin.cli import COMMAND_GROUPS, COMMANDS, COMMON_COMMANDS, output
 from twin.cli import ballplate as program
 
 
@@ -70,14 +70,16 @@ def test_without_arguments_it_says_what_help_says(ballplate):
 
 
 def test_every_command_is_in_one_group_and_the_most_used_stand_first(ballplate):
-    counts = Counter(name for names in GROUPS.values() for name in names)
+    counts = Counter(name for names in COMMAND_GROUPS.values() for name in names)
     assert counts == dict.fromkeys(COMMANDS, 1)
-    assert len(set(FIRST)) == 8
+    assert len(set(COMMON_COMMANDS)) == 8
     _, out, _ = ballplate("--help")
     first, rest = out.split("Options:")
-    assert [line.split()[1] for line in first.splitlines() if "  ballplate " in line] == [*FIRST]
+    assert [line.split()[1] for line in first.splitlines() if "  ballplate " in line] == [
+        *COMMON_COMMANDS
+    ]
     titles = [line.removesuffix(":") for line in rest.splitlines() if line[:1].isupper()]
-    assert titles == [*GROUPS]
+    assert titles == [*COMMAND_GROUPS]
     listed = [line.split()[0] for line in rest.splitlines() if line[:3].strip().isalpha()]
     assert [name for name in listed if name in COMMANDS] == [*COMMANDS]
 

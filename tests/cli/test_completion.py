@@ -8,12 +8,12 @@ import pytest
 from click.shell_completion import BashComplete
 
 from twin.cli import ballplate
-from twin.cli.options import VARIABLE
+from twin.cli.options import COMPLETION_VARIABLE
 
 
 def offered(*words):
     """What is offered for the last word."""
-    shell = BashComplete(ballplate, {}, "ballplate", VARIABLE)
+    shell = BashComplete(ballplate, {}, "ballplate", COMPLETION_VARIABLE)
     return [each.value for each in shell.get_completions(list(words[:-1]), words[-1])]
 
 

@@ -56,7 +56,7 @@ def signal_writer(number):
 @pytest.mark.long
 def test_a_trace_waits_for_a_writer_that_a_busy_computer_stopped_for_six_seconds(tmp_path):
     file, told = tmp_path / "trace.log", Warned()
-    with running.traced(file, told, bounded=True) as hear:
+    with running.write_trace(file, told, bounded=True) as hear:
         signal_writer(signal.SIGSTOP)
         threading.Timer(6.0, signal_writer, (signal.SIGCONT,)).start()
         for number in range(20_000):
@@ -84,7 +84,7 @@ def test_a_trace_whose_writer_was_killed_says_so_in_run_report_and_trace(
         yield None, chosen
         without_end(hear, tmp_path / "run" / "trace.log")
 
-    monkeypatch.setattr(running, "connected", simulated)
+    monkeypatch.setattr(running, "open_rig", simulated)
     told, short = Warned(), {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
     done = bp.run("hold", on="my.toml", out=tmp_path / "run", reporter=told, **short)
     lacks = "30 of 130 frames are missing: the process that writes it ended before"
@@ -134,9 +134,9 @@ def in_lockstep(*_, **__):
 
 
 AFTER = {
-    "the clean model": "ballplate.running._begun",
+    "the clean model": "ballplate.running._begin_clean_run",
     "the timing": "ballplate.running.tell_timing",
-    "the picture": "twin.run.finished.drawn",
+    "the picture": "twin.run.finished.draw_runs",
 }
 KILLED = """
 import os, signal, sys
@@ -171,10 +171,10 @@ def test_a_rigs_run_that_is_killed_after_its_end_has_that_end(tmp_path, place):
 
 
 def test_a_rigs_run_is_kept_with_its_end_before_its_clean_model_begins(tmp_path, monkeypatch):
-    monkeypatch.setattr(running, "connected", in_lockstep)
-    monkeypatch.setattr(running, "streamed", lambda *_: nullcontext(lambda _: None))
-    monkeypatch.setattr(running, "traced", lambda *_, **__: nullcontext(lambda _: None))
-    monkeypatch.setattr(running, "_begun", lambda *_: lambda *_: 1 / 0)
+    monkeypatch.setattr(running, "open_rig", in_lockstep)
+    monkeypatch.setattr(running, "stream_record", lambda *_: nullcontext(lambda _: None))
+    monkeypatch.setattr(running, "write_trace", lambda *_, **__: nullcontext(lambda _: None))
+    monkeypatch.setattr(running, "_begin_clean_run", lambda *_: lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         bp.run("hold", {"baseline": True}, on="my.toml", out=tmp_path / "run")
     check_end(tmp_path / "run")
@@ -193,7 +193,7 @@ def test_the_clean_model_runs_only_for_as_long_as_the_run_did(monkeypatch):
     done = bp.run("hold", [*FALLS[:2], "baseline=true"])
     assert done.outcome == "fell"
     (_, measured), (label, clean) = seen
-    assert (label, clean) == (running.CLEAN, pytest.approx(measured))
+    assert (label, clean) == (running.CLEAN_LABEL, pytest.approx(measured))
     assert measured < 5.0
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from controllers.catalog import add, catalog, forget, outside
 from controllers.interfaces import Law, Observer, Reference
-from twin.cli.runs import LIKE
+from twin.cli.runs import LAW_STARTS
 from twin.run.finished import run
 from twin.scenario import load
 from twin.study import schema
@@ -67,7 +67,7 @@ def test_what_it_writes_is_found_by_its_name_and_runs(kind, new):
     assert run(load("hold", (key, *SHORT))).outcome == "finished"
 
 
-@pytest.mark.parametrize("like", LIKE)
+@pytest.mark.parametrize("like", LAW_STARTS)
 def test_a_law_may_begin_like_another(like, new):
     new("law", "mine", "--like", like)
     law = catalog(Law)["mine"]

@@ -20,7 +20,7 @@ from twin.base.writing import _locked, written_alone
 from twin.emulator import serve
 from twin.play.serve import Simulation
 from twin.run import loop
-from twin.run.metrics import INTERRUPTED
+from twin.run.metrics import INTERRUPTED_REASON
 from twin.view.live_process import LiveProcess
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
@@ -48,7 +48,7 @@ def test_a_run_that_is_interrupted_does_not_replace_one_that_is_finished(ballpla
     assert code == 1
     assert Path("kept/run.parquet").read_bytes() == before
     assert "written to kept~2/" in " ".join(out.split())
-    assert bp.load("kept~2").metrics["reason"] == INTERRUPTED
+    assert bp.load("kept~2").metrics["reason"] == INTERRUPTED_REASON
 
 
 def test_a_run_that_is_interrupted_replaces_one_that_was(ballplate, monkeypatch):
@@ -187,7 +187,7 @@ def test_a_process_is_left_alone_by_ctrl_c_before_it_runs_a_line(monkeypatch, sc
     LiveProcess(print, ()).close()
     with pytest.raises(TwinError):
         Simulation(scenario())
-    with pytest.raises(AssertionError, match="started process"), serve.emulated(scenario()):
+    with pytest.raises(AssertionError, match="started process"), serve.serve_rig(scenario()):
         pass
     assert [each for each in begun if each != "tracker"] == [True] * 3
     assert "tracker" in (begun[0], begun[begun.index(True) - 1])

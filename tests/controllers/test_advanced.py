@@ -11,9 +11,9 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 from scipy.optimize import minimize
 
 from controllers.advanced import (
-    KNOT,
-    MOST,
-    SLICE,
+    GAIN_KNOT_S,
+    GAINS_PER_SWEEP,
+    MAX_SOLVER_ITERATIONS,
     InternalModel,
     IterativeLearning,
     Predictive,
@@ -21,7 +21,7 @@ from controllers.advanced import (
     TimeVaryingLQR,
     along,
 )
-from controllers.ballplate import SIGN, BallPlate
+from controllers.ballplate import TILT_SIGN, BallPlate
 from controllers.design import sample
 from controllers.interfaces import Feedback
 from controllers.references import Circle, Hold, Sine
@@ -235,7 +235,7 @@ def test_a_program_that_is_not_solved_in_time_leaves_the_last_plan_in_force(monk
     ticks = round(law.step / T)
     u = commands(law, Hold(), x, 5 * ticks)[::ticks, 0, 0]
     assert len(count) == 10
-    assert set(count) == {MOST}
+    assert set(count) == {MAX_SOLVER_ITERATIONS}
     np.testing.assert_allclose(u, planned[:5], rtol=1e-6, atol=1e-9)
     assert np.ptp(planned[:5]) > 1  # so that holding the first would be another thing
 
@@ -256,9 +256,9 @@ def test_on_its_path_it_asks_for_the_motion_of_ball_and_plate():
         wanted = fresh.at(tick * T)
         x = np.zeros((1, 8))
         x[:, 0::4], x[:, 1::4] = wanted.position, wanted.velocity
-        x[:, 2::4], x[:, 3::4] = SIGN * wanted.slope.angle, SIGN * wanted.slope.rate
+        x[:, 2::4], x[:, 3::4] = TILT_SIGN * wanted.slope.angle, TILT_SIGN * wanted.slope.rate
         u = law.command(told(tick * T, x, path, plan))
-        np.testing.assert_allclose(u, SIGN * wanted.slope.acceleration, atol=2e-3)
+        np.testing.assert_allclose(u, TILT_SIGN * wanted.slope.acceleration, atol=2e-3)
 
 
 def test_without_the_library_it_is_refused_in_one_line(monkeypatch):
@@ -269,14 +269,14 @@ def test_without_the_library_it_is_refused_in_one_line(monkeypatch):
 
 def gains(law, path, knots):
     plan = law.start(np.zeros(8), path, T)
-    return np.array([plan.gain(k * KNOT).copy() for k in range(knots)])
+    return np.array([plan.gain(k * GAIN_KNOT_S).copy() for k in range(knots)])
 
 
 def test_on_a_level_plate_it_is_the_regulator_of_the_flat_output():
     law = TimeVaryingLQR()
     K = gains(law, Hold(), 2)[1]
     flat = StableInversion(Q=law.Q).K
-    for axis, sign in enumerate(SIGN):
+    for axis, sign in enumerate(TILT_SIGN):
         # eta = x + c2 a and its rate, a, a' by the state of the axis
         by_state = flat @ (np.diag((1, 1, sign, sign)) + MODEL.c2 * sign * np.eye(4, k=2))
         own = slice(4 * axis, 4 * axis + 4)
@@ -285,9 +285,9 @@ def test_on_a_level_plate_it_is_the_regulator_of_the_flat_output():
 
 def test_the_gains_along_a_fast_path_are_those_of_the_differential_riccati_equation():
     law, path = TimeVaryingLQR(), Circle(amplitude=0.15, omega=4.0)
-    first = 2 * SLICE  # the third sweep, done tick by tick
-    found = gains(law, path, first + SLICE)[first:]
-    end = (first + SLICE) * KNOT + law.horizon
+    first = 2 * GAINS_PER_SWEEP  # the third sweep, done tick by tick
+    found = gains(law, path, first + GAINS_PER_SWEEP)[first:]
+    end = (first + GAINS_PER_SWEEP) * GAIN_KNOT_S + law.horizon
     Q = law.weight()
     A0, B0, _ = MODEL.linear()
     level = gains(law, Hold(), 1)[0]
@@ -299,10 +299,10 @@ def test_the_gains_along_a_fast_path_are_those_of_the_differential_riccati_equat
         return (A.T @ P + P @ A - P @ B @ B.T @ P + Q).ravel()
 
     begin = solve_continuous_are(A0, B0, Q, np.eye(2)).ravel()
-    times = end - (first + np.arange(0, SLICE, 8)) * KNOT
+    times = end - (first + np.arange(0, GAINS_PER_SWEEP, 8)) * GAIN_KNOT_S
     P = solve_ivp(rate, (0, times[0]), begin, t_eval=times[::-1], rtol=1e-8, atol=1e-8).y.T[::-1]
-    for k, p in zip(range(0, SLICE, 8), P, strict=True):
-        B = along(MODEL, path, np.array([(first + k) * KNOT]))[1][0]
+    for k, p in zip(range(0, GAINS_PER_SWEEP, 8), P, strict=True):
+        B = along(MODEL, path, np.array([(first + k) * GAIN_KNOT_S]))[1][0]
         expected = B.T @ p.reshape(8, 8)
         np.testing.assert_allclose(found[k], expected, atol=2e-3 * np.abs(expected).max())
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from controllers.catalog import blamed
+from controllers.catalog import locate_error
 
 LAW = """
 from dataclasses import dataclass
@@ -106,4 +106,4 @@ def test_a_package_within_the_folder_is_found_and_a_broken_one_told(tmp_path):
 def test_an_error_that_no_law_has_to_do_with_keeps_its_traceback():
     with pytest.raises(ZeroDivisionError) as caught:
         1 / 0  # noqa: B018
-    assert blamed(caught.value) is None
+    assert locate_error(caught.value) is None

@@ -10,8 +10,8 @@ import ballplate as bp
 from controllers.controller import PerRigReference
 from controllers.interfaces import Reference
 from controllers.references import Circle, Lissajous, Path, Setpoints, Sine, Transition
-from controllers.stable_inversion import PIECES, FeasiblePath, Preview, StableInversion
-from twin.view.summary import judged
+from controllers.stable_inversion import PIECES_PER_SLICE, FeasiblePath, Preview, StableInversion
+from twin.view.summary import describe_run
 
 T = 0.002
 LAW = StableInversion()
@@ -184,7 +184,7 @@ def test_it_is_the_nearest_of_all_paths_of_pieces_of_constant_jerk():
     path = STEP(1.5 + T * np.arange(1, 650))[:3]
     state = STEP(1.5)[:3]
     made = feasible.follow(state, path)
-    n, h = feasible.length, 25 * T / PIECES
+    n, h = feasible.length, 25 * T / PIECES_PER_SLICE
     end = h * np.arange(1, n + 1)
     since = np.maximum(end[:, None] - h * np.arange(n + 1), 0.0)  # of each piece's begin
     cube = (since[:, :-1] ** 3 - since[:, 1:] ** 3) / 6
@@ -262,5 +262,5 @@ def test_the_cure_keeps_a_ball_on_a_path_that_the_plate_cannot_give():
     assert np.hypot(*(ball - laid)[differs].T).max() < 0.02
     wished = kept.followed(kept.rows["time"])[0]
     far = np.hypot(*(laid - wished)[differs].T).max()
-    assert f"up to {1e3 * far:.3g} mm" in judged(kept)
+    assert f"up to {1e3 * far:.3g} mm" in describe_run(kept)
     assert "laid_x" not in lost.rows

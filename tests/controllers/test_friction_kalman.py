@@ -488,7 +488,7 @@ def test_a_ball_that_is_struck_has_its_new_velocity_within_hundredths_of_a_secon
 
     after = 250 + 20  # 40 ms
     assert np.abs(seen(kind(), struck)[after] - STRUCK).max() < 0.05
-    monkeypatch.setattr(friction, "BLOW", 0.0)
+    monkeypatch.setattr(friction, "IMPACT_VELOCITY_STD_M_S", 0.0)
     assert np.abs(seen(kind(), struck)[after] - STRUCK).max() > 0.1
 
 
@@ -497,7 +497,7 @@ def test_two_samples_on_one_side_are_a_blow_and_neither_noise_nor_one_is(monkeyp
         return seen(FrictionKalman(), lambda since: 0.05 * (0 <= since < (samples - 0.5) * T))
 
     one, two = wrong(1), wrong(2)
-    monkeypatch.setattr(friction, "BLOW", 0.0)
+    monkeypatch.setattr(friction, "IMPACT_VELOCITY_STD_M_S", 0.0)
     np.testing.assert_array_equal(one, wrong(1))
     assert np.abs(two - wrong(2)).max() > 0.01
 

@@ -15,7 +15,7 @@ from controllers.ballplate import BallPlate
 from controllers.controller import Smith
 from controllers.observers import Luenberger
 from twin.base.errors import ScenarioError
-from twin.scenario.describe import described, every_kind
+from twin.scenario.describe import every_kind, find_keys
 from twin.scenario.schema import checked_settings, choices
 
 
@@ -78,7 +78,7 @@ def test_a_value_outside_its_range_is_refused_by_class_and_scenario(kind):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "key", [key for key in described() if list(wrong(key))], ids=lambda key: key.key
+    "key", [key for key in find_keys() if list(wrong(key))], ids=lambda key: key.key
 )
 def test_a_value_outside_its_range_is_refused_by_a_scenario_that_names_its_key(scenario, key):
     for value in wrong(key):

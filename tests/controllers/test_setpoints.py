@@ -70,5 +70,5 @@ def test_two_ways_to_go_on_know_nothing_of_each_other():
 def test_many_times_are_worked_out_in_blocks(monkeypatch):
     path = Setpoints(points=GOALS)
     at_once = path(TIMES)
-    monkeypatch.setattr("controllers.references.BLOCK", 100)
+    monkeypatch.setattr("controllers.references.MAX_TIMES_AT_ONCE", 100)
     assert (path(TIMES) == at_once).all()

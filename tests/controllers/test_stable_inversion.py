@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from controllers.ballplate import SIGN, BallPlate
+from controllers.ballplate import TILT_SIGN, BallPlate
 from controllers.interfaces import Feedback, Reference
 from controllers.references import Circle, Hold, Sine, Step, Transition
-from controllers.stable_inversion import AHEAD, SLICE, InversePlan, StableInversion, TwoSided
+from controllers.stable_inversion import (
+    SHAPING_HORIZON_S,
+    SLICE_PERIODS,
+    InversePlan,
+    StableInversion,
+    TwoSided,
+)
 
 MODEL = BallPlate()
 T = 0.002
@@ -226,7 +232,7 @@ class Withheld(Reference):
 @pytest.mark.parametrize("preview", [0.0, 0.02, 0.5, 1.4])
 def test_the_future_beyond_the_preview_has_no_influence(preview, slope):
     law = StableInversion(preview=preview, slope=slope)
-    further = AHEAD + SLICE * T if slope and preview > 0.1 else 0.0
+    further = SHAPING_HORIZON_S + SLICE_PERIODS * T if slope and preview > 0.1 else 0.0
     parting, ticks = 1.8, 1000
     commands = []
     for path in (Withheld(), Withheld(other_from=parting)):
@@ -267,7 +273,7 @@ def test_a_ball_at_rest_has_friction_fed_forward_along_its_own_heading():
         planned = planned + MODEL.c2 * (law.K[0] * angle + law.K[1] * rate)
         heading = np.array([0.01 / math.hypot(0.01, law.smooth), 0.0]) / MODEL.k1
         expected = (law.K[2] + MODEL.c2 * law.K[0]) * heading if own else planned
-        np.testing.assert_allclose(with_ - without, 0.05 * SIGN * expected, atol=2e-3)
+        np.testing.assert_allclose(with_ - without, 0.05 * TILT_SIGN * expected, atol=2e-3)
 
 
 @pytest.mark.parametrize("preview", [0.0, 1.4])

@@ -174,7 +174,7 @@ def test_processors_are_kept_awake_where_the_system_lets_one(monkeypatch, tmp_pa
     request = tmp_path / "latency"
     if there:
         request.write_bytes(b"")
-    monkeypatch.setattr(realtime, "_LATENCY", str(request))
+    monkeypatch.setattr(realtime, "_LATENCY_DEVICE", str(request))
     with real_time() as obtained:
         assert ("processors kept awake" in obtained.words) is there
         assert request.exists() is there

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.realtime import LatencyHistogram, TimingLog, blamed
+from twin.devices.realtime import LatencyHistogram, TimingLog, describe_lateness
 
 MICRO = 1e-6
 
@@ -76,13 +76,15 @@ def test_a_fault_is_put_down_to_a_late_computer_only_if_it_was_late():
     log = TimingLog(0.002)
     for _ in range(100):
         log.tick(0.0001)
-    assert blamed(log.as_dict()) == ""
+    assert describe_lateness(log.as_dict()) == ""
     log.tick(0.011)
-    assert "1 of 101 periods were late or missed, one by 11 ms" in blamed(log.as_dict())
+    assert "1 of 101 periods were late or missed, one by 11 ms" in describe_lateness(log.as_dict())
     often = TimingLog(0.002)
     for late in (0.0001, 0.001) * 10:
         often.tick(late)
-    assert "this computer was too late, not the rig: 10 of 20 periods" in blamed(often.as_dict())
+    assert "this computer was too late, not the rig: 10 of 20 periods" in describe_lateness(
+        often.as_dict()
+    )
     skipped = TimingLog(0.002)
     skipped.tick(0.0, missed=30)
-    assert "30 of 31 periods were late or missed; close" in blamed(skipped.as_dict())
+    assert "30 of 31 periods were late or missed; close" in describe_lateness(skipped.as_dict())

@@ -15,7 +15,14 @@ from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.doctor import drives
 from twin.doctor import examine as computer_checks
-from twin.doctor.check import CheckStatus, failed, next_step, passed, reported, warned
+from twin.doctor.check import (
+    CheckStatus,
+    fail_check,
+    next_step,
+    pass_check,
+    report_errors,
+    warn_check,
+)
 from twin.doctor.drives import limits, measure_cams
 from twin.doctor.examine import _drives, computer
 from twin.emulator.drive import EmulatedDrive
@@ -93,7 +100,7 @@ def test_a_drive_that_goes_on_without_heartbeat_fails(rig):
 
 
 def test_a_result_keeps_its_keys_in_json():
-    assert warned("timer", "late", "close other programs").as_dict() == {
+    assert warn_check("timer", "late", "close other programs").as_dict() == {
         "what": "timer",
         "verdict": "warn",
         "seen": "late",
@@ -121,7 +128,7 @@ def test_the_dead_time_of_a_rig_on_the_wire_is_identified_to_5_ms(late, tmp_path
 @pytest.fixture
 def brief(unlocked, monkeypatch):
     """The computer's timer only glanced at."""
-    monkeypatch.setattr(computer_checks, "TIMED", 0.1)
+    monkeypatch.setattr(computer_checks, "TIMER_CHECK_S", 0.1)
 
 
 @pytest.mark.usefixtures("brief")
@@ -213,7 +220,7 @@ def test_a_refusal_after_the_limits_were_tried_is_a_line(monkeypatch, rig):
         raise DriveError(WRONG_SETTING, "drive phi", "keeps something else")
 
     monkeypatch.setattr(rig.servos, "start", once)
-    last = list(reported(limits(rig.servos), "limits"))[-1]
+    last = list(report_errors(limits(rig.servos), "limits"))[-1]
     assert last.status is CheckStatus.FAIL
     assert "keeps something else" in last.seen
 
@@ -241,12 +248,12 @@ def test_plate_encoders_plugged_crosswise_are_named(scenario, rig):
 
 
 def test_the_doctor_ends_with_ready_or_the_next_step():
-    good, doubt = passed("a", "fine"), warned("b", "old", "measure it again")
-    bad = failed("c", "no DC link", "switch the main supply on")
+    good, doubt = pass_check("a", "fine"), warn_check("b", "old", "measure it again")
+    bad = fail_check("c", "no DC link", "switch the main supply on")
     assert next_step([good, doubt], "rig.toml", move=False).endswith("doctor --rig rig.toml --move")
     assert next_step([good], "rig.toml", move=True).startswith("ready: put the ball on")
     assert "1 reservations" in next_step([good, doubt], "rig.toml", move=True)
-    told = next_step([good, bad, failed("d", "x", "y")], "rig.toml", move=True)
+    told = next_step([good, bad, fail_check("d", "x", "y")], "rig.toml", move=True)
     assert told == "not ready; next step (c): switch the main supply on"
 
 
@@ -277,7 +284,7 @@ def test_a_ramp_that_counts_otherwise_than_believed_is_found(monkeypatch, rig):
     for drive in rig.drives:
         drive.store.live(0x6083, 0, lambda: 500_000_000)
         drive.store.live(0x6084, 0, lambda: 500_000_000)
-    monkeypatch.setattr("twin.devices.akd.protocol.kept", lambda *_: True)
+    monkeypatch.setattr("twin.devices.akd.protocol.is_kept", lambda *_: True)
     found = tried(rig)
     assert "acceleration_unit" in found["phi limits"].advice
 

@@ -8,8 +8,8 @@ from twin.base.errors import RigError, TwinError
 from twin.devices.lumio.config import Calibration, CalibrationError, LumioConfig, Mounting
 from twin.devices.lumio.screen import LumioScreen
 from twin.doctor.check import CheckStatus
-from twin.doctor.drives import judged, measure_touch, usual_points
-from twin.doctor.examine import calibrated, touch
+from twin.doctor.drives import fit_calibration, measure_touch, usual_points
+from twin.doctor.examine import check_calibration, touch
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import Protocol, ScreenLine
 from twin.scenario.rig import check_rig
@@ -64,9 +64,11 @@ INLINE = {"matrix": [[0.0, 0.301], [0.376, 0.0]], "origin": [0.0, 0.0]}
 
 
 def test_a_screen_never_calibrated_is_a_warning_that_says_what_is_assumed():
-    found = calibrated(rig_with(), None)
+    found = check_calibration(rig_with(), None)
     assert (found.status, "70.0 x 39.5 cm: assumed" in found.seen) == ("warn", True)
-    assert "37.6 x 30.1 cm that the panel says" in calibrated(rig_with(), (0.376, 0.301)).seen
+    assert (
+        "37.6 x 30.1 cm that the panel says" in check_calibration(rig_with(), (0.376, 0.301)).seen
+    )
 
 
 @pytest.mark.parametrize(
@@ -74,7 +76,7 @@ def test_a_screen_never_calibrated_is_a_warning_that_says_what_is_assumed():
     [(None, "pass"), ((0.376, 0.301), "pass"), ((0.301, 0.376), "warn"), ((0.7, 0.4), "warn")],
 )
 def test_a_calibration_that_does_not_fit_the_panels_own_size_is_a_warning(extent, status):
-    found = calibrated(rig_with(calibration=INLINE), extent)
+    found = check_calibration(rig_with(calibration=INLINE), extent)
     assert found.status == status
     assert "37.6 x 30.1 cm" in found.seen
 
@@ -172,7 +174,7 @@ def test_a_point_touched_elsewhere_is_named_in_one_line(wrong):
     said = seen(points)
     said[wrong] = seen(points + np.array([0.0, 0.03]))[wrong]
     with pytest.raises(CalibrationError, match=rf"do not fit together: {wrong + 1}, x .* order"):
-        judged(said, points)
+        fit_calibration(said, points)
 
 
 def test_points_touched_by_hand_are_seldom_refused():
@@ -181,7 +183,7 @@ def test_points_touched_by_hand_are_seldom_refused():
     for _ in range(100):
         said = [screen.screen(*(point + dice.normal(0, 1e-3, 2))) for point in points]
         try:
-            judged(np.array(said), points)
+            fit_calibration(np.array(said), points)
         except CalibrationError:
             refused += 1
     assert refused < 10
@@ -190,18 +192,18 @@ def test_points_touched_by_hand_are_seldom_refused():
 def test_the_fewest_points_that_are_taken_leave_something_to_judge_by():
     points = np.array(usual_points())[[0, 2, 6, 8]]
     said = seen(points)
-    assert judged(said, points).rms < 1e-3
+    assert fit_calibration(said, points).rms < 1e-3
     said[0] += 0.05
     with pytest.raises(CalibrationError, match="do not fit together"):
-        judged(said, points)
+        fit_calibration(said, points)
 
 
 def test_a_measured_calibration_is_what_a_rig_file_that_names_it_has(tmp_path):
     points = np.array(usual_points())
-    found = judged(seen(points), points)
+    found = fit_calibration(seen(points), points)
     file = tmp_path / "touch.json"
     found.save(file)
     rig = rig_with(calibration_file=str(file))
     assert rig.screen().calibration == found.calibration
-    check = calibrated(rig, None)
+    check = check_calibration(rig, None)
     assert (check.status, "touch.json" in check.seen) == ("pass", True)

@@ -68,7 +68,7 @@ def test_an_emulator_that_starves_says_how_far_it_was_behind(bus):
 
 FORWARD = """
 import os
-from twin.emulator.serve import PRIORITY, come_forward
+from twin.emulator.serve import EMULATOR_PRIORITY, come_forward
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     allowed = True
@@ -77,7 +77,7 @@ except OSError:
 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 come_forward()
 assert (os.sched_getscheduler(0) == os.SCHED_FIFO) is allowed
-assert not allowed or os.sched_getparam(0).sched_priority == PRIORITY
+assert not allowed or os.sched_getparam(0).sched_priority == EMULATOR_PRIORITY
 """
 
 

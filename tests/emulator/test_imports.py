@@ -11,7 +11,7 @@ import twin.devices
 import twin.emulator
 from twin.base.errors import RigError
 from twin.emulator.can_bus import EmulatedBus, PseudoTerminal, SlcanPort
-from twin.emulator.serve import Emulator, PauseWatch, emulated
+from twin.emulator.serve import Emulator, PauseWatch, serve_rig
 
 FILES = sorted(Path(twin.emulator.__file__).parent.glob("*.py"))
 HOST_SIDE = {f"twin.devices.akd.{each}" for each in ("config", "servos", "traces")}
@@ -59,7 +59,7 @@ def test_a_port_that_this_system_cannot_have_is_said_so_in_one_line(make, monkey
 def test_a_rig_in_another_process_is_not_even_started_without_ports(scenario, monkeypatch):
     monkeypatch.setitem(sys.modules, "pty", None)
     monkeypatch.setattr("multiprocessing.get_context", lambda kind: pytest.fail("started"))
-    with pytest.raises(RigError, match="pseudo-terminals"), emulated(scenario()):
+    with pytest.raises(RigError, match="pseudo-terminals"), serve_rig(scenario()):
         pass
 
 

@@ -9,7 +9,7 @@ from controllers.interfaces import Law
 from twin.base.errors import LawError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.screen import FRAME, Protocol
+from twin.emulator.screen import FRAME_INTERVAL_S, Protocol
 from twin.emulator.serve import VirtualRig
 from twin.hal.supervisor import State
 from twin.run.assemble import build_controller
@@ -49,7 +49,7 @@ def test_the_emulated_screen_sees_what_the_scenarios_sees_and_as_often():
         line.step(0.001 * tick)
         slower.step(0.001 * tick)
     assert looked.count(1) == pytest.approx(25, abs=4 * np.sqrt(50 * 0.5 * 0.5))
-    assert looked.count(0) == pytest.approx(2 / FRAME, abs=2)
+    assert looked.count(0) == pytest.approx(2 / FRAME_INTERVAL_S, abs=2)
 
 
 @pytest.mark.long
@@ -126,7 +126,7 @@ def true_error_percent(chosen, missing=0.0):
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [
-        ("circle", ("duration=60", f"sensors.touch.frame_rate={1 / FRAME}")),
+        ("circle", ("duration=60", f"sensors.touch.frame_rate={1 / FRAME_INTERVAL_S}")),
         *((name, ()) for name in ("cure", "cure_afl", "cure_backstepping")),
     ],
 )
@@ -149,7 +149,7 @@ def test_the_noise_of_a_screen_is_drawn_anew_for_every_frame(scenario):
     plant = LockstepRig(scenario("plant.kind=lagrange", "sensors.touch.variance=[1e-6,1e-6]")).plant
     found = []
     for _ in range(400):
-        plant.advance(FRAME)
+        plant.advance(FRAME_INTERVAL_S)
         found.append(plant.ball()[0])
     x, y = np.array(found).T
     assert np.std(x) == pytest.approx(1e-3, rel=0.15)

@@ -24,7 +24,7 @@ from twin.cli.runs import export, report
 from twin.devices.akd.traces import read_trace
 from twin.emulator.drive import MASTER_SILENT
 from twin.emulator.screen import Protocol
-from twin.emulator.serve import TICK, VirtualRig, emulated
+from twin.emulator.serve import MAX_PLANT_STEP_S, VirtualRig, serve_rig
 from twin.run.finished import open_run
 from twin.run.record import read_run
 from twin.run.tables import flat
@@ -38,7 +38,7 @@ DRIVES = {"silence": 0.5, "answer": 5.0, "watch": WATCH}
 GATE = {"stale": 1.0, "lost": 1.0, "rest": 10.0}
 """A busy machine must not end these runs: the virtual rig shares the process of the tests."""
 HEARTBEAT = 0x77F
-TICKS = 2 * TICK
+TICKS = 2 * MAX_PLANT_STEP_S
 
 
 def patient(tables):
@@ -196,7 +196,7 @@ def test_the_sto_button_ends_a_run_as_a_fault_with_one_line(virtual, tmp_path):
 
 def test_the_process_of_an_emulated_rig_obeys_and_ends(scenario):
     before = set(active_children())
-    with emulated(scenario("plant.kind=lagrange")) as rig:
+    with serve_rig(scenario("plant.kind=lagrange")) as rig:
         assert rig.tell("lift") == "ball lifted"
         assert rig.tell("dance").startswith("known: sto")
         (process,) = set(active_children()) - before

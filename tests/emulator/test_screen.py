@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from served_screen import EmulatedScreen
 
-from twin.emulator.screen import ENCODERS, Damage, Protocol, ScreenFault, ScreenLine, Spot
+from twin.emulator.screen import PACKET_ENCODERS, Damage, Protocol, ScreenFault, ScreenLine, Spot
 
 pytestmark = pytest.mark.real_time
 
@@ -101,7 +101,7 @@ def test_bytes_sent_while_unplugged_are_lost(monkeypatch):
     "fault", [ScreenFault.TRUNCATE, ScreenFault.GARBLE, ScreenFault.NOISE, ScreenFault.SPLIT]
 )
 def test_damage_is_the_same_for_the_same_seed(fault):
-    (packet,) = ENCODERS[Protocol.ELO]([BALL])
+    (packet,) = PACKET_ENCODERS[Protocol.ELO]([BALL])
 
     def damaged(seed):
         damage = Damage(Protocol.ELO, seed)
@@ -116,7 +116,7 @@ def test_damage_is_over_when_its_time_is():
     damage = Damage(Protocol.ELO, 0)
     for fault in ScreenFault:
         damage.inject(fault, 1.0)
-    (packet,) = ENCODERS[Protocol.ELO]([BALL])
+    (packet,) = PACKET_ENCODERS[Protocol.ELO]([BALL])
     assert damage.packet(1.0, packet) == [packet]
     assert damage.contacts(1.0, [BALL]) == (BALL,)
 

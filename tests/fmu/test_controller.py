@@ -145,8 +145,8 @@ def test_periods_that_a_loop_missed_pass_for_an_fmu_too(tmp_path):
     # its integrator adds up x once a step of 2 ms: three of them, then those missed up to 20 ms
     law = fmu.FmuLaw(file=str(written(tmp_path, total=1.0)))
     process = law.start(np.zeros(8), None, 0.002)
-    given = np.zeros((1, len(fmu.INPUTS)))
-    given[0, fmu.INPUTS.index("equivalent_x")] = 1.0
+    given = np.zeros((1, len(fmu.FMU_INPUT_NAMES)))
+    given[0, fmu.FMU_INPUT_NAMES.index("equivalent_x")] = 1.0
     times = [0.0, 0.002, 0.004, 0.020, 0.022]
     sums = [-(GAINS[0, 0] + process.ask(each, given)[0]) for each in times]
     assert sums == pytest.approx([1, 2, 3, 11, 12])

@@ -21,7 +21,7 @@ from twin.base.errors import RecordError, ScenarioError
 from twin.cli import ballplate as command
 from twin.fmu.export import exponents, parameters
 from twin.run.assemble import build_reference
-from twin.scenario.describe import described
+from twin.scenario.describe import find_keys
 
 HERE = Path(__file__).parent
 
@@ -206,7 +206,7 @@ def test_what_cannot_be_done_is_said_in_a_line(library):
 
 
 def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
-    keys = {key.key: key for key in described()}
+    keys = {key.key: key for key in find_keys()}
     factor = {"": 1.0, "_mm": 1e-3, "_um": 1e-6, "_deg": np.pi / 180, "_percent": 0.01}
     given = {"plant.friction.rolling_mm": 0.25, "plant.level_deg": [0.5, 1.0]}
     found = {}
@@ -263,7 +263,7 @@ def test_every_name_on_the_page_about_simulink_is_one_of_the_fmu(fmu):
 @pytest.fixture
 def quickly_compiled(monkeypatch):
     """To optimise is most of what an FMU takes to be made."""
-    monkeypatch.setattr("twin.fmu.export.FLAGS", ("-std=c99", "-fPIC", "-shared"))
+    monkeypatch.setattr("twin.fmu.export.COMPILER_FLAGS", ("-std=c99", "-fPIC", "-shared"))
 
 
 @pytest.mark.usefixtures("quickly_compiled")
@@ -274,8 +274,8 @@ def test_every_name_of_the_maestro_files_is_one_of_the_fmu_of_the_right_kind(tmp
     path = tmp_path / "rig.fmu"
     bp.fmu("circle", path, wished=True, duration=0.02)
     of_rig = {f"{{rig}}.rig.{name}": each for name, each in variables(path).items()}
-    of_law = {f"{{controller}}.law.{name}": "input" for name in fmu_law.INPUTS}
-    of_law |= {f"{{controller}}.law.{name}": "output" for name in fmu_law.RATES}
+    of_law = {f"{{controller}}.law.{name}": "input" for name in fmu_law.FMU_INPUT_NAMES}
+    of_law |= {f"{{controller}}.law.{name}": "output" for name in fmu_law.RATE_OUTPUTS}
     kinds = {name: each.causality for name, each in of_rig.items()} | of_law
     ends = [end for each in model["connections"].values() for end in each]
     assert {kinds[each] for each in model["connections"]} == {"output"}

@@ -381,7 +381,7 @@ def test_a_spin_that_is_free_is_that_of_the_twin(library, more):
 @pytest.fixture
 def quickly_compiled(monkeypatch):
     """To optimise is most of what an FMU takes to be made."""
-    monkeypatch.setattr("twin.fmu.export.FLAGS", ("-std=c99", "-fPIC", "-shared"))
+    monkeypatch.setattr("twin.fmu.export.COMPILER_FLAGS", ("-std=c99", "-fPIC", "-shared"))
 
 
 @pytest.mark.usefixtures("quickly_compiled")

@@ -18,13 +18,20 @@ from twin.cli.understand import identify as command
 from twin.identify.any_rig import (
     PlainIdentification,
     _chosen,
-    _joined,
+    _join_logs,
     _share,
     _verdicts,
     identify_any,
 )
-from twin.identify.drives import TiltHistory, followed
-from twin.identify.judged import BOUNDED, HORIZONS, IDENTIFIED, NOT, ParameterVerdict, score
+from twin.identify.drives import TiltHistory, drive_path
+from twin.identify.judged import (
+    BOUNDED_VERDICT,
+    HORIZONS_S,
+    IDENTIFIED_VERDICT,
+    NOT_IDENTIFIABLE,
+    ParameterVerdict,
+    score,
+)
 from twin.identify.logs import (
     AnyLog,
     AxisLog,
@@ -33,7 +40,7 @@ from twin.identify.logs import (
     unit_factor,
     wanted_columns,
 )
-from twin.identify.parameters import PLAIN
+from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.plain_model import (
     AxisFit,
     PlainProblem,
@@ -43,10 +50,10 @@ from twin.identify.plain_model import (
     fit_axis,
     predicting,
     profile,
-    profiled,
+    profile_drives,
 )
 from twin.identify.report import sentences
-from twin.identify.search import Minimum, Termination, begun, fit_starts
+from twin.identify.search import Minimum, Termination, fit_starts, fit_starts_from_scratch
 from twin.identify.windows import axis_windows, spans
 from twin.scenario import load
 
@@ -246,7 +253,7 @@ def left_by(log, truth):
     problem = replace(problem, windows=windows)
     theta = np.array([[*truth.values()]])
     theta[0, 0] *= problem.tilt.scale
-    starts = fit_starts(problem, theta, begun(problem, theta, 4), 10)
+    starts = fit_starts(problem, theta, fit_starts_from_scratch(problem, theta, 4), 10)
     off = (problem.reported(theta, starts)[0][0] - windows.ball)[..., 0]
     return np.sqrt(np.nanmean(np.where(windows.weight[..., 0] > 0, off, np.nan) ** 2, axis=1))
 
@@ -259,7 +266,7 @@ def test_the_truth_explains_a_log_where_commands_from_before_it_or_a_pause_act(
     whole = axis_log(3, seconds=22, rate=100.0, noise=0.0, pixel=0.0, **truth)
     time, ball, command = (np.delete(each, slice(first, lost)) for each in whole)
     log = AxisLog(time, command, True, time, ball)
-    all_of_it, known = left_by(log, truth), left_by(_joined([log]), truth)
+    all_of_it, known = left_by(log, truth), left_by(_join_logs([log]), truth)
     step = 2.5e-4 * np.abs(np.gradient(whole[1], whole[0])).max()  # of the simulation, as a way
     assert (known < step).all()
     assert (all_of_it > 4 * step).sum() == 1
@@ -271,7 +278,7 @@ def test_along_levers_dead_time_and_lag_are_found_from_a_fit_that_has_no_lag(axi
     truth = TRUTH | {"dead_time": 0.2, "lag": 0.05}
     rig = truth | {"lever": 0.03, "noise": 0.0, "pixel": 0.0, "rate": 100.0}
     time, ball, command = axis_log(3, seconds=22, **rig)
-    log = _joined([AxisLog(time, command, True, time, ball)])
+    log = _join_logs([AxisLog(time, command, True, time, ball)])
     fit = fit_axis(log, tuple(truth), 2.5, (0.0, 0.5))
     found = profile(fit, "lever", (0.0, 0.02, 0.03, 0.04))
     assert fit.value("lag") < 0.02
@@ -353,19 +360,19 @@ def test_the_way_of_a_ball_that_is_seen_along_both_axes_is_known_across_each(tmp
 def test_a_drive_stands_in_its_dead_band_goes_at_its_slew_and_leaves_its_play():
     time = np.arange(6.0)
     sent = np.array([0.0, 1.0, 1.4, 2.0, 1.0, 1.0])
-    at, place = followed(time, sent, 0.5, 0.0, 0.0)
+    at, place = drive_path(time, sent, 0.5, 0.0, 0.0)
     assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx([0, 1, 1, 2, 1, 1])
     for first, places in (
         (0.4, [0.0, 1.4, 1.4, 2.4, 1.4, 1.4]),
         (0.6, [0.6, 1.6, 1.6, 2.6, 1.6, 1.6]),
     ):
-        at, place = followed(time, sent + first, 0.5, 0.0, 0.0)  # it stood at 0 before
+        at, place = drive_path(time, sent + first, 0.5, 0.0, 0.0)  # it stood at 0 before
         assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx(places)
-    at, place = followed(time, sent, 0.0, 0.1, 0.0)
+    at, place = drive_path(time, sent, 0.0, 0.1, 0.0)
     assert place[np.searchsorted(at, time, "right") - 1] == pytest.approx(
         [0, 0.9, 1.3, 1.9, 1.1, 1.1]
     )
-    at, place = followed(time, sent, 0.5, 0.0, 2.0)  # half a unit a second
+    at, place = drive_path(time, sent, 0.5, 0.0, 2.0)  # half a unit a second
     assert np.interp(np.arange(1.0, 6.0), at, place) == pytest.approx([0, 0.5, 1.0, 1.5, 1.0])
     log = AxisLog(time, sent, True, time, 0 * time)
     ramp = TiltHistory(log, 1.0).at(np.array([1.5, 2.5]), 0.0, 0.5, 0.0, 2.0, 0.0)
@@ -413,7 +420,7 @@ def test_a_rig_is_found_by_commands_alone_within_its_intervals(axis_of, rate, ab
     found = {each.name[:-2]: each for each in _verdicts(fit, "x", "rad")}
     for name in ("gain", "level", *names):
         each = found[name]
-        assert each.word == IDENTIFIED
+        assert each.word == IDENTIFIED_VERDICT
         # three times the interval: a twentieth of all is outside of the plain one
         half = 3 * (each.high - each.low) / 2
         assert each.value == pytest.approx(truth[name], abs=half)
@@ -435,13 +442,13 @@ def test_what_the_plates_acceleration_does_is_not_taken_for_gain(axis_of, lever,
     for name, true in (("gain_x", truth["gain"]), ("lever_x", lever)):
         assert told[name].low <= true <= told[name].high
     if angles:
-        assert told["gain_x"].word == IDENTIFIED
+        assert told["gain_x"].word == IDENTIFIED_VERDICT
         assert told["gain_x"].value == pytest.approx(truth["gain"], rel=0.05)
         assert told["lever_x"].value == pytest.approx(lever, abs=0.015)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("w", "word"), [(1.0, IDENTIFIED), (5.0, NOT)])
+@pytest.mark.parametrize(("w", "word"), [(1.0, IDENTIFIED_VERDICT), (5.0, NOT_IDENTIFIABLE)])
 @pytest.mark.parametrize("lever", [0.2, -0.05])
 def test_of_a_plate_that_swings_at_one_frequency_the_gain_holds_what_a_lever_does(lever, w, word):
     """There u'' = -w^2 u: only gain (1 + lever w^2 / g) shows, little of a slow one."""
@@ -453,7 +460,7 @@ def test_of_a_plate_that_swings_at_one_frequency_the_gain_holds_what_a_lever_doe
     gain = told["gain_x"]
     assert gain.word == word
     assert gain.low <= 6.0 <= gain.high
-    assert ("lever" in gain.why) == (word == NOT)
+    assert ("lever" in gain.why) == (word == NOT_IDENTIFIABLE)
 
 
 @pytest.mark.long
@@ -483,7 +490,7 @@ def test_at_a_known_height_one_frequency_tells_the_gain(ball, factor, tmp_path):
     found = {each["name"]: each for each in told}
     for axis, (gain, lever) in truth.items():
         by_log, by_ruler = (found[f"{name}_{axis}"] for name in ("gain", "lever"))
-        assert by_log["verdict"] == IDENTIFIED
+        assert by_log["verdict"] == IDENTIFIED_VERDICT
         assert by_log["value"] == pytest.approx(gain, rel=0.01)
         # a ruler is taken to be right within 1 cm, and gain (1 + lever w^2 / g) is what shows
         half = abs(gain) * 0.01 / (9.81 / w**2 + lever)
@@ -511,7 +518,7 @@ def test_dead_time_and_lag_are_as_uncertain_as_the_ruler_makes_them(axis_log):
     time, ball, command = axis_log(1, rate=60.0, seconds=45, lever=0.14, **truth)
     log = AxisLog(time, command, True, time, ball, lever=0.15)
     names = ("gain", "dead_time", "lag", "level", "friction")
-    found = profiled(fit_axis(log, names, 2.5, (0.0, 0.5))).estimate()
+    found = profile_drives(fit_axis(log, names, 2.5, (0.0, 0.5))).estimate()
     for name, value, half in zip(names, found.value, found.half_width, strict=True):
         if name in {"dead_time", "lag"}:
             assert abs(value - truth[name]) < half < 0.02
@@ -544,7 +551,7 @@ def test_a_circle_tells_the_gain_of_a_rig_whose_height_is_told(rig, gain, tmp_pa
     told = by_name(found)
     for axis, sign in (("x", 1), ("y", -1)):
         one = told[f"gain_{axis}"]
-        assert one.word == IDENTIFIED
+        assert one.word == IDENTIFIED_VERDICT
         assert one.low <= sign * gain <= one.high
         assert one.value == pytest.approx(sign * gain, rel=0.025)
     assert float(found.settings(())["plant.plate.height"].split()[0]) == pytest.approx(0.122, 1e-3)
@@ -559,7 +566,7 @@ def test_gain_and_friction_of_a_shipped_rig_are_those_of_its_ball(rig, gain, fri
     told = by_name(identify(logged(ran, tmp_path), columns=OWN_COLUMNS).found)
     for axis, true in (("x", gain), ("y", -gain)):
         one, held = told[f"gain_{axis}"], told[f"friction_{axis}"]
-        assert one.word == IDENTIFIED
+        assert one.word == IDENTIFIED_VERDICT
         assert one.low <= true <= one.high
         assert held.low <= friction <= held.high
         assert one.value == pytest.approx(true, rel=0.07)
@@ -573,11 +580,11 @@ def test_an_axis_that_nobody_moved_is_not_blamed_and_the_other_is_identified(axi
     columns = "time=t:s,measured_x=x:m,measured_y=y:m,command_phi=a:rad,command_theta=b:rad"
     found = json.loads(printed(file, "--columns", columns, "--json", "--out", tmp_path / "out"))
     words = {each["name"]: each["verdict"] for each in found["parameters"]}
-    assert words["gain_x"] == words["friction_x"] == IDENTIFIED
-    assert words["gain_y"] == NOT
+    assert words["gain_x"] == words["friction_x"] == IDENTIFIED_VERDICT
+    assert words["gain_y"] == NOT_IDENTIFIABLE
     assert any("nobody moved" in note for note in found["notes"])
     (one,) = found["held_out"]
-    at = HORIZONS.index(1.0)
+    at = HORIZONS_S.index(1.0)
     assert one["median"]["model"][at] < 0.2 * one["median"]["stays"][at]
     assert one["median"]["model"][at] < 0.5 * one["median"]["without friction"][at]
     assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8").count("<svg") == 1
@@ -590,30 +597,36 @@ def test_an_axis_that_nobody_moved_is_not_blamed_and_the_other_is_identified(axi
 
 @pytest.mark.parametrize(
     ("alone", "both", "written"),
-    [(NOT, IDENTIFIED, True), (NOT, NOT, False), (IDENTIFIED, NOT, True)],
+    [
+        (NOT_IDENTIFIABLE, IDENTIFIED_VERDICT, True),
+        (NOT_IDENTIFIABLE, NOT_IDENTIFIABLE, False),
+        (IDENTIFIED_VERDICT, NOT_IDENTIFIABLE, True),
+    ],
 )
 def test_dead_time_and_lag_of_which_only_the_sum_is_told_are_written_both(alone, both, written):
     rows = (("dead_time", 0.12, alone), ("lag", 0.05, alone), ("delay", 0.17, both))
     verdicts = [
-        ParameterVerdict(about=PLAIN["lag"], name=f"{name}_x", value=value, word=word)
+        ParameterVerdict(about=PLAIN_PARAMETERS["lag"], name=f"{name}_x", value=value, word=word)
         for name, value, word in rows
     ]
     found = PlainIdentification(
         source="log.csv", seconds=30.0, verdicts=tuple(verdicts), scores=(), predictions={},
         notes=(), extent="", remarks=(), factor=0.6, ball=BallPlate(),
     )  # fmt: skip
-    lines = found.settings({IDENTIFIED})
+    lines = found.settings({IDENTIFIED_VERDICT})
     assert ("rig.plate_lag" in lines) == ("predictor.delay" in lines) == written
     if written:
         lag, _, remark = lines["rig.plate_lag"].partition("  # ")
         assert (float(lag), float(lines["predictor.delay"])) == (0.05, 0.12)
-        assert ("sum" in remark) == (alone == NOT)
+        assert ("sum" in remark) == (alone == NOT_IDENTIFIABLE)
 
 
 @pytest.mark.long
 def test_a_camber_that_is_found_is_one_of_the_twin(axis_of, tmp_path):
     found, told = of_axis(axis_of(3, seconds=50, camber=0.35), ("friction", "camber"))
-    written = "\n".join(f"{key} = {value}" for key, value in found.settings({IDENTIFIED}).items())
+    written = "\n".join(
+        f"{key} = {value}" for key, value in found.settings({IDENTIFIED_VERDICT}).items()
+    )
     (tmp_path / "parameters.toml").write_text(written, encoding="utf-8")
     twin = load("hold", [f"parameters={tmp_path / 'parameters.toml'}", "plant.kind=lagrange"])
     camber = told["camber_x"].value
@@ -664,7 +677,7 @@ def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
     log = axis_of(2, seconds=30)
     other = np.random.default_rng(1).normal(0, 0.05, len(log.tilt))
     found, told = of_axis(replace(log, tilt=other), ("friction",))
-    assert told["gain_x"].word == NOT
+    assert told["gain_x"].word == NOT_IDENTIFIABLE
     assert any("WORSE THAN NO MODEL" in each for each in sentences(found))
     assert not any("tell the command times" in each for each in sentences(found))
     assert any("no factor on the command is advised" in each for each in sentences(found))
@@ -672,17 +685,17 @@ def test_a_model_of_a_wrong_command_is_said_to_be_worse_than_none(axis_of):
 
 def gain_of(word, value, low, high):
     return ParameterVerdict(
-        about=PLAIN["gain"], name="gain_x", value=value, low=low, high=high, word=word
+        about=PLAIN_PARAMETERS["gain"], name="gain_x", value=value, low=low, high=high, word=word
     )
 
 
 @pytest.mark.parametrize(
     "gain",
     [
-        gain_of(NOT, -0.08, -9.2, 0.0),
-        gain_of(NOT, 1.9, 0.5, 2.1),
-        gain_of(BOUNDED, 1.9, 0.5, 40.0),
-        gain_of(NOT, None, None, None),
+        gain_of(NOT_IDENTIFIABLE, -0.08, -9.2, 0.0),
+        gain_of(NOT_IDENTIFIABLE, 1.9, 0.5, 2.1),
+        gain_of(BOUNDED_VERDICT, 1.9, 0.5, 40.0),
+        gain_of(NOT_IDENTIFIABLE, None, None, None),
     ],
     ids=["holds zero", "wide", "at its bound", "not shown"],
 )
@@ -694,10 +707,10 @@ def test_no_factor_is_advised_of_a_gain_that_is_not_identified(gain):
 
 
 def test_the_factor_that_is_advised_of_an_identified_gain_has_its_interval():
-    said = _share("y", gain_of(IDENTIFIED, 1.9, 1.7, 2.1), 0.714)
+    said = _share("y", gain_of(IDENTIFIED_VERDICT, 1.9, 1.7, 2.1), 0.714)
     share = [-each / (0.714 * 9.81) for each in (1.9, 2.1, 1.7)]
     assert "tell the command times {:.3g} ({:.3g} to {:.3g}; a -".format(*share) in said
-    near = _share("x", gain_of(IDENTIFIED, 7.0, 6.8, 7.2), 0.714)
+    near = _share("x", gain_of(IDENTIFIED_VERDICT, 7.0, 6.8, 7.2), 0.714)
     assert "tell the command" not in near
 
 
@@ -714,7 +727,7 @@ def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
     fit = AxisFit(problem, found, log, 1e-3, 1e-3)
     at = beginnings(log)
     judged = score({"x": axis_predicted(log, fit, at)})
-    for k, ahead in enumerate(HORIZONS):
+    for k, ahead in enumerate(HORIZONS_S):
         ways = [0.05 * ahead - 0.004 * ((t + ahead) ** 2 - t**2) for t in at]
         assert judged.median["stays"][k] == pytest.approx(np.median(np.abs(ways)), rel=0.15)
         # a parabola leaves its tangent in the middle of the lead by a (t + 0.2)^2
@@ -736,7 +749,7 @@ def test_a_real_log_gives_the_gain_of_its_ball_and_says_what_it_is_worth():
 def test_a_level_that_changes_within_a_log_is_not_taken_for_gain_or_friction(axis_of):
     parts = [axis_of(seed, seconds=20, level=level) for seed, level in ((1, 0.1), (2, -0.1))]
     other = along_x(axis_of(4, seconds=25, level=0.0), "other.csv")
-    found = identify_any([along_x(_joined(parts))], [other])
+    found = identify_any([along_x(_join_logs(parts))], [other])
     told = by_name(found)
     for name in ("gain", "friction"):
         each = told[f"{name}_x"]
@@ -744,7 +757,7 @@ def test_a_level_that_changes_within_a_log_is_not_taken_for_gain_or_friction(axi
         assert each.low <= TRUTH[name] <= each.high
     assert any("the level drifts" in note for note in found.notes)
     (one,) = found.scores
-    at = HORIZONS.index(1.0)
+    at = HORIZONS_S.index(1.0)
     assert one.median["level followed"][at] < 0.2 * one.median["stays"][at]
 
 
@@ -765,7 +778,7 @@ def test_another_run_of_a_real_rig_that_sticks_is_predicted_better_than_by_windo
         score({axis: axis_predicted(other, fit, at)}).median
         for fit in (windows, predicting(windows, 2.5))
     )
-    last = HORIZONS.index(1.0)
+    last = HORIZONS_S.index(1.0)
     assert after["model"][last] < 0.6 * before["model"][last]
     assert after["model"][last] < 1.1 * min(after["stays"][last], after["goes on"][last])
 

@@ -10,10 +10,10 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from controllers.ballplate import BallPlate
-from twin.identify.judged import BOUNDED, IDENTIFIED, REJECTED
-from twin.identify.parameters import SERVO
+from twin.identify.judged import BOUNDED_VERDICT, IDENTIFIED_VERDICT, REJECTED_VERDICT
+from twin.identify.parameters import SERVO_PARAMETER
 from twin.identify.plate_motion import Drives, fit_drives, servo_response
-from twin.identify.prepare import PACE, PreparedLog, Segment, paces, rests, speed
+from twin.identify.prepare import SPEED_INTERVAL_S, PreparedLog, Segment, paces, rests, speed
 from twin.identify.report import parameters, sentences
 from twin.identify.search import Estimate, Fit, Linearisation, estimate, fit_starts
 from twin.identify.twin_model import (
@@ -24,7 +24,14 @@ from twin.identify.twin_model import (
     _servo,
     whiteness,
 )
-from twin.identify.windows import PATCH, STEP, AccelerationField, Patches, Windows, replay
+from twin.identify.windows import (
+    MAP_SPACING_M,
+    REPLAY_STEP_S,
+    AccelerationField,
+    Patches,
+    Windows,
+    replay,
+)
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
@@ -49,7 +56,7 @@ def paused(rows, creep=0.0):
     return time, np.stack((x, np.zeros_like(x)), axis=-1) + 3e-4 * noise
 
 
-@pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED), (4.0e-4, IDENTIFIED)])
+@pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED_VERDICT), (4.0e-4, IDENTIFIED_VERDICT)])
 def test_drives_faster_than_a_scenario_takes_are_bounded(lag, word):
     verdict = _servo(Drives(lag, 2e-5, play=0.0))
     assert verdict.word == word
@@ -98,7 +105,7 @@ def test_a_lag_is_told_from_play_of_any_width(width):
 def test_the_lag_of_a_plate_that_swings_on_its_drive_train_is_right(resonance):
     part = Resonance(np.array([[resonance]]), np.array([[0.05]]), 0.002)
     found = fit_drives(driven(part, rows=15_000))
-    assert found.lag == pytest.approx(LAG, abs=max(found.half_width, SERVO.floor))
+    assert found.lag == pytest.approx(LAG, abs=max(found.half_width, SERVO_PARAMETER.floor))
     assert found.half_width < 0.1 * LAG
 
 
@@ -106,15 +113,15 @@ def test_the_lag_of_a_plate_that_swings_on_its_drive_train_is_right(resonance):
 def test_of_drives_of_another_kind_the_interval_of_the_lag_is_wide_and_holds_the_truth():
     found = fit_drives(driven(Hysteresis(np.radians([[0.3]]))))
     assert found.lag == pytest.approx(LAG, abs=found.half_width)
-    assert _servo(found).word != IDENTIFIED
+    assert _servo(found).word != IDENTIFIED_VERDICT
 
 
 def test_an_interval_holds_what_unexplained_motion_may_have_moved_its_parameter_by():
     plain, wide = (told("rolling", 2e-4, 1e-6, moved) for moved in (0.0, 6e-6))
-    assert (plain.word, wide.word) == (IDENTIFIED, IDENTIFIED)
+    assert (plain.word, wide.word) == (IDENTIFIED_VERDICT, IDENTIFIED_VERDICT)
     assert wide.high - wide.low > 2 * 6e-3  # mm
     ratio = told("breakaway", 1.6, 0.05, 0.7)  # the truth is 1
-    assert ratio.word != IDENTIFIED
+    assert ratio.word != IDENTIFIED_VERDICT
     assert ratio.low <= 1.0
 
 
@@ -199,7 +206,7 @@ def test_a_window_in_which_the_ball_creeps_at_first_is_told_from_one_in_which_it
     model, names = BallPlate(), ("rolling", "breakaway", "delay", "level_phi", "level_theta")
     rng, bins = np.random.default_rng(3), 60
     holds = 2e-4 / model.radius  # the tilt at which a ball that rolls goes on
-    tilt = np.zeros((2, round(1.2 / STEP), 2))
+    tilt = np.zeros((2, round(1.2 / REPLAY_STEP_S), 2))
     tilt[..., 1] = -1.02 * holds
     seen = np.tile(0.15 + 0.016 * np.arange(bins), (2, 1))
     windows = Windows(
@@ -238,7 +245,7 @@ def test_an_interval_that_two_of_many_windows_decide_knows_of_two():
 
 def test_of_a_model_that_the_log_rejects_there_is_no_interval():
     good, bad = (told("rolling", 2e-4, 1e-6, rejected=each) for each in (False, True))
-    assert (good.word, bad.word) == (IDENTIFIED, REJECTED)
+    assert (good.word, bad.word) == (IDENTIFIED_VERDICT, REJECTED_VERDICT)
     assert bad.value == good.value == pytest.approx(0.2)
     assert good.low < 0.2 < good.high
     assert (bad.low, bad.high) == (None, None)
@@ -250,7 +257,7 @@ def test_of_a_model_that_the_log_rejects_there_is_no_interval():
     assert words[-1].startswith("Best fit only, as the log rejects the model")
     assert words[0].startswith("Nothing was held out")  # what it predicts comes first
     assert "rolling" not in parameters(found)
-    assert "rolling_mm = 0.2" in parameters(found, (REJECTED,))
+    assert "rolling_mm = 0.2" in parameters(found, (REJECTED_VERDICT,))
 
 
 def test_a_servo_solves_its_first_order_equation():
@@ -279,7 +286,7 @@ def test_a_replay_rolls_as_the_exact_plant_does():
     field = AccelerationField.of(model, states[None, :, 2::4], states[None, :, 3::4])
     start = states[0, [0, 4, 1, 5]][:, None, None]
     places, _ = replay(field, model, friction, np.zeros((2, 1, 1)), start)
-    assert STEP == 0.004
+    assert REPLAY_STEP_S == 0.004
     way = np.abs(np.diff(states[:, 0::4], axis=0)).sum()
     assert way > 0.1
     assert np.abs(places[:, :, 0, 0] - states[:, 0::4]).max() < 0.005 * way
@@ -288,24 +295,24 @@ def test_a_replay_rolls_as_the_exact_plant_does():
 def test_a_replay_from_rest_goes_on_as_one_that_has_seen_the_ball_come_to_rest():
     model = BallPlate()
     friction = Friction(rolling=2e-4, breakaway_ratio=2.0, dwell_time=1.0, stribeck_speed=0.005)
-    time = STEP * np.arange(1000)
+    time = REPLAY_STEP_S * np.arange(1000)
     holds = friction.rolling / model.radius  # the tilt that a rolling ball just goes on at
     # rolls out, rests, and is tilted away: the longer it has rested, the later it goes
     tilt = holds * np.clip(2.0 * (time - 1.2), 0.0, 2.5)
     angle = np.stack((np.zeros_like(tilt), -tilt), axis=-1)[None]
-    rate = np.gradient(angle, STEP, axis=1)
+    rate = np.gradient(angle, REPLAY_STEP_S, axis=1)
     field = AccelerationField.of(model, angle, rate)
     start = np.array([0.0, 0.0, 0.05, 0.0])[:, None, None]
     level = np.zeros((2, 1, 1))
     places, speeds = replay(field, model, friction, level, start)
     speed = np.hypot(*speeds[:, :, 0, 0].T)
-    at = round(1.4 / STEP)
+    at = round(1.4 / REPLAY_STEP_S)
     assert speed[:10].min() > 0.04
-    assert speed[round(1.25 / STEP) : at + 1].max() == 0
+    assert speed[round(1.25 / REPLAY_STEP_S) : at + 1].max() == 0
     assert speed[-1] > 0.01
     rest = AccelerationField.of(model, angle[:, at:], rate[:, at:])
     begun = np.concatenate((places[at], speeds[at]))
-    paces = np.interp(1.4 - PACE * np.arange(200, 0, -1), time, speed)[None]
+    paces = np.interp(1.4 - SPEED_INTERVAL_S * np.arange(200, 0, -1), time, speed)[None]
     told, untold = (
         replay(rest, model, friction, level, begun, paces=each)[0][:, :, 0, 0]
         for each in (paces, None)
@@ -320,10 +327,10 @@ def test_how_a_ball_went_before_a_window_is_measured_but_for_its_rests():
     segment = Segment(time, np.zeros_like(ball), None, time, ball)
     found = paces(segment, np.array([3.5, 7.0]))
     assert found.shape == (2, 200)
-    before = 3.5 - PACE * np.arange(200, 0, -1)
+    before = 3.5 - SPEED_INTERVAL_S * np.arange(200, 0, -1)
     assert found[0, before < 2.8] == pytest.approx(0.06, abs=0.01)
     assert (found[0, before > 3.3] == 0.0).all()  # not what noise makes of a rest
-    since = 7.0 - PACE * np.arange(200, 0, -1)
+    since = 7.0 - SPEED_INTERVAL_S * np.arange(200, 0, -1)
     assert (found[1, (since > 3.3) & (since < 3.7)] == 0.0).all()
     assert found[1, since > 4.2] == pytest.approx(0.06, abs=0.01)
 
@@ -353,7 +360,7 @@ def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_sa
 
 def test_a_dead_time_at_its_bound_is_not_identified():
     found = told("delay", 0.1395, 5e-4)
-    assert found.word == BOUNDED
+    assert found.word == BOUNDED_VERDICT
     assert "--columns" in found.why
     assert found.high is None
 
@@ -366,7 +373,7 @@ def test_patches_of_a_screen_are_about_points_and_raise_the_friction_everywhere_
     assert (there - 1).sum(axis=0) == pytest.approx(np.full(30, 0.1))
     own = spots(np.repeat(spots.points[:, None], 2, axis=1))[0]
     assert own == pytest.approx(np.full((many, 2), 1.1))
-    beside = spots(np.repeat(spots.points[:, None], 2, axis=1) + np.array([PATCH, 0.0]))[0]
+    beside = spots(np.repeat(spots.points[:, None], 2, axis=1) + np.array([MAP_SPACING_M, 0.0]))[0]
     assert beside == pytest.approx(np.ones((many, 2)))
 
 

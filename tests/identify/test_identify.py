@@ -10,13 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.understand import identify as command
-from twin.identify.judged import HORIZONS
-from twin.identify.logs import COLUMNS, read
-from twin.identify.parameters import DEFAULT
+from twin.identify.judged import HORIZONS_S
+from twin.identify.logs import LOG_COLUMN_UNITS, read
+from twin.identify.parameters import DEFAULT_PARAMETERS
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.report import parameters, write
-from twin.identify.search import TOLERANCE, minimise
+from twin.identify.search import COST_TOLERANCE, minimise
 from twin.identify.twin_model import _servo, identify
 from twin.run.finished import open_run, record_run, run
 from twin.scenario import load
@@ -45,14 +45,14 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(folder):
-    return identify(read(folder), (*DEFAULT, "spring"))
+    return identify(read(folder), (*DEFAULT_PARAMETERS, "spring"))
 
 
 @pytest.fixture(scope="module")
 def columns(folder):
     """The log's columns in SI units by name."""
     (opened,) = open_run(folder)
-    return {name: opened.rows[name] for name in COLUMNS if name in opened.rows}
+    return {name: opened.rows[name] for name in LOG_COLUMN_UNITS if name in opened.rows}
 
 
 def by_name(found):
@@ -77,7 +77,7 @@ def test_the_level_is_found_to_a_hundredth_of_a_degree(found):
 @pytest.mark.long
 def test_on_what_was_held_out_a_replay_is_within_a_millimetre_after_a_second(found):
     (judged,) = found.scores
-    at = HORIZONS.index(1.0)
+    at = HORIZONS_S.index(1.0)
     assert judged.median["model"][at] < 1e-3
     assert judged.median["without friction"][at] > 5e-3
     assert judged.median["stays"][at] > 5e-3
@@ -124,10 +124,10 @@ def test_the_report_needs_no_other_file(found, tmp_path):
 def test_a_csv_file_in_other_units_says_the_same(columns, found, tmp_path, write):
     scaled, headers = {}, {}
     for name, values in columns.items():
-        unit = COLUMNS[name]
+        unit = LOG_COLUMN_UNITS[name]
         new, factor = {"s": ("ms", 1e3), "m": ("mm", 1e3), **DEGREES}.get(unit, (unit, 1.0))
         scaled[name], headers[name] = values * factor, f"{name} [{new}]"
-    again = identify(read(write(tmp_path / "log.csv", scaled, headers=headers)), DEFAULT)
+    again = identify(read(write(tmp_path / "log.csv", scaled, headers=headers)), DEFAULT_PARAMETERS)
     for name in ("rolling", "breakaway"):
         assert by_name(again)[name].value == pytest.approx(by_name(found)[name].value, rel=0.01)
     assert any("friction at rest" in note for note in again.notes)
@@ -162,7 +162,7 @@ def test_without_friction_none_is_claimed(tmp_path):
 def test_friction_that_grows_with_speed_is_offered_where_the_log_shows_it(tmp_path):
     exact = ("plant.kind=lagrange", *SETTINGS[1:], "duration=40")
     log = read(logged(tmp_path, "excite", *exact, "plant.friction.viscous_mm=0.8"))
-    found = identify(log, DEFAULT)
+    found = identify(log, DEFAULT_PARAMETERS)
     each = by_name(found)
     assert any("viscous friction fitted along" in note for note in found.notes)
     assert each["viscous"].value == pytest.approx(0.8, rel=0.1)
@@ -172,7 +172,7 @@ def test_friction_that_grows_with_speed_is_offered_where_the_log_shows_it(tmp_pa
 @pytest.mark.long
 def test_on_an_uneven_screen_intervals_are_wide_enough_to_hold_the_truth(tmp_path):
     patchy = (*SETTINGS, "duration=40", "plant.surface.spread_percent=12", "plant.surface.seed=11")
-    found = identify(read(logged(tmp_path, "excite", *patchy)), DEFAULT)
+    found = identify(read(logged(tmp_path, "excite", *patchy)), DEFAULT_PARAMETERS)
     assert found.whiteness.white
     each = by_name(found)
     for name in ("rolling", "delay", "level_phi"):
@@ -218,7 +218,7 @@ def test_a_minimisation_says_why_it_stopped(found):
     assert "converged after" in str(long.termination)
     again = minimise(fit.problem, long.theta, long.starts, 300)
     assert again.termination.steps == 2
-    assert long.cost[0] - again.cost[0] <= 2 * TOLERANCE * long.cost[0]
+    assert long.cost[0] - again.cost[0] <= 2 * COST_TOLERANCE * long.cost[0]
     away = fit.found.theta.copy()
     away[:, fit.problem.names.index("rolling")] *= 2
     short = minimise(fit.problem, away, fit.found.starts, 1)

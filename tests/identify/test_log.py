@@ -10,11 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.base.errors import LogError
-from twin.identify.judged import HORIZONS, score
-from twin.identify.logs import COLUMNS, NEEDED, read
-from twin.identify.parameters import CHOICES, DEFAULT, chosen
+from twin.identify.judged import HORIZONS_S, score
+from twin.identify.logs import LOG_COLUMN_UNITS, NEEDED_COLUMNS, read
+from twin.identify.parameters import DEFAULT_PARAMETERS, PARAMETER_CHOICES, chosen
 from twin.identify.prepare import prepare
-from twin.identify.twin_model import Problem, identify, replayed
+from twin.identify.twin_model import Problem, identify, replay_log
 from twin.run.finished import open_run, record_run, run
 from twin.scenario import load
 
@@ -31,7 +31,7 @@ def exact_folder(tmp_path_factory):
 def exact_columns(exact_folder):
     """The columns of its log in SI units by name."""
     (opened,) = open_run(exact_folder)
-    return {name: opened.rows[name] for name in COLUMNS if name in opened.rows}
+    return {name: opened.rows[name] for name in LOG_COLUMN_UNITS if name in opened.rows}
 
 
 def scaled(factor):
@@ -66,7 +66,7 @@ def test_a_log_that_cannot_be_so_is_refused_in_one_line(
     changed = {name: change(exact_columns[name]) for name, change in changes.items()}
     log = read(write(tmp_path / "log.csv", exact_columns | changed))
     with pytest.raises(LogError, match=says) as caught:
-        identify(log, DEFAULT)
+        identify(log, DEFAULT_PARAMETERS)
     assert "\n" not in str(caught.value)
     assert "log.csv" in str(caught.value)
 
@@ -75,7 +75,7 @@ def test_a_log_that_cannot_be_so_is_refused_in_one_line(
 def test_a_log_that_is_too_short_is_refused_in_one_line(exact_columns, tmp_path, rows, write):
     log = read(write(tmp_path / "log.csv", exact_columns, rows=range(rows)))
     with pytest.raises(LogError, match=r"too short|too quiet|no stretch") as caught:
-        identify(log, DEFAULT)
+        identify(log, DEFAULT_PARAMETERS)
     assert "\n" not in str(caught.value)
 
 
@@ -144,7 +144,9 @@ def test_metadata_that_are_not_those_of_a_run_are_refused_in_one_line(
 
 
 def test_a_parquet_column_that_holds_no_numbers_is_named(tmp_path):
-    table = pa.table({name: ["a", "b"] if name == "measured_y" else [0.0, 1.0] for name in NEEDED})
+    table = pa.table(
+        {name: ["a", "b"] if name == "measured_y" else [0.0, 1.0] for name in NEEDED_COLUMNS}
+    )
     pq.write_table(table, tmp_path / "log.parquet")
     with pytest.raises(LogError, match="measured_y: is not one column of numbers"):
         read(tmp_path / "log.parquet")
@@ -153,7 +155,7 @@ def test_a_parquet_column_that_holds_no_numbers_is_named(tmp_path):
 def test_an_unknown_parameter_is_refused_with_those_known():
     with pytest.raises(LogError, match="no 'frction'") as caught:
         chosen("rolling,frction")
-    assert all(name in str(caught.value) for name in CHOICES)
+    assert all(name in str(caught.value) for name in PARAMETER_CHOICES)
 
 
 @pytest.mark.long
@@ -169,12 +171,12 @@ def test_the_ball_that_stays_stays_where_it_was_at_the_last_sample(tmp_path, rat
     fit = SimpleNamespace(
         problem=Problem(log.model, None, names), found=SimpleNamespace(theta=theta[None])
     )
-    found = replayed(log, fit, 0.0)
+    found = replay_log(log, fit, 0.0)
     still = score(found).median["stays"]
     (recorded,) = open_run(tmp_path)
     rows = recorded.rows
     ball = np.stack((rows["true_x"], rows["true_y"]), axis=1)
-    for ahead, off in zip(HORIZONS[:2], still, strict=False):
+    for ahead, off in zip(HORIZONS_S[:2], still, strict=False):
         steps = round(ahead / 0.002)
         way = np.hypot(*(ball[steps:] - ball[:-steps]).T)
         assert off == pytest.approx(float(np.median(way)), rel=0.1), ahead

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.base.errors import LogError
-from twin.identify.plate_motion import KEYS, NO_LOOP, lost_motion, triangle
+from twin.identify.plate_motion import NO_LOOP, PLAY_KEYS, lost_motion, triangle
 from twin.sim.rig import Hysteresis, Play
 
 CYCLES = 3
@@ -32,7 +32,7 @@ def test_the_width_put_in_is_found_and_the_shape_is_named(part, shape, width):
     assert found.shape == shape
     assert found.gain == pytest.approx(0.98, abs=0.002)
     assert found.spread < 0.001
-    assert found.as_dict()["key"] == KEYS[shape]
+    assert found.as_dict()["key"] == PLAY_KEYS[shape]
     assert f"{found.width / 2:.3f} to each side" in found.words
 
 

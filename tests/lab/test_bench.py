@@ -21,9 +21,9 @@ from scipy import stats
 from twin.base.errors import LawError, RecordError, ScenarioError, TwinError
 from twin.cli import ballplate as command
 from twin.lab import bench
-from twin.lab.bench import FAMILY, Benchmark, Entry, beside, interquartile, interval
+from twin.lab.bench import FAMILY_NAME, Benchmark, Entry, beside, interquartile, interval
 from twin.study.experiments import Store, executors
-from twin.study.schema import drawn, read_family
+from twin.study.schema import draw_rigs, read_family
 
 V1 = Benchmark().folder
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -321,7 +321,7 @@ def test_finished_runs_are_not_run_again_until_the_law_changes(small, tmp_path, 
     ],
 )
 def test_an_entry_that_fails_is_refused_in_a_line(small, tmp_path, monkeypatch, line, words):
-    monkeypatch.setattr(bench, "MAY", 2.0)
+    monkeypatch.setattr(bench, "MAX_CHUNK_CPU_S", 2.0)
     with pytest.raises(LawError, match=words) as caught:
         ran(small, own(tmp_path, line), tmp_path)
     assert "\n" not in str(caught.value)
@@ -340,7 +340,7 @@ def test_the_time_of_all_runs_is_told_by_that_of_their_beginnings(small, monkeyp
 
     monkeypatch.setattr(bench, "simulate", simulate)
     monkeypatch.setattr(bench.time, "perf_counter", lambda: clock[0])
-    monkeypatch.setattr(bench, "ENOUGH", 12.0)
+    monkeypatch.setattr(bench, "ENOUGH_TIMING_S", 12.0)
     told = small.processor_time(small.about.laws["lqr"], small.folder)
     assert told == pytest.approx(each * (2.0 + 0.8) * 2 * RIGS)  # no share of the set-up
     assert brief == [0.05, 0.25, 1.0][: 3 if each < 1 else 2]
@@ -410,7 +410,7 @@ def test_laws_of_version_1_give_the_errors_that_were_frozen():
 def test_a_season_has_rigs_of_its_key_alone():
     ours, other, frozen = Benchmark(key=KEY), Benchmark(key=OTHER), Benchmark()
     code = hashlib.sha256(KEY.encode()).hexdigest()
-    rigs = drawn(read_family(FAMILY), int(code, 16), 64)
+    rigs = draw_rigs(read_family(FAMILY_NAME), int(code, 16), 64)
     assert ours.season == code[:12]
     assert ours.points == [rig.point for rig in rigs]
     assert (Benchmark(key=KEY).points, Benchmark(key=KEY).seeds) == (ours.points, ours.seeds)
@@ -433,7 +433,7 @@ def test_a_season_has_the_same_bits_in_another_process():
 
 def test_family_and_sampler_draw_what_they_drew_when_version_1_was_frozen():
     """Else a key that is published would not draw the rigs of its season any more."""
-    frozen, again = Benchmark(), drawn(read_family(FAMILY), 2026, 128)
+    frozen, again = Benchmark(), draw_rigs(read_family(FAMILY_NAME), 2026, 128)
     assert [rig.point for rig in again] == frozen.points
     assert [rig.seed for rig in again] == frozen.seeds
 
@@ -453,7 +453,7 @@ def shipped(small, tmp_path, monkeypatch):
     """The small benchmark in place of version 1, seasons of three rigs, and a folder for runs."""
     shutil.copytree(small.folder, tmp_path / "bench" / "v1")
     monkeypatch.setattr(bench, "scenarios_folder", lambda: tmp_path)
-    monkeypatch.setattr(bench, "SEASON", 3)
+    monkeypatch.setattr(bench, "SEASON_RIGS", 3)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from twin.lab.grade import candidates, of_class
-from twin.lab.schema import Lab, deal, filled, hand_out, read
+from twin.lab.schema import Lab, deal, fill_answer, hand_out, read
 
 MINI = Path(__file__).parent / "mini"
 KEY = "the key of a course"
@@ -42,7 +42,7 @@ def hand_in(lab: Lab, folder: Path, people: int) -> list[str]:
         if number < people - len(worse):
             one, other = draw.choice(texts), draw.choice(texts)
             text = texts[number] if number < len(texts) else mixed(one, other, draw)
-            file.write_text(filled(text, deal(lab, name, KEY).told))
+            file.write_text(fill_answer(text, deal(lab, name, KEY).told))
         elif (wrong := worse[people - 1 - number]) is None:
             file.unlink()
         else:

@@ -331,7 +331,7 @@ def test_the_grader_s_own_trouble_is_not_on_the_page_of_a_student(
     def breaks(*_: object, **__: object) -> None:
         raise OSError(SECRET)
 
-    monkeypatch.setattr(grades, "judged", breaks)
+    monkeypatch.setattr(grades, "judge_answer", breaks)
     row = graded(lab, handed_in)["ann"]
     assert row["problem"] == f"the grader failed: OSError: {SECRET}"
     assert SECRET not in row["page"]

@@ -14,11 +14,11 @@ import ballplate as bp
 from controllers import catalog
 from twin.base.errors import LawError, ScenarioError
 from twin.base.shipped import folder
-from twin.lab.process import NAME, answering
+from twin.lab.process import ANSWER_NAME, answering
 from twin.lab.schema import AnswerTable, read
 from twin.run.loop import simulate
 from twin.scenario import load
-from twin.study.schema import drawn, read_family
+from twin.study.schema import draw_rigs, read_family
 
 MINI = Path(__file__).parent / "mini"
 SOLUTION = (MINI / "solution.py").read_text()
@@ -84,7 +84,7 @@ def test_a_function_is_judged_by_the_worst_of_rigs_it_has_not_seen(tmp_path: Pat
     assert found["results"][1]["data"]["value"] == pytest.approx(0.004)
     same = "def begin(log, late=0):\n    return {'start': 0.09}\n"
     (off, _) = judged(tmp_path, same)["results"]
-    rigs = drawn(read_family(str(MINI / "family.toml")), 1, 4)
+    rigs = draw_rigs(read_family(str(MINI / "family.toml")), 1, 4)
     worst = max(abs(rig.point["plant.start.x"] - 0.09) for rig in rigs)
     assert off["data"]["value"] == pytest.approx(worst)
     assert off["score"] == round(4 * min(max((0.003 - worst) / 0.002, 0), 1), 2)
@@ -170,11 +170,11 @@ def test_an_answer_in_a_process_of_its_own_gives_the_same_bits(
     try:
         here = simulate([load(scenario, [*own, f"{key}=here_of_lab"]) for own in each])
     finally:
-        del os.environ[catalog.ADDED]
+        del os.environ[catalog.ADDED_FILES_VARIABLE]
         catalog.forget()
     with answering(file, about):
-        there = simulate([load(scenario, [*own, f"{key}={NAME}"]) for own in each])
-    assert NAME not in catalog.registered()
+        there = simulate([load(scenario, [*own, f"{key}={ANSWER_NAME}"]) for own in each])
+    assert ANSWER_NAME not in catalog.registered_names()
     assert here == there
     assert len({one["rms_distance"] for one in here}) == rigs
 
@@ -195,7 +195,7 @@ def test_an_observer_that_gives_none_fails_with_one_line(
     file, begin = tmp_path / "answer.py", "        e = measurement.y"
     file.write_text(OBSERVER.replace(begin, f"        {line}\n{begin}"))
     with pytest.raises(LawError) as caught, answering(file, ABOUT):
-        simulate([load(str(MINI / "hold.toml"), [*SETTINGS, f"observer.kind={NAME}"])])
+        simulate([load(str(MINI / "hold.toml"), [*SETTINGS, f"observer.kind={ANSWER_NAME}"])])
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -15,16 +15,16 @@ import pytest
 import ballplate as bp
 from twin.base.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
-from twin.lab.grade import begin, candidates, of_student, pack, tried, written
+from twin.lab.grade import begin, candidates, format_result, of_student, pack, try_answer
 from twin.lab.handed_in import collect
-from twin.lab.judge import Judge, judged
-from twin.lab.process import NAME, answering
+from twin.lab.judge import Judge, judge_answer
+from twin.lab.process import ANSWER_NAME, answering
 from twin.lab.schema import (
-    PRACTICE,
-    PRIVATE,
+    PRACTICE_KEY,
+    PRIVATE_FILES,
     CheckTable,
     deal,
-    filled,
+    fill_answer,
     had_again,
     hand_out,
     read,
@@ -189,7 +189,7 @@ def test_a_class_is_the_first_column_below_its_heading(tmp_path: Path) -> None:
 
 def test_a_starter_is_a_solution_without_what_stands_between_its_marks() -> None:
     assert starter(SOLUTION) == (MINI / "answer.py").read_text()
-    assert "X = 2.5  # told: a.b\n" in filled("X = 1  # told: a.b\n", {"a.b": 2.5})
+    assert "X = 2.5  # told: a.b\n" in fill_answer("X = 1  # told: a.b\n", {"a.b": 2.5})
 
 
 @pytest.mark.parametrize(
@@ -314,7 +314,7 @@ def test_what_an_answer_may_not_do_fails_with_one_line(tmp_path: Path, line: str
     about = lab.answer.model_copy(update={"seconds": 1.0})
     mark = "        wanted ="
     file.write_text(SOLUTION.replace(mark, f"        {line}\n{mark}"))
-    settings = ["duration=0.1", "metrics.start=0", f"controller.kind={NAME}"]
+    settings = ["duration=0.1", "metrics.start=0", f"controller.kind={ANSWER_NAME}"]
     with pytest.raises(LawError) as caught, answering(file, about):
         simulate([load(str(MINI / "hold.toml"), settings)])
     assert LINES[line] in str(caught.value)
@@ -326,7 +326,7 @@ def test_what_an_answer_may_not_do_fails_with_one_line(tmp_path: Path, line: str
 def test_own_answers_of_a_lab_get_what_they_must() -> None:
     lab = read(MINI)
     for each in candidates(lab):
-        found = judged(lab, deal(lab, "ann", KEY), each.file, hidden=True)
+        found = judge_answer(lab, deal(lab, "ann", KEY), each.file, hidden=True)
         by_name = {check["name"]: check for check in found["results"]}
         assert each.name != "solution" or found["score"] == found["max_score"]
         assert each.name != "starter" or found["score"] <= 0.2 * found["max_score"]
@@ -345,17 +345,17 @@ def a_result() -> dict[str, object]:
 
 
 def test_a_result_is_written_as_gradescope_classroom50_and_junit_have_it() -> None:
-    found = json.loads(written(a_result(), "gradescope"))
+    found = json.loads(format_result(a_result(), "gradescope"))
     assert found["score"] == 4.5
     tests = found["tests"]
     assert [each["visibility"] for each in tests] == ["visible", "hidden", "after_published"]
     assert {each["status"] for each in tests} == {"passed", "failed"}
     assert "Look: the plot" in tests[1]["output"]
-    room = json.loads(written(a_result(), "classroom50"))
+    room = json.loads(format_result(a_result(), "classroom50"))
     assert room["schema"] == "classroom50/result/v1"
     assert (room["score"], room["max-score"]) == (150, 200)
     assert all(type(each["score"]) is int for each in room["tests"])
-    suite = ElementTree.fromstring(written(a_result(), "junit"))
+    suite = ElementTree.fromstring(format_result(a_result(), "junit"))
     assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("3", "1", "1")
     assert [len(case) for case in suite] == [0, 1, 1]
 
@@ -376,9 +376,9 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
 
     def counted(*given: object, **more: object) -> object:
         asked.append(given[1].student)  # type: ignore[attr-defined]
-        return judged(*given, **more)  # type: ignore[arg-type]
+        return judge_answer(*given, **more)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(grades, "judged", counted)
+    monkeypatch.setattr(grades, "judge_answer", counted)
 
     def graded() -> dict[str, dict[str, object]]:
         people, every = ["ann", "bob", "cid"], collect(lab, handed_in).submissions
@@ -410,8 +410,8 @@ def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: P
     (tmp_path / "numbers" / "answer.toml").write_text("mass = 1\nwind = 1\n")
     hand_out(lab, {"ann": "ann", "bob": "bob"}, KEY, hand_out_to)
     handed_in = collect(lab, hand_out_to).submissions
-    for key, whole in ((KEY, True), (PRACTICE, False)):
-        found = [grades.graded(lab, key, None, tmp_path, each) for each in handed_in]
+    for key, whole in ((KEY, True), (PRACTICE_KEY, False)):
+        found = [grades.grade_submission(lab, key, None, tmp_path, each) for each in handed_in]
         assert all(("problem" not in each) == whole for each in found)
     assert "is it the key of this course" in found[0]["problem"]
 
@@ -427,7 +427,7 @@ def test_no_package_has_what_no_student_is_handed(target: str) -> None:
         "mutants/x.py",
         "key.txt",
         "course-key.txt",
-        *PRIVATE[1:-1],
+        *PRIVATE_FILES[1:-1],
     ):
         lies = f"scenarios/labs/any/{name}"
         assert spec.match_file(f"{lies}/x" if name == "mutants" else lies), name
@@ -480,9 +480,9 @@ def test_a_log_of_the_students_rig_has_what_its_computer_knows_and_no_truth(tmp_
         "    return {'start': float(rows[0]['measured_x [m]'])}\n"
     )
     lab = read(folder)
-    found = tried(lab, (solution, "ann"))
+    found = try_answer(lab, (solution, "ann"))
     assert [each["score"] for each in found["results"]] == [1.0, 0.0]
-    assert tried(lab, (folder / "answer.toml", "ann"))["score"] == 0
+    assert try_answer(lab, (folder / "answer.toml", "ann"))["score"] == 0
     hand_out(lab, {"ann": "."}, KEY, tmp_path / "ann")
     heads = (tmp_path / "ann" / "log.csv").read_text().splitlines()[0]
     assert "applied_phi_acc [rad/s^2]" in heads
@@ -552,7 +552,7 @@ def test_a_page_of_a_student_has_no_hidden_check(tmp_path: Path) -> None:
     (folder / "answer.toml").write_text('mass = 1\nwind = "<i>"\n')
     lab = read(folder)
     judge = Judge(lab, deal(lab, "ann", KEY), folder / "answer.toml")
-    result = judged(*judge, hidden=True)
+    result = judge_answer(*judge, hidden=True)
     for everything in (False, True):
         page = of_student(judge, result, everything=everything)
         assert ("secret" in page) == everything

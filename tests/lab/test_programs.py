@@ -14,7 +14,7 @@ from controllers.interfaces import Feedback, Law, Measurement, Observer
 from controllers.references import Circle
 from twin.base.errors import LawError, ScenarioError
 from twin.lab import child
-from twin.lab.process import NAME, answering
+from twin.lab.process import ANSWER_NAME, answering
 from twin.lab.schema import AnswerTable
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -62,7 +62,7 @@ def test_the_examples_give_what_the_same_law_gives_in_numpy(tmp_path, example) -
     about = example(tmp_path)
     rng = np.random.default_rng(3)
     with answering(tmp_path / about.file, about) as asked:
-        law = catalog.catalog(Law)[NAME]()
+        law = catalog.catalog(Law)[ANSWER_NAME]()
         for rigs in (7, 3):  # a second run begins without what the first has summed up
             q = np.zeros((rigs, 2))
             law.start(rng.normal(size=(rigs, 8)), PATH, PERIOD)
@@ -89,7 +89,7 @@ def own(folder: Path, lines: str, **settings: object) -> AnswerTable:
 
 def commanded(folder: Path, about: AnswerTable) -> np.ndarray:
     with answering(folder / about.file, about):
-        law = catalog.catalog(Law)[NAME]()
+        law = catalog.catalog(Law)[ANSWER_NAME]()
         law.start(np.arange(16.0).reshape(2, 8), PATH, PERIOD)
         given = np.arange(40.0).reshape(2, 20)
         law.command(feedback(0.5, given))
@@ -116,7 +116,7 @@ def test_an_observer_may_be_a_program(tmp_path) -> None:
 """
     about = own(tmp_path, lines, kind="observer")
     with answering(tmp_path / about.file, about):
-        observer = catalog.catalog(Observer)[NAME]()
+        observer = catalog.catalog(Observer)[ANSWER_NAME]()
         observer.start(np.zeros((2, 8)))
         seen = Measurement(0.1, np.zeros((2, 4)), np.zeros(2), np.array([False, True]))
         assert observer.correct(seen).tolist() == [[2.0] * 8, [12.0] * 8]

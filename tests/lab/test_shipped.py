@@ -7,9 +7,9 @@ import can
 import numpy as np
 import pytest
 
-from twin.lab.grade import candidates, prepared
-from twin.lab.judge import judged
-from twin.lab.schema import LOG, deal, read, record, shipped_labs, starter
+from twin.lab.grade import candidates, prepare_answer
+from twin.lab.judge import judge_answer
+from twin.lab.schema import LOG_FILE, deal, read, record, shipped_labs, starter
 
 LABS = sorted(shipped_labs())
 KEY = "of a test"
@@ -64,9 +64,9 @@ def test_an_answer_handed_on_scores_visibly_worse(name: str, tmp_path: Path) -> 
     for own, other in ((least, most), (most, least)):
         folder = tmp_path / own.student
         folder.mkdir()
-        record(lab, own, folder / LOG)
-        answer = prepared(lab, solution, own, folder)
-        found, copied = (judged(lab, each, answer, hidden=False) for each in (own, other))
+        record(lab, own, folder / LOG_FILE)
+        answer = prepare_answer(lab, solution, own, folder)
+        found, copied = (judge_answer(lab, each, answer, hidden=False) for each in (own, other))
         assert found["score"] == found["max_score"]
         assert copied["score"] <= 0.75 * found["score"]
 
@@ -77,7 +77,7 @@ def test_an_interval_that_holds_everything_earns_nothing(name: str, tmp_path: Pa
     for student in ("ann", "bob", "cid"):
         dealt = deal(lab, student, KEY)
         file.write_text("".join(f"{key} = [-1e9, 1e9]\n" for key in lab.answer.asked))
-        assert judged(lab, dealt, file, hidden=True)["score"] == 0
+        assert judge_answer(lab, dealt, file, hidden=True)["score"] == 0
 
 
 def test_the_ranges_that_the_sheet_of_identify_tells_earn_nothing_for_the_log(
@@ -88,7 +88,7 @@ def test_the_ranges_that_the_sheet_of_identify_tells_earn_nothing_for_the_log(
         'rolling_mm = [0.20, 0.26]\ndead_time = [0.03, 0.08]\nbreakaway_ratio = "not determined"\n'
     )
     for student in ("ann", "bob", "cid"):
-        found = judged(lab, deal(lab, student, KEY), file, hidden=True)["results"]
+        found = judge_answer(lab, deal(lab, student, KEY), file, hidden=True)["results"]
         assert [each["score"] for each in found[:4]] == [0, 0, 0, 0]
 
 
@@ -103,7 +103,7 @@ BEGINS = 2.1005
 def test_a_trace_of_the_wire_shows_the_fault_that_was_dealt(fault: str, tmp_path: Path) -> None:
     lab = read("wire")
     point = {"wire.fault": fault, "wire.node": 2.0, "wire.begins": BEGINS, "wire.lost": 3.0}
-    record(lab, deal(lab, "ann", KEY)._replace(point=point), tmp_path / LOG)
+    record(lab, deal(lab, "ann", KEY)._replace(point=point), tmp_path / LOG_FILE)
     with can.CanutilsLogReader(tmp_path / "bus.log") as frames:  # another's reader of this format
         said = [(each.timestamp, each.arbitration_id, bytes(each.data)) for each in frames]
     pdos, beats = (

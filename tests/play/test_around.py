@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from twin.base.errors import TwinError
 from twin.cli.rig import play
 from twin.play import serve
-from twin.play.page import PLANT, complete, gains, moved, shown_by
-from twin.play.serve import LOGGERS, MAX_LINES, Audience, guarded, in_lines, is_loopback
-from twin.play.session import AHEAD, BEHIND, COLUMNS, Errors, Pace
+from twin.play.page import PLANT_SLIDERS, complete, gains, setting_of_slider, shown_by
+from twin.play.serve import LOGGERS, MAX_LINES, Audience, in_lines, is_loopback, require_token
+from twin.play.session import MAX_AHEAD_S, MAX_BEHIND_S, PICTURE_COLUMNS, Errors, Pace
 from twin.scenario.load import load
 
 HERE = {"host": "127.0.0.1:8090"}
@@ -36,7 +36,7 @@ def asked(token="", *, headers=HERE, query="", kind="http"):
         "query_string": query.encode(),
         "headers": [(name.encode(), text.encode()) for name, text in headers.items()],
     }
-    asyncio.run(guarded(app, token)(scope, None, send))
+    asyncio.run(require_token(app, token)(scope, None, send))
     return sent, bool(answered)
 
 
@@ -114,11 +114,11 @@ def test_a_clock_holds_the_simulation_to_real_time_and_says_when_it_cannot():
     now = 100.0
     pace = Pace(lambda: now)
     assert pace.early(0.0) == 0.0
-    assert pace.early(AHEAD / 2) == 0.0
+    assert pace.early(MAX_AHEAD_S / 2) == 0.0
     assert pace.early(0.5) == pytest.approx(0.5)
     now = 101.0
     assert pace.early(0.5) == 0.0  # half a second late: not all of it is caught up with
-    assert pace.early(0.5 + BEHIND + 0.01) == pytest.approx(0.01)
+    assert pace.early(0.5 + MAX_BEHIND_S + 0.01) == pytest.approx(0.01)
     now = 101.5
     pace.early(0.75)
     assert pace.factor == pytest.approx(0.5)
@@ -126,11 +126,13 @@ def test_a_clock_holds_the_simulation_to_real_time_and_says_when_it_cannot():
 
 def test_a_slider_moves_its_number_and_shows_it():
     tables = load("circle").model_dump(mode="json")
-    dead_time = next(each for each in PLANT if each.unit == "ms")
+    dead_time = next(each for each in PLANT_SLIDERS if each.unit == "ms")
     assert shown_by(tables, dead_time) == pytest.approx(42)
-    assert moved(tables, dead_time, 60.0) == {"sensors.touch.dead_time": pytest.approx(0.06)}
-    along_y = next(each for each in PLANT if each.entry == 1)
-    assert moved(tables, along_y, 0.3) == {"plant.level_deg": [0.0, 0.3]}
+    assert setting_of_slider(tables, dead_time, 60.0) == {
+        "sensors.touch.dead_time": pytest.approx(0.06)
+    }
+    along_y = next(each for each in PLANT_SLIDERS if each.entry == 1)
+    assert setting_of_slider(tables, along_y, 0.3) == {"plant.level_deg": [0.0, 0.3]}
 
 
 def of_law(name, *settings):
@@ -143,22 +145,27 @@ def test_a_gain_is_moved_and_the_others_of_its_key_stay():
     tables, found = of_law("circle")
     assert [shown_by(tables, each) for each in found] == [180, 162, 66, 13]
     assert (found[0].low, found[0].high) == (45, 720)
-    assert moved(tables, found[1], 81.0) == {"controller.gains": [180, 81, 66, 13]}
+    assert setting_of_slider(tables, found[1], 81.0) == {"controller.gains": [180, 81, 66, 13]}
     tables, (rho, *_) = of_law("hold")
-    assert moved(tables, rho, 600.0) == {"controller.rho": 600.0}
+    assert setting_of_slider(tables, rho, 600.0) == {"controller.rho": 600.0}
 
 
 def test_gains_by_default_can_be_moved_too():
     tables, found = of_law("circle", "controller.kind=pole_placement")
     assert [shown_by(tables, each) for each in found] == [-2, -2.5, -3.5, -4]
     assert (found[0].low, found[0].high) == (-8, -0.5)
-    assert moved(tables, found[3], -5.0) == {"controller.poles": [-2, -2.5, -3.5, -5]}
+    assert setting_of_slider(tables, found[3], -5.0) == {"controller.poles": [-2, -2.5, -3.5, -5]}
 
 
 def test_the_error_so_far_is_that_of_all_pictures_and_forgets_what_was_undone():
     def row(time, error, clean):
-        now = {**dict.fromkeys(COLUMNS, 0.0), "time": time, "error": error, "ghost_error": clean}
-        return [now[name] for name in COLUMNS]
+        now = {
+            **dict.fromkeys(PICTURE_COLUMNS, 0.0),
+            "time": time,
+            "error": error,
+            "ghost_error": clean,
+        }
+        return [now[name] for name in PICTURE_COLUMNS]
 
     errors = Errors()
     assert errors.rms == (0.0, 0.0)

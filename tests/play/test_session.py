@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.play.driven import MOST, Driven, Kept, States
-from twin.play.session import COLUMNS, Back, End, Goal, Pause, Push, Save, Settings
+from twin.play.driven import MAX_SNAPSHOTS, Driven, Kept, States
+from twin.play.session import PICTURE_COLUMNS, Back, End, Goal, Pause, Push, Save, Settings
 from twin.run.finished import open_run, run
 from twin.scenario.load import load
 from twin.whatif.futures import branch, future, moment_of
@@ -114,7 +114,7 @@ def test_of_two_states_at_one_moment_the_later_counts_and_what_follows_one_goes_
     states = States()
     for second in (*range(400), 399):
         states.keep(Kept(float(second), len(states.all), None, None, None))
-    assert [each.time for each in states.all] == [0, *range(400 - MOST, 400)]
+    assert [each.time for each in states.all] == [0, *range(400 - MAX_SNAPSHOTS, 400)]
     assert not states.due(399.5)
     assert states.due(400.0)
     assert states.back_to(142.5).time == 142.0
@@ -195,7 +195,7 @@ def test_time_stands_still_while_it_is_paused(driven):
 def test_the_clean_model_goes_beside_without_friction(driven):
     pictures = []
     driven(load("circle"), {}, 1500, show=pictures.append)
-    last = dict(zip(COLUMNS, pictures[-1], strict=True))
+    last = dict(zip(PICTURE_COLUMNS, pictures[-1], strict=True))
     assert last["time"] > 2.9
     assert last["ghost_error"] < 0.1 * last["error"]
 

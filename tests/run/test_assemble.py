@@ -11,7 +11,7 @@ from controllers.references import Circle, Hold
 from twin.base.errors import ModelError, ScenarioError
 from twin.base.settings import settings_of
 from twin.hal.interface import Limits
-from twin.run.assemble import SHARED, SHARED_EXACT, assemble
+from twin.run.assemble import SHARED_EXACT, SHARED_KEYS, assemble
 from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
@@ -106,7 +106,7 @@ TABLE = [f"plant.linkage.{axis}_deg=[[-40, -15], [40, 15]]" for axis in ("phi", 
     ],
 )
 def test_what_a_batch_has_only_once_is_refused_by_name(common, changes, key):
-    assert key in SHARED + SHARED_EXACT
+    assert key in SHARED_KEYS + SHARED_EXACT
     with pytest.raises(ScenarioError, match=f"{key}: rigs that run side by side must agree"):
         assemble([load("circle", common), load("circle", [*common, *changes])])
 

@@ -12,7 +12,7 @@ from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.load import at_time, load
-from twin.scenario.schema import JUMPS, MECHANISM_ONLY, RAMPS
+from twin.scenario.schema import JUMP_KEYS, MECHANISM_ONLY, RAMP_KEYS
 
 PLANTS = ("lagrange", "mujoco")
 
@@ -178,7 +178,7 @@ def commanded(scenarios, ticks):
 EVERY = {
     (plant, key)
     for plant in PLANTS
-    for key in RAMPS + JUMPS
+    for key in RAMP_KEYS + JUMP_KEYS
     if key in OTHER and not (plant == "lagrange" and key[6:] in MECHANISM_ONLY)
 }
 QUICK = {("mujoco", "plant.level_deg")}

@@ -12,7 +12,7 @@ from controllers import catalog
 from controllers.classical import LQR
 from twin.run.assemble import build_controller
 from twin.run.loop import simulate
-from twin.run.tables import FIRST, indicators
+from twin.run.tables import FIRST_LABELS, indicators
 from twin.scenario import load
 
 SETTINGS = {"plant.kind": "lagrange", "plant.start.x": 0.05, "duration": 1.2, "metrics.start": 0}
@@ -95,7 +95,7 @@ def test_compare_has_a_column_where_a_command_was_late():
     )
     assert in_time["late_percent"] == 0
     for other, there in ((late, True), (in_time, False)):
-        found = indicators("", {"prompt": prompt, "other": other}, FIRST)
+        found = indicators("", {"prompt": prompt, "other": other}, FIRST_LABELS)
         assert ("late commands" in {row[0] for row in found.rows}) is there
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ballplate.reporter import Reporter
-from ballplate.running import connected
+from ballplate.running import open_rig
 from twin.base.errors import ScenarioError
 from twin.hal.cams import CamTable
 from twin.run.connect import connect
@@ -49,5 +49,5 @@ def test_the_motors_are_turned_by_the_table_that_the_rig_file_names(tmp_path):
 )
 def test_settings_of_a_simulation_are_refused_on_a_real_rig(key):
     refused = pytest.raises(ScenarioError, match=f"{key} describes a simulated rig")
-    with refused, connected("rig.toml", load("circle"), [key], Reporter(), reset=False):
+    with refused, open_rig("rig.toml", load("circle"), [key], Reporter(), reset=False):
         pass

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.base.errors import LogError, RecordError
-from twin.run.files import STREAM
-from twin.run.finished import described, open_run, record_run, run
-from twin.run.logs import NEEDED, UNITS, read_columns, split_unit
+from twin.run.files import STREAM_FILE
+from twin.run.finished import open_run, record_run, run, run_metadata
+from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, read_columns, split_unit
 from twin.run.record import CHECKSUM, read_run, stream
 
 
@@ -25,10 +25,10 @@ def made(tmp_path_factory):
     done, folder = run(scenario), tmp_path_factory.mktemp("made")
     record_run(done, folder / "whole")
     rows = dict(done.rows)
-    with stream([*rows], folder / STREAM, done.units, described(scenario)) as append:
+    with stream([*rows], folder / STREAM_FILE, done.units, run_metadata(scenario)) as append:
         for first in range(0, 200, 20):
             append({name: values[first : first + 20] for name, values in rows.items()})
-    return folder / "whole" / "run.parquet", folder / STREAM, rows
+    return folder / "whole" / "run.parquet", folder / STREAM_FILE, rows
 
 
 def damaged(content, rng):
@@ -75,16 +75,16 @@ def test_no_damage_changes_a_number_without_a_word(made, tmp_path, form, times):
 def test_a_stream_that_is_damaged_in_the_middle_says_from_when_on(made, tmp_path):
     content = made[1].read_bytes()
     one = content.index(CHECKSUM, content.index(CHECKSUM, len(content) // 2) + 1)
-    file = tmp_path / STREAM
+    file = tmp_path / STREAM_FILE
     file.write_bytes(content[: one + 600] + b"\x7f" + content[one + 601 :])
     with pytest.raises(RecordError, match=r"run\.arrows: damaged: its rows after 0\.\d+ s do not"):
         open_run(tmp_path)
     with pytest.raises(LogError, match=r"run\.arrows: .*damaged: its rows after"):
-        read_columns(file, UNITS, NEEDED)
+        read_columns(file, COLUMN_UNITS, NEEDED_COLUMNS)
 
 
 def test_rows_that_were_being_written_are_left_out_and_that_is_said(made, tmp_path):
-    (tmp_path / STREAM).write_bytes(made[1].read_bytes()[:-300])
+    (tmp_path / STREAM_FILE).write_bytes(made[1].read_bytes()[:-300])
     (found,) = open_run(tmp_path)
     assert len(found.time) == 180
     assert found.incomplete == (
@@ -94,7 +94,7 @@ def test_rows_that_were_being_written_are_left_out_and_that_is_said(made, tmp_pa
 
 def test_a_stream_without_some_periods_says_how_many(made, tmp_path, scenario):
     rows = {name: np.delete(values, slice(50, 60)) for name, values in made[2].items()}
-    with stream([*rows], tmp_path / STREAM, {}, described(scenario())) as append:
+    with stream([*rows], tmp_path / STREAM_FILE, {}, run_metadata(scenario())) as append:
         append(rows)
     assert open_run(tmp_path)[0].incomplete == (
         "run.arrows: 10 periods are not in it: begun too late, or not written",
@@ -108,9 +108,9 @@ def test_records_without_a_checksum_are_read(made, tmp_path):
     table = table.replace_schema_metadata(about)
     pq.write_table(table, tmp_path / "run.parquet")
     assert np.array_equal(read_run(tmp_path / "run.parquet")[0]["true_x"], made[2]["true_x"])
-    with pa.ipc.new_stream(tmp_path / STREAM, table.schema) as writer:
+    with pa.ipc.new_stream(tmp_path / STREAM_FILE, table.schema) as writer:
         writer.write_table(table)
-    found = read_run(tmp_path / STREAM)
+    found = read_run(tmp_path / STREAM_FILE)
     assert np.array_equal(found[0]["true_x"], made[2]["true_x"])
     assert "incomplete" not in found[2]
 
@@ -145,9 +145,9 @@ def test_columns_are_looked_at_before_any_is_read(tmp_path, monkeypatch):
     pq.write_table(table.replace_schema_metadata({"ballplate": "{}"}), tmp_path / "run.parquet")
     monkeypatch.setattr(pq.ParquetFile, "read", lambda *_, **__: 1 / 0)
     with pytest.raises(LogError, match=r"no column .*measured_y"):
-        read_columns(tmp_path / "run.parquet", UNITS, NEEDED)
+        read_columns(tmp_path / "run.parquet", COLUMN_UNITS, NEEDED_COLUMNS)
     with pytest.raises(LogError, match="time: is not one column of numbers"):
-        read_columns(tmp_path / "run.parquet", UNITS, ("time",))
+        read_columns(tmp_path / "run.parquet", COLUMN_UNITS, ("time",))
     monkeypatch.undo()
     assert [*read_run(tmp_path / "run.parquet")[0]] == ["measured_x"]
 
@@ -168,7 +168,7 @@ def test_a_long_header_is_one_short_line_at_once(tmp_path, header):
     (tmp_path / "log.csv").write_text(f"{HEADERS[header]}\n1\n")
     begin = time.process_time()
     with pytest.raises(LogError) as caught:
-        read_columns(tmp_path / "log.csv", UNITS, ("time", "measured_x"))
+        read_columns(tmp_path / "log.csv", COLUMN_UNITS, ("time", "measured_x"))
     assert time.process_time() - begin < 1.0
     assert len(str(caught.value)) < 1200
 

@@ -8,7 +8,7 @@ import pytest
 
 import ballplate as bp
 from controllers.ballplate import BallPlate
-from twin.base.shipped import shipped
+from twin.base.shipped import shipped_scenarios
 from twin.run.assemble import build_controller
 from twin.run.finished import open_run, record_run, run
 from twin.run.loop import alike
@@ -96,7 +96,7 @@ def test_what_a_study_or_family_draws_of_the_ball_is_not_known_to_the_designer()
 
 
 def test_no_shipped_scenario_is_designed_on_another_ball_than_the_nominal_one():
-    assert {load(name).designed_on for name in shipped()} == {BallPlate()}
+    assert {load(name).designed_on for name in shipped_scenarios()} == {BallPlate()}
 
 
 @pytest.mark.long

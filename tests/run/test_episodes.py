@@ -6,7 +6,7 @@ import pytest
 from twin.base.errors import ModelError, ScenarioError
 from twin.run.loop import Episodes
 from twin.sim.sensors import Noise
-from twin.study.schema import drawn, read_family
+from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder
 
 BUILD = Builder("circle")
@@ -30,7 +30,7 @@ def drawn_often(monkeypatch):
 
 def family(count, draw, *fixed):
     """Rigs of the shipped family, which differ in nearly everything."""
-    rigs = drawn(read_family("uncertain"), draw, count)
+    rigs = draw_rigs(read_family("uncertain"), draw, count)
     return [BUILD([f"seed={rig.seed}", *fixed], rig.point) for rig in rigs]
 
 

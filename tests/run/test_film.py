@@ -12,13 +12,13 @@ from PIL import Image, ImageColor
 import ballplate as bp
 from twin.base.errors import RecordError
 from twin.run import film as film_module
-from twin.run.files import MOVING
+from twin.run.files import FILM_SUFFIXES
 from twin.run.film import Cut, Film, Stage, moving
 from twin.run.finished import Run, record_run, run
-from twin.run.picture import COLOURS
+from twin.run.picture import RUN_COLOURS
 from twin.scenario.load import check, load, put
 
-BLUE = np.array(ImageColor.getrgb(COLOURS[0]))
+BLUE = np.array(ImageColor.getrgb(RUN_COLOURS[0]))
 WHITE = (255, 255, 255)
 PLATE = (0.70, 0.395)
 TABLES = {
@@ -158,7 +158,7 @@ def test_a_positive_phi_lowers_the_right_end_and_a_positive_theta_raises_the_far
 
 def test_balls_in_one_place_are_all_seen_in_their_colours():
     picture = frames(*[told([(0.1, 0.05)] * 9)] * 6, seconds=0.05)[0]
-    for colour in COLOURS[1:6]:
+    for colour in RUN_COLOURS[1:6]:
         found, pixels = seen(picture, ImageColor.getrgb(colour))
         assert pixels > 20
         np.testing.assert_allclose(found, (0.1, 0.05), atol=2e-3)
@@ -202,7 +202,7 @@ def circle():
     return run(load("circle", CIRCLE))
 
 
-@pytest.mark.parametrize("ending", MOVING)
+@pytest.mark.parametrize("ending", FILM_SUFFIXES)
 def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
     circle, tmp_path, ending
 ):

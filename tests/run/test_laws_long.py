@@ -8,7 +8,7 @@ from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
-from twin.study.schema import drawn, read_family
+from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder
 
 pytestmark = pytest.mark.long
@@ -56,7 +56,7 @@ STICKING = (10, 16)
 
 
 def test_a_ball_that_sticks_is_held_within_a_millimetre():
-    rigs = drawn(read_family("uncertain"), 101, max(STICKING) + 1)
+    rigs = draw_rigs(read_family("uncertain"), 101, max(STICKING) + 1)
     # over 50 s, as docs/cure_family.md: stuck for some seconds it may be off by more
     on = ["plant.step=0.002", "duration=60.0", "reference.kind=hold", "reference.x=0.05"]
     build = Builder("cure")

@@ -8,7 +8,7 @@ import pytest
 from ballplate import compare
 from twin.base.errors import LogError, ScenarioError
 from twin.run.finished import run
-from twin.run.logs import AXES, apart, distances, fitting, log_run, read_log
+from twin.run.logs import AXIS_NAMES, apart, distances, fitting, log_run, read_log
 from twin.scenario.load import load
 
 CHANGES = (
@@ -91,7 +91,7 @@ def test_a_log_of_commands_in_columns_of_any_name_lies_on_the_run_it_was_taken_f
     """A camera of 50 frames/s that sees half millimetres, and the angles that were commanded."""
     rows, period = made.rows, 0.002
     k = np.arange(0, len(rows["time"]), 10)
-    tilt = [np.cumsum(np.cumsum(rows[f"applied_{axis}_acc"])) * period**2 for axis in AXES]
+    tilt = [np.cumsum(np.cumsum(rows[f"applied_{axis}_acc"])) * period**2 for axis in AXIS_NAMES]
     seen = [np.round(2000 * rows[f"measured_{axis}"][k]) / 2 for axis in ("x", "y")]
     cells = np.column_stack((1000 * rows["time"][k], *seen, *(np.degrees(u[k]) for u in tilt)))
     file = tmp_path / "rig.txt"

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.run.files import UNITS
-from twin.run.metrics import Ending, Motion, Outcome, held, measure, tracking_error
+from twin.run.files import INDICATOR_UNITS
+from twin.run.metrics import Ending, Motion, Outcome, find_rest, measure, tracking_error
 
 DONE = Outcome(Ending.FINISHED, 10.0)
 
@@ -135,7 +135,7 @@ def test_every_indicator_has_a_unit():
     late = step.pop("late_percent")  # of a law that takes no time
     assert late is None
     assert None not in step.values(), "of such a motion each has a value"
-    assert step.keys() - {"outcome", "reason"} == set(UNITS) - {
+    assert step.keys() - {"outcome", "reason"} == set(INDICATOR_UNITS) - {
         "judged_from",
         "late_percent",
         "real_time_factor",
@@ -150,7 +150,7 @@ def test_a_ball_at_rest_for_longer_than_a_turn_is_held():
     speed[np.abs(time - 0.5) < 0.02] = 0.0  # turns
     expected = ((time >= 1.0) & (time < 2.0)) | (time >= 2.9)
     # the last interval lasts 98 ms, until the last row: less than is judged
-    np.testing.assert_array_equal(held(time, speed), expected & (time < 2.0))
+    np.testing.assert_array_equal(find_rest(time, speed), expected & (time < 2.0))
 
 
 @pytest.mark.parametrize("ending", [Ending.FELL, Ending.LOST, Ending.DIVERGED])

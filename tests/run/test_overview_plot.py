@@ -9,11 +9,11 @@ from matplotlib.patches import Ellipse
 
 from twin.run.metrics import Motion
 from twin.run.picture import (
-    COLOURS,
-    HEIGHT,
     LEAST_ERROR,
-    LOOKS,
-    REFERENCE,
+    LOOK_COUNT,
+    REFERENCE_STYLE,
+    RUN_COLOURS,
+    STRIP_HEIGHT,
     picture,
 )
 from twin.scenario.schema import Dimensions
@@ -48,7 +48,7 @@ def references(panel):
     return [
         line
         for line in panel.lines
-        if line.get_zorder() == REFERENCE["zorder"] and len(line.get_xdata())
+        if line.get_zorder() == REFERENCE_STYLE["zorder"] and len(line.get_xdata())
     ]
 
 
@@ -78,10 +78,10 @@ def test_the_legend_has_the_runs_that_can_be_told_apart():
     figure, panels = drawn(**runs)
     curves = panels["Tracking error"].lines
     looks = {(line.get_color(), line.get_linestyle()) for line in curves}
-    assert len(looks) == LOOKS
-    assert words(figure)[:LOOKS] == list(runs)[:LOOKS]
-    assert not {*words(figure)} & {*list(runs)[LOOKS:]}
-    assert words(figure)[LOOKS].startswith("reference")
+    assert len(looks) == LOOK_COUNT
+    assert words(figure)[:LOOK_COUNT] == list(runs)[:LOOK_COUNT]
+    assert not {*words(figure)} & {*list(runs)[LOOK_COUNT:]}
+    assert words(figure)[LOOK_COUNT].startswith("reference")
 
 
 @pytest.mark.parametrize(
@@ -146,15 +146,15 @@ def test_where_friction_holds_the_ball_is_shaded_and_said():
     for name in ("Position", "Tracking error"):
         ((paths, colour),) = bands(panels[name])
         (path,) = paths
-        assert colour.upper() == COLOURS[0]
-        assert path.get_extents().extents == pytest.approx([1.0, 0.0, 1.99, HEIGHT])
+        assert colour.upper() == RUN_COLOURS[0]
+        assert path.get_extents().extents == pytest.approx([1.0, 0.0, 1.99, STRIP_HEIGHT])
     assert "held by friction, 25.0 % of the time" in words(figure)
 
 
 def test_each_run_has_a_strip_of_its_own_colour_under_one_entry():
     figure, panels = drawn(one=resting(0.0, 1.0), free=motion(), other=resting(1.0, 3.0))
     found = [colour.upper() for _, colour in bands(panels["Tracking error"])]
-    assert found == [COLOURS[0], COLOURS[2]]
+    assert found == [RUN_COLOURS[0], RUN_COLOURS[2]]
     assert "held by friction, 25.0 and 50.0 % of the time" in words(figure)
 
 

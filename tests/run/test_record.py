@@ -6,8 +6,8 @@ import pytest
 
 from twin.base.errors import RecordError
 from twin.base.writing import write_whole
-from twin.run.files import STREAM
-from twin.run.finished import described, open_run, run, save
+from twin.run.files import STREAM_FILE
+from twin.run.finished import open_run, run, run_metadata, save
 from twin.run.record import Recorder, read_run, stream, write_run
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
@@ -68,20 +68,22 @@ def streamed(tmp_path, scenario):
     columns |= {name: values for name, _, values in done.record.columns()}
     ends = []
     units = done.record.units
-    with stream(list(columns), tmp_path / STREAM, units, described(done.scenario)) as append:
+    with stream(
+        list(columns), tmp_path / STREAM_FILE, units, run_metadata(done.scenario)
+    ) as append:
         for piece in np.array_split(np.arange(done.record.length), 4):
             append({name: values[piece] for name, values in columns.items()})
-            ends.append((tmp_path / STREAM).stat().st_size)
+            ends.append((tmp_path / STREAM_FILE).stat().st_size)
     return done, tmp_path, ends
 
 
 def test_a_stream_that_breaks_off_anywhere_is_read_up_to_there(streamed):
     done, folder, ends = streamed
-    whole = (folder / STREAM).read_bytes()
+    whole = (folder / STREAM_FILE).read_bytes()
     pieces = np.cumsum([len(piece) for piece in np.array_split(done.record.time, 4)])
     for length in [*range(ends[1], ends[2], 997), ends[1], ends[2] - 1, ends[2], ends[3]]:
-        (folder / STREAM).write_bytes(whole[:length])
-        rows, units, _ = read_run(folder / STREAM)
+        (folder / STREAM_FILE).write_bytes(whole[:length])
+        rows, units, _ = read_run(folder / STREAM_FILE)
         known = pieces[sum(end <= length for end in ends) - 1]
         assert np.array_equal(rows["true_x"], done.record["state"][:known, 0, 0])
         assert units["true_phi_rate"] == "rad/s"
@@ -96,11 +98,11 @@ def test_a_stream_opens_as_a_run_that_was_killed_and_goes_when_the_run_is_kept(s
     assert found.metrics["outcome_time"] == pytest.approx(done.record.end)
     assert found.metrics["rms_error"] == pytest.approx(done.metrics["rms_error"])
     save(done, folder, {"run": done.motion})
-    assert not (folder / STREAM).exists()
+    assert not (folder / STREAM_FILE).exists()
     assert open_run(folder)[0].metrics["outcome"] == "finished"
 
 
 def test_a_stream_of_nothing_is_one_line(tmp_path):
-    (tmp_path / STREAM).write_bytes(b"")
+    (tmp_path / STREAM_FILE).write_bytes(b"")
     with pytest.raises(RecordError, match=r"run\.arrows: nothing has been recorded yet"):
         open_run(tmp_path)

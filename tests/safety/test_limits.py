@@ -9,8 +9,8 @@ from twin.emulator.drive import Motor
 from twin.hal.interface import Clamp, Limits
 from twin.safety.faults import (
     CASES,
-    LEVEL,
-    STILL,
+    LEVEL_RAD,
+    STANDSTILL_RAD_S,
     AtFault,
     FaultCase,
     Stopper,
@@ -69,11 +69,11 @@ def test_where_nobody_has_to_stop_there_is_no_standstill_to_wait_for():
 def test_a_motor_without_torque_stands_within_its_limit_but_not_within_a_tenth_less():
     motor, time = Motor(), 0.0
     motor.rate = rate = AT.rate + 2 * 7 * PERIOD
-    while abs(motor.rate) > STILL:
+    while abs(motor.rate) > STANDSTILL_RAD_S:
         motor.coast(PERIOD / 4)
         time += PERIOD / 4
     limit = standstill_limit(row(Stopper.STO), 0.0, AT)
-    assert rate > STILL
+    assert rate > STANDSTILL_RAD_S
     assert 0.9 * limit < time <= limit
 
 
@@ -84,7 +84,7 @@ def test_levelling_from_the_largest_tilt_is_over_within_its_limit(detected):
     angle = np.full((1, 2), tilt_limit(case, detected, 1.0, AT))
     # the largest tilt is where it has braked from the fastest rate
     rate, time = np.zeros((1, 2)), detected + min(AT.rate + 7 * detected, Limits().rate) / 7
-    while (np.abs(angle) >= LEVEL).any() or (np.abs(rate) >= STILL).any():
+    while (np.abs(angle) >= LEVEL_RAD).any() or (np.abs(rate) >= STANDSTILL_RAD_S).any():
         rate = clamp(clamp.towards_level(angle), rate, angle)
         angle = angle + PERIOD * rate
         time += PERIOD
@@ -110,7 +110,7 @@ def test_a_plate_driven_as_fast_as_can_be_until_it_stands_keeps_its_limits(stopp
 
 def test_a_rig_that_is_refused_must_not_move_at_all():
     refused = CASE["STO is open"]
-    assert tilt_limit(refused, 1.0, None, AT) == LEVEL
+    assert tilt_limit(refused, 1.0, None, AT) == LEVEL_RAD
 
 
 def test_no_limit_is_beyond_the_clamp_unless_the_fault_itself_drives_the_plate():

@@ -17,10 +17,10 @@ from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Clamp
 from twin.hal.supervisor import Supervisor
-from twin.safety.faults import CASES, GROUPS, Stopper
+from twin.safety.faults import CASE_GROUPS, CASES, Stopper
 from twin.safety.trial import FaultRow, Trial
 
-AT_START = GROUPS["at_start"]
+AT_START = CASE_GROUPS["at_start"]
 CASE = {case.name: case for case in CASES}
 ALONE = "Supervisor alone: the screen says nothing any more, and waits for 1 s itself"
 OTHER = "refused for another reason"
@@ -176,8 +176,8 @@ GOES_ON = {*AT_REST, *TORQUE, "standstill"}
 @pytest.fixture
 def early(monkeypatch):
     """The fault comes while the ball goes over to the circle: the plate turns quickly."""
-    monkeypatch.setattr("twin.safety.trial.BEGIN", 1.3)
-    monkeypatch.setattr("twin.safety.trial.AFTER", 0.8)
+    monkeypatch.setattr("twin.safety.trial.FAULT_BEGIN_S", 1.3)
+    monkeypatch.setattr("twin.safety.trial.RUN_AFTER_S", 0.8)
 
 
 def tried(case, mutation):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from twin.emulator.drive import MASTER_SILENT, STO_FAULT, UNDERVOLTAGE, Power
+from twin.emulator.drive import MASTER_SILENT, STO_FAULT, UNDERVOLTAGE_FAULT, Power
 from twin.emulator.lockstep import PowerChange, TrueMotion
-from twin.safety.faults import LEVEL, Stopper
+from twin.safety.faults import LEVEL_RAD, Stopper
 from twin.safety.trial import reaction
 
 ENABLED, QUICK, OFF = Power.OPERATION_ENABLED, Power.QUICK_STOP, Power.SWITCH_ON_DISABLED
@@ -65,7 +65,7 @@ def test_a_plate_at_rest_but_tilted_does_not_stand_where_it_must_be_level():
 
 
 def test_a_plate_that_is_level_while_its_drives_have_torque_was_levelled():
-    plate = np.where(TIME < 1.3, 0.03, LEVEL / 2)
+    plate = np.where(TIME < 1.3, 0.03, LEVEL_RAD / 2)
     stops = both(1.5, ENABLED, QUICK) + both(1.5, QUICK, OFF, lost=True)
     found = judged(Seen(plate, np.zeros_like(TIME), stops), level=True)
     assert found.stopped_by == (Stopper.LEVELLING, Stopper.LEVELLING)
@@ -90,7 +90,10 @@ def test_a_plate_level_only_after_its_torque_went_was_not_levelled():
         ([(ENABLED, OFF, {"lost": True, "injected": True})], Stopper.LOST_TORQUE),
         ([(ENABLED, Power.FAULT, {"lost": True, "fault": MASTER_SILENT})], Stopper.HEARTBEAT),
         ([(ENABLED, Power.FAULT, {"lost": True, "fault": STO_FAULT})], Stopper.STO),
-        ([(ENABLED, Power.FAULT, {"lost": True, "fault": UNDERVOLTAGE})], Stopper.LOST_TORQUE),
+        (
+            [(ENABLED, Power.FAULT, {"lost": True, "fault": UNDERVOLTAGE_FAULT})],
+            Stopper.LOST_TORQUE,
+        ),
         ([(ENABLED, Power.FAULT_REACTION, {"fault": 235, "injected": True})], Stopper.DRIVE),
         ([], Stopper.NOBODY),
         # what stops it counts, not what comes of it later

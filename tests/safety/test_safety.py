@@ -86,8 +86,8 @@ def test_a_run_that_nothing_happens_to_would_fail_a_row(monkeypatch):
     case = CASES[NUMBER["The STO input of drive phi opens"]]
     idle = type(case)(name="nothing", act=lambda rig: None, expected=case.expected)
     monkeypatch.setattr("twin.safety.trial.CASES", (idle,))
-    monkeypatch.setattr("twin.safety.trial.BEGIN", 0.3)
-    monkeypatch.setattr("twin.safety.trial.AFTER", 0.3)
+    monkeypatch.setattr("twin.safety.trial.FAULT_BEGIN_S", 0.3)
+    monkeypatch.setattr("twin.safety.trial.RUN_AFTER_S", 0.3)
     row = run_case(0)
     assert row.detected is None
     assert not row.good

@@ -10,9 +10,9 @@ from twin.base.errors import ScenarioError
 from twin.base.settings import value_of
 from twin.cli.runs import describe as command
 from twin.run.tables import flat
-from twin.scenario.describe import about, described, every_kind
+from twin.scenario.describe import about, every_kind, find_keys
 from twin.scenario.load import check
-from twin.scenario.schema import KINDS, Scenario, choices
+from twin.scenario.schema import CATALOG_TABLES, Scenario, choices
 
 TABLES = {
     "title": "test",
@@ -20,7 +20,7 @@ TABLES = {
     "controller": {"kind": "lqr"},
     "reference": {"kind": "hold"},
 }
-EVERY = [*described(), *(key for keys in every_kind().values() for key in keys)]
+EVERY = [*find_keys(), *(key for keys in every_kind().values() for key in keys)]
 PROJECT = Path(__file__).parents[2]
 SUFFIX = {"mm": "mm", "um": "um", "deg": "deg", "hz": "Hz", "percent": "%"}
 
@@ -44,12 +44,12 @@ def test_every_key_that_a_scenario_has_is_described():
     ball = {"kind": "nominal", "mass": 0.1, "radius": 0.02, "inertia": 1e-5, "height": 0.1}
     tables = {**TABLES, "predictor": {}, "controller": {**TABLES["controller"], "model": ball}}
     whole = check(tables, "test").model_dump(mode="json")
-    assert flat(whole).keys() == {key.key for key in described()}
+    assert flat(whole).keys() == {key.key for key in find_keys()}
 
 
 def test_the_described_defaults_are_those_of_a_scenario():
     scenario = check({**TABLES, "predictor": {}}, "test")
-    for key in described():
+    for key in find_keys():
         if not key.required:
             value = value_of(scenario, key.key)
             value = list(value) if isinstance(value, tuple) else value
@@ -57,41 +57,41 @@ def test_the_described_defaults_are_those_of_a_scenario():
 
 
 def test_a_kind_shows_its_own_settings_and_sentence():
-    assert [key.key for key in described("lqr")] == [key.key for key in described("controller.lqr")]
-    assert {key.kind for key in described("lqr")} == {"lqr"}
+    assert [key.key for key in find_keys("lqr")] == [key.key for key in find_keys("controller.lqr")]
+    assert {key.kind for key in find_keys("lqr")} == {"lqr"}
     assert about("lqr").startswith("State feedback that minimises")
-    assert described("ideal") == []
+    assert find_keys("ideal") == []
 
 
 def test_the_last_part_of_a_key_finds_all_of_that_name():
-    found = {(key.kind, key.key) for key in described("amplitude")}
+    found = {(key.kind, key.key) for key in find_keys("amplitude")}
     assert {kind for kind, _ in found} == {"circle", "lissajous", "sine"}
-    assert [key.key for key in described("rolling_mm")] == ["plant.friction.rolling_mm"]
-    assert [key.kind for key in described("reference.path.points")] == ["path"]
+    assert [key.key for key in find_keys("rolling_mm")] == ["plant.friction.rolling_mm"]
+    assert [key.kind for key in find_keys("reference.path.points")] == ["path"]
 
 
 def test_a_key_of_several_kinds_is_that_of_each():
-    found = described("reference.omega")
+    found = find_keys("reference.omega")
     assert {key.key for key in found} == {"reference.omega"}
     assert {"circle", "sine", "lissajous"} <= {key.kind for key in found}
 
 
 def test_a_table_shows_its_keys_only():
-    assert {key.key.rpartition(".")[0] for key in described("plant.friction")} == {"plant.friction"}
-    assert len(described("plant")) > len(described("plant.friction"))
+    assert {key.key.rpartition(".")[0] for key in find_keys("plant.friction")} == {"plant.friction"}
+    assert len(find_keys("plant")) > len(find_keys("plant.friction"))
 
 
 @pytest.mark.parametrize("wrong", ["roling_mm", "plant.fricton", "lqrr"])
 def test_an_unknown_name_is_one_line_with_the_nearest(wrong):
     with pytest.raises(ScenarioError, match=r"nothing called .*; did you mean '") as caught:
-        described(wrong)
+        find_keys(wrong)
     assert len(str(caught.value)) < 200
 
 
 def test_a_word_finds_a_table_within_another_or_what_keys_mean():
-    assert {key.key.rpartition(".")[0] for key in described("servo")} == {"plant.servo"}
-    assert "plant.friction.rolling_mm" in {key.key for key in described("arm")}
-    assert all("corner" in key.meaning.lower() for key in described("corner"))
+    assert {key.key.rpartition(".")[0] for key in find_keys("servo")} == {"plant.servo"}
+    assert "plant.friction.rolling_mm" in {key.key for key in find_keys("arm")}
+    assert all("corner" in key.meaning.lower() for key in find_keys("corner"))
 
 
 @pytest.mark.parametrize("table", ["law", "observer", "reference"])
@@ -121,7 +121,7 @@ def test_the_page_holds_every_key_and_kind_and_is_today_s(monkeypatch):
         assert text == (PROJECT / "docs" / name).read_text(encoding="utf-8")
     for key in EVERY:
         assert f"| `{key.key}` |" in page
-    for table in KINDS:
+    for table in CATALOG_TABLES:
         for kind in choices(table):
             assert f"## {table}.{kind}\n" in page
     assert Scenario.__name__ not in page

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twin.base.errors import ScenarioError
 from twin.scenario import load
-from twin.scenario.load import check, comparison, parsed, put, read, setting, variants
+from twin.scenario.load import check, comparison, parse_variations, put, read, setting, variants
 
 
 def override(tables, overrides):
@@ -137,11 +137,11 @@ def test_a_date_is_no_text():
 
 
 def names(*vary):
-    return [variant.name for variant in variants(parsed(vary))]
+    return [variant.name for variant in variants(parse_variations(vary))]
 
 
 def test_tables_are_values_with_the_shortest_name_that_tells_them_apart():
-    two = variants(parsed(['controller=[{kind="afl"}, {kind="lqr", rho=100}]']))
+    two = variants(parse_variations(['controller=[{kind="afl"}, {kind="lqr", rho=100}]']))
     assert [variant.name for variant in two] == ["afl", "lqr"]
     assert two[1].settings == (("controller", {"kind": "lqr", "rho": 100}),)
     alike = 'controller=[{kind="lqr", rho=100}, {kind="lqr", rho=300}, {kind="afl"}]'
@@ -155,7 +155,7 @@ def test_values_may_be_written_without_brackets_and_combine():
         "lqr duration=5",
         "lqr duration=10.0",
     ]
-    labels = [variant.label for variant in variants(parsed(["seed=[1,2]"]))]
+    labels = [variant.label for variant in variants(parse_variations(["seed=[1,2]"]))]
     assert labels == ["seed=1", "seed=2"]
     assert variants({})[0].settings == ()
 
@@ -172,7 +172,7 @@ def test_a_comparison_is_titled_by_what_ran():
 )
 def test_what_is_no_variation_is_one_line(text):
     with pytest.raises(ScenarioError, match=r"\A.*\Z"):
-        parsed([text])
+        parse_variations([text])
 
 
 # Parameter files, as identification writes them and scenarios name them

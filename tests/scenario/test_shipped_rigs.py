@@ -9,8 +9,8 @@ from twin.base.errors import ScenarioError
 from twin.base.shipped import shipped_in
 from twin.run.assemble import assemble, build_controller, build_reference
 from twin.run.finished import run
-from twin.scenario import shipped
-from twin.scenario.load import check, load, read, resolved
+from twin.scenario import shipped_scenarios
+from twin.scenario.load import check, load, read, resolve
 from twin.scenario.schema import choices
 
 RIGS = sorted(shipped_in("rigs"))
@@ -26,7 +26,7 @@ def farthest(scenario):
 
 @pytest.mark.long
 @pytest.mark.parametrize("rig", RIGS)
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", shipped_scenarios())
 def test_a_scenario_on_a_rig_starts_with_a_reference_in_its_area(name, rig):
     made_for, now = as_shipped(name), load(name, [f"parameters={rig}"])
     share = min(np.divide(now.rig.limits.area, made_for.rig.limits.area))
@@ -94,7 +94,7 @@ def test_the_cure_keeps_the_ball_on_every_rig_and_must_be_told_a_lag_it_cannot_f
         assert worse < 1.2 * error
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", shipped_scenarios())
 def test_on_the_rig_of_the_thesis_a_scenario_is_what_its_file_says(name):
     tables, source = read(name)
     assert tables["title"]
@@ -155,7 +155,7 @@ def test_times_of_goals_stay_and_a_start_becomes_smaller():
     tables["plant"] = {"start": {"x": 0.1, "y_rate": 0.2}}
     goals = [[0.0, 0.1, 0.05], [2.0, -0.2, 0.0], [4.0, 0.0, 0.0]]
     tables["reference"] = {"kind": "setpoints", "points": goals}
-    found = check(*resolved(tables, "t", [("parameters", "hobby")]))
+    found = check(*resolve(tables, "t", [("parameters", "hobby")]))
     assert found.plant.start.x == pytest.approx(0.04)
     assert found.plant.start.y_rate == 0.2
     settings = found.reference.settings

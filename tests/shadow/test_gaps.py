@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twin.scenario import load
-from twin.shadow.belief import believed, logs
+from twin.shadow.belief import belief_of, logs
 from twin.shadow.evidence import clear, gaps
 from twin.shadow.follow import shadow
 
@@ -66,9 +66,9 @@ def test_a_span_is_clear_of_a_gap_only_once_it_is_felt_no_more():
 )
 def test_a_log_full_of_gaps_is_neither_healthy_nor_ill(recorded, broken):
     healthy, ill = recorded
-    assert shadow(ill, believed(ill)).verdict == "alarm"
+    assert shadow(ill, belief_of(ill)).verdict == "alarm"
     for log in (healthy, ill):
-        said = shadow(broken(log), believed(log))
+        said = shadow(broken(log), belief_of(log))
         assert said.verdict == "cannot tell"
         assert len(said.gaps) > 40
         assert said.replays is not None
@@ -83,6 +83,6 @@ def test_a_log_full_of_gaps_is_neither_healthy_nor_ill(recorded, broken):
 def test_a_few_missing_rows_leave_the_rest_of_a_log_its_say(recorded):
     healthy, ill = recorded
     for log, verdict in ((healthy, "healthy"), (ill, "alarm")):
-        said = shadow(log.rows(np.r_[0:4900, 4903:5000]), believed(log))
+        said = shadow(log.rows(np.r_[0:4900, 4903:5000]), belief_of(log))
         assert said.verdict == verdict
         assert len(said.gaps) == 1

@@ -8,24 +8,24 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from twin.hal.interface import SCREEN
+from twin.hal.interface import SCREEN_SIZE_M
 from twin.identify.prepare import prepare
 from twin.identify.search import fit_starts
-from twin.identify.windows import STEP, STRETCH, Spans, cut
+from twin.identify.windows import FORCE_STRETCH_S, REPLAY_STEP_S, Spans, cut
 from twin.scenario import load
-from twin.shadow.belief import Belief, believed, logs
+from twin.shadow.belief import Belief, belief_of, logs
 from twin.shadow.horizon import (
-    BAND,
-    FORGOTTEN,
-    LEAD,
-    REST,
+    CHI_SQUARE_95,
+    LEAD_S,
+    MAP_FORGETTING_S,
+    UNMAPPED_SHARE,
     FrictionMap,
     Replays,
     braking,
     forces,
     replays,
-    smoothed,
-    turned,
+    smooth,
+    to_acceleration_columns,
     unforeseen,
 )
 
@@ -40,7 +40,7 @@ def circled(*settings):
     """A ball that goes round and round: its log, and the twin."""
     chosen = load("circle", (*QUICK, *settings))
     (log,) = logs([(chosen, chosen)])
-    return prepare(log), believed(log)
+    return prepare(log), belief_of(log)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def ways(screen, count, size=4, seed=1):
     truth = np.linalg.cholesky(screen.covariance + 1e-12 * np.eye(len(screen.mean)))
     truth = truth @ rng.standard_normal(len(screen.mean))
     for _ in range(count):
-        rows = screen.shares(rng.uniform(-0.5, 0.5, (size, 2)) * SCREEN)
+        rows = screen.shares(rng.uniform(-0.5, 0.5, (size, 2)) * SCREEN_SIZE_M)
         J = rng.standard_normal((20, size)) * 40
         noise = J.T @ rng.standard_normal(20)
         yield (
@@ -107,15 +107,15 @@ def test_a_way_that_no_screen_explains_is_not_believed(uneven):
 
 def test_between_its_points_a_map_is_straight(uneven):
     screen = FrictionMap(uneven[1])
-    place = np.random.default_rng(2).uniform(-0.5, 0.5, (50, 2)) * SCREEN
-    grid = [np.linspace(-side / 2, side / 2, 1 + round(side / 0.045)) for side in SCREEN]
+    place = np.random.default_rng(2).uniform(-0.5, 0.5, (50, 2)) * SCREEN_SIZE_M
+    grid = [np.linspace(-side / 2, side / 2, 1 + round(side / 0.045)) for side in SCREEN_SIZE_M]
     x, y = (each.ravel() for each in np.meshgrid(*grid, indexing="ij"))
     assert screen.shares(place) @ (2 * x - 3 * y) == pytest.approx(place @ [2, -3], abs=1e-12)
 
 
 def test_what_a_map_of_large_meshes_does_not_show_is_left_unknown(uneven):
     large, small = (FrictionMap(on_screen(uneven[1], patch_mm=mm)) for mm in (100.0, 10.0))
-    assert large.left == pytest.approx(0.2 * REST, rel=1e-3)
+    assert large.left == pytest.approx(0.2 * UNMAPPED_SHARE, rel=1e-3)
     assert small.left > 0.9 * 0.2
     assert small.covariance.max() < 0.1 * large.covariance.max()
 
@@ -127,7 +127,7 @@ def test_a_screen_long_not_seen_is_a_new_one(uneven):
         take_in(screen, rows, A, b, 5.0)
     mean, known = screen.mean, screen.covariance
     nothing = np.zeros((1, len(mean)))
-    screen.learn(nothing, np.zeros(1), screen.known(nothing), 5.0 + FORGOTTEN / 2)
+    screen.learn(nothing, np.zeros(1), screen.known(nothing), 5.0 + MAP_FORGETTING_S / 2)
     assert screen.mean == pytest.approx(np.exp(-0.5) * mean)
     assert prior - screen.covariance == pytest.approx(np.exp(-1.0) * (prior - known), abs=1e-12)
 
@@ -172,12 +172,10 @@ def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
         begins = np.arange(begin + 2, end - longest, 2.0)  # the ball rolls
         return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
 
-    some = cut(log, belief.lag, LEAD, spans)
+    some = cut(log, belief.lag, LEAD_S, spans)
     for name in ("UNKNOWN", "ROUGH"):
         monkeypatch.setattr(f"twin.shadow.horizon.{name}", 1e-9)
-    mean, covariance, end, *_ = smoothed(
-        some, belief, FrictionMap(belief), np.ones(len(some), bool)
-    )
+    mean, covariance, end, *_ = smooth(some, belief, FrictionMap(belief), np.ones(len(some), bool))
     problem, theta = belief.problem(some), belief.theta
     starts = fit_starts(problem, theta, problem.initial_starts(), 6)
     line = problem.linearise(theta, starts)
@@ -194,7 +192,7 @@ def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
         moved[0, :6] += best[:6] * prior[:6]
         begun[:, 0, w] += best[6:] * prior[6:]
         place, speed = (
-            each[round(LEAD / STEP), :, 0, w] for each in problem.replayed(moved, begun)
+            each[round(LEAD_S / REPLAY_STEP_S), :, 0, w] for each in problem.replayed(moved, begun)
         )
         assert end[:, w] + mean[w, 6:] == pytest.approx([*place, *speed], abs=2e-5)
 
@@ -216,11 +214,11 @@ def test_of_a_plate_with_camber_that_is_known_replays_are_as_near_as_of_a_flat_o
 def test_on_an_uneven_screen_replays_stray_as_far_as_predicted(uneven):
     log, belief = uneven
     run = replays(log, belief, NO_GAPS)
-    inside = run.square[run.counted] <= BAND
+    inside = run.square[run.counted] <= CHI_SQUARE_95
     assert len(inside) > 10
     assert inside.sum() >= stats.binom.ppf(1e-3, len(inside), 0.95)
     even = replays(log, on_screen(belief, spread_percent=0.0), NO_GAPS)
-    assert (even.square[even.counted] <= BAND).mean() < 0.5
+    assert (even.square[even.counted] <= CHI_SQUARE_95).mean() < 0.5
 
 
 @pytest.mark.long
@@ -255,17 +253,17 @@ def test_a_spread_is_that_of_balls_pushed_at_random(uneven, slope_deg, brakes):
     across = np.hypot(belief.sloped, 4e-4)
     rng = np.random.default_rng(3)
     heading = np.array([0.6, -0.8])
-    stretch = round(STRETCH / STEP)
+    stretch = round(FORCE_STRETCH_S / REPLAY_STEP_S)
     places = np.zeros((20_000, 2))
     for begin in range(0, COUNT, stretch):
-        lasting = (min(begin + stretch, COUNT) - begin) * STEP
-        left = (COUNT - begin) * STEP - lasting
+        lasting = (min(begin + stretch, COUNT) - begin) * REPLAY_STEP_S
+        left = (COUNT - begin) * REPLAY_STEP_S - lasting
         pushed = along * rng.standard_normal((len(places), 1)) * heading
         pushed = pushed + across * rng.standard_normal((len(places), 2))
         places += pushed * (lasting**2 / 2 + lasting * left)
     going = np.broadcast_to(0.05 * heading.reshape(1, 2, 1), (COUNT + 1, 2, 1))
     kinds = (forces(belief, going), brakes * braking(belief, going))
-    ((predicted,), (braked,)) = (unforeseen(each, COUNT * STEP) for each in kinds)
+    ((predicted,), (braked,)) = (unforeseen(each, COUNT * REPLAY_STEP_S) for each in kinds)
     predicted = predicted + braked
     assert predicted == pytest.approx(np.cov(places.T), abs=0.05 * np.trace(predicted))
 
@@ -278,7 +276,7 @@ def test_columns_of_unit_accelerations_become_those_of_the_unknown_ones(uneven):
     going = np.broadcast_to([[[0.03], [0.04]]], (COUNT + 1, 2, 1))
     there = braking(uneven[1], going)
     columns = np.arange(2.0 * 2 * there.shape[1]).reshape(1, 2, -1)
-    found = turned(columns, there)
+    found = to_acceleration_columns(columns, there)
     size = np.hypot(*there[0, 0, :, 0])
     assert found == pytest.approx(-size * (0.6 * columns[..., 0::2] + 0.8 * columns[..., 1::2]))
-    assert turned(columns[0], there) == pytest.approx(found)
+    assert to_acceleration_columns(columns[0], there) == pytest.approx(found)

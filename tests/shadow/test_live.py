@@ -19,7 +19,7 @@ from twin.shadow import follow
 from twin.shadow.alarms import Alarm, Cause
 from twin.shadow.evidence import Evidence
 from twin.shadow.follow import Shadow
-from twin.shadow.horizon import BAND, Replays
+from twin.shadow.horizon import CHI_SQUARE_95, Replays
 from twin.shadow.report import Commentary, TwinStream, examine
 
 SETTINGS = (
@@ -84,8 +84,8 @@ def test_an_alarm_is_one_line_and_its_causes_are_one_when_they_are_settled():
 
 def test_the_band_that_is_drawn_is_the_band_of_the_verdict():
     run = replays([[1e-3, 0.0], [2.4e-3, 0.0], [2.5e-3, 0.0]], [0.0, 1.0, 2.0])
-    assert ((run.distance <= run.band) == (run.square <= BAND)).all()
-    assert run.band == pytest.approx(np.sqrt(BAND) / 1000)  # in every direction
+    assert ((run.distance <= run.band) == (run.square <= CHI_SQUARE_95)).all()
+    assert run.band == pytest.approx(np.sqrt(CHI_SQUARE_95) / 1000)  # in every direction
     batches = {each.entity: each for each in TwinStream("a", load("circle")).batches(run, [])}
     assert batches["/a/twin_error_mm/band"].time.tolist() == [1, 2, 3]
     ball = batches["/a/mechanism/cardan/plate/twin_ball"]
@@ -157,10 +157,10 @@ def test_a_twin_that_learns_beside_a_run_says_nothing_before_and_what_it_learned
         rows = {name: values[first : first + 500] for name, values in recorded.rows.items()}
         if follower.take(rows):
             follower.ask()
-        learned = rows["time"][-1] > follow.LEARNING + follow.MARGIN + follow.STRIDE
+        learned = rows["time"][-1] > follow.LEARNING_S + follow.PENDING_S + follow.STRIDE_S
         assert bool(follower.said.taught) >= learned
-        assert rows["time"][-1] > follow.LEARNING or not follower.said.taught
-    assert follower.said.replays.time[0] >= follow.LEARNING - 1.0
+        assert rows["time"][-1] > follow.LEARNING_S or not follower.said.taught
+    assert follower.said.replays.time[0] >= follow.LEARNING_S - 1.0
 
 
 def test_a_new_window_that_ends_before_an_old_one_is_neither_dropped_nor_is_an_old_one_told_twice():

@@ -17,27 +17,27 @@ from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import Segment
 from twin.scenario import load
 from twin.shadow.alarms import (
-    ADDED,
+    ALARM_LLR,
     DEAD_TIME,
-    MOST,
-    THRESHOLD,
+    MAX_LLR_INCREMENT,
+    MAX_SCATTER,
     WINDOWS_PER_HOUR,
     SequentialTests,
     added_up,
-    bounded,
-    delayed,
-    limited,
+    bound_evidence,
+    dead_time_ratio,
+    limit_dead_time_evidence,
     resolution,
     scatter,
-    standing,
     statistic,
+    statistic_at,
 )
 from twin.shadow.alarms import LATE_THRESHOLD as OWN
-from twin.shadow.belief import PARAMETERS, Belief
+from twin.shadow.belief import WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import Evidence, plate_evidence
 from twin.sim.rig import Play
 
-LATE = PARAMETERS.index("delay")
+LATE = WATCHED_PARAMETERS.index("delay")
 
 
 def belief_of(*settings):
@@ -79,7 +79,7 @@ def test_many_small_signs_are_an_alarm_and_a_few_large_ones_are_not(belief):
     few[20:22] = 0.05
     some[20:] = 0.006
     for late, alarms in ((some, True), (few, False), (np.zeros(40), False)):
-        ratio = delayed(limited(windows(late), belief), belief)
+        ratio = dead_time_ratio(limit_dead_time_evidence(windows(late), belief), belief)
         assert bool(ratio.max() > OWN) == alarms
         assert ratio[:20].max() < OWN / 3
 
@@ -88,7 +88,7 @@ def test_healthy_windows_raise_no_dead_time_alarm_and_the_old_threshold_did(beli
     # windows of rigs with even screens scatter as they say, and each by itself
     rng = np.random.default_rng(12)
     found = windows(2e-3 * rng.standard_normal(WINDOWS_PER_HOUR // 4))
-    ratio = delayed(limited(found, belief), belief)
+    ratio = dead_time_ratio(limit_dead_time_evidence(found, belief), belief)
     assert ratio.max() < OWN
     assert ratio.max() > 3.4  # what was an alarm before
     # 24 hours of windows, each of which may begin a change that is none
@@ -123,11 +123,11 @@ def test_what_is_short_of_an_alarm_is_called_possible(belief):
 
 def test_other_causes_raise_no_dead_time(belief):
     moved = windows(np.zeros(40))
-    friction = PARAMETERS.index("rolling")
+    friction = WATCHED_PARAMETERS.index("rolling")
     A, b = moved.information.copy(), moved.score.copy()
     A[:, friction, friction], b[20:, friction] = 1e12, 1e12 * 5e-5
     other = Evidence(moved.begin, moved.end, A, b, *(getattr(moved, name) for name in REST))
-    assert delayed(limited(other, belief), belief).max() < OWN / 3
+    assert dead_time_ratio(limit_dead_time_evidence(other, belief), belief).max() < OWN / 3
 
 
 REST = ("height", "stopping", "dispersion")
@@ -138,14 +138,16 @@ def test_windows_added_later_say_what_all_at_once_say(belief):
     ball = windows(0.002 * rng.standard_normal(30) + 0.004 * (np.arange(30) > 12))
     plate = np.arange(30) % 3 == 1  # these show nothing of the dead time
     every = replace(ball, information=np.where(plate[:, None, None], 0.0, ball.information))
-    whole = limited(every, belief)
+    whole = limit_dead_time_evidence(every, belief)
     assert len(whole) == 20
-    first = limited(every.take(np.arange(12)), belief)
-    parts = Evidence.join([first, limited(every, belief, after=12)])
+    first = limit_dead_time_evidence(every.take(np.arange(12)), belief)
+    parts = Evidence.join([first, limit_dead_time_evidence(every, belief, after=12)])
     assert parts.score == pytest.approx(whole.score)
-    assert delayed(parts, belief, after=12)[12:] == pytest.approx(delayed(whole, belief)[12:])
-    ratio = delayed(whole, belief)
-    stands = standing(whole, ratio, every.end)
+    assert dead_time_ratio(parts, belief, after=12)[12:] == pytest.approx(
+        dead_time_ratio(whole, belief)[12:]
+    )
+    ratio = dead_time_ratio(whole, belief)
+    stands = statistic_at(whole, ratio, every.end)
     assert stands[plate] == pytest.approx(stands[np.flatnonzero(plate) - 1])
     assert stands[~plate] == pytest.approx(ratio)
 
@@ -153,9 +155,9 @@ def test_windows_added_later_say_what_all_at_once_say(belief):
 def test_no_window_adds_more_than_it_may_whatever_came_before(belief):
     rng = np.random.default_rng(7)
     found = windows(0.002 * rng.standard_t(1.5, 60))
-    ratio = delayed(found, belief)
-    assert np.diff(ratio, prepend=0.0).max() <= ADDED + 1e-9
-    assert np.diff(added_up(found, belief, 0, DEAD_TIME, np.inf)).max() > 1.5 * ADDED
+    ratio = dead_time_ratio(found, belief)
+    assert np.diff(ratio, prepend=0.0).max() <= MAX_LLR_INCREMENT + 1e-9
+    assert np.diff(added_up(found, belief, 0, DEAD_TIME, np.inf)).max() > 1.5 * MAX_LLR_INCREMENT
 
 
 def test_without_a_bound_it_is_the_largest_ratio_of_any_change(belief):
@@ -182,15 +184,18 @@ def test_on_an_uneven_screen_what_looks_like_dead_time_may_be_the_screen(spread,
     # found on family rigs: every window of a drive in closed loop shows some ms too much
     rig = belief_of(f"plant.surface.spread_percent={spread}")
     late = np.repeat((0.0, 0.006), 20)
-    assert bool(delayed(limited(windows(late), rig), rig).max() > OWN) == alarms
+    assert (
+        bool(dead_time_ratio(limit_dead_time_evidence(windows(late), rig), rig).max() > OWN)
+        == alarms
+    )
 
 
 def test_either_test_raises_an_alarm_and_both_together_one():
     quiet, loud = np.zeros(9), np.r_[0.0, 0, 0, 2, 2, 2, 0, 0, 0]
     for every, late, ratio in (
-        (loud * THRESHOLD, quiet, 2 * THRESHOLD),
+        (loud * ALARM_LLR, quiet, 2 * ALARM_LLR),
         (quiet, loud * OWN, 2 * OWN),
-        (loud * THRESHOLD, loud * OWN, 2 * THRESHOLD),
+        (loud * ALARM_LLR, loud * OWN, 2 * ALARM_LLR),
     ):
         found = SequentialTests(None, ratio=every, delayed=late)
         assert found.crossings == [3]
@@ -198,7 +203,7 @@ def test_either_test_raises_an_alarm_and_both_together_one():
     assert not SequentialTests(None, ratio=quiet, delayed=quiet).crossings
 
 
-ROLLING = PARAMETERS.index("rolling")
+ROLLING = WATCHED_PARAMETERS.index("rolling")
 
 
 def test_scatter_between_windows_is_learned_and_an_offset_is_not():
@@ -210,7 +215,7 @@ def test_scatter_between_windows_is_learned_and_an_offset_is_not():
         factor = scatter(rolled(off), belief)[-1, ROLLING]
         assert factor == pytest.approx(times, abs=0.25 * times)
     wild = scatter(rolled(100 * expected * rng.standard_normal(400)), belief)
-    assert wild.max() == MOST
+    assert wild.max() == MAX_SCATTER
 
 
 def test_a_change_widens_nothing_while_it_may_still_be_one():
@@ -226,8 +231,8 @@ def test_one_window_is_no_alarm_and_five_are():
         off = np.zeros(40)
         off[20 : 20 + wrong] = 0.3
         soft = rolled(off).softened(belief.changing)
-        assert statistic(soft, belief).max() > 2 * THRESHOLD
-        assert bool(statistic(bounded(soft, belief), belief).max() > THRESHOLD) == alarms
+        assert statistic(soft, belief).max() > 2 * ALARM_LLR
+        assert bool(statistic(bound_evidence(soft, belief), belief).max() > ALARM_LLR) == alarms
 
 
 def test_play_and_cams_that_are_believed_are_no_evidence_of_a_change():
@@ -247,7 +252,7 @@ def test_play_and_cams_that_are_believed_are_no_evidence_of_a_change():
         found = plate_evidence(log, belief_of(*settings), np.zeros((0, 2)))
         return np.abs(found.score[:, which]).sum(axis=0)
 
-    which = [PARAMETERS.index(name) for name in ("wide_play", "transmission")]
+    which = [WATCHED_PARAMETERS.index(name) for name in ("wide_play", "transmission")]
     exact = "plant.kind=lagrange"  # with the lag of the log, and no plate on wheels
     known = pull(exact, "plant.servo.backlash_deg=0.2", "rig.cam_error_percent=[3.0, 3.0]")
     assert (known < 1e-6 * pull(exact)).all()
@@ -255,7 +260,7 @@ def test_play_and_cams_that_are_believed_are_no_evidence_of_a_change():
 
 def test_the_same_evidence_weakened_says_the_same_less_loudly():
     soft = rolled(np.full(3, 0.3)).softened(belief_of().changing)
-    weak = bounded(soft, belief_of())
+    weak = bound_evidence(soft, belief_of())
     ratio = weak.score[:, ROLLING] / weak.information[:, ROLLING, ROLLING]
     before = soft.score[:, ROLLING] / soft.information[:, ROLLING, ROLLING]
     assert ratio == pytest.approx(before)

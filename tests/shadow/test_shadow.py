@@ -16,10 +16,10 @@ from twin.cli.understand import shadow as command
 from twin.identify.logs import MECHANISM_LAG, read
 from twin.run.finished import run, save
 from twin.scenario import load
-from twin.shadow.alarms import THRESHOLD, Before, weigh
-from twin.shadow.belief import PARAMETERS, Belief, believed, check_commands, logs
-from twin.shadow.evidence import NONE, Evidence, log_evidence, posterior, whitened
-from twin.shadow.follow import LEARNING, shadow
+from twin.shadow.alarms import ALARM_LLR, Before, weigh
+from twin.shadow.belief import WATCHED_PARAMETERS, Belief, belief_of, check_commands, logs
+from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior, whiten
+from twin.shadow.follow import LEARNING_S, shadow
 from twin.shadow.report import page
 
 ROLLING = '"plant.friction.rolling_mm"=0.234'
@@ -59,14 +59,14 @@ def recorded():
 @pytest.fixture(scope="module")
 def found(recorded):
     """What is said of every rig, by what happened to it."""
-    return {name: shadow(log, believed(log)) for name, log in recorded.items()}
+    return {name: shadow(log, belief_of(log)) for name, log in recorded.items()}
 
 
 @pytest.fixture(scope="module")
 def mechanisms():
     """What is said of every rig on the mechanism, by what happened to it."""
     logs = beside(MECHANICAL, 10.0, "duration=28")
-    return {name: shadow(log, believed(log)) for name, log in logs.items()}
+    return {name: shadow(log, belief_of(log)) for name, log in logs.items()}
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_a_score_rises_when_friction_does(found):
 @pytest.mark.long
 def test_a_ball_at_rest_is_no_sign_of_health():
     log = logs([(each := load("hold", ("plant.kind=lagrange", "duration=8")), each)])[0]
-    said = shadow(log, believed(log))
+    said = shadow(log, belief_of(log))
     assert said.verdict == "cannot tell"
     assert said.told < 5
 
@@ -138,7 +138,7 @@ def test_innovations_of_a_disturbed_angle_seen_by_encoders_are_white_with_varian
     kick = math.sqrt(disturbance) * rng.standard_normal(40_000)
     rate = period * np.cumsum(kick)
     angle = period * np.cumsum(rate) + math.sqrt(encoder) * rng.standard_normal(40_000)
-    e = whitened(angle, period, disturbance, encoder)[2000:]
+    e = whiten(angle, period, disturbance, encoder)[2000:]
     assert e.std() == pytest.approx(1, abs=0.03)
     assert abs(np.corrcoef(e[1:], e[:-1])[0, 1]) < 0.03
 
@@ -151,8 +151,10 @@ def test_lost_motion_may_have_gone_where_there_was_some(believed_play, named):
     spans = np.stack((np.arange(10.0), np.arange(1.0, 11.0)), axis=-1)
     A, b = np.full((10, 1, 1), 20.0), np.full((10, 1), 20.0 * less)
     windows = Evidence.of(("narrow_play",), spans, A, b)
-    before = Before(np.zeros(len(PARAMETERS)), belief.uncertainty + np.diag(belief.drift**2))
-    causes = {each.name: each for each in weigh(NONE, None, windows, before, belief)}
+    before = Before(
+        np.zeros(len(WATCHED_PARAMETERS)), belief.uncertainty + np.diag(belief.drift**2)
+    )
+    causes = {each.name: each for each in weigh(NO_EVIDENCE, None, windows, before, belief)}
     assert (causes["lost motion"].probability > 0.5) == named
     assert causes["lost motion"].change.startswith("-0.0")
 
@@ -168,13 +170,13 @@ def test_a_log_without_commands_is_refused_by_one_line(recorded):
 def test_a_log_that_is_too_short_is_refused_by_one_line(recorded):
     log = recorded["healthy"].rows(slice(0, 700))
     with pytest.raises(LogError, match=r"no stretch of 2\.5 s"):
-        shadow(log, believed(log))
+        shadow(log, belief_of(log))
 
 
 @pytest.mark.long
 def test_a_gap_is_shown_and_never_bridged(recorded):
     log = recorded["healthy"].rows(np.r_[0:3000, 3400:7000])
-    said = shadow(log, believed(log))
+    said = shadow(log, belief_of(log))
     assert said.gaps == pytest.approx(np.array([[5.998, 6.8]]))
     run = said.replays
     assert (run.time < 6).any()
@@ -188,13 +190,13 @@ def test_a_scenario_of_another_version_is_refused_by_one_line(recorded):
     log = recorded["healthy"]
     strange = {**log.scenario, "plant": {**log.scenario["plant"], "of_tomorrow": 1}}
     with pytest.raises(TwinError, match="of_tomorrow: unknown key"):
-        believed(replace(log, scenario=strange))
+        belief_of(replace(log, scenario=strange))
 
 
 @pytest.mark.long
 def test_every_parameter_has_an_uncertainty(recorded):
-    belief = believed(recorded["healthy"])
-    assert belief.constant.shape == (len(PARAMETERS),)
+    belief = belief_of(recorded["healthy"])
+    assert belief.constant.shape == (len(WATCHED_PARAMETERS),)
     assert (belief.constant > 0).all()
     assert (belief.changing > 0).all()
 
@@ -203,9 +205,9 @@ def test_every_parameter_has_an_uncertainty(recorded):
 def test_a_healthy_rig_with_play_under_the_cure_raises_no_alarm():
     chosen = load("cure", ("plant.servo.backlash_deg=0.2", "plant.step=0.002"))
     (log,) = logs([(chosen, chosen)])
-    said = shadow(log, believed(log))
+    said = shadow(log, belief_of(log))
     assert said.verdict == "healthy"
-    assert said.tests.ratio.max() < THRESHOLD / 3
+    assert said.tests.ratio.max() < ALARM_LLR / 3
 
 
 @pytest.mark.long
@@ -225,20 +227,20 @@ WRONG = ("plant.friction.rolling_mm=0.2", "plant.level_deg=[0.1,-0.05]")
 def test_a_twin_that_was_identified_learns_what_is_open_before_it_judges():
     """Friction 11 % and level 0.1 deg off: an alarm at once, none of a twin that may learn."""
     (log,) = logs([told("", 0.0, "plant.kind=lagrange", "duration=50")])
-    wrong = believed(log, WRONG)
+    wrong = belief_of(log, WRONG)
     assert shadow(log, wrong).alarms[0].time < 15
     said = shadow(log, wrong, learning=True)
     assert said.verdict == "healthy"
     assert "rolling friction -1" in said.taught
     assert said.score_median < 2
-    assert said.replays.time.min() >= LEARNING
+    assert said.replays.time.min() >= LEARNING_S
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("cause", CHANGES)
 def test_a_change_after_it_has_learned_is_told_with_its_cause(cause):
     (log,) = logs([told(CHANGES[cause], 30.0, "plant.kind=lagrange", "duration=55")])
-    said = shadow(log, believed(log, WRONG), learning=True)
+    said = shadow(log, belief_of(log, WRONG), learning=True)
     assert 30 < said.alarms[0].time < 50
     assert said.alarms[0].causes[0].name == cause
 
@@ -246,7 +248,7 @@ def test_a_change_after_it_has_learned_is_told_with_its_cause(cause):
 @pytest.mark.long
 def test_a_twin_that_knows_of_the_change_raises_no_alarm_after_it(folder):
     log = read(folder)
-    known = shadow(log, believed(log, ("plant.friction.rolling_mm=0.234",)))
+    known = shadow(log, belief_of(log, ("plant.friction.rolling_mm=0.234",)))
     late = [alarm for alarm in known.alarms if alarm.since > 14]
     assert not late
     after = known.replays.counted & (known.replays.time > 10)

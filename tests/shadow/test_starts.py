@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from twin.identify.prepare import prepare
-from twin.identify.search import SETTLED, fit_starts
+from twin.identify.search import START_TOLERANCE, fit_starts
 from twin.identify.twin_model import Problem
 from twin.scenario import load
 from twin.shadow import evidence
-from twin.shadow.belief import believed, logs
+from twin.shadow.belief import belief_of, logs
 from twin.shadow.evidence import ball_evidence, ball_windows
 from twin.shadow.horizon import replays
 
@@ -34,7 +34,7 @@ def log():
 @pytest.fixture(scope="module")
 def recorded(log):
     """The twin of it, and its windows."""
-    belief = believed(log)
+    belief = belief_of(log)
     return belief, ball_windows(prepare(log), belief, NO_GAPS)[0]
 
 
@@ -66,7 +66,7 @@ def test_a_start_that_suits_is_not_looked_for_again(recorded, monkeypatch):
 
     first = problem.initial_starts()
     with monkeypatch.context() as patched:
-        patched.setattr("twin.identify.search.SETTLED", 0.0)
+        patched.setattr("twin.identify.search.START_TOLERANCE", 0.0)
         best = fit_starts(problem, belief.theta, first, 8)
     monkeypatch.setattr(Problem, "linearise", counted)
     found = fit_starts(problem, belief.theta, first, 8)
@@ -77,5 +77,5 @@ def test_a_start_that_suits_is_not_looked_for_again(recorded, monkeypatch):
         problem.misfit(linearise(problem, belief.theta, starts, slopes=False).r)
         for starts in (found, best)
     )
-    assert reached == pytest.approx(least, abs=3 * SETTLED)
+    assert reached == pytest.approx(least, abs=3 * START_TOLERANCE)
     assert found == pytest.approx(best, abs=1e-3)

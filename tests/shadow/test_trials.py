@@ -167,7 +167,9 @@ def test_the_page_of_identified_twins_counts_alarms_and_hides_no_rig():
         {
             "why": "", "white": white, "uneven": not white,
             "errors": errors | {"nominal": nominal},
-            "verdicts": dict.fromkeys(identified.TRUTHS, (identified.IDENTIFIED, 1.0, *numbers)),
+            "verdicts": dict.fromkeys(
+                identified.TRUTHS, (identified.IDENTIFIED_VERDICT, 1.0, *numbers)
+            ),
         }
         for white, nominal, *numbers in ((True, 5e-4, 1.1, 0.9, 1.3), (False, 0.03, 1.5, 1.2, 1.8))
     ]  # fmt: skip
@@ -191,7 +193,7 @@ def test_the_page_of_identified_twins_counts_alarms_and_hides_no_rig():
 
 
 def test_whatever_happens_to_a_rig_of_the_family_can_be_simulated():
-    rigs = identified.drawn(identified.read_family(identified.FAMILY), identified.DRAW, 1)
+    rigs = identified.draw_rigs(identified.read_family(identified.FAMILY), identified.DRAW, 1)
     true = identified._whole(rigs[0].point)
     for kind in identified.HAPPENS:
         run = identified.Watched(identified.FIRST, "excite", kind)

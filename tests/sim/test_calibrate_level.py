@@ -6,9 +6,9 @@ import re
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.rig import FEET, advice, level
+from twin.cli.rig import TILT_DIRECTIONS, advice, level
 from twin.identify.judged import ParameterVerdict
-from twin.identify.parameters import BALL
+from twin.identify.parameters import BALL_PARAMETERS
 from twin.run.finished import record_run, run
 from twin.scenario import load
 
@@ -57,7 +57,7 @@ def test_on_a_level_rig_there_is_nothing_to_do(tmp_path):
 def test_advice_needs_an_interval_without_zero(axis, value, low, high, word, says):
     name = ("level_phi", "level_theta")[axis]
     found = ParameterVerdict(
-        about=BALL[name],
+        about=BALL_PARAMETERS[name],
         name=name,
         value=value,
         low=low,
@@ -65,5 +65,7 @@ def test_advice_needs_an_interval_without_zero(axis, value, low, high, word, say
         word=word,
         why="" if word == "identified" else "roll more",
     )
-    assert advice(found, FEET[axis]).endswith(says)
-    assert ("raise" in advice(found, FEET[axis])) == (value is not None and low * high > 0)
+    assert advice(found, TILT_DIRECTIONS[axis]).endswith(says)
+    assert ("raise" in advice(found, TILT_DIRECTIONS[axis])) == (
+        value is not None and low * high > 0
+    )

@@ -8,14 +8,14 @@ import pytest
 import ballplate as bp
 from controllers.arrays import Number, column
 from twin.base.errors import ModelError, ScenarioError
-from twin.base.settings import Unit, filled, setting
+from twin.base.settings import Unit, from_scenarios, setting
 from twin.hal.cams import FixedRatio
 from twin.run.assemble import PLANTS, PlantKind, assemble, register
 from twin.run.finished import run
 from twin.run.loop import Episodes, simulate
 from twin.scenario import load
-from twin.scenario.load import validated
-from twin.scenario.schema import PLANTS as NAMED
+from twin.scenario.load import validate
+from twin.scenario.schema import PLANT_KINDS as NAMED
 from twin.scenario.schema import tables
 
 EXACT = ("plant.kind=lagrange", "duration=1", "metrics.start=0", "sensors.touch.variance=[0,0]")
@@ -38,13 +38,13 @@ class Outdoors:
     Table = tables(Wind, bases={}, module=__name__)["wind"]
 
     def __init__(self, **keys):
-        self.wind = validated(self.Table, keys, "a scenario", "wind.")
+        self.wind = validate(self.Table, keys, "a scenario", "wind.")
 
 
 def test_a_field_is_all_an_effect_needs_to_be_read_checked_and_stacked():
-    assert filled(Wind, [Outdoors()]).acceleration == 0.0
-    assert filled(Wind, [Outdoors(acceleration_mm=5.0)] * 3).acceleration == 0.005
-    each = filled(Wind, [Outdoors(acceleration_mm=float(mm)) for mm in (0, 5, -5)])
+    assert from_scenarios(Wind, [Outdoors()]).acceleration == 0.0
+    assert from_scenarios(Wind, [Outdoors(acceleration_mm=5.0)] * 3).acceleration == 0.005
+    each = from_scenarios(Wind, [Outdoors(acceleration_mm=float(mm)) for mm in (0, 5, -5)])
     assert each.push(np.zeros((3, 2))).tolist() == [[0, 0], [0.005, 0], [-0.005, 0]]
     with pytest.raises(ScenarioError, match=r"wind\.acceleration_mm: must be less than or equal"):
         Outdoors(acceleration_mm=2000.0)
@@ -112,7 +112,7 @@ def own():
 
 def test_a_plant_that_nobody_registered_is_refused_in_a_line(monkeypatch):
     # what others may have registered in this process is not there
-    monkeypatch.setattr("twin.scenario.schema.PLANTS", ["mujoco", "lagrange"])
+    monkeypatch.setattr("twin.scenario.schema.PLANT_KINDS", ["mujoco", "lagrange"])
     with pytest.raises(ScenarioError, match=r"plant\.kind: must be 'mujoco' or 'lagrange', got"):
         load("circle", ["plant.kind=frictionless"])
 

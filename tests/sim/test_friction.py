@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
 from twin.base.errors import ModelError
-from twin.sim.plant.friction import SCREEN, Friction, SurfaceMap, resisted
+from twin.sim.plant.friction import SCREEN_SIZE_M, Friction, SurfaceMap, resist
 
 MODEL = BallPlate()
 FRICTION = Friction(rolling=2e-4, breakaway_ratio=1.5, stribeck_speed=0.01, dwell_time=0.3)
@@ -53,7 +53,7 @@ def test_a_resting_ball_is_held_by_at_most_the_breakaway_resistance(pull, headin
     x = np.zeros(8)
     free = pull * np.cos(heading), pull * np.sin(heading)
     limit = MODEL.c1 * MODEL.gravity * 3e-4 / MODEL.radius
-    left = np.hypot(*resisted(FRICTION.deceleration(MODEL, x), (x[1], x[5]), free))
+    left = np.hypot(*resist(FRICTION.deceleration(MODEL, x), (x[1], x[5]), free))
     assert left == pytest.approx(max(0.0, pull - limit), abs=1e-12)
 
 
@@ -76,8 +76,8 @@ def test_an_impossible_number_is_refused_in_one_line_that_names_it(wrong):
 
 
 @given(
-    x=st.floats(-SCREEN[0] / 2, SCREEN[0] / 2),
-    y=st.floats(-SCREEN[1] / 2, SCREEN[1] / 2),
+    x=st.floats(-SCREEN_SIZE_M[0] / 2, SCREEN_SIZE_M[0] / 2),
+    y=st.floats(-SCREEN_SIZE_M[1] / 2, SCREEN_SIZE_M[1] / 2),
     lines=st.tuples(st.integers(2, 6), st.integers(2, 6)),
 )
 def test_a_map_of_a_bilinear_function_is_that_function_everywhere(x, y, lines):
@@ -85,21 +85,21 @@ def test_a_map_of_a_bilinear_function_is_that_function_everywhere(x, y, lines):
         return 1 + 0.5 * a - 0.7 * b + 2 * a * b
 
     along, across = (
-        np.linspace(-side / 2, side / 2, n) for side, n in zip(SCREEN, lines, strict=True)
+        np.linspace(-side / 2, side / 2, n) for side, n in zip(SCREEN_SIZE_M, lines, strict=True)
     )
     surface = SurfaceMap(relative=friction_at(along[:, None], across))
     assert surface(np.array([[x, y]]))[0] == pytest.approx(friction_at(x, y))
 
 
 def test_an_inclined_plane_slopes_the_same_everywhere():
-    x, y = (np.linspace(-side / 2, side / 2, 5) for side in SCREEN)
+    x, y = (np.linspace(-side / 2, side / 2, 5) for side in SCREEN_SIZE_M)
     surface = SurfaceMap(height=0.01 * x[:, None] - 0.02 * y)
     places = np.random.default_rng(0).uniform(-0.19, 0.19, (20, 2))
     assert surface(places)[1] == pytest.approx(np.tile([0.01, -0.02], (20, 1)))
 
 
 def test_a_screen_drawn_at_random_has_the_spread_and_slope_it_was_asked_for():
-    places = np.random.default_rng(1).uniform(-0.5, 0.5, (4000, 2)) * SCREEN
+    places = np.random.default_rng(1).uniform(-0.5, 0.5, (4000, 2)) * SCREEN_SIZE_M
     relative, slope = (
         SurfaceMap.random(seed=3, patch=0.01, spread=0.2, slope=1e-3).grids[0, ..., 0],
         SurfaceMap.random(seed=3, patch=0.01, spread=0.2, slope=1e-3)(places)[1],

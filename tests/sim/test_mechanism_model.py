@@ -14,7 +14,7 @@ import pytest
 from twin.base.errors import ModelError
 from twin.base.shipped import model_path
 from twin.sim.plant.interface import Parts
-from twin.sim.plant.model import differing, fields_of, fitted, load_model, shaped
+from twin.sim.plant.model import compile_with, differing, fields_of, fit_parts, load_model
 
 KINDS = (
     *("bodies", "joints", "geoms", "sites", "cameras", "lights", "textures", "materials"),
@@ -233,8 +233,8 @@ def test_a_mechanism_that_is_kept_is_that_of_a_compile_of_its_own_to_the_last_bi
     spec = mujoco.MjSpec.from_file(str(model_path()))
     spec.compiler.discardvisual = True
     before = spec.compile()
-    model = shaped(spec, parts)
-    alone = bits(fitted(model, mujoco.MjData(model), before, parts))
+    model = compile_with(spec, parts)
+    alone = bits(fit_parts(model, mujoco.MjData(model), before, parts))
     assert bits(changed) == alone != bits(before)
     changed.body_pos[:] += 1.0
     changed.opt.timestep = 0.002

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
-from twin.hal.interface import SCREEN
+from twin.hal.interface import SCREEN_SIZE_M
 from twin.hal.linkage import Linkage
 from twin.identify.logs import MECHANISM_GRIP
 from twin.run.finished import run as finished
@@ -33,7 +33,7 @@ def plants(kind, friction, slopes=(0.0,), **start):
     if kind == "exact":
         plant = ExactPlant(rigs=rigs, step=STEP, friction=friction, level=np.array(tilts))
     else:
-        rods = {"linkage": LINKAGE, "size": SCREEN} if kind == "rods" else {}
+        rods = {"linkage": LINKAGE, "size": SCREEN_SIZE_M} if kind == "rods" else {}
         parts = [Parts(level=tilt if any(tilt) else None, **rods) for tilt in tilts]
         plant = Mechanism(rigs=rigs, step=STEP, threads=1, friction=friction, parts=parts)
     ball = np.zeros((rigs, 4))

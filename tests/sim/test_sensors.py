@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twin.hal.interface import SCREEN, Touch
+from twin.hal.interface import SCREEN_SIZE_M, Touch
 from twin.sim.sensors import EncoderModel, Noise, SimulatedEncoders, SimulatedScreen, TouchModel
 
 PERIOD = 0.002
@@ -39,7 +39,7 @@ def test_before_the_first_sample_arrives_the_ball_is_where_it_started():
 def test_positions_lie_on_the_grid_within_half_a_step():
     seen = watch(TouchModel(dead_time=0.0), lambda t: 0.1 * np.sin(3 * t)).position[:, 0, 0]
     true = 0.1 * np.sin(3 * PERIOD * np.arange(500))
-    step = SCREEN[0] / 4096
+    step = SCREEN_SIZE_M[0] / 4096
     assert np.abs(seen / step - np.rint(seen / step)).max() < 1e-6
     assert np.abs(seen - true).max() <= step / 2 + 1e-12
 

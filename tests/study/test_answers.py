@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.run.files import METRICS
+from twin.run.files import MOTION_INDICATORS
 from twin.study.experiments import Store, carry
 from twin.study.report import (
     Answer,
@@ -56,7 +56,11 @@ def row(job: Job, function: Function) -> Row:
     value = function(start["x_rate"], start["y_rate"], start["spin"])
     good = np.isfinite(value)
     outcome = {"key": job.key, "outcome": "finished" if good else "fell", "reason": ""}
-    return {**dict.fromkeys(METRICS), "tracking_error_percent": value if good else None, **outcome}
+    return {
+        **dict.fromkeys(MOTION_INDICATORS),
+        "tracking_error_percent": value if good else None,
+        **outcome,
+    }
 
 
 def test_a_whole_number_that_decides_is_ranked_and_a_seed_without_effect_is_not(tmp_path):
@@ -81,7 +85,7 @@ ISHIGAMI_VARIANCES = (
 
 def seeded(monkeypatch, about: Study, seed: int) -> np.ndarray:
     """The quantiles of a study whose designs have a seed of their own."""
-    monkeypatch.setattr("twin.study.work.SEED", seed)
+    monkeypatch.setattr("twin.study.work.DESIGN_SEED", seed)
     return quantiles(about)
 
 

@@ -10,7 +10,7 @@ from scipy import stats
 from twin.base.errors import ScenarioError
 from twin.cli.studies import study as command
 from twin.run.loop import alike, simulate
-from twin.study.schema import Parameter, Study, drawn, read_family
+from twin.study.schema import Parameter, Study, draw_rigs, read_family
 from twin.study.work import Builder, points
 
 FAMILY = read_family("uncertain")
@@ -26,7 +26,7 @@ def scenarios(kind, rigs):
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
 def test_whatever_differs_in_the_family_a_rig_gives_the_same_bits_alone_and_in_a_batch(kind):
-    rigs = scenarios(kind, drawn(FAMILY, 5, 12))
+    rigs = scenarios(kind, draw_rigs(FAMILY, 5, 12))
     assert len({str(alike(each)) for each in rigs}) == 1, "they share a batch"
     whole = simulate(rigs)
     assert len({each["tracking_error_percent"] for each in whole}) == 12
@@ -35,7 +35,11 @@ def test_whatever_differs_in_the_family_a_rig_gives_the_same_bits_alone_and_in_a
 
 
 def test_a_rig_does_not_depend_on_how_many_are_drawn_and_no_two_draws_share_one():
-    few, many, others = drawn(FAMILY, 1, 8), drawn(FAMILY, 1, 200), drawn(FAMILY, 2, 200)
+    few, many, others = (
+        draw_rigs(FAMILY, 1, 8),
+        draw_rigs(FAMILY, 1, 200),
+        draw_rigs(FAMILY, 2, 200),
+    )
     assert few == many[:8]
     points = [tuple(rig.point.values()) for rig in (*many, *others)]
     assert len(set(points)) == 400
@@ -43,7 +47,7 @@ def test_a_rig_does_not_depend_on_how_many_are_drawn_and_no_two_draws_share_one(
 
 
 def test_rigs_are_distributed_as_the_family_says():
-    rigs = drawn(FAMILY, 3, 400)
+    rigs = draw_rigs(FAMILY, 3, 400)
     columns = {key: np.array([rig.point[key] for rig in rigs]) for key in FAMILY.parameters}
     for key, about in FAMILY.parameters.items():
         if not about.continuous:

@@ -64,7 +64,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def start(
-    folder: Path, *arguments: str, patience: float = experiments.TIMEOUT
+    folder: Path, *arguments: str, patience: float = experiments.CLUSTER_TIMEOUT_S
 ) -> subprocess.Popen[bytes]:
     study = ["study", "short.toml", "--out", "out", *arguments]
     return subprocess.Popen(
@@ -208,7 +208,7 @@ def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:
 def test_a_scheduler_lost_as_soon_as_it_has_answered_is_told_in_the_same_line(
     folder, monkeypatch
 ) -> None:
-    monkeypatch.setattr(experiments, "TIMEOUT", 3.0)
+    monkeypatch.setattr(experiments, "CLUSTER_TIMEOUT_S", 3.0)
     work = Work(Study.model_validate(tomllib.loads(STUDY)))
     port = free_port()
     with scheduler(port) as program, experiments.Cluster(f"tcp://127.0.0.1:{port}") as cluster:

@@ -14,7 +14,7 @@ import pytest
 
 from twin.base.errors import TwinError
 from twin.base.jobs import handed_out
-from twin.run.files import METRICS
+from twin.run.files import MOTION_INDICATORS
 from twin.run.loop import simulate
 from twin.scenario import load
 from twin.study import experiments as carrying
@@ -45,8 +45,8 @@ def carried(about: Study, folder: Path, **how) -> pa.Table:
 
 def test_results_do_not_depend_on_how_the_work_is_cut_or_ordered(tmp_path, monkeypatch) -> None:
     whole = carried(study(), tmp_path / "a").sort_by("key")
-    monkeypatch.setattr(carrying, "CHUNK", 3)
-    monkeypatch.setattr(carrying, "LEAST", 1)
+    monkeypatch.setattr(carrying, "CHUNK_RUNS", 3)
+    monkeypatch.setattr(carrying, "MIN_BATCH_RUNS", 1)
     shuffled = Work(study())
     random.Random(1).shuffle(shuffled.tasks)
     rows = carry(shuffled, Store(tmp_path / "b"), processes=1)
@@ -86,8 +86,8 @@ def test_a_changed_study_runs_only_what_changed(tmp_path) -> None:
 
 
 def test_a_study_that_dies_between_chunks_goes_on_where_it_stopped(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(carrying, "CHUNK", 2)
-    monkeypatch.setattr(carrying, "LEAST", 1)
+    monkeypatch.setattr(carrying, "CHUNK_RUNS", 2)
+    monkeypatch.setattr(carrying, "MIN_BATCH_RUNS", 1)
     calls = 0
 
     def dies(some: Sequence[Job]) -> list[Row]:
@@ -193,7 +193,7 @@ LABELS = {"rig": [0, 1, 2], "task": ["one", "one", "flung"]}
 def test_every_run_has_its_labels_and_what_it_gave_in_the_order_asked(tmp_path, seen):
     runs = ScenarioRuns(scenarios(), seen=seen)
     found = evaluate(runs, LABELS, Store(tmp_path), processes=1)
-    assert list(found.columns) == ["rig", "task", "outcome", "reason", *METRICS]
+    assert list(found.columns) == ["rig", "task", "outcome", "reason", *MOTION_INDICATORS]
     assert {name: found[name].tolist() for name in LABELS} == LABELS
     assert found["outcome"].tolist() == ["finished", "finished", "fell"]
     alone = [simulate([each], seen=seen)[0]["rms_error"] for each in scenarios()[:2]]

@@ -19,8 +19,8 @@ from twin.run.assemble import build_controller
 from twin.run.metrics import Motion
 from twin.thesis import chapter8
 from twin.thesis.chapter8 import (
-    COLUMNS,
-    WAYS,
+    COMPUTED_WAYS,
+    THESIS_COLUMNS,
     Agreement,
     Disagreement,
     Reason,
@@ -30,8 +30,8 @@ from twin.thesis.chapter8 import (
     compare,
     judge,
     lines,
+    read_stored,
     sentence,
-    stored,
     tables,
 )
 
@@ -49,10 +49,10 @@ def steps():
     shown = {"time": np.arange(3.0)} | {name: np.zeros((3, n)) for name, n in widths.items()}
     found = {
         ((table.id, index), way): RowResult(
-            (table.id, index), way, dict(stored("chapter_8")["8.1"][row.name]), "", shown
+            (table.id, index), way, dict(read_stored("chapter_8")["8.1"][row.name]), "", shown
         )
         for index, row in enumerate(table.rows)
-        for way in WAYS[1:]
+        for way in COMPUTED_WAYS[1:]
     }
     return [table], found
 
@@ -73,12 +73,12 @@ def test_all_251_numbers_of_the_21_tables_are_there():
 
 def test_every_remark_setting_and_kept_value_belongs_to_something():
     for table in tables().values():
-        assert set(stored("chapter_8")[table.id]) == {row.name for row in table.rows}
+        assert set(read_stored("chapter_8")[table.id]) == {row.name for row in table.rows}
         for row in table.rows:
             row.scenario("sampled")
-            assert set(row.cells) <= set(COLUMNS)
+            assert set(row.cells) <= set(THESIS_COLUMNS)
             assert {*row.notes, *row.exceptions} <= set(row.cells)
-            assert set(stored("chapter_8")[table.id][row.name]) - {"fitted"} == set(row.cells)
+            assert set(read_stored("chapter_8")[table.id][row.name]) - {"fitted"} == set(row.cells)
 
 
 def test_what_is_kept_agrees_with_the_thesis(steps):
@@ -141,7 +141,7 @@ def test_every_cell_that_is_noted_as_unexplained_or_fitted_says_so_in_its_own_wo
     }
 
 
-@pytest.mark.parametrize("way", WAYS[1:])
+@pytest.mark.parametrize("way", COMPUTED_WAYS[1:])
 def test_the_sampled_run_must_agree_too_and_the_mechanism_need_not(way, steps):
     found = steps[1]
     one = found[("8.1", 0), way]
@@ -169,9 +169,18 @@ def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
     monkeypatch.setattr(chapter8, "row_results", lambda *_: steps[1].values())
     cells = json.loads(call("8.1", "--json").stdout)
     assert len(cells) == 15
-    keys = {"table", "row", "column", "thesis", *WAYS, "deviation_percent", "note", "verdict"}
+    keys = {
+        "table",
+        "row",
+        "column",
+        "thesis",
+        *COMPUTED_WAYS,
+        "deviation_percent",
+        "note",
+        "verdict",
+    }
     keys |= {"because"}
-    assert all(set(cell) - {f"{way}_range" for way in WAYS} == keys for cell in cells)
+    assert all(set(cell) - {f"{way}_range" for way in COMPUTED_WAYS} == keys for cell in cells)
     (effort,) = (
         cell for cell in cells if (cell["row"], cell["column"]) == ("case 2", "u1_max [rad/s^2]")
     )
@@ -212,7 +221,7 @@ def short(monkeypatch, name, seeds=1, **setup):
 def test_a_run_that_ended_early_has_no_values_and_the_exact_plate_has_no_edge(monkeypatch):
     short(monkeypatch, "8.4", plant={"start": {"y": 0.19, "y_rate": 0.3}}, duration=0.6)
     ends = {}
-    for way in WAYS[1:]:
+    for way in COMPUTED_WAYS[1:]:
         ends[way], *_ = carry_out(ReproductionJob(way, (("8.4", 0),), 1.0))
     assert ends["mujoco"].ended == "1 of 1 runs ended early, the first fell at 0.0 s"
     assert not any(ends["mujoco"].values.values())
@@ -284,7 +293,9 @@ def test_an_integrator_of_its_own_finds_what_is_kept_of_continuous_control(name,
     motion = Motion(time=time, ball=z[:, 0:8:4], plate=z[:, 2:8:4], u=u, reference=path(time)[0])
     found = judge(row, motion, np.zeros((len(time), 8)), scenario.metrics.start)
     for column, values in found.items():
-        assert values[0] == pytest.approx(stored("chapter_8")[name][row.name][column][0], rel=1e-6)
+        assert values[0] == pytest.approx(
+            read_stored("chapter_8")[name][row.name][column][0], rel=1e-6
+        )
 
 
 MODEL = BallPlate()

@@ -13,13 +13,13 @@ from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, SlidingMo
 from controllers.references import Circle, Step
 from twin.cli.understand import reproduce as command
 from twin.run.assemble import build_controller
-from twin.scenario import load, shipped
-from twin.sim.sensors import COUNTS
+from twin.scenario import load, shipped_scenarios
+from twin.sim.sensors import ENCODER_COUNTS_PER_TURN
 from twin.study.experiments import Store
 from twin.thesis import chapter9
-from twin.thesis.chapter8 import COLUMNS, stored
+from twin.thesis.chapter8 import THESIS_COLUMNS, read_stored
 from twin.thesis.chapter9 import (
-    ROLLING,
+    ROLLING_FRICTION_MM,
     best,
     chosen,
     predicting,
@@ -50,7 +50,7 @@ def made(key="held_out", error=0.0, late=0.0, angle=1.0):
     found = []
     for each in chosen(()).experiments:
         table, _, name = each.label.partition(", ")
-        for column, kind in COLUMNS.items():
+        for column, kind in THESIS_COLUMNS.items():
             indicator = kind.metric
             if indicator not in each.measured:
                 continue
@@ -89,15 +89,17 @@ def test_the_printed_angles_are_whole_counts_of_the_default_encoder_and_of_no_ot
         return np.sqrt(np.mean((found - found.round()) ** 2))
 
     # printing to 0.0001 deg rounds by 0.0001 / sqrt(12) deg
-    assert off(COUNTS) == pytest.approx(1e-4 / np.sqrt(12) * COUNTS / 360, rel=0.1)
-    assert min(off(counts) for counts in range(8192, COUNTS, 256)) > 0.2
-    assert load("circle").sensors.encoders.counts == COUNTS
+    assert off(ENCODER_COUNTS_PER_TURN) == pytest.approx(
+        1e-4 / np.sqrt(12) * ENCODER_COUNTS_PER_TURN / 360, rel=0.1
+    )
+    assert min(off(counts) for counts in range(8192, ENCODER_COUNTS_PER_TURN, 256)) > 0.2
+    assert load("circle").sensors.encoders.counts == ENCODER_COUNTS_PER_TURN
     assert load("circle").disturbance.variance == (0.0, 0.0)
 
 
 def test_every_experiment_has_a_scenario_with_its_law_path_and_predictor():
     experiments = chosen(()).experiments
-    found = {name for name in shipped() if name.startswith("thesis/9_")}
+    found = {name for name in shipped_scenarios() if name.startswith("thesis/9_")}
     assert found == {each.scenario for each in experiments}
     assert len(found) == len(experiments) == 25
     laws = {name: law for names, law in LAWS.items() for name in names}
@@ -113,20 +115,22 @@ def test_every_experiment_has_a_scenario_with_its_law_path_and_predictor():
         assert (scenario.predictor is not None) == (each.group in page.EARLY)
         assert scenario.predictor is None or scenario.predictor.delay == 0.042
         assert scenario.plant.kind == "mujoco"
-        assert scenario.plant.friction.rolling_mm == ROLLING
+        assert scenario.plant.friction.rolling_mm == ROLLING_FRICTION_MM
 
 
 def test_the_prediction_knows_the_friction_and_nothing_that_was_found_out_later(tmp_path):
     about = predicting(chosen(()))
     runs = Runs(about, Store(tmp_path))
     for each in about.experiments:
-        scenario, own = runs.scenario((ROLLING,), each), load(each.scenario)
+        scenario, own = runs.scenario((ROLLING_FRICTION_MM,), each), load(each.scenario)
         assert scenario.plant == own.plant
         assert scenario.controller == own.controller
         assert scenario.reference == own.reference
         assert scenario.rig == own.rig
         assert (scenario.duration, scenario.metrics.start) == (35.12, 0.0)
-    assert len({runs.scenario((ROLLING,), each).seed for each in about.experiments}) == 25
+    assert (
+        len({runs.scenario((ROLLING_FRICTION_MM,), each).seed for each in about.experiments}) == 25
+    )
 
 
 def test_each_of_the_four_numbers_acts_where_it_should(tmp_path):
@@ -195,7 +199,7 @@ def test_the_best_search_is_used_with_all_tables_and_without_each(monkeypatch):
         }
 
     both = {"searches": [search(122.0, 1.0, 99.0, 1.4), search(121.0, 2.0, 100.0, 1.65)]}
-    monkeypatch.setattr(chapter9, "stored", lambda _: both)
+    monkeypatch.setattr(chapter9, "read_stored", lambda _: both)
     assert best() == (2.0,) * 4
     assert best("9.3") == (1.0,) * 4
     assert page.scatter() == pytest.approx({"a": 0.25})
@@ -203,7 +207,7 @@ def test_the_best_search_is_used_with_all_tables_and_without_each(monkeypatch):
 
 def test_the_stored_numbers_lie_in_their_ranges_and_every_table_was_left_out():
     parameters = read("chapter_9").parameters.values()
-    for search in stored("chapter_9")["searches"]:
+    for search in read_stored("chapter_9")["searches"]:
         assert set(search["without"]) == set(chapter9.tables())
         assert set(search["goals"]) == {goal.sentence for goal in page.held_out_goals(made())}
     for group in ("", *chapter9.tables()):

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from twin.thesis.chapter8 import (
-    COLUMNS,
+    THESIS_COLUMNS,
     Agreement,
     ReproductionJob,
     carry_out,
     compare,
     plan,
+    read_stored,
     row_results,
     sentence,
-    stored,
     tables,
 )
 
@@ -49,7 +49,7 @@ def test_no_cell_disagrees_that_is_not_noted_and_every_note_is_needed(cells):
 
 def test_the_sampled_loop_agrees_with_continuous_control_as_the_page_says(cells):
     for cell in cells:
-        if COLUMNS[cell.column].judged != "reading" and cell.exact.value > 1e-9:
+        if THESIS_COLUMNS[cell.column].judged != "reading" and cell.exact.value > 1e-9:
             small = cell.column == "e_ss" or cell.column.startswith("x")
             bound = 0.022 if small else 0.007
             assert cell.sampled.value == pytest.approx(cell.exact.value, rel=bound)
@@ -60,7 +60,7 @@ def test_full_state_feedback_agrees_to_4_percent_but_for_one_cell(cells):
         (cell.table, cell.row, cell.column)
         for cell in cells
         if int(cell.table.split(".")[1]) <= 11
-        and COLUMNS[cell.column].judged == "value"
+        and THESIS_COLUMNS[cell.column].judged == "value"
         and cell.thesis
         for value in (cell.exact, cell.sampled)
         if abs(value.value / cell.thesis - 1) > 0.04
@@ -70,7 +70,7 @@ def test_full_state_feedback_agrees_to_4_percent_but_for_one_cell(cells):
 
 def test_angles_and_efforts_with_observer_noise_and_dead_time_agree_to_5_percent(cells):
     for cell in cells:
-        if int(cell.table.split(".")[1]) >= 14 and COLUMNS[cell.column].judged == "value":
+        if int(cell.table.split(".")[1]) >= 14 and THESIS_COLUMNS[cell.column].judged == "value":
             assert cell.exact.value == pytest.approx(cell.thesis, rel=0.05)
             assert cell.sampled.value == pytest.approx(cell.thesis, rel=0.05)
 
@@ -84,7 +84,7 @@ def test_the_mechanism_without_friction_loses_only_the_ball_that_the_thesis_driv
 
 def test_the_sampled_loop_tends_to_the_continuous_one_with_its_period():
     job = ReproductionJob("sampled", tuple(("8.4", index) for index in range(3)), 1.0)
-    kept = stored("chapter_8")["8.4"].values()
+    kept = read_stored("chapter_8")["8.4"].values()
     truth = np.array([[values[0] for values in row.values()] for row in kept])
     slow, fast = (
         np.abs(np.array([[*row.values.values()] for row in carry_out(job, T)])[..., 0] / truth - 1)

@@ -12,9 +12,18 @@ from twin.base.shipped import shipped_in
 from twin.cli.understand import fit as command
 from twin.run.loop import simulate
 from twin.study.experiments import Store
-from twin.study.schema import METRICS
-from twin.tune.cells import LOST, UNITS, FitTable, FittedParameter, Runs, cells, read, rounded
-from twin.tune.fit import bootstrap, correlation, estimates, fit, searched
+from twin.study.schema import MOTION_INDICATORS
+from twin.tune.cells import (
+    LOST_RESIDUAL,
+    MEASURED_UNITS,
+    FitTable,
+    FittedParameter,
+    Runs,
+    cells,
+    read,
+    round_sample,
+)
+from twin.tune.fit import bootstrap, correlation, estimates, fit, search_from
 
 GIVEN = """
 title = "two numbers"
@@ -172,7 +181,7 @@ def test_fewer_measurements_than_parameters_are_refused(folder):
 
 
 def test_every_indicator_of_a_run_can_be_measured_and_in_other_units():
-    assert set(UNITS) == set(METRICS)
+    assert set(MEASURED_UNITS) == set(MOTION_INDICATORS)
     table = FitTable.model_validate(
         {
             "title": "t",
@@ -193,7 +202,7 @@ def test_every_indicator_of_a_run_can_be_measured_and_in_other_units():
     assert angle.measured == pytest.approx(math.degrees(0.05))
     assert error.residual(0.027) == pytest.approx(2.0)
     assert angle.residual(math.degrees(0.05) * math.exp(0.3)) == pytest.approx(3.0)
-    assert error.residual(float("nan")) == LOST
+    assert error.residual(float("nan")) == LOST_RESIDUAL
 
 
 @pytest.mark.long
@@ -263,7 +272,7 @@ def bowl(parameters=("p", "q")):
 @pytest.mark.parametrize("start", [(1.5, 1.5), (-1.0, 3.0)])
 def test_a_search_finds_the_bottom_of_a_formula(start):
     table = bowl()
-    chi2, best = searched(table, cells(table), start, Bowl(table))
+    chi2, best = search_from(table, cells(table), start, Bowl(table))
     assert best == pytest.approx((0.5, 0.7), abs=0.001)
     assert chi2 < 0.01
 
@@ -288,7 +297,7 @@ def test_the_shipped_tables_can_be_run(folder):
 
 def test_a_sample_is_rounded_to_what_is_printed():
     table = bowl()
-    assert rounded(np.array([0.5123456, 2.0]), table) == (1.0494, 3.0)
+    assert round_sample(np.array([0.5123456, 2.0]), table) == (1.0494, 3.0)
 
 
 def test_the_spread_is_that_of_least_squares_and_verdicts_follow_it():

@@ -9,7 +9,7 @@ from controllers.controller import Smith
 from controllers.observers import Kalman, Luenberger
 from twin.run.assemble import build_controller
 from twin.scenario import load
-from twin.tune.search import best_of, score, searched, tail_mean
+from twin.tune.search import best_of, score, search_all, tail_mean
 from twin.tune.trials import Indicators, NominalLoop, Tune, _loop, loop_margins
 
 TABLES = {
@@ -60,7 +60,7 @@ class Formula:
 @pytest.fixture(scope="module")
 def free():
     formula = Formula(limits={"effort": 1000.0})
-    return formula, searched(formula)
+    return formula, search_all(formula)
 
 
 def cost(a, b, off):
@@ -93,7 +93,7 @@ def test_the_search_is_better_than_as_many_random_candidates(free):
 
 def test_the_same_search_again_tries_the_same_candidates(free):
     _, candidates = free
-    again = searched(Formula(limits={"effort": 1000.0}))
+    again = search_all(Formula(limits={"effort": 1000.0}))
     assert [each.as_dict() for each in again] == [each.as_dict() for each in candidates]
 
 
@@ -117,7 +117,7 @@ def test_only_the_best_go_on_to_more_rigs_and_all_meet_the_draw_of_the_search(fr
 
 def test_constraints_bound_the_result_and_are_no_part_of_its_cost():
     formula = Formula(limits={"effort": 1.5})
-    (best,) = best_of(searched(formula), 1)
+    (best,) = best_of(search_all(formula), 1)
     assert best.last.kept
     assert 0.8 < best.fields["a"] <= 1.5
     found = formula.indicators([(best.fields, 16)], 1, ())[0]
@@ -131,7 +131,7 @@ def test_optuna_is_told_what_violates_a_constraint_and_what_was_given_up(monkeyp
     monkeypatch.setattr(
         optuna, "create_study", lambda **k: studies.append(create(**k)) or studies[0]
     )
-    candidates = searched(Formula(limits={"effort": 1.5}, candidates=32))
+    candidates = search_all(Formula(limits={"effort": 1.5}, candidates=32))
     for trial, candidate in zip(studies[0].trials, candidates, strict=True):
         kept = candidate.last is not None and candidate.last.kept
         assert all(value <= 0 for value in trial.constraints.values()) == kept
@@ -178,7 +178,7 @@ def test_a_controller_that_is_refused_has_no_margin_is_never_run_and_says_why():
                 for point, loop in zip(candidates, loops, strict=True)
             ]
 
-    candidates = searched(Refusing(limits={"effort": 1000.0}, candidates=24))
+    candidates = search_all(Refusing(limits={"effort": 1000.0}, candidates=24))
     told = [each.as_dict() for each in candidates if each.fields["b"] >= 3]
     assert told
     for each in told:

@@ -14,9 +14,9 @@ from twin.base.shipped import shipped_in
 from twin.cli.studies import tune as command
 from twin.scenario import load
 from twin.study.experiments import Store
-from twin.study.schema import drawn, read_family
+from twin.study.schema import draw_rigs, read_family
 from twin.tune.report import settings, toml
-from twin.tune.search import certified, upper_bound
+from twin.tune.search import certify, upper_bound
 from twin.tune.trials import Indicators, Trials, Tune, read
 
 TUNE = """
@@ -135,7 +135,7 @@ def test_the_search_never_sees_a_rig_of_the_certificate(file, folder, monkeypatc
 
     def watched(self, wanted, draw, on):
         wanted = list(wanted)
-        rigs = drawn(read_family(self.tune.family), draw, max(n for _, n in wanted))
+        rigs = draw_rigs(read_family(self.tune.family), draw, max(n for _, n in wanted))
         scenario = self.scenario(self.start, 0, rigs[0], on)
         assert scenario.seed == rigs[0].seed
         assert scenario.plant.friction.rolling_mm == rigs[0].point["plant.friction.rolling_mm"]
@@ -171,7 +171,7 @@ def test_the_bound_is_that_of_clopper_and_pearson(failures):
 def test_a_certificate_counts_a_rig_once_and_keeps_what_it_finished():
     tune = Tune.model_validate(tomllib.loads(TUNE))
     values = np.array([[0.01, 0.02], [np.nan, np.nan], [0.03, np.nan], [0.02, 0.04]])
-    found = certified(tune, Indicators(values, values, ("circle: fell: why",)))
+    found = certify(tune, Indicators(values, values, ("circle: fell: why",)))
     assert (found["rigs"], found["failures"], found["cost"]) == (4, 2, None)
     circle, push = (found["tasks"][name] for name in ("circle", "push"))
     assert (circle["finished"], push["finished"]) == (3, 2)
@@ -180,7 +180,7 @@ def test_a_certificate_counts_a_rig_once_and_keeps_what_it_finished():
     assert [push[each] for each in numbers] == pytest.approx([0.03, 0.038, 0.04])
     assert push["values"] == [0.02, None, None, 0.04]
     assert push["effort"] == pytest.approx(0.03)
-    none = certified(tune, Indicators(np.full((2, 2), np.nan), np.full((2, 2), np.nan), ()))
+    none = certify(tune, Indicators(np.full((2, 2), np.nan), np.full((2, 2), np.nan), ()))
     assert [none["tasks"]["push"][each] for each in (*numbers, "effort")] == [None] * 4
 
 
@@ -260,7 +260,7 @@ def test_a_mistake_in_a_tune_is_one_line(tmp_path, monkeypatch, old, new, messag
 def test_a_tune_on_another_rig_has_rigs_about_that_one_and_what_its_file_says(folder, rig):
     alone = load("hold", [f"parameters={rig}"])
     trials = Trials(read("afl", set=[f"parameters={rig}"]), Store(folder))
-    for each in drawn(read_family("own"), 1, 5):
+    for each in draw_rigs(read_family("own"), 1, 5):
         its = trials.scenario(trials.start, 2, each, trials.tune.verdict)
         assert 0.74 < its.plant.servo.bandwidth_hz / alone.plant.servo.bandwidth_hz < 1.34
         assert 0.84 < its.sensors.touch.dead_time / alone.sensors.touch.dead_time < 1.16

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from twin.run.picture import COLOURS
-from twin.view.recording import GROUND, SKY
-from twin.view.streams import BLACK, GREY, RUNS, shade
+from twin.run.picture import RUN_COLOURS
+from twin.view.recording import MECHANISM_GROUND, PLOT_GROUND
+from twin.view.streams import BLACK, GREY, RUN_LINE_COLOURS, shade
 
 LEAST = 3.0
 WHITE = np.ones(3)
@@ -48,7 +48,7 @@ def test_contrast_is_that_of_the_definition():
     assert in_the_dark(WHITE) == pytest.approx([0.1] * 3, abs=1e-3)
 
 
-@pytest.mark.parametrize("colour", COLOURS)
+@pytest.mark.parametrize("colour", RUN_COLOURS)
 def test_lines_of_pictures_are_seen_on_white_and_on_a_dark_page(colour):
     assert contrast(to_rgb(colour), WHITE) > LEAST
     assert contrast(in_the_dark(to_rgb(colour)), in_the_dark(WHITE)) > LEAST
@@ -56,12 +56,12 @@ def test_lines_of_pictures_are_seen_on_white_and_on_a_dark_page(colour):
 
 def test_lines_of_pictures_differ_from_each_other_on_a_dark_page_too():
     for change in (np.asarray, in_the_dark):
-        drawn = [change(to_rgb(colour)) for colour in COLOURS]
+        drawn = [change(to_rgb(colour)) for colour in RUN_COLOURS]
         assert min(np.linalg.norm(one - other) for one, other in combinations(drawn, 2)) > 0.15
 
 
-@pytest.mark.parametrize("ground", [GROUND, SKY])
+@pytest.mark.parametrize("ground", [PLOT_GROUND, MECHANISM_GROUND])
 def test_lines_of_the_viewer_are_seen_on_the_ground_that_they_bring(ground):
-    shades = [shade(run, number) for run in range(len(RUNS)) for number in (0, 1)]
-    for colour in (*RUNS, GREY, BLACK, *shades):
+    shades = [shade(run, number) for run in range(len(RUN_LINE_COLOURS)) for number in (0, 1)]
+    for colour in (*RUN_LINE_COLOURS, GREY, BLACK, *shades):
         assert contrast(np.array(colour) / 255, np.array(ground) / 255) > LEAST

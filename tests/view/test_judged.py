@@ -8,13 +8,13 @@ import pytest
 
 from twin.base.errors import ScenarioError
 from twin.hal.supervisor import State
-from twin.run.files import STREAM
-from twin.run.finished import described, open_run, run
+from twin.run.files import STREAM_FILE
+from twin.run.finished import open_run, run, run_metadata
 from twin.run.metrics import Ending, Motion, Outcome, measure
 from twin.run.record import stream
 from twin.scenario.load import cut_short, load
 from twin.shadow.report import sentences
-from twin.view.summary import Diagnosis, judged, spectrum, summary
+from twin.view.summary import Diagnosis, describe_run, spectrum, summary
 
 CIRCLE = ("plant.kind=lagrange", "plant.step=0.002", "metrics.start=0")
 
@@ -76,8 +76,8 @@ def test_what_lies_still_after_a_stop_is_no_end_of_an_approach():
 
 
 def test_a_killed_run_is_judged_up_to_where_its_rig_had_been_stopped(whole, stopped, tmp_path):
-    about = described(whole.scenario)
-    with stream([*stopped.rows], tmp_path / STREAM, whole.units, about) as append:
+    about = run_metadata(whole.scenario)
+    with stream([*stopped.rows], tmp_path / STREAM_FILE, whole.units, about) as append:
         append(stopped.rows)
     (found,) = open_run(tmp_path)
     assert found.metrics["reason"].endswith("the rig had been stopped before")
@@ -92,8 +92,8 @@ def test_a_part_of_a_round_has_no_lag_and_no_scale(duration):
     found = Diagnosis.of(short)
     assert (found.lag, found.gain, found.rest) == (None, None, None)
     assert 0.0 < found.turned < 0.75 * duration  # it begins softly
-    assert "smaller" not in judged(short)
-    assert ("less than once round" in judged(short)) is (found.rms > 1e-4)
+    assert "smaller" not in describe_run(short)
+    assert ("less than once round" in describe_run(short)) is (found.rms > 1e-4)
 
 
 def test_a_whole_round_has_both():
@@ -127,8 +127,8 @@ def test_just_below_that_period_a_plate_moves():
 def test_a_run_whose_commands_were_all_cut_to_nothing_says_so(whole):
     rows = dict(whole.rows)
     rows |= {f"applied_{axis}_acc": 0 * rows["time"] for axis in ("phi", "theta")}
-    assert "the plate was never moved" in judged(replace(whole, rows=rows))
-    assert "never moved" not in judged(whole)
+    assert "the plate was never moved" in describe_run(replace(whole, rows=rows))
+    assert "never moved" not in describe_run(whole)
 
 
 def test_a_log_that_gaps_cut_up_is_not_called_one_of_a_ball_at_rest():

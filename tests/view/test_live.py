@@ -16,7 +16,7 @@ from twin.run.finished import open_run, record_run, run
 from twin.shadow import report
 from twin.view import recording, viewer
 from twin.view.live_process import LiveProcess, SharedRingBuffer
-from twin.view.streams import TIMELINE
+from twin.view.streams import TIMELINE_NAME
 
 SHORT = ("--plant", "lagrange", "--set", "duration=0.4", "--set", "metrics.start=0")
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
@@ -167,6 +167,6 @@ def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
                     for line in each.timelines
                     if each.store_id.startswith("Recording:ballplate") and line.end
                 ]
-            assert any(line.name == TIMELINE and line.end == 1_998_000_000 for line in found)
+            assert any(line.name == TIMELINE_NAME and line.end == 1_998_000_000 for line in found)
     except ViewError as error:
         pytest.skip(str(error))

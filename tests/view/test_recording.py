@@ -14,7 +14,7 @@ from twin.run.finished import open_run, open_runs, record_run, run
 from twin.scenario import load
 from twin.view import recording, viewer
 from twin.view.recording import blueprint, write
-from twin.view.streams import LINES, PLOTS, TIMELINE, Batch, signals, telling
+from twin.view.streams import LINE_TABLES, PLOT_TABLES, TIMELINE_NAME, Batch, signals, telling
 from twin.view.viewer import program
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
@@ -193,7 +193,7 @@ def test_a_viewer_that_dies_while_it_loads_is_one_line(monkeypatch, folder):
 def test_a_missing_viewer_is_one_line(monkeypatch, tmp_path):
     monkeypatch.setattr("rerun_cli.__file__", str(tmp_path / "__init__.py"))
     with pytest.raises(ViewError, match="No such file or directory; reinstall rerun-sdk"):
-        viewer.started()
+        viewer.start_viewer()
 
 
 def test_the_viewer_is_told_to_report_nothing(monkeypatch):
@@ -208,7 +208,7 @@ def test_the_viewer_opens_a_recording_without_a_warning_of_our_making(folder, tm
     write(tmp_path / "view.rrd", open_run(folder))
     try:
         with headless(tmp_path / "view.rrd") as (client, _):
-            client.set_time(TIMELINE, duration=1.0)
+            client.set_time(TIMELINE_NAME, duration=1.0)
             client.save_screenshot(str(tmp_path / "view.png"))
             state = client.get_state()
             warnings = [entry.message for entry in client.get_logs() if entry.level != "INFO"]
@@ -256,12 +256,12 @@ def test_plots_have_legends_and_everything_drawn_brings_its_own_ground():
 
 
 def test_every_plot_of_columns_has_a_title_and_its_columns_are_those_of_records(folder):
-    titles = {entity for tab in PLOTS.values() for entity in tab}
-    assert LINES.keys() <= titles
+    titles = {entity for tab in PLOT_TABLES.values() for entity in tab}
+    assert LINE_TABLES.keys() <= titles
     (opened,) = open_run(folder)
     found = signals(opened.rows, np.zeros((len(opened.rows["time"]), 2)))
     further = {"friction_mm_per_s2", "tilt_gain_percent", "timing_ms"}  # of other observers, rigs
-    assert LINES.keys() - further <= found.keys()
+    assert LINE_TABLES.keys() - further <= found.keys()
     phi = found["angle_deg"]["phi"]
     assert phi == pytest.approx(np.degrees(opened.rows["true_phi"]))
     torque = found["torque_Nm"]["torque_theta"]

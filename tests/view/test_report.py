@@ -9,13 +9,13 @@ from twin.base.errors import RecordError
 from twin.base.writing import write_json
 from twin.cli.runs import report as command
 from twin.devices.realtime import TimingLog
-from twin.run.files import UNITS
+from twin.run.files import INDICATOR_UNITS
 from twin.run.finished import Run, open_run, open_runs, record_run, run
-from twin.run.tables import LABELS, TIMES
+from twin.run.tables import LABELS, TIMING_NAMES
 from twin.scenario.load import check
 from twin.view.html import details, html
 from twin.view.streams import signals
-from twin.view.summary import ENDINGS, Diagnosis, spectrum, summary, verdict
+from twin.view.summary import ENDING_TEXTS, Diagnosis, spectrum, summary, verdict
 
 pytestmark = pytest.mark.usefixtures("quick_pictures")
 
@@ -308,10 +308,12 @@ def test_a_fallen_run_can_be_reported(scenario, tmp_path):
 
 def test_an_indicator_is_printed_in_its_own_unit_or_in_millimetres():
     printed = {"m": "mm", "rad/s^2": "rad/s²"}
-    assert {name: unit for name, (_, unit) in LABELS.items() if name in UNITS} == {
-        name: printed.get(unit, unit) for name, unit in UNITS.items() if name not in TIMES
+    assert {name: unit for name, (_, unit) in LABELS.items() if name in INDICATOR_UNITS} == {
+        name: printed.get(unit, unit)
+        for name, unit in INDICATOR_UNITS.items()
+        if name not in TIMING_NAMES
     }
 
 
 def test_no_ending_speaks_of_a_screen_that_a_rig_with_a_camera_has_not():
-    assert not [said for said in ENDINGS.values() if "screen" in said]
+    assert not [said for said in ENDING_TEXTS.values() if "screen" in said]

@@ -10,7 +10,7 @@ from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.mechanism import Mechanism
 from twin.sim.plant.model import load_model
-from twin.view.streams import Scene, rolled
+from twin.view.streams import Scene, rolling_attitude
 
 ANGLE = st.floats(-0.17, 0.17)
 MODEL = load_model()
@@ -98,5 +98,5 @@ def test_the_drawn_ball_rolls_as_the_simulated_one():
         plant.advance(np.zeros((1, 2)), 1)
         path.append(plant.state[0, 0::4].copy())
     w, x, y, z = plant._qpos[0, adr + 3 : adr + 7]
-    turn = rolled(np.array([*before[1:], before[0]]), np.array(path), 0.02)[-1]
+    turn = rolling_attitude(np.array([*before[1:], before[0]]), np.array(path), 0.02)[-1]
     assert abs(turn @ [x, y, z, w]) == pytest.approx(1, abs=1e-3)

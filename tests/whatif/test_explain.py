@@ -21,9 +21,9 @@ from twin.whatif.attribution import (
     EFFECTS,
     NONE,
     EffectCase,
+    apply_overrides,
     attempt,
     attribute,
-    changed,
     explain,
     plan,
     present,
@@ -51,7 +51,7 @@ SHORT = [{"duration": 1.5, "metrics.start": None, "baseline": None}]
 def clean():
     """A sine without a single effect, on the equations that its law is designed on."""
     scenario = load("sine", (*CLEAN, "plant.kind=lagrange", "plant.ball_spin=thesis"))
-    return changed(scenario, [{"predictor": None}])
+    return apply_overrides(scenario, [{"predictor": None}])
 
 
 ON_THE_MECHANISM = tuple(effect for effect in EFFECTS if effect.name != "rolling")
@@ -68,7 +68,7 @@ def full():
     """The circle with every effect that it lacks at such a size."""
     circle = load("circle")
     has = {effect.name for effect in present(circle)}
-    return changed(circle, [each for name, each in TYPICAL.items() if name not in has])
+    return apply_overrides(circle, [each for name, each in TYPICAL.items() if name not in has])
 
 
 @cache
@@ -83,7 +83,7 @@ def test_a_scenario_with_every_effect_has_them_all(full):
 
 
 def test_how_the_ball_rolls_is_an_effect_of_the_exact_equations_alone(clean):
-    spun = changed(clean, [{"plant.ball_spin": "free", "plant.start.spin": 5.0}])
+    spun = apply_overrides(clean, [{"plant.ball_spin": "free", "plant.start.spin": 5.0}])
     assert [effect.name for effect in present(spun)] == ["rolling"]
     assert without(spun, present(spun)) == clean
     one, other = (tried(each.model_dump_json()) for each in (spun, clean))
@@ -109,11 +109,13 @@ def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, ful
     others = [other for other in ON_THE_MECHANISM if other is not effect]
     alone, none = without(full, others), without(full, ON_THE_MECHANISM)
     if effect.name == "breakaway":
-        alone, none = (changed(s, [{"plant.friction.rolling_mm": 0.18}]) for s in (alone, none))
+        alone, none = (
+            apply_overrides(s, [{"plant.friction.rolling_mm": 0.18}]) for s in (alone, none)
+        )
     if effect.name == "spread":
-        none = changed(none, [{"sensors.touch.dead_time": 0.042}])
-        alone = changed(none, [TYPICAL[effect.name]])
-    one, other = (tried(changed(s, SHORT).model_dump_json()) for s in (alone, none))
+        none = apply_overrides(none, [{"sensors.touch.dead_time": 0.042}])
+        alone = apply_overrides(none, [TYPICAL[effect.name]])
+    one, other = (tried(apply_overrides(s, SHORT).model_dump_json()) for s in (alone, none))
     assert np.abs(one.error - other.error).max() > 1e-9
 
 
@@ -129,8 +131,8 @@ def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, ful
     ],
 )
 def test_a_limit_acts_where_it_is_reached(effect, limit):
-    free = changed(without(load("step"), ON_THE_MECHANISM), SHORT)
-    limited = changed(free, [limit])
+    free = apply_overrides(without(load("step"), ON_THE_MECHANISM), SHORT)
+    limited = apply_overrides(free, [limit])
     assert [e.name for e in present(limited)] == [effect]
     one, other = (tried(s.model_dump_json()) for s in (limited, free))
     assert np.abs(np.hypot(*one.error[-1]) - np.hypot(*other.error[-1])) > 1e-6
@@ -159,19 +161,19 @@ def test_the_wait_for_a_frame_goes_with_the_frames_and_the_lag_with_the_servos()
 
 
 def test_a_scenario_without_a_predictor_is_given_none(clean):
-    framed = changed(clean, [{"sensors.touch.frame_rate": 58.0}])
+    framed = apply_overrides(clean, [{"sensors.touch.frame_rate": 58.0}])
     assert plan(framed)["-frames"].predictor is None
 
 
 def test_of_a_single_effect_alone_and_all_are_the_same_run(clean):
-    scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2}])
+    scenario = apply_overrides(clean, [{"plant.friction.rolling_mm": 0.2}])
     cases = plan(scenario)
     assert cases["+friction"].model_dump() == cases[ALL].model_dump()
     assert cases["-friction"].model_dump() == cases[NONE].model_dump()
 
 
 def test_of_a_single_effect_shares_add_up_to_the_whole(clean):
-    found = explain(changed(clean, [{"plant.friction.rolling_mm": 0.2}]), processes=1)
+    found = explain(apply_overrides(clean, [{"plant.friction.rolling_mm": 0.2}]), processes=1)
     (part,) = found.contributions
     assert part.effect.name == "friction"
     assert part.share + found.base == pytest.approx(1.0)
@@ -197,7 +199,9 @@ def case(error, **changes):
 def test_errors_divide_by_their_squares_and_in_halves_where_effects_only_act_together(
     clean, whole, friction, level, shares
 ):
-    scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2, "plant.level_deg": (0.05, 0.0)}])
+    scenario = apply_overrides(
+        clean, [{"plant.friction.rolling_mm": 0.2, "plant.level_deg": (0.05, 0.0)}]
+    )
     errors = {ALL: whole, NONE: [0.0, 0.0], "+friction": friction, "-level": friction}
     errors |= {"+level": level, "-friction": level}
     found = attribute(scenario, {name: case([error]) for name, error in errors.items()})
@@ -206,7 +210,7 @@ def test_errors_divide_by_their_squares_and_in_halves_where_effects_only_act_tog
 
 
 def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):
-    scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2}])
+    scenario = apply_overrides(clean, [{"plant.friction.rolling_mm": 0.2}])
     lost = case([[0.1, 0.0]], outcome="fell at 1.0 s", rms=None)
     good = case([[0.1, 0.0]])
     found = attribute(scenario, {ALL: good, NONE: good, "+friction": good, "-friction": lost})
@@ -218,7 +222,7 @@ def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):
 def test_where_every_run_with_an_effect_fell_the_picture_says_so_below_a_whole_title(
     clean, tmp_path, monkeypatch
 ):
-    drawn, seen = attribution.drawn, []
+    drawn, seen = attribution.styled_figure, []
 
     @contextmanager
     def kept(*size):
@@ -226,8 +230,10 @@ def test_where_every_run_with_an_effect_fell_the_picture_says_so_below_a_whole_t
             seen.append(figure)
             yield figure
 
-    monkeypatch.setattr(attribution, "drawn", kept)
-    scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2, "title": "a long title " * 12}])
+    monkeypatch.setattr(attribution, "styled_figure", kept)
+    scenario = apply_overrides(
+        clean, [{"plant.friction.rolling_mm": 0.2, "title": "a long title " * 12}]
+    )
     good, lost = case([[0.1, 0.0]]), case([[0.1, 0.0]], outcome="fell at 1.0 s", rms=None)
     found = attribute(scenario, {ALL: lost, NONE: good, "+friction": lost, "-friction": good})
     attribution.draw(tmp_path / "picture.png", found)

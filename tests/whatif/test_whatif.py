@@ -18,8 +18,8 @@ from twin.run import finished
 from twin.run.assemble import build_controller
 from twin.run.files import export
 from twin.run.finished import open_run, open_runs
-from twin.run.logs import NEEDED
-from twin.run.metrics import INTERRUPTED
+from twin.run.logs import NEEDED_COLUMNS
+from twin.run.metrics import INTERRUPTED_REASON
 from twin.scenario.load import load
 from twin.whatif.futures import (
     FEWEST,
@@ -46,7 +46,7 @@ KEYS = (
     "plant.start.y=-0.02",
     "controller.kind=afl_integral",
 )
-COLUMNS = (*NEEDED, "age", "touched", "applied_phi_acc", "applied_theta_acc")
+COLUMNS = (*NEEDED_COLUMNS, "age", "touched", "applied_phi_acc", "applied_theta_acc")
 
 
 def recorded(folder, *keys):
@@ -259,7 +259,7 @@ def invoke(*arguments):
 def test_an_interrupted_future_is_not_written(run, tmp_path, monkeypatch):
     def cut(*given):
         (found,) = futures(*given)
-        found.run.metrics["reason"] = INTERRUPTED
+        found.run.metrics["reason"] = INTERRUPTED_REASON
         return [found]
 
     monkeypatch.setattr("twin.whatif.futures.futures", cut)

@@ -44,23 +44,23 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from ballplate.changes import changes_of
-from ballplate.rigs import shaped
+from ballplate.rigs import as_shape
 from controllers.arrays import Array, Mask, put
 from twin.base.errors import ScenarioError, TwinError
-from twin.hal.interface import SCREEN
+from twin.hal.interface import SCREEN_SIZE_M
 from twin.run.assemble import build_reference
 from twin.run.loop import Episodes
 from twin.scenario.schema import Scenario
-from twin.study.schema import drawn, read_family
+from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder
 
-HOLD = 10
+DEFAULT_HOLD_PERIODS = 10
 """Control periods for which an action is held by default: 20 ms."""
-PREVIEW = (0.1, 0.2, 0.4)
+DEFAULT_PREVIEW_S = (0.1, 0.2, 0.4)
 """How far ahead the goal is seen by default, s."""
 REWARD_SCALE = 0.02
 """Distance in m at which the reward is a half on the thesis's plate."""
-_BOUNDS = (1.0, 1.0, 1.0, 1.0, 10.0, 10.0, 100.0, 1.0)
+_OBSERVATION_BOUNDS = (1.0, 1.0, 1.0, 1.0, 10.0, 10.0, 100.0, 1.0)
 """Sizes within which what is seen is clipped; nothing that happens reaches them."""
 
 
@@ -94,9 +94,9 @@ class Task:
         scenario: str | Path,
         settings: Mapping[str, Any] | Sequence[str] = (),
         family: str | None = None,
-        hold: int = HOLD,
+        hold: int = DEFAULT_HOLD_PERIODS,
         rate: float | None = None,
-        preview: Sequence[float] = PREVIEW,
+        preview: Sequence[float] = DEFAULT_PREVIEW_S,
         computing_time: float = 0.0,
     ) -> None:
         self._build = Builder(str(scenario))
@@ -116,7 +116,7 @@ class Task:
                 f"hold: must divide the {self.ticks} control periods of an episode, got {hold}"
             )
         self.hold = int(hold)
-        self.scale = REWARD_SCALE * float(np.divide(one.plant.size, SCREEN).min())
+        self.scale = REWARD_SCALE * float(np.divide(one.plant.size, SCREEN_SIZE_M).min())
         if not 0 <= computing_time <= hold * self.period * (1 + 1e-9):
             raise ScenarioError(
                 f"computing_time: must be 0 to {hold * self.period:g} s, for which an action is "
@@ -128,7 +128,7 @@ class Task:
             raise ScenarioError(f"preview: must be times in s of 0 or more, got {list(preview)}")
         self.leads = np.array([0, *(round(lead / self.period) for lead in preview)])
         """Control periods from now to where the goal is seen."""
-        most = np.array([*_BOUNDS, *[1.0] * (2 * len(self.leads))])
+        most = np.array([*_OBSERVATION_BOUNDS, *[1.0] * (2 * len(self.leads))])
         least = np.where(np.isin(np.arange(len(most)), (6, 7)), 0.0, -most)
         self.observation_space = Box(least, most, dtype=np.float64)
         self.action_space = Box(-1.0, 1.0, (2,), dtype=np.float64)
@@ -141,7 +141,7 @@ class Task:
         """
         if self._family is None:
             return self._one.model_copy(update={"seed": seed})
-        (rig,) = drawn(self._family, seed, 1)
+        (rig,) = draw_rigs(self._family, seed, 1)
         fixed = (*self._fixed, f"seed={seed}")
         return self._build(fixed, rig.point, self._relative & rig.point.keys())
 
@@ -219,7 +219,7 @@ class Rigs:
         """
         hold, episodes = self.task.hold, self.episodes
         before = episodes.ticks
-        given = shaped("actions", actions, (self.count, 2))
+        given = as_shape("actions", actions, (self.count, 2))
         rate = self.task.rate * np.clip(given, -1.0, 1.0)
         held = [episodes.advance(self._rate, self.task.late)] if self.task.late else []
         ball = np.concatenate([*held, episodes.advance(rate, hold - self.task.late)])
@@ -304,7 +304,7 @@ class RigEnv(gymnasium.Env[Array, Array]):
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Hold an action, shape (2,), for a step."""
-        given = shaped("action", action, (2,))
+        given = as_shape("action", action, (2,))
         reward, terminated, truncated = self.rigs.step(given[None])
         info = self._info()
         if terminated[0]:

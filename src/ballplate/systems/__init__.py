@@ -27,9 +27,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from ballplate.changes import Changes, Settings, changes_of, model, scenario_of
-from ballplate.rigs import EXACT
+from ballplate.rigs import EXACT_PLANT
 from controllers.analysis import (
-    MEASUREMENTS,
+    MEASUREMENT_NAMES,
     System,
     linear_controller,
     measured_late,
@@ -37,7 +37,7 @@ from controllers.analysis import (
     whole_periods,
 )
 from controllers.arrays import Array
-from controllers.ballplate import MEASURED, STATES
+from controllers.ballplate import MEASURED_STATES, STATE_NAMES
 from controllers.design import sample
 from controllers.observers.thesis import Ideal
 from twin.base.errors import ScenarioError
@@ -60,7 +60,7 @@ AGE = "contact_age"
 SPIN = "spin"
 
 UNITS = {
-    **dict(zip(STATES, 2 * ("m", "m/s", "rad", "rad/s"), strict=True)),
+    **dict(zip(STATE_NAMES, 2 * ("m", "m/s", "rad", "rad/s"), strict=True)),
     **dict.fromkeys(INPUTS, "rad/s^2"),
     **dict.fromkeys(DESIRED, "m"),
     AGE: "1",
@@ -88,7 +88,7 @@ def state_space(
     )
 
 
-RATES = [3, 7]
+PLATE_RATE_INDICES = [3, 7]
 """Where the plate's rates stand in the state."""
 LEAST_SHARE = 1e-6
 """Share of a period below which a dead time is a whole number of periods."""
@@ -114,7 +114,7 @@ def linear(
     """
     A, B, _ = model(scenario, settings, **changes).linear()
     system = System(A, B, np.eye(8), np.zeros((8, 2)))
-    return state_space(system, INPUTS, STATES, "linear", STATES)
+    return state_space(system, INPUTS, STATE_NAMES, "linear", STATE_NAMES)
 
 
 def sampled(
@@ -135,7 +135,7 @@ def sampled(
     A, B, C = model(scenario, settings, **changes).linear()
     period = chosen.rig.period
     step = System(*sample(A, B, period), C, np.zeros((4, 2)), period)
-    return _measured(step, STATES, chosen, "sampled")
+    return _delay_measurement(step, STATE_NAMES, chosen, "sampled")
 
 
 def mechanism(
@@ -160,7 +160,7 @@ def mechanism(
     or out of balance is refused: its attitude would have to be states, too.
     """
     from twin.run.assemble import parts_of
-    from twin.sim.calibration import STATES as MOVING
+    from twin.sim.calibration import MECHANISM_STATES as MOVING
     from twin.sim.calibration import linear_mechanism
 
     chosen = scenario_of(scenario, changes_of(settings, changes))
@@ -171,10 +171,10 @@ def mechanism(
     # the rate that is commanded in a period is the one before and a period of acceleration
     A = np.block([[A, B], [np.zeros((2, n)), np.eye(2)]])
     B = period * np.concatenate((B, np.eye(2)))
-    C = np.eye(n + 2)[list(MEASURED)]
+    C = np.eye(n + 2)[list(MEASURED_STATES)]
     states = (*MOVING, "commanded_phi_rate", "commanded_theta_rate")
     system = System(A, B, C, np.zeros((4, 2)), period)
-    return _measured(system, states, chosen, "mechanism")
+    return _delay_measurement(system, states, chosen, "mechanism")
 
 
 def equations(
@@ -207,7 +207,7 @@ def equations(
     if scenario is not None:
         chosen = scenario_of(scenario, changes_of(settings, changes)).plant.ball_spin
     about = RollingModel.of(ball, without_state(chosen, spin=spin))
-    gravity, states = (0.0, 0.0, -ball.gravity), (*STATES, *([SPIN] if spin else []))
+    gravity, states = (0.0, 0.0, -ball.gravity), (*STATE_NAMES, *([SPIN] if spin else []))
     scale = about.share * ball.radius
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
@@ -264,17 +264,17 @@ def exact(
     from twin.run.assemble import build_plant
     from twin.sim.plant.exact import ExactPlant
 
-    chosen = scenario_of(scenario, [*changes_of(settings, changes), *changes_of(EXACT, {})])
+    chosen = scenario_of(scenario, [*changes_of(settings, changes), *changes_of(EXACT_PLANT, {})])
     plant, _ = build_plant([chosen])
     assert isinstance(plant, ExactPlant)
     plant.linkage = None
     period, steps = chosen.rig.period, round(chosen.rig.period / plant.step)
     ageing, spinning = plant.age is not None, plant.ball_spin == "free"
-    states = (*STATES, *([AGE] if ageing else []), *([SPIN] if spinning else []))
+    states = (*STATE_NAMES, *([AGE] if ageing else []), *([SPIN] if spinning else []))
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
         plant.resume(x[np.newaxis, :8], x[8:9] if ageing else None, x[-1:] if spinning else None)
-        plant.advance(x[np.newaxis, RATES] + period * u, steps)
+        plant.advance(x[np.newaxis, PLATE_RATE_INDICES] + period * u, steps)
         age = plant.age if ageing else None
         further = [each for each in (age, plant.spin if spinning else None) if each is not None]
         return np.concatenate((plant.state[0], *further))
@@ -293,7 +293,7 @@ def _over(steps: int, A: Array, B: Array) -> tuple[Array, Array]:
     return whole[:n, :n], whole[:n, n:]
 
 
-def _measured(
+def _delay_measurement(
     plant: System, states: tuple[str, ...], scenario: Scenario, name: str
 ) -> control.StateSpace:
     """A sampled plant whose ball is measured a scenario's dead time late."""
@@ -305,7 +305,7 @@ def _measured(
         late = System(late.A[:-2, :-2], late.B[:-2], late.C[:, :-2], late.D, late.period)
     kept = (len(late.A) - len(plant.A)) // 2
     delays = [f"{axis}_{back + 1}" for back in range(kept) for axis in ("x", "y")]
-    return state_space(late, INPUTS, MEASUREMENTS, name, (*states, *delays))
+    return state_space(late, INPUTS, MEASUREMENT_NAMES, name, (*states, *delays))
 
 
 def law(
@@ -334,7 +334,7 @@ def law(
         system = tracking_law(chosen)
     except ValueError as error:
         raise ScenarioError(f"controller: {error}") from error
-    return state_space(system, (*STATES, *DESIRED), INPUTS, "law")
+    return state_space(system, (*STATE_NAMES, *DESIRED), INPUTS, "law")
 
 
 def controller(
@@ -361,4 +361,4 @@ def controller(
         system = linear_controller(built.law, built.observer)
     except ValueError as error:
         raise ScenarioError(f"controller: {error}") from error
-    return state_space(system, MEASUREMENTS, INPUTS, "controller")
+    return state_space(system, MEASUREMENT_NAMES, INPUTS, "controller")

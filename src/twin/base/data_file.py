@@ -13,9 +13,9 @@ from typing import Any
 
 from twin.base.errors import TwinError
 
-DEEPEST = 32
+MAX_NESTING = 32
 """Levels of nesting."""
-INTEGERS = (-(2**63), 2**63 - 1)
+INTEGER_RANGE = (-(2**63), 2**63 - 1)
 """Smallest and largest integer, as TOML promises them."""
 
 MAX_REGULAR_BYTES = 4 * 1024**2
@@ -87,7 +87,7 @@ def read_toml(path: Path, *, regular: bool = False) -> dict[str, Any]:
         raise DataError(f"cannot be read: {error.strerror}") from error
 
 
-def packaged(package: str, name: str) -> dict[str, Any]:
+def read_packaged(package: str, name: str) -> dict[str, Any]:
     """The tables of a TOML file that lies beside the modules of a package.
 
     Args:
@@ -109,7 +109,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError:
         raise
     except RecursionError:
-        raise DataError(f"nested deeper than {DEEPEST} levels") from None
+        raise DataError(f"nested deeper than {MAX_NESTING} levels") from None
     except ValueError:  # Python refuses to convert thousands of digits
         raise DataError(_TOO_LARGE) from None
     _check(tables)
@@ -125,7 +125,7 @@ def parse_json(text: str | bytes) -> Any:
     try:
         data = json.loads(text)
     except RecursionError:
-        raise DataError(f"nested deeper than {DEEPEST} levels") from None
+        raise DataError(f"nested deeper than {MAX_NESTING} levels") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise DataError(f"not JSON: {error}") from None
     except ValueError:  # as for TOML
@@ -136,8 +136,8 @@ def parse_json(text: str | bytes) -> Any:
 
 def _check(value: Any, level: int = 0) -> None:
     """Refuse what is nested too deep, a date, and an integer that is too large."""
-    if level > DEEPEST:
-        raise DataError(f"nested deeper than {DEEPEST} levels")
+    if level > MAX_NESTING:
+        raise DataError(f"nested deeper than {MAX_NESTING} levels")
     if isinstance(value, dict):
         for inner in value.values():
             _check(inner, level + 1)
@@ -146,5 +146,5 @@ def _check(value: Any, level: int = 0) -> None:
             _check(inner, level + 1)
     elif isinstance(value, date | time):
         raise DataError(f"{value} is a date or a time; a text stands in quotes")
-    elif isinstance(value, int) and not INTEGERS[0] <= value <= INTEGERS[1]:
+    elif isinstance(value, int) and not INTEGER_RANGE[0] <= value <= INTEGER_RANGE[1]:
         raise DataError(_TOO_LARGE)

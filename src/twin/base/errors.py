@@ -72,7 +72,7 @@ def nearest(name: object, known: Iterable[str]) -> str:
     return f"{hint} (known: {', '.join(names) or 'none'})"
 
 
-def shortened(text: str) -> str:
+def shorten(text: str) -> str:
     """A text that fits into a message."""
     return text if len(text) <= 200 else f"{text[:200]}..."
 

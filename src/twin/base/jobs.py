@@ -27,12 +27,14 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
-WORKER = Path(__file__).with_name("worker.py")
-LOOKED = 0.5
+WORKER_FILE = Path(__file__).with_name("worker.py")
+PARENT_CHECK_INTERVAL_S = 0.5
 """Seconds between two looks whether the process that began this one is still there."""
-AHEAD = 2
+JOBS_PER_PROCESS = 2
 """Jobs handed out for each process, so that none waits for its next one."""
-_ENDING = {getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)}
+_TERMINATION_SIGNALS = {
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+}
 
 
 def results(
@@ -54,7 +56,7 @@ def results(
         return
     try:
         with pool(processes) as executor:
-            for name, future in handed_out(executor, work, jobs, AHEAD * processes):
+            for name, future in handed_out(executor, work, jobs, JOBS_PER_PROCESS * processes):
                 yield name, future.result()
             executor.shutdown()
     except BrokenProcessPool as error:
@@ -155,17 +157,17 @@ class _Pool(ProcessPoolExecutor):
 
     def __init__(self, processes: int, method: str) -> None:
         context = multiprocessing.get_context(method)
-        super().__init__(processes, context, run_path, (str(WORKER),))
+        super().__init__(processes, context, run_path, (str(WORKER_FILE),))
         self._forks = method == "fork"
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Hand out some work; starts a process if all are busy."""
-        with program_left_out(), undisturbed(*_ENDING, forks=self._forks):
+        with program_left_out(), ignore_interrupts(*_TERMINATION_SIGNALS, forks=self._forks):
             return super().submit(work, *args, **kwargs)
 
 
 @contextmanager
-def undisturbed(*more: signal.Signals, forks: bool = False) -> Iterator[None]:
+def ignore_interrupts(*more: signal.Signals, forks: bool = False) -> Iterator[None]:
     """Ctrl-C and more signals leave alone what is begun within, even before it runs a line.
 
     Args:
@@ -196,7 +198,7 @@ def program_left_out() -> Iterator[None]:
         sys.modules["__main__"] = program
 
 
-def spawned(work: Callable[..., None], *given: Any, daemon: bool = True) -> BaseProcess:
+def spawn(work: Callable[..., None], *given: Any, daemon: bool = True) -> BaseProcess:
     """A process of its own that has begun with some work, and that Ctrl-C leaves alone.
 
     Args:
@@ -206,7 +208,7 @@ def spawned(work: Callable[..., None], *given: Any, daemon: bool = True) -> Base
     """
     context = multiprocessing.get_context("spawn")
     process = context.Process(target=work, args=given, daemon=daemon)
-    with undisturbed(), program_left_out():
+    with ignore_interrupts(), program_left_out():
         process.start()
     return process
 
@@ -245,14 +247,14 @@ def let_go(process: BaseProcess) -> None:
 def settle() -> None:
     """Leave Ctrl-C to the process that began this one, end when told to or when it has died."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for number in _ENDING:  # a fork has what the process that began it does on them
+    for number in _TERMINATION_SIGNALS:  # a fork has what the process that began it does on them
         signal.signal(number, signal.SIG_DFL)
     if sys.platform != "win32":
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _TERMINATION_SIGNALS)
     Thread(target=_end_with_parent, daemon=True).start()
 
 
-def orphaned() -> bool:
+def is_orphan() -> bool:
     """Whether the process that began this one is gone, also if that was before the first line."""
     parent = multiprocessing.parent_process()
     # a forked process itself holds open what would tell it of its parent's end
@@ -276,6 +278,6 @@ def wait_until(done: Callable[[], bool], limit: float, every: float = 0.005) -> 
 def _end_with_parent() -> None:
     if sys.platform == "win32" and (parent := multiprocessing.parent_process()):
         parent.join()
-    while not orphaned():
-        time.sleep(LOOKED)
+    while not is_orphan():
+        time.sleep(PARENT_CHECK_INTERVAL_S)
     os._exit(1)

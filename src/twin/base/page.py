@@ -138,7 +138,7 @@ def _template() -> Template:
     return pages.get_template("page.html.j2")
 
 
-def encoded(figure: Figure, kind: str, dpi: float | Literal["figure"] = "figure") -> bytes:
+def encode_figure(figure: Figure, kind: str, dpi: float | Literal["figure"] = "figure") -> bytes:
     """A figure as a file's content; the same figure gives the same bytes."""
     import matplotlib as mpl  # noqa: PLC0415  heavy: a page may show no figure
 
@@ -152,7 +152,7 @@ def encoded(figure: Figure, kind: str, dpi: float | Literal["figure"] = "figure"
 
 def inline(figure: Figure) -> Markup:
     """A figure as SVG to stand within a page."""
-    text = encoded(figure, "svg").decode()
+    text = encode_figure(figure, "svg").decode()
     return Markup(text[text.index("<svg") :])  # matplotlib's own output needs no escaping
 
 
@@ -188,7 +188,7 @@ def markdown(
     return "\n".join([first, f"|{'|'.join(rule)}|", *others]) + "\n"
 
 
-def filled(template: Path, **parts: Any) -> str:
+def render_template(template: Path, **parts: Any) -> str:
     """The document of a template in Jinja's language; every part that it names must be given."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415  heavy: a table needs none
 

@@ -22,7 +22,7 @@ import numpy as np
 from twin.base.errors import ModelError
 
 Model = TypeVar("Model")
-SAME = object()
+KEY_DEFAULT = object()
 """Stands for: the field has the default of its key."""
 
 
@@ -87,7 +87,7 @@ def setting(
     default: Any,
     unit: Unit = Unit.SI,
     *,
-    otherwise: Any = SAME,
+    otherwise: Any = KEY_DEFAULT,
     type: Any = None,  # noqa: A002  the word for it
     exact: str = "",
     changes: str = "",
@@ -106,7 +106,7 @@ def setting(
         bounds: Range: ge, gt, le, lt.
     """
     about = Setting(key, default, unit, bounds, type, exact, changes)
-    own = unit.to_si(default) if otherwise is SAME else otherwise
+    own = unit.to_si(default) if otherwise is KEY_DEFAULT else otherwise
     return dataclasses.field(default=own, metadata={"setting": about})
 
 
@@ -143,13 +143,13 @@ def check(item: object) -> None:
             inside &= getattr(operator, bound)(numbers, about.unit.to_si(limit))
         if not inside.all():
             bounds = [
-                f"{_WORDS[bound]} {about.unit.to_si(limit):g}"
+                f"{_BOUND_WORDS[bound]} {about.unit.to_si(limit):g}"
                 for bound, limit in about.bounds.items()
             ]
             raise ModelError(f"{name} must be {' and '.join(bounds) or 'finite'}, got {value}")
 
 
-_WORDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+_BOUND_WORDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 
 
 def per_rig(about: Setting, scenarios: Sequence[Any]) -> Any:
@@ -160,7 +160,7 @@ def per_rig(about: Setting, scenarios: Sequence[Any]) -> Any:
     return about.unit.to_si(np.array(values))
 
 
-def filled(cls: type[Model], scenarios: Sequence[Any], **more: Any) -> Model:
+def from_scenarios(cls: type[Model], scenarios: Sequence[Any], **more: Any) -> Model:
     """The dataclass of N rigs: fields in which their scenarios differ have one entry per rig.
 
     Args:
@@ -172,7 +172,7 @@ def filled(cls: type[Model], scenarios: Sequence[Any], **more: Any) -> Model:
     return cls(**values | more)
 
 
-def changed(cls: type[Model], scenario: Any) -> Model:
+def from_changes(cls: type[Model], scenario: Any) -> Model:
     """The dataclass of one rig with only those fields set that its scenario changes."""
     values = {
         name: about.unit.to_si(about.of(scenario))

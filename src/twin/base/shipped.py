@@ -9,9 +9,9 @@ from pathlib import Path
 
 import controllers
 from twin.base.data_file import DataError, read_toml
-from twin.base.errors import ScenarioError, nearest, shortened
+from twin.base.errors import ScenarioError, nearest, shorten
 
-OTHERS = {"studies", "fits", "families", "tunes", "labs", "starts", "rigs", "bench"}
+OTHER_FOLDERS = {"studies", "fits", "families", "tunes", "labs", "starts", "rigs", "bench"}
 """Folders of files that are no scenarios."""
 
 
@@ -31,13 +31,13 @@ def model_path(name: str = "ballplate.xml") -> Path:
 
 
 @cache
-def shipped() -> dict[str, Path]:
+def shipped_scenarios() -> dict[str, Path]:
     """The shipped scenarios by name; those of a subfolder as ``folder/name``."""
     root = folder()
     return {
         path.relative_to(root).with_suffix("").as_posix(): path
         for path in sorted(root.rglob("*.toml"))
-        if path.relative_to(root).parts[0] not in OTHERS
+        if path.relative_to(root).parts[0] not in OTHER_FOLDERS
     }
 
 
@@ -68,7 +68,7 @@ def find(name: str) -> Path:
     Raises:
         ScenarioError: If there is no such file.
     """
-    return chosen("scenario", name, shipped())
+    return chosen("scenario", name, shipped_scenarios())
 
 
 def chosen(what: str, name: str, known: Mapping[str, Path]) -> Path:
@@ -86,10 +86,10 @@ def chosen(what: str, name: str, known: Mapping[str, Path]) -> Path:
     if not isfile(path):  # noqa: PTH113
         if what == "scenario" and (name == "last" or isfile(path / "run.parquet")):  # noqa: PTH113
             raise ScenarioError(
-                f"'{shortened(name)}' is a run, not a scenario; to look at it: "
-                f"ballplate report {shortened(name)}, or view, compare, export"
+                f"'{shorten(name)}' is a run, not a scenario; to look at it: "
+                f"ballplate report {shorten(name)}, or view, compare, export"
             )
-        raise ScenarioError(f"{what} '{shortened(name)}': not found{_hint(what, name, known)}")
+        raise ScenarioError(f"{what} '{shorten(name)}': not found{_hint(what, name, known)}")
     return path
 
 
@@ -97,10 +97,10 @@ def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
     """The nearest name, the short ones, and the command that lists all."""
     if isdir(name):  # noqa: PTH112
         return f"; that is a folder, a {what} is a TOML file"
-    every = f"; `ballplate {LISTS[what]}` lists all" if what in LISTS else ""
+    every = f"; `ballplate {LISTING_COMMANDS[what]}` lists all" if what in LISTING_COMMANDS else ""
     meant = nearest(name, known).partition(" (known")[0]
     return f"{meant} (known: {', '.join(each for each in known if '/' not in each)}{every})"
 
 
-LISTS = {"scenario": "list", "study": "study"}
+LISTING_COMMANDS = {"scenario": "list", "study": "study"}
 """What a file is called to the command that lists the shipped ones."""

@@ -13,12 +13,12 @@ from typing import Any, TypeGuard, TypeVar, Union, get_args, get_origin, get_typ
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from twin.base.data_file import DataError, read_toml
-from twin.base.errors import ScenarioError, nearest, shortened
+from twin.base.errors import ScenarioError, nearest, shorten
 
 Model = TypeVar("Model", bound=BaseModel)
-KIND = re.compile(r"(constrained-)?(float|int|str)|literal\[.*\]")
+UNION_MEMBER = re.compile(r"(constrained-)?(float|int|str)|literal\[.*\]")
 """How pydantic names the members of a union behind a key."""
-UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+UNKNOWN_KEY_ERRORS = ("extra_forbidden", "unexpected_keyword_argument")
 """What it calls an unknown key, of a model and of a dataclass."""
 
 
@@ -74,9 +74,9 @@ def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence
             a table of its name, are suggested.
     """
     # An unknown key explains a missing one beside it, so it comes first.
-    first = min(error.errors(), key=lambda item: item["type"] not in UNKNOWN)
+    first = min(error.errors(), key=lambda item: item["type"] not in UNKNOWN_KEY_ERRORS)
     place = ".".join(str(part) for part in first["loc"])
-    if first["type"] in UNKNOWN:
+    if first["type"] in UNKNOWN_KEY_ERRORS:
         *path, name = (str(part) for part in first["loc"])
         alike = [f"'{key}'" for key in elsewhere if key.endswith(f".{name}")]
         alike = alike or [f"'{key}'" for key in elsewhere if f".{name}." in key]
@@ -97,11 +97,11 @@ def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence
         return text if text.startswith(place) else f"{place}: {text}"
     *key, last = first["loc"] or ("",)
     kinds = [first]
-    if KIND.fullmatch(str(last)):  # one of a union: whatever the key may be instead
+    if UNION_MEMBER.fullmatch(str(last)):  # one of a union: whatever the key may be instead
         place = ".".join(map(str, key))
         kinds = [each for each in error.errors() if [*each["loc"][:-1]] == key]
     message = " or ".join(each["msg"].removeprefix("Input should be ") for each in kinds)
-    return f"{place}: must be {message}, got {shortened(json.dumps(first['input'], default=str))}"
+    return f"{place}: must be {message}, got {shorten(json.dumps(first['input'], default=str))}"
 
 
 def check_named_once(what: str, names: Sequence[str], hint: str = "") -> None:

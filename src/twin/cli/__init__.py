@@ -15,19 +15,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.base.data_file import packaged
-from twin.base.errors import LawError, TwinError, printable, shortened
+from twin.base.data_file import read_packaged
+from twin.base.errors import LawError, TwinError, printable, shorten
 
 if TYPE_CHECKING:
     from twin.cli.options import Command
 
-GROUPS: dict[str, dict[str, str]] = packaged("twin.cli", "commands.toml")
+COMMAND_GROUPS: dict[str, dict[str, str]] = read_packaged("twin.cli", "commands.toml")
 """What a person wants, to the commands for it and where they are defined."""
 
-COMMANDS = {name: place for group in GROUPS.values() for name, place in group.items()}
+COMMANDS = {name: place for group in COMMAND_GROUPS.values() for name, place in group.items()}
 """Command name to where it is defined; imported only when called, to start fast."""
 
-FIRST = ("run", "compare", "explain", "sweep", "new", "report", "view", "describe")
+COMMON_COMMANDS = ("run", "compare", "explain", "sweep", "new", "report", "view", "describe")
 """The commands that are used most, in this order: the help begins with an example of each."""
 
 LONGEST_LINE = 1000
@@ -56,13 +56,13 @@ class Commands(click.Group):
         """Write what this is, and an example of each command that is used most."""
         super().format_help_text(ctx, formatter)
         with formatter.section("Most used"):
-            for name in FIRST:
+            for name in COMMON_COMMANDS:
                 formatter.write_text(f"ballplate {_command(name).example}")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write all commands by what a person wants."""
         limit = formatter.width - 4 - max(map(len, COMMANDS))
-        for title, names in GROUPS.items():
+        for title, names in COMMAND_GROUPS.items():
             commands = {name: _command(name) for name in names}
             with formatter.section(title):
                 formatter.write_dl(
@@ -87,7 +87,7 @@ def main(arguments: list[str] | None = None) -> None:
     # else mujoco looks for a screen when it is imported, in a process of its own
     os.environ["MUJOCO_GL"] = "disable"
     _have_streams()
-    warnings.showwarning = _told
+    warnings.showwarning = _print_warning
     _tell_what_is_executed()
     if "_BALLPLATE_COMPLETE" in os.environ:  # the Tab key runs nothing of the folder it is typed in
         os.environ["BALLPLATE_LAWS_CLOSED"] = "yes"
@@ -108,14 +108,14 @@ def main(arguments: list[str] | None = None) -> None:
     except TwinError as error:
         code = _fail(str(error), 1 if isinstance(error, LawError) else 2)
     except OSError as error:
-        if error.errno in _FULL and error.filename is None:
+        if error.errno in _BROKEN_OUTPUT_ERRORS and error.filename is None:
             sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115  nothing may be written now
             sys.exit(_fail(f"standard output cannot be written: {error.strerror}", 1))
         if error.errno != errno.ENAMETOOLONG:
             raise
-        code = _fail(f"'{shortened(str(error.filename))}': no file can have so long a name")
+        code = _fail(f"'{shorten(str(error.filename))}': no file can have so long a name")
     except Exception as error:
-        if _interrupted(error):
+        if _is_interrupt(error):
             sys.exit(_fail("interrupted", 1))
         catalog = sys.modules.get("controllers.catalog")
         line = catalog.blamed(error) if catalog else None
@@ -125,11 +125,11 @@ def main(arguments: list[str] | None = None) -> None:
     sys.exit(code if isinstance(code, int) else 0)
 
 
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
+_BROKEN_OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
 """What writing to a full or broken standard output ends with."""
 
 
-def _interrupted(error: BaseException | None) -> bool:
+def _is_interrupt(error: BaseException | None) -> bool:
     """Whether an error came of Ctrl-C, as that of a compiled module in the middle of its import."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
@@ -151,7 +151,7 @@ def _end_in_order() -> None:
             signal.signal(number, signal.default_int_handler)
 
 
-def _told(message: Warning | str, *_: object, **__: object) -> None:
+def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
     """Tell a warning of some library in one line, without the line of ours that led to it."""
     click.echo(f"ballplate: warning: {' '.join(str(message).split())}", err=True)
 

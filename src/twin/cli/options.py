@@ -15,11 +15,11 @@ from uuid import uuid4
 import click
 from click.shell_completion import CompletionItem, get_completion_class
 
-from ballplate.running import EMULATED
+from ballplate.running import EMULATED_RIG
 from twin.base.errors import ScenarioError, ViewError
-from twin.base.shipped import find, shipped, shipped_in
+from twin.base.shipped import find, shipped_in, shipped_scenarios
 from twin.cli.output import warn
-from twin.run.files import LAST, ROOT, run_folders
+from twin.run.files import NEWEST_RUN, RUNS_FOLDER, run_folders
 
 CLOSED = "BALLPLATE_LAWS_CLOSED"
 """As ``controllers.catalog`` has it, which a command imports when it needs it."""
@@ -78,7 +78,7 @@ class Group(Command, click.Group):
     """A command of several, whose help begins with an example, too."""
 
 
-VARIABLE = "_BALLPLATE_COMPLETE"
+COMPLETION_VARIABLE = "_BALLPLATE_COMPLETE"
 
 
 @click.command(cls=Command, example="completion bash")
@@ -92,49 +92,51 @@ def completion(context: click.Context, shell: str) -> int:
     """
     kind = get_completion_class(shell)
     assert kind is not None
-    click.echo(kind(context.find_root().command, {}, "ballplate", VARIABLE).source())
+    click.echo(kind(context.find_root().command, {}, "ballplate", COMPLETION_VARIABLE).source())
     return 0
 
 
 def _completes(known: Callable[[], Iterable[str]]) -> Any:
     """What offers the known names that begin as a word does; files where there are none."""
-    return lambda _, __, incomplete: _offered(incomplete, known())
+    return lambda _, __, incomplete: _complete_names(incomplete, known())
 
 
-def _made() -> list[str]:
+def _list_run_folders() -> list[str]:
     """The word for the newest run, and the folders of runs/."""
-    made = [path for path in ROOT.glob("*") if path.is_dir() and run_folders(path)]
-    return [LAST, *(path.as_posix() for path in sorted(made))]
+    made = [path for path in RUNS_FOLDER.glob("*") if path.is_dir() and run_folders(path)]
+    return [NEWEST_RUN, *(path.as_posix() for path in sorted(made))]
 
 
-scenarios = _completes(shipped)
+scenarios = _completes(shipped_scenarios)
 studies = _completes(functools.partial(shipped_in, "studies"))
 rigs = _completes(functools.partial(shipped_in, "rigs"))
-runs = _completes(_made)
-sources = _completes(lambda: [*shipped(), *_made()])
+runs = _completes(_list_run_folders)
+sources = _completes(lambda: [*shipped_scenarios(), *_list_run_folders()])
 
 
 def settings(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Keys of a scenario; after the sign of equality the kinds of a law, observer or reference."""
     from twin.scenario.load import every_key
-    from twin.scenario.schema import KINDS, choices
+    from twin.scenario.schema import CATALOG_TABLES, choices
 
     key, equals, _start = incomplete.partition("=")
     table = key.removesuffix(".kind")
     if equals:
-        known = choices(table) if table in KINDS and key != table else {}
-        return _offered(incomplete, (f"{key}={kind}" for kind in known), files=False)
-    return _offered(incomplete, (f"{each}=" for each in every_key()), files=False)
+        known = choices(table) if table in CATALOG_TABLES and key != table else {}
+        return _complete_names(incomplete, (f"{key}={kind}" for kind in known), files=False)
+    return _complete_names(incomplete, (f"{each}=" for each in every_key()), files=False)
 
 
 def names(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Keys, which can be described."""
     from twin.scenario.load import every_key
 
-    return _offered(incomplete, every_key(), files=False)
+    return _complete_names(incomplete, every_key(), files=False)
 
 
-def _offered(incomplete: str, known: Iterable[str], *, files: bool = True) -> list[CompletionItem]:
+def _complete_names(
+    incomplete: str, known: Iterable[str], *, files: bool = True
+) -> list[CompletionItem]:
     """Known names that begin so; files where there are none."""
     found = [CompletionItem(name) for name in known if name.startswith(incomplete)]
     if found or not files:
@@ -168,7 +170,7 @@ def _settings(
     return values
 
 
-def known(_: click.Context, __: click.Parameter, name: str) -> str:
+def check_scenario_name(_: click.Context, __: click.Parameter, name: str) -> str:
     """The name of a scenario; a wrong one is told before anything heavy is imported."""
     find(name)
     return name
@@ -176,7 +178,9 @@ def known(_: click.Context, __: click.Parameter, name: str) -> str:
 
 PATH = click.Path(path_type=Path)
 """A file or folder, there or not."""
-SCENARIO = functools.partial(click.argument, "scenario", callback=known, shell_complete=scenarios)
+SCENARIO = functools.partial(
+    click.argument, "scenario", callback=check_scenario_name, shell_complete=scenarios
+)
 _SET = click.option(
     "--set",
     "overrides",
@@ -251,16 +255,16 @@ def _add_laws(context: click.Context, __: click.Parameter, laws: tuple[Path, ...
                 raise ScenarioError(f"--law {error}") from None
 
 
-def unused(scenario: Scenario) -> list[str]:
+def describe_unused_files(scenario: Scenario) -> list[str]:
     """What to say of files given by ``--law`` of which a run of the scenario takes nothing."""
-    from twin.scenario.schema import KINDS, choices
+    from twin.scenario.schema import CATALOG_TABLES, choices
 
-    used = {getattr(scenario, table).kind for table in KINDS}
+    used = {getattr(scenario, table).kind for table in CATALOG_TABLES}
     return [
         f"--law {file}: nothing of it is used; name it, as --set {table}.kind={names[0]}"
         for file, names in click.get_current_context().meta.get("laws", {}).items()
         if used.isdisjoint(names)
-        for table in KINDS
+        for table in CATALOG_TABLES
         if names[0] in choices(table)
     ]
 
@@ -290,7 +294,7 @@ RIG = click.option("--rig", metavar="FILE", help="Rig file, or `emulated` for th
 EMPTY_RIG = click.option(
     "--rig",
     metavar="FILE",
-    default=EMULATED,
+    default=EMULATED_RIG,
     help="Rig file [`emulated`, the virtual rig]; calibrated with the ball off, the plate level.",
 )
 RESET = click.option(
@@ -299,7 +303,7 @@ RESET = click.option(
 
 
 WEB_PORT = 9090
-TWIN = 60.0
+TWIN_TIMEOUT_S = 60.0
 """Most seconds that the twin is given for what it says last: it has the lowest priority."""
 
 SERVE = click.option(
@@ -368,7 +372,7 @@ class Viewing:
                     each.watch(recorder)
 
             yield watch
-            if shadow is not None and not shadow.finish(TWIN):
+            if shadow is not None and not shadow.finish(TWIN_TIMEOUT_S):
                 warn("the twin stopped before the end; the run and its record are complete")
             if shown is not None and not shown.finish():
                 warn("the view stopped before the end; the run and its record are complete")

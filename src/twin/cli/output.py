@@ -14,12 +14,12 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from ballplate.reporter import Advance, Reporter, counted, now_and_then
+from ballplate.reporter import Advance, Reporter, format_progress, now_and_then
 from twin.base.errors import printable
 from twin.base.page import Table, terminal
 from twin.base.shipped import shipped_in
 from twin.base.shipped import titles as titles_of
-from twin.run.tables import EVERY, FIRST, by_run
+from twin.run.tables import FIRST_LABELS, ORDERED_LABELS, by_run
 from twin.run.tables import indicators as table_of
 
 SIDE_BY_SIDE = 4
@@ -88,7 +88,7 @@ def show_titles(titles: Mapping[str, str]) -> None:
     show(titles, lines)
 
 
-def listed(folder: str) -> int:
+def print_shipped(folder: str) -> int:
     """Print what is shipped in a folder of scenarios/; the exit code of that."""
     show_titles(titles_of(shipped_in(folder)))
     return 0
@@ -117,7 +117,7 @@ def indicators(
     names = list(runs)
     for some in range(0, len(names), SIDE_BY_SIDE):
         its = {name: runs[name] for name in names[some : some + SIDE_BY_SIDE]}
-        yield table_of("", its, EVERY if everything else FIRST)
+        yield table_of("", its, ORDERED_LABELS if everything else FIRST_LABELS)
 
 
 def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -129,7 +129,7 @@ def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
     ]
 
 
-OPTIONS = {"on": "--rig"}
+OPTION_NAMES = {"on": "--rig"}
 """Arguments of the package whose option has another name."""
 
 
@@ -158,7 +158,7 @@ class Terminal(Reporter):
             task = bar.add_task(what, total=total, text="")
 
             def advance(done: float, note: str = "", /) -> None:
-                bar.update(task, completed=done, text=counted(done, total, unit, note))
+                bar.update(task, completed=done, text=format_progress(done, total, unit, note))
 
             yield advance
 
@@ -173,7 +173,7 @@ class Terminal(Reporter):
 
     def name_of(self, argument: str) -> str:
         """The option that an argument is."""
-        return OPTIONS.get(argument, f"--{argument}")
+        return OPTION_NAMES.get(argument, f"--{argument}")
 
 
 TERMINAL = Terminal()

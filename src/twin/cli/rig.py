@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.running import EMULATED, rig_of
+from ballplate.running import EMULATED_RIG, rig_of
 from twin.base.errors import LogError
 from twin.base.jobs import cores
 from twin.base.page import Table, digits
 from twin.base.writing import check_writable, write_whole
 from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, console, json_wanted, progress, say, show, warn
-from twin.devices.akd import TRACE
+from twin.devices.akd import TRACE_FILE
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen import Protocol
 from twin.run.files import export, log_file, run_folder
@@ -42,7 +42,11 @@ if TYPE_CHECKING:
     from twin.scenario.rig import RigFile
 
 
-COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FAIL: "bold red"}
+STATUS_COLOURS = {
+    CheckStatus.PASS: "green",
+    CheckStatus.WARN: "yellow",
+    CheckStatus.FAIL: "bold red",
+}
 
 
 @options.command(example="doctor --rig emulated")
@@ -50,7 +54,7 @@ COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FA
 @click.option(
     "--scenario",
     default="circle",
-    callback=options.known,
+    callback=options.check_scenario_name,
     help="Scenario that the rig is to run [circle].",
 )
 @click.option("--move", is_flag=True, help="Enable the drives and tilt the plate by a degree.")
@@ -79,8 +83,8 @@ def doctor(
 
     chosen = load(scenario, overrides)
     with rig_file(rig, chosen) as (file, ask):
-        found = _told(examine(chosen, file, ask, move=move, reset=reset))
-        if move and rig != EMULATED:
+        found = _print_results(examine(chosen, file, ask, move=move, reset=reset))
+        if move and rig != EMULATED_RIG:
             failed = any(each.status is CheckStatus.FAIL for each in found)
             note_result(file, passed=not failed)
     counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
@@ -91,13 +95,13 @@ def doctor(
     return 1 if counts[CheckStatus.FAIL] else 0
 
 
-def _told(results: Iterable[CheckResult]) -> list[CheckResult]:
+def _print_results(results: Iterable[CheckResult]) -> list[CheckResult]:
     """All results, each told when it comes unless JSON is wanted."""
     found = []
     for result in results:
         found.append(result)
         if not json_wanted():
-            colour = COLOURS[result.status]
+            colour = STATUS_COLOURS[result.status]
             console.print(f"[{colour}]{result.status}[/{colour}]  {result.what}: ", end="")
             advice = f" -> {result.advice}" if result.advice else ""
             say(f"{result.seen}{advice}")
@@ -191,12 +195,12 @@ def safety(processes: int | None) -> int:
 
 
 def _table(rows: list[FaultRow]) -> Table:
-    from twin.safety.trial import HEADING, cells
+    from twin.safety.trial import TABLE_HEADINGS, cells
 
     lines = [
         (*cells(row), "good" if row.good else f"BAD: {', '.join(row.failures)}") for row in rows
     ]
-    return Table("", (*HEADING, "verdict"), lines, words=range(len(HEADING) + 1))
+    return Table("", (*TABLE_HEADINGS, "verdict"), lines, words=range(len(TABLE_HEADINGS) + 1))
 
 
 @options.command(example="trace runs/circle-rig=emulated", reads=True)
@@ -232,11 +236,11 @@ def trace(
 
     if log is not None and (rig is None or touch is None):
         raise LogError("--log: needs the scales of --rig, and what the ball did by --touch")
-    place = file / TRACE if file.is_dir() else file
+    place = file / TRACE_FILE if file.is_dir() else file
     found = read_trace(place, channel)
     if not found.timed and (again or log):
         raise LogError(f"{'--replay' if again else '--log'}: {file} has no times")
-    if place.name == TRACE:
+    if place.name == TRACE_FILE:
         from twin.run.finished import incomplete_of
 
         found.remarks[:0] = incomplete_of(place.parent)
@@ -280,15 +284,15 @@ def trace(
 
 def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) -> int:
     """Tell where emulated drives answer otherwise than those of a trace."""
-    from twin.doctor.replay import FRAMES, LATE, NEAR, replay
+    from twin.doctor.replay import MAX_PDO_SHIFT, MAX_TIME_SHIFT_S, MOTOR_TOLERANCES, replay
 
     found = replay(trace.frames, names, drives)
-    first, (place, rate) = found.difference, NEAR.values()
+    first, (place, rate) = found.difference, MOTOR_TOLERANCES.values()
     told = (
         f"{file}: {found.sent} frames of the host sent to emulated drives, {found.compared} frames "
         "of drives compared: states, transfers, emergencies, number of PDOs; "
-        f"within {1e3 * LATE:g} ms and {FRAMES} PDOs, motors within {place:g} rad and {rate:g} "
-        "rad/s; not the plate, which they do not have"
+        f"within {1e3 * MAX_TIME_SHIFT_S:g} ms and {MAX_PDO_SHIFT} PDOs, "
+        f"motors within {place:g} rad and {rate:g} rad/s; not the plate, which they do not have"
     )
     same = "the emulated drives answer the same"
     shown = f"first difference, at {first.time:.6f} s, {first.who}: {first.text}" if first else same
@@ -305,14 +309,14 @@ def _nodes(found: dict[str, Any]) -> list[Table]:
     did = [
         (
             node["name"],
-            counted(node["frames"]) or "nothing",
+            format_counts(node["frames"]) or "nothing",
             " -> ".join(node["states"]),
             "; ".join(
                 f"axis {axis}: {' -> '.join(states)}" if axis > 1 else " -> ".join(states)
                 for axis, states in ({1: node["drive"]} | node["axes"]).items()
                 if states
             ),
-            counted(node["transfers"]),
+            format_counts(node["transfers"]),
             "; ".join(f"{each['time']:.3f} s {each['text']}" for each in node["faults"]),
         )
         for node in nodes
@@ -338,12 +342,12 @@ def _unit(signal: dict[str, Any]) -> str:
     return str(signal["unit"]) or ("counts" if whole else "")
 
 
-def counted(numbers: dict[str, int]) -> str:
+def format_counts(numbers: dict[str, int]) -> str:
     """Numbers by what was counted, in words."""
     return ", ".join(f"{count} {name}" for name, count in numbers.items())
 
 
-PORT = 8090
+DEFAULT_PORT = 8090
 
 
 @options.command(example="play circle")
@@ -355,7 +359,7 @@ PORT = 8090
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
-    default=PORT,
+    default=DEFAULT_PORT,
     show_default=True,
     help="Port of the page; 0 for a free one.",
 )
@@ -404,7 +408,7 @@ def play(
 
 
 @contextmanager
-def _turned(
+def _turn_plate(
     rig: str, scenario: Scenario, what: str, total: float
 ) -> Iterator[tuple[RigFile, AkdServos, Advance]]:
     """A rig whose plate is turned in real time: its file, its servos, and progress."""
@@ -431,19 +435,23 @@ def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
     Settings are the control period, and those of the virtual rig.
     """
     from twin.doctor.drives import measure_lost_motion
-    from twin.identify.plate_motion import KEYS
+    from twin.identify.plate_motion import PLAY_KEYS
     from twin.run.connect import cams_of
     from twin.scenario import load
 
-    with _turned(rig, load("circle", overrides), "turning the plate", 1.0) as (file, servos, tell):
+    with _turn_plate(rig, load("circle", overrides), "turning the plate", 1.0) as (
+        file,
+        servos,
+        tell,
+    ):
         moved = math.radians(amplitude)
         found = measure_lost_motion(servos, cams_of(file), amplitude=moved, progress=tell)
         tell(1.0)
     told = []
     for each in found:
         told.append(f"{each.axis}: {each.words}")
-        if each.shape in KEYS:
-            told.append(f"  in the twin: {KEYS[each.shape]} = {each.width:.3f}")
+        if each.shape in PLAY_KEYS:
+            told.append(f"  in the twin: {PLAY_KEYS[each.shape]} = {each.width:.3f}")
     show([each.as_dict() for each in found], told)
 
 
@@ -466,7 +474,9 @@ def touch(rig: str, out: Path) -> None:
 
     points = usual_points()
     with rig_file(rig, load("circle")) as (file, ask):
-        shown = progress("calibrating the touch screen", len(points)) if rig == EMULATED else None
+        shown = (
+            progress("calibrating the touch screen", len(points)) if rig == EMULATED_RIG else None
+        )
         with shown or nullcontext(lambda _: None) as advance:
             found = measure_touch(file.uncalibrated_screen(), points, ask, file.patience, advance)
     write_whole(out, found.save)
@@ -488,7 +498,7 @@ def _residuals(found: CalibrationFit) -> tuple[Shown, ...]:
     )
 
 
-FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
+TILT_DIRECTIONS = (("x", "+x", "-x"), ("y", "-y", "+y"))
 """Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""
 
 
@@ -521,7 +531,7 @@ def cams(rig: str, out: Path, reach: float, lines: int, overrides: tuple[str, ..
     from twin.doctor.drives import measure_cams
     from twin.scenario import load
 
-    with _turned(rig, load("circle", overrides), "measuring the cams", lines**2 + 1) as (
+    with _turn_plate(rig, load("circle", overrides), "measuring the cams", lines**2 + 1) as (
         _,
         servos,
         tell,
@@ -546,16 +556,19 @@ def level(log: Path) -> int:
     LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
     """
     log = log_file(log)  # a wrong name is told before anything heavy is imported
-    from twin.identify.judged import IDENTIFIED
+    from twin.identify.judged import IDENTIFIED_VERDICT
     from twin.identify.logs import read
     from twin.identify.twin_model import identify
 
     recorded = read(log)
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
-        levels = identify(recorded, ("level",), 1.0, advance).verdicts[: len(FEET)]
-    told = (f"{each.name}: {advice(each, foot)}" for each, foot in zip(levels, FEET, strict=True))
+        levels = identify(recorded, ("level",), 1.0, advance).verdicts[: len(TILT_DIRECTIONS)]
+    told = (
+        f"{each.name}: {advice(each, foot)}"
+        for each, foot in zip(levels, TILT_DIRECTIONS, strict=True)
+    )
     show([each.as_dict() for each in levels], told)
-    return int(any(each.word != IDENTIFIED for each in levels))
+    return int(any(each.word != IDENTIFIED_VERDICT for each in levels))
 
 
 def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
@@ -565,13 +578,13 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
         found: The tilt about the axis in deg.
         foot: Its entry of ``FEET``.
     """
-    from twin.identify.judged import IDENTIFIED
+    from twin.identify.judged import IDENTIFIED_VERDICT
 
     if found.value is None or found.low is None or found.high is None:
         return found.why
     known = f"{found.value:+.4f} deg ({found.interval}, 95 %)"
     if found.low <= 0 <= found.high:
-        if found.word == IDENTIFIED:
+        if found.word == IDENTIFIED_VERDICT:
             return f"level within {max(-found.low, found.high):.2g} deg: nothing to do"
         return f"{known}: too uncertain to level by; {found.why}"
     along, lower, upper = foot

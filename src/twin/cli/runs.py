@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from ballplate.changes import scenarios
-from ballplate.running import CLEAN
+from ballplate.running import CLEAN_LABEL
 from ballplate.running import run as run_scenario
 from twin.base.data_file import read_toml
 from twin.base.errors import LogError, RecordError, ScenarioError, TwinError, ViewError
@@ -21,7 +21,7 @@ from twin.base.shipped import folder, model_path
 from twin.base.writing import write_whole
 from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, reasons, say, show, show_titles
-from twin.run.files import LAST, MOVING, check_no_scenario, free, run_folder
+from twin.run.files import FILM_SUFFIXES, NEWEST_RUN, check_no_scenario, free, run_folder
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
@@ -92,9 +92,9 @@ def run(
         reporter=TERMINAL,
     )
     folder = done.folder or folder
-    for line in options.unused(done.scenario):
+    for line in options.describe_unused_files(done.scenario):
         TERMINAL.warn(line)
-    examined = _examined(folder, learning=viewing.learn) if viewing.shadow else None
+    examined = _examine_run(folder, learning=viewing.learn) if viewing.shadow else None
     model = done.baseline
     numbers = {**done.summary(), "verdict": done.verdict}
     numbers["baseline"] = None if model is None else model.summary()
@@ -105,10 +105,10 @@ def run(
     if other:
         shown.append(f"the law of the run in {named}/ was another: it stays")
     if model is not None:
-        shown += reasons({CLEAN: numbers["baseline"]})
+        shown += reasons({CLEAN_LABEL: numbers["baseline"]})
         shown.append(
-            f"{CLEAN}: the same controller on the frictionless equations (5.9) it was designed on, "
-            "without dead time, noise or mechanism"
+            f"{CLEAN_LABEL}: the same controller on the frictionless equations (5.9) it was "
+            "designed on, without dead time, noise or mechanism"
         )
     shown.append(bold(done.verdict))
     files = "picture.png, metrics.json, run.parquet"
@@ -129,7 +129,7 @@ def run(
     return int(not done.finished)
 
 
-def _examined(folder: Path, *, learning: bool) -> Shadow | None:
+def _examine_run(folder: Path, *, learning: bool) -> Shadow | None:
     """What the twin says of the run as a whole: the same as `ballplate shadow RUN`."""
     from twin.shadow.report import examine
 
@@ -215,9 +215,9 @@ def sweep(
     kept, in sweep.csv.
     """
     from ballplate.studies import sweep as run_sweep
-    from twin.scenario.load import parsed, swept
+    from twin.scenario.load import parse_variations, swept
 
-    (key, points), curves = swept(values), parsed(vary)
+    (key, points), curves = swept(values), parse_variations(vary)
     named = (values.replace(":", ".."), *vary, *overrides)
     folder = out or run_folder(f"sweep-{Path(scenario).stem}", named)
     done = run_sweep(
@@ -237,7 +237,7 @@ def sweep(
     return int(not done.finished)
 
 
-WORDS = {"laws": "controller", "observers": "observer", "references": "reference"}
+LISTED_KINDS = {"laws": "controller", "observers": "observer", "references": "reference"}
 """What lists all of a kind, and the table of a scenario that names one."""
 
 
@@ -253,13 +253,13 @@ def describe(name: str) -> int:
     A word is looked for in the names, then in what they mean. `laws`, `observers` and `references`
     list those there are, with one sentence each.
     """
-    from twin.scenario.describe import about, described
+    from twin.scenario.describe import about, find_keys
     from twin.scenario.schema import choices
 
-    if table := WORDS.get(name):
+    if table := LISTED_KINDS.get(name):
         show_titles({kind: about(f"{table}.{kind}") for kind in choices(table)})
         return 0
-    found = described(name)
+    found = find_keys(name)
     sentence = about(name)
     shown: list[Shown] = [bold(sentence)] if sentence else []
     shown += [line for key in found for line in _lines(key)] or ["It has no settings."]
@@ -291,37 +291,37 @@ class Start(NamedTuple):
 
 
 STARTS_IN = folder() / "starts"
-_TABLES = read_toml(STARTS_IN / "starts.toml")
-LIKE: dict[str, dict[str, Any]] = _TABLES["like"]
+_START_TABLES = read_toml(STARTS_IN / "starts.toml")
+LAW_STARTS: dict[str, dict[str, Any]] = _START_TABLES["like"]
 """What a law may begin as: what its start has otherwise."""
-STARTS = {kind: Start(**about) for kind, about in _TABLES["starts"].items()}
-NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+START_FILES = {kind: Start(**about) for kind, about in _START_TABLES["starts"].items()}
+NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 @options.command(example="new law mine --like pid")
-@click.argument("kind", type=click.Choice(list(STARTS)))
+@click.argument("kind", type=click.Choice(list(START_FILES)))
 @click.argument("name")
 @click.option(
     "--like",
-    type=click.Choice(list(LIKE)),
+    type=click.Choice(list(LAW_STARTS)),
     help="What a law begins as: pid has a memory, lqr designs on the model  [cascade]",
 )
 def new(kind: str, name: str, like: str | None) -> int:
     """Write a commented start: a law, observer or reference into laws/, or a scenario or study."""
-    if not NAME.fullmatch(name) or keyword.iskeyword(name):
+    if not NAME_PATTERN.fullmatch(name) or keyword.iskeyword(name):
         allowed = "small letters, digits and _, no word of Python, as in my_law"
         raise ScenarioError(f"NAME '{name[:60]}': must be {allowed}")
-    from twin.scenario.schema import KINDS, choices
+    from twin.scenario.schema import CATALOG_TABLES, choices
 
-    start = STARTS[kind]
+    start = START_FILES[kind]
     if like is not None:
         if kind != "law":
             raise ScenarioError("--like: for a law only, as in: ballplate new law mine --like pid")
-        start = start._replace(**LIKE[like])
+        start = start._replace(**LAW_STARTS[like])
     file = Path("laws") / f"{name}.py" if start.called[0] else Path(f"{name}.toml")
     if file.exists():
         raise ScenarioError(f"{file}: exists; nothing was written")
-    for table in KINDS if start.called[0] else ():
+    for table in CATALOG_TABLES if start.called[0] else ():
         if taken := choices(table).get(name):
             raise ScenarioError(f"{kind} '{name}': the name is taken by {taken.__module__}")
     text = (STARTS_IN / start.source).read_text(encoding="utf-8")
@@ -337,13 +337,13 @@ def new(kind: str, name: str, like: str | None) -> int:
     return 0
 
 
-def _opened(paths: tuple[Path, ...]) -> list[Run]:
+def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
     """The runs that paths lead to; the newest one if there is none.
 
     Raises:
         RecordError: If one is a log, or none can be opened.
     """
-    paths = paths or (Path(LAST),)
+    paths = paths or (Path(NEWEST_RUN),)
     for path in paths:
         check_no_scenario(path)
         if path.suffix == ".csv":
@@ -362,7 +362,7 @@ def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None) -> int:
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
-    opened = _opened(runs)
+    opened = _open_runs(runs)
     from twin.view.recording import write  # heavy: a wrong name was told
 
     if rrd is not None:
@@ -387,14 +387,14 @@ def _show(recording: Path, serve: int | None) -> int:
     return 0
 
 
-FORMATS = ("html", "png", "pdf")
+REPORT_FORMATS = ("html", "png", "pdf")
 
 
 def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
     """The formats in a list with commas between."""
     names = [name.strip() for name in listed.split(",")]
-    if wrong := [name for name in names if name not in FORMATS]:
-        raise click.BadParameter(f"no format '{wrong[0]}' (known: {', '.join(FORMATS)})")
+    if wrong := [name for name in names if name not in REPORT_FORMATS]:
+        raise click.BadParameter(f"no format '{wrong[0]}' (known: {', '.join(REPORT_FORMATS)})")
     return names
 
 
@@ -407,14 +407,14 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
-    opened = _opened(runs)
-    from twin.base.page import encoded  # heavy: a wrong name was told
+    opened = _open_runs(runs)
+    from twin.base.page import encode_figure  # heavy: a wrong name was told
     from twin.view.html import details, html, overview
 
     folder = opened[0].folder
     assert folder is not None
     stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
-    if stem.suffix.removeprefix(".") in FORMATS:
+    if stem.suffix.removeprefix(".") in REPORT_FORMATS:
         stem = stem.with_suffix("")
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
@@ -422,7 +422,7 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
         figures = {"": overview, "-details": details} if name != "html" else {"": html}
         for more, make in figures.items():
             path, made = stem.with_name(f"{stem.name}{more}.{name}"), make(opened)
-            write_whole(path, made if isinstance(made, str) else encoded(made, name, dpi=150))
+            write_whole(path, made if isinstance(made, str) else encode_figure(made, name, dpi=150))
             say(f"written to {path}")
     return 0
 
@@ -480,24 +480,24 @@ def export(
         return 0
     if fmi or wished or overrides:
         raise RecordError(f"{file}: --fmi, --reference, --on, --set are of a scenario's rig: .fmu")
-    from ballplate.comparing import labelled
+    from ballplate.comparing import label_runs
     from ballplate.results import Result
 
     given = {name: value for name, value in cut.items() if value is not None}
-    moving = file.suffix in MOVING
+    moving = file.suffix in FILM_SUFFIXES
     if not moving and (given or beside):
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
             "pictures: .webp, .gif, .mp4"
         )
-    opened = [each for path in (run, *beside) for each in _opened((path,))]
+    opened = [each for path in (run, *beside) for each in _open_runs((path,))]
     if not moving:
         if len(opened) > 1:
             raise RecordError(f"{run}: holds {len(opened)} runs; name one of them")
         opened[0].export(file)
         say(f"written to {file}: {len(opened[0].time)} rows of {len(opened[0])} columns")
         return 0
-    (name, first), *others = labelled([Result.from_run(each) for each in opened]).items()
+    (name, first), *others = label_runs([Result.from_run(each) for each in opened]).items()
     first.label, first.beside = name, dict(others)
     first.export(file, **given, reporter=TERMINAL)
     say(f"written to {file}{'' if file.suffix else '/'}")

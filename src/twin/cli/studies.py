@@ -18,7 +18,7 @@ from twin.base.shipped import chosen, shipped_in, shipped_labs, titles
 from twin.base.writing import check_writable
 from twin.cli import options
 from twin.cli.options import JSON, PATH, PROCESSES, Command, Group
-from twin.cli.output import TERMINAL, bold, listed, progress, say, show, show_titles, warn
+from twin.cli.output import TERMINAL, bold, print_shipped, progress, say, show, show_titles, warn
 
 if TYPE_CHECKING:
     from twin.lab.bench import Benchmark, BenchScore
@@ -46,7 +46,7 @@ def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int
     at once, a changed one runs only what changed.
     """
     if study is None:
-        return listed("studies")
+        return print_shipped("studies")
     chosen("study", study, shipped_in("studies"))  # told before anything heavy is imported
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
@@ -54,14 +54,14 @@ def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int
         check_writable(folder)
         return _plan_study(work, folder, **how)
     done = run_study(study, out=folder, reporter=TERMINAL, **how)
-    from twin.study.report import compared, endings, grids
+    from twin.study.report import compare_variants, endings, grids
 
     about, found = done.work.study, done.answers
     early = endings(done.work, done.rows)
     shown = (
         bold(f"{done.title}: {about.metrics[0]}"),
         *grids(about, found),
-        compared(about, found),
+        compare_variants(about, found),
         *done.sentences,
         *early,
     )
@@ -84,7 +84,7 @@ def _plan_study(work: Work, folder: Path, **how: Any) -> int:
     return 0
 
 
-WHOLE = ("median", "low", "high", "runs", "failed")
+SUMMARY_COLUMNS = ("median", "low", "high", "runs", "failed")
 """What is told of all runs of a variant."""
 
 
@@ -97,7 +97,7 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
         "metric": about.metrics[0],
         "variants": {
             answer.variant: {
-                **{name: number(getattr(answer.whole, name)) for name in WHOLE},
+                **{name: number(getattr(answer.whole, name)) for name in SUMMARY_COLUMNS},
                 "chance_to_fail": answer.whole.chance,
                 "indices": {
                     index.key: {
@@ -138,15 +138,22 @@ def tune(tune: str | None, overrides: tuple[str, ...], out: Path | None, **how: 
     any scenario; exit code 1 if a constraint is not kept or a fresh rig is lost.
     """
     if tune is None:
-        return listed("tunes")
+        return print_shipped("tunes")
     chosen("tune", tune, shipped_in("tunes"))  # told before anything heavy is imported
     from twin.tune.trials import read
 
     budget = {key: how.pop(key) for key in ("candidates", "certificate")}
     about = read(tune, set=overrides, **budget)
     from twin.study.experiments import Store, executors
-    from twin.tune.report import FIELDS, TASKS, fields_table, sentences, task_table, write
-    from twin.tune.search import library, tuned
+    from twin.tune.report import (
+        FIELD_HEADINGS,
+        TASK_HEADINGS,
+        fields_table,
+        sentences,
+        task_table,
+        write,
+    )
+    from twin.tune.search import carry_out_tune, library
     from twin.tune.trials import Trials
 
     library()
@@ -155,11 +162,11 @@ def tune(tune: str | None, overrides: tuple[str, ...], out: Path | None, **how: 
     with executors(**how) as (executor, count):
         trials = Trials(about, store, executor=executor, processes=count)
         with progress(about.title, 1.0) as advance:
-            found = tuned(trials, advance)
+            found = carry_out_tune(trials, advance)
     write(trials, found, folder)
-    tasks = (*TASKS[:-1], "effort")  # its unit would make the table wider than a terminal
+    tasks = (*TASK_HEADINGS[:-1], "effort")  # its unit would make the table wider than a terminal
     shown = (
-        Table("", FIELDS, fields_table(found), words=range(len(FIELDS))),
+        Table("", FIELD_HEADINGS, fields_table(found), words=range(len(FIELD_HEADINGS))),
         Table("", tasks, task_table(found), words=range(len(tasks))),
         *sentences(found),
     )
@@ -169,8 +176,16 @@ def tune(tune: str | None, overrides: tuple[str, ...], out: Path | None, **how: 
     return int(not found.good)
 
 
-HEADS = ("task", "error", "95 % interval", "worst tenth", "balls kept", "95 % interval", "effort")
-NOTE = (
+BENCHMARK_HEADINGS = (
+    "task",
+    "error",
+    "95 % interval",
+    "worst tenth",
+    "balls kept",
+    "95 % interval",
+    "effort",
+)
+BENCHMARK_NOTE = (
     "error: beside that of the reference law on the same rig and noise, interquartile mean; "
     "effort: median of the RMS plate acceleration, rad/s^2"
 )
@@ -206,7 +221,7 @@ def list_laws(season: str | None) -> int:
 
 
 @contextmanager
-def _counted(title: str, benchmark: Benchmark) -> Iterator[Callable[[int, int], None]]:
+def _count_runs(title: str, benchmark: Benchmark) -> Iterator[Callable[[int, int], None]]:
     count = len(benchmark.points) * benchmark.about.seeds * len(benchmark.about.tasks)
     with progress(title, count, "runs") as advance:
         yield lambda done, lost: advance(done, f"{lost} not finished")
@@ -237,11 +252,11 @@ def run(
     with executors(processes, scheduler) as (executor, count):
         how: dict[str, Any] = {"executor": executor, "processes": count}
         if season:
-            with _counted("reference law", benchmark) as told:
+            with _count_runs("reference law", benchmark) as told:
                 benchmark.known(progress=told, **how)
         minutes = max(1, round(benchmark.processor_time(about, place) / count / 60))
         TERMINAL.note(f"{about.title}: all runs take about {minutes} min, {count} side by side")
-        with _counted(about.title, benchmark) as told:
+        with _count_runs(about.title, benchmark) as told:
             rows = benchmark.carried_out(about, place, Store(folder), progress=told, **how)
     found = benchmark.write(folder, about, place, rows)
     files = "entry.toml, runs.parquet, scores.json, commands.npz"
@@ -266,7 +281,7 @@ def verify(entry: Path | None, season: str | None) -> int:
     if season is not None and entry is None:
         raise click.UsageError("--season: needs the ENTRY that is verified")
     benchmark = Benchmark(key=season)
-    with _counted("reference law", benchmark) if season else nullcontext() as told:
+    with _count_runs("reference law", benchmark) if season else nullcontext() as told:
         replayed = benchmark.replayed(entry, progress=told) if entry else benchmark.differences()
         wrong = list(replayed)
     right = (
@@ -306,7 +321,7 @@ def _table(title: str, scores: Sequence[BenchScore]) -> Table:
         )
         for each in scores
     ]
-    return Table(title, HEADS, cells, words=(0,), note=NOTE)
+    return Table(title, BENCHMARK_HEADINGS, cells, words=(0,), note=BENCHMARK_NOTE)
 
 
 def _lab(_: click.Context, __: click.Parameter, name: str) -> Lab:
@@ -395,11 +410,11 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
     """
     from ballplate.lab import check as judge
     from twin.base.writing import write_whole
-    from twin.lab.grade import table, written
+    from twin.lab.grade import format_result, table
 
     result = judge(**how, key=_text(key))
     if out is not None:
-        write_whole(out, written(result, form or "json"))
+        write_whole(out, format_result(result, form or "json"))
     show(result, [table(result)], out and out.parent, out.name if out else "")
     return 0 if all(each["passed"] for each in result["results"]) else 1
 
@@ -459,7 +474,7 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     return 1 if any("problem" in each for each in found) else 0
 
 
-def _tried(lab: Lab, found: Iterable[Finding]) -> int:
+def _show_findings(lab: Lab, found: Iterable[Finding]) -> int:
     """Show what was found of a lab; the exit code."""
     every = list(found)
     rows = [(each.what, "yes" if each.good else "NO", each.found) for each in every]
@@ -481,7 +496,7 @@ def selftest(lab: Lab, starter: bool, processes: int | None) -> int:
 
     if starter and not lab.answer.data:
         write_whole(lab.folder / lab.answer.file, made(lab.text("solution.py")))
-    return _tried(lab, grade.selftest(lab, processes or cores()))
+    return _show_findings(lab, grade.selftest(lab, processes or cores()))
 
 
 @lab.command(cls=Command, example="lab calibrate signs --rigs 30")
@@ -498,7 +513,7 @@ def calibrate(lab: Lab, rigs: int, processes: int | None) -> int:
 
     with progress("calibrate", rigs * len(grade.candidates(lab)), "answers") as advance:
         found = list(grade.calibrate(lab, rigs, processes or cores(), advance))
-    return _tried(lab, found)
+    return _show_findings(lab, found)
 
 
 @lab.command(cls=Command, example="lab pack signs --for gradescope --key key.txt --out signs.zip")

@@ -16,10 +16,25 @@ from twin.base.page import Table, digits
 from twin.base.shipped import chosen, shipped_in
 from twin.base.writing import check_writable, write_json
 from twin.cli import options
-from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, listed, progress, show, warn
-from twin.identify.parameters import CHOICES, DEFAULT, PLAIN, SHARE
+from twin.cli.output import (
+    TERMINAL,
+    Shown,
+    bold,
+    dim,
+    indicators,
+    print_shipped,
+    progress,
+    show,
+    warn,
+)
+from twin.identify.parameters import (
+    DEFAULT_PARAMETERS,
+    FITTED_SHARE,
+    PARAMETER_CHOICES,
+    PLAIN_PARAMETERS,
+)
 from twin.identify.parameters import chosen as chosen_parameters
-from twin.run.files import ROOT, is_record, log_file, run_folder, run_name
+from twin.run.files import RUNS_FOLDER, is_record, log_file, run_folder, run_name
 
 if TYPE_CHECKING:
     from twin.scenario import Scenario
@@ -84,20 +99,22 @@ def _effects(found: Explanation) -> Iterator[Shown]:
         yield f"not in this scenario: {', '.join(lacking)}"
 
 
-PARAMETERS = (
-    f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]; with --columns {', '.join(PLAIN)}."
+PARAMETERS_HELP = (
+    f"Some of {', '.join(PARAMETER_CHOICES)} [{','.join(DEFAULT_PARAMETERS)}]; "
+    f"with --columns {', '.join(PLAIN_PARAMETERS)}."
 )
 
 
 @options.command(example="identify runs/excite")
 @click.argument("logs", type=options.PATH, nargs=-1, required=True, shell_complete=options.runs)
-@click.option("--parameters", "names", metavar="NAME,...", help=PARAMETERS)
+@click.option("--parameters", "names", metavar="NAME,...", help=PARAMETERS_HELP)
 @click.option(
     "--hold-out",
     "held",
     multiple=True,
     metavar="SHARE|LOG",
-    help=f"Share of the log held out from the fit [{1 - SHARE:.2f}]; with --columns also a log.",
+    help=f"Share of the log held out from the fit [{1 - FITTED_SHARE:.2f}]; "
+    "with --columns also a log.",
 )
 @options.COLUMNS
 @click.option("--ball", metavar="BALL", help="hollow, solid, or its share of gravity [hollow].")
@@ -125,18 +142,18 @@ def identify(
     files = [log_file(log) for log in logs]
     hold_out = _held_out(held)
     from ballplate.results import identify as identify_log
-    from twin.identify.judged import IDENTIFIED
-    from twin.identify.report import HEADS, rows
+    from twin.identify.judged import IDENTIFIED_VERDICT
+    from twin.identify.report import TABLE_HEADINGS, rows
 
-    folder = check_writable(out or ROOT / f"identify-{run_name(files[0])}")
+    folder = check_writable(out or RUNS_FOLDER / f"identify-{run_name(files[0])}")
     done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)
     done.save(folder)
     found = done.found
     why = (f"{each.label}: {each.why}" for each in found.verdicts if each.why)
     notes = (f"note: {note}" for note in found.notes)
-    table = Table("", HEADS, rows(found), words=(0, *range(3, len(HEADS))))
+    table = Table("", TABLE_HEADINGS, rows(found), words=(0, *range(3, len(TABLE_HEADINGS))))
     shown = (table, *why, *done.sentences, *notes)
-    none = all(each.word != IDENTIFIED for each in found.verdicts)
+    none = all(each.word != IDENTIFIED_VERDICT for each in found.verdicts)
     show(found.as_dict(), shown, folder, "report.html" if none else "report.html, parameters.toml")
     return int(none)
 
@@ -144,7 +161,7 @@ def identify(
 def _held_out(held: tuple[str, ...]) -> float | list[Path]:
     """The share that is held out, or the logs that are."""
     try:
-        (share,) = map(float, held or (round(1 - SHARE, 2),))
+        (share,) = map(float, held or (round(1 - FITTED_SHARE, 2),))
     except ValueError:
         return [log_file(Path(each)) for each in held]
     return share
@@ -166,11 +183,11 @@ def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) 
     code 1 if no parameter is seen.
     """
     if table is None:
-        return listed("fits")
+        return print_shipped("fits")
     chosen("table", table, shipped_in("fits"))  # told before anything heavy is imported
     from twin.study.experiments import Store, executors
     from twin.tune.cells import Runs, read
-    from twin.tune.fit import HEADS, row, sentences, write
+    from twin.tune.fit import PARAMETER_HEADINGS, row, sentences, write
     from twin.tune.fit import fit as fit_table
 
     about = read(table)
@@ -182,7 +199,10 @@ def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) 
             found = fit_table(about, runs, leave_out=not no_leave_out, advance=advance)
     write(found, folder)
     rows = list(map(row, found.estimates))
-    shown = (Table("", HEADS, rows, words=range(len(HEADS))), *sentences(found))
+    shown = (
+        Table("", PARAMETER_HEADINGS, rows, words=range(len(PARAMETER_HEADINGS))),
+        *sentences(found),
+    )
     show(found.as_dict(), shown, folder, "report.html, fit.json")
     return int(all(each.verdict != "seen" for each in found.estimates))
 
@@ -206,23 +226,25 @@ def shadow(
     """
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)
-    from twin.shadow.report import FILES, examine, sentences
+    from twin.shadow.report import WRITTEN_FILES, examine, sentences
 
-    folder = check_writable(out or (log.parent if is_record(log) else ROOT / f"shadow-{name}"))
+    folder = check_writable(
+        out or (log.parent if is_record(log) else RUNS_FOLDER / f"shadow-{name}")
+    )
     with progress(f"the twin beside {name}", 1.0) as advance:
         found = examine(log, folder, overrides, learning=learn, progress=advance, **how)
-    show(found.as_dict(), sentences(found), folder, FILES)
+    show(found.as_dict(), sentences(found), folder, WRITTEN_FILES)
     return int(bool(found.alarms))
 
 
-FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
+FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
 
 
 @options.command(example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
 @click.argument("run", type=options.PATH)
 @click.option("--at", type=float, required=True, help="Moment from which it goes on, s.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a key.")
-@click.option("--branch", "branches", multiple=True, metavar="'KEY=VALUE; ...'", help=FURTHER)
+@click.option("--branch", "branches", multiple=True, metavar="'KEY=VALUE; ...'", help=FURTHER_HELP)
 @click.option(
     "--for",
     "lasting",
@@ -263,7 +285,7 @@ def whatif(
         found = futures(moment, lasting, branches_of(settings, branches))
         if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none
-        folder = check_writable(out or ROOT / f"whatif-{run_name(run)}")
+        folder = check_writable(out or RUNS_FOLDER / f"whatif-{run_name(run)}")
         write(moment, found, folder, beside)
     for note in moment.notes:
         warn(note)
@@ -296,7 +318,7 @@ def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
     """
     chosen = scenario_of(scenario, changes_of(overrides, {}))
     loop = _loop(chosen)
-    show({"scenario": chosen.title, "loop": loop}, _told(loop))
+    show({"scenario": chosen.title, "loop": loop}, _describe_loop(loop))
 
 
 def _loop(scenario: Scenario) -> Numbers:
@@ -316,7 +338,7 @@ def _loop(scenario: Scenario) -> Numbers:
     }
 
 
-def _told(found: Numbers) -> Iterator[Shown]:
+def _describe_loop(found: Numbers) -> Iterator[Shown]:
     """The scenario's own loop in words and a table."""
     parts = [found["controller"], found["observer"]]
     if found["predictor"] is not None:
@@ -329,7 +351,7 @@ def _told(found: Numbers) -> Iterator[Shown]:
         yield f"{title}: {found['reason']}"
         return
     lines = [(cut, *_margins(row)) for cut, row in found["margins"].items()]
-    yield Table(title, ("cut at", *MARGINS), lines)
+    yield Table(title, ("cut at", *MARGIN_HEADINGS), lines)
     yield f"poles in 1/s, slowest first: {_poles(found['poles'])}"
     if found["danger"]:
         yield bold(found["danger"])
@@ -337,29 +359,31 @@ def _told(found: Numbers) -> Iterator[Shown]:
         yield "controller: the law's hold and how late its command comes are not in this loop"
 
 
-MARGINS = ("gain", "phase deg", "disk", "delay ms", "crossover rad/s")
+MARGIN_HEADINGS = ("gain", "phase deg", "disk", "delay ms", "crossover rad/s")
 
 
 def _margins(row: Numbers | None) -> list[str]:
     if row is None:
         return ["unstable"]
-    gain = f"{_shown(row['gain_down'] or 0.0)} to {_shown(row['gain_up'])}"
+    gain = f"{_format_margin(row['gain_down'] or 0.0)} to {_format_margin(row['gain_up'])}"
     rest = (("phase", 1), ("disk", 1), ("delay", 1000), ("crossover", 1))
-    return [gain, *(_shown(row[key], scale) for key, scale in rest)]
+    return [gain, *(_format_margin(row[key], scale) for key, scale in rest)]
 
 
-SLOWEST = 10
+MAX_PRINTED_POLES = 10
 """Poles that are printed."""
 
 
 def _poles(pairs: Sequence[Sequence[float]]) -> str:
     """Poles for people: conjugate ones as a±bj."""
     upper = [(real, imag) for real, imag in pairs if imag > -1e-6]
-    shown = [f"{re:.3g}±{im:.3g}j" if im > 1e-4 else f"{re:.3g}" for re, im in upper[:SLOWEST]]
-    return ", ".join(shown) + (", ..." if len(upper) > SLOWEST else "")
+    shown = [
+        f"{re:.3g}±{im:.3g}j" if im > 1e-4 else f"{re:.3g}" for re, im in upper[:MAX_PRINTED_POLES]
+    ]
+    return ", ".join(shown) + (", ..." if len(upper) > MAX_PRINTED_POLES else "")
 
 
-def _shown(value: float | None, scale: float = 1.0) -> str:
+def _format_margin(value: float | None, scale: float = 1.0) -> str:
     return "∞" if value is None else f"{scale * value:.3g}"
 
 
@@ -389,8 +413,8 @@ def reproduce(tables: tuple[str, ...], processes: int | None) -> int:
         with progress("predicting and explaining", 1.0) as advance:
             measured = chapter9.rows(of_9, advance, processes=processes or cores())
     shown = chain(
-        _simulated(wanted, cells) if wanted else (),
-        _measured(measured) if measured else (),
+        _chapter8_tables(wanted, cells) if wanted else (),
+        _chapter9_tables(measured) if measured else (),
     )
     show([cell.as_dict() for cell in cells] + measured, shown)
     return int(any(cell.verdict is chapter8.Agreement.DIFFERS for cell in cells))
@@ -416,15 +440,15 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
     return of_8, of_9
 
 
-def _measured(rows: list[Row]) -> Iterator[Shown]:
+def _chapter9_tables(rows: list[Row]) -> Iterator[Shown]:
     """The cells of chapter 9, thesis beside twin."""
-    from twin.thesis.chapter8 import COLUMNS
+    from twin.thesis.chapter8 import THESIS_COLUMNS
 
     keys = ("thesis", "frictionless", "predicted", "explained", "held_out")
     lines = [
         (
             *(row["table"], row["row"]),
-            f"{row['column']} [{COLUMNS[row['column']].unit}]",
+            f"{row['column']} [{THESIS_COLUMNS[row['column']].unit}]",
             *(digits(row[key], "") for key in keys),
             "fitted" if row["calibration"] else "",
         )
@@ -434,12 +458,12 @@ def _measured(rows: list[Row]) -> Iterator[Shown]:
     yield Table("", heads, lines, words=range(len(heads)))
 
 
-def _simulated(wanted: list[SimulatedTable], cells: list[ThesisCell]) -> Iterator[Shown]:
-    from twin.thesis.chapter8 import HEADINGS, lines, sentence
+def _chapter8_tables(wanted: list[SimulatedTable], cells: list[ThesisCell]) -> Iterator[Shown]:
+    from twin.thesis.chapter8 import CHAPTER8_HEADINGS, lines, sentence
 
     for table in wanted:
         rows, notes = lines([cell for cell in cells if cell.table == table.id])
-        yield Table(f"Table {table.id}: {table.title}", HEADINGS, rows, words=(0, 1, -1))
+        yield Table(f"Table {table.id}: {table.title}", CHAPTER8_HEADINGS, rows, words=(0, 1, -1))
         yield from map(dim, notes)
         yield ""
     yield dim(

@@ -12,7 +12,7 @@ import os
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError
 from twin.hal.interface import Condition, Fault, Severity
 
@@ -30,7 +30,7 @@ def net(default: Any, low: float, high: float, *, sense: int = 1, **metadata: An
     return field(default=default, metadata={"range": (low, high), "net": sense, **metadata})
 
 
-def bounded(default: Any, low: float, high: float, **metadata: Any) -> Any:
+def ranged(default: Any, low: float, high: float, **metadata: Any) -> Any:
     """A field with a range that is no net."""
     return field(default=default, metadata={"range": (low, high), **metadata})
 
@@ -106,7 +106,7 @@ def in_words(device: str, number: int, **about: str) -> str | None:
         number: Of the error.
         about: What its words name.
     """
-    known = packaged("twin.devices", "ports.toml")[device].items()
+    known = read_packaged("twin.devices", "ports.toml")[device].items()
     found = (words for name, words in known if getattr(errno, name, None) == number)
     words = next(found, None)
     return None if words is None else str(words.format(**about))

@@ -23,7 +23,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.catalog import EXECUTES, error_words, failed_line
 from twin.base.errors import RigError, ScenarioError
-from twin.devices.common import FaultReports, Ranged, bounded, net
+from twin.devices.common import FaultReports, Ranged, net, ranged
 from twin.hal.agreement import AXES, OPPOSITE
 from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
 
@@ -112,7 +112,7 @@ class OwnConfig(Ranged):
 
     keys = "own."
     options: Mapping[str, Any] = field(default_factory=dict)
-    plate_lag: float = bounded(0.0, 0, 2)
+    plate_lag: float = ranged(0.0, 0, 2)
     silent: float = net(0.25, 0.01, 5)
     unseen: float = net(0.1, 0, 2)
     astray_deg: float = net(3.0, 0.1, 20)
@@ -191,13 +191,13 @@ def load_backend(named: str, config: OwnConfig) -> Hardware:
         if isinstance(kind, type) and issubclass(kind, Hardware):
             return kind(**config.options)
     except (Exception, SystemExit) as error:
-        raise ScenarioError(f"backend: {_told(error, file)}") from error
+        raise ScenarioError(f"backend: {_describe_error(error, file)}") from error
     raise ScenarioError(
         f"backend: {file} has no class {name!r} derived from ballplate.hardware.Hardware"
     )
 
 
-def _told(error: BaseException, file: str) -> str:
+def _describe_error(error: BaseException, file: str) -> str:
     """File, line and error in one line; the error alone if it came from elsewhere."""
     return failed_line(error, {file}) or error_words(error)
 
@@ -259,7 +259,7 @@ class OwnServos:
             self.reading = self._checked(self._hardware.measure())
         except (Exception, SystemExit) as error:
             self.stop()
-            raise RigError(f"{self.where}: {_told(error, self._file)}") from error
+            raise RigError(f"{self.where}: {_describe_error(error, self._file)}") from error
 
     def stop(self) -> None:
         """Let the hardware stop; idempotent, never raises."""
@@ -399,7 +399,7 @@ class OwnServos:
         try:
             return method()
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
-            self._report(FAILED, _told(error, self._file))
+            self._report(FAILED, _describe_error(error, self._file))
             return None
 
     def _report(self, condition: Condition, detail: str) -> None:

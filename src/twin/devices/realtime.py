@@ -20,13 +20,13 @@ from typing import Any, NamedTuple
 
 from twin.hal.interface import Condition, Fault, Severity
 
-LATE = 0.25
+LATE_SHARE = 0.25
 """Share of a period from which a tick counts as late."""
-BLAMED = 0.05
+BLAMED_SHARE = 0.05
 """Share of late or missed periods from which on a fault is put down to the computer."""
-SLIP = 5.0
+MAX_LATE_PERIODS = 5.0
 """Periods that a single one must be late for the same."""
-PAID = 2
+MISSED_PER_PROMPT = 2
 """Missed periods that one in time makes up for: a plate is held well at a third of the periods."""
 
 
@@ -100,7 +100,7 @@ class TimingLog:
         self.ticks += 1
         self.missed += missed
         self.lateness.add(lateness)
-        self.late += lateness > LATE * self.period
+        self.late += lateness > LATE_SHARE * self.period
 
     def begin(self) -> None:
         """Start the stopwatch for the stages of a period."""
@@ -133,7 +133,7 @@ class TimingLog:
         lines = [
             f"{self.ticks} ticks of {1e3 * self.period:g} ms, {self.missed} missed "
             f"({100 * self.missed / due:.2f} %), {self.late} late by more than "
-            f"{1e3 * LATE * self.period:g} ms",
+            f"{1e3 * LATE_SHARE * self.period:g} ms",
             _line("lateness", self.lateness),
         ]
         lines += [_line(name, stage) for name, stage in self.stages.items()]
@@ -147,15 +147,17 @@ class TimingLog:
         return lines
 
 
-def blamed(ledger: Mapping[str, Any]) -> str:
+def describe_lateness(ledger: Mapping[str, Any]) -> str:
     """That the computer was too late, in a line, by a run's ``TimingLog.as_dict``; else empty."""
     slow = ledger["missed"] + ledger["late"]
     due = max(1, ledger["ticks"] + ledger["missed"])
     longest = ledger["lateness"]["max_us"]
-    if slow / due < BLAMED and longest < SLIP * ledger["period_us"]:
+    if slow / due < BLAMED_SHARE and longest < MAX_LATE_PERIODS * ledger["period_us"]:
         return ""
     # after missed periods the next one begins in time
-    worst = f", one by {1e-3 * longest:.0f} ms" if longest > LATE * ledger["period_us"] else ""
+    worst = (
+        f", one by {1e-3 * longest:.0f} ms" if longest > LATE_SHARE * ledger["period_us"] else ""
+    )
     return (
         f"this computer was too late, not the rig: {slow} of {due} periods were late or missed"
         f"{worst}; close other programs, or allow real-time priority (docs/wire.md), and run it "
@@ -286,7 +288,7 @@ class RealTimeClock:
         self.lateness = lateness
         self.timing.tick(lateness, missed)
         before = self._owed
-        self._owed = max(0, before - PAID) + missed
+        self._owed = max(0, before - MISSED_PER_PROMPT) + missed
         if before < self._allowed <= self._owed:
             detail = f"{missed} periods of {1e3 * self.period:g} ms missed"
             if missed < self._allowed:
@@ -294,11 +296,11 @@ class RealTimeClock:
             self._faults.append(Fault(LOOP_OVERRUN, "control loop", detail))
 
 
-PRIORITY = 80
-SWITCH = 2e-4
+LOOP_PRIORITY = 80
+MAX_THREAD_SWITCH_S = 2e-4
 """Longest time in s that another Python thread keeps the loop's from running."""
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
-_LATENCY = "/dev/cpu_dma_latency"
+_LATENCY_DEVICE = "/dev/cpu_dma_latency"
 
 
 class Scheduling(NamedTuple):
@@ -316,7 +318,7 @@ class Scheduling(NamedTuple):
 
 
 @contextmanager
-def real_time(priority: int = PRIORITY) -> Iterator[Scheduling]:
+def real_time(priority: int = LOOP_PRIORITY) -> Iterator[Scheduling]:
     """Run the calling thread as a real-time loop needs it; all is undone on leaving.
 
     The garbage collector is off, and existing objects are moved to its permanent generation.
@@ -334,7 +336,7 @@ def real_time(priority: int = PRIORITY) -> Iterator[Scheduling]:
         gc.collect()
         gc.freeze()
         gc.disable()
-        sys.setswitchinterval(SWITCH)
+        sys.setswitchinterval(MAX_THREAD_SWITCH_S)
         try:
             words = _words(fifo, locked, priority)
             yield Scheduling(fifo, locked, (*words, "processors kept awake") if awake else words)
@@ -392,7 +394,7 @@ def _lock(undo: ExitStack) -> bool:
 
 def _keep_awake(undo: ExitStack) -> bool:
     with suppress(OSError):
-        request = os.open(_LATENCY, os.O_WRONLY)
+        request = os.open(_LATENCY_DEVICE, os.O_WRONLY)
         undo.callback(os.close, request)
         return os.write(request, struct.pack("i", 0)) > 0
     return False

@@ -65,27 +65,27 @@ Ask = Callable[[str], object]
 """Asks a person, or an emulated rig, to ``lift`` or ``put`` the ball, or to ``touch X Y`` in mm."""
 
 
-def passed(what: str, seen: str) -> CheckResult:
+def pass_check(what: str, seen: str) -> CheckResult:
     """As it must be."""
     return CheckResult(what, CheckStatus.PASS, seen)
 
 
-def warned(what: str, seen: str, advice: str) -> CheckResult:
+def warn_check(what: str, seen: str, advice: str) -> CheckResult:
     """It works, with reservations."""
     return CheckResult(what, CheckStatus.WARN, seen, advice)
 
 
-def failed(what: str, seen: str, advice: str) -> CheckResult:
+def fail_check(what: str, seen: str, advice: str) -> CheckResult:
     """A run would not work."""
     return CheckResult(what, CheckStatus.FAIL, seen, advice)
 
 
-def noted(what: str, seen: str, advice: str) -> CheckResult:
+def note_check(what: str, seen: str, advice: str) -> CheckResult:
     """As it must be where there is no advice; else it works, with reservations."""
-    return warned(what, seen, advice) if advice else passed(what, seen)
+    return warn_check(what, seen, advice) if advice else pass_check(what, seen)
 
 
-def reported(
+def report_errors(
     check: Iterator[CheckResult],
     what: str,
     advice: str = "see the fault; close STO, reset the faults (--reset)",
@@ -103,6 +103,6 @@ def reported(
             good = good and result.status is not CheckStatus.FAIL
             yield result
     except TwinError as error:
-        yield failed(what, str(error), advice)
+        yield fail_check(what, str(error), advice)
         good = False
     return good

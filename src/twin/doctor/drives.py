@@ -30,9 +30,17 @@ from twin.devices.lumio.config import (
     fit,
 )
 from twin.devices.lumio.screen import LumioScreen, Sample, TouchState
-from twin.doctor.check import Ask, CheckResult, CheckStatus, failed, noted, passed, warned
+from twin.doctor.check import (
+    Ask,
+    CheckResult,
+    CheckStatus,
+    fail_check,
+    note_check,
+    pass_check,
+    warn_check,
+)
 from twin.hal.cams import CamTable
-from twin.hal.interface import SCREEN, Severity, Transmission
+from twin.hal.interface import SCREEN_SIZE_M, Severity, Transmission
 from twin.identify.plate_motion import LostMotion, as_plate, lost_motion, triangle
 
 
@@ -81,14 +89,17 @@ def exchange(servos: AkdServos, seconds: float, done: Callable[[], bool] = lambd
         servos.sleep(max(0.0, begin + period - servos.now()))
 
 
-LOOKS = {"phi": "the end at larger x goes down", "theta": "the end at larger y goes up"}
+POSITIVE_ANGLE_HELP = {
+    "phi": "the end at larger x goes down",
+    "theta": "the end at larger y goes up",
+}
 """What is to be seen of a positive angle. A drive and its encoder change places together, and the
 cams are alike: no measurement without a ball tells phi from theta, but anybody who looks does."""
-TILT = radians(1.0)
+TEST_TILT_RAD = radians(1.0)
 """How far an axis is tilted to see its encoder's direction and scale."""
-SCALE = 0.2
+MAX_SCALE_ERROR = 0.2
 """Share by which a scale may be wrong: play, cams of the model instead of the rig's."""
-OTHER = radians(0.1)
+MAX_CROSS_MOTION_RAD = radians(0.1)
 """Motion of the other axis's encoder that is no coupling between the axes."""
 
 
@@ -98,33 +109,33 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
     try:
         servos.start()
     except DriveError as error:
-        yield failed(what, str(error), error.fault.condition.recovery)
+        yield fail_check(what, str(error), error.fault.condition.recovery)
         return
-    yield passed(what, "opened")
+    yield pass_check(what, "opened")
     exchange(servos, 0.1)
     trip = servos.round_trip
     if trip is not None:
-        yield passed("bus round trip", f"{1e3 * trip:.2f} ms from SYNC to the last answer")
+        yield pass_check("bus round trip", f"{1e3 * trip:.2f} ms from SYNC to the last answer")
     for axis, found in zip(servos.axes, servos.found, strict=True):
-        yield passed(f"{axis.config.where} units", found.units)
-        yield passed(f"{axis.config.where} limits", found.limits)
+        yield pass_check(f"{axis.config.where} units", found.units)
+        yield pass_check(f"{axis.config.where} limits", found.limits)
         for name, seen, advice in found.preconditions:
-            yield noted(f"{axis.config.where} {name}", seen, advice)
-        yield passed(
+            yield note_check(f"{axis.config.where} {name}", seen, advice)
+        yield pass_check(
             axis.config.where,
             f"an AKD, configured and monitored; {axis.state.value}",
         )
         if axis.state is DriveState.FAULT:
             advice = "remove the cause, then run with --reset"
             words = fault_words(found.faults) or "in fault"
-            yield failed(f"{axis.config.where} fault", words, advice)
+            yield fail_check(f"{axis.config.where} fault", words, advice)
         elif not (axis.status or 0) & StatusBit.VOLTAGE:
             advice = "switch the main supply on; close the STO circuit"
-            yield failed(f"{axis.config.where} power", "no DC link", advice)
+            yield fail_check(f"{axis.config.where} power", "no DC link", advice)
         else:
-            yield passed(f"{axis.config.where} power", "DC link up, no fault")
+            yield pass_check(f"{axis.config.where} power", "DC link up, no fault")
     for fault in servos.faults():
-        yield warned(fault.where, f"{fault.condition.name}: {fault.detail}", "")
+        yield warn_check(fault.where, f"{fault.condition.name}: {fault.detail}", "")
 
 
 def torque(servos: AkdServos) -> Iterator[CheckResult]:
@@ -132,9 +143,9 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     enable(servos)
     if not servos.enabled:
         states = ", ".join(axis.state.value for axis in servos.axes)
-        yield failed("torque", f"not within 1 s ({states})", "check STO, enable input, supply")
+        yield fail_check("torque", f"not within 1 s ({states})", "check STO, enable input, supply")
         return
-    yield passed("torque", "both drives hold their position")
+    yield pass_check("torque", "both drives hold their position")
     servos.heartbeat = False
     begin = servos.now()
     silence = servos.config.silence
@@ -142,10 +153,10 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     took = servos.now() - begin
     if servos.enabled:
         advice = "do not run: set the heartbeat consumer (1016h) and its fault reaction"
-        yield failed("heartbeat", f"ignored for {took:.2f} s: the drives go on", advice)
+        yield fail_check("heartbeat", f"ignored for {took:.2f} s: the drives go on", advice)
     else:
         seen = f"the drives stopped by themselves {1e3 * took:.0f} ms after it ended"
-        yield passed("heartbeat", f"{seen} (set: {1e3 * silence:.0f} ms)")
+        yield pass_check("heartbeat", f"{seen} (set: {1e3 * silence:.0f} ms)")
     servos.start(reset=True)
     exchange(servos, 0.2)
     servos.faults()
@@ -156,16 +167,16 @@ def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
     level = hold_level(servos, cams)
     for index, axis in enumerate(servos.axes):
         tilted = level.copy()
-        tilted[0, index] = TILT
+        tilted[0, index] = TEST_TILT_RAD
         before = servos.plate()[0]
         turned = turn(servos, cams.motor(level), cams.motor(tilted))
         moved = servos.plate()[0] - before
-        if abs(moved[1 - index]) > max(OTHER, 2 * abs(moved[index])):
-            yield _crossed(servos, index, moved)
+        if abs(moved[1 - index]) > max(MAX_CROSS_MOTION_RAD, 2 * abs(moved[index])):
+            yield _check_crossing(servos, index, moved)
             return
         if not turned:
             seen = stopped_by(servos) or "the drives went off"
-            yield failed(f"{axis.config.name} encoder", seen, "see the fault")
+            yield fail_check(f"{axis.config.name} encoder", seen, "see the fault")
             return
         turn(servos, cams.motor(tilted), cams.motor(level))
         yield _encoder(axis.config.name, float(moved[index]))
@@ -173,40 +184,42 @@ def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
     exchange(servos, 0.1)
 
 
-def _crossed(servos: AkdServos, index: int, moved: Array) -> CheckResult:
+def _check_crossing(servos: AkdServos, index: int, moved: Array) -> CheckResult:
     name, other = servos.axes[index].config.name, servos.axes[1 - index].config.name
     own, crossed = np.degrees((moved[index], moved[1 - index]))
     seen = f"moving {name} turned {other}'s encoder by {crossed:+.3f} deg, its own by {own:+.3f}"
     advice = "exchange the plugs of the two plate encoders at the drives"
-    return failed(f"{name} encoder", seen, advice)
+    return fail_check(f"{name} encoder", seen, advice)
 
 
 def _encoder(name: str, seen: float) -> CheckResult:
-    text = f"plate turned {degrees(seen):+.3f} deg for {degrees(TILT):+.3f} deg commanded"
+    text = f"plate turned {degrees(seen):+.3f} deg for {degrees(TEST_TILT_RAD):+.3f} deg commanded"
     what = f"{name} encoder"
     if not seen >= 0:
-        return failed(what, text, f"wrong way: change {name}.plate_sign or {name}.motor_sign")
-    if not abs(seen / TILT - 1) <= SCALE:
+        return fail_check(what, text, f"wrong way: change {name}.plate_sign or {name}.motor_sign")
+    if not abs(seen / TEST_TILT_RAD - 1) <= MAX_SCALE_ERROR:
         advice = (
             f"check {name}.plate_counts, {name}.motor_counts, {name}.gear and the cam table; a "
             "little too far or too short may be lost motion (calibrate lost-motion)"
         )
-        return failed(what, text, advice)
-    look = f"{LOOKS[name]}, did it? if another end did, exchange phi.node and theta.node"
-    return passed(what, f"{text}: {look}")
+        return fail_check(what, text, advice)
+    look = (
+        f"{POSITIVE_ANGLE_HELP[name]}, did it? if another end did, exchange phi.node and theta.node"
+    )
+    return pass_check(what, f"{text}: {look}")
 
 
-RATE, RAMP = 1.2, 50.0
+TEST_RATE_LIMIT_RAD_S, TEST_RAMP_RAD_S2 = 1.2, 50.0
 """Limits set for this, at the cam shafts in rad/s and rad/s^2."""
-ASKED = 2.0
+REQUESTED_RATE_RAD_S = 2.0
 """Rate asked for, rad/s: above the limit by less than what counts as not following."""
-SECONDS = 0.1
+RATE_TEST_S = 0.1
 """Time in s; with the limit holding, the plate tilts by little more than a degree."""
-SHARE = 0.25
+MAX_RATE_ERROR = 0.25
 """Share by which the rate held may differ from the limit."""
-FACTOR = 3.0
+MAX_RAMP_FACTOR = 3.0
 """Factor by which the ramp may: the drive's own speed loop has a part in it."""
-GAP = 0.01
+MAX_ANSWER_GAP_S = 0.01
 """Time in s between two answers above which nothing can be said of a ramp."""
 
 
@@ -218,13 +231,15 @@ def limits(servos: AkdServos) -> Iterator[CheckResult]:
     usual = servos.config
     # A lower limit would narrow what counts as a plausible step of the encoder, too.
     watch = replace(usual.watch, jump=10.0, slack=(0.1, 0.1))
-    servos.config = replace(usual, rate_limit=RATE, ramp=RAMP, watch=watch)
+    servos.config = replace(
+        usual, rate_limit=TEST_RATE_LIMIT_RAD_S, ramp=TEST_RAMP_RAD_S2, watch=watch
+    )
     try:
         servos.start()
         enable(servos)
         for index, axis in enumerate(servos.axes):
-            times, rates = _asked(servos, index, ASKED)
-            _asked(servos, index, -ASKED)
+            times, rates = _measure_step_response(servos, index, REQUESTED_RATE_RAD_S)
+            _measure_step_response(servos, index, -REQUESTED_RATE_RAD_S)
             faults = servos.faults()
             stops = (each for each in faults if each.condition.severity is Severity.STOP)
             stop = next(stops, None)
@@ -234,7 +249,7 @@ def limits(servos: AkdServos) -> Iterator[CheckResult]:
                 bit = f"internal limit (bit 11) {'shown' if shown else 'not shown'}"
                 result = result._replace(seen=f"{result.seen}; {bit}")
             else:
-                result = failed(f"{axis.config.name} limits", str(stop), "see the fault")
+                result = fail_check(f"{axis.config.name} limits", str(stop), "see the fault")
             yield result
             if result.status is CheckStatus.FAIL:
                 return
@@ -246,11 +261,11 @@ def limits(servos: AkdServos) -> Iterator[CheckResult]:
     servos.start()
 
 
-def _asked(servos: AkdServos, index: int, rate: float) -> tuple[Array, Array]:
+def _measure_step_response(servos: AkdServos, index: int, rate: float) -> tuple[Array, Array]:
     """Times in s and rates in rad/s while one axis is asked for a rate; then it stands again."""
     axis = servos.axes[index]
     samples: list[tuple[float, float]] = []
-    for seconds, target in ((SECONDS, rate), (0.1, 0.0)):
+    for seconds, target in ((RATE_TEST_S, rate), (0.1, 0.0)):
         axis.target = target
         for _ in range(round(seconds / servos.config.period)):
             exchange(servos, servos.config.period)
@@ -262,31 +277,34 @@ def _asked(servos: AkdServos, index: int, rate: float) -> tuple[Array, Array]:
 
 def _limit(name: str, times: Array, rates: Array) -> CheckResult:
     what = f"{name} limits"
-    if len(times) < 2 or np.diff(times).max() > GAP:
-        apart = 1e3 * (np.diff(times).max() if len(times) > 1 else SECONDS)
+    if len(times) < 2 or np.diff(times).max() > MAX_ANSWER_GAP_S:
+        apart = 1e3 * (np.diff(times).max() if len(times) > 1 else RATE_TEST_S)
         seen = f"answers up to {apart:.0f} ms apart: too irregular to judge"
-        return warned(what, seen, "close other programs, then repeat")
+        return warn_check(what, seen, "close other programs, then repeat")
     held = float(np.median(rates[len(rates) // 2 :]))
     begin, end = (float(times[np.argmax(rates >= share * held)]) for share in (0.1, 0.9))
     ramp = 0.8 * held / max(end - begin, 1e-3)
-    text = f"held {held:.2f} rad/s of {ASKED:g} asked for, limit {RATE:g}; ramp {ramp:.0f} rad/s^2"
-    if abs(held / RATE - 1) > SHARE:
+    text = (
+        f"held {held:.2f} rad/s of {REQUESTED_RATE_RAD_S:g} asked for, "
+        f"limit {TEST_RATE_LIMIT_RAD_S:g}; ramp {ramp:.0f} rad/s^2"
+    )
+    if abs(held / TEST_RATE_LIMIT_RAD_S - 1) > MAX_RATE_ERROR:
         advice = f"do not run: set {name}.limit_unit to what a count of VL.LIMITP (3622h) means"
-        return failed(what, text, advice)
-    if not RAMP / FACTOR < ramp < RAMP * FACTOR:
+        return fail_check(what, text, advice)
+    if not TEST_RAMP_RAD_S2 / MAX_RAMP_FACTOR < ramp < TEST_RAMP_RAD_S2 * MAX_RAMP_FACTOR:
         advice = f"set {name}.acceleration_unit to what a count of 6083h means"
-        return failed(what, f"{text}, set {RAMP:g}", advice)
-    return passed(what, text)
+        return fail_check(what, f"{text}, set {TEST_RAMP_RAD_S2:g}", advice)
+    return pass_check(what, text)
 
 
-SWEEP = np.radians(10.0)
+SWEEP_RATE_RAD_S = np.radians(10.0)
 """How fast the plate is brought from point to point, rad/s."""
-SETTLE = 0.1
+SETTLE_S = 0.1
 """Seconds that it stands before it is read."""
-PERIODS = 25
+READ_PERIODS = 25
 """Periods over which it is read: counts and noise of the encoder average out."""
-DEGREE = 3
-"""Of the polynomial by which the rig differs from the table it is compared with."""
+DEVIATION_DEGREE = 3
+"""Degree of the polynomial for the deviation of the rig from the table."""
 
 
 def measure_cams(
@@ -346,14 +364,14 @@ def _readings(
     motor: list[Array] = []
     plate: list[Array] = []
     for goal in (*points, level):
-        seconds = max(0.2, 2 * float(np.abs(goal - here).max()) / SWEEP)
+        seconds = max(0.2, 2 * float(np.abs(goal - here).max()) / SWEEP_RATE_RAD_S)
         if not turn(servos, known.motor(here), known.motor(goal), seconds):
             raise RigError(f"measuring the cams was stopped: {stopped_by(servos) or 'drives off'}")
-        exchange(servos, SETTLE)
+        exchange(servos, SETTLE_S)
         read: Array = np.zeros((2, 2))
-        for _ in range(PERIODS):
+        for _ in range(READ_PERIODS):
             exchange(servos, servos.config.period)
-            read = read + np.concatenate((servos.motor(), servos.plate())) / PERIODS
+            read = read + np.concatenate((servos.motor(), servos.plate())) / READ_PERIODS
         motor.append(read[0])
         plate.append(read[1])
         here = goal
@@ -375,12 +393,17 @@ def _powers(plate: Array) -> Array:
     """The monomials of both plate angles up to a degree, shape (..., monomials)."""
     phi, theta = plate[..., 0], plate[..., 1]
     return np.stack(
-        [phi**i * theta**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)], axis=-1
+        [
+            phi**i * theta**j
+            for i in range(DEVIATION_DEGREE + 1)
+            for j in range(DEVIATION_DEGREE + 1 - i)
+        ],
+        axis=-1,
     )
 
 
-AXES = ("phi", "theta")
-STEPS = 100
+AXIS_NAMES = ("phi", "theta")
+PROGRESS_STEPS = 100
 """How often ``progress`` is told."""
 
 
@@ -408,8 +431,8 @@ def measure_lost_motion(
         DriveError: They cannot be brought up.
     """
     path = triangle(amplitude, rate, cycles, servos.config.period)
-    paths = np.zeros((len(AXES), len(path), 1, 2))
-    for axis in range(len(AXES)):
+    paths = np.zeros((len(AXIS_NAMES), len(path), 1, 2))
+    for axis in range(len(AXIS_NAMES)):
         paths[axis, :, 0, axis] = path
     goals, level = known.motor(paths), known.motor(np.zeros((1, 2)))
     read = []
@@ -417,19 +440,19 @@ def measure_lost_motion(
     try:
         hold_level(servos, known)
         for axis, goal in enumerate(goals):
-            read.append(_followed(servos, goal, axis, progress))
+            read.append(_record_motion(servos, goal, axis, progress))
             if not turn(servos, servos.motor(), level):
-                raise _stopped(servos)
+                raise _stopped_error(servos)
     finally:
         servos.stop()
     # not before: what computes does not keep the drives' heartbeat
     return [
         lost_motion(name, as_plate(known, motor, axis), plate, cycles)
-        for axis, (name, (motor, plate)) in enumerate(zip(AXES, read, strict=True))
+        for axis, (name, (motor, plate)) in enumerate(zip(AXIS_NAMES, read, strict=True))
     ]
 
 
-def _followed(
+def _record_motion(
     servos: AkdServos, goals: Array, axis: int, progress: Callable[[float], None]
 ) -> tuple[Array, Array]:
     """Angles of one axis's motor and plate, rad, once a period, shape (K,) each."""
@@ -437,35 +460,35 @@ def _followed(
     motor, plate = np.empty(count), np.empty(count)
     for k in range(count):
         if not servos.enabled:
-            raise _stopped(servos)
+            raise _stopped_error(servos)
         ahead = (goals[k + 1] - goals[k]) / period
         servos.command(ahead + 20 * (goals[k] - servos.motor()))
         exchange(servos, period)
         motor[k], plate[k] = servos.motor()[0, axis], servos.plate()[0, axis]
-        if k % max(1, count // STEPS) == 0:
-            progress((axis + k / count) / len(AXES))
+        if k % max(1, count // PROGRESS_STEPS) == 0:
+            progress((axis + k / count) / len(AXIS_NAMES))
     servos.command(np.zeros((1, 2)))
     return motor, plate
 
 
-def _stopped(servos: AkdServos) -> RigError:
+def _stopped_error(servos: AkdServos) -> RigError:
     return RigError(f"the triangle was stopped: {stopped_by(servos) or 'drives off'}")
 
 
-SPANNED = 0.8
-"""Of the screen's sides that the usual points span."""
-READINGS = 20
+TOUCH_POINT_SPAN = 0.8
+"""Share of the screen's sides that the usual points span."""
+TOUCH_READINGS = 20
 """Reports in a row that a point is the mean of, a third of a second of them."""
-STILL = 0.003
+MAX_TOUCH_SPREAD = 0.003
 """Spread of these, in sides of the screen, beyond which the touch is still settling or moving."""
-SLIP = 0.003
+MARK_ERROR_M = 0.003
 """Distance in m by which a finger or a ball misses a mark at most (assumed)."""
 SCREEN_UNITS = Calibration(((1.0, 0.0), (0.0, 1.0)), (0.0, 0.0))
 
 
 def usual_points() -> list[tuple[float, float]]:
     """Nine points in rows over most of the screen, m in plate axes."""
-    x, y = (round(SPANNED * side / 2, 3) for side in SCREEN[:2])
+    x, y = (round(TOUCH_POINT_SPAN * side / 2, 3) for side in SCREEN_SIZE_M[:2])
     return [(i * x, j * y) for j in (-1, 0, 1) for i in (-1, 0, 1)]
 
 
@@ -497,15 +520,15 @@ def measure_touch(
         for index, goal in enumerate(goals):
             words = place(goal)
             ask(f"touch {1e3 * goal[0]:g} {1e3 * goal[1]:g}")
-            seen.append(_touched(screen, words, patience))
+            seen.append(_measure_touch(screen, words, patience))
             ask("lift")
             if not wait_until(lambda: screen.state is TouchState.LOST, patience):
                 raise RigError(f"calibration: {words} was not let go within {patience:g} s")
             progress(index + 1)
-    return judged(np.array(seen), goals)
+    return fit_calibration(np.array(seen), goals)
 
 
-def judged(seen: Array, points: Array) -> CalibrationFit:
+def fit_calibration(seen: Array, points: Array) -> CalibrationFit:
     """The calibration of touched points.
 
     Args:
@@ -517,11 +540,11 @@ def judged(seen: Array, points: Array) -> CalibrationFit:
     """
     found = fit(seen, points)
     worst = int(found.distances.argmax())
-    if found.distances[worst] > SLIP:
+    if found.distances[worst] > MARK_ERROR_M:
         raise CalibrationError(
             f"calibration: the points do not fit together: {worst + 1}, {place(points[worst])}, is "
-            f"{1e3 * found.distances[worst]:.1f} mm off, at most {1e3 * SLIP:g}; touch them in the "
-            "order in which they are asked for"
+            f"{1e3 * found.distances[worst]:.1f} mm off, at most {1e3 * MARK_ERROR_M:g}; "
+            "touch them in the order in which they are asked for"
         )
     return found
 
@@ -531,7 +554,7 @@ def place(point: Array) -> str:
     return f"x {1e3 * point[0]:+.0f}, y {1e3 * point[1]:+.0f} mm"
 
 
-def _touched(screen: LumioScreen, words: str, patience: float) -> tuple[float, float]:
+def _measure_touch(screen: LumioScreen, words: str, patience: float) -> tuple[float, float]:
     """The mean position of a steady touch, screen units."""
     before = screen.stream.tracker.sample
     kept: list[Sample] = []
@@ -544,10 +567,10 @@ def _touched(screen: LumioScreen, words: str, patience: float) -> tuple[float, f
             if kept and sample.time - kept[-1].time > screen.config.gate.lost:
                 kept.clear()
             kept.append(sample)
-            del kept[:-READINGS]
-        if len(kept) < READINGS:
+            del kept[:-TOUCH_READINGS]
+        if len(kept) < TOUCH_READINGS:
             return False
-        return bool(np.ptp([each.position for each in kept], axis=0).max() < STILL)
+        return bool(np.ptp([each.position for each in kept], axis=0).max() < MAX_TOUCH_SPREAD)
 
     if not wait_until(steady, patience):
         hint = f"; {screen.hint}" if screen.hint and not kept else ""

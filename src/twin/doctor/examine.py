@@ -15,7 +15,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.base.errors import RigError, TwinError
 from twin.base.jobs import wait_until
-from twin.devices.akd.config import unconfirmed
+from twin.devices.akd.config import list_unconfirmed
 from twin.devices.akd.protocol import table
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.config import Calibration, Mounting
@@ -24,14 +24,22 @@ from twin.devices.own import OwnServos, Reading
 from twin.devices.realtime import RealTimeClock, real_time
 from twin.devices.rig import HardwareRig
 from twin.doctor import drives
-from twin.doctor.check import Ask, CheckResult, failed, noted, passed, reported, warned
+from twin.doctor.check import (
+    Ask,
+    CheckResult,
+    fail_check,
+    note_check,
+    pass_check,
+    report_errors,
+    warn_check,
+)
 from twin.doctor.drives import exchange
 from twin.hal.supervisor import LOST_AFTER
 from twin.run.connect import ComputingTime, cams_of, connect
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
-TIMED = 1.0
+TIMER_CHECK_S = 1.0
 """Seconds that the timer is watched."""
 FULL_BUS = 0.6
 """Share of a period's time on the bus above which heartbeats and SDOs come late."""
@@ -46,30 +54,30 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
     relaxed = ", ".join(rig.relaxed(scenario.rig.period))
     advice = "take these keys out of the rig file; every run is warned of them"
     seen = f"relaxed: {relaxed}" if relaxed else "as by default, or tighter"
-    yield noted("safety nets", seen, advice if relaxed else "")
+    yield note_check("safety nets", seen, advice if relaxed else "")
     if rig.backend is not None:
         return
-    yield warned(
+    yield warn_check(
         "settings of the drives",
-        f"never confirmed on a rig: {', '.join(unconfirmed())}",
+        f"never confirmed on a rig: {', '.join(list_unconfirmed())}",
         "compare them with the drives' manual and setup software",
     )
     by_hand = "; ".join(table()["by_hand"])
-    yield warned("to be looked at by hand", by_hand, "see docs/bring-up.md")
+    yield warn_check("to be looked at by hand", by_hand, "see docs/bring-up.md")
     load, bus = rig.servos(scenario.rig.period).bus_load, rig.bus
     seen = f"{100 * load:.0f} % at {bus.bitrate / 1e6:g} Mbit/s, stuffed at worst"
     advice = "set drives and adapter to 1 Mbit/s"
-    yield noted("bus load", seen, advice if load > FULL_BUS else "")
+    yield note_check("bus load", seen, advice if load > FULL_BUS else "")
 
 
 def _law(scenario: Scenario) -> CheckResult:
     found = ComputingTime.measured(scenario)
     what = "computing time of the law"
     if found.enough:
-        return passed(what, f"{found.text}: will do")
+        return pass_check(what, f"{found.text}: will do")
     if found.never:
-        return failed(what, f"{found.text}: will not do", found.advice)
-    return warned(what, f"{found.text}: may be too late now and then", found.advice)
+        return fail_check(what, f"{found.text}: will not do", found.advice)
+    return warn_check(what, f"{found.text}: may be too late now and then", found.advice)
 
 
 def _scheduling(period: float) -> Iterator[CheckResult]:
@@ -78,15 +86,15 @@ def _scheduling(period: float) -> Iterator[CheckResult]:
     with real_time() as obtained:
         for words in obtained.words[:2]:
             seen, _, advice = words.partition(": ")
-            yield noted("real-time priority" if "priority" in seen else "memory", seen, advice)
+            yield note_check("real-time priority" if "priority" in seen else "memory", seen, advice)
         clock.start()
-        for _ in range(round(TIMED / period)):
+        for _ in range(round(TIMER_CHECK_S / period)):
             clock.wait()
     late = timing.lateness.quantile(0.99)
     share = 100 * timing.missed / max(1, timing.ticks + timing.missed)
     seen = f"p99 {1e6 * late:.0f} us late, {share:.2f} % of {1e3 * period:g} ms periods missed"
     advice = "close other programs; use a kernel with PREEMPT_RT"
-    yield noted("timer", seen, advice if share > 0.5 or late > period / 4 else "")
+    yield note_check("timer", seen, advice if share > 0.5 or late > period / 4 else "")
 
 
 def _cams(rig: RigFile) -> CheckResult:
@@ -95,12 +103,12 @@ def _cams(rig: RigFile) -> CheckResult:
         table = cams_of(rig)
     except TwinError as error:
         advice = f"run `ballplate calibrate cams --rig FILE --out {own}`"
-        return failed("cam table", str(error), advice)
+        return fail_check("cam table", str(error), advice)
     seen = f"{Path(own).name}: ratio {table.ratio:.2f}"
     if not rig.cams:
         advice = "name a table measured on this rig as 'cams' in the rig file"
-        return warned("cam table", f"{seen}, computed from the model", advice)
-    return passed("cam table", seen)
+        return warn_check("cam table", f"{seen}, computed from the model", advice)
+    return pass_check("cam table", seen)
 
 
 def examine(
@@ -118,14 +126,14 @@ def examine(
     yield from computer(scenario, rig)
     if rig.backend is not None:
         check = own(scenario, rig, move=move)
-        yield from reported(check, "backend", "mend its class (docs/your-rig.md)")
+        yield from report_errors(check, "backend", "mend its class (docs/your-rig.md)")
         return
     screen = LumioScreen(rig.screen())
     try:
         yield from touch(screen, ask, rig.patience)
     finally:
         screen.stop()
-    yield calibrated(rig, screen.stream.extent)
+    yield check_calibration(rig, screen.stream.extent)
     servos = AkdServos(rig.servos(scenario.rig.period))
     try:
         with real_time():
@@ -134,11 +142,11 @@ def examine(
         servos.stop()
     if not move:
         advice = "hands off the plate, then: ballplate doctor --move"
-        yield warned("torque, heartbeat, encoders", "not tested", advice)
+        yield warn_check("torque, heartbeat, encoders", "not tested", advice)
 
 
 def _drives(servos: AkdServos, rig: RigFile, *, move: bool, reset: bool) -> Iterator[CheckResult]:
-    good = yield from reported(drives.bus(servos.config, servos), "CAN bus")
+    good = yield from report_errors(drives.bus(servos.config, servos), "CAN bus")
     if reset and servos.axes:
         servos.start(reset=True)
         exchange(servos, 0.2)
@@ -150,16 +158,16 @@ def _drives(servos: AkdServos, rig: RigFile, *, move: bool, reset: bool) -> Iter
         ("limits in the drives", drives.limits(servos)),
         ("motion", drives.motion(servos, cams)),
     ):
-        if not (yield from reported(check, what)):
+        if not (yield from report_errors(check, what)):
             return
 
 
-ALIKE = 0.05
+MAX_SIZE_DIFFERENCE = 0.05
 """Share by which the size in a panel's descriptor and the measured one may differ: its frame."""
-CALIBRATE = "run `ballplate calibrate touch`, name its file as touch.calibration_file"
+CALIBRATION_ADVICE = "run `ballplate calibrate touch`, name its file as touch.calibration_file"
 
 
-def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
+def check_calibration(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
     """Whether the screen's calibration was measured, and fits what the panel says of its size.
 
     Args:
@@ -171,22 +179,26 @@ def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
     if known is None:
         nominal = Mounting.of(Calibration.nominal()).size_m
         size = f"{_area(extent)} that the panel says" if extent else _area(nominal)
-        return warned(what, f"never measured; square, centred, {size}: assumed", CALIBRATE)
+        return warn_check(
+            what, f"never measured; square, centred, {size}: assumed", CALIBRATION_ADVICE
+        )
     mounting = Mounting.of(known)
     width, height = mounting.size_m
     sides = (height, width) if mounting.swapped else (width, height)
     seen = Path(file).name if file else "in the rig file"
-    if extent and any(abs(a / b - 1) > ALIKE for a, b in zip(sides, extent, strict=True)):
+    if extent and any(
+        abs(a / b - 1) > MAX_SIZE_DIFFERENCE for a, b in zip(sides, extent, strict=True)
+    ):
         differ = f"{seen}: the sensing area is {_area(sides)}, but the panel says {_area(extent)}"
-        return warned(what, differ, f"is it of another panel? {CALIBRATE}")
-    return passed(what, f"{seen}: the sensing area is {_area(sides)}")
+        return warn_check(what, differ, f"is it of another panel? {CALIBRATION_ADVICE}")
+    return pass_check(what, f"{seen}: the sensing area is {_area(sides)}")
 
 
 def _area(sides: tuple[float, float]) -> str:
     return f"{100 * sides[0]:.1f} x {100 * sides[1]:.1f} cm"
 
 
-SLOWEST = 40.0
+MIN_REPORT_RATE_HZ = 40.0
 """Reports per second below which the screen is slower than it should be (57.6)."""
 
 
@@ -197,50 +209,52 @@ def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
     try:
         screen.start()
     except TwinError as error:
-        yield failed(
+        yield fail_check(
             what, str(error), "plug it in; `ballplate doctor --udev` prints rules for access"
         )
         return
-    yield passed(what, f"{config.transport}, opened")
+    yield pass_check(what, f"{config.transport}, opened")
     ask("put")
     if not wait_until(
         lambda: screen.state is TouchState.TOUCHING and screen.stream.rate > 0, patience
     ):
         heard = screen.stream.heard
         advice = screen.hint or "put the ball on the plate"
-        yield failed("touch", f"no ball within {patience:g} s, {heard} bytes heard", advice)
+        yield fail_check("touch", f"no ball within {patience:g} s, {heard} bytes heard", advice)
         return
     time.sleep(0.5)
     if screen.stream.looks_like:
-        yield failed("touch protocol", f"set to {config.protocol}", screen.hint)
+        yield fail_check("touch protocol", f"set to {config.protocol}", screen.hint)
         return
-    yield passed("touch protocol", screen.protocol)
+    yield pass_check("touch protocol", screen.protocol)
     rate = screen.stream.rate
     seen = f"{rate:.1f} reports per second"
     slow = "check the baud rate; other programs may read the port"
-    yield noted("report rate", seen, slow if rate < SLOWEST else "")
+    yield note_check("report rate", seen, slow if rate < MIN_REPORT_RATE_HZ else "")
     x, y = screen.read().position[0].tolist()
-    yield passed("touch position", f"x {1e3 * x:+.1f}, y {1e3 * y:+.1f} mm: is the ball there?")
+    yield pass_check("touch position", f"x {1e3 * x:+.1f}, y {1e3 * y:+.1f} mm: is the ball there?")
     stats = screen.stream.stats
     if stats.skipped or stats.checksum or stats.outside:
         seen = f"{stats.skipped} bytes skipped, {stats.checksum} checksums, {stats.outside} outside"
-        yield warned("touch bytes", seen, "check the cable and the baud rate")
+        yield warn_check("touch bytes", seen, "check the cable and the baud rate")
     yield from _lift(screen, ask, patience)
 
 
 def _lift(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResult]:
     ask("lift")
     if not wait_until(lambda: screen.state is TouchState.LOST, patience):
-        yield warned("lift-off", f"not seen within {patience:g} s", "lift the ball when asked to")
+        yield warn_check(
+            "lift-off", f"not seen within {patience:g} s", "lift the ball when asked to"
+        )
         return
     seen = f"noticed; the ball counts as lost after {1e3 * LOST_AFTER:.0f} ms"
-    yield passed("lift-off", seen)
+    yield pass_check("lift-off", seen)
     ask("put")
     if not wait_until(lambda: screen.state is TouchState.TOUCHING, patience):
-        yield failed("touch again", f"not within {patience:g} s", "put the ball back")
+        yield fail_check("touch again", f"not within {patience:g} s", "put the ball back")
 
 
-WATCHED, TILT = 2.0, math.radians(1.0)
+OWN_CHECK_S, OWN_TILT_RAD = 2.0, math.radians(1.0)
 """Seconds that own hardware is watched for; how far it is tilted, rad."""
 
 
@@ -259,20 +273,24 @@ def own(scenario: Scenario, rig: RigFile, *, move: bool) -> Iterator[CheckResult
         servos.start()
         real.clock.start()
         servos.home(np.zeros(2), np.zeros(2))
-        yield passed("backend", f"{Path(str(rig.backend)).name} starts and measures")
-        if not (yield from reported(_measures(_watched(real, servos, WATCHED)), "ball")):
+        yield pass_check("backend", f"{Path(str(rig.backend)).name} starts and measures")
+        if not (
+            yield from report_errors(
+                _measures(_collect_readings(real, servos, OWN_CHECK_S)), "ball"
+            )
+        ):
             return
         for fault in servos.warnings():
-            yield warned("safety net", fault.detail, fault.condition.recovery)
+            yield warn_check("safety net", fault.detail, fault.condition.recovery)
         if move:
             yield from _tilts(real, servos)
         else:
-            yield warned("tilt", "not tested", "hands off, then: ballplate doctor --move")
+            yield warn_check("tilt", "not tested", "hands off, then: ballplate doctor --move")
     finally:
         servos.stop()
 
 
-def _watched(
+def _collect_readings(
     real: HardwareRig, servos: OwnServos, seconds: float, rates: Array | None = None
 ) -> list[Reading]:
     """Each new reading of a while in which the plate turns at rates (2,), rad/s.
@@ -297,33 +315,33 @@ def _measures(seen: list[Reading]) -> Iterator[CheckResult]:
     """How often the hardware measures, and where it sees the ball."""
     at = np.array([each.at for each in seen])
     gap = float(np.diff(at).max()) if len(at) > 1 else math.inf
-    rate = f"{(len(at) - 1) / WATCHED:.0f} a second, longest gap {1e3 * gap:.0f} ms"
+    rate = f"{(len(at) - 1) / OWN_CHECK_S:.0f} a second, longest gap {1e3 * gap:.0f} ms"
     if len(at) < 3:
-        yield failed("measurements", rate, "does `at` tell when each of them came?")
+        yield fail_check("measurements", rate, "does `at` tell when each of them came?")
         return
-    yield passed("measurements", rate)
+    yield pass_check("measurements", rate)
     ball = 1e3 * np.array([(each.x, each.y) for each in seen])
     share = np.isfinite(ball).all(axis=1).mean()
     if share < 0.5:
-        yield failed("ball", f"seen in {100 * share:.0f} % of them", "put it on the plate")
+        yield fail_check("ball", f"seen in {100 * share:.0f} % of them", "put it on the plate")
         return
     (x, y), (dx, dy) = np.nanmean(ball, axis=0), np.nanstd(ball, axis=0)
     where = f"x {x:+.1f}, y {y:+.1f} mm, spread {dx:.2f}, {dy:.2f} mm: is it there, at rest?"
-    yield passed("ball", where)
+    yield pass_check("ball", where)
 
 
 def _tilts(real: HardwareRig, servos: OwnServos) -> Iterator[CheckResult]:
     """Whether each axis goes where it is told, and back."""
-    for axis, (angle, look) in enumerate(drives.LOOKS.items()):
-        rates = TILT / 0.5 * (np.arange(2) == axis)
+    for axis, (angle, look) in enumerate(drives.POSITIVE_ANGLE_HELP.items()):
+        rates = OWN_TILT_RAD / 0.5 * (np.arange(2) == axis)
         before = servos.plate()[0, axis]
-        _watched(real, servos, 0.5, rates), _watched(real, servos, 0.5)
+        _collect_readings(real, servos, 0.5, rates), _collect_readings(real, servos, 0.5)
         turned = float(np.degrees(servos.plate()[0, axis] - before))
-        _watched(real, servos, 0.5, -rates)
+        _collect_readings(real, servos, 0.5, -rates)
         if servos.reading is None or servos.reading.phi is None:
-            yield warned(f"tilt of {angle}", "no encoder measures it", f"{look}: did it?")
+            yield warn_check(f"tilt of {angle}", "no encoder measures it", f"{look}: did it?")
         elif not abs(turned - 1) <= 0.4:
             advice = "check sign and scale of the command and of the encoder"
-            yield failed(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg", advice)
+            yield fail_check(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg", advice)
         else:
-            yield passed(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg: {look}")
+            yield pass_check(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg: {look}")

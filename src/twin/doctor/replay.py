@@ -34,17 +34,21 @@ from twin.emulator.can_bus import EmulatedBus, message
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import AbortError, Frame
 
-STEP = 0.001
+MAX_DRIVE_STEP_S = 0.001
 """Longest step of the drives in s."""
-LATE, FRAMES = 0.1, 5
+MAX_TIME_SHIFT_S, MAX_PDO_SHIFT = 0.1, 5
 """Time in s, and PDOs, by which something may come earlier or later."""
-NEAR = {PLACE: 0.1, SPEED: 0.05}
+MOTOR_TOLERANCES = {PLACE: 0.1, SPEED: 0.05}
 """By how much what is said of a motor may differ: position since the first PDO in rad, rad/s."""
-_HEX = re.compile(r" \([0-9A-F]+h\)$")
-_LACKING = re.compile("code 060(20000|90011)h")
-_MOVING = re.compile("reads (606[2-4C]|60[EF]4|2050)h")
+_HEX_SUFFIX = re.compile(r" \([0-9A-F]+h\)$")
+_MISSING_OBJECT = re.compile("code 060(20000|90011)h")
+_MOVING_OBJECT = re.compile("reads (606[2-4C]|60[EF]4|2050)h")
 """How of a status word its bits are told, that there is no such object, reading what moves."""
-_SENT = {"SDO": protocol.SDO_RESPONSE, "EMCY": protocol.EMERGENCY, "heartbeat": protocol.HEARTBEAT}
+_DRIVE_SERVICES = {
+    "SDO": protocol.SDO_RESPONSE,
+    "EMCY": protocol.EMERGENCY,
+    "heartbeat": protocol.HEARTBEAT,
+}
 
 
 class Replay(NamedTuple):
@@ -88,12 +92,12 @@ def replay(frames: Sequence[can.Message], names: Names, rig: AkdConfig | None) -
         raise LogError("; ".join(remarks) or "no drive says anything: there is nothing to replay")
     _prepare(drives, frames)
     told = [each for each in frames if not each.is_error_frame and not each.is_extended_id]
-    theirs = {each + number for each in _SENT.values() for number in said.nodes} - {
+    theirs = {each + number for each in _DRIVE_SERVICES.values() for number in said.nodes} - {
         protocol.HEARTBEAT + number for number, node in said.nodes.items() if not node.transfers
     }
     theirs |= {each for each, pdo in said.pdos.items() if pdo.name[0] == "T"}
     sent = [each for each in told if each.arbitration_id not in theirs]
-    heard = _answered(drives, sent, frames[0].timestamp)
+    heard = _replay_answers(drives, sent, frames[0].timestamp)
     answered = Conversation(heard, names, rig)
     found = [*_events(said, answered, drives, remarks), *_numbers(said, answered, drives)]
     compared = sum(sum(said.nodes[each].frames.values()) for each in drives)
@@ -117,12 +121,12 @@ def _prepare(drives: dict[int, EmulatedDrive], frames: Sequence[can.Message]) ->
                 store.set(*answer.key, int.from_bytes(answer.data, "little", signed=signed))
 
 
-def _answered(
+def _replay_answers(
     drives: dict[int, EmulatedDrive], sent: Sequence[can.Message], begin: float
 ) -> list[can.Message]:
     """What the host sent, and what emulated drives answer, which are on already."""
     bus = EmulatedBus(list(drives.values()))
-    bus.step(STEP)
+    bus.step(MAX_DRIVE_STEP_S)
     bus.to_host()
     heard, off = list[can.Message](), begin - bus.time
 
@@ -133,7 +137,7 @@ def _answered(
 
     for frame in sent:
         while (left := frame.timestamp - off - bus.time) > 1e-9:
-            bus.step(min(left, STEP))
+            bus.step(min(left, MAX_DRIVE_STEP_S))
             take()
         heard.append(frame)
         bus.from_host(Frame(frame.arbitration_id, bytes(frame.data), frame.is_remote_frame))
@@ -146,19 +150,25 @@ def _events(
 ) -> Iterator[TracedEvent]:
     """Of each node and kind the first event that differs."""
     one, other = (_streams(each, drives) for each in (said, answered))
-    off, end, lacking = answered.begin - said.begin, said.duration - LATE, list[str]()
+    off, end, lacking = answered.begin - said.begin, said.duration - MAX_TIME_SHIFT_S, list[str]()
     for number, kind in sorted(one.keys() | other.keys()):
         for a, b in zip_longest(one[number, kind], other[number, kind]):
             since = min(a.time if a else np.inf, b.time + off if b else np.inf)
-            there, answer = (_HEX.sub("", each.text) if each else "nothing" for each in (a, b))
+            there, answer = (
+                _HEX_SUFFIX.sub("", each.text) if each else "nothing" for each in (a, b)
+            )
             later = b.time + off - a.time if a and b else 0.0
-            if since > end or _MOVING.match(there) or (there == answer and abs(later) <= LATE):
+            if (
+                since > end
+                or _MOVING_OBJECT.match(there)
+                or (there == answer and abs(later) <= MAX_TIME_SHIFT_S)
+            ):
                 continue
-            if _LACKING.search(answer) and not _LACKING.search(there):
+            if _MISSING_OBJECT.search(answer) and not _MISSING_OBJECT.search(there):
                 lacking.append(there)
                 continue
             told = answer if there != answer else f"the same, {1e3 * later:+.0f} ms later"
-            where = f"{_SENT[kind] + number:03X}h: " if kind in _SENT else ""
+            where = f"{_DRIVE_SERVICES[kind] + number:03X}h: " if kind in _DRIVE_SERVICES else ""
             text = f"{where}{there}; emulated: {told}"
             yield TracedEvent(since, said.called(number), kind, text)
             break
@@ -173,10 +183,14 @@ def _streams(
     found = defaultdict[tuple[int, str], list[TracedEvent]](list)
     for event in said.events:
         node = re.search(r"node (\d+)", f"{event.who} {event.text}")
-        answers = event.kind in _SENT or (event.kind == "PDO" and event.who != HOST)
+        answers = event.kind in _DRIVE_SERVICES or (event.kind == "PDO" and event.who != HOST)
         if answers and node and int(node[1]) in drives:
             stream = found[int(node[1]), event.kind]
-            if event.kind == "heartbeat" and stream and event.time - stream[-1].time < LATE:
+            if (
+                event.kind == "heartbeat"
+                and stream
+                and event.time - stream[-1].time < MAX_TIME_SHIFT_S
+            ):
                 stream.pop()  # a state that is short is seen or not, as heartbeats come
             if stream or event.text != protocol.nmt_words(0):  # it is on when the trace begins
                 stream.append(event)
@@ -197,17 +211,17 @@ def _numbers(
         )
         count, (factor, unit) = min(len(a.time), len(b.time)), said.scale(pdo.node, key)
         found: list[tuple[int, str, str]] = []
-        if abs(len(a.time) - len(b.time)) > FRAMES:
+        if abs(len(a.time) - len(b.time)) > MAX_PDO_SHIFT:
             off = np.subtract(a.time[:count], b.time[:count]) + said.begin - answered.begin
             usual = np.median(np.diff(b.time)) if count > 1 else 0.0
             last = np.flatnonzero(np.abs(off) < usual / 2)[-1:]
             found.append((int(last.sum()), f"{len(a.time)} in all", f"{len(b.time)}"))
-        if key[0] in NEAR and unit and count:
+        if key[0] in MOTOR_TOLERANCES and unit and count:
             both = (
                 np.unwrap(np.array(each.counts[:count], float), period=2.0**32) for each in (a, b)
             )
             x, y = (factor * (each - (key[0] == PLACE) * each[0]) for each in both)
-            near, wide = NEAR[key[0]], 2 * FRAMES + 1
+            near, wide = MOTOR_TOLERANCES[key[0]], 2 * MAX_PDO_SHIFT + 1
             low, high = minimum_filter1d(x, wide) - near, maximum_filter1d(x, wide) + near
             for k in np.flatnonzero((y < low) | (y > high))[:1].tolist():
                 own = f"{said.object_name(pdo.node, key)} {x[k]:.6g} {unit}"

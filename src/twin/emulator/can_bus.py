@@ -37,7 +37,7 @@ Ids = int | Iterable[int] | None
 
 
 class Towards(Flag):
-    """Which way a frame goes."""
+    """Direction of a frame."""
 
     HOST = auto()
     DRIVES = auto()
@@ -158,9 +158,9 @@ class BusFaults:
         self._rules.append(Rule(chosen, self.time, **rule))
 
 
-_REPORTS = ((0x040, bytes(8)), (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0))))
+_ERROR_REPORTS = ((0x040, bytes(8)), (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0))))
 """How SocketCAN's error frames say that an adapter is off the bus, and that it is error passive."""
-_INSTANT = 1e-9
+_TIME_RESOLUTION_S = 1e-9
 """Seconds that count as no time."""
 
 
@@ -274,7 +274,7 @@ class DirectBus(can.BusABC):
         end = self._bus.time + seconds
         while not done() and (left := end - self._bus.time) > 0:
             # A step too small to count would let whoever waits for a deadline wait for ever.
-            self._bus.step(max(_INSTANT, min(self._step, left)))
+            self._bus.step(max(_TIME_RESOLUTION_S, min(self._step, left)))
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Put a frame on the bus at once; ``timeout`` is not needed.
@@ -304,7 +304,7 @@ class DirectBus(can.BusABC):
         """Whether anything is there, now that it has been looked for."""
         faults, before = self._bus.faults, self._told
         self._told = (faults.bus_off, faults.error_passive)
-        for (identifier, data), now, then in zip(_REPORTS, self._told, before, strict=True):
+        for (identifier, data), now, then in zip(_ERROR_REPORTS, self._told, before, strict=True):
             if now and not then:
                 self._inbox.append(message(identifier, data, error=True))
         self._inbox.extend(
@@ -411,7 +411,7 @@ def check_pseudo_terminals() -> None:
 
 
 _KBIT_PER_S = (10, 20, 50, 100, 125, 250, 500, 800, 1000)
-BITRATES = {b"S%d" % code: 1000 * rate for code, rate in enumerate(_KBIT_PER_S)}
+BITRATE_COMMANDS = {b"S%d" % code: 1000 * rate for code, rate in enumerate(_KBIT_PER_S)}
 """Bit rates by the commands that set them."""
 
 Passing = Callable[[float], None]
@@ -423,12 +423,12 @@ def nothing(_: float) -> None:
 
 _OK, _ERROR = b"\r", b"\a"
 _SYNC = b"t0800\r"
-_MOST = 1 << 16
+_MAX_READ_BYTES = 1 << 16
 """Bytes that are taken at once."""
 _WARNING, _PASSIVE, _BUS_ERROR = 0x04, 0x20, 0x80
-_ROOM = 3
+_ADAPTER_FRAMES = 3
 """Frames the adapter takes that nobody acknowledges before it refuses more."""
-_LONGEST = 30
+_MAX_COMMAND_BYTES = 30
 
 
 class SlcanAdapter:
@@ -455,7 +455,7 @@ class SlcanAdapter:
             if byte == _OK[0]:
                 answers += self._command(bytes(self._line))
                 self._line.clear()
-            elif len(self._line) < _LONGEST:
+            elif len(self._line) < _MAX_COMMAND_BYTES:
                 self._line.append(byte)
         return answers
 
@@ -491,9 +491,9 @@ class SlcanAdapter:
         return _OK if was else _ERROR
 
     def _set_rate(self, line: bytes) -> bytes:
-        if self.open or line not in BITRATES:
+        if self.open or line not in BITRATE_COMMANDS:
             return _ERROR
-        self.bitrate = BITRATES[line]
+        self.bitrate = BITRATE_COMMANDS[line]
         return _OK
 
     def _transmit(self, line: bytes) -> bytes:
@@ -504,7 +504,7 @@ class SlcanAdapter:
             self._unacknowledged = 0
             return b"z\r"
         self._unacknowledged += 1
-        return b"z\r" if self._unacknowledged <= _ROOM else _ERROR
+        return b"z\r" if self._unacknowledged <= _ADAPTER_FRAMES else _ERROR
 
     def _flags(self, _: bytes) -> bytes:
         flags = 0
@@ -552,7 +552,7 @@ class SlcanPort(PseudoTerminal):
             return
         with suppress(OSError):
             data = b""
-            while len(data) < _MOST and select.select([self.handle], [], [], 0)[0]:
+            while len(data) < _MAX_READ_BYTES and select.select([self.handle], [], [], 0)[0]:
                 data += os.read(self.handle, 4096)
             *waited, newest = data.split(_SYNC)
             for number, part in enumerate(waited, start=1):

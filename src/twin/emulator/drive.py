@@ -22,14 +22,14 @@ from twin.emulator.drive_objects import (
     emergency_code,
     sdo_answer,
 )
-from twin.sim.sensors import COUNTS
+from twin.sim.sensors import ENCODER_COUNTS_PER_TURN
 
 RPM = math.pi / 30
 VELOCITY_UNIT = 0.001 * RPM
 """One count of 60FFh and 606Ch in rad/s."""
 PLATE_PER_MOTOR = 0.2
 """How the second encoder turns with the motor where no plant says."""
-COASTING = 0.2
+COASTING_TIME_S = 0.2
 """Time constant in s with which the motor runs out without power."""
 STOP_RAMP = 1000.0
 """Deceleration of quick stop and fault reaction in rad/s^2; assumed."""
@@ -37,7 +37,7 @@ STOP_RAMP = 1000.0
 
 MOTOR_COUNTS = 1 << 20
 """Counts per motor revolution."""
-TURN = 2 * math.pi
+TURN_RAD = 2 * math.pi
 
 
 class Encoder:
@@ -64,7 +64,7 @@ class Encoder:
     def look(self, angle: float) -> None:
         """Take in the shaft's angle in rad."""
         if not self.frozen:
-            self._shown = math.floor(angle / TURN * self._turn)
+            self._shown = math.floor(angle / TURN_RAD * self._turn)
 
 
 class Motor:
@@ -79,7 +79,10 @@ class Motor:
         """Shaft rate in rad/s."""
         self.limited = False
         """Whether the velocity limit cut the target."""
-        self.encoder, self.plate = Encoder(MOTOR_COUNTS, start_counts), Encoder(COUNTS)
+        self.encoder, self.plate = (
+            Encoder(MOTOR_COUNTS, start_counts),
+            Encoder(ENCODER_COUNTS_PER_TURN),
+        )
         self._angle = 0.0
         self._sensed = False
 
@@ -101,7 +104,7 @@ class Motor:
     def coast(self, dt: float) -> None:
         """Run out without torque."""
         self.limited = False
-        rate = self.rate * math.exp(-dt / COASTING)
+        rate = self.rate * math.exp(-dt / COASTING_TIME_S)
         self._go(rate if abs(rate) > 1e-4 else 0.0, dt)
 
     def _go(self, rate: float, dt: float) -> None:
@@ -133,11 +136,16 @@ class Power(IntEnum):
 
 
 STO_FAULT = 602
-UNDERVOLTAGE = 502
+UNDERVOLTAGE_FAULT = 502
 NO_VOLTAGE = 247
 MASTER_SILENT = 129
 
-_LIVE = {Power.SWITCHED_ON, Power.OPERATION_ENABLED, Power.QUICK_STOP, Power.FAULT_REACTION}
+_TORQUE_STATES = {
+    Power.SWITCHED_ON,
+    Power.OPERATION_ENABLED,
+    Power.QUICK_STOP,
+    Power.FAULT_REACTION,
+}
 _RESET = 0x80
 
 
@@ -164,7 +172,7 @@ class PowerStage:
     @property
     def live(self) -> bool:
         """Whether the motor has torque or would have it in a moment."""
-        return self.state in _LIVE
+        return self.state in _TORQUE_STATES
 
     def control(self, word: int) -> list[int]:
         """Obey a control word, one transition at most; numbers of faults that come of it."""
@@ -220,7 +228,7 @@ class PowerStage:
         if not self.sto_closed:
             gone.add(STO_FAULT)
         if not self.dc_link:
-            gone |= {UNDERVOLTAGE, NO_VOLTAGE}
+            gone |= {UNDERVOLTAGE_FAULT, NO_VOLTAGE}
         return gone & set(self.faults)
 
     def fail(self, number: int, *, braked: bool = False) -> list[int]:
@@ -237,7 +245,7 @@ class PowerStage:
         if self.live and not self.sto_closed:
             return self.fail(STO_FAULT)
         if self.live and not self.dc_link:
-            return self.fail(UNDERVOLTAGE)
+            return self.fail(UNDERVOLTAGE_FAULT)
         return []
 
     def still(self) -> None:
@@ -251,11 +259,11 @@ class PowerStage:
 PRE_OPERATIONAL, OPERATIONAL, STOPPED = 127, 5, 4
 PROFILE_VELOCITY = 3
 
-_STILL = 1e-3
+_STANDSTILL_RAD_S = 1e-3
 _MODE_REST = 0.01
 """Rate in rad/s above which the mode may not change; assumed."""
 _HALT = 1 << 8
-_VENDOR = 0x6A
+_VENDOR_ID = 0x6A
 _CODE = struct.Struct("<HB")
 
 
@@ -357,7 +365,7 @@ class EmulatedDrive:
         self.power.sto_closed = self.power.dc_link = True
         self.power.refuse_reset = False
         self.motor.encoder.frozen = self.motor.plate.frozen = False
-        self.store.set(0x1018, 1, _VENDOR)
+        self.store.set(0x1018, 1, _VENDOR_ID)
         self.store.stuck.clear()
         self._let_alone()
 
@@ -412,7 +420,7 @@ class EmulatedDrive:
         if self.heartbeats.missed(dt):
             self._failed(self.power.fail(MASTER_SILENT, braked=True))
         self._move(dt)
-        if abs(self.motor.rate) < _STILL:
+        if abs(self.motor.rate) < _STANDSTILL_RAD_S:
             self.power.still()
         if self.heartbeats.due(dt):
             self._out.append(self._own(0x700, bytes((self.nmt,))))

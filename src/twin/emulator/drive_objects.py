@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 
 NO_OBJECT = 0x06020000
 NO_SUB = 0x06090011
@@ -21,7 +21,7 @@ NOT_NOW = 0x08000022
 NOT_MAPPABLE = 0x06040041
 PDO_TOO_LONG = 0x06040042
 
-MODES = {-3, -2, -1, 1, 3, 4, 6, 7, 8}
+AKD_MODES = {-3, -2, -1, 1, 3, 4, 6, 7, 8}
 """Modes an AKD has (6060h); 0 stays as it is at power-up."""
 
 PDO_ENTRIES = 8
@@ -109,7 +109,7 @@ def emergency_code(fault: int) -> int:
 
 @cache
 def _table() -> dict[str, dict[str, Any]]:
-    return packaged("twin.emulator", "drive_objects.toml")
+    return read_packaged("twin.emulator", "drive_objects.toml")
 
 
 class ObjectStore:
@@ -180,7 +180,7 @@ class ObjectStore:
             raise AbortError(WRONG_LENGTH)
         value = int.from_bytes(data, "little", signed=known.signed)
         if index == 0x6060:
-            if value not in MODES:
+            if value not in AKD_MODES:
                 raise AbortError(OUT_OF_RANGE)
             if value != self.get(0x6060) and self.turning():
                 raise AbortError(NOT_NOW)

@@ -31,7 +31,7 @@ from twin.hal.supervisor import State
 from twin.run.assemble import build_limits
 from twin.scenario.schema import Scenario
 
-_ANGLES, _RATES, _BALL = [2, 6], [3, 7], [0, 4]
+_PLATE_ANGLE_INDICES, _PLATE_RATE_INDICES, _BALL_INDICES = [2, 6], [3, 7], [0, 4]
 
 
 class PowerChange(NamedTuple):
@@ -97,7 +97,13 @@ class MotionTrace:
         rows = [(time, state) for time, state in self._rows if begin <= time <= end]
         state = np.array([state for _, state in rows]).reshape(len(rows), 8)
         time = np.array([time for time, _ in rows])
-        return TrueMotion(time, *(state[:, each] for each in (_ANGLES, _RATES, _BALL)))
+        return TrueMotion(
+            time,
+            *(
+                state[:, each]
+                for each in (_PLATE_ANGLE_INDICES, _PLATE_RATE_INDICES, _BALL_INDICES)
+            ),
+        )
 
     def _step(self, dt: float) -> None:
         self._moved(dt)
@@ -142,7 +148,7 @@ class TrueMotion(NamedTuple):
         return np.asarray(np.abs(self.rate).max(axis=1))
 
 
-PATIENCE = 1.0
+BALL_TIMEOUT_S = 1.0
 """Time in s that a rig in lockstep waits for the ball."""
 
 
@@ -282,7 +288,7 @@ class LockstepRig(HardwareRig):
             clock=clock,
             transmission=plant.transmission,
             limits=build_limits(scenario),
-            patience=PATIENCE,
+            patience=BALL_TIMEOUT_S,
             relaxed=relaxed,
             plate_lag=scenario.rig.plate_lag,
             scheduling=lambda: nullcontext(Scheduling(False, False, ("bus time",))),

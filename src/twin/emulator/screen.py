@@ -89,7 +89,7 @@ def hid_timed(spots: Sequence[Spot], scan: int = 0) -> list[bytes]:
     return reports
 
 
-ENCODERS: dict[Protocol, Callable[[Sequence[Spot]], list[bytes]]] = {
+PACKET_ENCODERS: dict[Protocol, Callable[[Sequence[Spot]], list[bytes]]] = {
     Protocol.MICROTOUCH: microtouch,
     Protocol.ELO: elo,
     Protocol.HID_0006: hid_0006,
@@ -270,7 +270,7 @@ class Damage:
         return bytes(changed)
 
 
-FRAME = 0.01736
+FRAME_INTERVAL_S = 0.01736
 """Seconds between frames, as recorded from a screen of product 202E:0006."""
 DEAD_TIME = 0.042
 """Seconds from a touch to its arrival, as the thesis measured."""
@@ -308,7 +308,7 @@ class ScreenLine:
     _: KW_ONLY
     protocol: Protocol = Protocol.MICROTOUCH
     baud: int = 9600
-    frame: float = FRAME
+    frame: float = FRAME_INTERVAL_S
     dead_time: float = DEAD_TIME
     spread: float = 0.0
     jitter: float = 0.0
@@ -388,7 +388,7 @@ class ScreenLine:
                 self._scan = int(now / SCAN_TICK)
             self._sent = hid_timed(spots, self._scan)
         else:
-            self._sent = ENCODERS[self.protocol](spots)
+            self._sent = PACKET_ENCODERS[self.protocol](spots)
         return self._sent
 
     def _lifted(self, spots: Sequence[Spot]) -> tuple[Spot, ...]:

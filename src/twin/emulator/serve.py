@@ -27,8 +27,8 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.errors import RigError
-from twin.base.jobs import let_go, spawned
-from twin.base.settings import filled
+from twin.base.jobs import let_go, spawn
+from twin.base.settings import from_scenarios
 from twin.emulator.can_bus import (
     BusServer,
     EmulatedBus,
@@ -45,7 +45,7 @@ from twin.scenario.schema import Scenario
 from twin.sim.rig import DriveModel, SimulatedDevices
 from twin.sim.sensors import EncoderModel, TouchModel
 
-TICK = 0.001
+MAX_PLANT_STEP_S = 0.001
 """Longest step in s of the plant between two looks at the drives."""
 
 
@@ -91,13 +91,13 @@ class EmulatedPlant:
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
         plant, self.transmission = build_plant([scenario])
-        self._tick = plant.step * max(1, int(TICK / plant.step + 1e-9))
+        self._tick = plant.step * max(1, int(MAX_PLANT_STEP_S / plant.step + 1e-9))
         at_once: Any = {"dead_time": 0.0, "spread": 0.0, "frame_rate": 0.0, "grid": 0}
         self.devices: SimulatedDevices = build_devices(
             [scenario],
             plant,
             period=self._tick,
-            touch=replace(filled(TouchModel, [scenario]), **at_once),
+            touch=replace(from_scenarios(TouchModel, [scenario]), **at_once),
             encoders=EncoderModel(counts=0, variance=scenario.sensors.encoders.variance),
         )
         self.present = True
@@ -126,7 +126,7 @@ class EmulatedPlant:
     @property
     def lost(self) -> float:
         """Plate angle in rad that its drive train may take between motor and plate."""
-        servo = filled(DriveModel, [self._scenario])
+        servo = from_scenarios(DriveModel, [self._scenario])
         soft = 0.0
         if servo.resonance:
             limits = self._scenario.rig.limits
@@ -137,7 +137,7 @@ class EmulatedPlant:
     @property
     def kept_back(self) -> float:
         """Motor angle in rad that its servos may not have turned of the one they were told."""
-        servo = filled(DriveModel, [self._scenario])
+        servo = from_scenarios(DriveModel, [self._scenario])
         plate = np.full((1, 2), servo.deadband + servo.resolution)
         turn = self.transmission.motor(plate) - self.transmission.motor(0 * plate)
         return float(np.abs(turn).max())
@@ -227,7 +227,7 @@ class EmulatedPlant:
         self._sense()
 
 
-STARVED = 0.001
+STARVED_LAG_S = 0.001
 """Lag in s of every hundredth round from which the emulator is too slow for periods of 2 ms."""
 
 
@@ -248,7 +248,7 @@ class VirtualRig:
         self.drives = [EmulatedDrive(node) for node in (1, 2)]
         self.bus = EmulatedBus(self.drives)
         self.adapter = SlcanPort(self.bus)
-        self.server = BusServer(self.bus, self.adapter, step=TICK)
+        self.server = BusServer(self.bus, self.adapter, step=MAX_PLANT_STEP_S)
         self.line = self.plant.screen_line(self._ball, protocol)
         self.screen = PseudoTerminal("lumio")
         self.server.beside = self._show
@@ -325,7 +325,7 @@ class VirtualRig:
         with self.server.lock:
             late = self.server.lag.as_dict()
         p99, longest = late["p99_us"] / 1e3, late["max_us"] / 1e3
-        starved = "; it starved, so answers came late" if p99 > 1e3 * STARVED else ""
+        starved = "; it starved, so answers came late" if p99 > 1e3 * STARVED_LAG_S else ""
         return f"emulated rig behind the clock: p99 {p99:.2f} ms, at most {longest:.1f} ms{starved}"
 
     def _close_sto(self, closed: bool) -> None:
@@ -352,10 +352,10 @@ class VirtualRig:
             self.screen.write(part)
 
 
-PRIORITY = 70
+EMULATOR_PRIORITY = 70
 """Of SCHED_FIFO: before every ordinary process, after the host's loop (80)."""
-ENDED = "emulated rig: its process has ended; was it killed?"
-START = 60.0
+ENDED_MESSAGE = "emulated rig: its process has ended; was it killed?"
+START_TIMEOUT_S = 60.0
 """Longest time in s that the process may take to start."""
 
 
@@ -440,7 +440,7 @@ def come_forward() -> None:
     """
     if sys.platform == "linux":
         with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(EMULATOR_PRIORITY))
 
 
 def _work(pipe: Connection, scenario: Scenario, cells: MutableSequence[float]) -> None:
@@ -490,7 +490,7 @@ class Emulator:
             self._pipe.send(word)
             return str(self._pipe.recv())
         except (EOFError, OSError) as error:
-            raise RigError(ENDED) from error
+            raise RigError(ENDED_MESSAGE) from error
 
     def lag(self) -> str:
         """How far it lagged behind real time, or that it has ended, in words."""
@@ -501,7 +501,7 @@ class Emulator:
 
 
 @contextmanager
-def emulated(scenario: Scenario) -> Iterator[Emulator]:
+def serve_rig(scenario: Scenario) -> Iterator[Emulator]:
     """A virtual rig in a separate process, for as long as the context lasts.
 
     Raises:
@@ -510,7 +510,7 @@ def emulated(scenario: Scenario) -> Iterator[Emulator]:
     check_pseudo_terminals()
     ours, theirs = multiprocessing.Pipe()
     cells = RawArray("d", 6)
-    process = spawned(_work, theirs, scenario, cells)
+    process = spawn(_work, theirs, scenario, cells)
     theirs.close()
     try:
         with _apart(process.pid or 0):
@@ -528,6 +528,6 @@ def _rig_file(pipe: Connection) -> Tables:
         RigError: It has ended, or takes too long.
     """
     with suppress(EOFError):
-        if pipe.poll(START):
+        if pipe.poll(START_TIMEOUT_S):
             return pipe.recv()
     raise RigError("emulated rig: its process did not start; run ballplate emulate to see why")

@@ -26,33 +26,33 @@ import pandas as pd
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError, TwinError
-from twin.base.page import filled
+from twin.base.page import render_template
 from twin.base.settings import Setting, Unit, settings_of
 from twin.base.writing import write_whole
 from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
-from twin.scenario.describe import UNIT, meanings
+from twin.scenario.describe import UNIT_PATTERN, meanings
 from twin.scenario.schema import Scenario
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
-SOURCES: tuple[type, ...] = (
+PARAMETER_CLASSES: tuple[type, ...] = (
     *(BallStart, Parts, Friction, DriveModel, TransmissionError),
     *(Limits, TouchModel, EncoderModel, Linkage),
 )
-"""Whose settings are parameters, where the exact equations know them."""
+"""Classes whose settings are parameters, where the exact equations know them."""
 NO_SUFFIX = {Unit.MM: "_mm", Unit.UM: "_um", Unit.DEG: "_deg", Unit.PERCENT: "_percent"}
 """Units whose name ends a key; the parameter is in SI, so its name does without."""
-TUNABLE = ("plant.friction.", "plant.servo.", "plant.level", "disturbance.", "rig.cam_")
+TUNABLE_PREFIXES = ("plant.friction.", "plant.servo.", "plant.level", "disturbance.", "rig.cam_")
 """How the names of parameters begin that may be set while it runs; so may variances."""
-TABLES = packaged("twin.fmu", "variables.toml")
+VARIABLE_TABLES = read_packaged("twin.fmu", "variables.toml")
 """What every FMU has besides these settings; the file says what is what."""
-SEEDS = 2**31
+SEED_COUNT = 2**31
 """Number of seeds, which an integer of FMI 2.0 can be."""
 
 
@@ -85,7 +85,7 @@ class Variable(NamedTuple):
     def numbers(self) -> dict[str, str]:
         """What a description says of its type: least, largest and first value, where there are."""
         limits = {"min": self.low, "max": self.high} if self.type != "Boolean" else {}
-        found = {name: limit for name, limit in limits.items() if abs(limit) < LARGEST}
+        found = {name: limit for name, limit in limits.items() if abs(limit) < MAX_REAL}
         found |= {} if self.start is None else {"start": self.start}
         if self.type == "Boolean":
             return {name: "true" if value else "false" for name, value in found.items()}
@@ -101,7 +101,7 @@ class Variable(NamedTuple):
     @property
     def range(self) -> tuple[float, float, float]:
         """Its first, least and largest value for the C source."""
-        largest = INTEGER if self.type == "Integer" else LARGEST
+        largest = MAX_INTEGER if self.type == "Integer" else MAX_REAL
         low, high = np.clip((self.low, self.high), -largest, largest).tolist()
         return float(self.start or 0.0), low, high
 
@@ -121,19 +121,19 @@ def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[V
         "gravity": model.gravity,
         "rig.knows_linkage": scenario.rig.cams != "ratio",
         "noise": 1,
-        "seed": scenario.seed % SEEDS,
+        "seed": scenario.seed % SEED_COUNT,
         "sensors.noise_hold": scenario.sensors.noise_hold,
         "sensors.touch.frame_phase": phase,
     }
-    listed = [*TABLES["signal"], *TABLES["reference"] * path]
+    listed = [*VARIABLE_TABLES["signal"], *VARIABLE_TABLES["reference"] * path]
     found = [Variable(**each) for each in listed]
-    found += [Variable(start=values[each["name"]], **each) for each in TABLES["own"]]
+    found += [Variable(start=values[each["name"]], **each) for each in VARIABLE_TABLES["own"]]
     return [*found, *parameters(scenario)]
 
 
 def parameters(scenario: Scenario) -> Iterator[Variable]:
     """The keys of a scenario that the exact equations, drives, sensors and limits know, in SI."""
-    for source in SOURCES:
+    for source in PARAMETER_CLASSES:
         for field, about in settings_of(source).items():
             if not about.exact:
                 yield from _parameter(scenario, about, meanings(source).get(field, ""))
@@ -144,9 +144,9 @@ def _parameter(scenario: Scenario, about: Setting, meaning: str) -> Iterator[Var
     base = about.key.removesuffix(suffix)
     values: Any = about.unit.to_si(about.of(scenario))
     pair = isinstance(values, tuple)
-    found = UNIT.search(meaning)
-    unit = TABLES["said"].get(base, found["unit"] if found else "")
-    tunable = base.startswith(TUNABLE) or base.endswith(".variance")
+    found = UNIT_PATTERN.search(meaning)
+    unit = VARIABLE_TABLES["said"].get(base, found["unit"] if found else "")
+    tunable = base.startswith(TUNABLE_PREFIXES) or base.endswith(".variance")
     kind = "Integer" if isinstance(about.default, int) else "Real"
     limits = {name: about.unit.to_si(limit) for name, limit in about.bounds.items()}
     low = limits.get("ge", math.nextafter(limits.get("gt", -math.inf), math.inf))
@@ -158,14 +158,14 @@ def _parameter(scenario: Scenario, about: Setting, meaning: str) -> Iterator[Var
         yield Variable(name, "parameter", how, meaning, unit, kind, value, low, high)
 
 
-LARGEST = float(np.finfo(float).max)
-INTEGER = 2.0**31 - 1
-BRACES = str.maketrans("[]", "{}")
-REMEMBERED = 0.25
+MAX_REAL = float(np.finfo(float).max)
+MAX_INTEGER = 2.0**31 - 1
+C_BRACES = str.maketrans("[]", "{}")
+MIN_TOUCH_MEMORY_S = 0.25
 """Least time in s for which the screen remembers the ball, so that its dead time may be set."""
 
 
-TEMPLATES = Path(__file__).with_name("templates")
+TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 
 
 def model_description(
@@ -184,7 +184,7 @@ def model_description(
     given |= {"version": version("ballplate"), "exponents": exponents}
     files = {"modelDescription.xml": "", "buildDescription.xml": "sources/"}
     return {
-        f"{place}{file}": filled(TEMPLATES / f"{file}.j2", **given)
+        f"{place}{file}": render_template(TEMPLATE_FOLDER / f"{file}.j2", **given)
         for file, place in list(files.items())[: fmi - 1]
     }
 
@@ -233,27 +233,27 @@ def c_source(
         "variables": variables,
         "token": token,
         "c_name": c_name,
-        "ring": 2 + math.ceil(max(waits, REMEMBERED) / scenario.rig.period),
+        "ring": 2 + math.ceil(max(waits, MIN_TOUCH_MEMORY_S) / scenario.rig.period),
         "size": (0, 0) if surface is None else surface.shape,
         "sloping": int(bool(grid[..., 1:].any())),
         "path_rows": 0 if path is None else len(path),
         "curve_phi": len(curves[0][0]),
-        "curve": json.dumps(curve.tolist()).translate(BRACES),
+        "curve": json.dumps(curve.tolist()).translate(C_BRACES),
         "curve_rows": len(curve) - 1,
-        "surface": json.dumps(grid.tolist()).translate(BRACES),
-        "path": json.dumps(rows.tolist()).translate(BRACES),
+        "surface": json.dumps(grid.tolist()).translate(C_BRACES),
+        "path": json.dumps(rows.tolist()).translate(C_BRACES),
     }
     names = ("scenario.h", "scenario.c")
-    return {name: filled(TEMPLATES / f"{name}.j2", **given) for name in names}
+    return {name: render_template(TEMPLATE_FOLDER / f"{name}.j2", **given) for name in names}
 
 
-OWN = ("rig.c", "rig.h", "instance.c", "instance.h")
+C_SOURCES = ("rig.c", "rig.h", "instance.c", "instance.h")
 """The C source that both versions share; ``fmi2.c`` or ``fmi3.c`` goes with it."""
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
+COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
 """How the binary is compiled: without fused operations, so that every processor rounds alike."""
-REFERENCE = "extra/org.fmi-standard.fmi-ls-ref"
+REFERENCE_FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 """Folder of the reference, as the layered standard fmi-ls-ref has it."""
-LASTS = 5.0
+MAX_REFERENCE_S = 5.0
 """Longest time in s of the reference."""
 
 
@@ -286,7 +286,7 @@ def export(
     name = "ballplate_" + re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     content: dict[str, str | bytes] = {f"sources/{file}": source[file] for file in source}
     content |= model_description(scenario, held, fmi=fmi, name=name, token=token, compiled=compiled)
-    content |= {f"{REFERENCE}/{file}": text for file, text in reference(quiet).items()}
+    content |= {f"{REFERENCE_FOLDER}/{file}": text for file, text in reference(quiet).items()}
     binary, lacking = _binary(source, name, fmi)
     write_whole(path, lambda temporary: _pack(temporary, content | binary))
     return lacking
@@ -301,7 +301,9 @@ def frame_phase(scenario: Scenario) -> float:
 def sources(scenario: Scenario, held: Sequence[Variable], fmi: int) -> tuple[dict[str, str], str]:
     """The C source of a scenario's rig by the names of its files, and its token, a hash of it."""
     folder = files("twin.fmu") / "c"
-    said = {name: (folder / name).read_text(encoding="utf-8") for name in (*OWN, f"fmi{fmi}.c")}
+    said = {
+        name: (folder / name).read_text(encoding="utf-8") for name in (*C_SOURCES, f"fmi{fmi}.c")
+    }
     friction = build_friction([scenario])
     surface = None if friction is None or friction.map is None else friction.map.grids[0]
     path = path_of(scenario) if any(each.name == "reference_x" for each in held) else None
@@ -328,7 +330,7 @@ def reference(scenario: Scenario) -> dict[str, str]:
         measured = rig.read()
         controller.start(measured)
         rig.start()
-        for tick in range(1 + round(min(scenario.duration, LASTS) / rig.period)):
+        for tick in range(1 + round(min(scenario.duration, MAX_REFERENCE_S) / rig.period)):
             rate = rig.write(controller.command(measured).rate)
             controller.applied(rate)
             ball = rig.devices.state[0, 0::4]
@@ -343,7 +345,7 @@ def reference(scenario: Scenario) -> dict[str, str]:
         for part, names in {"in": commands, "out": answers}.items()
     }
     manifest = "fmi-ls-manifest.xml"
-    return tables | {manifest: (TEMPLATES / manifest).read_text(encoding="utf-8")}
+    return tables | {manifest: (TEMPLATE_FOLDER / manifest).read_text(encoding="utf-8")}
 
 
 def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[dict[str, bytes], str]:
@@ -359,7 +361,7 @@ def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[dict[
         for name, text in source.items():
             Path(folder, name).write_text(text, encoding="utf-8")
         compiled = [name for name in source if name.endswith(".c")]
-        command = [compiler, *FLAGS, "-o", "rig.so", *compiled, "-lm"]
+        command = [compiler, *COMPILER_FLAGS, "-o", "rig.so", *compiled, "-lm"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode:
             line = (done.stderr.strip().splitlines() or ["it said nothing"])[0]

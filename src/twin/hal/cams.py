@@ -59,8 +59,8 @@ def cubic(grid: Array, values: Array) -> Array:
     return np.array(pieces).reshape(4, n - 1, *values.shape[1:])
 
 
-_ORDER = 3
-_REMEDY = "run `ballplate calibrate cams --rig FILE --out"
+_SPLINE_ORDER = 3
+_CALIBRATION_REMEDY = "run `ballplate calibrate cams --rig FILE --out"
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class CamTable:
     def __post_init__(self) -> None:
         """Check the table and prepare its interpolation."""
         n = len(self.grid)
-        if self.grid.ndim != 1 or n <= _ORDER or self.angles.shape != (n, n, 2):
+        if self.grid.ndim != 1 or n <= _SPLINE_ORDER or self.angles.shape != (n, n, 2):
             raise ModelError(f"cam table: {self.angles.shape} angles on a grid of {n} lines")
         if not (np.isfinite(self.angles).all() and np.all(np.diff(self.grid) > 0)):
             raise ModelError("cam table: angles must be finite and the grid rising")
@@ -168,10 +168,12 @@ class CamTable:
             angles = np.array(data["motor_rad"], dtype=float)
             return cls(grid, angles, dict(data["provenance"]))
         except OSError as error:
-            raise ModelError(f"cam table {path}: {error.strerror}; {_REMEDY} {path}`") from error
+            raise ModelError(
+                f"cam table {path}: {error.strerror}; {_CALIBRATION_REMEDY} {path}`"
+            ) from error
         except (KeyError, TypeError, ValueError) as error:
             raise ModelError(
-                f"cam table {path}: not a cam table ({error}); {_REMEDY} {path}`"
+                f"cam table {path}: not a cam table ({error}); {_CALIBRATION_REMEDY} {path}`"
             ) from error
 
     @classmethod

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from controllers.arrays import Arithmetic, Array, Mask, Number, column, elementwise
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.base.settings import Unit, setting
 
 
@@ -68,7 +68,7 @@ def conditions(package: str) -> dict[str, Condition]:
     Args:
         package: Its full name.
     """
-    table, found = packaged(package, "conditions.toml"), {}
+    table, found = read_packaged(package, "conditions.toml"), {}
     for name, row in table["conditions"].items():
         said = {key: table["words"].get(row[key], row[key]) for key in ("reaction", "recovery")}
         found[name] = Condition(**row | said | {"severity": Severity(row["severity"])})
@@ -177,7 +177,7 @@ class Clamp:
         )
 
 
-SCREEN = (0.70, 0.395)
+SCREEN_SIZE_M = (0.70, 0.395)
 """Size of the touch screen along x and y in m, thesis chapter 3."""
 
 

@@ -21,9 +21,9 @@ from twin.base.settings import Unit, setting
 
 Pair = tuple[float, float] | Array
 
-SPARE = 1.1
+ANGLE_SPARE_FACTOR = 1.1
 """How much further than the plate may be tilted its linkage has to take it."""
-STANDS = 1e-6
+LOCKING_TOLERANCE = 1e-6
 """By how much the cosine is short of 1 where a linkage locks; what is off beyond, rad."""
 
 
@@ -130,20 +130,20 @@ class Linkage:
                 f"plant.linkage.rod_mm: crank and arm end {_mm(self.lean)} mm apart horizontally "
                 f"at level; must be longer, got {_mm(self.rod)}"
             )
-        for most in np.linspace(0, SPARE * tilt, 111):
+        for most in np.linspace(0, ANGLE_SPARE_FACTOR * tilt, 111):
             plate = np.stack(np.meshgrid((-most, 0, most), (-most, 0, most)), axis=-1)
             off = np.abs(self.plate(self.motor(plate)) - plate).max(axis=(0, 1))
-            if off.max() > STANDS:
+            if off.max() > LOCKING_TOLERANCE:
                 return (
                     f"plant.linkage: {('phi', 'theta')[off.argmax()]} locks at "
                     f"{np.degrees(most):.3g} deg; rig.limits.angle_deg = {np.degrees(tilt):.3g} "
-                    f"needs {SPARE:g} times that"
+                    f"needs {ANGLE_SPARE_FACTOR:g} times that"
                 )
         return ""
 
 
 Rows = tuple[tuple[float, float], ...]
-FINE = 200
+POINTS_PER_ROW = 200
 """Points that a table's curve has from one row to the next."""
 
 
@@ -179,7 +179,7 @@ class TiltTable:
         from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  slow: only for a table
 
         rows = [np.transpose(each) for each in (self.phi, self.theta)]
-        fine = [np.unique(np.linspace(servo[:-1], servo[1:], FINE)) for servo, _ in rows]
+        fine = [np.unique(np.linspace(servo[:-1], servo[1:], POINTS_PER_ROW)) for servo, _ in rows]
         there = [PchipInterpolator(*each)(at) for each, at in zip(rows, fine, strict=True)]
         return [(x, y, np.gradient(y, x)) for x, y in zip(fine, there, strict=True)]
 
@@ -211,12 +211,18 @@ class TiltTable:
             tilt: How far the plate may be tilted either way, rad.
         """
         for axis in ("phi", "theta") if self.given else ():
-            rows, needed = np.degrees(getattr(self, axis)).round(9), SPARE * np.degrees(tilt)
+            rows, needed = (
+                np.degrees(getattr(self, axis)).round(9),
+                ANGLE_SPARE_FACTOR * np.degrees(tilt),
+            )
             if len(rows) < 2 or (np.diff(rows, axis=0) <= 0).any():
                 what = "2 or more rows of servo and plate angle, both rising"
                 return f"plant.linkage.{axis}_deg: must be {what}, got {rows.tolist()}"
             if min(-rows[0, 1], rows[-1, 1]) < needed:
-                reach = f"must tilt by {SPARE:g} rig.limits.angle_deg = {needed:.3g} deg either way"
+                reach = (
+                    f"must tilt by {ANGLE_SPARE_FACTOR:g} rig.limits.angle_deg = {needed:.3g} deg "
+                    "either way"
+                )
                 return f"plant.linkage.{axis}_deg: {reach}, got {rows[0, 1]:g} to {rows[-1, 1]:g}"
         return ""
 
@@ -234,7 +240,7 @@ def _beside(plate: Array) -> Array:
 
 def _arccos(cosine: Array) -> Array:
     """The angle; where a linkage locks the one at which it stands."""
-    return np.arccos(np.minimum(np.maximum(cosine, STANDS - 1), 1 - STANDS))
+    return np.arccos(np.minimum(np.maximum(cosine, LOCKING_TOLERANCE - 1), 1 - LOCKING_TOLERANCE))
 
 
 def _mm(pair: Any) -> str:

@@ -73,21 +73,29 @@ FAULT leads nothing but switching off: who wants to go on runs again."""
 
 LOST_AFTER = 0.1
 """Seconds without touch after which the ball counts as lost."""
-PACE = 0.04
+SPEED_WINDOW_S = 0.04
 """Seconds over which the speed of the ball is measured."""
 
-_LEVELLED = "level the plate, then hold"
-_AGAIN = "bring ball and plate back, then run again"
+_LEVEL_REACTION = "level the plate, then hold"
+_RUN_AGAIN_RECOVERY = "bring ball and plate back, then run again"
 
-BALL_OUTSIDE = Condition("ball outside", Severity.LEVEL, NOMINAL_PERIOD, _LEVELLED, _AGAIN)
-BALL_FAST = Condition("ball too fast", Severity.LEVEL, 2 * PACE, _LEVELLED, _AGAIN)
-BALL_LOST = Condition("ball lost", Severity.LEVEL, LOST_AFTER + NOMINAL_PERIOD, _LEVELLED, _AGAIN)
-PLATE_TILTED = Condition("plate past its limit", Severity.LEVEL, NOMINAL_PERIOD, _LEVELLED, _AGAIN)
+BALL_OUTSIDE = Condition(
+    "ball outside", Severity.LEVEL, NOMINAL_PERIOD, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
+)
+BALL_FAST = Condition(
+    "ball too fast", Severity.LEVEL, 2 * SPEED_WINDOW_S, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
+)
+BALL_LOST = Condition(
+    "ball lost", Severity.LEVEL, LOST_AFTER + NOMINAL_PERIOD, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
+)
+PLATE_TILTED = Condition(
+    "plate past its limit", Severity.LEVEL, NOMINAL_PERIOD, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
+)
 BAD_REQUEST = Condition(
     "controller failed",
     Severity.LEVEL,
     NOMINAL_PERIOD,
-    _LEVELLED,
+    _LEVEL_REACTION,
     "fix the controller, then run again",
 )
 NOT_LEVELLING = Condition(
@@ -179,7 +187,7 @@ class Supervisor:
         self._bounds[:, 1::2] = column(limits.angle) + self.ANGLE_SLACK
         self.drift_time = self.DRIFT_TIME
         self._unseen: float | Array = 0.0
-        self._paces = max(1, round(PACE / period))
+        self._paces = max(1, round(SPEED_WINDOW_S / period))
         self._way = column(limits.ball_speed) * self._paces * period
         self._pace = 0
         self._before = np.full((rigs, 2), np.nan)

@@ -13,45 +13,47 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
 from twin.identify import judged
-from twin.identify.drives import TRIED
-from twin.identify.logs import GAP, AnyLog, AxisLog
-from twin.identify.parameters import PLAIN, IdentifiedParameter
+from twin.identify.drives import PROFILED_EFFECTS
+from twin.identify.logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
+from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter
 from twin.identify.plain_model import (
-    PAYS,
-    RULER,
-    SMOOTH,
+    ACCEPTED_ERROR_SHARE,
+    HEIGHT_STD_M,
+    SMOOTH_PARAMETERS,
     AxisFit,
     axis_predicted,
     beginnings,
-    crossed,
+    cross_validate,
     fit_axis,
     predicting,
-    profiled,
+    profile_drives,
     with_drives,
 )
 from twin.identify.search import Estimate
 
-LONGEST = 2.5
+WINDOW_LENGTH_S = 2.5
 """Length of the windows in s, as a rule."""
-BRIEFER = (0.5, 0.32)
+SHORTER_WINDOW_SHARES = (0.5, 0.32)
 """Shares of it of the windows of other fits: a model error shows as another value there."""
-OPTIONAL = ("camber", "viscous")
+OPTIONAL_PARAMETERS = ("camber", "viscous")
 """Fitted where it pays, unless asked for."""
 DRIVEN_PAY = 0.8
 """Share of an error that is left with dead band, play or slew that pay: a hand is like them."""
 DRIVEN_WITHIN = 0.01
 """Error in m with them above which something else is at work: a hand, or a ball that sticks."""
-SIGNS = (("x", 1.0), ("y", -1.0))
+AXIS_SIGNS = (("x", 1.0), ("y", -1.0))
 """The axes, and how a level along them is a tilt of the base."""
 MOST_TURNED = 0.2
 """How much too far or too little a command may tilt the twin's plate."""
-HIDDEN = 0.5
+CONDITIONAL_SCATTER_SHARE = 0.5
 """Share of the scatter of a parameter from which on it is told with what is not fitted only."""
-HELD = "held: the height that was told and 2/3 of a hollow, 2/5 of a solid ball's radius"
+LEVER_HELD_MESSAGE = (
+    "held: the height that was told and 2/3 of a hollow, 2/5 of a solid ball's radius"
+)
 """What is said of a lever that is known."""
-PAUSE = 10.0
+PAUSE_BETWEEN_LOGS_S = 10.0
 """Time in s between two logs that are fitted as one."""
-BEFORE = 0.5
+EARLIER_COMMANDS_S = 0.5
 """How long commands from before a log or a pause may move the ball, s: so much is left out."""
 
 
@@ -86,13 +88,13 @@ class PlainIdentification(judged.Identification):
         inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
         lines = {f"plant.ball.{name}": str(getattr(ball, name)) for name in ("mass", "radius")}
         lines |= self.over
-        given = [each.value or 0.0 for each in self.verdicts if each.word == judged.GIVEN]
+        given = [each.value or 0.0 for each in self.verdicts if each.word == judged.GIVEN_VERDICT]
         height = float(np.mean(given)) - ball.radius / self.factor if given else -1.0
         if height >= 0:  # laws take no surface below the axes
             lines["plant.plate.height"] = f"{height:.6g}  # of the surface, as it was told"
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
-        turned = [gain.get(axis, sign * push) * sign / push for axis, sign in SIGNS]
+        turned = [gain.get(axis, sign * push) * sign / push for axis, sign in AXIS_SIGNS]
         if gain and not any(map(_another, turned)):
             errors = ", ".join(f"{100 * (each - 1):.6g}" for each in turned)
             lines["rig.cam_error_percent"] = f"[{errors}]  # how much too far a command tilts"
@@ -111,7 +113,7 @@ class PlainIdentification(judged.Identification):
         if camber := known.get("camber"):
             lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
         if level := known.get("level"):
-            tilts = [math.degrees(sign * level.get(axis, 0.0) / push) for axis, sign in SIGNS]
+            tilts = [math.degrees(sign * level.get(axis, 0.0) / push) for axis, sign in AXIS_SIGNS]
             lines["plant.level_deg"] = f"[{tilts[0]:.6g}, {tilts[1]:.6g}]"
         return lines
 
@@ -159,13 +161,15 @@ def identify_any(
     others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
     for k, (axis, unit) in enumerate(first.unit.items()):
         try:
-            log = _joined([part[axis] for part in known], levers.get(axis))
+            log = _join_logs([part[axis] for part in known], levers.get(axis))
             _check_excited(log)
-            fit, about = _chosen(log, names, LONGEST)
+            fit, about = _chosen(log, names, WINDOW_LENGTH_S)
             notes += [f"{axis}: {each}" for each in about]
         except LogError as error:
             reasons.append(f"{axis}: {error}")
-            lost = [(_about(name, unit), f"{name}_{axis}") for name in (*SMOOTH, "friction")]
+            lost = [
+                (_about(name, unit), f"{name}_{axis}") for name in (*SMOOTH_PARAMETERS, "friction")
+            ]
             found += [judged.ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
             continue
         fits[axis] = fit
@@ -177,7 +181,7 @@ def identify_any(
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
     there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
-    unseen = {axis: _joined(own, levers.get(axis)) for axis, own in there.items() if own}
+    unseen = {axis: _join_logs(own, levers.get(axis)) for axis, own in there.items() if own}
     # all axes from the same times on: the ball is seen along both or neither
     at = beginnings(next(iter(unseen.values()))) if unseen else np.zeros(0)
     tried = {axis: axis_predicted(log, fits[axis], at) for axis, log in unseen.items() if len(at)}
@@ -212,8 +216,8 @@ def _share(axis: str, gain: judged.ParameterVerdict, factor: float) -> str:
         gain: Verdict of its gain, m/s^2 per rad.
         factor: Share of gravity that accelerates the ball.
     """
-    sign, push = dict(SIGNS)[axis], factor * BallPlate().gravity
-    if gain.word != judged.IDENTIFIED or gain.value is None:
+    sign, push = dict(AXIS_SIGNS)[axis], factor * BallPlate().gravity
+    if gain.word != judged.IDENTIFIED_VERDICT or gain.value is None:
         known = "" if gain.low is None else f" (95 %: {gain.interval} m/s^2 per rad)"
         return (
             f"{axis}: how far a command tilts the plate is not known from this log{known}, so no "
@@ -252,16 +256,16 @@ def _parts(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, Axi
     )
 
 
-def _joined(logs: list[AxisLog], lever: float | None = None) -> AxisLog:
+def _join_logs(logs: list[AxisLog], lever: float | None = None) -> AxisLog:
     """Logs of an axis one after another, with a pause between, and its lever in m if known."""
     start, shifted = 0.0, []
     for log in logs:
-        pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > GAP)
-        each = log.without(log.time[pauses], BEFORE)
+        pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > MAX_COMMAND_GAP_S)
+        each = log.without(log.time[pauses], EARLIER_COMMANDS_S)
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
         across = each.across + np.array([[shift], [0.0]])
         shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
-        start = float(each.time[-1]) + shift + PAUSE
+        start = float(each.time[-1]) + shift + PAUSE_BETWEEN_LOGS_S
     parts = zip(*shifted, strict=True)
     time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
     return AxisLog(time, tilt, logs[0].held, sampled, ball, across, lever=lever)
@@ -280,8 +284,13 @@ def _check_excited(log: AxisLog) -> None:
 def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisFit, list[str]]:
     """The fit with the parameters that pay, and what is to be said of it."""
     notes: list[str] = []
-    asked = tuple(name for name in PLAIN if name in names and name not in SMOOTH)
-    chosen = (*(each for each in SMOOTH if log.held or each != "lag"), *(asked or ("friction",)))
+    asked = tuple(
+        name for name in PLAIN_PARAMETERS if name in names and name not in SMOOTH_PARAMETERS
+    )
+    chosen = (
+        *(each for each in SMOOTH_PARAMETERS if log.held or each != "lag"),
+        *(asked or ("friction",)),
+    )
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
     ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
     fits = [fit_axis(each, chosen, longest, delays) for each in ways]
@@ -303,9 +312,11 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
         )
     if not names:
         fit = _richer(_driven(fit, longest, notes), longest, notes)
-    fit = profiled(fit)
+    fit = profile_drives(fit)
     try:
-        brief = tuple(fit.again(fit.log, fit.problem.names, part * longest) for part in BRIEFER)
+        brief = tuple(
+            fit.again(fit.log, fit.problem.names, part * longest) for part in SHORTER_WINDOW_SHARES
+        )
     except LogError:
         return fit, notes
     fit = predicting(replace(fit, briefer=brief), longest)
@@ -313,7 +324,7 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
         known, fit = fit, _richer(fit, longest, notes)
         names = fit.problem.names
         one = known.windowed and known.windowed.again(known.log, names, longest)
-        brief = tuple(fit.again(known.log, names, part * longest) for part in BRIEFER)
+        brief = tuple(fit.again(known.log, names, part * longest) for part in SHORTER_WINDOW_SHARES)
         fit = replace(fit, windowed=one, briefer=brief)
     if fit.windowed:
         drifts = fit.problem.drift > 0
@@ -325,13 +336,13 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
 def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
     """The fit with what shows of its drives, beside anything else that may act, where it pays."""
     own = fit.problem.names
-    rich = fit.again(fit.log, tuple(dict.fromkeys((*own, *OPTIONAL))), longest)
+    rich = fit.again(fit.log, tuple(dict.fromkeys((*own, *OPTIONAL_PARAMETERS))), longest)
     found = with_drives(rich, longest)
-    new = tuple(name for name in TRIED if name in found.problem.names)
+    new = tuple(name for name in PROFILED_EFFECTS if name in found.problem.names)
     if not new:
         return fit
-    left, least = (crossed(each, each.problem.names, longest) for each in (found, rich))
-    what = " and ".join(PLAIN[name].key for name in new)
+    left, least = (cross_validate(each, each.problem.names, longest) for each in (found, rich))
+    what = " and ".join(PLAIN_PARAMETERS[name].key for name in new)
     pays = left < DRIVEN_WITHIN and _pays(left, DRIVEN_PAY, least, what, notes)
     return found.again(fit.log, (*own, *new), longest) if pays else fit
 
@@ -339,10 +350,13 @@ def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
 def _richer(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
     """The fit with the parameters that pay beside its own, which are said."""
     own = chosen = fit.problem.names
-    best, share = crossed(fit, chosen, longest), 1.0 if fit.problem.drift else PAYS
-    for name in OPTIONAL:
+    best, share = (
+        cross_validate(fit, chosen, longest),
+        1.0 if fit.problem.drift else ACCEPTED_ERROR_SHARE,
+    )
+    for name in OPTIONAL_PARAMETERS:
         if name not in chosen:
-            left = crossed(fit, (*chosen, name), longest)
+            left = cross_validate(fit, (*chosen, name), longest)
             if _pays(left, share, best, name, notes):
                 chosen, best = (*chosen, name), left
     return fit.again(fit.log, chosen, longest) if chosen != own else fit
@@ -360,8 +374,8 @@ def _pays(left: float, share: float, of: float, what: str, notes: list[str]) -> 
 
 def _about(name: str, unit: str) -> IdentifiedParameter:
     if name == "delay":
-        return replace(PLAIN["dead_time"], key="dead time + lag")
-    about = PLAIN[name]
+        return replace(PLAIN_PARAMETERS["dead_time"], key="dead time + lag")
+    about = PLAIN_PARAMETERS[name]
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
 
@@ -384,7 +398,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdic
         high = np.where(unlike, np.maximum(high, another.value + another.half_width), high)
         word = f"{why} give another value, which the interval holds: a model error"
         reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
-    alike = np.abs(own.correlation) > judged.CORRELATED
+    alike = np.abs(own.correlation) > judged.MAX_CORRELATION
     drawn = own.draws - own.value
     hidden = {each.name: each.moved[each.name] for each in fit.profiles if each.name not in names}
     shares = {  # of the scatter of each that is of what is not fitted
@@ -396,22 +410,30 @@ def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdic
     scales = {"gain": 1 / swing, "dead_band": swing, "play": swing}
     found: list[judged.ParameterVerdict] = []
     for k, name in enumerate(rows):
-        others = [PLAIN[each].key for j, each in enumerate(names) if alike[k, j] and j != k]
-        others += [PLAIN[each].key for each, share in shares.items() if share[k] > HIDDEN]
+        others = [
+            PLAIN_PARAMETERS[each].key for j, each in enumerate(names) if alike[k, j] and j != k
+        ]
+        others += [
+            PLAIN_PARAMETERS[each].key
+            for each, share in shares.items()
+            if share[k] > CONDITIONAL_SCATTER_SHARE
+        ]
         values = (own.value[k], low[k], high[k])
         told = values, ends[k], reasons[k], others * (name != "delay"), scales.get(name, 1.0)
         verdict = _verdict(_about(name, unit), f"{name}_{axis}", *told)
         verdict = _as_slew(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
     for name, moved in hidden.items():  # how much of it there may be
-        least, most = np.quantile(moved, (1 - judged.SURE, judged.SURE)).tolist()
-        by, about = scales.get(name, 1.0), PLAIN[name]
+        least, most = np.quantile(
+            moved, (1 - judged.BOUND_PROBABILITY, judged.BOUND_PROBABILITY)
+        ).tolist()
+        by, about = scales.get(name, 1.0), PLAIN_PARAMETERS[name]
         none = judged.ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
         none = replace(none, low=by * min(least, 0.0), high=by * (most or abs(about.tried[1])))
         found.append(_as_slew(none, swing) if name == "slew" else none)
     if (lever := fit.log.lever) is not None:
-        given = replace(found.pop(), value=lever, word=judged.GIVEN, why=HELD)
-        found.append(replace(given, low=lever - 2 * RULER, high=lever + 2 * RULER))
+        given = replace(found.pop(), value=lever, word=judged.GIVEN_VERDICT, why=LEVER_HELD_MESSAGE)
+        found.append(replace(given, low=lever - 2 * HEIGHT_STD_M, high=lever + 2 * HEIGHT_STD_M))
     return found
 
 
@@ -478,13 +500,19 @@ def _verdict(
     elif not at_bound and not narrow:
         reasons.append(f"its interval is wide; {about.experiment}")
     bounded = at_bound or low <= least or high >= most
-    word = judged.IDENTIFIED if narrow else judged.BOUNDED if bounded else judged.NOT
+    word = (
+        judged.IDENTIFIED_VERDICT
+        if narrow
+        else judged.BOUNDED_VERDICT
+        if bounded
+        else judged.NOT_IDENTIFIABLE
+    )
     return judged.ParameterVerdict(
         about=about,
         name=name,
         value=scale * value,
         low=scale * low,
         high=scale * high,
-        word=judged.NOT if nothing else word,
+        word=judged.NOT_IDENTIFIABLE if nothing else word,
         why="; ".join(reasons),
     )

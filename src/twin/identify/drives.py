@@ -10,18 +10,18 @@ from controllers.ballplate import BallPlate
 from twin.identify.logs import AxisLog
 from twin.identify.search import SampleWindows
 
-DRIVEN = ("dead_band", "play", "slew")
+DRIVE_EFFECTS = ("dead_band", "play", "slew")
 """What a drive does to its commands."""
-TRIED = (*DRIVEN, "lever")
+PROFILED_EFFECTS = (*DRIVE_EFFECTS, "lever")
 """What is tried value by value: a drive has no slope, and a lever may be dead time as well."""
-FINE = 0.002
+FINE_LAG_STEP_S = 0.002
 """Step of the lag in s."""
-TURNS = (20, 4)
+ACCELERATION_STEPS = (20, 4)
 """Fine steps over which the plate's acceleration is seen: measured, so that counts of an encoder
 make none; and behind a lag, a step of the simulation."""
 
 
-def followed(
+def drive_path(
     time: Array, sent: Array, dead_band: float, play: float, slew: float
 ) -> tuple[Array, Array]:
     """Where a drive takes the plate, as corners of straight lines: times in s and places.
@@ -66,11 +66,11 @@ class TiltHistory:
         """Of a log; ``usual`` is the swing of another one that it was fitted to."""
         self.log = log
         self.scale = usual or float(np.std(log.tilt)) or 1.0
-        steps = int((log.time[-1] - log.time[0]) / FINE) + 2
-        self.time = float(log.time[0]) + FINE * np.arange(steps)
+        steps = int((log.time[-1] - log.time[0]) / FINE_LAG_STEP_S) + 2
+        self.time = float(log.time[0]) + FINE_LAG_STEP_S * np.arange(steps)
         self.driven: dict[tuple[float, ...], Array] = {}
         self.lagged: dict[tuple[float, ...], Array] = {}
-        self.tried = DRIVEN * log.held + ("lever",) * (log.lever is None)
+        self.tried = DRIVE_EFFECTS * log.held + ("lever",) * (log.lever is None)
 
     def at(self, time: Array, lag: float, *drive: float) -> Array:
         """Behind a lag in s, at times in s of any shape.
@@ -86,22 +86,26 @@ class TiltHistory:
         lever += self.log.lever or 0.0
         if key not in self.driven:
             self.driven[key] = self._mean(key)
-        stay = float(np.exp(-FINE / lag)) if lag > 1e-4 else 0.0
+        stay = float(np.exp(-FINE_LAG_STEP_S / lag)) if lag > 1e-4 else 0.0
         if (lag, *key, lever) not in self.lagged:
             if len(self.lagged) > 40:
                 self.lagged.clear()
             mean = self.driven[key]
             place = lfilter([1.0 - stay], [1.0, -stay], mean, zi=stay * mean[:1])[0]
             if lever:
-                turns = TURNS[self.log.held]
+                turns = ACCELERATION_STEPS[self.log.held]
                 wide = np.pad(place, turns, "edge")
-                bend = (wide[2 * turns :] - 2 * place + wide[: -2 * turns]) / (turns * FINE) ** 2
+                bend = (wide[2 * turns :] - 2 * place + wide[: -2 * turns]) / (
+                    turns * FINE_LAG_STEP_S
+                ) ** 2
                 place -= lever / BallPlate.gravity * bend
             self.lagged[lag, *key, lever] = place
         found = self.lagged[lag, *key, lever]
         # a mean stands in the middle of its step; what follows it slowly is right at its end
-        early = FINE * (0.5 + stay / (1 - stay)) - lag if lag < 5 * FINE else 0.0
-        place = (time - self.time[1] + early) / FINE
+        early = (
+            FINE_LAG_STEP_S * (0.5 + stay / (1 - stay)) - lag if lag < 5 * FINE_LAG_STEP_S else 0.0
+        )
+        place = (time - self.time[1] + early) / FINE_LAG_STEP_S
         place = np.minimum(np.maximum(place, 0.0), len(found) - 1.001)
         low = place.astype(int)
         first = found.take(low)
@@ -111,24 +115,28 @@ class TiltHistory:
         """Its mean in each fine step in swings, so that no command's time is rounded to a step."""
         time, place = self.log.time, self.log.tilt / self.scale
         if self.log.held:
-            time, place = followed(time, place, *drive)
+            time, place = drive_path(time, place, *drive)
         step, rise = np.diff(time), np.diff(place)
         covered = np.concatenate(([0.0], np.cumsum((place[:-1] + rise / 2) * step)))
         at = np.clip(np.searchsorted(time, self.time, "right") - 1, 0, len(step) - 1)
         since = np.minimum(self.time - time[at], step[at])
         bend = rise[at] / np.maximum(step[at], 1e-9) * since / 2
-        return np.diff(covered[at] + since * (place[at] + bend)) / FINE
+        return np.diff(covered[at] + since * (place[at] + bend)) / FINE_LAG_STEP_S
 
 
-COARSE = 0.008
+COARSE_STEP_S = 0.008
 """Step in s at which many dead bands are tried at once."""
-SPARSE = 0.04
+MIN_SAMPLE_SPACING_S = 0.04
 """Least time in s between the samples that they are tried with."""
-BANDS = np.concatenate(([0.0], np.arange(0.02, 0.2, 0.0008), np.geomspace(0.2, 1.3, 500)))
+TRIED_DEAD_BANDS = np.concatenate(
+    ([0.0], np.arange(0.02, 0.2, 0.0008), np.geomspace(0.2, 1.3, 500))
+)
 """Those that are tried, in swings: when a drive moves hangs on some thousandths of it."""
 
 
-def unexplained(tilt: TiltHistory, windows: SampleWindows, delay: float, lag: float) -> Array:
+def residual_by_dead_band(
+    tilt: TiltHistory, windows: SampleWindows, delay: float, lag: float
+) -> Array:
     """What drives with each of ``BANDS`` leave of the ball's motion, m^2, shape (N,).
 
     By regression: in each window a straight line, over all of them what gain, dead time, level,
@@ -141,30 +149,30 @@ def unexplained(tilt: TiltHistory, windows: SampleWindows, delay: float, lag: fl
         lag: Of the lag.
     """
     time, sent = tilt.log.time, tilt.log.tilt / tilt.scale
-    grid = np.arange(time[0], time[-1], COARSE)
-    place, row = np.where(abs(sent[0]) > BANDS, sent[0], 0.0), 0
-    places = np.empty((len(grid), len(BANDS)))
+    grid = np.arange(time[0], time[-1], COARSE_STEP_S)
+    place, row = np.where(abs(sent[0]) > TRIED_DEAD_BANDS, sent[0], 0.0), 0
+    places = np.empty((len(grid), len(TRIED_DEAD_BANDS)))
     for k, stop in enumerate(np.searchsorted(time, grid, "right")):
         for wanted in sent[row:stop]:
-            place = np.where(np.abs(wanted - place) > BANDS, wanted, place)
+            place = np.where(np.abs(wanted - place) > TRIED_DEAD_BANDS, wanted, place)
         row, places[k] = stop, place
-    stay = np.exp(-COARSE / max(lag, COARSE))
+    stay = np.exp(-COARSE_STEP_S / max(lag, COARSE_STEP_S))
     pushed = [lfilter([1.0 - stay], [1.0, -stay], places, axis=0)]
     for _ in range(2):
-        pushed.append(COARSE * np.cumsum(pushed[-1], axis=0))
-    total = np.zeros((len(BANDS), 7, 7))
+        pushed.append(COARSE_STEP_S * np.cumsum(pushed[-1], axis=0))
+    total = np.zeros((len(TRIED_DEAD_BANDS), 7, 7))
     for begin, t, x, weight in zip(
         windows.begin, windows.time, windows.ball[..., 0], windows.weight[..., 0], strict=True
     ):
         at = np.flatnonzero(weight > 0)
-        at = at[:: max(1, round(SPARSE * len(at) / np.ptp(t[at])))]
+        at = at[:: max(1, round(MIN_SAMPLE_SPACING_S * len(at) / np.ptp(t[at])))]
         t, x = t[at], x[at]  # noqa: PLW2901
         step = np.gradient(t)[:, None]
         speed = np.gradient(savgol_filter(x, min(5, len(x) - 1 | 1), 1), t)
         forces = np.stack((np.sign(speed), x), axis=-1)
         moved = np.cumsum(np.cumsum(forces * step, axis=0) * step, axis=0)
-        same = np.column_stack((t**2, moved, x))[..., None].repeat(len(BANDS), axis=-1)
-        place = np.clip((begin + t - delay - grid[0]) / COARSE, 0, len(grid) - 1.001)
+        same = np.column_stack((t**2, moved, x))[..., None].repeat(len(TRIED_DEAD_BANDS), axis=-1)
+        place = np.clip((begin + t - delay - grid[0]) / COARSE_STEP_S, 0, len(grid) - 1.001)
         low = place.astype(int)
         part = (place - low)[:, None]
         each = [way[low] + part * (way[low + 1] - way[low]) for way in pushed]

@@ -15,14 +15,14 @@ from twin.base.page import digits
 from twin.identify.parameters import IdentifiedParameter
 from twin.identify.search import fit_starts
 
-IDENTIFIED, BOUNDED, NOT = "identified", "bounded", "not identifiable"
-GIVEN = "given"
+IDENTIFIED_VERDICT, BOUNDED_VERDICT, NOT_IDENTIFIABLE = "identified", "bounded", "not identifiable"
+GIVEN_VERDICT = "given"
 """What is not fitted but held at what was told."""
-REJECTED = "model rejected"
+REJECTED_VERDICT = "model rejected"
 """What is fitted to a log that the model does not explain: a value, but nothing known of it."""
-SURE = 0.95
+BOUND_PROBABILITY = 0.95
 """Share of what is drawn that a bound holds."""
-CORRELATED = 0.95
+MAX_CORRELATION = 0.95
 """Correlation above which two parameters cannot be told apart."""
 
 
@@ -46,7 +46,7 @@ class ParameterVerdict:
     value: float | None = None
     low: float | None = None
     high: float | None = None
-    word: str = NOT
+    word: str = NOT_IDENTIFIABLE
     why: str = ""
 
     @property
@@ -88,19 +88,19 @@ def corner_frequency(lag: float) -> float:
     return float(1 / (2 * np.pi * lag))
 
 
-HORIZONS = (0.5, 1.0, 2.0)
+HORIZONS_S = (0.5, 1.0, 2.0)
 """Seconds ahead."""
-LEAD = 0.4
+LEAD_S = 0.4
 """Seconds of samples from which a prediction begins."""
-EVERY = 0.5
+PREDICTION_INTERVAL_S = 0.5
 """Seconds between the beginnings of two predictions."""
-MOVES = 0.005
+MIN_MOTION_M = 0.005
 """Way in m from which on a ball moves."""
-NEAR = 0.06
+HORIZON_TOLERANCE_S = 0.06
 """A sample so near to a horizon in s is taken for it."""
-STEPS = 8
+MAX_START_STEPS = 8
 """Steps by which the starts of predictions are fitted."""
-PREDICTORS = ("model", "level followed", "without friction", "stays", "goes on")
+PREDICTOR_NAMES = ("model", "level followed", "without friction", "stays", "goes on")
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,9 @@ class Predicted:
     @property
     def way(self) -> Array:
         """How far the ball moves after the beginning, m, shape (W,)."""
-        after = np.where((self.ahead > -NEAR) & np.isfinite(self.ball), self.ball, np.nan)
+        after = np.where(
+            (self.ahead > -HORIZON_TOLERANCE_S) & np.isfinite(self.ball), self.ball, np.nan
+        )
         return np.asarray(np.nanmax(after, axis=1) - np.nanmin(after, axis=1))
 
     def errors(self, name: str, horizon: float) -> Array:
@@ -130,10 +132,12 @@ class Predicted:
         off = np.where(np.isfinite(self.ball), np.abs(self.ahead - horizon), np.inf)
         at = off.argmin(axis=1)[:, None]
         error = np.take_along_axis(self.by[name] - self.ball, at, axis=1)[:, 0]
-        return np.where(np.take_along_axis(off, at, axis=1)[:, 0] <= NEAR, error, np.nan)
+        return np.where(
+            np.take_along_axis(off, at, axis=1)[:, 0] <= HORIZON_TOLERANCE_S, error, np.nan
+        )
 
 
-def predicted(
+def predict_windows(
     problem: Any, lead: float, by: Mapping[str, Array], axes: Sequence[str]
 ) -> dict[str, Predicted]:
     """Axis to predictions from some time after the beginning of windows on, by what was before it.
@@ -150,7 +154,7 @@ def predicted(
     begun = replace(problem, windows=replace(windows, weight=windows.weight * known))
     places = {}
     for who, theta in by.items():
-        starts = fit_starts(begun, theta, begun.initial_starts(), STEPS)
+        starts = fit_starts(begun, theta, begun.initial_starts(), MAX_START_STEPS)
         places[who] = begun.reported(theta, starts)[0][0]
     ball = np.where(there, windows.ball, np.nan)
     found = {}
@@ -205,10 +209,10 @@ class PredictionScore:
 def score(found: Mapping[str, Predicted]) -> PredictionScore:
     """The errors of axes whose predictions begin at the same times."""
     every = list(found.values())
-    moves = np.hypot.reduce([each.way for each in every]) > MOVES
+    moves = np.hypot.reduce([each.way for each in every]) > MIN_MOTION_M
     off = {
-        who: [np.sqrt(sum(e.errors(who, ahead) ** 2 for e in every))[moves] for ahead in HORIZONS]
-        for who in PREDICTORS
+        who: [np.sqrt(sum(e.errors(who, ahead) ** 2 for e in every))[moves] for ahead in HORIZONS_S]
+        for who in PREDICTOR_NAMES
         if who in every[0].by
     }
     median, ninety = (
@@ -259,7 +263,7 @@ class Identification:
             "log": self.source,
             "fitted_seconds": self.seconds,
             "parameters": [each.as_dict() for each in self.verdicts],
-            "ahead": HORIZONS,
+            "ahead": HORIZONS_S,
             "held_out": [each.as_dict() for each in self.scores],
             "notes": list(self.notes),
         }

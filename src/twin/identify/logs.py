@@ -28,19 +28,21 @@ from twin.base.shipped import shipped_in
 from twin.base.validation import read_tables
 from twin.run.files import is_record, log_file
 from twin.run.foreign_logs import foreign_table
-from twin.run.logs import NEEDED, SCALES, UNITS, read_columns, split_unit
+from twin.run.logs import COLUMN_UNITS, NEEDED_COLUMNS, UNIT_SCALES, read_columns, split_unit
 from twin.scenario.schema import Scenario
 
 MORE_COLUMNS = ("age", "touched", "applied_phi_acc", "applied_theta_acc", "lateness")
-RATES = ("applied_phi_rate", "applied_theta_rate")
-COLUMNS = {name: UNITS[name] for name in (*NEEDED, *MORE_COLUMNS)} | dict.fromkeys(RATES, "rad/s")
+RATE_COLUMNS = ("applied_phi_rate", "applied_theta_rate")
+LOG_COLUMN_UNITS = {
+    name: COLUMN_UNITS[name] for name in (*NEEDED_COLUMNS, *MORE_COLUMNS)
+} | dict.fromkeys(RATE_COLUMNS, "rad/s")
 """What is read of a run or a log, and its SI unit; it may have more columns."""
 
 MECHANISM_LAG = 0.0025
 """Lag in s of the mechanism's own servos: fitted to runs of it without a bandwidth limit."""
 MECHANISM_GRIP = 0.0248
 """Time constant in s of its rolling contact, (d t) / 2 with solreffriction t = 0.05 s, d = 0.99."""
-GRIPS = {"mujoco": (MECHANISM_GRIP,), "lagrange": (0.0,)}
+PLANT_GRIPS = {"mujoco": (MECHANISM_GRIP,), "lagrange": (0.0,)}
 """What is known of the twin's own plants; of a rig it is not."""
 
 
@@ -91,7 +93,11 @@ class Log:
     @property
     def columns(self) -> dict[str, Array]:
         """Its columns by their names in ``COLUMNS``, shape (K,) each."""
-        pairs = {NEEDED[1::2]: self.ball, NEEDED[2::2]: self.plate, RATES: self.command}
+        pairs = {
+            NEEDED_COLUMNS[1::2]: self.ball,
+            NEEDED_COLUMNS[2::2]: self.plate,
+            RATE_COLUMNS: self.command,
+        }
         found = {"time": self.time, "age": self.age, "touched": self.touched.astype(float)}
         for names, values in pairs.items():
             if values is not None:
@@ -114,7 +120,7 @@ def read(path: Path) -> Log:
     path = log_file(path)
     run = path.resolve().parent.name
     source = f"{run}/{path.name}" if is_record(path) else path.name
-    return of_columns(*read_columns(path, COLUMNS, NEEDED), source)
+    return of_columns(*read_columns(path, LOG_COLUMN_UNITS, NEEDED_COLUMNS), source)
 
 
 def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: str) -> Log:
@@ -138,7 +144,7 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
     ball, plate = pair("measured_x", "measured_y"), pair("measured_phi", "measured_theta")
     assert ball is not None
     assert plate is not None
-    command = pair(*RATES)
+    command = pair(*RATE_COLUMNS)
     acceleration = pair("applied_phi_acc", "applied_theta_acc")
     if command is None and acceleration is not None and len(time) > 1:
         period = float(np.nanmedian(np.diff(time)))
@@ -172,7 +178,7 @@ def _rig(metadata: dict[str, Any]) -> dict[str, Any]:
     return {
         "model": BallPlate(**{key: float(v) for key, v in ball.items() if v is not None}),
         "own_lag": period / 2 if plant.get("kind") == "lagrange" else MECHANISM_LAG,
-        "grips": GRIPS.get(plant.get("kind"), (MECHANISM_GRIP, 0.0)),
+        "grips": PLANT_GRIPS.get(plant.get("kind"), (MECHANISM_GRIP, 0.0)),
     }
 
 
@@ -187,7 +193,7 @@ def rig_of(scenario: Mapping[str, Any]) -> str:
     return ""
 
 
-ROLES = {
+ROLE_UNITS = {
     "time": "s",
     "measured_x": "m",
     "measured_y": "m",
@@ -199,43 +205,43 @@ ROLES = {
     "touched": "1",
 }
 """What a column may be, and its SI unit."""
-ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"}
+ROLE_ALIASES = {"command_x": "command_phi", "command_y": "command_theta", "t": "time"}
 """Other words for it: the command that moves the ball along x is that of phi."""
-AXES = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
+AXIS_COLUMNS = {"x": ("measured_x", "phi"), "y": ("measured_y", "theta")}
 """The ball's column and the plate's angle that moves it, of each axis."""
-COUNTS = dict.fromkeys(("counts", "count", "1", ""), 1.0)
+COUNT_UNITS = dict.fromkeys(("counts", "count", "1", ""), 1.0)
 """Units of a command beside angles."""
-BALLS = {"hollow": 3 / 5, "solid": 5 / 7}
+GRAVITY_SHARES = {"hollow": 3 / 5, "solid": 5 / 7}
 """Share of gravity that accelerates a ball which rolls."""
-HEIGHTS = -0.3, 0.5
+BALL_HEIGHT_RANGE_M = -0.3, 0.5
 """Least and largest height in m of a ball's centre above the plate's axis."""
-SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
+SEPARATOR_NAMES = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
 
 
-COMMENTS = ("#", "%", "//")
+COMMENT_MARKS = ("#", "%", "//")
 
 
-BLANK = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
+BLANK_CELLS = {"", "nan", "na", "n/a", "none", "null", "-", "--", "inf", "-inf"}
 
 
-WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
+BOOLEAN_WORDS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0}
 
 
-GAP = 0.5
+MAX_COMMAND_GAP_S = 0.5
 """Time in s without a row over which nothing is known of the command."""
 FEW_ODD_ROWS = 0.02
 """Share of rows with another number of cells up to which they are damaged ones."""
-SEEN = 0.2
+SPEED_WINDOW_S = 0.2
 """Time in s over which a speed is seen."""
-SLOW = 0.005
+REST_SPEED_M_S = 0.005
 """Speed in m/s below which a ball may as well rest."""
-JUMP = 0.004
+MIN_JUMP_M = 0.004
 """Way in m at once before or after a repeated reading by which it is false or held."""
 
 
 @dataclass(frozen=True)
 class ColumnWanted:
-    """Which column has a role, and how its numbers become SI.
+    """The column of a role, and the conversion of its numbers to SI.
 
     Attributes:
         name: In the header, or its number from 1 on.
@@ -315,7 +321,7 @@ class AnyLog:
             LogError: If a command is in counts, or the ball was off that rig's plate.
         """
         if counted := [axis for axis, unit in self.unit.items() if unit != "rad"]:
-            role = f"command_{AXES[counted[0]][1]}"
+            role = f"command_{AXIS_COLUMNS[counted[0]][1]}"
             raise LogError(
                 f"{self.source}: {role}: in counts; the twin needs the plate's angle, a count's as "
                 f"{role}=NAME:0.24deg"
@@ -328,12 +334,12 @@ class AnyLog:
         newest = np.searchsorted(first.sampled, time, side="right") - 1
         ball, plate, rate = np.zeros((3, len(time), 2))
         for axis, own in self.axes.items():
-            k = list(AXES).index(axis)
+            k = list(AXIS_COLUMNS).index(axis)
             far = float(np.percentile(np.abs(own.ball), 99))
             if far > half[k]:
                 raise LogError(
-                    f"{self.source}: {AXES[axis][0]}: reaches {far:.3g} m, the plate ends at "
-                    f"{half[k]:.3g} m: another unit, or another rig (--on, plant.size)"
+                    f"{self.source}: {AXIS_COLUMNS[axis][0]}: reaches {far:.3g} m, the plate ends "
+                    f"at {half[k]:.3g} m: another unit, or another rig (--on, plant.size)"
                 )
             ball[:, k] = own.ball[newest]
             if own.held:
@@ -349,7 +355,7 @@ class AnyLog:
                 asked = plate[:, k] = np.interp(time - later, own.time, own.tilt)
             rate[:, k] = np.diff(asked, append=asked[-1:]) / period
         age = time - first.sampled[newest]
-        seen = age < GAP / 2
+        seen = age < MAX_COMMAND_GAP_S / 2
         ball[~seen] = np.nan
         return Log(
             source=self.source,
@@ -372,7 +378,7 @@ def ball_factor(text: str | float) -> float:
         LogError: If it is neither, or no ball has it.
     """
     try:
-        factor = BALLS.get(str(text)) or float(text)
+        factor = GRAVITY_SHARES.get(str(text)) or float(text)
     except ValueError:
         factor = 0.0
     if not 0.5 <= factor <= 1.0:
@@ -390,16 +396,19 @@ def ball_heights(text: str | float) -> tuple[float, float]:
         heights = [float(part) for part in str(text).split(",")]
     except ValueError:
         heights = []
-    if len(heights) not in (1, 2) or not all(HEIGHTS[0] <= each <= HEIGHTS[1] for each in heights):
+    if len(heights) not in (1, 2) or not all(
+        BALL_HEIGHT_RANGE_M[0] <= each <= BALL_HEIGHT_RANGE_M[1] for each in heights
+    ):
         raise LogError(
             f"ball_height: {text}: give metres from the axis about which the plate tilts up to the "
-            f"ball's centre, {HEIGHTS[0]:g} to {HEIGHTS[1]:g}, or two of them, along x and y: X,Y"
+            f"ball's centre, {BALL_HEIGHT_RANGE_M[0]:g} to {BALL_HEIGHT_RANGE_M[1]:g}, "
+            "or two of them, along x and y: X,Y"
         )
     return heights[0], heights[-1]
 
 
 def wanted_columns(text: str) -> dict[str, ColumnWanted]:
-    """Which columns to read, of a list ``role=name:unit,...``.
+    """Read the wanted columns from a list ``role=name:unit,...``.
 
     Raises:
         LogError: If a role is unknown, told twice, or one that is needed is missing.
@@ -407,26 +416,26 @@ def wanted_columns(text: str) -> dict[str, ColumnWanted]:
     found: dict[str, ColumnWanted] = {}
     for part in filter(None, (each.strip() for each in text.split(","))):
         role, equals, name = (each.strip() for each in part.partition("="))
-        role = ALIASES.get(role, role)
-        if role not in ROLES or not equals or not name:
+        role = ROLE_ALIASES.get(role, role)
+        if role not in ROLE_UNITS or not equals or not name:
             raise LogError(
-                f"--columns: '{part}': give ROLE=NAME:UNIT, role one of {', '.join(ROLES)}"
+                f"--columns: '{part}': give ROLE=NAME:UNIT, role one of {', '.join(ROLE_UNITS)}"
             )
         if role in found:
             raise LogError(f"--columns: {role}: told twice")
         sign = -1.0 if name.startswith("-") and len(name) > 1 else 1.0
         name, _, unit = name.removeprefix("-").rpartition(":")
         name, unit = (name, unit) if name else (unit, "")
-        if unit and unit_factor(unit, ROLES[role]) is None:
-            known = ", ".join(filter(None, _scales(ROLES[role])))
+        if unit and unit_factor(unit, ROLE_UNITS[role]) is None:
+            known = ", ".join(filter(None, _scales(ROLE_UNITS[role])))
             raise LogError(
                 f"--columns: {role}: unit '{unit}'; known: {known}, each with a factor before it"
             )
         found[role] = ColumnWanted(name.strip(), unit, sign)
     lacking = [] if "time" in found else ["time"]
-    if not any(ball in found for ball, _ in AXES.values()):
+    if not any(ball in found for ball, _ in AXIS_COLUMNS.values()):
         lacking.append("measured_x or measured_y")
-    for ball, angle in AXES.values():
+    for ball, angle in AXIS_COLUMNS.values():
         if ball in found and not {f"command_{angle}", f"measured_{angle}"} & set(found):
             lacking.append(f"command_{angle} or measured_{angle}, for {ball}")
     if lacking:
@@ -449,7 +458,7 @@ def unit_factor(unit: str, si: str) -> float | None:
 
 def _scales(si: str) -> dict[str, float]:
     """The units of a quantity and their factors."""
-    return SCALES[si] | (COUNTS if si == "rad" else {})
+    return UNIT_SCALES[si] | (COUNT_UNITS if si == "rad" else {})
 
 
 def read_any(
@@ -483,14 +492,14 @@ def read_any(
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
     for role, column in wanted.items():
-        index, unit = _found(path.name, header, role, column)
+        index, unit = _find_column(path.name, header, role, column)
         unit = column.unit or unit
-        factor = unit_factor(unit, ROLES[role]) if unit else 1.0
+        factor = unit_factor(unit, ROLE_UNITS[role]) if unit else 1.0
         if factor is None:
             raise LogError(
                 f"{path.name}: {role}: unit '{unit}' of {column.name}; tell it, as "
-                f"{role}=NAME:{list(SCALES[ROLES[role]])[-1]}, with a factor before it (a pixel of "
-                "half a millimetre as NAME:0.5mm, a count as NAME:0.24deg)"
+                f"{role}=NAME:{list(UNIT_SCALES[ROLE_UNITS[role]])[-1]}, with a factor before it "
+                "(a pixel of half a millimetre as NAME:0.5mm, a count as NAME:0.24deg)"
             )
         if index >= len(cells):
             raise LogError(f"{path.name}: {role}: no column {column.name}: there are {len(cells)}")
@@ -500,9 +509,9 @@ def read_any(
         if broken:
             notes.append(f"{broken} cells of {column.name} are no numbers: taken as empty")
         columns[role] = column.sign * factor * values
-        counted = ROLES[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
-        units[role] = "count" if counted else ROLES[role]
-    return _cleaned(path.name, columns, units, notes)
+        counted = ROLE_UNITS[role] == "rad" and re.search(r"deg|°|rad$", unit) is None and unit
+        units[role] = "count" if counted else ROLE_UNITS[role]
+    return _clean_log(path.name, columns, units, notes)
 
 
 def _text_columns(
@@ -527,11 +536,11 @@ def _text_columns(
     Raises:
         LogError: If it is empty, or its header does not fit its rows.
     """
-    lines = [line for line in text.splitlines() if not line.lstrip().startswith(COMMENTS)]
+    lines = [line for line in text.splitlines() if not line.lstrip().startswith(COMMENT_MARKS)]
     lines = list(filter(str.strip, lines))
     if not lines:
         raise LogError(f"{source}: is empty")
-    split = _separated(lines, SEPARATORS.get(separator or "", separator))
+    split = _make_splitter(lines, SEPARATOR_NAMES.get(separator or "", separator))
     rows = [[cell.strip().strip("\"'") for cell in split(line)] for line in lines]
     header, at = _header(rows, wanted)
     rows = rows[at:]
@@ -560,7 +569,7 @@ def _text_columns(
     return header, [[row[k] if k < len(row) else "" for row in kept] for k in range(width)]
 
 
-def _separated(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
+def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
     """What splits a line into cells: by the separator that most lines have equally often."""
     if separator is None:
         some = lines[len(lines) // 2 :][:50]
@@ -600,7 +609,9 @@ def _names(header: list[str]) -> tuple[list[str], list[str]]:
     return [c.casefold() for c in header], [split_unit(c)[0].casefold() for c in header]
 
 
-def _found(source: str, header: list[str], role: str, column: ColumnWanted) -> tuple[int, str]:
+def _find_column(
+    source: str, header: list[str], role: str, column: ColumnWanted
+) -> tuple[int, str]:
     """Place of a column, and the unit that the header gives it."""
     for names in _names(header):
         if names.count(column.name.casefold()) > 1:
@@ -626,28 +637,30 @@ def _numbers(cells: Array | list[str]) -> tuple[Array, int]:
     for k, cell in enumerate(cells):
         word = cell.casefold()
         try:
-            values[k] = WORDS[word] if word in WORDS else float(cell.replace(",", "."))
+            values[k] = (
+                BOOLEAN_WORDS[word] if word in BOOLEAN_WORDS else float(cell.replace(",", "."))
+            )
         except ValueError:
             try:  # a date, or a time of day
                 day = "" if cell[2:3] != ":" else "2000-01-01 "
                 date = datetime.fromisoformat(day + cell.replace(",", "."))
                 values[k] = date.replace(tzinfo=UTC).timestamp()
             except ValueError:
-                broken += word not in BLANK
+                broken += word not in BLANK_CELLS
     values[~np.isfinite(values)] = np.nan
     return values, broken
 
 
-def _cleaned(
+def _clean_log(
     source: str, columns: dict[str, Array], units: dict[str, str], notes: list[str]
 ) -> AnyLog:
     """A log of columns in SI units, without what is false in it."""
     time = columns["time"]
     there = np.isfinite(time)
     time = time[there] - time[there][:1]
-    back = np.flatnonzero(np.diff(time) < -GAP)
+    back = np.flatnonzero(np.diff(time) < -MAX_COMMAND_GAP_S)
     for row in back:  # a clock that begins anew: another part, after a gap
-        time[row + 1 :] += time[row] - time[row + 1] + 10 * GAP
+        time[row + 1 :] += time[row] - time[row + 1] + 10 * MAX_COMMAND_GAP_S
     kept = np.concatenate(([True], np.diff(np.maximum.accumulate(time)) > 0))
     if len(back):
         notes.append(f"the clock begins anew {len(back)} times: taken as parts of their own")
@@ -656,15 +669,15 @@ def _cleaned(
     columns = {role: values[there][kept] for role, values in columns.items()}
     time = time[kept]
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    if len(time) < 50 or not 2e-5 < step < GAP:
-        hint = "; milliseconds? tell time=NAME:ms" if step >= GAP else ""
+    if len(time) < 50 or not 2e-5 < step < MAX_COMMAND_GAP_S:
+        hint = "; milliseconds? tell time=NAME:ms" if step >= MAX_COMMAND_GAP_S else ""
         raise LogError(
             f"{source}: {len(time)} usable rows, {step:.3g} s apart: at least 50 are needed, at "
-            f"most {GAP:g} s apart{hint}"
+            f"most {MAX_COMMAND_GAP_S:g} s apart{hint}"
         )
     seen = columns.get("touched", np.ones_like(time)) > 0.5
     sampled = time - np.nan_to_num(columns.get("age", np.zeros_like(time)))
-    balls = [columns[ball] for ball, _ in AXES.values() if ball in columns]
+    balls = [columns[ball] for ball, _ in AXIS_COLUMNS.values() if ball in columns]
     ball = np.stack(balls, axis=-1)
     far = float(np.nanpercentile(np.abs(ball - np.nanmedian(ball, axis=0)), 99))
     if not 1e-3 < far < 3.0:
@@ -683,9 +696,11 @@ def _cleaned(
     # rows of one frame, told by its age, are one sample
     shown = shown[np.diff(sampled[shown], prepend=-np.inf) > min(step / 2, 1e-4)]
     axes, tilts = {}, {}
-    seen_along = {axis: columns[name][shown] for axis, (name, _) in AXES.items() if name in columns}
+    seen_along = {
+        axis: columns[name][shown] for axis, (name, _) in AXIS_COLUMNS.items() if name in columns
+    }
     for axis, place in seen_along.items():
-        angle = AXES[axis][1]
+        angle = AXIS_COLUMNS[axis][1]
         role = f"measured_{angle}" if f"measured_{angle}" in columns else f"command_{angle}"
         known = np.isfinite(columns[role])
         held, at = role.startswith("command"), sampled[shown]
@@ -699,9 +714,9 @@ def _speed(time: Array, place: Array) -> Array:
     """Times in s and speeds in m/s, 0 of a slow ball, by parabolas over ``SEEN``, shape (2, N)."""
     step = float(np.median(np.diff(time)))
     even = np.arange(time[0], time[-1], step)
-    count = min(2 * round(SEEN / step / 2) + 3, (len(even) - 1) // 2 * 2 + 1)
+    count = min(2 * round(SPEED_WINDOW_S / step / 2) + 3, (len(even) - 1) // 2 * 2 + 1)
     speed = savgol_filter(np.interp(even, time, place), count, 2, deriv=1, delta=step)
-    return np.stack((even, np.where(np.abs(speed) > SLOW, np.abs(speed), 0.0)))
+    return np.stack((even, np.where(np.abs(speed) > REST_SPEED_M_S, np.abs(speed), 0.0)))
 
 
 def _false(ball: Array, seen: Mask) -> Mask:
@@ -717,7 +732,7 @@ def _false(ball: Array, seen: Mask) -> Mask:
     here = ball[at]
     grid = max(resolution(here[:, axis]) for axis in range(here.shape[1]))
     usual = np.median(np.abs(np.diff(here, n=2, axis=0)), axis=0).max()
-    jump = max(JUMP, 2.5 * grid, 8 * usual)
+    jump = max(MIN_JUMP_M, 2.5 * grid, 8 * usual)
     step = np.concatenate((np.abs(np.diff(here, axis=0)).max(axis=1), [0.0]))
     for first, stop in runs(np.asarray(step[:-1] == 0)):
         after = step[stop]

@@ -9,7 +9,7 @@ from pathlib import Path
 from twin.base.data_file import read_toml
 from twin.base.errors import LogError
 
-_FACTORS = {"mm": 1e3, "deg": math.degrees(1)}
+_UNIT_FACTORS = {"mm": 1e3, "deg": math.degrees(1)}
 
 
 @dataclass(frozen=True)
@@ -47,33 +47,43 @@ class IdentifiedParameter:
     @property
     def factor(self) -> float:
         """From the SI number to that of the key."""
-        return _FACTORS.get(self.unit, 1.0)
+        return _UNIT_FACTORS.get(self.unit, 1.0)
 
 
-_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
-BALL = {name: IdentifiedParameter(**about) for name, about in _TABLES["ball"].items()}
+_PARAMETER_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
+BALL_PARAMETERS = {
+    name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["ball"].items()
+}
 """What shows in the ball's motion, by the name the command line uses (level: both)."""
-SERVO = IdentifiedParameter(**_TABLES["servo"])
+SERVO_PARAMETER = IdentifiedParameter(**_PARAMETER_TABLES["servo"])
 """The drives' time constant in s; the scenario takes the corner frequency it gives."""
-DRIVES = {name: IdentifiedParameter(**about) for name, about in _TABLES["drives"].items()}
+DRIVE_PARAMETERS = {
+    name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["drives"].items()
+}
 """What is fitted to the plate's encoders: lag, elasticity of both axes, play."""
-PLAIN = {name: IdentifiedParameter(**about) for name, about in _TABLES["plain"].items()}
+PLAIN_PARAMETERS = {
+    name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["plain"].items()
+}
 """The plain model of any rig, of each axis; gain, friction and level are accelerations."""
-HIDDEN = {name: IdentifiedParameter(**about) for name, about in _TABLES["hidden"].items()}
+HIDDEN_PARAMETERS = {
+    name: IdentifiedParameter(**about) for name, about in _PARAMETER_TABLES["hidden"].items()
+}
 """What neither ball nor plate positions of a closed-loop run show."""
 
-DEFAULT = ("rolling", "breakaway", "delay", "servo", "level")
-SHARE = 0.67
+DEFAULT_PARAMETERS = ("rolling", "breakaway", "delay", "servo", "level")
+FITTED_SHARE = 0.67
 """Share of the usable time that is fitted; the rest is held out."""
-CHOICES = (*DEFAULT, "viscous", "stribeck", "dwell", *HIDDEN)
-ALWAYS = ("rolling", "breakaway", "delay", "level_phi", "level_theta")
+PARAMETER_CHOICES = (*DEFAULT_PARAMETERS, "viscous", "stribeck", "dwell", *HIDDEN_PARAMETERS)
+ALWAYS_FITTED = ("rolling", "breakaway", "delay", "level_phi", "level_theta")
 """Fitted whether asked for or not: to hold one at a guess would spoil the others."""
 AT_REST = ("stribeck", "dwell")
 """How friction at rest ages: fitted along where a log is not explained without."""
 
 
 def chosen(
-    text: str | None, known: tuple[str, ...] = CHOICES, usual: tuple[str, ...] = DEFAULT
+    text: str | None,
+    known: tuple[str, ...] = PARAMETER_CHOICES,
+    usual: tuple[str, ...] = DEFAULT_PARAMETERS,
 ) -> tuple[str, ...]:
     """The parameters of a list with commas, of those known; None for the usual ones.
 
@@ -91,6 +101,9 @@ def chosen(
     return names
 
 
-def fitted(names: tuple[str, ...]) -> tuple[str, ...]:
+def fitted_parameters(names: tuple[str, ...]) -> tuple[str, ...]:
     """The ball parameters that a fit for these has to find."""
-    return (*ALWAYS, *(name for name in BALL if name in names and name not in ALWAYS))
+    return (
+        *ALWAYS_FITTED,
+        *(name for name in BALL_PARAMETERS if name in names and name not in ALWAYS_FITTED),
+    )

@@ -20,38 +20,43 @@ from scipy.optimize import least_squares
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify.drives import BANDS, TRIED, TiltHistory, unexplained
+from twin.identify.drives import (
+    PROFILED_EFFECTS,
+    TRIED_DEAD_BANDS,
+    TiltHistory,
+    residual_by_dead_band,
+)
 from twin.identify.judged import (
-    EVERY,
-    HORIZONS,
-    LEAD,
-    MOVES,
-    NEAR,
-    PREDICTORS,
+    HORIZON_TOLERANCE_S,
+    HORIZONS_S,
+    LEAD_S,
+    MIN_MOTION_M,
+    PREDICTION_INTERVAL_S,
+    PREDICTOR_NAMES,
     Predicted,
-    predicted,
+    predict_windows,
     quantile,
 )
-from twin.identify.logs import GAP, AxisLog
-from twin.identify.parameters import PLAIN
+from twin.identify.logs import MAX_COMMAND_GAP_S, AxisLog
+from twin.identify.parameters import PLAIN_PARAMETERS
 from twin.identify.search import (
-    DRAWS,
+    BOOTSTRAP_DRAWS,
     Estimate,
     Fit,
     Fitting,
     Linearisation,
     SampleWindows,
-    begun,
     fit_starts,
+    fit_starts_from_scratch,
     minimise,
 )
-from twin.identify.windows import BIN, SHORT, axis_windows, spans
+from twin.identify.windows import MIN_WINDOW_SHARE, SAMPLE_BIN_S, axis_windows, spans
 
-STEP = 0.008
+SIMULATION_STEP_S = 0.008
 """Step of the simulation in s."""
-ASLANT = 0.3
+MIN_CROSS_SPEED_RATIO = 0.3
 """Speed along the other axis by the most that a step changes one, from which on the two are one."""
-PRIOR = np.diag(np.array([0.02, 0.3]) ** -2.0)
+START_PRECISION = np.diag(np.array([0.02, 0.3]) ** -2.0)
 """Weak knowledge of a start: m and m/s."""
 START_STEPS = np.array([1e-4, 1e-3, 1e-3])
 """Steps of finite differences of a start: m, m/s, and m/s^2 of a level of its own."""
@@ -77,9 +82,9 @@ class PlainProblem(Fitting):
     longest: float
     delays: tuple[float, float]
     drift: float = 0.0
-    about = PLAIN
+    about = PLAIN_PARAMETERS
     start_steps = START_STEPS
-    prior = PRIOR
+    prior = START_PRECISION
     grows = True
 
     @property
@@ -116,26 +121,28 @@ class PlainProblem(Fitting):
         gain, level, camber, viscous, friction = (
             values.get(name, zero) for name in ("gain", "level", "camber", "viscous", "friction")
         )
-        steps = int(np.ceil(self.longest / STEP)) + 1
-        grid = self.windows.begin + STEP * np.arange(steps)[:, None]
-        told = (values.get(name, zero)[:, 0] for name in ("dead_time", "lag", *TRIED))
+        steps = int(np.ceil(self.longest / SIMULATION_STEP_S)) + 1
+        grid = self.windows.begin + SIMULATION_STEP_S * np.arange(steps)[:, None]
+        told = (values.get(name, zero)[:, 0] for name in ("dead_time", "lag", *PROFILED_EFFECTS))
         kinds, which = np.unique(np.stack(tuple(told), axis=-1), axis=0, return_inverse=True)
         inputs = np.stack([self.tilt.at(grid - delay, *each) for delay, *each in kinds], axis=1)
         p, v = starts[0], starts[1]
         push = gain * inputs[:, which] + (level + starts[2] if len(starts) > 2 else level + 0 * p)
         # a step of Heun's method is linear in what is pushed, p and v, but for friction
-        given = STEP * ((push[:-1] + push[1:]) / 2 - (STEP / 2) * viscous * push[:-1])
-        by_place = STEP * camber * (1 - (STEP / 2) * viscous)
-        kept = 1 + STEP * ((STEP / 2) * (camber + viscous**2) - viscous)
-        most = STEP * friction + 0 * p
+        given = SIMULATION_STEP_S * (
+            (push[:-1] + push[1:]) / 2 - (SIMULATION_STEP_S / 2) * viscous * push[:-1]
+        )
+        by_place = SIMULATION_STEP_S * camber * (1 - (SIMULATION_STEP_S / 2) * viscous)
+        kept = 1 + SIMULATION_STEP_S * ((SIMULATION_STEP_S / 2) * (camber + viscous**2) - viscous)
+        most = SIMULATION_STEP_S * friction + 0 * p
         ways = self.tilt.log.across
         across = np.interp(grid, *ways)[:, None] if ways[1].any() else [None] * steps
         out = np.empty((steps, *p.shape))
         out[0] = p
         for n in range(steps - 1):
             free = given[n] + by_place * p + kept * v
-            after = _slowed(v, free, most, across[n])
-            p = p + (STEP / 2) * (v + after)
+            after = _apply_friction(v, free, most, across[n])
+            p = p + (SIMULATION_STEP_S / 2) * (v + after)
             v = after
             out[n + 1] = p
         return out
@@ -143,12 +150,12 @@ class PlainProblem(Fitting):
     def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
         """A simulation at the samples in m, and its rate in m/s, shape (C, W, B, 1)."""
         places = self.simulated(theta, starts)
-        at = self.windows.time / STEP
+        at = self.windows.time / SIMULATION_STEP_S
         low = np.minimum(at.astype(int), len(places) - 2)
         rows = np.arange(len(self.windows))[:, None]
         first, second = (np.moveaxis(places[low + k, :, rows], -1, 0) for k in (0, 1))
         found = np.asarray(first + (at - low) * (second - first))
-        return found[..., None], ((second - first) / STEP)[..., None]
+        return found[..., None], ((second - first) / SIMULATION_STEP_S)[..., None]
 
     def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
         """Residuals and slopes of C candidates, and how far a window's own level is off."""
@@ -160,11 +167,11 @@ class PlainProblem(Fitting):
         room = [*[(0, 0)] * 2, (0, 1), (0, 0)]
         by_start = np.pad(found.by_start, room)
         by_start[..., -1, 2] = 1 / self.drift
-        prior = np.diag([*np.diag(PRIOR), 1e-6])
+        prior = np.diag([*np.diag(START_PRECISION), 1e-6])
         return Linearisation(r, by_start, np.pad(found.by_parameter, room), prior)
 
 
-def _slowed(v: Array, free: Array, most: Array, across: Array | None) -> Array:
+def _apply_friction(v: Array, free: Array, most: Array, across: Array | None) -> Array:
     """Velocity in m/s after a step in which friction takes up to ``most`` of the ``free`` one.
 
     Of a ball that turns it acts against the old way, then against the new one; of one that goes
@@ -189,38 +196,38 @@ def _slowed(v: Array, free: Array, most: Array, across: Array | None) -> Array:
     before = np.maximum(np.hypot(v, across), 1e-300)
     end = free - most * v / before
     mean = (v + end) / (before + np.hypot(end, across))
-    aslant = across >= ASLANT * (np.abs(free - v) + most)
+    aslant = across >= MIN_CROSS_SPEED_RATIO * (np.abs(free - v) + most)
     return np.where(aslant, free - most * mean, after)
 
 
-FRICTIONS = (0.0, 0.02, 0.08, 0.25)
+FRICTION_GUESSES = (0.0, 0.02, 0.08, 0.25)
 """First guesses of friction, m/s^2."""
-DELAYS = (0.02, 0.1, 0.2, 0.35)
+DELAY_GUESSES_S = (0.02, 0.1, 0.2, 0.35)
 """First guesses of the dead time, s."""
-LAGS = (0.02, 0.045, 0.07, 0.1, 0.14)
+LAG_GUESSES_S = (0.02, 0.045, 0.07, 0.1, 0.14)
 """Lags in s that are tried in place of dead time."""
 BY_TILT = 6.5
 """A first guess of the gain, m/s^2 per rad: between a hollow ball and a solid one."""
-BRIEF = 0.8
+FIRST_WINDOW_S = 0.8
 """Length in s of the windows of the first fit, which finds its way from any guess."""
-PUSHED = 5.0
+DISTURBED_RESIDUAL_RATIO = 5.0
 """Residual of such a window over the usual one above which a hand, the rim or a false ball was at
 work: no longer window goes over it."""
-OUTLIER = 4.0
+OUTLIER_RATIO = 4.0
 """Residual of a sample over that of its window above which it is left out."""
-SMOOTH = ("gain", "dead_time", "lag", "level")
+SMOOTH_PARAMETERS = ("gain", "dead_time", "lag", "level")
 """What is always fitted; the lag is 0 of a measured angle."""
 
 
 NEAR_BY = np.array([0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2])
 """What is tried beside a value that was found, by it."""
-FINER = 200
+PROFILE_POINTS = 200
 """Values between those tried at which the costs of windows are interpolated."""
-RULER = 0.005
+HEIGHT_STD_M = 0.005
 """How far off in m a height that is told may be: standard deviation."""
-LEFT = 0.9
+ACCEPTED_RESIDUAL_SHARE = 0.9
 """Share of the usual residual that is left with what is taken."""
-EXPLAINS = 0.7
+DEAD_BAND_RESIDUAL_SHARE = 0.7
 """Share of what an ideal drive leaves unexplained that is left with a dead band worth a fit."""
 
 
@@ -253,17 +260,17 @@ class Profile:
         ruler; one that is known by that alone, whatever the windows say.
         """
         held = self.theta[:, self.names.index(self.name)]
-        fine = np.interp(np.linspace(0, len(held) - 1, FINER), np.arange(len(held)), held)
+        fine = np.interp(np.linspace(0, len(held) - 1, PROFILE_POINTS), np.arange(len(held)), held)
         costs, theta = (
             np.stack([np.interp(fine, held, each) for each in part.T], axis=-1)
             for part in (self.costs, self.theta - self.theta[self.own])
         )
         rng = np.random.default_rng(1)
-        drawn = rng.exponential(size=(DRAWS, costs.shape[1])) @ costs.T
+        drawn = rng.exponential(size=(BOOTSTRAP_DRAWS, costs.shape[1])) @ costs.T
         if self.name == "lever":  # windows of one frequency agree in what they hardly know
             drawn -= 2 * rng.gumbel(size=drawn.shape)
             best = 0.0 if self.known else fine[drawn.argmin(axis=1), None]
-            drawn = (fine - best - rng.normal(0.0, RULER, (DRAWS, 1))) ** 2
+            drawn = (fine - best - rng.normal(0.0, HEIGHT_STD_M, (BOOTSTRAP_DRAWS, 1))) ** 2
         return dict(zip(self.names, theta[drawn.argmin(axis=1)].T, strict=True))
 
 
@@ -300,11 +307,14 @@ def profile(fit: AxisFit, name: str, values: Sequence[float] | Array) -> Profile
 def with_drives(fit: AxisFit, longest: float) -> AxisFit:
     """The fit with what the log shows of its drives: dead band, play, slew."""
     tilt, windows = fit.problem.tilt, fit.problem.windows
-    rest = unexplained(tilt, windows, fit.value("dead_time"), fit.value("lag"))
+    rest = residual_by_dead_band(tilt, windows, fit.value("dead_time"), fit.value("lag"))
     few = np.argsort(rest)[:8]
-    bands = BANDS[np.sort(few[rest[few] < EXPLAINS * rest[0]])]
+    bands = TRIED_DEAD_BANDS[np.sort(few[rest[few] < DEAD_BAND_RESIDUAL_SHARE * rest[0]])]
     for name in tilt.tried:
-        values, other = bands if name == "dead_band" else np.array(PLAIN[name].tried), fit
+        values, other = (
+            bands if name == "dead_band" else np.array(PLAIN_PARAMETERS[name].tried),
+            fit,
+        )
         while values.any():
             found = profile(other, name, values)
             theta = found.theta[[found.costs.sum(axis=1).argmin()]]
@@ -313,16 +323,18 @@ def with_drives(fit: AxisFit, longest: float) -> AxisFit:
             last = other.problem.names == found.names
             other = begun_from.again(fit.log, found.names, longest)
             values = NEAR_BY * theta[0, found.names.index(name)] * (not last)
-        if other.value(name) and other.sigma < LEFT * fit.sigma:
+        if other.value(name) and other.sigma < ACCEPTED_RESIDUAL_SHARE * fit.sigma:
             fit = other
     return fit
 
 
-def profiled(fit: AxisFit) -> AxisFit:
+def profile_drives(fit: AxisFit) -> AxisFit:
     """The fit with profiles of drives and lever, by which its intervals know of them."""
     near = {name: NEAR_BY * fit.value(name) for name in fit.problem.tilt.tried}
-    tried = {name: sorted({*PLAIN[name].tried, *values}) for name, values in near.items()}
-    tried.setdefault("lever", [-2 * RULER, 0.0, 2 * RULER])  # of one that is known
+    tried = {
+        name: sorted({*PLAIN_PARAMETERS[name].tried, *values}) for name, values in near.items()
+    }
+    tried.setdefault("lever", [-2 * HEIGHT_STD_M, 0.0, 2 * HEIGHT_STD_M])  # of one that is known
     return replace(fit, profiles=tuple(profile(fit, *each) for each in tried.items()))
 
 
@@ -362,7 +374,7 @@ class AxisFit(Fit):
         """The fit of other parameters, windows or parts of a log, begun from this one."""
         guess = np.array([[self.value(name) for name in names]])
         problem = replace(self.problem, names=names)
-        found = _fitted(log, problem, longest, guess, self.sigma)
+        found = _fit_from_guesses(log, problem, longest, guess, self.sigma)
         return replace(found, noise=self.noise, pushed=self.pushed)
 
 
@@ -384,22 +396,26 @@ def fit_axis(
         LogError: If there are too few windows.
     """
     nothing = axis_windows(log, np.zeros(0), np.zeros(0))
-    smooth = tuple(name for name in names if name in SMOOTH)
+    smooth = tuple(name for name in names if name in SMOOTH_PARAMETERS)
     problem = PlainProblem(nothing, smooth, TiltHistory(log), longest, delays)
-    brief = _fitted(log, problem, BRIEF, problem.first_guesses(dead_time=DELAYS), 2e-3)
+    brief = _fit_from_guesses(
+        log, problem, FIRST_WINDOW_S, problem.first_guesses(dead_time=DELAY_GUESSES_S), 2e-3
+    )
     rms = np.sqrt(brief.problem.misfit(brief.found.linearisation.r)[0])
-    pushed = brief.problem.windows.begin[rms > PUSHED * np.median(rms)]
-    log = log.without(pushed, BRIEF)
-    guess = np.array([[brief.value(name) for name in names]]).repeat(2 * len(FRICTIONS), axis=0)
-    guess[: len(FRICTIONS), 0] = np.copysign(BY_TILT * problem.tilt.scale, guess[0, 0])
+    pushed = brief.problem.windows.begin[rms > DISTURBED_RESIDUAL_RATIO * np.median(rms)]
+    log = log.without(pushed, FIRST_WINDOW_S)
+    guess = np.array([[brief.value(name) for name in names]]).repeat(
+        2 * len(FRICTION_GUESSES), axis=0
+    )
+    guess[: len(FRICTION_GUESSES), 0] = np.copysign(BY_TILT * problem.tilt.scale, guess[0, 0])
     if "friction" in names:
-        guess[:, names.index("friction")] = np.tile(FRICTIONS, 2)
+        guess[:, names.index("friction")] = np.tile(FRICTION_GUESSES, 2)
     problem = replace(problem, names=names)
-    fit = _fitted(log, problem, longest, guess, brief.sigma * longest / BRIEF)
-    return replace(fit, noise=brief.sigma, pushed=BRIEF * len(pushed))
+    fit = _fit_from_guesses(log, problem, longest, guess, brief.sigma * longest / FIRST_WINDOW_S)
+    return replace(fit, noise=brief.sigma, pushed=FIRST_WINDOW_S * len(pushed))
 
 
-def _fitted(
+def _fit_from_guesses(
     log: AxisLog, problem: PlainProblem, longest: float, guess: Array, sigma: float
 ) -> AxisFit:
     """The best fit from C guesses, shape (C, P), for a first guess of the residual in m.
@@ -414,13 +430,14 @@ def _fitted(
     windows = axis_windows(log, *spans(log, longest))
     if len(windows) < 3:
         raise LogError(
-            f"{len(windows)} stretches of {SHORT * longest:.2g} s with the ball seen every {GAP:g} "
-            "s, at least 3 are needed: record for longer, or see the ball more often"
+            f"{len(windows)} stretches of {MIN_WINDOW_SHARE * longest:.2g} s with the ball seen "
+            f"every {MAX_COMMAND_GAP_S:g} s, at least 3 are needed: record for longer, or see the "
+            "ball more often"
         )
     base = windows.weight
     windows = replace(windows, weight=base / sigma)
-    problem = replace(problem, windows=windows, longest=longest + BIN)
-    found = minimise(problem, guess, begun(problem, guess, 4), 8, 6).ahead(3)
+    problem = replace(problem, windows=windows, longest=longest + SAMPLE_BIN_S)
+    found = minimise(problem, guess, fit_starts_from_scratch(problem, guess, 4), 8, 6).ahead(3)
     found = minimise(problem, found.theta, found.starts, 20, 6)
     for last in (False, False, True):
         best = found.ahead(1)
@@ -428,7 +445,7 @@ def _fitted(
         off = np.abs(problem.reported(theta, starts)[0][0] - windows.ball) * base
         each = 1.4826 * np.nanmedian(np.where(base > 0, off, np.nan), axis=1)
         sigma = max(float(np.median(each)), 1e-5)
-        good = off < OUTLIER * np.maximum(each, sigma)[:, None]
+        good = off < OUTLIER_RATIO * np.maximum(each, sigma)[:, None]
         weight = np.where(good, base, 0.0) / sigma
         problem = replace(problem, windows=replace(windows, weight=weight))
         if last and "lag" in problem.names:
@@ -443,7 +460,7 @@ def _along(theta: Array, names: tuple[str, ...], delays: tuple[float, float]) ->
 
     Without a lag its slope is none, so that no step would ever leave there.
     """
-    guesses = _with_lags(theta.repeat(len(LAGS), axis=0), names, LAGS, delays)
+    guesses = _with_lags(theta.repeat(len(LAG_GUESSES_S), axis=0), names, LAG_GUESSES_S, delays)
     return np.concatenate((theta, guesses))
 
 
@@ -458,9 +475,9 @@ def _with_lags(
     return found
 
 
-PAST = 2.4
+LEVEL_HISTORY_S = 2.4
 """Seconds of samples of which a level that is followed is known."""
-FOLLOWED = 0.1
+LEVEL_STD_M_S2 = 0.1
 """How far off in m/s^2 a level that is followed may be from that of the fit: standard deviation."""
 
 
@@ -477,10 +494,16 @@ def axis_predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True
     theta, tilt = fit.found.theta, TiltHistory(log, fit.problem.tilt.scale)
     by = {"model": theta}
     if follow:
-        windows = axis_windows(log, at - PAST, at)
+        windows = axis_windows(log, at - LEVEL_HISTORY_S, at)
         windows = replace(windows, weight=windows.weight / fit.sigma)
-        past = replace(fit.problem, windows=windows, tilt=tilt, longest=PAST + NEAR, drift=FOLLOWED)
-        own = begun(past, theta, 8)[2]
+        past = replace(
+            fit.problem,
+            windows=windows,
+            tilt=tilt,
+            longest=LEVEL_HISTORY_S + HORIZON_TOLERANCE_S,
+            drift=LEVEL_STD_M_S2,
+        )
+        own = fit_starts_from_scratch(past, theta, 8)[2]
         for who, name, values in (
             ("without friction", "friction", 0.0),
             ("level followed", "level", fit.value("level") + own),
@@ -488,27 +511,27 @@ def axis_predicted(log: AxisLog, fit: AxisFit, at: Array, *, follow: bool = True
             by[who] = np.repeat(theta[:, None], len(at), axis=1)
             if name in fit.problem.names:
                 by[who][..., fit.problem.names.index(name)] = values
-    found = predicted(_ahead(log, fit, at), LEAD, by, "x")["x"]
-    return _switched(found) if follow else found
+    found = predict_windows(_ahead(log, fit, at), LEAD_S, by, "x")["x"]
+    return _choose_level(found) if follow else found
 
 
 def _ahead(log: AxisLog, fit: AxisFit, at: Array) -> PlainProblem:
     """Windows from before the times ``at`` in s to the last horizon."""
-    windows = axis_windows(log, at - LEAD, at + HORIZONS[-1] + NEAR)
+    windows = axis_windows(log, at - LEAD_S, at + HORIZONS_S[-1] + HORIZON_TOLERANCE_S)
     windows = replace(windows, weight=windows.weight / fit.noise)
     tilt = TiltHistory(log, fit.problem.tilt.scale)
-    longest = LEAD + HORIZONS[-1] + 2 * NEAR
+    longest = LEAD_S + HORIZONS_S[-1] + 2 * HORIZON_TOLERANCE_S
     problem: PlainProblem = fit.problem
     return replace(problem, windows=windows, tilt=tilt, longest=longest, drift=0.0)
 
 
-WRONG = 0.003
+HUBER_ERROR_M = 0.003
 """Error of a prediction in m from which on it counts by its size, no longer by its square."""
-PAYS = 0.9
+ACCEPTED_ERROR_SHARE = 0.9
 """Share of an error that is left with what pays."""
-SLOWEST = 0.4
+MAX_DELAY_AND_LAG_S = 0.4
 """Most dead time and lag of such a fit in s."""
-USUAL = {"dead_time": 0.1, "lag": 0.1, "friction": 0.03}
+USUAL_GUESSES = {"dead_time": 0.1, "lag": 0.1, "friction": 0.03}
 """First guesses of that fit, beside those of a fit to windows."""
 
 
@@ -520,10 +543,10 @@ def predicting(fit: AxisFit, longest: float) -> AxisFit:
     that drifts is taken for gain and friction unless each window has its own.
     """
     own = _typical(fit, fit.log, follow=True)
-    if own < WRONG:
+    if own < HUBER_ERROR_M:
         return fit
     found, least = fit, own
-    drifting = replace(fit, problem=replace(fit.problem, drift=FOLLOWED))
+    drifting = replace(fit, problem=replace(fit.problem, drift=LEVEL_STD_M_S2))
     for other in (
         drifting.again(fit.log, fit.problem.names, longest),
         replace(fit, found=fit.found._replace(theta=_by_predictions(fit))),
@@ -538,19 +561,19 @@ def _by_predictions(fit: AxisFit) -> Array:
     """Parameters fitted to predictions of the log, the best of several beginnings, (1, P)."""
     problem = _ahead(fit.log, fit, beginnings(fit.log))
     windows, names = problem.windows, problem.names
-    known = windows.time < LEAD
+    known = windows.time < LEAD_S
     part = replace(windows, weight=windows.weight * known[..., None])
-    before = replace(problem, windows=part, longest=LEAD + NEAR)
+    before = replace(problem, windows=part, longest=LEAD_S + HORIZON_TOLERANCE_S)
     target = (windows.weight[..., 0] > 0) & ~known
     # what has no slope stays as it is
-    step = np.array([PLAIN[name].difference or 1e-12 for name in names])
+    step = np.array([PLAIN_PARAMETERS[name].difference or 1e-12 for name in names])
     least, most = problem.bounds
-    most[[name in ("dead_time", "lag") for name in names]] = SLOWEST
+    most[[name in ("dead_time", "lag") for name in names]] = MAX_DELAY_AND_LAG_S
 
     def off(theta: Array) -> Array:
         theta = np.atleast_2d(theta)
-        places = problem.reported(theta, begun(before, theta, 4))[0]
-        each = np.clip((places - windows.ball)[:, target, 0] / WRONG, -1e3, 1e3)
+        places = problem.reported(theta, fit_starts_from_scratch(before, theta, 4))[0]
+        each = np.clip((places - windows.ball)[:, target, 0] / HUBER_ERROR_M, -1e3, 1e3)
         return np.asarray(np.squeeze(each))
 
     def slopes(theta: Array) -> Array:
@@ -558,8 +581,8 @@ def _by_predictions(fit: AxisFit) -> Array:
         each = off(np.concatenate((theta[None], moved)))
         return np.asarray(((each[1:] - each[0]) / np.diagonal(moved - theta)[:, None]).T)
 
-    usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | USUAL
-    usual |= {name: fit.value(name) for name in TRIED}
+    usual = {"gain": (*fit.briefer, fit)[0].value("gain")} | USUAL_GUESSES
+    usual |= {name: fit.value(name) for name in PROFILED_EFFECTS}
     first = [[usual.get(name, 0.0) for name in names]]
     first += [[each.value(name) for name in names] for each in (fit, *fit.briefer)]
     begun_at = np.clip(first, least + 1e-6, most - 1e-6)
@@ -569,11 +592,13 @@ def _by_predictions(fit: AxisFit) -> Array:
     return np.asarray(found.x[None])
 
 
-def _switched(found: Predicted) -> Predicted:
+def _choose_level(found: Predicted) -> Predicted:
     """The level followed only while that has predicted better, in what had been seen by then."""
-    gained = [np.log(np.maximum(np.abs(found.errors(name, 1.0)), 1e-4)) for name in PREDICTORS[:2]]
-    gain = np.where(found.way > MOVES, gained[0] - gained[1], np.nan)
-    seen = found.begin[:, None] >= found.begin + 1.0 + NEAR
+    gained = [
+        np.log(np.maximum(np.abs(found.errors(name, 1.0)), 1e-4)) for name in PREDICTOR_NAMES[:2]
+    ]
+    gain = np.where(found.way > MIN_MOTION_M, gained[0] - gained[1], np.nan)
+    seen = found.begin[:, None] >= found.begin + 1.0 + HORIZON_TOLERANCE_S
     so_far = np.nansum(np.where(seen, gain, 0.0), axis=1)
     followed = np.where(so_far[:, None] > 0, found.by["level followed"], found.by["model"])
     return replace(found, by={**found.by, "level followed": followed})
@@ -584,16 +609,24 @@ def beginnings(log: AxisLog) -> Array:
     time = log.sampled
     if len(time) < 10:
         return np.zeros(0)
-    tries = np.arange(time[0] + PAST, time[-1] - HORIZONS[0], EVERY)
+    tries = np.arange(time[0] + LEVEL_HISTORY_S, time[-1] - HORIZONS_S[0], PREDICTION_INTERVAL_S)
     step = float(np.median(np.diff(time)))
     before, past, after = (
         np.searchsorted(time, tries + last) - np.searchsorted(time, tries + first)
-        for first, last in ((-LEAD, 0.0), (-PAST, 0.0), (0.0, HORIZONS[0] + NEAR))
+        for first, last in (
+            (-LEAD_S, 0.0),
+            (-LEVEL_HISTORY_S, 0.0),
+            (0.0, HORIZONS_S[0] + HORIZON_TOLERANCE_S),
+        )
     )
-    return tries[(before >= max(3, 0.5 * LEAD / step)) & (past >= 0.5 * PAST / step) & (after > 0)]
+    return tries[
+        (before >= max(3, 0.5 * LEAD_S / step))
+        & (past >= 0.5 * LEVEL_HISTORY_S / step)
+        & (after > 0)
+    ]
 
 
-def crossed(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:
+def cross_validate(fit: AxisFit, names: tuple[str, ...], longest: float) -> float:
     """Error in m of fits of each half of a log by these parameters, in the other half.
 
     See ``_typical``.
@@ -620,10 +653,10 @@ def _typical(fit: AxisFit, log: AxisLog, *, follow: bool = False) -> float:
     if len(at) < 3:
         return np.inf
     found = axis_predicted(log, fit, at, follow=follow)
-    moves = found.way > MOVES
+    moves = found.way > MIN_MOTION_M
     medians = [
-        [quantile(found.errors(who, ahead)[moves], 0.5) for ahead in HORIZONS]
-        for who in PREDICTORS[: 1 + follow]
+        [quantile(found.errors(who, ahead)[moves], 0.5) for ahead in HORIZONS_S]
+        for who in PREDICTOR_NAMES[: 1 + follow]
     ]
     each = np.exp(np.mean(np.log(medians), axis=1))
     return float(np.min(each)) if np.isfinite(each).all() else np.inf

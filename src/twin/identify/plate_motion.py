@@ -16,19 +16,19 @@ from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.hal.cams import CamTable
 from twin.identify.logs import resolution
-from twin.identify.parameters import DRIVES
-from twin.identify.prepare import COLUMNS_OF_AXIS, ROLL, PreparedLog, Segment, speed
+from twin.identify.parameters import DRIVE_PARAMETERS
+from twin.identify.prepare import COLUMNS_OF_AXIS, ROLL_SPEED_M_S, PreparedLog, Segment, speed
 from twin.identify.search import Estimate, Fit, Fitting, SampleWindows, minimise
 from twin.sim.rig import Hysteresis, Play
 
-CORNERS = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
+CORNER_FREQUENCIES_HZ = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)
 """Corner frequencies in Hz; the data choose how much of the encoders to believe."""
-CHUNK, OTHERS = 1.0, (0.5, 2.0)
+CHUNK_S, OTHER_CHUNKS_S = 1.0, (0.5, 2.0)
 """Length in s of the pieces from which a parabola is taken, for disturbances drift the plate; and
 others that would do as well: by how much the lag differs with them, the model is wrong."""
-PLAYS = np.radians((0.0, 0.03, 0.1, 0.3))
+PLAY_GUESSES_RAD = np.radians((0.0, 0.03, 0.1, 0.3))
 """Play in rad from which a fit of the drives begins."""
-STEPS = 8
+MAX_DRIVE_STEPS = 8
 """Steps of such a fit."""
 
 
@@ -68,7 +68,7 @@ def servo_response(
     if shift == 0.0:
         return angle, rate
     whole, part = divmod(shift / period, 1.0)
-    return _delayed(angle, int(whole), part), _delayed(rate, int(whole), part)
+    return _delay_samples(angle, int(whole), part), _delay_samples(rate, int(whole), part)
 
 
 def plate_motion(segment: Segment, lag: float, shift: float) -> tuple[Array, Array]:
@@ -102,13 +102,13 @@ def fit_drives(log: PreparedLog) -> Drives | None:
     and play. Where the drives are of another kind, the lag differs with the length of the pieces:
     that is taken for a standard deviation, and the interval holds it, too.
     """
-    lengths = [round(each / log.period) for each in (CHUNK, *OTHERS)]
+    lengths = [round(each / log.period) for each in (CHUNK_S, *OTHER_CHUNKS_S)]
     segments = [s for s in log.segments if s.command is not None and len(s.time) >= max(lengths)]
     if not segments:
         return None
-    guesses = np.array([(0.02, 0.0, 0.0, play) for play in PLAYS])
-    found = _fitted(log, segments, guesses, lengths[0])
-    others = [_fitted(log, segments, found.value[None], rows).value[0] for rows in lengths[1:]]
+    guesses = np.array([(0.02, 0.0, 0.0, play) for play in PLAY_GUESSES_RAD])
+    found = _fit_plate(log, segments, guesses, lengths[0])
+    others = [_fit_plate(log, segments, found.value[None], rows).value[0] for rows in lengths[1:]]
     apart = float(np.abs(others - found.value[0]).max())
     half = float(np.hypot(found.half_width[0], 2 * apart))
     return Drives(lag=float(found.value[0]), half_width=half, play=float(found.value[3]))
@@ -127,8 +127,8 @@ class DriveProblem(Fitting):
     windows: SampleWindows
     log: PreparedLog
     segments: list[Segment]
-    names = tuple(DRIVES)
-    about = DRIVES
+    names = tuple(DRIVE_PARAMETERS)
+    about = DRIVE_PARAMETERS
     start_steps = np.zeros(0)
     prior = np.zeros((0, 0))
     grows = True
@@ -136,25 +136,25 @@ class DriveProblem(Fitting):
     def reported(self, theta: Array, starts: Array) -> tuple[Array, Array]:
         """The pieces as drives would make them, twice, shape (C, W, rows, 2)."""
         angles = [_plate(segment, self.log, theta) for segment in self.segments]
-        found = _straightened(angles, self.windows.time.shape[1])
+        found = _remove_parabola(angles, self.windows.time.shape[1])
         return found, found
 
 
-def _straightened(angles: list[Array], rows: int) -> Array:
+def _remove_parabola(angles: list[Array], rows: int) -> Array:
     """Angles in pieces of some rows, without their parabola, shape (..., W, rows, 2)."""
     base, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, rows), 3))
     cut = np.concatenate([_pieces(each, rows) for each in angles], axis=-3)
     return np.asarray(cut - base @ (base.T @ cut))
 
 
-def _fitted(log: PreparedLog, segments: list[Segment], theta: Array, rows: int) -> Estimate:
+def _fit_plate(log: PreparedLog, segments: list[Segment], theta: Array, rows: int) -> Estimate:
     """Lag in s, elasticity of both axes in s^2, play in rad: the best from C guesses, (C, 4).
 
     Pieces that do not follow at all (a wheel off its cam) must not decide: all are weighed by the
     usual misfit of the best guess.
     """
     measured = [segment.plate for segment in segments]
-    ball = _straightened(measured, rows)
+    ball = _remove_parabola(measured, rows)
     begin, starts = np.zeros(len(ball)), np.zeros((0, len(theta), len(ball)))
     weight = np.ones_like(ball)
     for _ in range(2):
@@ -163,7 +163,7 @@ def _fitted(log: PreparedLog, segments: list[Segment], theta: Array, rows: int) 
         misfit = problem.misfit(problem.linearise(theta, starts, slopes=False).r)
         weight = weight / np.sqrt(max(float(np.median(misfit.min(axis=0))), 1e-30))
         problem = replace(problem, windows=replace(windows, weight=weight))
-        found = minimise(problem, theta, starts, STEPS)
+        found = minimise(problem, theta, starts, MAX_DRIVE_STEPS)
         theta = found.theta
     return Fit(problem, found.ahead(1)).estimate()
 
@@ -188,7 +188,7 @@ def _plate(segment: Segment, log: PreparedLog, theta: Array) -> Array:
 def _smooth(values: Array, period: float, count: float) -> Array:
     """The strongest smoothing that removes nothing but the encoder's own errors."""
     tried: list[tuple[float, Array]] = []
-    for corner in CORNERS:
+    for corner in CORNER_FREQUENCIES_HZ:
         if corner * period > 0.4 and tried:
             break
         b, a = butter(2, corner, fs=1 / period)
@@ -201,7 +201,7 @@ def _smooth(values: Array, period: float, count: float) -> Array:
     return next((smooth for misfit, smooth in tried if misfit <= 1.02 * floor), tried[-1][1])
 
 
-def _delayed(values: Array, whole: int, part: float) -> Array:
+def _delay_samples(values: Array, whole: int, part: float) -> Array:
     """Values a number of samples later, between two of them by a straight line."""
     held = np.concatenate((np.repeat(values[:1], whole + 1, axis=0), values))[: len(values) + 1]
     return (1 - part) * held[1:] + part * held[:-1]
@@ -214,7 +214,8 @@ def check_motion(log: PreparedLog) -> None:
         LogError: If it hardly moves, or moves otherwise.
     """
     rolled = sum(
-        log.period * float((speed(s.time, s.even_ball) > ROLL).sum()) for s in log.segments
+        log.period * float((speed(s.time, s.even_ball) > ROLL_SPEED_M_S).sum())
+        for s in log.segments
     )
     if rolled < 5.0:
         raise LogError(
@@ -273,7 +274,10 @@ def _gains(log: PreparedLog) -> Iterator[float | None]:
         ball = segment.even_ball
         velocity = uniform_filter1d(np.gradient(ball, period, axis=0), 25, axis=0, mode="constant")
         way = velocity / np.maximum(np.hypot(*velocity.T), 1e-4)[:, None]
-        rolls = speed(segment.time, ball)[: len(ball) // rows * rows].reshape(-1, rows) >= ROLL
+        rolls = (
+            speed(segment.time, ball)[: len(ball) // rows * rows].reshape(-1, rows)
+            >= ROLL_SPEED_M_S
+        )
         if not rolls.all(axis=1).any():
             continue
         every = _pieces(np.stack((segment.plate * (1, -1), way, ball)), rows)
@@ -286,13 +290,13 @@ def _gains(log: PreparedLog) -> Iterator[float | None]:
         yield None if vague else float(np.linalg.solve(normal, right)[0])
 
 
-SHAPES: dict[str, type[Play] | type[Hysteresis]] = {"flat": Play, "round": Hysteresis}
+PLAY_SHAPES: dict[str, type[Play] | type[Hysteresis]] = {"flat": Play, "round": Hysteresis}
 """Corners of the loop, and the part of the twin that makes them."""
-KEYS = {"flat": "plant.servo.backlash_deg", "round": "plant.servo.hysteresis_deg"}
+PLAY_KEYS = {"flat": "plant.servo.backlash_deg", "round": "plant.servo.hysteresis_deg"}
 """The scenario keys that take the width."""
-POINTS = 400
+CYCLE_POINTS = 400
 """Instants of a cycle that are compared."""
-CLEAR = 1.5
+RULED_OUT_RATIO = 1.5
 """How many times as much one shape must leave as the other to be ruled out."""
 NO_LOOP = 0.01
 """Width in deg up to which there is none: servos and wheels of a rig without any lose half of it at
@@ -321,7 +325,7 @@ class LostMotion:
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
-        return {**asdict(self), "key": KEYS.get(self.shape), "verdict": self.words}
+        return {**asdict(self), "key": PLAY_KEYS.get(self.shape), "verdict": self.words}
 
     @property
     def words(self) -> str:
@@ -372,7 +376,7 @@ def lost_motion(axis: str, motor: Array, plate: Array, cycles: int) -> LostMotio
     Raises:
         LogError: If the motor or the plate did not move.
     """
-    every = max(1, round(len(motor) / (cycles + 0.25) / POINTS))
+    every = max(1, round(len(motor) / (cycles + 0.25) / CYCLE_POINTS))
     s, p = np.degrees(motor[::every]), np.degrees(plate[::every])
     travel = float(np.ptp(s))
     if min(travel, float(np.ptp(p))) < NO_LOOP:
@@ -380,7 +384,8 @@ def lost_motion(axis: str, motor: Array, plate: Array, cycles: int) -> LostMotio
     ends = np.linspace(len(s) * 0.25 / (cycles + 0.25), len(s), cycles + 1).round().astype(int)
     closed = ends[1]
     found = {
-        shape: _best_loop(shape, s[closed:], p[closed:], s[:closed], travel) for shape in SHAPES
+        shape: _best_loop(shape, s[closed:], p[closed:], s[:closed], travel)
+        for shape in PLAY_SHAPES
     }
     left = {shape: each[1] for shape, each in found.items()}
     ahead = min(left, key=lambda shape: left[shape])
@@ -389,7 +394,7 @@ def lost_motion(axis: str, motor: Array, plate: Array, cycles: int) -> LostMotio
         _best_loop(ahead, s[start:end], p[start:end], s[:start], travel)[0]
         for start, end in pairwise(ends[1:])
     ]
-    shape = ahead if max(left.values()) > CLEAR * left[ahead] else "either"
+    shape = ahead if max(left.values()) > RULED_OUT_RATIO * left[ahead] else "either"
     return LostMotion(
         axis=axis,
         width=width,
@@ -418,7 +423,7 @@ def _left_by(shape: str, widths: Array, s: Array, p: Array, before: Array) -> tu
 
     Offset and gain are fitted. What was before brings the loop to where it is.
     """
-    part = SHAPES[shape](widths[:, None])
+    part = PLAY_SHAPES[shape](widths[:, None])
     turns = np.diff(np.concatenate((before, s)), prepend=before[0])
     moved = np.cumsum([part.follow(np.full((1, 2), turn))[:, 0] for turn in turns], axis=0)
     followed = np.where(part.acts[:, 0], moved, np.cumsum(turns)[:, None])[len(before) :]

@@ -31,16 +31,16 @@ def check_ranges(log: Log) -> None:
         check_reach(log.source, plate, log.plate[:, axis])
 
 
-PACE = 0.02
+SPEED_INTERVAL_S = 0.02
 """Seconds between the speeds before a replay that it is told of."""
-REST, ROLL = 0.004, 0.008
+REST_SPEED_M_S, ROLL_SPEED_M_S = 0.004, 0.008
 """Measured speeds in m/s below which the ball rests and above which it rolls."""
 SPEED_SPAN = 0.3
 """Time in s over which the speed is measured, and shortest rest."""
-CREPT = 6e-4
+MIN_CREEP_M = 6e-4
 """Way in m from the first to the last third of a rest from which on it is none: some times the
 noise of these means."""
-MEMORY = 200
+MAX_EARLIER_SPEEDS = 200
 """Measured speeds before a replay that it is told of: of some seconds, as long as contacts age."""
 
 
@@ -64,11 +64,11 @@ def rests(time: Array, ball: Array, moving: Array) -> list[tuple[float, float]]:
         moving: Speed of it, m/s, shape (K,).
     """
     found = []
-    for a, b in runs(moving < REST):
+    for a, b in runs(moving < REST_SPEED_M_S):
         third = (b - a) // 3
         if time[b - 1] - time[a] > SPEED_SPAN:
             crept = ball[b - third : b].mean(axis=0) - ball[a : a + third].mean(axis=0)
-            if np.hypot(*crept) < CREPT:
+            if np.hypot(*crept) < MIN_CREEP_M:
                 found.append((float(time[a]), float(time[b - 1])))
     return found
 
@@ -80,7 +80,9 @@ def paces(segment: Segment, at: Array) -> Array:
     still = moving.copy()
     for first, last in rests(time, segment.even_ball, moving):
         still[(time >= first) & (time <= last)] = 0.0
-    return np.interp(at[:, None] - PACE * np.arange(MEMORY, 0, -1), time, still)
+    return np.interp(
+        at[:, None] - SPEED_INTERVAL_S * np.arange(MAX_EARLIER_SPEEDS, 0, -1), time, still
+    )
 
 
 def ball_samples(log: Log, period: float, notes: list[str]) -> tuple[Mask, Array]:
@@ -128,13 +130,13 @@ def _noise(ball: Array) -> Array:
     return np.asarray(np.maximum(np.maximum(spread, grid / np.sqrt(12)), 1e-6))
 
 
-SLOWEST = 0.05
+MAX_ROW_INTERVAL_S = 0.05
 """Longest time in s between rows."""
-BRIDGED = 0.012
+MAX_BRIDGED_GAP_S = 0.012
 """Missing rows up to this time in s are bridged by a straight line."""
-LIFTED = 0.05
+MIN_LIFT_S = 0.05
 """Without touch for longer than this time in s, the ball counts as off the screen."""
-SHORTEST = 2.5
+MIN_SEGMENT_S = 2.5
 """Segments shorter than this time in s are left out."""
 
 
@@ -168,7 +170,7 @@ class Segment:
     @property
     def even_ball(self) -> Array:
         """Ball at the equally spaced times, m, shape (K, 2)."""
-        return interpolated(self.time, self.sampled, self.ball)
+        return interpolate(self.time, self.sampled, self.ball)
 
     @property
     def length(self) -> float:
@@ -226,7 +228,7 @@ class PreparedLog:
         parts = []
         for begin, end in ((-np.inf, border), (border, np.inf)):
             cut = (segment.between(begin, end) for segment in self.segments)
-            parts.append(replace(self, segments=tuple(s for s in cut if s.length >= SHORTEST)))
+            parts.append(replace(self, segments=tuple(s for s in cut if s.length >= MIN_SEGMENT_S)))
         return parts[0], parts[1]
 
 
@@ -245,13 +247,13 @@ def prepare(log: Log) -> PreparedLog:
         )
     period = _period(time, log.source)
     steps = np.diff(time)
-    gap = steps > max(1.5 * period, BRIDGED)
+    gap = steps > max(1.5 * period, MAX_BRIDGED_GAP_S)
     if gap.any():
         missing = float(steps[gap].sum())
         notes.append(f"{int(gap.sum())} gaps of {missing:.2f} s in all left out")
     lifted = np.zeros_like(log.touched)
     for first, stop in runs(~log.touched):
-        lifted[first:stop] = time[stop - 1] - time[first] >= LIFTED
+        lifted[first:stop] = time[stop - 1] - time[first] >= MIN_LIFT_S
     if lifted.any():
         notes.append(f"ball not detected for {period * lifted.sum():.2f} s: left out")
     fresh, sigma = ball_samples(log, period, notes)
@@ -260,14 +262,14 @@ def prepare(log: Log) -> PreparedLog:
     segments = [
         _segment(log, fresh, slice(first, stop), period)
         for first, stop in runs(good)
-        if time[stop - 1] - time[first] >= SHORTEST
+        if time[stop - 1] - time[first] >= MIN_SEGMENT_S
     ]
     segments = [s for s in segments if len(s.sampled) > 20]
     if not segments:
         why = notes[-1] if notes else f"it lasts {time[-1] - time[0]:.1f} s"
         if gap.mean() > 0.02:
             why += "; a clock that jitters: --columns takes such a log"
-        raise LogError(f"{log.source}: no stretch of {SHORTEST:g} s without a gap ({why})")
+        raise LogError(f"{log.source}: no stretch of {MIN_SEGMENT_S:g} s without a gap ({why})")
     return PreparedLog(
         source=log.source,
         segments=tuple(segments),
@@ -279,7 +281,7 @@ def prepare(log: Log) -> PreparedLog:
     )
 
 
-def interpolated(at: Array, time: Array, values: Array) -> Array:
+def interpolate(at: Array, time: Array, values: Array) -> Array:
     """Values (K, 2) at times (K,) in s by straight lines at others, shape (..., 2)."""
     return np.stack([np.interp(at, time, values[:, axis]) for axis in (0, 1)], axis=-1)
 
@@ -303,9 +305,10 @@ def _period(time: Array, source: str) -> float:
             f"{source}: time: jumps from {time[row]:.6g} to {time[row + 1]:.6g} s after row "
             f"{row + 1}: the clock must run forwards"
         )
-    if not 5e-5 <= period <= SLOWEST:
+    if not 5e-5 <= period <= MAX_ROW_INTERVAL_S:
         raise LogError(
-            f"{source}: time: a row every {period:.4g} s, 0.00005 to {SLOWEST:g} s can be used"
+            f"{source}: time: a row every {period:.4g} s, "
+            f"0.00005 to {MAX_ROW_INTERVAL_S:g} s can be used"
             + ("; milliseconds? write the header as time [ms]" if period >= 0.5 else "")
         )
     return period
@@ -317,8 +320,8 @@ def _segment(log: Log, fresh: Mask, rows: slice, period: float) -> Segment:
     even = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
     return Segment(
         even,
-        interpolated(even, time, log.plate[rows]),
-        None if log.command is None else interpolated(even, time, log.command[rows]),
+        interpolate(even, time, log.plate[rows]),
+        None if log.command is None else interpolate(even, time, log.command[rows]),
         (time - log.age[rows])[new],
         log.ball[rows][new],
     )

@@ -13,23 +13,26 @@ from twin.base import page
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits
 from twin.base.writing import write_whole
 from twin.identify import judged
-from twin.run.picture import COLOURS, drawn
+from twin.run.picture import RUN_COLOURS, styled_figure
 
-HEADS = ("parameter", "value", "95 % interval", "unit", "verdict")
-BASELINES = {"stays": "a ball that stays", "goes on": "one that goes on at its velocity"}
-FOLLOWED = "level followed"
-BAD = 0.02
+TABLE_HEADINGS = ("parameter", "value", "95 % interval", "unit", "verdict")
+BASELINE_NAMES = {"stays": "a ball that stays", "goes on": "one that goes on at its velocity"}
+LEVEL_FOLLOWED = "level followed"
+WORSE_SHARE = 0.02
 """Share by which a model may be worse than a baseline before it is said."""
 
 
 def sentences(found: judged.Identification) -> list[str]:
     """The verdict in words: what the model predicts, then what is known of its parameters."""
-    words = list(_judged(found.scores))
+    words = list(_describe_scores(found.scores))
     for said, among in (
-        ("Identified", (judged.IDENTIFIED,)),
-        ("Best fit only, as the log rejects the model: no error is known", (judged.REJECTED,)),
-        ("Not identified from this log", (judged.BOUNDED, judged.NOT)),
-        ("Held as it was told, not fitted", (judged.GIVEN,)),
+        ("Identified", (judged.IDENTIFIED_VERDICT,)),
+        (
+            "Best fit only, as the log rejects the model: no error is known",
+            (judged.REJECTED_VERDICT,),
+        ),
+        ("Not identified from this log", (judged.BOUNDED_VERDICT, judged.NOT_IDENTIFIABLE)),
+        ("Held as it was told, not fitted", (judged.GIVEN_VERDICT,)),
     ):
         labels = [each.label for each in found.verdicts if each.word in among]
         names = [each.removeprefix("plant.").removeprefix("sensors.") for each in labels]
@@ -38,16 +41,20 @@ def sentences(found: judged.Identification) -> list[str]:
     return [*words, *found.remarks]
 
 
-def _judged(scores: tuple[judged.PredictionScore, ...]) -> Iterator[str]:
+def _describe_scores(scores: tuple[judged.PredictionScore, ...]) -> Iterator[str]:
     """What the model is worth, in sentences."""
-    ahead = judged.HORIZONS.index(1.0)
+    ahead = judged.HORIZONS_S.index(1.0)
     for each in scores:
         name = "both axes together" if len(each.axes) > 1 else each.axes
         if not each.windows:
             yield f"Of what was held out, {name}: the ball moves nowhere: nothing can be judged."
             continue
         off = {who: 1000 * each.median[who][ahead] for who in each.median}
-        level = f"{off[FOLLOWED]:.1f} mm with a level that is followed, " if FOLLOWED in off else ""
+        level = (
+            f"{off[LEVEL_FOLLOWED]:.1f} mm with a level that is followed, "
+            if LEVEL_FOLLOWED in off
+            else ""
+        )
         yield (
             f"On what was held out, {name}: {off['model']:.1f} mm off after 1 s (median of "
             f"{each.windows} windows in which the ball moves; 90 % within "
@@ -55,7 +62,7 @@ def _judged(scores: tuple[judged.PredictionScore, ...]) -> Iterator[str]:
             f"{off['without friction']:.1f} mm without friction; a ball that stays "
             f"{off['stays']:.1f} mm, one that goes on {off['goes on']:.1f} mm."
         )
-        models = [who for who in judged.PREDICTORS[:2] if who in each.median]
+        models = [who for who in judged.PREDICTOR_NAMES[:2] if who in each.median]
         lost = {who: list(_lost(each, who)) for who in models}
         if both := [one for one in lost["model"] if all(one in rest for rest in lost.values())]:
             yield (
@@ -64,19 +71,19 @@ def _judged(scores: tuple[judged.PredictionScore, ...]) -> Iterator[str]:
             )
         elif lost["model"]:
             yield f"{name}: follow the level: without, {'; '.join(lost['model'])}."
-        elif lost.get(FOLLOWED):
-            yield f"{name}: do not follow the level: with it, {'; '.join(lost[FOLLOWED])}."
+        elif lost.get(LEVEL_FOLLOWED):
+            yield f"{name}: do not follow the level: with it, {'; '.join(lost[LEVEL_FOLLOWED])}."
     if not scores:
         yield "Nothing was held out that could judge it: no stretch of 3 s with the ball seen."
 
 
 def _lost(score: judged.PredictionScore, who: str) -> Iterator[str]:
     """Where a model loses to the better of the baselines."""
-    for k, ahead in enumerate(judged.HORIZONS):
-        best = min(BASELINES, key=lambda who: score.median[who][k])
+    for k, ahead in enumerate(judged.HORIZONS_S):
+        best = min(BASELINE_NAMES, key=lambda who: score.median[who][k])
         least = score.median[best][k]
-        if score.median[who][k] > (1 + BAD) * least:
-            yield f"after {ahead:g} s {BASELINES[best]} is {1000 * least:.1f} mm off"
+        if score.median[who][k] > (1 + WORSE_SHARE) * least:
+            yield f"after {ahead:g} s {BASELINE_NAMES[best]} is {1000 * least:.1f} mm off"
 
 
 def _held_out(found: judged.Identification) -> list[Block]:
@@ -84,7 +91,7 @@ def _held_out(found: judged.Identification) -> list[Block]:
     if not found.scores:
         return []
     heads = ["axes", "by"]
-    for ahead in judged.HORIZONS:
+    for ahead in judged.HORIZONS_S:
         heads += [f"{ahead:g} s, median [mm]", f"{ahead:g} s, 90 % [mm]"]
     rows = [
         (
@@ -92,7 +99,7 @@ def _held_out(found: judged.Identification) -> list[Block]:
             who,
             *(
                 digits(1000 * table[who][k]) if math.isfinite(table[who][k]) else "-"
-                for k in range(len(judged.HORIZONS))
+                for k in range(len(judged.HORIZONS_S))
                 for table in (each.median, each.ninety)
             ),
         )
@@ -100,10 +107,10 @@ def _held_out(found: judged.Identification) -> list[Block]:
         for who in each.median
     ]
     note = (
-        f"Where the ball moves by more than {1000 * judged.MOVES:g} mm. Every prediction begins "
-        "with what 0.4 s before show of place and velocity."
+        f"Where the ball moves by more than {1000 * judged.MIN_MOTION_M:g} mm. Every prediction "
+        "begins with what 0.4 s before show of place and velocity."
     )
-    if FOLLOWED in found.scores[0].median:
+    if LEVEL_FOLLOWED in found.scores[0].median:
         note += (
             " The level is followed only while that has predicted better in what was seen by then."
         )
@@ -121,7 +128,9 @@ def rows(found: judged.Identification) -> list[tuple[str, str, str, str, str]]:
     ]
 
 
-def parameters(found: judged.Identification, words: tuple[str, ...] = (judged.IDENTIFIED,)) -> str:
+def parameters(
+    found: judged.Identification, words: tuple[str, ...] = (judged.IDENTIFIED_VERDICT,)
+) -> str:
     """Parameters as TOML that a scenario may name, those with one of these verdicts."""
     lines = [
         f"# Identified from {found.source} by `ballplate identify`; a scenario takes it by",
@@ -137,13 +146,13 @@ def write(found: judged.Identification, folder: Path) -> None:
     Raises:
         RecordError: If a file cannot be written.
     """
-    good = any(each.word == judged.IDENTIFIED for each in found.verdicts)
+    good = any(each.word == judged.IDENTIFIED_VERDICT for each in found.verdicts)
     verdicts = [(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)]
     blocks: list[Block] = [
         Verdict(sentences(found), good),
         Table(
             "Parameters",
-            (*HEADS, "why, and what would show it"),
+            (*TABLE_HEADINGS, "why, and what would show it"),
             verdicts,
             words=(0, 3, 4, 5),
             note="Intervals: wild bootstrap over the windows of the fitted part. Fitted jointly "
@@ -159,19 +168,19 @@ def write(found: judged.Identification, folder: Path) -> None:
 
 def _prediction_figure(found: judged.Identification) -> Figure:
     axes = found.predictions
-    with drawn(12, 4) as figure:
+    with styled_figure(12, 4) as figure:
         panels = figure.subplots(1, len(axes), squeeze=False)[0]
         for panel, (axis, each) in zip(panels, axes.items(), strict=True):
             errors = np.abs(each.errors("model", 1.0))
-            errors[each.way <= judged.MOVES] = np.nan
+            errors[each.way <= judged.MIN_MOTION_M] = np.nan
             if not np.isfinite(errors).any():
                 continue
             w = int(np.nanargmin(np.abs(errors - np.nanmedian(errors))))
             seen = np.isfinite(each.ball[w])
             ahead = each.ahead[w, seen]
             panel.plot(ahead, 1000 * each.ball[w, seen], ".", color="0.4", ms=4)
-            models = [who for who in judged.PREDICTORS[:3] if who in each.by]
-            for colour, who in zip(COLOURS, models, strict=False):
+            models = [who for who in judged.PREDICTOR_NAMES[:3] if who in each.by]
+            for colour, who in zip(RUN_COLOURS, models, strict=False):
                 panel.plot(ahead, 1000 * each.by[who][w, seen], color=colour, label=who)
             panel.axvline(0, color="0.5", lw=1, ls=":")
             panel.set_title(f"{axis}: {1000 * errors[w]:.1f} mm, at {each.begin[w]:.1f} s")

@@ -18,14 +18,14 @@ from scipy import stats
 from controllers.arrays import Array, Mask
 from twin.identify.parameters import IdentifiedParameter
 
-DRAWS = 4000
+BOOTSTRAP_DRAWS = 4000
 """Bootstrap draws."""
-LEVEL = 0.95
+INTERVAL_COVERAGE = 0.95
 """Coverage of the intervals."""
 
 
 # Webb's six weights: mean 0, variance 1, and smooth with few windows.
-_WEIGHTS = np.sqrt(np.array([1.5, 1.0, 0.5])) * np.array([[1.0], [-1.0]])
+_BOOTSTRAP_WEIGHTS = np.sqrt(np.array([1.5, 1.0, 0.5])) * np.array([[1.0], [-1.0]])
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class Estimate:
         Few windows know little of their own scatter: Student's t over the normal distribution. If
         they happen to agree better than the noise of their samples allows, the noise decides.
         """
-        end = (1 + LEVEL) / 2
+        end = (1 + INTERVAL_COVERAGE) / 2
         few = stats.t.ppf(end, np.maximum(self.degrees_of_freedom, 1)) / stats.norm.ppf(end)
-        half = few * np.quantile(np.abs(self.draws - self.value), LEVEL, axis=0)
+        half = few * np.quantile(np.abs(self.draws - self.value), INTERVAL_COVERAGE, axis=0)
         half = np.maximum(half, stats.norm.ppf(end) * self.noise)
         return np.where(self.identifiable, half, np.inf)
 
@@ -99,7 +99,9 @@ def estimate(
             for part, s in zip(information, score, strict=True)
         ]
     )
-    weights = np.random.default_rng(0).choice(_WEIGHTS.ravel(), (DRAWS, len(score)))
+    weights = np.random.default_rng(0).choice(
+        _BOOTSTRAP_WEIGHTS.ravel(), (BOOTSTRAP_DRAWS, len(score))
+    )
     told = np.einsum("ij,wjk,ki->wi", inverse, information, inverse)
     alike = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
     known = 0.0 if noise is None else np.sqrt(np.diagonal(inverse @ noise @ inverse))
@@ -117,7 +119,7 @@ def _leave_one_out(total: Array, inverse: Array, part: Array, score: Array) -> A
 
 START_DIFFERENCES = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 """Steps of finite differences of the ball's start: m and m/s."""
-TOLERATED = 3.0
+TOLERATED_MISFIT = 3.0
 """Mean square misfit, in noise variances, above which a window loses weight (Geman and McClure):
 a window that no replay explains costs no more than a few that are explained badly, however far off
 it is. Where a loss goes on growing, such windows pull the fit to where it explains none well."""
@@ -341,9 +343,9 @@ class Fitting:
 
     def costs(self, r: Array) -> Array:
         """What each window costs: robust against such that cannot be explained, shape (C, W)."""
-        misfit = self.misfit(r) / TOLERATED
+        misfit = self.misfit(r) / TOLERATED_MISFIT
         each = np.log1p(misfit) if self.grows else misfit / (1 + misfit)
-        return np.asarray(self.windows.size * TOLERATED * each)
+        return np.asarray(self.windows.size * TOLERATED_MISFIT * each)
 
     def cost(self, r: Array) -> Array:
         """What a fit minimises, shape (C,)."""
@@ -351,14 +353,14 @@ class Fitting:
 
     def weights(self, r: Array) -> Array:
         """How much each window counts, 1 for a perfect one, shape (C, W)."""
-        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED) ** (1 if self.grows else 2))
+        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED_MISFIT) ** (1 if self.grows else 2))
 
 
-TOLERANCE = 1e-5
+COST_TOLERANCE = 1e-5
 """Relative decrease of the cost below which a step counts as none."""
-SETTLED = 1e-4
+START_TOLERANCE = 1e-4
 """Change of a window's misfit, in noise variances, below which its starts suit it."""
-CONVERGED, STEP_LIMIT = "converged", "step limit reached"
+ENDING_WORDS, STEP_LIMIT = "converged", "step limit reached"
 
 
 @dataclass(frozen=True)
@@ -378,7 +380,7 @@ class Termination:
 
     def __str__(self) -> str:
         """In words."""
-        if self.reason == CONVERGED:
+        if self.reason == ENDING_WORDS:
             return f"the fit converged after {self.steps} steps"
         return f"the fit stopped at its limit of {self.step_limit} steps"
 
@@ -438,7 +440,7 @@ def fit_starts(problem: Fitting, theta: Array, starts: Array, step_limit: int) -
         better = reached < misfit
         starts = np.where(better, moved, starts)
         found[..., left] = starts
-        going = np.asarray((np.abs(misfit - reached) >= SETTLED).any(axis=0))
+        going = np.asarray((np.abs(misfit - reached) >= START_TOLERANCE).any(axis=0))
         if not going.any():
             break
         current = trial.where(better, current).take(going)
@@ -450,7 +452,7 @@ def fit_starts(problem: Fitting, theta: Array, starts: Array, step_limit: int) -
     return found
 
 
-def begun(problem: Fitting, theta: Array, step_limit: int) -> Array:
+def fit_starts_from_scratch(problem: Fitting, theta: Array, step_limit: int) -> Array:
     """The best starts for fixed parameters from no first guess, as ``fit_starts`` finds them."""
     first = problem.initial_starts()
     return fit_starts(problem, theta, np.repeat(first, len(theta), axis=1), step_limit)
@@ -505,14 +507,14 @@ def minimise(
         trial = problem.linearise(moved, shifted)
         trial_cost = problem.cost(trial.r) + (moved - mean) ** 2 @ precision
         better = trial_cost < cost
-        gained = better & (cost - trial_cost >= TOLERANCE * cost)
+        gained = better & (cost - trial_cost >= COST_TOLERANCE * cost)
         theta = np.where(better[:, None], moved, theta)
         starts = np.where(better[:, None], shifted, starts)
         current = trial.where(better, current)
         cost = np.where(better, trial_cost, cost)
         damping = np.where(better, np.maximum(damping / 5, 1e-6), damping * 8)
         idle = np.where(gained, 0, idle + 1)
-    reason = CONVERGED if idle[np.argmin(cost)] >= patience else STEP_LIMIT
+    reason = ENDING_WORDS if idle[np.argmin(cost)] >= patience else STEP_LIMIT
     return Minimum(theta, starts, cost, current, Termination(reason, steps, step_limit))
 
 

@@ -19,11 +19,18 @@ from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
 from twin.identify import judged, search
 from twin.identify.logs import Log, rig_of
-from twin.identify.parameters import AT_REST, BALL, HIDDEN, SERVO, SHARE, fitted
+from twin.identify.parameters import (
+    AT_REST,
+    BALL_PARAMETERS,
+    FITTED_SHARE,
+    HIDDEN_PARAMETERS,
+    SERVO_PARAMETER,
+    fitted_parameters,
+)
 from twin.identify.plate_motion import Drives, check_motion, fit_drives
 from twin.identify.prepare import PreparedLog, Segment, check_ranges, prepare
 from twin.identify.windows import (
-    LOOKBACK,
+    LOOKBACK_S,
     Patches,
     Spans,
     Windows,
@@ -52,7 +59,7 @@ class Problem(search.Fitting):
     names: tuple[str, ...]
     grip: float = 0.0
     sizes: tuple[float, float] = (0.0, 0.0)
-    about = BALL
+    about = BALL_PARAMETERS
     start_steps = search.START_DIFFERENCES
     prior = search.START_PRIOR
 
@@ -62,7 +69,10 @@ class Problem(search.Fitting):
         Args:
             theta: Parameters, shape (C, P), or (C, W, P) for (C, W) of each.
         """
-        defaults = {name: BALL[name].least if name != "stribeck" else 0.005 for name in BALL}
+        defaults = {
+            name: BALL_PARAMETERS[name].least if name != "stribeck" else 0.005
+            for name in BALL_PARAMETERS
+        }
         defaults |= {"level_phi": 0.0, "level_theta": 0.0, "gain": 1.0}
         values = {name: np.full((len(theta), 1), value) for name, value in defaults.items()}
         each = theta if theta.ndim > 2 else theta[:, None]
@@ -74,7 +84,7 @@ class Problem(search.Fitting):
         windows = self.windows
         out = np.zeros((4, 1, len(windows)))
         for w, resting in enumerate(windows.resting):
-            first = (windows.time[w] < LOOKBACK + 0.25) & (windows.weight[w, :, 0] > 0)
+            first = (windows.time[w] < LOOKBACK_S + 0.25) & (windows.weight[w, :, 0] > 0)
             t = windows.time[w, first] - 0.04
             line = np.stack((np.ones_like(t), t), axis=-1)[:, : 1 if resting else 2]
             found = np.linalg.lstsq(line, windows.ball[w, first], rcond=None)[0]
@@ -133,11 +143,11 @@ class Problem(search.Fitting):
         """What patches of the screen and other forces move the samples by, and how many patches."""
         windows, delay = self.windows, self.values(best.theta)["delay"]
         plain = self.replayed(best.theta, best.starts)
-        spots = Patches.near(np.moveaxis(plain[0], 1, -1), RAISED)
+        spots = Patches.near(np.moveaxis(plain[0], 1, -1), PATCH_STEP_SHARE)
         many = len(spots.points)
         each = (best.theta.repeat(many, axis=0), best.starts.repeat(many, axis=1))
         moved = windows.at_samples(*self.replayed(*each, spots), delay.repeat(many, axis=0))[0]
-        moved = (moved - windows.at_samples(*plain, delay)[0]) * windows.weight / RAISED
+        moved = (moved - windows.at_samples(*plain, delay)[0]) * windows.weight / PATCH_STEP_SHARE
         uneven = np.moveaxis(moved.reshape(many, len(windows), -1), 0, -1)
         return np.concatenate((uneven, unknown_motion(windows, float(delay[0, 0]))), axis=-1), many
 
@@ -157,7 +167,7 @@ class Problem(search.Fitting):
         line = plain.linearise(best.theta, best.starts)
         moved, count = self._unknown(best)
         found = {}
-        for sizes in product(UNEVEN, FORCES):
+        for sizes in product(UNEVENNESS_SHARES, UNKNOWN_FORCES_M_S2):
             each = np.where(np.arange(moved.shape[-1]) < count, *sizes)
             left, spread = line.without_starts(moved * each)
             total = np.einsum("w,wij->ij", weight, left)
@@ -167,24 +177,24 @@ class Problem(search.Fitting):
         return min(found, key=lambda sizes: found[sizes])
 
 
-UNEVEN = (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)
+UNEVENNESS_SHARES = (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)
 """Shares of the friction that may differ from patch to patch of a screen: standard deviations."""
-RAISED = 0.03
+PATCH_STEP_SHARE = 0.03
 """Share by which the friction of a patch is raised to see what that does."""
-FORCES = (0.0, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+UNKNOWN_FORCES_M_S2 = (0.0, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 """Other forces in m/s^2 that may act on the ball unknown, see ``unknown_motion``."""
 FIRST_SIZES = (0.1, 1e-3)
-"""From which they are looked for."""
-ROUNDS = 3
-"""How often they are."""
+"""Initial unevenness and unknown force of the noise search."""
+NOISE_SEARCH_ITERATIONS = 3
+"""Iterations of the noise search."""
 BREAKAWAY_RATIOS = 1 + np.linspace(0, 2.2, 32) ** 1.3
 """Breakaway ratios that are tried."""
 FITTED_GUESSES = 3
 """This many of them, the best, are first guesses of a full fit."""
-UNEXPLAINED = 2.0
+UNEXPLAINED_MISFIT_RATIO = 2.0
 """Mean square misfit over the usual one above which a window is left out at the end: where the
 ball nearly comes to rest, a touch of noise decides whether it does, and no replay can know."""
-CREEPS = float(stats.chi2.ppf(0.99, 2))
+FREE_START_GAIN_LIMIT = float(stats.chi2.ppf(0.99, 2))
 """Noise variances by which a free speed at the start may seem to improve a window begun at rest."""
 
 
@@ -203,9 +213,11 @@ def fit_twin(
     """
     problem = Problem(model, windows, names, grip)
     guesses = _scan_breakaway(problem, _fit_rolling(problem))
-    found = search.minimise(problem, guesses, search.begun(problem, guesses, 3), 12, 4)
+    found = search.minimise(
+        problem, guesses, search.fit_starts_from_scratch(problem, guesses, 3), 12, 4
+    )
     sizes = FIRST_SIZES
-    for _ in range(ROUNDS if uneven else 0):
+    for _ in range(NOISE_SEARCH_ITERATIONS if uneven else 0):
         problem = problem.whitened(found.ahead(1), sizes)
         found = search.minimise(problem, found.theta, found.starts, 15, 4).ahead(1)
         sizes = problem.likeliest(found)
@@ -215,7 +227,7 @@ def fit_twin(
     while True:
         best = found.ahead(1)
         misfit = problem.misfit(best.linearisation.r)[0]
-        kept = misfit < UNEXPLAINED * max(1.0, float(np.median(misfit)))
+        kept = misfit < UNEXPLAINED_MISFIT_RATIO * max(1.0, float(np.median(misfit)))
         if kept.all() or kept.sum() < max(3, len(windows) / 2):
             break
         problem = replace(problem, windows=problem.windows.take(kept))
@@ -237,15 +249,15 @@ def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
     """Windows begun at rest that a ball which creeps at first explains better, shape (W,)."""
     windows = problem.windows
     free = replace(problem, windows=replace(windows, resting=np.zeros_like(windows.resting)))
-    going = search.begun(free, theta, 8)
+    going = search.fit_starts_from_scratch(free, theta, 8)
     rest, roll = (
         problem.misfit(problem.linearise(theta, each, slopes=False).r)[0] * windows.size
         for each in (starts, going)
     )
-    return np.asarray(windows.resting & (rest - roll > CREEPS))
+    return np.asarray(windows.resting & (rest - roll > FREE_START_GAIN_LIMIT))
 
 
-GROWS = 4.0
+MIN_VISCOUS_STDS = 4.0
 """Standard deviations above zero from which on viscous friction is fitted along."""
 
 
@@ -257,7 +269,7 @@ def _grows(fit: search.Fit) -> bool:
     free, _ = line.eliminate_starts()
     each = np.einsum("wmi,wmj,w->ij", free[0], free[0], problem.weights(line.r)[0])
     inverse = np.linalg.inv(each[1:, 1:] + np.diag(problem.known[1]))
-    return bool(-(inverse @ each[1:, 0])[-1] > GROWS * np.sqrt(inverse[-1, -1]))
+    return bool(-(inverse @ each[1:, 0])[-1] > MIN_VISCOUS_STDS * np.sqrt(inverse[-1, -1]))
 
 
 def _fit_rolling(whole: Problem) -> Array:
@@ -268,7 +280,9 @@ def _fit_rolling(whole: Problem) -> Array:
     smooth = tuple(name for name in names if name not in ("breakaway", "stribeck", "dwell"))
     problem = replace(whole, windows=windows.take(~windows.resting), names=smooth)
     theta = problem.first_guesses(rolling=(1e-4, 1e-4, 4e-4, 4e-4), delay=(0.02, 0.07, 0.02, 0.07))
-    best = search.minimise(problem, theta, search.begun(problem, theta, 2), 8).ahead(1)
+    best = search.minimise(
+        problem, theta, search.fit_starts_from_scratch(problem, theta, 2), 8
+    ).ahead(1)
     return whole.first_guesses(**dict(zip(smooth, best.theta.T, strict=True)))
 
 
@@ -280,17 +294,19 @@ def _scan_breakaway(problem: Problem, guesses: Array) -> Array:
     at_rest = replace(problem, windows=windows.take(windows.resting))
     tried = np.repeat(guesses, len(BREAKAWAY_RATIOS), axis=0)
     tried[:, names.index("breakaway")] = np.tile(BREAKAWAY_RATIOS, len(guesses))
-    fitted = at_rest.linearise(tried, search.begun(at_rest, tried, 1), slopes=False)
+    fitted = at_rest.linearise(
+        tried, search.fit_starts_from_scratch(at_rest, tried, 1), slopes=False
+    )
     return np.asarray(tried[np.argsort(at_rest.cost(fitted.r))[:FITTED_GUESSES]])
 
 
-FASTEST = 1000.0
+MAX_CORNER_FREQUENCY_HZ = 1000.0
 """Largest corner frequency in Hz that a scenario takes; drives beyond are as good as ideal."""
-LAGS = 20
+AUTOCORRELATION_LAGS = 20
 """This many lags of the residuals' autocorrelation are judged."""
-CHANCE = 0.99
+WHITENESS_TEST_LEVEL = 0.99
 """Level of the test that the residuals are white (Box and Pierce)."""
-SLIGHT = 0.05
+SLIGHT_CORRELATION = 0.05
 """Correlation of the residuals that is seen in a long log but does not reject a model: what moves
 together is then a twentieth of the noise variance, less than 0.1 mm. A replay leaves up to 0.03 of
 the twin itself; what hides in the intervals' own scatter between windows is of this size."""
@@ -325,8 +341,12 @@ class Whiteness:
         It does unless the mean square correlation is beyond chance by more than ``SLIGHT``: any
         replay is told from the motion by a log that is long enough.
         """
-        chance = stats.chi2.ppf(CHANCE, LAGS) / LAGS * (self.band / 1.96) ** 2
-        beyond = float((self.correlation**2).mean()) > chance + SLIGHT**2
+        chance = (
+            stats.chi2.ppf(WHITENESS_TEST_LEVEL, AUTOCORRELATION_LAGS)
+            / AUTOCORRELATION_LAGS
+            * (self.band / 1.96) ** 2
+        )
+        beyond = float((self.correlation**2).mean()) > chance + SLIGHT_CORRELATION**2
         return not beyond and self.misfit < 1 + LARGEST_SHARE
 
     @property
@@ -350,9 +370,9 @@ class Whiteness:
         if self.white:
             return "the residuals look like the sensor's noise"
         what = (
-            f"the residuals are not white: {self.outside} of {LAGS} lags outside the band, "
-            f"{self.misfit:.2f} times the sensor's noise; the log holds motion that the twin "
-            f"does not explain, {np.sqrt(self.unexplained):.2f} times the noise's standard "
+            f"the residuals are not white: {self.outside} of {AUTOCORRELATION_LAGS} lags outside "
+            f"the band, {self.misfit:.2f} times the sensor's noise; the log holds motion that the "
+            f"twin does not explain, {np.sqrt(self.unexplained):.2f} times the noise's standard "
             "deviation"
         )
         if self.rejected:
@@ -378,9 +398,9 @@ def verdicts(
     found, ball = [], fit.estimate()
     moved = fit.moved_by(left.unexplained)
     for name in names:
-        if name in HIDDEN:
+        if name in HIDDEN_PARAMETERS:
             why = "neither ball nor plate positions show it"
-            found.append(judged.ParameterVerdict.unknown(HIDDEN[name], name, why))
+            found.append(judged.ParameterVerdict.unknown(HIDDEN_PARAMETERS[name], name, why))
         elif name == "servo":
             found.append(_servo(drives))
         else:
@@ -395,12 +415,12 @@ def whiteness(fit: search.Fit) -> Whiteness:
     What the starts fitted along take out of white noise is known, and is not held against it.
     """
     windows, every = fit.problem.windows, fit.found.linearisation
-    products, counts = np.zeros(LAGS + 1), np.zeros(LAGS + 1)
+    products, counts = np.zeros(AUTOCORRELATION_LAGS + 1), np.zeros(AUTOCORRELATION_LAGS + 1)
     for r, Z, weight in zip(every.r[0], every.by_start[0], windows.weight, strict=True):  # noqa: N806
         there = np.repeat((weight > 0).all(axis=-1), 2)
         r, Z = r[there], Z[there]  # noqa: N806, PLW2901
         taken = Z @ np.linalg.solve(Z.T @ Z + search.START_PRIOR, Z.T)
-        for lag in range(min(LAGS + 1, len(r) // 2)):
+        for lag in range(min(AUTOCORRELATION_LAGS + 1, len(r) // 2)):
             alike = r[2 * lag :] @ r[: len(r) - 2 * lag]
             products[lag] += alike + (np.trace(taken, 2 * lag) if lag else 0.0)
             counts[lag] += len(r) - 2 * lag
@@ -425,7 +445,7 @@ def _ball(
         moved: By how much unexplained motion may have moved each parameter, SI units, shape (P,).
         rejected: Whether the log rejects the model.
     """
-    about, k = BALL[name], fit.problem.names.index(name)
+    about, k = BALL_PARAMETERS[name], fit.problem.names.index(name)
     half = max(float(np.hypot(ball.half_width[k], moved[k])), about.floor)
     value = float(ball.value[k])
     never = name in {"breakaway", "stribeck", "dwell"} and not fit.problem.windows.resting.any()
@@ -435,43 +455,47 @@ def _ball(
     found = judged.ParameterVerdict(about=about, name=name, value=about.factor * value)
     if rejected:
         why = "best fit only: the log holds motion that the twin does not explain"
-        return replace(found, word=judged.REJECTED, why=why)
+        return replace(found, word=judged.REJECTED_VERDICT, why=why)
     low, high = max(value - half, about.least), min(value + half, about.most)
     if name == "delay" and value > about.most - half:
         why = f"at its bound of {about.most:g} s: give the log with --columns, which takes 1 s"
         low = about.factor * (value - half)
-        return replace(found, low=low, word=judged.BOUNDED, why=why)
+        return replace(found, low=low, word=judged.BOUNDED_VERDICT, why=why)
     found = replace(found, low=about.factor * low, high=about.factor * high)
     if half <= max(about.tolerance, about.relative * abs(value)):
-        return replace(found, word=judged.IDENTIFIED)
-    alike = np.abs(ball.correlation[k]) > judged.CORRELATED
+        return replace(found, word=judged.IDENTIFIED_VERDICT)
+    alike = np.abs(ball.correlation[k]) > judged.MAX_CORRELATION
     others = [other for other, same in zip(fit.problem.names, alike, strict=True) if same]
     others.remove(name)
     why = f"cannot be told from {', '.join(others)}" if others else "its interval is too wide"
     at_edge = value <= about.least + half or value >= about.most - half
-    word = judged.BOUNDED if at_edge and high - low < about.most - about.least else judged.NOT
+    word = (
+        judged.BOUNDED_VERDICT
+        if at_edge and high - low < about.most - about.least
+        else judged.NOT_IDENTIFIABLE
+    )
     return replace(found, word=word, why=f"{why}; {about.experiment}")
 
 
 def _servo(drives: Drives | None) -> judged.ParameterVerdict:
-    found = judged.ParameterVerdict(about=SERVO, name="servo")
+    found = judged.ParameterVerdict(about=SERVO_PARAMETER, name="servo")
     if drives is None:
-        return replace(found, why=f"no commanded rates in the log; {SERVO.experiment}")
-    lag, half = drives.lag, max(drives.half_width, SERVO.floor)
+        return replace(found, why=f"no commanded rates in the log; {SERVO_PARAMETER.experiment}")
+    lag, half = drives.lag, max(drives.half_width, SERVO_PARAMETER.floor)
     if not math.isfinite(half):
-        return replace(found, why=f"the plate hardly moves; {SERVO.experiment}")
+        return replace(found, why=f"the plate hardly moves; {SERVO_PARAMETER.experiment}")
     low = judged.corner_frequency(lag + half)
-    if lag <= half or judged.corner_frequency(lag) > FASTEST:
-        why = f"faster than the log shows: above {low:.3g} Hz; {SERVO.experiment}"
-        return replace(found, low=low, word=judged.BOUNDED, why=why)
+    if lag <= half or judged.corner_frequency(lag) > MAX_CORNER_FREQUENCY_HZ:
+        why = f"faster than the log shows: above {low:.3g} Hz; {SERVO_PARAMETER.experiment}"
+        return replace(found, low=low, word=judged.BOUNDED_VERDICT, why=why)
     value, high = judged.corner_frequency(lag), judged.corner_frequency(lag - half)
-    good = half <= max(SERVO.tolerance, SERVO.relative * lag)
-    why = "" if good else f"its interval is too wide; {SERVO.experiment}"
-    word = judged.IDENTIFIED if good else judged.NOT
+    good = half <= max(SERVO_PARAMETER.tolerance, SERVO_PARAMETER.relative * lag)
+    why = "" if good else f"its interval is too wide; {SERVO_PARAMETER.experiment}"
+    word = judged.IDENTIFIED_VERDICT if good else judged.NOT_IDENTIFIABLE
     return replace(found, value=value, low=low, high=high, word=word, why=why)
 
 
-def replayed(log: PreparedLog, fit: search.Fit, lag: float) -> dict[str, judged.Predicted]:
+def replay_log(log: PreparedLog, fit: search.Fit, lag: float) -> dict[str, judged.Predicted]:
     """Replay a part of a log by a fitted twin from many starts: both axes, or none if too short.
 
     Args:
@@ -479,10 +503,15 @@ def replayed(log: PreparedLog, fit: search.Fit, lag: float) -> dict[str, judged.
         fit: The parameters.
         lag: Time constant of the drives in s.
     """
-    windows = cut(log, lag, judged.LEAD + judged.HORIZONS[-1] + judged.NEAR, _overlapping_spans)
+    windows = cut(
+        log,
+        lag,
+        judged.LEAD_S + judged.HORIZONS_S[-1] + judged.HORIZON_TOLERANCE_S,
+        _overlapping_spans,
+    )
     if windows is None:
         return {}
-    lead = LOOKBACK + judged.LEAD
+    lead = LOOKBACK_S + judged.LEAD_S
     there = windows.weight[..., 0] > 0
     before = (there & (windows.time < lead)).sum(axis=1)
     windows = windows.take((before >= 3) & (there.sum(axis=1) > before))
@@ -493,17 +522,19 @@ def replayed(log: PreparedLog, fit: search.Fit, lag: float) -> dict[str, judged.
     for name, value in (("rolling", 0.0), ("breakaway", 1.0), ("viscous", 0.0)):
         if name in problem.names:
             frictionless[:, problem.names.index(name)] = value
-    return judged.predicted(problem, lead, {"model": theta, "without friction": frictionless}, "xy")
+    return judged.predict_windows(
+        problem, lead, {"model": theta, "without friction": frictionless}, "xy"
+    )
 
 
 def _overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> Spans:
-    begins = np.arange(begin, end - longest, judged.EVERY)
+    begins = np.arange(begin, end - longest, judged.PREDICTION_INTERVAL_S)
     return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
 
 
-EVEN = 0.8
+EVEN_SCREEN_SHARE = 0.8
 """Share of the windows that an even screen must explain."""
-LONGEST = 2.5
+MAX_WINDOW_S = 2.5
 """Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
 
 
@@ -556,7 +587,7 @@ class TwinIdentification(judged.Identification):
 def identify(
     log: Log,
     names: tuple[str, ...],
-    share: float = SHARE,
+    share: float = FITTED_SHARE,
     progress: Callable[[float], None] = lambda _: None,
 ) -> TwinIdentification:
     """Fit the parameters of these names to the first share of a log and try them on the rest.
@@ -577,7 +608,7 @@ def identify(
     drives = fit_drives(known)
     lag = 0.0 if drives is None else drives.lag
     progress(0.1)
-    windows = cut(known, lag, LONGEST, moving_spans)
+    windows = cut(known, lag, MAX_WINDOW_S, moving_spans)
     if windows is None or len(windows) < 3:
         raise LogError(
             f"{usable.source}: too short: {known.length:.0f} s give "
@@ -586,7 +617,7 @@ def identify(
 
     def best(asked: tuple[str, ...], *, uneven: bool = False) -> search.Fit:
         fits = [
-            fit_twin(usable.model, windows, fitted(asked), grip, uneven=uneven)
+            fit_twin(usable.model, windows, fitted_parameters(asked), grip, uneven=uneven)
             for grip in usable.grips
         ]
         return min(fits, key=lambda each: each.found.cost[0])
@@ -594,7 +625,7 @@ def identify(
     fit = best(names)
     notes, white = list(usable.notes), whiteness(fit)
     progress(0.4)
-    if not white.white or len(fit.problem.windows) < EVEN * len(windows):
+    if not white.white or len(fit.problem.windows) < EVEN_SCREEN_SHARE * len(windows):
         more: tuple[str, ...] = AT_REST
         rough = best((*names, *more), uneven=True)
         if "viscous" not in names and _grows(rough):
@@ -622,12 +653,12 @@ def identify(
         notes.append("column age missing or zero: a wait for a frame is counted in the dead time")
     if usable.segments[0].command is None:
         notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
-    tried = replayed(unknown, fit, lag) if unknown is not None and unknown.segments else {}
+    tried = replay_log(unknown, fit, lag) if unknown is not None and unknown.segments else {}
     if not tried and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
     words, known_of = white.words, verdicts(names, fit, drives, white)
-    if all(each.word != judged.IDENTIFIED for each in known_of):
+    if all(each.word != judged.IDENTIFIED_VERDICT for each in known_of):
         notes.append(
             "nothing was identified: two minutes of the scenario excite would show more; the twin "
             "beside a log does without a file: ballplate shadow LOG --learn"

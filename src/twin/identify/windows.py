@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.identify.logs import GAP, AxisLog
+from twin.identify.logs import MAX_COMMAND_GAP_S, AxisLog
 from twin.identify.plate_motion import plate_motion
 from twin.identify.prepare import (
-    PACE,
-    ROLL,
+    ROLL_SPEED_M_S,
+    SPEED_INTERVAL_S,
     SPEED_SPAN,
     PreparedLog,
     Segment,
-    interpolated,
+    interpolate,
     paces,
     rests,
     speed,
@@ -28,7 +28,7 @@ from twin.identify.prepare import (
 from twin.identify.search import SampleWindows
 from twin.sim.plant.friction import Friction
 
-STEP = 0.004
+REPLAY_STEP_S = 0.004
 """Step of the replay in s."""
 
 
@@ -61,7 +61,7 @@ class AccelerationField(NamedTuple):
         """
         x = np.zeros((*angle.shape[:-1], 8))
         x[..., 2::4], x[..., 3::4] = angle, rate
-        u = np.gradient(rate, STEP, axis=-2)
+        u = np.gradient(rate, REPLAY_STEP_S, axis=-2)
 
         def acceleration(index: int | None = None, shift: float = 0.0) -> Array:
             there = x.copy()
@@ -115,7 +115,7 @@ def replay(
         paces: Speeds of the ball before the first step, ``PACE`` apart, m/s, shape (W, K), on which
             depends how long it rested; None for one that has long gone at its first speed.
     """
-    h, steps = STEP, len(field.push)
+    h, steps = REPLAY_STEP_S, len(field.push)
     p, v = start[:2], start[2:]
     places, speeds = np.empty((2, steps, *p.shape))
     places[0], speeds[0] = p, v
@@ -177,7 +177,7 @@ def _age_at_start(friction: Friction, speed: Array, paces: Array | None) -> Arra
     any_lane = np.zeros_like(speed)
     age = friction.settled(any_lane + paces[:, 0])
     for pace in paces.T:
-        age = friction.aged(age, any_lane + pace, PACE)
+        age = friction.aged(age, any_lane + pace, SPEED_INTERVAL_S)
     return age
 
 
@@ -186,9 +186,9 @@ def _steps_first(values: Array) -> Array:
     return np.ascontiguousarray(np.moveaxis(values, (1, 2), (0, 1))[:, :, None])
 
 
-LOOKBACK = 0.15
+LOOKBACK_S = 0.15
 """Each replay begins this long before its samples, in s: no fit finds a longer delay."""
-BIN = 0.016
+SAMPLE_BIN_S = 0.016
 """Ball samples within this time in s are averaged."""
 
 
@@ -200,7 +200,7 @@ class Spans(NamedTuple):
     resting: Mask
 
 
-def averaged(
+def average_bins(
     row: NDArray[np.intp], place: NDArray[np.intp], windows: int, bins: int, *values: Array
 ) -> Iterator[Array]:
     """Means of values, shape (K,) each, over the bins of windows, and how many: all (W, bins)."""
@@ -242,15 +242,19 @@ class Windows(SampleWindows):
             lag: Time constant of the drives in s.
             longest: Room for windows of up to this time in s.
         """
-        begin = spans.begin - LOOKBACK
-        grid = begin[:, None] + STEP * np.arange(round((LOOKBACK + longest) / STEP) + 1)
+        begin = spans.begin - LOOKBACK_S
+        grid = begin[:, None] + REPLAY_STEP_S * np.arange(
+            round((LOOKBACK_S + longest) / REPLAY_STEP_S) + 1
+        )
         motion = plate_motion(segment, lag, log.own_lag)
-        angle, rate = (interpolated(grid, segment.time, values) for values in motion)
-        bins = round(longest / BIN)
-        place = np.floor((segment.sampled - spans.begin[:, None]) / BIN + 1e-6).astype(int)
-        row, sample = np.nonzero((place >= 0) & (place < np.round(spans.length / BIN)[:, None]))
+        angle, rate = (interpolate(grid, segment.time, values) for values in motion)
+        bins = round(longest / SAMPLE_BIN_S)
+        place = np.floor((segment.sampled - spans.begin[:, None]) / SAMPLE_BIN_S + 1e-6).astype(int)
+        row, sample = np.nonzero(
+            (place >= 0) & (place < np.round(spans.length / SAMPLE_BIN_S)[:, None])
+        )
         values = (segment.sampled[sample] - begin[row], *segment.ball[sample].T)
-        time, x, y, count = averaged(row, place[row, sample], len(begin), bins, *values)
+        time, x, y, count = average_bins(row, place[row, sample], len(begin), bins, *values)
         return cls(
             begin,
             time,
@@ -288,7 +292,7 @@ class Windows(SampleWindows):
         """
         steps, _, candidates, windows = places.shape
         # each sample lies a share s into the step of its replay that begins at index low
-        at = np.maximum(self.time - delay[..., None], 0.0) / STEP
+        at = np.maximum(self.time - delay[..., None], 0.0) / REPLAY_STEP_S
         low = np.minimum(at.astype(int), steps - 2)
         s = (at - low)[..., None]
         lanes = candidates * windows
@@ -296,22 +300,22 @@ class Windows(SampleWindows):
         own = np.arange(lanes).reshape(candidates, windows, 1, 1) + lanes * np.arange(2)
         index = (2 * lanes * low)[..., None] + own
         after = index + 2 * lanes
-        p0, v0 = places.take(index), STEP * speeds.take(index)
-        rise, v1 = places.take(after) - p0, STEP * speeds.take(after)
+        p0, v0 = places.take(index), REPLAY_STEP_S * speeds.take(index)
+        rise, v1 = places.take(after) - p0, REPLAY_STEP_S * speeds.take(after)
         # the cubic with these values and slopes at both ends of the step
         square, cube = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
         place = p0 + s * (v0 + s * (square + s * cube))
-        return place, (v0 + s * (2 * square + 3 * s * cube)) / STEP
+        return place, (v0 + s * (2 * square + 3 * s * cube)) / REPLAY_STEP_S
 
 
-STRETCH = 0.3
+FORCE_STRETCH_S = 0.3
 """Seconds in which an unknown force stays the same: a ball crosses a patch of a screen in some."""
 
 
 def edges_of(windows: Windows) -> Array:
     """When each acceleration begins, and the last ends, s from the begin of the windows."""
-    steps, each = len(windows.field.push) - 1, round(STRETCH / STEP)
-    return STEP * np.arange(0, steps + each, each)
+    steps, each = len(windows.field.push) - 1, round(FORCE_STRETCH_S / REPLAY_STEP_S)
+    return REPLAY_STEP_S * np.arange(0, steps + each, each)
 
 
 def unknown_motion(windows: Windows, delay: float) -> Array:
@@ -339,7 +343,7 @@ def unknown_motion(windows: Windows, delay: float) -> Array:
     return np.asarray(both.reshape(count, 2 * samples, 2 * moved.shape[-1]))
 
 
-PATCH = 0.05
+MAP_SPACING_M = 0.05
 """Distance in m of the points of a map of the friction."""
 
 
@@ -358,13 +362,13 @@ class Patches:
     @classmethod
     def near(cls, places: Array, more: float) -> Patches:
         """About the points of the map near which a ball comes, places of shape (..., 2) in m."""
-        corners = np.floor(places.reshape(-1, 2) / PATCH)
+        corners = np.floor(places.reshape(-1, 2) / MAP_SPACING_M)
         every = (corners[:, None] + np.array([(0, 0), (0, 1), (1, 0), (1, 1)])).reshape(-1, 2)
-        return cls(PATCH * np.unique(every, axis=0), more)
+        return cls(MAP_SPACING_M * np.unique(every, axis=0), more)
 
     def __call__(self, position: Array) -> tuple[Array, Array]:
         """Relative friction, shape (K, W), and no slope, as a ``SurfaceMap`` has them."""
-        near = np.maximum(0.0, 1 - np.abs(position - self.points[:, None]) / PATCH)
+        near = np.maximum(0.0, 1 - np.abs(position - self.points[:, None]) / MAP_SPACING_M)
         return 1 + self.more * near.prod(axis=-1), np.zeros_like(position)
 
 
@@ -384,7 +388,7 @@ def cut(
     """
     parts = []
     for segment in log.segments:
-        begin, end = segment.time[0] + LOOKBACK, min(segment.time[-1], segment.sampled[-1])
+        begin, end = segment.time[0] + LOOKBACK_S, min(segment.time[-1], segment.sampled[-1])
         spans = choose(segment, begin, end, longest)
         if len(spans.begin):
             parts.append(Windows.of(log, segment, spans, lag, longest))
@@ -410,7 +414,7 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
     at = begin
     while at < end - SPEED_SPAN:
         rest = next(((a, b) for a, b in still if a - 1e-9 <= at < b), None)
-        if rest is None and moving[int(np.searchsorted(time, at))] <= ROLL:
+        if rest is None and moving[int(np.searchsorted(time, at))] <= ROLL_SPEED_M_S:
             at += 0.02
             continue
         if rest is not None and rest[1] > end - SPEED_SPAN:
@@ -426,32 +430,34 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
     return Spans(columns[:, 0], columns[:, 1], columns[:, 2] > 0)
 
 
-SHORT = 0.4
+MIN_WINDOW_SHARE = 0.4
 """Least share of the longest window that a window has."""
 
 
 def axis_windows(log: AxisLog, begin: Array, end: Array) -> SampleWindows:
     """The windows of an axis between two times in s each, (W,); weights are of one sample in m."""
-    bins = int(np.ceil(float(np.max(end - begin, initial=BIN)) / BIN - 1e-6))
+    bins = int(np.ceil(float(np.max(end - begin, initial=SAMPLE_BIN_S)) / SAMPLE_BIN_S - 1e-6))
     first, stop = np.searchsorted(log.sampled, np.stack((begin - 1e-9, end)))
     row = np.repeat(np.arange(len(begin)), stop - first)
     each = zip(first, stop, strict=True)
     sample = np.concatenate([np.zeros(0, int), *(np.arange(*ends) for ends in each)])
     since = log.sampled[sample] - begin[row]
-    place = np.minimum(np.floor(since / BIN + 1e-6).astype(int), bins - 1)
-    time, ball, count = averaged(row, place, len(begin), bins, since, log.ball[sample])
+    place = np.minimum(np.floor(since / SAMPLE_BIN_S + 1e-6).astype(int), bins - 1)
+    time, ball, count = average_bins(row, place, len(begin), bins, since, log.ball[sample])
     return SampleWindows(begin, time, ball[..., None], np.sqrt(count)[..., None])
 
 
 def spans(log: AxisLog, longest: float) -> tuple[Array, Array]:
     """Beginnings and ends of windows one after another, s: none goes over a gap of the samples."""
     time, found = log.sampled, list[tuple[float, float]]()
-    step = float(np.median(np.diff(time))) if len(time) > 1 else GAP
-    borders = np.concatenate(([0], np.flatnonzero(np.diff(time) > GAP) + 1, [len(time)]))
+    step = float(np.median(np.diff(time))) if len(time) > 1 else MAX_COMMAND_GAP_S
+    borders = np.concatenate(
+        ([0], np.flatnonzero(np.diff(time) > MAX_COMMAND_GAP_S) + 1, [len(time)])
+    )
     for first, stop in pairwise(borders):
         here = time[first:stop]
         length = float(here[-1] - here[0]) if len(here) else 0.0
-        if length < SHORT * longest:
+        if length < MIN_WINDOW_SHARE * longest:
             continue
         edges = np.linspace(here[0], here[-1] + step / 2, int(np.ceil(length / longest)) + 1)
         for begin, end in pairwise(edges):

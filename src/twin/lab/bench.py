@@ -35,39 +35,39 @@ from twin.base.shipped import folder as scenarios_folder
 from twin.base.shipped import model_path
 from twin.base.validation import Checked, read_model
 from twin.base.writing import why, write_json, write_whole
-from twin.lab.process import NAME, AnswerProcess, answering
+from twin.lab.process import ANSWER_NAME, AnswerProcess, answering
 from twin.lab.schema import AnswerTable, toml
 from twin.run.loop import simulate
 from twin.scenario.schema import ControllerChoice, MetricsTable, Scenario
-from twin.study.experiments import CHUNK, Store, carry
-from twin.study.schema import Point, Variant, drawn, read_family
+from twin.study.experiments import CHUNK_RUNS, Store, carry
+from twin.study.schema import Point, Variant, draw_rigs, read_family
 from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest
 
 EFFORT = "u_rms"
 """The indicator of a run that its effort is, rad/s^2."""
 MAX_COMMANDS_BYTES = 1 << 30
 """Sum of the commands of an entry, unpacked."""
-ALLOWED = ("controller", "observer", "predictor")
+ENTRY_TABLES = ("controller", "observer", "predictor")
 """The tables of a scenario that are an entry's."""
-MAY = 300.0
+MAX_CHUNK_CPU_S = 300.0
 """Seconds of a processor that an entry's code may take for ``CHUNK`` runs, or fewer."""
-DRAWS = 2000
+BOOTSTRAP_DRAWS = 2000
 """Samples of the bootstrap."""
-STRATA = "sensors.touch.frame_rate"
+STRATUM_KEY = "sensors.touch.frame_rate"
 """The rigs with equal values of this key are drawn among themselves."""
-FAMILY = "uncertain"
+FAMILY_NAME = "uncertain"
 """The family that all rigs are drawn from."""
-TIMED = (0.05, 0.25, 1.0)
+TIMED_SECONDS = (0.05, 0.25, 1.0)
 """Of how many seconds of a run the time that all runs take is told beforehand."""
-ENOUGH = 1.0
+ENOUGH_TIMING_S = 1.0
 """Seconds after which no longer beginning is timed."""
-SEASON = 64
+SEASON_RIGS = 64
 """Rigs of a season."""
-KEY = re.compile("[!-~]{16,}")
+SEASON_KEY_PATTERN = re.compile("[!-~]{16,}")
 """What a season's key may be: its fingerprint is public, so nobody must guess it."""
-LOCKED = ("bench.toml", "faults.toml", "rigs.csv", "reference.csv")
-MODEL = ("ballplate.xml", "cams.json")
-TOLERANCE = 0.02
+LOCKED_FILES = ("bench.toml", "faults.toml", "rigs.csv", "reference.csv")
+MODEL_FILES = ("ballplate.xml", "cams.json")
+PLATFORM_TOLERANCE = 0.02
 """Relative difference of an error that another platform may make: friction magnifies last bits."""
 
 
@@ -236,7 +236,7 @@ class Benchmark:
             LawError: If its code fails: file, line and error.
             ScenarioError: If it sets what is not its own.
         """
-        with entered(entry, place) as (fixed, _):
+        with enter(entry, place) as (fixed, _):
             listed = self.runs(fixed, rigs=rigs)
         text = read_regular(place / entry.file).hex() if entry.file else ""
         mark = digest(" ".join((text, *entry.command))) if text else ""
@@ -259,16 +259,16 @@ class Benchmark:
             LawError: If its code fails.
         """
         took, lasts = [0.0], [0.0]
-        with entered(entry, place) as (fixed, _):
-            listed = self.runs(fixed, rigs=math.ceil(CHUNK / self.about.seeds))
+        with enter(entry, place) as (fixed, _):
+            listed = self.runs(fixed, rigs=math.ceil(CHUNK_RUNS / self.about.seeds))
             some = [each.scenario for each in listed if each.task == listed[0].task]
-            for duration in TIMED:
+            for duration in TIMED_SECONDS:
                 lasts.append(duration)
                 brief = {"duration": duration, "metrics": MetricsTable(start=0.0)}
                 begin = time.perf_counter()
                 simulate([each.model_copy(update=brief) for each in some])
                 took.append(time.perf_counter() - begin)
-                if took[-1] > ENOUGH:
+                if took[-1] > ENOUGH_TIMING_S:
                     break
         rate = (took[-1] - took[-2]) / (lasts[-1] - lasts[-2])
         whole = sum({each.task: each.scenario.duration for each in listed}.values())
@@ -309,7 +309,7 @@ class Benchmark:
 
     def scores(self, rows: pd.DataFrame) -> list[BenchScore]:
         """What an entry came to, task by task."""
-        strata = [point.get(STRATA) for point in self.points]
+        strata = [point.get(STRATUM_KEY) for point in self.points]
         found = []
         for task, its in self.relative(rows).groupby("task", sort=False):
             table = its.pivot_table(index="rig", columns="noise", values="error")
@@ -340,7 +340,7 @@ class Benchmark:
         """
         lock, tasks = read_model(Lock, self.folder / "lock.toml"), self.about.tasks
         for name, wanted in lock.files.items():
-            if hashed(self.folder, name) != wanted:
+            if hash_file(self.folder, name) != wanted:
                 yield f"{name}: not the file that was frozen"
         for law, told in lock.expected.items() if rigs else ():
             rows = self.carried_out(self.about.laws[law], self.folder, Store(None), rigs=rigs)
@@ -421,7 +421,7 @@ class Benchmark:
         """Write a finished entry: its runs, scores, and what was commanded on the first rigs."""
         found = self.scores(rows)
         kept: dict[tuple[str, int, int], Array] = {}
-        with entered(entry, place) as (fixed, _):
+        with enter(entry, place) as (fixed, _):
             listed = self.runs(fixed, rigs=self.about.replayed)
             alike = [task.alike for task in ScenarioRuns(each.scenario for each in listed).tasks]
             for kind in dict.fromkeys(alike):
@@ -470,7 +470,7 @@ class Replayed(Law):
     """Plate accelerations in rad/s^2 of each run, shape (ticks, 2)."""
 
     number: int = 0
-    """Which of them."""
+    """Index of the run."""
 
     def start(self, x: Array, reference: Reference, period: float) -> float:
         """The control period."""
@@ -488,7 +488,7 @@ def _replaying(number: int) -> ControllerChoice:
 
 
 @contextmanager
-def entered(
+def enter(
     entry: Entry, place: Path, runs: int = 0
 ) -> Iterator[tuple[tuple[str, ...], AnswerProcess | None]]:
     """The overrides that put an entry into a scenario, and the process that its code runs in.
@@ -503,8 +503,10 @@ def entered(
         ScenarioError: If it sets what is not its own.
     """
     for text in entry.set:
-        if re.split(r"[.=]", text)[0] not in ALLOWED:
-            raise ScenarioError(f"set: '{text}': an entry sets {', '.join(ALLOWED)} and no more")
+        if re.split(r"[.=]", text)[0] not in ENTRY_TABLES:
+            raise ScenarioError(
+                f"set: '{text}': an entry sets {', '.join(ENTRY_TABLES)} and no more"
+            )
     if not entry.file and not entry.command:
         yield entry.set, None
         return
@@ -514,14 +516,16 @@ def entered(
     if any(re.match(rf"{table}(\.kind)?=", text) for text in entry.set):
         raise ScenarioError(f"set: {table}: is the entry's own file; leave one of them out")
     said = entry.model_dump(include={"kind", "file", "command"})
-    about = AnswerTable.model_validate({**said, "seconds": MAY * max(1, runs / CHUNK)})
+    about = AnswerTable.model_validate(
+        {**said, "seconds": MAX_CHUNK_CPU_S * max(1, runs / CHUNK_RUNS)}
+    )
     with answering(place / entry.file, about) as process:
-        yield (*entry.set, f"{table}.kind={NAME}"), process
+        yield (*entry.set, f"{table}.kind={ANSWER_NAME}"), process
 
 
 def _carried_out(entry: Entry, place: Path, jobs: Sequence[Job]) -> list[Row]:
     """Carry out runs of an entry that has code; one that fails is refused at once."""
-    with entered(entry, place, len(jobs)) as (_, process):
+    with enter(entry, place, len(jobs)) as (_, process):
         rows = carry_out(jobs)
         if process is not None and process.failure is not None:
             raise LawError(process.failure)
@@ -542,8 +546,8 @@ def interval(errors: Array, strata: Sequence[Any]) -> tuple[float, float]:
     """
     rng, rigs = np.random.default_rng(0), np.array([repr(each) for each in strata])
     places = [np.flatnonzero(rigs == each) for each in np.unique(rigs)]
-    drawn = [each[rng.integers(len(each), size=(DRAWS, len(each)))] for each in places]
-    means = interquartile(errors[np.hstack(drawn)].reshape(DRAWS, -1), axis=1)
+    drawn = [each[rng.integers(len(each), size=(BOOTSTRAP_DRAWS, len(each)))] for each in places]
+    means = interquartile(errors[np.hstack(drawn)].reshape(BOOTSTRAP_DRAWS, -1), axis=1)
     low, high = np.quantile(means, [0.025, 0.975])
     return float(low), float(high)
 
@@ -569,7 +573,7 @@ def unlike(
     free = np.broadcast_to(free, len(rows))
     for row, wanted, by in zip(rows.itertuples(), np.asarray(told, float), free, strict=True):
         value = getattr(row, metric)
-        if not np.isclose(value, wanted, rtol=TOLERANCE, atol=by, equal_nan=True):
+        if not np.isclose(value, wanted, rtol=PLATFORM_TOLERANCE, atol=by, equal_nan=True):
             where = f"{what}: {row.task}, rig {row.rig}, noise {row.noise}"
             yield f"{where}: {value:.9g} {unit}, told {wanted:.9g} {unit}"
 
@@ -580,10 +584,10 @@ def season(key: str) -> tuple[str, pd.DataFrame]:
     Raises:
         ScenarioError: If the key is too short or has other characters.
     """
-    if not KEY.fullmatch(key):
+    if not SEASON_KEY_PATTERN.fullmatch(key):
         raise ScenarioError("--season: a key is 16 or more letters, digits or signs of ASCII")
     code = hashlib.sha256(key.encode()).hexdigest()
-    rigs = drawn(read_family(FAMILY), int(code, 16), SEASON)
+    rigs = draw_rigs(read_family(FAMILY_NAME), int(code, 16), SEASON_RIGS)
     return code[:12], pd.DataFrame([{**rig.point, "seed": rig.seed} for rig in rigs])
 
 
@@ -637,7 +641,7 @@ def beside(folders: Sequence[Path]) -> tuple[dict[str, list[dict[str, Any]]], st
     return {name: scores for name, (scores, _) in found.items()}, season
 
 
-def hashed(folder: Path, name: str) -> str:
+def hash_file(folder: Path, name: str) -> str:
     """SHA-256 of a file of a benchmark, or of the model."""
-    path = model_path(name) if name in MODEL else folder / name
+    path = model_path(name) if name in MODEL_FILES else folder / name
     return hashlib.sha256(path.read_bytes()).hexdigest()

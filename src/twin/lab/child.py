@@ -60,7 +60,7 @@ def give(*arrays: Any) -> None:
     os.write(_OUT, NUMBERS + np.concatenate(arrays, axis=-1, dtype=float).tobytes())
 
 
-def asked(**widths: Sequence[int]) -> Iterator[list[Any]]:
+def receive_questions(**widths: Sequence[int]) -> Iterator[list[Any]]:
     """What the grader asks, one after the other, until it has no more to ask.
 
     Args:
@@ -120,7 +120,7 @@ def readable(program: str = "") -> list[str]:
 
 def the_class(file: Path, base: type) -> Any:
     """The one law or observer that a file defines."""
-    module = catalog.imported(file)
+    module = catalog.import_file(file)
     every = [each for each in vars(module).values() if inspect.isclass(each)]
     found = [
         each for each in every if issubclass(each, base) and each.__module__ == module.__name__
@@ -138,7 +138,9 @@ def serve_law(file: Path) -> None:
     cls = the_class(file, Law)
     say(memory=cls.memory, needs=cls.needs)
     memory, needs = cls.memory, len(cls.needs)
-    for what, *given in asked(command=(8, 8, needs, 2, 2, memory), memory_rate=(8, memory)):
+    for what, *given in receive_questions(
+        command=(8, 8, needs, 2, 2, memory), memory_rate=(8, memory)
+    ):
         if what == "start":
             x, model, (make, *made_of), period = given
             law, reference = cls(model=model), make(*made_of)
@@ -151,10 +153,10 @@ def serve_law(file: Path) -> None:
         x = seen[0]
         if what == "command":
             now = Feedback._make((time, *seen, reference, q, plan))
-            found, x = [catalog.commanded(law, law.command(now), now.rate)], now.equivalent
+            found, x = [catalog.check_command(law, law.command(now), now.rate)], now.equivalent
         if law.memory:
             slope = law.memory_rate(time, x, reference, q)
-            found.append(catalog.remembered(law, slope, q))
+            found.append(catalog.check_memory_rate(law, slope, q))
         give(*found)
 
 
@@ -164,7 +166,7 @@ def serve_observer(file: Path) -> None:
     if issubclass(cls, DelayedObserver):
         raise TypeError("must be an Observer: the lab makes up for the dead time")
     say(knows=cls.knows)
-    for what, *given in asked(correct=(4, 1, 1), predict=(2,)):
+    for what, *given in receive_questions(correct=(4, 1, 1), predict=(2,)):
         if what == "start":
             x, model, period = given
             observer = cls(model=model, period=period)
@@ -174,10 +176,10 @@ def serve_observer(file: Path) -> None:
         if what == "correct":
             time, y, age, touched = given
             seen = Measurement(time, y, age[..., 0], touched[..., 0] > 0.5)
-            catalog.estimated(observer, observer.correct(seen), y)
+            catalog.check_estimate(observer, observer.correct(seen), y)
         else:
             observer.predict(given[1])
-        x, further = catalog.estimated(observer, observer.x, given[1]), observer.further
+        x, further = catalog.check_estimate(observer, observer.x, given[1]), observer.further
         if further.shape[-1] != len(cls.knows):
             raise TypeError(f"{cls.__name__}.further must have as many numbers as knows has names")
         give(x, observer.equivalent, further)
@@ -185,11 +187,11 @@ def serve_observer(file: Path) -> None:
 
 def serve_function(file: Path, name: str) -> None:
     """Answer with what a function returns, called with what the grader gives by name."""
-    call = getattr(catalog.imported(file), name, None)
+    call = getattr(catalog.import_file(file), name, None)
     if not callable(call):
         raise TypeError(f"must define a function {name}")
     say(ready=True)
-    for _, given in asked():
+    for _, given in receive_questions():
         found = call(**given)
         if not isinstance(found, dict):
             raise TypeError(f"{name} must return a dict, gave {type(found).__name__}")

@@ -28,38 +28,38 @@ from markupsafe import Markup, escape
 
 from controllers.catalog import EXECUTES
 from twin.base.data_file import DataError, parse_json, read_regular
-from twin.base.errors import ScenarioError, TwinError, nearest, printable, shortened
+from twin.base.errors import ScenarioError, TwinError, nearest, printable, shorten
 from twin.base.jobs import results
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, html
-from twin.base.page import filled as rendered
+from twin.base.page import render_template as rendered
 from twin.base.shipped import folder as shipped
 from twin.base.writing import write_folder, write_whole
 from twin.lab.handed_in import Submission
-from twin.lab.judge import Judge, digest_of, judged
+from twin.lab.judge import Judge, digest_of, judge_answer
 from twin.lab.schema import (
-    LOG,
+    LAB_NAME_PATTERN,
+    LOG_FILE,
     MAX_NAME_BYTES,
-    NAMED,
-    PRIVATE,
+    PRIVATE_FILES,
     RUNS,
     CheckTable,
     Deal,
     Lab,
     deal,
-    filled,
+    fill_answer,
     had_again,
+    load_function,
     record,
     starter,
     toml,
-    trusted,
 )
 from twin.run.tables import flat
 from twin.study.work import code, digest
 from twin.view.html import overview
 
-TEMPLATES = Path(__file__).with_name("templates")
+TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 Result = Mapping[str, Any]
-WORDS = {True: "passed", False: "failed", None: "skipped"}
+OUTCOME_WORDS = {True: "passed", False: "failed", None: "skipped"}
 
 
 def reason(check: Result) -> str:
@@ -75,7 +75,11 @@ def table(result: Result) -> Table:
     """A result for people: one check a line."""
     rows = [
         (
-            *(each["name"], WORDS[each["passed"]], f"{each['score']:g} of {each['max_score']:g}"),
+            *(
+                each["name"],
+                OUTCOME_WORDS[each["passed"]],
+                f"{each['score']:g} of {each['max_score']:g}",
+            ),
             "\n".join([reason(each), *(f"printed: {line}" for line in each["log"])]).strip(),
         )
         for each in result["results"]
@@ -85,7 +89,7 @@ def table(result: Result) -> Table:
     return Table(title, ("check", "", "points", "why"), rows, words=(0, 1, 3))
 
 
-def written(result: Result, form: str) -> str:
+def format_result(result: Result, form: str) -> str:
     """A result as a file of others has it.
 
     Args:
@@ -97,7 +101,7 @@ def written(result: Result, form: str) -> str:
     if form == "json":
         return json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     text = rendered(
-        TEMPLATES / "results" / f"{form}.j2",
+        TEMPLATE_FOLDER / "results" / f"{form}.j2",
         **result,
         reason=reason,
         in_xml=in_xml,
@@ -105,7 +109,7 @@ def written(result: Result, form: str) -> str:
         environ=os.environ,
         now=datetime.now(UTC).isoformat(timespec="seconds"),
     )
-    return text if form == "junit" else written(json.loads(text), "json")
+    return text if form == "junit" else format_result(json.loads(text), "json")
 
 
 def in_xml(text: str) -> str:
@@ -123,9 +127,9 @@ def begin(name: str, folder: Path) -> None:
     Raises:
         TwinError: If no lab can be called so, or it cannot be written.
     """
-    if not re.fullmatch(NAMED, name):
+    if not re.fullmatch(LAB_NAME_PATTERN, name):
         allowed = "small letters, digits, - and _, as in friction2"
-        raise ScenarioError(f"NAME '{shortened(name)}': must be {allowed}")
+        raise ScenarioError(f"NAME '{shorten(name)}': must be {allowed}")
     words, start = name.replace("_", " ").capitalize(), shipped() / "starts" / "lab"
 
     def fill(inner: Path) -> None:
@@ -169,11 +173,11 @@ def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | Non
     """Put what a system wants into a folder: the lab, and what its templates give."""
     graded = system != "folder"
     wanted = f"/autograder/source/{wheel.name}" if wheel else f"ballplate=={version('ballplate')}"
-    closed = {*PRIVATE, "__pycache__"} - ({"hidden.toml", "truth.py"} if graded else set())
+    closed = {*PRIVATE_FILES, "__pycache__"} - ({"hidden.toml", "truth.py"} if graded else set())
     place = inner / "lab" if graded else inner
     shutil.copytree(lab.folder, place, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*closed))
     check_without_key(place, key)
-    for template in (TEMPLATES / system).iterdir():
+    for template in (TEMPLATE_FOLDER / system).iterdir():
         text = rendered(template, lab=lab, key=key, requirement=wanted)
         if template.stem.endswith(".ipynb"):
             text = json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
@@ -204,7 +208,7 @@ def check_without_key(folder: Path, key: str | None) -> None:
             raise ScenarioError(f"{name}: has the course's key in it; the lab's folder is no place")
 
 
-ENDS = ("all points", "some", "none", "skipped")
+CHECK_ENDINGS = ("all points", "some", "none", "skipped")
 """What became of a check."""
 
 
@@ -229,12 +233,12 @@ def of_student(judge: Judge, result: Result, *, everything: bool) -> str:
     blocks = [
         Verdict(lines, result["score"] >= result["max_score"]),
         replace(table({**result, "results": shown}), title="Checks"),
-        *pictured(judge, {each["name"]: each for each in shown}),
+        *draw_worst_check(judge, {each["name"]: each for each in shown}),
     ]
     return html(f"{judge.lab.title}: {result['student']}", blocks)
 
 
-def pictured(judge: Judge, shown: Mapping[str, Result]) -> list[Block]:
+def draw_worst_check(judge: Judge, shown: Mapping[str, Result]) -> list[Block]:
     """The run of the check that lost most points; where none did, of the one with most."""
     runs = [
         each
@@ -272,7 +276,7 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path, left_out: Sequence
         rows.append(
             (
                 f"{at + 1} {check.name}",
-                *(str(ends.count(end)) for end in ENDS),
+                *(str(ends.count(end)) for end in CHECK_ENDINGS),
                 f"{digits(points[at].mean(), places=2)} of {check.points:g}",
             )
         )
@@ -291,7 +295,7 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path, left_out: Sequence
     if left_out:
         blocks.append(Text(left_out, title="Among the submissions, and none"))
     numbers = map(str, range(1, len(checks) + 1))
-    blocks.append(Table("Checks", ("check", *ENDS, "mean points"), rows))
+    blocks.append(Table("Checks", ("check", *CHECK_ENDINGS, "mean points"), rows))
     blocks.append(Table("Marks, check by check", ("student", "points", *numbers), marks, words=()))
     return html(f"{lab.title}: {len(found)} students", blocks)
 
@@ -320,18 +324,18 @@ def link(student: str, folder: Path) -> str:
     return Markup('<a href="{}">{}</a>').format(where, student)
 
 
-KEY = "a lab is tried"
+SELF_TEST_KEY = "a lab is tried"
 """The key by which rigs are dealt here."""
-FAILS = re.compile(r"^\s*# fails: (.+?)\s*$", re.MULTILINE)
-STARTER = 0.2
+FAILS_PATTERN = re.compile(r"^\s*# fails: (.+?)\s*$", re.MULTILINE)
+MAX_STARTER_SHARE = 0.2
 """Share of the points that a starter may have."""
-MUTANT = 0.5
+MAX_MUTANT_SHARE = 0.5
 """Share of a check's points that a mutant may have which is to fail it."""
-LONGEST = 60.0
+MAX_GRADING_S = 60.0
 """Seconds in which an answer is to be judged."""
 
 
-def graded(
+def grade_submission(
     lab: Lab, key: str | None, people: list[str] | None, kept: Path, each: Submission
 ) -> dict[str, Any]:
     """The result of a submission, its page written; what is wrong with it is part of that."""
@@ -370,7 +374,7 @@ def _judged_with_page(
     except DataError as error:
         raise ScenarioError(f"{lab.answer.file}: {error}") from None
     dealt = had_again(lab, answer.parent, key, student)
-    result = judged(lab, dealt, answer, hidden=True)
+    result = judge_answer(lab, dealt, answer, hidden=True)
     return result, of_student(Judge(lab, dealt, answer), result, everything=False)
 
 
@@ -418,9 +422,11 @@ def grade(
         if not each.named:  # no file can have the student's name
             done[each.student] = unread(each.student, each.problem)
     left = [(each.student, each) for each in handed_in if each.student not in done]
-    for student, result in results(partial(graded, lab, key, people, kept), left, processes):
+    for student, result in results(
+        partial(grade_submission, lab, key, people, kept), left, processes
+    ):
         done[student] = {**result, "kept_as": names[student]}
-        write_whole(kept / f"{student}.json", written(done[student], "json"))
+        write_whole(kept / f"{student}.json", format_result(done[student], "json"))
         progress(len(done))
     for student in people or ():
         absent = {"student": student, "score": 0.0, "results": [], "problem": "not handed in"}
@@ -495,7 +501,7 @@ def candidates(lab: Lab) -> list[SampleAnswer]:
     found.append(SampleAnswer("starter", lab.folder / lab.answer.file))
     names = {each.name for each in lab.checks(hidden=True)}
     for file in sorted((lab.folder / "mutants").glob("*.*")):
-        fails = tuple(FAILS.findall(lab.text(f"mutants/{file.name}")))
+        fails = tuple(FAILS_PATTERN.findall(lab.text(f"mutants/{file.name}")))
         if not fails or not names.issuperset(fails):
             raise ScenarioError(
                 f"{lab.folder.name}/mutants/{file.name}: must name checks of the lab in lines "
@@ -505,25 +511,25 @@ def candidates(lab: Lab) -> list[SampleAnswer]:
     return found
 
 
-def prepared(lab: Lab, file: Path, dealt: Deal, folder: Path) -> Path:
+def prepare_answer(lab: Lab, file: Path, dealt: Deal, folder: Path) -> Path:
     """An answer for a student's rig, as the student would hand it in, beside their log."""
     answer = folder / lab.answer.file
     if lab.answer.data and file.suffix == ".py":
-        text = toml(flat(trusted(file, "answer")(dealt.point, folder)))
+        text = toml(flat(load_function(file, "answer")(dealt.point, folder)))
     else:
-        text = filled(file.read_text(encoding="utf-8"), dealt.told)
+        text = fill_answer(file.read_text(encoding="utf-8"), dealt.told)
     answer.write_text(text, encoding="utf-8")
     return answer
 
 
-def tried(lab: Lab, job: tuple[Path, str]) -> dict[str, Any]:
+def try_answer(lab: Lab, job: tuple[Path, str]) -> dict[str, Any]:
     """The result of a lecturer's own answer on the rig of some student."""
     file, student = job
-    dealt = deal(lab, student, KEY)
+    dealt = deal(lab, student, SELF_TEST_KEY)
     with TemporaryDirectory(prefix="ballplate-lab-") as name:
         folder = Path(name)
-        record(lab, dealt, folder / LOG)
-        return judged(lab, dealt, prepared(lab, file, dealt, folder), hidden=True)
+        record(lab, dealt, folder / LOG_FILE)
+        return judge_answer(lab, dealt, prepare_answer(lab, file, dealt, folder), hidden=True)
 
 
 def all_tried(
@@ -531,7 +537,7 @@ def all_tried(
 ) -> Iterator[tuple[SampleAnswer, dict[str, Any]]]:
     """Every answer of the lecturer's own, and its result on the rigs of some students."""
     jobs = ((each, (each.file, student)) for each in candidates(lab) for student in students)
-    yield from results(partial(tried, lab), jobs, processes)
+    yield from results(partial(try_answer, lab), jobs, processes)
 
 
 def selftest(lab: Lab, processes: int) -> Iterator[Finding]:
@@ -554,15 +560,18 @@ def selftest(lab: Lab, processes: int) -> Iterator[Finding]:
             why = "".join(f"; {each['name']}: {each['cause']['rationale']}" for each in lost)
             yield Finding("the solution has all points", not lost, points + why)
         elif who.name == "starter":
-            good = result["score"] <= STARTER * result["max_score"]
-            yield Finding(f"the starter has at most {STARTER:.0%}", good, points)
+            good = result["score"] <= MAX_STARTER_SHARE * result["max_score"]
+            yield Finding(f"the starter has at most {MAX_STARTER_SHARE:.0%}", good, points)
         for each in result["results"]:
             if each["name"] in who.fails:
-                good = each["passed"] is False and each["score"] <= MUTANT * each["max_score"]
+                good = (
+                    each["passed"] is False
+                    and each["score"] <= MAX_MUTANT_SHARE * each["max_score"]
+                )
                 why = each["cause"]["rationale"] if each["cause"] else "it passes"
                 yield Finding(f"mutant {who.name} fails '{each['name']}'", good, why)
-        if result["seconds"] > LONGEST:
-            yield Finding(f"{who.name} is judged within {LONGEST:g} s", False, points)
+        if result["seconds"] > MAX_GRADING_S:
+            yield Finding(f"{who.name} is judged within {MAX_GRADING_S:g} s", False, points)
 
 
 def calibrate(
@@ -580,10 +589,12 @@ def calibrate(
             if each["data"]["value"] is not None:
                 values[each["name"]][who].append(each["data"]["value"])
     for check in lab.checks(hidden=True):
-        yield proposed(check, values[check.name], rigs)
+        yield propose_limits(check, values[check.name], rigs)
 
 
-def proposed(check: CheckTable, values: dict[SampleAnswer, list[float]], rigs: int) -> Finding:
+def propose_limits(
+    check: CheckTable, values: dict[SampleAnswer, list[float]], rigs: int
+) -> Finding:
     """What limits of a check fit the numbers that the lecturer's own answers reached.
 
     ``full`` is the solution's median and three of its standard deviations, or its worst rig if that

@@ -19,8 +19,8 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from twin.base.data_file import DataError, read_regular
-from twin.base.errors import ScenarioError, printable, shortened
-from twin.lab.schema import RIG, AnswerTable, Lab, check_name
+from twin.base.errors import ScenarioError, printable, shorten
+from twin.lab.schema import RIG_FILE, AnswerTable, Lab, check_name
 
 MAX_COPIED_BYTES = 32 * 1024**2
 """Sum of the files of a submission that a lab's own function may read."""
@@ -79,7 +79,7 @@ class Submission(NamedTuple):
             answer = Path(name) / called
             answer.write_bytes(read_regular(self.answer))
             if is_there(self.rig):
-                (Path(name) / RIG).write_bytes(read_regular(self.rig))
+                (Path(name) / RIG_FILE).write_bytes(read_regular(self.rig))
             yield answer
 
 
@@ -135,11 +135,11 @@ def missing(about: AnswerTable, answer: Path) -> str:
         [each for each in files if each.name.casefold().startswith(stem)],
         [each for each in files if each.suffix.casefold() == suffix],
         [each for each in files if each.suffix.casefold() in ARCHIVES],
-        [each for each in files if each.name != RIG],
+        [each for each in files if each.name != RIG_FILE],
     )
     for alike in ranked:
         if alike:
-            names = [shortened(printable(each.as_posix())) for each in alike[:MAX_NAMED]]
+            names = [shorten(printable(each.as_posix())) for each in alike[:MAX_NAMED]]
             more = f" and {len(alike) - MAX_NAMED} more" if len(alike) > MAX_NAMED else ""
             unpack = ": unpack it" if alike is ranked[3] else ""
             return f"{here}; there is {', '.join(names)}{more}{unpack}"
@@ -186,7 +186,7 @@ def collect(lab: Lab, folder: Path, people: Collection[str] = ()) -> Collected:
         try:
             entries[_whose(lab.answer, path, people)].append(path)
         except ScenarioError as error:
-            left_out.append(f"{shortened(printable(path.name))}: {error}")
+            left_out.append(f"{shorten(printable(path.name))}: {error}")
     if not entries:
         raise ScenarioError(f"{folder}: holds no submission, a folder or a file a student")
     found = [_submission(lab.answer, name, paths) for name, paths in entries.items()]
@@ -225,12 +225,12 @@ def _name(text: str) -> str:
 
 def _submission(about: AnswerTable, student: str, paths: list[Path]) -> Submission:
     """What a student's entries of the folder come to."""
-    shown = shortened(printable(student))
+    shown = shorten(printable(student))
     first = paths[0]
     try:
         check_name(student)
     except ScenarioError as error:
-        return Submission(shown, first, first / RIG, str(error), named=False)
+        return Submission(shown, first, first / RIG_FILE, str(error), named=False)
     links = [path for path in paths if path.is_symlink()]
     folders = [path for path in paths if path not in links and path.is_dir()]
     # Moodle has a second folder for what a student typed into the page
@@ -243,12 +243,12 @@ def _submission(about: AnswerTable, student: str, paths: list[Path]) -> Submissi
     if links:
         problem = "the entry is a link, which is not followed; hand in the file itself"
     elif folders and len(paths) > 1:
-        names = ", ".join(shortened(printable(path.name)) for path in paths[:MAX_NAMED])
+        names = ", ".join(shorten(printable(path.name)) for path in paths[:MAX_NAMED])
         problem = f"two submissions: {names}; keep one of them"
     if problem:
-        return Submission(student, first, first / RIG, problem)
+        return Submission(student, first, first / RIG_FILE, problem)
     if folders:
-        answer, rig = first / about.file, first / RIG
+        answer, rig = first / about.file, first / RIG_FILE
         there = is_there(answer)
         return Submission(student, answer, rig, "" if there else missing(about, answer))
     return _of_files(about, student, paths)
@@ -264,17 +264,17 @@ def _of_files(about: AnswerTable, student: str, paths: list[Path]) -> Submission
             own = about.file  # under the student's own name
         again = REPEATED.fullmatch(own)
         number = 0
-        if again and again["stem"] + again["suffix"] in {about.file, RIG}:
+        if again and again["stem"] + again["suffix"] in {about.file, RIG_FILE}:
             own, number = again["stem"] + again["suffix"], int(again["number"])
         if own in newest and newest[own][0] == number:
-            names = ", ".join(shortened(printable(each.name)) for each in (newest[own][1], path))
+            names = ", ".join(shorten(printable(each.name)) for each in (newest[own][1], path))
             problem = f"two submissions: {names}; keep one of them"
-            return Submission(student, path, path / RIG, problem)
+            return Submission(student, path, path / RIG_FILE, problem)
         newest[own] = max(newest.get(own, (number, path)), (number, path))
-    nowhere = paths[0] / RIG
-    rig = newest[RIG][1] if RIG in newest else nowhere
+    nowhere = paths[0] / RIG_FILE
+    rig = newest[RIG_FILE][1] if RIG_FILE in newest else nowhere
     if about.file in newest:
         return Submission(student, newest[about.file][1], rig, apart=False)
-    names = ", ".join(shortened(printable(path.name)) for path in paths[:MAX_NAMED])
+    names = ", ".join(shorten(printable(path.name)) for path in paths[:MAX_NAMED])
     unpack = ": unpack it" if paths[0].suffix.casefold() in ARCHIVES else ""
     return Submission(student, paths[0], rig, f"no {about.file}; there is {names}{unpack}")

@@ -20,20 +20,20 @@ from twin.base.errors import (
     TwinError,
     nearest,
     printable,
-    shortened,
+    shorten,
 )
 from twin.base.validation import read_tables
 from twin.lab.handed_in import copied, is_there, missing
-from twin.lab.process import NAME, AnswerProcess, answering
-from twin.lab.schema import AnswerTable, CheckTable, Deal, Lab, seen, trusted
-from twin.run.files import UNITS
+from twin.lab.process import ANSWER_NAME, AnswerProcess, answering
+from twin.lab.schema import AnswerTable, CheckTable, Deal, Lab, load_function, measured_columns
+from twin.run.files import INDICATOR_UNITS
 from twin.run.finished import Run, run
 from twin.run.tables import in_json
 from twin.scenario import Scenario
-from twin.study.schema import FamilyRig, Point, drawn, read_family
+from twin.study.schema import FamilyRig, Point, draw_rigs, read_family
 from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
 
-RESULT = "ballplate/lab-result/v1"
+RESULT_SCHEMA = "ballplate/lab-result/v1"
 WIDEST = 2.0
 """How wide an interval may be whose distance is judged, in distances from which on there are no
 points: the middle of a wider one may be so far off."""
@@ -55,7 +55,7 @@ class Judged(NamedTuple):
     log: Sequence[str] = ()
 
 
-def judged(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str, Any]:
+def judge_answer(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str, Any]:
     """The result of an answer: what check50 calls its results, with points; never an error of it.
 
     Args:
@@ -69,7 +69,7 @@ def judged(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str, Any]
         none = {each["name"] for each in results if not each["score"]}.intersection(check.after)
         results.append(Judge(lab, dealt, file).result(check, sorted(none)))
     return {
-        "schema": RESULT,
+        "schema": RESULT_SCHEMA,
         "lab": lab.name,
         "version": lab.version,
         "title": lab.title,
@@ -95,14 +95,14 @@ def digest_of(file: Path) -> str:
 
 def ramp(check: CheckTable) -> str:
     """Where the points begin and where all of them are reached, in words."""
-    what, unit = measured(check)
+    what, unit = describe_quantity(check)
     ends = f"all {check.points:g} points from {check.full:g}{unit} on, none from {check.none:g}"
     return f"{what}: {ends}{unit}"
 
 
-def measured(check: CheckTable) -> tuple[str, str]:
+def describe_quantity(check: CheckTable) -> tuple[str, str]:
     """What a check judges, and its unit, in words."""
-    unit = f" {UNITS.get(check.metric, '')}".rstrip()
+    unit = f" {INDICATOR_UNITS.get(check.metric, '')}".rstrip()
     if check.number:
         what = "width of the interval" if check.judge == "width" else "distance from the truth"
         return f"{check.number}, {what}", " %" if check.relative else ""
@@ -182,7 +182,7 @@ class Judge(NamedTuple):
             return
         with answering(self.file, about) as process:
             table = {"law": "controller", "observer": "observer"}.get(about.kind)
-            yield [f"{table}.kind={NAME}"] if table else (), process
+            yield [f"{table}.kind={ANSWER_NAME}"] if table else (), process
 
     def number(self, check: CheckTable, data: Mapping[str, Any]) -> Judged:
         """The number that a check judges.
@@ -218,10 +218,12 @@ class Judge(NamedTuple):
             return
         cases = self.scenarios(check, ()) if check.scenario else [(self.dealt.point, None)]
         for point, scenario in cases:
-            log = {} if scenario is None else {"log": seen(scenario.model_dump_json())[0]}
+            log = (
+                {} if scenario is None else {"log": measured_columns(scenario.model_dump_json())[0]}
+            )
             said = process.call("function", {**log, **check.given})
             try:
-                yield point, answered(self.lab.answer, said, self.file.name)[check.number]
+                yield point, check_numbers(self.lab.answer, said, self.file.name)[check.number]
             except ScenarioError as error:
                 raise LawError(str(error)) from None
 
@@ -231,7 +233,7 @@ class Judge(NamedTuple):
         rigs = [FamilyRig({} if check.nominal else self.dealt.point, self.dealt.seed)]
         if check.family:
             family = read_family(self.lab.path(check.family))
-            rigs = drawn(family, check.draw, check.rigs)
+            rigs = draw_rigs(family, check.draw, check.rigs)
         parameters = family.parameters if family is not None else {}
         return rigs, {key for key, each in parameters.items() if each.relative}
 
@@ -259,7 +261,7 @@ class Judge(NamedTuple):
         Raises:
             LawError: If there is none, because of a run.
         """
-        what, unit = measured(check)
+        what, unit = describe_quantity(check)
         refused = next((row["reason"] for row in rows if row["outcome"] == "refused"), None)
         if refused is not None:
             raise LawError(refused)
@@ -288,7 +290,7 @@ class Judge(NamedTuple):
     def of_numbers(self, check: CheckTable, found: Iterable[tuple[Point, Any]]) -> Judged:
         """The number that a check judges of numbers that are answered, a rig each."""
         value = max(self.off(check, given, point) for point, given in found)
-        unit, said = measured(check)[1], "is no such number"
+        unit, said = describe_quantity(check)[1], "is no such number"
         if math.isfinite(value):
             said = f"{value:.4g}{unit}"
         elif check.judge == "distance":
@@ -325,7 +327,7 @@ class Judge(NamedTuple):
         if function:
             given = copied(self.file.parent) if data else nullcontext(check.given)
             with given as known_to_student:
-                found = trusted(own, function)(point, known_to_student)
+                found = load_function(own, function)(point, known_to_student)
         else:
             known = Builder(self.lab.path(check.scenario)).value
             part = point.get(truth, 1.0) if truth in self.rigs(check)[1] else None
@@ -355,10 +357,10 @@ def tables(about: AnswerTable, file: Path) -> dict[str, Any]:
                 allowed = ", ".join(about.keys)
                 raise ScenarioError(f"{file.name}: {key}: may not be set (allowed: {allowed})")
         return found
-    return answered(about, found, file.name) if about.data else {}
+    return check_numbers(about, found, file.name) if about.data else {}
 
 
-def answered(about: AnswerTable, found: Mapping[str, Any], called: str) -> dict[str, Any]:
+def check_numbers(about: AnswerTable, found: Mapping[str, Any], called: str) -> dict[str, Any]:
     """Numbers by name, intervals or texts, if they are what was asked for.
 
     Raises:
@@ -367,7 +369,7 @@ def answered(about: AnswerTable, found: Mapping[str, Any], called: str) -> dict[
     for key in found:
         if key not in about.asked:
             where = nearest(key, about.asked)
-            raise ScenarioError(f"{called}: {shortened(key)}: unknown{where}")
+            raise ScenarioError(f"{called}: {shorten(key)}: unknown{where}")
     for key, unit in about.asked.items():
         if not _answers(found.get(key)):
             what = f"a number in {unit}, an interval [low, high] or a text"

@@ -29,7 +29,7 @@ from twin.base.data_file import DataError, parse_json, read_regular
 from twin.base.errors import LawError, ScenarioError, printable
 from twin.lab.schema import AnswerTable
 
-START = 20.0
+START_TIMEOUT_S = 20.0
 """Seconds in which the process must be there, whatever else the machine does."""
 MAX_LOADING_S = 20.0
 """Time that an answer's file may take to be loaded, or a check's where it is more."""
@@ -39,15 +39,15 @@ MAX_OWN_FILES = 32
 """Files in its folder, its own among them."""
 MAX_OWN_BYTES = 4 * 1024**2
 """Sum of what they hold that are not the answer itself."""
-SLICE = 0.01
+POLL_INTERVAL_S = 0.01
 """Seconds after which one that has not answered is looked at."""
-RUNNING = ("R", "D")
+BUSY_STATES = ("R", "D")
 """States of a process that has work to do."""
 MOST_SLOWED = 10
 """Factor by which other processes may slow it."""
-LARGEST = 1e6
+MAX_ANSWER_NUMBER = 1e6
 """Largest number in an answer: accelerations in rad/s^2, estimates, rates of a law's memory."""
-LONGEST = 1 << 24
+MAX_LINE_BYTES = 1 << 24
 """Bytes of a line that it says."""
 MAX_ERROR_CHARACTERS = 1000
 """Length of an error that it tells."""
@@ -55,14 +55,14 @@ MAX_PRINTED_BYTES = 1 << 20
 """Bytes of what it prints that are read."""
 MOST_MEMORY = 1000
 """Integrator states that a law may have, and quantities that an observer may know."""
-NAME = "answer"
+ANSWER_NAME = "answer"
 """What a scenario calls the law or observer of an answer."""
-STRANGE = "it said something else than an answer"
+STRANGE_MESSAGE = "it said something else than an answer"
 PICKLED, NUMBERS = b"*", b"="
 """As the process has them."""
-PROGRAM = {"start": 0.0, "command": 1.0, "correct": 1.0, "predict": 2.0}
+PROGRAM_OPCODES = {"start": 0.0, "command": 1.0, "correct": 1.0, "predict": 2.0}
 """What a program in any language is asked, as it is told."""
-QUIET = {"OPENBLAS_NUM_THREADS": "1", "OPENSSL_CONF": "none"}
+CHILD_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENSSL_CONF": "none"}
 """Without which numpy has threads, and Node.js ends because it may not read /etc."""
 ONE_AT_A_TIME = RLock()
 """Held while a process of this computer's has the name ``answer``: a cluster's may have threads."""
@@ -126,18 +126,23 @@ class AnswerProcess:
         if not said.startswith(sign):
             if said.startswith(b"{"):
                 self.read(said)
-            raise self.failed(f"{STRANGE} of {count} numbers")
+            raise self.failed(f"{STRANGE_MESSAGE} of {count} numbers")
         got = np.frombuffer(said[len(sign) :]).reshape(shape).copy()
         largest = np.abs(got).max(initial=0.0)
-        if not largest < LARGEST:
+        if not largest < MAX_ANSWER_NUMBER:
             what = f"is {largest:.3g}" if np.isfinite(largest) else "is not finite"
-            raise self.failed(f"a number that it gives {what}; at most {LARGEST:.0e} is allowed")
+            raise self.failed(
+                f"a number that it gives {what}; at most {MAX_ANSWER_NUMBER:.0e} is allowed"
+            )
         return got
 
     def message(self, what: str, time: float, numbers: Array) -> bytes:
         """What is asked, the time in s or the period, and the numbers of all rigs, as bytes."""
         if self.program:
-            return np.array([2 + numbers.size, PROGRAM[what], time]).tobytes() + numbers.tobytes()
+            return (
+                np.array([2 + numbers.size, PROGRAM_OPCODES[what], time]).tobytes()
+                + numbers.tobytes()
+            )
         return what[:1].encode() + np.float64(time).tobytes() + numbers.tobytes()
 
     def begin(self, x: Array, *others: Any, period: float) -> None:
@@ -152,7 +157,7 @@ class AnswerProcess:
         self.tell(PICKLED + pickle.dumps((what, *given)))
         said = self.read(self.heard())
         if "answer" not in said:
-            raise self.failed(STRANGE)
+            raise self.failed(STRANGE_MESSAGE)
         return said["answer"]
 
     def tell(self, text: bytes) -> None:
@@ -183,10 +188,10 @@ class AnswerProcess:
             if size and heard[: len(sign)] == sign[: len(heard)]:
                 if len(heard) >= size + len(sign):
                     break
-            elif not heard.startswith(b"{") or b"\n" in heard or len(heard) > LONGEST:
+            elif not heard.startswith(b"{") or b"\n" in heard or len(heard) > MAX_LINE_BYTES:
                 return heard
         if len(heard) != size + len(sign):
-            raise self.failed(STRANGE)
+            raise self.failed(STRANGE_MESSAGE)
         return heard
 
     def wait(self, reads: list[int], writes: list[int]) -> None:
@@ -195,9 +200,11 @@ class AnswerProcess:
         Its processor time counts, and time in which it sleeps; not time in which it would go on
         but other processes have the processors.
         """
-        while not (ready := any(select(reads, writes, [], SLICE))) or monotonic() > self.end:
+        while (
+            not (ready := any(select(reads, writes, [], POLL_INTERVAL_S))) or monotonic() > self.end
+        ):
             state, used = self.at_work()
-            self.left -= 0.0 if state in RUNNING else SLICE
+            self.left -= 0.0 if state in BUSY_STATES else POLL_INTERVAL_S
             if ready or used > self.left or monotonic() > self.end:
                 raise self.failed(self.too_late())
             self.check_files()
@@ -236,7 +243,7 @@ class AnswerProcess:
         except DataError:
             said = None
         if not isinstance(said, dict):
-            raise self.failed(STRANGE)
+            raise self.failed(STRANGE_MESSAGE)
         if "error" in said:
             text = str(said["error"]).encode("utf-8", "replace").decode()
             self.failure = printable(text)[:MAX_ERROR_CHARACTERS]
@@ -266,7 +273,7 @@ class AnswerLaw(Law):
 
     def start(self, x: Array, reference: Reference, period: float) -> None:
         """Begin a run there."""
-        self.process.begin(x, self.model, sent(reference), period=period)
+        self.process.begin(x, self.model, picklable_reference(reference), period=period)
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2); the memory's rate comes with them."""
@@ -324,7 +331,7 @@ class AnswerObserver(Observer):
         return self._all[..., 16:]
 
 
-def sent(reference: Reference) -> tuple[Any, ...]:
+def picklable_reference(reference: Reference) -> tuple[Any, ...]:
     """What a reference is made of, to be made again in another process."""
     match reference:
         case PerRigReference():
@@ -334,7 +341,7 @@ def sent(reference: Reference) -> tuple[Any, ...]:
     raise ScenarioError("a lab's rigs must have one law: their designer knows different balls")
 
 
-def known(kind: str, said: dict[str, Any]) -> tuple[type, dict[str, Any]]:
+def answer_class(kind: str, said: dict[str, Any]) -> tuple[type, dict[str, Any]]:
     """The class that an answer is here, and what its process says of it."""
     if kind == "law":
         needs = tuple(map(str, said["needs"]))
@@ -367,7 +374,11 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
             own.write_bytes(read_regular(file))
         except DataError as error:
             raise LawError(f"{about.file}: {error}") from None
-        what = [str(int(may + START + max(may, MAX_LOADING_S))), about.kind, about.function]
+        what = [
+            str(int(may + START_TIMEOUT_S + max(may, MAX_LOADING_S))),
+            about.kind,
+            about.function,
+        ]
         if about.command:
             name, *given = about.command
             own.chmod(0o755)
@@ -382,13 +393,13 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
                 stderr=prints,
                 cwd=here,
                 # matplotlib, which control imports, keeps its lists there and makes no folder then
-                env={"HOME": folder, "MPLCONFIGDIR": folder, "LANG": "C.UTF-8"} | QUIET,
+                env={"HOME": folder, "MPLCONFIGDIR": folder, "LANG": "C.UTF-8"} | CHILD_ENVIRONMENT,
                 start_new_session=True,
             )
             assert begun.stdin is not None
             os.set_blocking(begun.stdin.fileno(), False)  # one that reads nothing stops nobody
-            end = monotonic() + MOST_SLOWED * (START + max(may, MAX_LOADING_S) + may)
-            process = AnswerProcess(begun, prints, here, about.file, may, START, end)
+            end = monotonic() + MOST_SLOWED * (START_TIMEOUT_S + max(may, MAX_LOADING_S) + may)
+            process = AnswerProcess(begun, prints, here, about.file, may, START_TIMEOUT_S, end)
             process.program = bool(about.command)
             try:
                 said = process.read(process.heard())
@@ -399,14 +410,14 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
                 process.left = may + process.at_work()[1]
                 if about.kind != "function":
                     try:
-                        base, fields = known(about.kind, said)
+                        base, fields = answer_class(about.kind, said)
                     except (LookupError, TypeError, ValueError, OverflowError):
-                        raise process.failed(STRANGE) from None
-                    fields |= {"name": NAME, "process": process, "__module__": __name__}
+                        raise process.failed(STRANGE_MESSAGE) from None
+                    fields |= {"name": ANSWER_NAME, "process": process, "__module__": __name__}
                     catalog.register(type("Answer", (base,), fields))
                 yield process
             finally:
-                catalog.unregister(NAME)
+                catalog.unregister(ANSWER_NAME)
                 with suppress(OSError):  # it has ended, and all that it may have begun
                     os.killpg(begun.pid, signal.SIGKILL)
                 begun.communicate()

@@ -18,28 +18,28 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from controllers.arrays import Array
 from controllers.catalog import EXECUTES
-from twin.base.errors import ScenarioError, nearest, printable, shortened
+from twin.base.errors import ScenarioError, nearest, printable, shorten
 from twin.base.shipped import shipped_labs
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.base.writing import why, write_folder, write_whole
-from twin.run.files import METRICS, export
+from twin.run.files import MOTION_INDICATORS, export
 from twin.run.finished import run
 from twin.scenario import Scenario
-from twin.study.schema import Family, Point, drawn, read_family
+from twin.study.schema import Family, Point, draw_rigs, read_family
 from twin.study.work import Builder
 
-SCHEMA = "ballplate/lab/v1"
+LAB_SCHEMA = "ballplate/lab/v1"
 Kind = Literal["law", "observer", "function", "numbers", "parameters"]
-DATA = ("numbers", "parameters")
+DATA_KINDS = ("numbers", "parameters")
 """Kinds that are no code."""
-NUMBERS = ("numbers", "function")
+NUMBER_KINDS = ("numbers", "function")
 """Kinds that give numbers by name."""
 Visible = Literal["visible", "hidden", "after_published"]
-NAMED = "[a-z0-9_-]+"
+LAB_NAME_PATTERN = "[a-z0-9_-]+"
 """What a lab may be called."""
-MOST = 256
+MAX_CHECK_RUNS = 256
 """Runs of a check."""
-PRIVATE = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md", "*key.txt")
+PRIVATE_FILES = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md", "*key.txt")
 """What of a lab's folder no student is handed."""
 MAX_NAME_BYTES = 200
 """Length of a student's name in UTF-8; the files of a result have it and some letters more."""
@@ -60,7 +60,7 @@ class AnswerTable(Checked):
 
     kind: Kind
     file: str = Field(
-        default_factory=lambda said: f"answer.{'toml' if said.get('kind') in DATA else 'py'}"
+        default_factory=lambda said: f"answer.{'toml' if said.get('kind') in DATA_KINDS else 'py'}"
     )
     seconds: Annotated[float, Field(gt=0, le=3600)] = 20.0
     function: str = ""
@@ -70,7 +70,7 @@ class AnswerTable(Checked):
 
     @model_validator(mode="after")
     def _whole(self) -> AnswerTable:
-        belongs = {"asked": NUMBERS, "keys": ("parameters",), "function": ("function",)}
+        belongs = {"asked": NUMBER_KINDS, "keys": ("parameters",), "function": ("function",)}
         for key, kinds in belongs.items():
             if bool(getattr(self, key)) != (self.kind in kinds):
                 kind = " or ".join(kinds)
@@ -84,7 +84,7 @@ class AnswerTable(Checked):
     @property
     def data(self) -> bool:
         """Whether it is data, never code."""
-        return self.kind in DATA
+        return self.kind in DATA_KINDS
 
 
 class VariantTable(Checked):
@@ -150,7 +150,7 @@ class CheckTable(Checked):
     set: tuple[str, ...] = ()
     nominal: bool = False
     family: str = ""
-    rigs: Annotated[int, Field(ge=1, le=MOST)] = 1
+    rigs: Annotated[int, Field(ge=1, le=MAX_CHECK_RUNS)] = 1
     draw: Annotated[int, Field(ge=0)] = 0
     seeds: tuple[Annotated[int, Field(ge=0)], ...] = ()
     metric: str = ""
@@ -168,8 +168,8 @@ class CheckTable(Checked):
 
     @model_validator(mode="after")
     def _one_judge(self) -> CheckTable:
-        if self.metric and self.metric not in METRICS:
-            raise ValueError(f"metric: no '{self.metric}'{nearest(self.metric, METRICS)}")
+        if self.metric and self.metric not in MOTION_INDICATORS:
+            raise ValueError(f"metric: no '{self.metric}'{nearest(self.metric, MOTION_INDICATORS)}")
         if self.full == self.none:
             raise ValueError("full, none: must differ; points go along the line between them")
         if not self.metric and (self.limit is not None or self.against):
@@ -182,8 +182,8 @@ class CheckTable(Checked):
             raise ValueError("full, none: both must be given")
         if not self.number and not self.scenario:
             raise ValueError("scenario: missing; it says what is run")
-        if self.rigs * max(1, len(self.seeds)) > MOST:
-            raise ValueError(f"rigs, seeds: at most {MOST} runs")
+        if self.rigs * max(1, len(self.seeds)) > MAX_CHECK_RUNS:
+            raise ValueError(f"rigs, seeds: at most {MAX_CHECK_RUNS} runs")
         if self.nominal and self.family:
             raise ValueError("nominal, family: give one of them")
         return self
@@ -217,7 +217,7 @@ class Lab(Checked):
     """
 
     schema_: Annotated[str, Field(alias="schema")]
-    name: Annotated[str, Field(pattern=f"^{NAMED}$")]
+    name: Annotated[str, Field(pattern=f"^{LAB_NAME_PATTERN}$")]
     version: Annotated[int, Field(ge=1)]
     title: str
     minutes: Annotated[int, Field(ge=1)] = 90
@@ -238,7 +238,7 @@ class Lab(Checked):
                 if other not in names:
                     raise ValueError(f"check '{each.name}': after: no check before it is '{other}'")
             names.append(each.name)
-            if bool(each.number) != (answer.kind in NUMBERS) or (
+            if bool(each.number) != (answer.kind in NUMBER_KINDS) or (
                 each.given and answer.kind != "function"
             ):
                 what = f"does not judge an answer of kind {answer.kind}"
@@ -321,11 +321,11 @@ def read(name: str | Path) -> Lab:
     file, hidden = place / "lab.toml", place / "hidden.toml"
     if not file.is_file():
         what = "has no lab.toml" if place.is_dir() else "not found" + nearest(str(name), known)
-        raise ScenarioError(f"lab '{shortened(str(name))}': {what}")
+        raise ScenarioError(f"lab '{shorten(str(name))}': {what}")
     said = read_tables(file, f"{place.name}/lab.toml").get("schema")
-    if said != SCHEMA:
+    if said != LAB_SCHEMA:
         raise ScenarioError(
-            f"{place.name}/lab.toml: schema: must be '{SCHEMA}', got {shortened(repr(said))}; "
+            f"{place.name}/lab.toml: schema: must be '{LAB_SCHEMA}', got {shorten(repr(said))}; "
             "a newer one needs a newer ballplate"
         )
     more = read_model(HiddenFile, hidden).check if hidden.is_file() else ()
@@ -336,7 +336,7 @@ RUNS = "runs %s of the lab"
 """What is told before a lab's own file is run."""
 
 
-def trusted(file: Path, function: str) -> Callable[..., Any]:
+def load_function(file: Path, function: str) -> Callable[..., Any]:
     """A function of a lecturer's own file.
 
     Raises:
@@ -349,13 +349,15 @@ def trusted(file: Path, function: str) -> Callable[..., Any]:
     return call
 
 
-RIG = "rig.toml"
+RIG_FILE = "rig.toml"
 """What a student is handed of their rig."""
-LOG = "log.csv"
+LOG_FILE = "log.csv"
 """The log that is made on it."""
-PRACTICE = "practice"
+PRACTICE_KEY = "practice"
 """The key of a course that has none."""
-_TOLD = re.compile(r"^(\s*\w+[^=#]*=\s*)([^#]*?)(\s*# told: )(\S+)[ \t]*$", re.MULTILINE)
+_FILLED_LINE_PATTERN = re.compile(
+    r"^(\s*\w+[^=#]*=\s*)([^#]*?)(\s*# told: )(\S+)[ \t]*$", re.MULTILINE
+)
 """A line ``NAME = 0.18  # told: KEY`` of an answer."""
 
 
@@ -404,7 +406,7 @@ def deal(lab: Lab, student: str, key: str | None = None, code: str | None = None
         code: That of the student's sheet, for who lacks the key.
     """
     name = f"{lab.name} {lab.version} {student}"
-    secret = (PRACTICE if key is None else key).encode()
+    secret = (PRACTICE_KEY if key is None else key).encode()
     digests = [
         hmac.new(secret, f"{name} {part}".encode(), hashlib.sha256).hexdigest()[:16]
         for part in ("told", "hidden")
@@ -414,7 +416,7 @@ def deal(lab: Lab, student: str, key: str | None = None, code: str | None = None
     own, hidden = digests
     if lab.family is None or lab.variant is None:
         return Deal(student, own, {}, {}, int(hidden, 16) % 2**31)
-    open_, closed = (drawn(lab.family, int(each, 16), 1)[0] for each in digests)
+    open_, closed = (draw_rigs(lab.family, int(each, 16), 1)[0] for each in digests)
     told = {key: open_.point[key] for key in lab.variant.told}
     return Deal(student, own, closed.point | told, told, closed.seed)
 
@@ -426,18 +428,20 @@ def had_again(lab: Lab, folder: Path, key: str | None, student: str | None = Non
         ScenarioError: If the file is of another lab, version, student or key.
     """
     try:
-        (folder / RIG).lstat()
+        (folder / RIG_FILE).lstat()
     except OSError:
         return deal(lab, student or "nobody", key)
-    said = read_model(HandedRig, folder / RIG, regular=True)
+    said = read_model(HandedRig, folder / RIG_FILE, regular=True)
     wanted = {"lab": lab.name, "version": lab.version, "student": student or said.student}
     for what, must in wanted.items():
         if (has := getattr(said, what)) != must:
-            raise ScenarioError(f"{RIG}: {what}: is {has!r}, must be {must!r}")
-    found = deal(lab, said.student, PRACTICE if said.practice and key is None else key, said.code)
+            raise ScenarioError(f"{RIG_FILE}: {what}: is {has!r}, must be {must!r}")
+    found = deal(
+        lab, said.student, PRACTICE_KEY if said.practice and key is None else key, said.code
+    )
     if found.code != said.code:
         raise ScenarioError(
-            f"{RIG}: code: the course's key deals {said.student} another rig; "
+            f"{RIG_FILE}: code: the course's key deals {said.student} another rig; "
             "is it the key of this course?"
         )
     return found._replace(true=said.practice or key is not None)
@@ -473,7 +477,7 @@ def check_name(student: str) -> None:
     letters = re.fullmatch(r"[\w@+-][\w.@+-]{0,99}", student)
     if not letters or len(student.encode()) > MAX_NAME_BYTES:
         raise ScenarioError(
-            f"student '{shortened(printable(student))}': is called by up to 100 letters, digits "
+            f"student '{shorten(printable(student))}': is called by up to 100 letters, digits "
             f"and .@+-_, {MAX_NAME_BYTES} bytes in UTF-8"
         )
 
@@ -499,12 +503,12 @@ def hand_out(lab: Lab, places: Mapping[str, str], key: str | None, folder: Path)
             rig = {"lab": lab.name, "version": lab.version, "student": student}
             rig |= {"code": dealt.code, "practice": key is None}
             told = toml({json.dumps(each): value for each, value in dealt.told.items()})
-            write_whole(own / RIG, f"{toml(rig)}[told]\n{told}")
+            write_whole(own / RIG_FILE, f"{toml(rig)}[told]\n{told}")
             told = "".join(f"- `{each}` = {value}\n" for each, value in dealt.told.items())
             about = f"## Your rig\n\n{student}, code {dealt.code}\n\n{told}"
             write_whole(own / "task.md", f"{sheet}\n\n{about}")
-            write_whole(own / answer, filled(begun, dealt.told))
-            record(lab, dealt, own / LOG)
+            write_whole(own / answer, fill_answer(begun, dealt.told))
+            record(lab, dealt, own / LOG_FILE)
 
     for student in places:
         check_name(student)
@@ -522,23 +526,25 @@ def starter(solution: str) -> str:
     Lines between ``# BEGIN SOLUTION`` and ``# END SOLUTION`` go; of those between
     ``# BEGIN STARTER`` and ``# END STARTER`` the comment signs do.
     """
-    given = re.sub(MARKED.format("SOLUTION"), "", solution)
+    given = re.sub(MARKED_LINES_PATTERN.format("SOLUTION"), "", solution)
     sign = r"(?m)^( *)# ?"
-    return re.sub(MARKED.format("STARTER"), lambda found: re.sub(sign, r"\1", found[1]), given)
+    return re.sub(
+        MARKED_LINES_PATTERN.format("STARTER"), lambda found: re.sub(sign, r"\1", found[1]), given
+    )
 
 
-MARKED = r"(?ms)^ *# BEGIN {0}$\n(.*?)^ *# END {0}$\n"
+MARKED_LINES_PATTERN = r"(?ms)^ *# BEGIN {0}$\n(.*?)^ *# END {0}$\n"
 """Lines between two marks."""
 
 
-def filled(text: str, told: Mapping[str, Any]) -> str:
+def fill_answer(text: str, told: Mapping[str, Any]) -> str:
     """An answer's text with what the student's sheet tells in its lines marked ``# told: KEY``."""
 
     def line(found: re.Match[str]) -> str:
         begin, _, mark, key = found.groups()
         return f"{begin}{told[key]!r}{mark}{key}" if key in told else found.group()
 
-    return _TOLD.sub(line, text)
+    return _FILLED_LINE_PATTERN.sub(line, text)
 
 
 def record(lab: Lab, dealt: Deal, path: Path) -> None:
@@ -550,25 +556,27 @@ def record(lab: Lab, dealt: Deal, path: Path) -> None:
     variant = lab.variant
     file, _, function = (variant.log if variant else "").partition(":")
     if function:
-        trusted(lab.folder / file, function)(dealt.point, path.parent)
+        load_function(lab.folder / file, function)(dealt.point, path.parent)
     elif variant is not None and file and lab.family is not None:
         fixed = (*variant.set, f"seed={dealt.seed}")
         relative = [key for key, each in lab.family.parameters.items() if each.relative]
         scenario = Builder(lab.path(variant.log))(fixed, dealt.point, relative)
-        export(path, *seen(scenario.model_dump_json()))
+        export(path, *measured_columns(scenario.model_dump_json()))
 
 
 @lru_cache(maxsize=4)
-def seen(scenario: str) -> tuple[dict[str, Array], Mapping[str, str]]:
+def measured_columns(scenario: str) -> tuple[dict[str, Array], Mapping[str, str]]:
     """What a rig's own computer sees of a run, before any observer: columns by name, units.
 
     Args:
         scenario: What is run, in JSON.
     """
     done = run(Scenario.model_validate_json(scenario))
-    rows = {name: values for name, values in done.rows.items() if name.startswith(SEEN)}
+    rows = {
+        name: values for name, values in done.rows.items() if name.startswith(SEEN_COLUMN_PREFIXES)
+    }
     return rows, done.units
 
 
-SEEN = ("time", "measured_", "requested_", "applied_", "age", "touched")
+SEEN_COLUMN_PREFIXES = ("time", "measured_", "requested_", "applied_", "age", "touched")
 """Beginnings of the columns that a rig's own computer has, before any observer."""

@@ -21,12 +21,12 @@ from twin.run.metrics import Outcome
 from twin.run.record import Recorder
 from twin.run.state import Snapshot
 from twin.scenario.load import at_time, check, clean, put
-from twin.scenario.schema import JUMPS, RAMPS, SLACK, Change, Scenario, choices
+from twin.scenario.schema import JUMP_KEYS, RAMP_KEYS, TIME_TOLERANCE_S, Change, Scenario, choices
 from twin.whatif.futures import CONTROL, take_over
 
-EVERY = 1.0
+SNAPSHOT_INTERVAL_S = 1.0
 """Simulated seconds from one state to the next."""
-MOST = 300
+MAX_SNAPSHOTS = 300
 """States that are kept, of 0.2 MB each: of longer ago only the first."""
 
 
@@ -56,14 +56,14 @@ class States:
 
     def due(self, time: float) -> bool:
         """Whether it is time for another one."""
-        return not self.all or time > self.all[-1].time + EVERY - 1e-9
+        return not self.all or time > self.all[-1].time + SNAPSHOT_INTERVAL_S - 1e-9
 
     def keep(self, state: Kept) -> None:
         """Take one in; of two at one moment the later one counts."""
         if self.all and abs(self.all[-1].time - state.time) < 1e-9:
             self.all.pop()
         self.all.append(state)
-        del self.all[1:-MOST]
+        del self.all[1:-MAX_SNAPSHOTS]
 
     def back_to(self, time: float) -> Kept:
         """The last one before a time in s; all that follow are forgotten."""
@@ -207,9 +207,9 @@ class Ghost:
         self._scenario, self.controller = now, controller
 
 
-LONGEST = 1800.0
+MAX_DRIVEN_S = 1800.0
 """Longest time in s that can be driven: its record is kept in memory."""
-TABLES = ("controller", "observer", "predictor")
+CONTROL_TABLES = ("controller", "observer", "predictor")
 """Tables of a scenario that say how it is controlled."""
 
 
@@ -237,7 +237,7 @@ class Driven:
         Raises:
             ScenarioError: If it cannot be assembled.
         """
-        long = scenario.model_copy(update={"duration": LONGEST, "baseline": False})
+        long = scenario.model_copy(update={"duration": MAX_DRIVEN_S, "baseline": False})
         build_reference(long)
         return cls(long, None, ((0.0, _control(long)),))
 
@@ -274,7 +274,7 @@ class Driven:
         Raises:
             ScenarioError: If a key cannot change while a rig runs, or a value is out of range.
         """
-        plant = {key: value for key, value in values.items() if key in RAMPS + JUMPS}
+        plant = {key: value for key, value in values.items() if key in RAMP_KEYS + JUMP_KEYS}
         for key in values:
             if key not in plant and not key.startswith(CONTROL[:3]):
                 raise ScenarioError(f"{key}: cannot be changed while a rig runs")
@@ -285,12 +285,12 @@ class Driven:
         if any(key not in plant for key in values):
             _of_now(checked, "is laid from the start of a scenario that has it")
         changed = self.scenario.model_copy(
-            update={table: getattr(checked, table) for table in TABLES}
+            update={table: getattr(checked, table) for table in CONTROL_TABLES}
         )
         build_controller(changed)
         controllers = self.controllers
         if any(key not in plant for key in values):
-            earlier = [each for each in controllers if each[0] < time - SLACK]
+            earlier = [each for each in controllers if each[0] < time - TIME_TOLERANCE_S]
             controllers = (*earlier, (time, _control(changed)))
         if plant:
             changes = _with_change(changed.change, time, plant)
@@ -300,7 +300,7 @@ class Driven:
     def recorded(self, end: float) -> Scenario:
         """The scenario that a record until a time in s was made with."""
         start = min(self.scenario.metrics.start, end / 2)
-        kept = [each for each in self.scenario.change if each.at < end - SLACK]
+        kept = [each for each in self.scenario.change if each.at < end - TIME_TOLERANCE_S]
         tables = self.scenario.model_dump(mode="json", exclude={"change"})
         tables |= {
             "title": f"{self.scenario.title}, driven by hand",
@@ -349,14 +349,14 @@ def _of_now(scenario: Scenario, why: str, *, goal: bool = False) -> None:
 
 
 def _control(scenario: Scenario) -> dict[str, Any]:
-    return scenario.model_dump(include={*TABLES})
+    return scenario.model_dump(include={*CONTROL_TABLES})
 
 
 def _with_change(
     changes: tuple[Change, ...], time: float, values: Mapping[str, Any]
 ) -> tuple[Change, ...]:
     """Changes and one more at once; of two at one time there is one with all values."""
-    if changes and abs(changes[-1].at - time) < SLACK:
+    if changes and abs(changes[-1].at - time) < TIME_TOLERANCE_S:
         values = {**changes[-1].set, **values}
         changes = changes[:-1]
     return (*changes, Change(at=time, set=dict(values)))

@@ -13,12 +13,22 @@ from nicegui.element import Element
 
 from controllers.interfaces import DelayedObserver, Law, Observer
 from twin.play.driven import drivable
-from twin.play.session import COLUMNS, PAGE, Back, Event, Goal, Pause, Push, Settings, Status
+from twin.play.session import (
+    PAGE_TABLES,
+    PICTURE_COLUMNS,
+    Back,
+    Event,
+    Goal,
+    Pause,
+    Push,
+    Settings,
+    Status,
+)
 from twin.run.tables import flat
 from twin.scenario.describe import every_kind
 from twin.scenario.schema import Dimensions, choices
 
-STRIPS = PAGE["strips"]
+PLOT_STRIPS = PAGE_TABLES["strips"]
 """Title, columns with name and colour, scale, least height of the axis, whether it is about 0."""
 Moved = Callable[[float, float], None]
 
@@ -28,7 +38,7 @@ class Drawn(Element):
 
     def __init__(self, **props: Any) -> None:
         super().__init__()
-        self.props.update({"columns": list(COLUMNS), **props})
+        self.props.update({"columns": list(PICTURE_COLUMNS), **props})
 
     def show(self, rows: Sequence[Sequence[float]]) -> None:
         """Show them."""
@@ -48,8 +58,8 @@ class Plate(Drawn, component="plate.js"):
         sizes = {"size": size.screen, "area": size.area, "ball": [size.ball]}
         millimetres = {name: [1000 * each for each in sides] for name, sides in sizes.items()}
         super().__init__(**millimetres, round=size.round, drives=False)
-        self.on("goal", lambda event: _called(goal, event.args))
-        self.on("push", lambda event: _called(push, event.args))
+        self.on("goal", lambda event: _pass_pair(goal, event.args))
+        self.on("push", lambda event: _pass_pair(push, event.args))
 
     def let_drive(self, drives: bool) -> None:
         """Whether who looks may drag."""
@@ -65,7 +75,7 @@ class Strips(Drawn, component="strips.js"):
     """Error, plate angle and effort over the last seconds."""
 
 
-def _called(done: Moved, given: Any) -> None:
+def _pass_pair(done: Moved, given: Any) -> None:
     """Hand over what a browser has sent, if it is two numbers."""
     try:
         x, y = float(given["x"]), float(given["y"])
@@ -101,8 +111,8 @@ class Slider(NamedTuple):
     help: str
 
 
-PLANT, (PREDICTOR,) = (
-    [Slider(**{"entry": None} | about) for about in PAGE["sliders"][of]]
+PLANT_SLIDERS, (PREDICTOR,) = (
+    [Slider(**{"entry": None} | about) for about in PAGE_TABLES["sliders"][of]]
     for of in ("plant", "predictor")
 )
 
@@ -113,7 +123,7 @@ def value_in(tables: Mapping[str, Any], key: str, entry: int | None = None) -> A
     return value if entry is None or value is None else value[entry]
 
 
-def moved(tables: Mapping[str, Any], slider: Slider, shown: float) -> dict[str, Any]:
+def setting_of_slider(tables: Mapping[str, Any], slider: Slider, shown: float) -> dict[str, Any]:
     """The setting that a slider stands for when it shows a value."""
     value = shown / slider.scale
     if slider.entry is None:
@@ -131,7 +141,7 @@ def shown_by(tables: Mapping[str, Any], slider: Slider) -> float:
 def sliders(tables: Mapping[str, Any]) -> list[Slider]:
     """The sliders of a scenario's plant, sensors and predictor."""
     predictor = [] if tables.get("predictor") is None else [PREDICTOR]
-    return [*PLANT, *predictor]
+    return [*PLANT_SLIDERS, *predictor]
 
 
 def complete(tables: Mapping[str, Any]) -> dict[str, Any]:
@@ -164,7 +174,7 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
             continue
         key = f"{table}.{item.name}"
         for entry, number in enumerate(numbers):
-            low, high = sorted((number / WIDEST, number * WIDEST))
+            low, high = sorted((number / GAIN_SLIDER_FACTOR, number * GAIN_SLIDER_FACTOR))
             label = f"{item.name} {entry + 1}" if several else item.name
             meaning = "" if entry else meanings.get(key, "")
             found.append(
@@ -174,11 +184,11 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
 
 
 Do = Callable[[Event], None]
-WIDEST = 4.0
+GAIN_SLIDER_FACTOR = 4.0
 """A gain's slider goes from its value over this to so many times its value."""
-SETTLED = 0.5
+SLIDER_SETTLE_S = 0.5
 """Seconds after which a slider is no longer being moved."""
-THROTTLE = 0.05
+SLIDER_INTERVAL_S = 0.05
 """Seconds from one value of a moving slider to the next that is sent."""
 MOVING, MOVED = "update:model-value", "change"
 """Events of a slider."""
@@ -219,13 +229,13 @@ class Page:
                     with ui.row().classes("items-center").style("width:100%;gap:.4rem .8rem"):
                         plate = Plate(size, lambda *to: do(Goal(*to)), lambda *by: do(Push(*by)))
                         self.plate = plate.style("flex:99 1 18rem;min-width:0")
-                        halves = zip(PAGE["sides"], size.screen, strict=True)
+                        halves = zip(PAGE_TABLES["sides"], size.screen, strict=True)
                         sides = [each | {"half": 500 * side} for each, side in halves]
                         self.sides = Sides(sides=sides).style("flex:1 1 16rem;min-width:0")
                     self._legend()
                 self._buttons()
                 with ui.card().style("width:100%;padding:.6rem;height:19rem"):
-                    self.strips = Strips(strips=STRIPS).style("width:100%;height:100%")
+                    self.strips = Strips(strips=PLOT_STRIPS).style("width:100%;height:100%")
             with ui.card().style("flex:1 1 20rem;gap:.35rem;padding:.8rem"):
                 self._choices()
         self._say()
@@ -233,7 +243,7 @@ class Page:
     def _legend(self) -> None:
         sign = "display:inline-block;width:.9rem;height:.9rem;border-radius:50%;margin-right:.3rem"
         with ui.row().style("gap:.2rem 1.1rem;font-size:.85rem;color:#37424a"):
-            for style, text in PAGE["legend"]:
+            for style, text in PAGE_TABLES["legend"]:
                 html = f'<span style="{sign};{style}"></span>{text}'
                 ui.html(html, sanitize=False).style("display:flex;align-items:center")
 
@@ -294,10 +304,10 @@ class Page:
             text.text = _number(float(event.args), slider.unit)
 
         def act(event: Any) -> None:
-            self._do(Settings(moved(self._tables, slider, float(event.args))))
+            self._do(Settings(setting_of_slider(self._tables, slider, float(event.args))))
 
-        bar.on(MOVING, show, throttle=THROTTLE)
-        bar.on(when, act, throttle=THROTTLE)
+        bar.on(MOVING, show, throttle=SLIDER_INTERVAL_S)
+        bar.on(when, act, throttle=SLIDER_INTERVAL_S)
         self._set(slider, bar, text)
         return bar, text
 
@@ -326,7 +336,7 @@ class Page:
         self.plate.show(rows)
         self.sides.show(rows[-1:])
         self.strips.show(rows)
-        now = dict(zip(COLUMNS, rows[-1], strict=True))
+        now = dict(zip(PICTURE_COLUMNS, rows[-1], strict=True))
         rig, clean = (f"{1000 * each:.3g} mm" for each in rms)
         self._error.text = f"error {1000 * now['error']:.0f} mm, RMS so far {rig} (clean {clean})"
         self._clock.text = f"{now['time']:.1f} s, {now['factor']:.2f} × real time"
@@ -341,7 +351,7 @@ class Page:
                 each.set_enabled(drives)
             self._shown_gains.clear()
             self._role.text = "you drive" if drives else "you look: another browser drives"
-        settled = self._touched and monotonic() - self._touched > SETTLED
+        settled = self._touched and monotonic() - self._touched > SLIDER_SETTLE_S
         if settled:
             self._touched = 0.0
         if changed or settled or status is not self._status:

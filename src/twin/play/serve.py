@@ -21,20 +21,30 @@ from urllib.parse import urlsplit
 from controllers import catalog
 from controllers.arrays import Array
 from controllers.catalog import error_words
-from twin.base.errors import TwinError, extra, printable, shortened
-from twin.base.jobs import SecondProcess, let_go, settle, spawned
+from twin.base.errors import TwinError, extra, printable, shorten
+from twin.base.jobs import SecondProcess, let_go, settle, spawn
 from twin.play.driven import Part, save_driven
-from twin.play.session import COLUMNS, End, Errors, Event, Pause, Save, Session, Status, Told
+from twin.play.session import (
+    PICTURE_COLUMNS,
+    End,
+    Errors,
+    Event,
+    Pause,
+    Save,
+    Session,
+    Status,
+    Told,
+)
 from twin.run.files import free
 from twin.scenario.schema import Scenario
 from twin.view.live_process import SharedRingBuffer
 from twin.view.viewer import bound
 
-ROWS = 1024
+PICTURE_BUFFER_ROWS = 1024
 """Pictures that wait to be fetched: 20 s of them."""
-START = 60.0
+START_TIMEOUT_S = 60.0
 """Seconds that the process may take to start."""
-LAST = 30.0
+STOP_TIMEOUT_S = 30.0
 """Seconds that it may take to end, with what is still to be saved."""
 
 
@@ -55,20 +65,20 @@ class Simulation:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._ring = SharedRingBuffer(ROWS, len(COLUMNS))
-        self._ring.name(COLUMNS)
+        self._ring = SharedRingBuffer(PICTURE_BUFFER_ROWS, len(PICTURE_COLUMNS))
+        self._ring.name(PICTURE_COLUMNS)
         self._pipe, its = multiprocessing.Pipe()
         self.failure: Failure | None = None
         """Why it ended by itself."""
-        self._process = spawned(_work, self._ring.address, scenario, its, daemon=False)
+        self._process = spawn(_work, self._ring.address, scenario, its, daemon=False)
         its.close()
         begun = monotonic()
         said: list[Status] = []
         try:
             while not said and self.failure is None:
                 said = self.news(wait=0.1)
-                if monotonic() - begun > START:
-                    raise TwinError(f"the simulation does not start within {START:g} s")
+                if monotonic() - begun > START_TIMEOUT_S:
+                    raise TwinError(f"the simulation does not start within {START_TIMEOUT_S:g} s")
             if self.failure is not None:
                 raise TwinError(self.failure)
         except BaseException:
@@ -118,10 +128,10 @@ class Simulation:
         last: list[Status] = []
         if self._process.is_alive() and self.failure is None:
             self.send(End(folder))
-            until = monotonic() + LAST
+            until = monotonic() + STOP_TIMEOUT_S
             while self.failure is None and monotonic() < until:
                 last = self.news(wait=0.1) or last
-            self._process.join(LAST)
+            self._process.join(STOP_TIMEOUT_S)
         let_go(self._process)
         self._pipe.close()
         self._ring.close()
@@ -138,7 +148,7 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
             pipe.send(said)
 
     def show(numbers: tuple[float, ...]) -> None:
-        ring.slot()[: len(COLUMNS)] = numbers
+        ring.slot()[: len(PICTURE_COLUMNS)] = numbers
         ring.put()
 
     told: SimpleQueue[Told] = SimpleQueue()
@@ -180,14 +190,14 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
     except TwinError as error:
         tell(Failure(error))
     except Exception as error:  # noqa: BLE001 - a law of one's own may raise anything
-        tell(Failure(catalog.blamed(error) or f"the simulation failed: {error!r}"))
+        tell(Failure(catalog.locate_error(error) or f"the simulation failed: {error!r}"))
     ring.close()
 
 
 App = Callable[[Any, Any, Any], Awaitable[None]]
 
-COOKIE = "ballplate_token"
-REFUSED = "refused: the address needs ?token=..., as ballplate play has printed it\n"
+TOKEN_COOKIE = "ballplate_token"
+REFUSED_MESSAGE = "refused: the address needs ?token=..., as ballplate play has printed it\n"
 
 
 def is_loopback(host: str) -> bool:
@@ -198,7 +208,7 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def guarded(app: App, token: str = "") -> App:
+def require_token(app: App, token: str = "") -> App:
     """An ASGI application that lets another one answer only those who may ask.
 
     A page of another origin may not, whatever browser it runs in: neither open a connection nor,
@@ -218,7 +228,7 @@ def guarded(app: App, token: str = "") -> App:
             return False
         if not token:
             return is_loopback(urlsplit(f"//{host}").hostname or "")
-        both = (asked.cookies.get(COOKIE, ""), given)
+        both = (asked.cookies.get(TOKEN_COOKIE, ""), given)
         return any(hmac.compare_digest(each.encode(), token.encode()) for each in both)
 
     async def answer(scope: Any, receive: Any, send: Any) -> None:
@@ -231,7 +241,7 @@ def guarded(app: App, token: str = "") -> App:
         async def marked(message: Any) -> None:
             """Send a cookie along to who has come with the token in the address."""
             if token and given and message["type"] == "http.response.start":
-                cookie = f"{COOKIE}={token}; Path=/; HttpOnly; SameSite=Strict"
+                cookie = f"{TOKEN_COOKIE}={token}; Path=/; HttpOnly; SameSite=Strict"
                 headers = [*message.get("headers", ()), (b"set-cookie", cookie.encode())]
                 message = {**message, "headers": headers}
             await send(message)
@@ -241,7 +251,7 @@ def guarded(app: App, token: str = "") -> App:
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
         else:
-            await PlainTextResponse(REFUSED, 403)(scope, receive, send)
+            await PlainTextResponse(REFUSED_MESSAGE, 403)(scope, receive, send)
 
     return answer
 
@@ -284,9 +294,9 @@ class Audience:
         return self._left is not None and self._clock() - self._left > self._patience
 
 
-PICTURES = 1 / 32
+PICTURE_INTERVAL_S = 1 / 32
 """Seconds from one picture that is sent to the next."""
-RECONNECT = 15.0
+RECONNECT_TIMEOUT_S = 15.0
 """Seconds for which a browser that does not answer, on a busy machine, is waited for; one that is
 closed is gone at once."""
 
@@ -325,7 +335,7 @@ class Lines(logging.Handler):
             return
         error = record.exc_info[1] if record.exc_info else None
         words = error_words(error) if error is not None else " ".join(record.getMessage().split())
-        self._tell(shortened(printable(f"the page was sent something that it cannot do: {words}")))
+        self._tell(shorten(printable(f"the page was sent something that it cannot do: {words}")))
 
     def close(self) -> None:
         """Tell how many more there were."""
@@ -435,11 +445,11 @@ class Server:
             favicon="⚪",
             tailwind=False,
             message_history_length=50,
-            reconnect_timeout=RECONNECT,
+            reconnect_timeout=RECONNECT_TIMEOUT_S,
             show_welcome_message=False,
         )
         config = uvicorn.Config(
-            guarded(app, self.token),
+            require_token(app, self.token),
             log_config=None,
             log_level="error",
             ws="wsproto",
@@ -495,7 +505,7 @@ class Server:
         begun()
         begin = monotonic()
         while True:
-            await asyncio.sleep(PICTURES)
+            await asyncio.sleep(PICTURE_INTERVAL_S)
             self._hand_on()
             out_of_time = self._seconds is not None and monotonic() - begin > self._seconds
             self.failure = self._simulation.failure

@@ -11,9 +11,9 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 from controllers.interfaces import Measurement
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.base.errors import TwinError
-from twin.play.driven import LONGEST, Driven, DrivenRig, Part, States, Write, save_driven
+from twin.play.driven import MAX_DRIVEN_S, Driven, DrivenRig, Part, States, Write, save_driven
 from twin.run.assemble import build_controller
 from twin.run.loop import drive
 from twin.run.metrics import Ending, Outcome
@@ -78,11 +78,11 @@ Inbox = Callable[[float], Sequence[Event]]
 """Waits for events, at most a time in s, and gives those that have come, oldest first."""
 
 
-AHEAD = 0.004
+MAX_AHEAD_S = 0.004
 """Seconds the simulation may be ahead of the clock, so that it need not sleep every period."""
-BEHIND = 0.1
+MAX_BEHIND_S = 0.1
 """Seconds behind the clock from which on it is no longer caught up with."""
-OVER = 1.0
+FACTOR_WINDOW_S = 1.0
 """Seconds over which the real-time factor is taken."""
 
 
@@ -107,25 +107,25 @@ class Pace:
         """Seconds to wait until a simulated time in s is due; 0 if it is."""
         now = self._clock()
         late = now - self._zero - time
-        if late > BEHIND:
-            self._zero += late - BEHIND
+        if late > MAX_BEHIND_S:
+            self._zero += late - MAX_BEHIND_S
         self._passed.append((now, time))
-        while now - self._passed[0][0] > OVER:
+        while now - self._passed[0][0] > FACTOR_WINDOW_S:
             self._passed.popleft()
-        return -late if late < -AHEAD else 0.0
+        return -late if late < -MAX_AHEAD_S else 0.0
 
     @property
     def factor(self) -> float:
         """Simulated seconds a second of the clock, over the last second; 1 until it is known."""
-        if not self._passed or self._passed[-1][0] - self._passed[0][0] < OVER / 10:
+        if not self._passed or self._passed[-1][0] - self._passed[0][0] < FACTOR_WINDOW_S / 10:
             return 1.0
         (wall, time), (wall_now, time_now) = self._passed[0], self._passed[-1]
         return (time_now - time) / (wall_now - wall)
 
 
-PAGE = packaged("twin.play", "page.toml")
+PAGE_TABLES = read_packaged("twin.play", "page.toml")
 """What the page shows, and of what."""
-COLUMNS = tuple(PAGE["columns"])
+PICTURE_COLUMNS = tuple(PAGE_TABLES["columns"])
 """Numbers of one picture: s, m, rad; the effort is the RMS of the plate's acceleration, rad/s^2,
 since the picture before; ``factor`` is the simulated seconds a second of the clock."""
 
@@ -139,7 +139,7 @@ class Errors:
     def add(self, rows: Sequence[Sequence[float]]) -> None:
         """Take pictures in, oldest first; one before the last one forgets what followed it."""
         for row in rows:
-            now = dict(zip(COLUMNS, row, strict=True))
+            now = dict(zip(PICTURE_COLUMNS, row, strict=True))
             while self._sums[-1][0] >= now["time"]:
                 self._sums.pop()
             _, rig, clean = self._sums[-1]
@@ -177,9 +177,9 @@ Show = Callable[[tuple[float, ...]], None]
 Tell = Callable[[Status], None]
 
 
-PICTURES = 0.02
+PICTURE_INTERVAL_S = 0.02
 """Simulated seconds from one picture to the next."""
-WAIT = 0.05
+IDLE_WAIT_S = 0.05
 """Seconds after which a simulation that stands still looks about."""
 
 
@@ -229,10 +229,10 @@ class Session:
         self._over = self._again = False
         self._paused = paused
         self._tell, self._status, self._told = tell, Status({}), Status({})
-        self._every = max(1, round(PICTURES / scenario.rig.period))
+        self._every = max(1, round(PICTURE_INTERVAL_S / scenario.rig.period))
         self._both = DrivenRig(self.driven)
         rig = self._both.rig
-        self.record = Recorder(round(LONGEST / rig.period), 1, rig.period, rig.channels)
+        self.record = Recorder(round(MAX_DRIVEN_S / rig.period), 1, rig.period, rig.channels)
 
     def run(self) -> None:
         """Simulate until the person ends it."""
@@ -243,7 +243,7 @@ class Session:
             try:
                 rig, controller = self._both.rig, self._both.controller
                 (self.outcome,) = drive(
-                    rig, controller, LONGEST, self.record, begin=begin, keep=self._turn
+                    rig, controller, MAX_DRIVEN_S, self.record, begin=begin, keep=self._turn
                 )
                 self._stand()
             except _Again:
@@ -265,7 +265,7 @@ class Session:
         do = partial(self._do, measurement=measurement)
         self._take(self._inbox(self._pace.early(time)), do, time)
         while self._paused:
-            self._take(self._inbox(WAIT), do, time)
+            self._take(self._inbox(IDLE_WAIT_S), do, time)
             self._pace.begin(time)
         if tick % self._every == 0:
             self._show(self._picture(time))
@@ -329,7 +329,7 @@ class Session:
         self._show(self._picture(time))
         self._say(time)
         while True:
-            self._take(self._inbox(WAIT), partial(self._do_ended, time=time), time)
+            self._take(self._inbox(IDLE_WAIT_S), partial(self._do_ended, time=time), time)
 
     def _change(self, time: float, values: Mapping[str, Any], measurement: Measurement) -> None:
         """Have new values of settings from now on."""

@@ -22,27 +22,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Number
 from controllers.ballplate import BallPlate
-from controllers.catalog import AnswerError, blamed, wrong_answer
+from controllers.catalog import AnswerError, locate_error, wrong_answer
 from controllers.controller import (
-    MEASURED,
+    MEASURED_TIME,
     Controller,
     HeldLaw,
     PerRigLaw,
     PerRigObserver,
     PerRigReference,
     Smith,
-    needed,
+    needed_columns,
 )
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.base.errors import LawError, ModelError, ScenarioError, TwinError
-from twin.base.settings import changed, filled, per_rig, settings_of, value_of
+from twin.base.settings import from_changes, from_scenarios, per_rig, settings_of, value_of
 from twin.hal.cams import CamTable, FixedRatio
-from twin.hal.interface import SCREEN, Limits, Transmission
+from twin.hal.interface import SCREEN_SIZE_M, Limits, Transmission
 from twin.hal.linkage import Linkage, TiltTable, Transmitting
 from twin.hal.rig import Rig
 from twin.scenario import schema
 from twin.scenario.load import at_time, times
-from twin.scenario.schema import SLACK, Scenario, choices
+from twin.scenario.schema import TIME_TOLERANCE_S, Scenario, choices
 from twin.sim import rig as simulated
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction, SurfaceMap, SurfaceModel
@@ -60,23 +60,23 @@ def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Pla
         ModelError: If the mechanism or its cam table cannot be used.
     """
     plant, known = PLANTS[scenarios[0].plant.kind].make(scenarios, threads)
-    return plant, mistaken(known, scenarios)
+    return plant, with_calibration_error(known, scenarios)
 
 
-def believed(scenario: Scenario) -> Transmission:
+def assumed_transmission(scenario: Scenario) -> Transmission:
     """What the rig of a scenario believes of its cams; the mechanism is built only for its ratio.
 
     Raises:
         ModelError: If the mechanism or its cam table cannot be used.
     """
     if scenario.plant.kind == "mujoco" and scenario.rig.cams != "ratio":
-        return mistaken(_known([scenario], 1.0), [scenario])
+        return with_calibration_error(_build_transmission([scenario], 1.0), [scenario])
     return build_plant([scenario])[1]
 
 
-def mistaken(known: Transmission, scenarios: Sequence[Scenario]) -> Transmission:
+def with_calibration_error(known: Transmission, scenarios: Sequence[Scenario]) -> Transmission:
     """A transmission with the errors that the scenarios have of it."""
-    error = filled(simulated.TransmissionError, scenarios)
+    error = from_scenarios(simulated.TransmissionError, scenarios)
     return simulated.WrongTransmission(known, error) if error.any else known
 
 
@@ -99,11 +99,11 @@ def differ(old: Sequence[Scenario], new: Sequence[Scenario], *classes: type) -> 
 
 def parts_of(scenario: Scenario) -> Parts:
     """What of a rig's mechanism differs from the model file."""
-    lengths, plant = filled(Linkage, [scenario]), scenario.plant
+    lengths, plant = from_scenarios(Linkage, [scenario]), scenario.plant
     other: dict[str, Any] = {"linkage": lengths} if lengths.given else {}
-    if other or (plant.kind == "mujoco" and plant.size != SCREEN):
+    if other or (plant.kind == "mujoco" and plant.size != SCREEN_SIZE_M):
         other |= {"size": plant.size, "rounded": plant.shape == "round"}
-    return replace(changed(Parts, scenario), **other)
+    return replace(from_changes(Parts, scenario), **other)
 
 
 def drawn_mechanism(scenario: Scenario) -> MjModel:
@@ -116,7 +116,7 @@ def drawn_mechanism(scenario: Scenario) -> MjModel:
 
 def linkage_of(scenario: Scenario) -> Transmitting | None:
     """What lies between servos and plate of a scenario: its linkage or table, if it has one."""
-    found = filled(Linkage, [scenario]), filled(TiltTable, [scenario])
+    found = from_scenarios(Linkage, [scenario]), from_scenarios(TiltTable, [scenario])
     return next((each for each in found if each.given), None)
 
 
@@ -128,7 +128,7 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
         linkage=linkage,
         **_equations(scenarios),
     )
-    return plant, FixedRatio() if linkage is None else _known(scenarios, plant.ratio)
+    return plant, FixedRatio() if linkage is None else _build_transmission(scenarios, plant.ratio)
 
 
 def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
@@ -153,10 +153,10 @@ def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Tran
         friction=_friction(scenarios),
         parts=list(map(parts_of, scenarios)),
     )
-    return plant, _known(scenarios, plant.ratio)
+    return plant, _build_transmission(scenarios, plant.ratio)
 
 
-def _known(scenarios: Sequence[Scenario], ratio: Number) -> Transmission:
+def _build_transmission(scenarios: Sequence[Scenario], ratio: Number) -> Transmission:
     """What the rigs know of their linkages, or cams, of a ratio at level."""
     linkage = linkage_of(scenarios[0])
     kinds = [scenario.rig.cams for scenario in scenarios]
@@ -169,7 +169,7 @@ def _known(scenarios: Sequence[Scenario], ratio: Number) -> Transmission:
     return simulated.PerRigTransmission([known[kind] for kind in kinds])
 
 
-def _stays(plant: Any, *_: Any) -> None:
+def _cannot_change(plant: Any, *_: Any) -> None:
     kind = type(plant).__name__
     raise ModelError(f"plant.kind: {kind} cannot be changed while it runs; see PlantKind")
 
@@ -189,9 +189,9 @@ class PlantKind(NamedTuple):
     make: Callable[[Sequence[Scenario], int], tuple[Plant, Transmission]]
     label: str
     least: int = 16
-    change: Callable[[Any, Sequence[Scenario]], None] = _stays
-    rebuild: Callable[[Any, NDArray[np.integer], Sequence[Scenario]], None] = _stays
-    foresee: Callable[[Any, Sequence[Scenario]], None] = _stays
+    change: Callable[[Any, Sequence[Scenario]], None] = _cannot_change
+    rebuild: Callable[[Any, NDArray[np.integer], Sequence[Scenario]], None] = _cannot_change
+    foresee: Callable[[Any, Sequence[Scenario]], None] = _cannot_change
 
 
 PLANTS = {
@@ -219,8 +219,8 @@ PLANTS = {
 def register(name: str, kind: PlantKind) -> None:
     """Let scenarios of this process name a further plant."""
     PLANTS[name] = kind
-    if name not in schema.PLANTS:
-        schema.PLANTS.append(name)
+    if name not in schema.PLANT_KINDS:
+        schema.PLANT_KINDS.append(name)
 
 
 @lru_cache(maxsize=8)
@@ -233,9 +233,9 @@ def _table(kind: str) -> Transmission:
 def build_friction(scenarios: Sequence[Scenario]) -> Friction | None:
     """The resistance of N balls on their screens; None if all are level and without friction."""
     surfaces = SurfaceMap.stacked(
-        [_drawn(_surface(each), each.plant.size, each.plant.model) for each in scenarios]
+        [_draw_surface(_surface(each), each.plant.size, each.plant.model) for each in scenarios]
     )
-    friction = filled(Friction, scenarios, map=surfaces)
+    friction = from_scenarios(Friction, scenarios, map=surfaces)
     return None if friction.absent.all() and friction.map is None else friction
 
 
@@ -248,7 +248,9 @@ _surface = attrgetter(*(about.key for about in settings_of(SurfaceModel).values(
 
 
 @lru_cache(maxsize=4096)
-def _drawn(said: tuple[Any, ...], size: tuple[float, float], ball: BallPlate) -> SurfaceMap | None:
+def _draw_surface(
+    said: tuple[Any, ...], size: tuple[float, float], ball: BallPlate
+) -> SurfaceMap | None:
     """The map of a surface, drawn once: rigs that go on are asked for theirs again and again."""
     given = zip(settings_of(SurfaceModel).items(), said, strict=True)
     values = {name: about.unit.to_si(value) for (name, about), value in given}
@@ -287,19 +289,19 @@ class RigChanges:
     def catch_up(self, time: float) -> None:
         """Let everything have happened that was due by a time in s, and nothing else."""
         self.done = 0
-        if any(each < time + SLACK for each in self._times):
+        if any(each < time + TIME_TOLERANCE_S for each in self._times):
             self(time)
 
     def follow(self, scenarios: Sequence[Scenario], time: float) -> None:
         """Go on with scenarios that say the same until a time in s, and perhaps more from then."""
         self.scenarios = tuple(scenarios)
         self._times = times(scenarios)
-        self.done = sum(each < time - SLACK for each in self._times)
+        self.done = sum(each < time - TIME_TOLERANCE_S for each in self._times)
 
     def __call__(self, time: float) -> None:
         """Change what has to be changed by a time in s."""
         before = self.done
-        while self.done < len(self._times) and time > self._times[self.done] - SLACK:
+        while self.done < len(self._times) and time > self._times[self.done] - TIME_TOLERANCE_S:
             self.done += 1
         if self.done > before:
             old = self._times[before - 1] if before else -1.0
@@ -328,7 +330,7 @@ def change_devices(
         PLANTS[new[0].plant.kind].change(devices.plant, new)
     for model in OF_DEVICES:
         if differ(old, new, model):
-            devices.change(filled(model, new))
+            devices.change(from_scenarios(model, new))
 
 
 def change_transmission(
@@ -343,7 +345,7 @@ def change_transmission(
         new: What they say now.
     """
     if differ(old, new, simulated.TransmissionError):
-        rig.replace_transmission(mistaken(known, new))
+        rig.replace_transmission(with_calibration_error(known, new))
 
 
 def without_error(transmission: Transmission) -> Transmission:
@@ -413,7 +415,7 @@ def own_errors() -> Iterator[None]:
 
 def line_of(error: BaseException) -> str:
     """What came out of a law, observer or reference; empty if it came of something else."""
-    line = str(error) if isinstance(error, AnswerError) else blamed(error)
+    line = str(error) if isinstance(error, AnswerError) else locate_error(error)
     if isinstance(error, IndexError) and line:
         line += " (x is a state of shape (1, 8), or (N, 8) of N rigs: x[..., 4] is its fifth)"
     if sys.flags.dev_mode or not line:
@@ -431,7 +433,9 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
             measured.
     """
     period = scenarios[0].rig.period
-    if len(scenarios) > 1 and any(each.controller.computing_time == MEASURED for each in scenarios):
+    if len(scenarios) > 1 and any(
+        each.controller.computing_time == MEASURED_TIME for each in scenarios
+    ):
         raise ScenarioError(
             "controller.computing_time: 'measured' is for a run by itself, as rigs side by side "
             "share their computer; give seconds"
@@ -444,7 +448,7 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
     references = _each(scenarios, ways, build_reference)
     for law, observer in zip(laws, observers, strict=True):
         try:
-            needed(law, observer)
+            needed_columns(law, observer)
         except ValueError as error:
             raise ScenarioError(f"controller: {error}") from error
     if len(scenarios) == 1:
@@ -482,11 +486,11 @@ def build_law(scenario: Scenario) -> Law:
     """
     choice = scenario.controller
     cls = choices("controller")[choice.kind]
-    return _designed(cls, choice.model_dump_json(), scenario.law_ticks, scenario.designed_on)
+    return _design_law(cls, choice.model_dump_json(), scenario.law_ticks, scenario.designed_on)
 
 
 @lru_cache(maxsize=1024)
-def _designed(cls: type, choice: str, ticks: int, model: BallPlate) -> Law:
+def _design_law(cls: type, choice: str, ticks: int, model: BallPlate) -> Law:
     """A law has no state: one object serves all runs of this process."""
     chosen = schema.ControllerChoice.model_validate_json(choice)
     law: Law = _build("controller", chosen, model=model)
@@ -556,7 +560,7 @@ def _build(table: str, choice: schema.Choice, **given: object) -> Any:
         raise ScenarioError(f"{table}: {error}") from error
 
 
-SHARED = (
+SHARED_KEYS = (
     *("plant.kind", "plant.step", "rig.period", "duration", "sensors.ideal"),
     *(about.key for cls in (Linkage, TiltTable) for about in settings_of(cls).values()),
 )
@@ -603,7 +607,7 @@ def assemble(
     """
     each = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
     for other in each[1:]:
-        agree(shared(each[0]), shared(other), "rigs that run side by side")
+        agree(batch_keys(each[0]), batch_keys(other), "rigs that run side by side")
     controller = build_controllers(each)
     plant, transmission = build_plant(each, threads=threads)
     rig = build_rig(each, plant, transmission, seeds, anchor, changeable=changeable)
@@ -634,7 +638,7 @@ def build_rig(
     rig = simulated.SimulatedRig(
         build_devices(scenarios, plant, seeds=seeds),
         transmission=transmission,
-        limits=filled(Limits, scenarios),
+        limits=from_scenarios(Limits, scenarios),
         period=scenarios[0].rig.period,
         ideal=scenarios[0].sensors.ideal,
         anchor=anchor,
@@ -644,9 +648,9 @@ def build_rig(
     return rig
 
 
-def shared(scenario: Scenario) -> dict[str, Any]:
+def batch_keys(scenario: Scenario) -> dict[str, Any]:
     """What a scenario says of that in which the rigs of a batch must agree, by key."""
-    keys = SHARED + (SHARED_EXACT if scenario.plant.kind == "lagrange" else ())
+    keys = SHARED_KEYS + (SHARED_EXACT if scenario.plant.kind == "lagrange" else ())
     return {key: value_of(scenario, key) for key in keys}
 
 
@@ -688,9 +692,9 @@ def build_devices(
     return simulated.SimulatedDevices(
         plant,
         period=period,
-        touch=touch or filled(TouchModel, scenarios),
-        encoders=encoders or filled(EncoderModel, scenarios),
-        drives=filled(simulated.DriveModel, scenarios),
+        touch=touch or from_scenarios(TouchModel, scenarios),
+        encoders=encoders or from_scenarios(EncoderModel, scenarios),
+        drives=from_scenarios(simulated.DriveModel, scenarios),
         hold=holds[0] if len(set(holds)) == 1 else np.array(holds),
         seeds=seeds,
     )
@@ -698,10 +702,10 @@ def build_devices(
 
 def start_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
     """Put the balls where the scenarios start, the plates level."""
-    start = filled(BallStart, scenarios)
+    start = from_scenarios(BallStart, scenarios)
     plant.start(np.broadcast_to(start.ball, (plant.rigs, 4)), start.spin)
 
 
 def build_limits(scenario: Scenario) -> Limits:
     """What may be commanded of the rig of a scenario, in SI units."""
-    return filled(Limits, [scenario])
+    return from_scenarios(Limits, [scenario])

@@ -28,7 +28,7 @@ from twin.devices.rig import HardwareRig
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Transmission
 from twin.run.assemble import assemble, build_limits, own_errors
-from twin.run.logs import AXES, UNITS, read_csv
+from twin.run.logs import AXIS_NAMES, COLUMN_UNITS, read_csv
 from twin.scenario.passed import has_passed
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
@@ -97,9 +97,9 @@ def connect(
     )
 
 
-FULL = 0.8
+MAX_COMPUTING_SHARE = 0.8
 """Share of a period that a controller may take: reading, writing and recording need the rest."""
-HALF = 0.5
+WARN_COMPUTING_SHARE = 0.5
 """Share above which the median leaves too little for what else a computer does."""
 
 
@@ -151,12 +151,15 @@ class ComputingTime(NamedTuple):
     @property
     def never(self) -> bool:
         """Whether no run in real time can keep its periods."""
-        return self.median > FULL * self.period
+        return self.median > MAX_COMPUTING_SHARE * self.period
 
     @property
     def enough(self) -> bool:
         """Whether a run in real time can be expected to keep its periods."""
-        return self.median <= HALF * self.period and self.worst <= FULL * self.period
+        return (
+            self.median <= WARN_COMPUTING_SHARE * self.period
+            and self.worst <= MAX_COMPUTING_SHARE * self.period
+        )
 
     @property
     def text(self) -> str:
@@ -181,13 +184,15 @@ def cams_of(rig: RigFile) -> CamTable:
     return CamTable.from_file(Path(rig.cams)) if rig.cams else CamTable.packaged()
 
 
-TOUCH = {"time": "s", "measured_x": "m", "measured_y": "m"}
+TOUCH_COLUMNS = {"time": "s", "measured_x": "m", "measured_y": "m"}
 """Columns of a file of what a touch screen said."""
-GONE = 0.1
+TOUCH_TIMEOUT_S = 0.1
 """Silence of a screen in s after which nothing touches it."""
-TRACED = {"motor_{}": "rad", "motor_{}_rate": "rad/s", "applied_{}_rate": "rad/s"}
+TRACE_COLUMNS = {"motor_{}": "rad", "motor_{}_rate": "rad/s", "applied_{}_rate": "rad/s"}
 """Columns of a trace, by axis, that a run does not have, and their units."""
-TRACE_UNITS = UNITS | {name.format(axis): unit for axis in AXES for name, unit in TRACED.items()}
+TRACE_UNITS = COLUMN_UNITS | {
+    name.format(axis): unit for axis in AXIS_NAMES for name, unit in TRACE_COLUMNS.items()
+}
 
 
 def log_of_trace(
@@ -253,17 +258,19 @@ def log_of_trace(
         "applied_{}_acc": np.diff(rate, axis=0, prepend=0) / np.median(np.diff(sync)),
     }
     rows = {
-        name.format(axis): of[:, k] for name, of in known.items() for k, axis in enumerate(AXES)
+        name.format(axis): of[:, k]
+        for name, of in known.items()
+        for k, axis in enumerate(AXIS_NAMES)
     }
-    seen = read_csv(touch, TOUCH, tuple(TOUCH))
+    seen = read_csv(touch, TOUCH_COLUMNS, tuple(TOUCH_COLUMNS))
     when = seen["time"]
     if len(when) and abs(when[0] - said.begin) < abs(when[0]):
         when = when - said.begin
     newest = np.searchsorted(when, sync, side="right") - 1
     age = sync - when[newest] if len(when) else np.full(len(sync), np.inf)
-    there = (newest >= 0) & (age < GONE)
+    there = (newest >= 0) & (age < TOUCH_TIMEOUT_S)
     if not there.any():
         raise LogError(f"{touch.name}: says nothing of the time in which the drives have torque")
-    for name in tuple(TOUCH)[1:]:
+    for name in tuple(TOUCH_COLUMNS)[1:]:
         rows[name] = np.where(there, seen[name][newest], np.nan)
     return {"time": sync - sync[0], "age": np.where(there, age, 0.0), **rows}

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import LogError, RecordError, nearest
 from twin.base.foreign import kind_of
-from twin.base.shipped import shipped
+from twin.base.shipped import shipped_scenarios
 from twin.base.writing import write_whole
 
 if TYPE_CHECKING:
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
     from controllers.arrays import Array
 
 
-ROOT = Path("runs")
+RUNS_FOLDER = Path("runs")
 """Folder of the working folder in which every run has its own, unless it is told another."""
-LAST = "last"
+NEWEST_RUN = "last"
 """The word that stands for the newest run wherever a run folder is asked for."""
-STREAM = "run.arrows"
+STREAM_FILE = "run.arrows"
 """The record of a run on a rig while it lasts; it stays where the run was killed."""
-FILES = ("run.parquet", "metrics.json", "picture.png", STREAM)
+RUN_FILES = ("run.parquet", "metrics.json", "picture.png", STREAM_FILE)
 """What a run folder holds."""
-MANIFEST = "compare.json"
+MANIFEST_FILE = "compare.json"
 """File of a comparison that lists the folders of its runs, and their indicators."""
-WHATIF = "whatif.json"
+WHATIF_FILE = "whatif.json"
 """File of futures of a run: what ``--json`` prints, and their folders."""
-LONGEST = 100
+MAX_NAME_LENGTH = 100
 """Characters of a folder's name."""
 
 
@@ -52,7 +52,7 @@ def run_folder(name: str, overrides: Sequence[str] = ()) -> Path:
     """
     changed = dict(text.partition("=")[::2] for text in overrides)
     settings = [f"{short_key(key)}={value}" for key, value in changed.items()]
-    return ROOT / slug("-".join((Path(name).stem, *settings)))
+    return RUNS_FOLDER / slug("-".join((Path(name).stem, *settings)))
 
 
 def short_key(key: str) -> str:
@@ -64,10 +64,10 @@ def slug(text: str) -> str:
     """A text as the name of a folder; one that loses more than brackets ends in a hash of it."""
     bare = re.sub(r"\s+", "-", re.sub(r"[\"'\[\]{}]|(?<=,)\s+", "", text))
     name = re.sub(r"[^\w.,=+~-]", "_", bare).lstrip("-.")
-    if name == bare and len(name) <= LONGEST:
+    if name == bare and len(name) <= MAX_NAME_LENGTH:
         return name
     mark = hashlib.sha256(text.encode()).hexdigest()[:6]
-    return f"{name[: LONGEST - 7]}-{mark}"
+    return f"{name[: MAX_NAME_LENGTH - 7]}-{mark}"
 
 
 def free(folder: Path) -> Path:
@@ -79,13 +79,13 @@ def free(folder: Path) -> Path:
     return found
 
 
-def numbered(name: str, taken: Iterable[str]) -> str:
+def number_name(name: str, taken: Iterable[str]) -> str:
     """A name, or, if others have it already, with its number among them behind it."""
     others = sum(other.partition("~")[0] == name for other in taken)
     return f"{name}~{others + 1}" if others else name
 
 
-def last(root: Path = ROOT) -> Path:
+def last(root: Path = RUNS_FOLDER) -> Path:
     """The newest run folder, or folder of run folders, below a folder.
 
     Raises:
@@ -101,20 +101,20 @@ def last(root: Path = ROOT) -> Path:
     return max(times, key=lambda folder: (times[folder], folder))
 
 
-def forget(folder: Path, manifest: str = MANIFEST) -> None:
+def forget(folder: Path, manifest: str = MANIFEST_FILE) -> None:
     """Remove the runs that a file of their folder lists, so that none of them stays behind.
 
     Only what those runs consist of, and the list, is removed.
     """
-    for run in [folder / name for name in listed(folder, manifest)]:
-        for name in FILES:
+    for run in [folder / name for name in read_manifest(folder, manifest)]:
+        for name in RUN_FILES:
             (run / name).unlink(missing_ok=True)
         with suppress(OSError):  # somebody else's files are in it
             run.rmdir()
     (folder / manifest).unlink(missing_ok=True)
 
 
-def listed(folder: Path, manifest: str = MANIFEST) -> dict[str, str]:
+def read_manifest(folder: Path, manifest: str = MANIFEST_FILE) -> dict[str, str]:
     """The folders that a file of their folder lists, in its order, and what each run is called."""
     try:
         found = parse_json((folder / manifest).read_bytes())
@@ -126,7 +126,7 @@ def listed(folder: Path, manifest: str = MANIFEST) -> dict[str, str]:
 
 def is_last(path: Path) -> bool:
     """Whether a path is the word that stands for the newest run."""
-    return path == Path(LAST) and not path.exists()
+    return path == Path(NEWEST_RUN) and not path.exists()
 
 
 def record_of(path: Path) -> Path:
@@ -148,13 +148,13 @@ def record_of(path: Path) -> Path:
 
 def record_in(folder: Path) -> Path:
     """The record of a run folder, or, of a run that was killed, its stream."""
-    whole, streamed = folder / "run.parquet", folder / STREAM
+    whole, streamed = folder / "run.parquet", folder / STREAM_FILE
     return streamed if streamed.exists() and not whole.exists() else whole
 
 
 def is_record(file: Path) -> bool:
     """Whether a file is the record of its folder."""
-    return file.name in ("run.parquet", STREAM)
+    return file.name in ("run.parquet", STREAM_FILE)
 
 
 def run_name(path: Path) -> str:
@@ -165,7 +165,7 @@ def run_name(path: Path) -> str:
 
 def run_folders(folder: Path) -> list[Path]:
     """The run folders that a folder is or holds, those that were made together in their order."""
-    order = [*listed(folder), *listed(folder, WHATIF)]
+    order = [*read_manifest(folder), *read_manifest(folder, WHATIF_FILE)]
     found = sorted(file.parent for file in _records(folder))
     return sorted(found, key=lambda run: order.index(run.name) if run.name in order else len(order))
 
@@ -178,9 +178,9 @@ def _records(folder: Path) -> Iterator[Path]:
         yield from filter(Path.exists, map(record_in, folder.glob("*/")))
 
 
-TEXTS = {".csv", ".txt", ".tsv", ".dat", ".log"}
+TEXT_SUFFIXES = {".csv", ".txt", ".tsv", ".dat", ".log"}
 """What logs are called."""
-IGNORED = {".png", ".json", ".html", ".pdf", ".tex", ".rrd", ".svg", ".md"}
+IGNORED_SUFFIXES = {".png", ".json", ".html", ".pdf", ".tex", ".rrd", ".svg", ".md"}
 """Endings of files that lie beside runs, as a pattern finds them."""
 
 
@@ -199,7 +199,7 @@ class Sources(NamedTuple):
 
 
 def sorted_out(arguments: Sequence[str], *, of_any_rig: bool = False) -> Sources:
-    """Which arguments are scenarios, which finished runs, and which logs.
+    """Sort arguments into scenarios, finished runs and logs.
 
     A name of a shipped scenario stands for it; a folder or file of that name is ``./NAME``. Folders
     without a run are passed over where there is anything else, as are the files a pattern finds.
@@ -208,17 +208,19 @@ def sorted_out(arguments: Sequence[str], *, of_any_rig: bool = False) -> Sources
         arguments: As they were given.
         of_any_rig: Whether columns of logs are named: then a Parquet file that is no record is one.
     """
-    known = shipped()
+    known = shipped_scenarios()
     scenarios, runs, logs = [], [], []
     for text in arguments:
         path = Path(text)
-        if text in known or not (path.exists() or is_last(path) or path.suffix in OURS):
+        if text in known or not (path.exists() or is_last(path) or path.suffix in RECORD_SUFFIXES):
             scenarios.append(text)
-        elif path.suffix in TEXTS or _is_foreign_log(path, of_any_rig=of_any_rig):
+        elif path.suffix in TEXT_SUFFIXES or _is_foreign_log(path, of_any_rig=of_any_rig):
             logs.append(path)
-        elif is_last(path) or path.suffix in OURS or (path.is_dir() and run_folders(path)):
+        elif (
+            is_last(path) or path.suffix in RECORD_SUFFIXES or (path.is_dir() and run_folders(path))
+        ):
             runs.append(path)
-        elif not path.is_dir() and path.suffix not in IGNORED:
+        elif not path.is_dir() and path.suffix not in IGNORED_SUFFIXES:
             scenarios.append(text)
     if not (scenarios or runs or logs):
         return Sources((), tuple(map(Path, arguments)), ())
@@ -227,9 +229,9 @@ def sorted_out(arguments: Sequence[str], *, of_any_rig: bool = False) -> Sources
 
 def _is_foreign_log(path: Path, *, of_any_rig: bool) -> bool:
     """Whether a file is a log that is no text, or what somebody takes for one."""
-    if path.suffix in OURS:
+    if path.suffix in RECORD_SUFFIXES:
         return of_any_rig and path.is_file() and not is_record(path)
-    return path.suffix not in IGNORED and path.is_file() and bool(kind_of(path))
+    return path.suffix not in IGNORED_SUFFIXES and path.is_file() and bool(kind_of(path))
 
 
 def log_file(path: Path) -> Path:
@@ -251,27 +253,27 @@ def check_no_scenario(path: Path) -> None:
     Raises:
         RecordError: If it is.
     """
-    name = path.relative_to(ROOT) if path.is_relative_to(ROOT) else path
-    if name.as_posix() in shipped() and not path.exists():
+    name = path.relative_to(RUNS_FOLDER) if path.is_relative_to(RUNS_FOLDER) else path
+    if name.as_posix() in shipped_scenarios() and not path.exists():
         what = "is a scenario, not a run" if name == path else "is not there yet"
         raise RecordError(f"{path} {what}; first: ballplate run {name}, then open runs/{name.name}")
 
 
-OURS = {".csv", ".parquet", ".arrows"}
+RECORD_SUFFIXES = {".csv", ".parquet", ".arrows"}
 """Endings that no scenario has."""
 
 
 INDICATORS: dict[str, dict[str, str]] = read_toml(Path(__file__).with_name("indicators.toml"))
 """Every indicator with ``unit``, ``words`` and the unit it is ``printed`` with."""
-UNITS = {name: about["unit"] for name, about in INDICATORS.items() if "unit" in about}
+INDICATOR_UNITS = {name: about["unit"] for name, about in INDICATORS.items() if "unit" in about}
 """Unit of every indicator as JSON has it."""
-METRICS = tuple(
+MOTION_INDICATORS = tuple(
     name
     for name in INDICATORS
     if name not in {"outcome", "outcome_time", "judged_from", "real_time_factor"}
 )
 """Those that a motion is judged by."""
-LEFT = ("fell", "lost", "diverged")
+LOST_ENDINGS = ("fell", "lost", "diverged")
 """Endings after which no error is told: that of a ball that is gone would flatter its run."""
 
 
@@ -280,7 +282,7 @@ Columns = Mapping[str, "Array"]
 About = Mapping[str, Any]
 
 
-MOVING = (".webp", ".gif", ".mp4")
+FILM_SUFFIXES = (".webp", ".gif", ".mp4")
 """Endings of moving pictures of runs, see ``twin.run.film``."""
 
 
@@ -302,7 +304,7 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
     """
     write = WRITERS.get(path.suffix)
     if write is None:
-        known, moves = ", ".join(WRITERS), ", ".join(MOVING)
+        known, moves = ", ".join(WRITERS), ", ".join(FILM_SUFFIXES)
         raise RecordError(
             f"{path}: the ending says what is written; known: {known}, moving pictures: {moves}"
         )
@@ -343,7 +345,7 @@ def _parquet(path: Path, columns: Columns, units: Units, about: About) -> None:
     pq.write_table(pa.Table.from_arrays(arrays, schema=schema), path)
 
 
-ROS2 = read_toml(Path(__file__).with_name("ros2.toml"))
+ROS2_TABLES = read_toml(Path(__file__).with_name("ros2.toml"))
 """Topics of an MCAP file, and the messages of ROS 2 on them."""
 UPRIGHT = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 """The orientation of the frame itself, as a quaternion."""
@@ -357,8 +359,12 @@ def _mcap(path: Path, columns: Columns, units: Units, about: About) -> None:
         raise RecordError("needs the extra mcap: pip install 'ballplate[mcap]'") from error
     fields = {_plain(name).lower(): name for name in columns}
     own = "".join(f"float64 {field}  # {units.get(name) or 1}\n" for field, name in fields.items())
-    parts = "".join(f"{80 * '='}\nMSG: {name}\n{text}" for name, text in ROS2["parts"].items())
-    topics = {t: each for t, each in ROS2["topics"].items() if columns.keys() >= {*each["columns"]}}
+    parts = "".join(
+        f"{80 * '='}\nMSG: {name}\n{text}" for name, text in ROS2_TABLES["parts"].items()
+    )
+    topics = {
+        t: each for t, each in ROS2_TABLES["topics"].items() if columns.keys() >= {*each["columns"]}
+    }
     with path.open("wb") as file, Writer(file) as writer:
         for name, content in about.items():
             data = json.dumps(content, indent=2).encode()
@@ -366,7 +372,7 @@ def _mcap(path: Path, columns: Columns, units: Units, about: About) -> None:
         writer.add_metadata("units", {name: units.get(name, "") for name in columns})
         schemas = {
             kind: writer.register_msgdef(kind, text + (own if "Signals" in kind else "") + parts)
-            for kind, text in ROS2["messages"].items()
+            for kind, text in ROS2_TABLES["messages"].items()
         }
         every = zip(*(each.tolist() for each in columns.values()), strict=True)
         for row, values in enumerate(every):

@@ -29,39 +29,39 @@ from PIL import Image
 from controllers.arrays import Array
 from twin.base.errors import RecordError
 from twin.base.writing import write_whole
-from twin.hal.interface import SCREEN
-from twin.run.files import LEFT
+from twin.hal.interface import SCREEN_SIZE_M
+from twin.run.files import LOST_ENDINGS
 from twin.run.finished import Run
-from twin.run.picture import COLOURS, LOOK
+from twin.run.picture import RC_PARAMETERS, RUN_COLOURS
 
-WIDE = 600
+DESIGN_WIDTH = 600
 """Width in which all lengths below are given; pictures of other sizes are in proportion."""
-PLACES = {
+PANEL_PLACES = {
     "plate": (16, 194, 498, 281),
     "front": (16, 124, 498, 60),
     "right": (524, 194, 60, 281),
     "error": (40, 26, 544, 72),
 }
 """Left, bottom, width and height of each panel."""
-LEGEND, ROW, TITLE = 478, 40, 48
+LEGEND_LEFT, LEGEND_ROW_HEIGHT, LEGEND_TITLE_HEIGHT = 478, 40, 48
 """Where the legend begins, height of each of its rows, and of the title above it."""
 CARD, DARK, GREY, PATH, FAINT = "#f0f3f6", "#1f2933", "#5b6772", "#bac3cb", "#d5dbe1"
-ROUND = np.array([(math.cos(0.2 * k), math.sin(0.2 * k)) for k in range(33)]).T
+UNIT_CIRCLE = np.array([(math.cos(0.2 * k), math.sin(0.2 * k)) for k in range(33)]).T
 """A circle of radius 1."""
-RINGS = (1.0, 0.74, 0.5, 0.87, 0.62)
+RING_RADII = (1.0, 0.74, 0.5, 0.87, 0.62)
 """Radii of the further runs' rings as shares of that: of balls in one place all are seen."""
-TRAIL, TONES = 36, 6
+TRAIL_FRAMES, TRAIL_TONES = 36, 6
 """Frames that a trail is long, tones in which it fades."""
-STEEPEST = 50
+MAX_TILT_FACTOR = 50
 """How many times as steep as it is the tilt may be drawn."""
 MOST_FRAMES = 2000
-RANGES = {"fps": (1, 50), "size": (300, 1200), "seconds": (0.001, 3600)}
+OPTION_RANGES = {"fps": (1, 50), "size": (300, 1200), "seconds": (0.001, 3600)}
 RENDERERS = ("plate", "mujoco")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cut:
-    """Which part of a run a moving picture shows, and how.
+    """The part of a run that a moving picture shows, its size and rate.
 
     Attributes:
         fps: Frames a second.
@@ -79,14 +79,14 @@ class Cut:
     since: float | None = None
     until: float | None = None
     seconds: float | None = None
-    size: int = WIDE
+    size: int = DESIGN_WIDTH
     render: str = "plate"
 
     def __post_init__(self) -> None:
         """Refuse what no picture can be."""
         if self.render not in RENDERERS:
             raise RecordError(f"render {self.render}: must be {' or '.join(RENDERERS)}")
-        for name, (least, most) in RANGES.items():
+        for name, (least, most) in OPTION_RANGES.items():
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
                 raise RecordError(f"{name} {value:g}: must be from {least:g} to {most:g}")
@@ -132,7 +132,7 @@ class Act:
     def __init__(self, run: Run, times: Array) -> None:
         motion = run.motion
         step = (times[-1] - times[0]) / max(1, len(times) - 1)
-        when = np.concatenate((times[0] - step * np.arange(TRAIL, 0, -1), times))
+        when = np.concatenate((times[0] - step * np.arange(TRAIL_FRAMES, 0, -1), times))
         over = when > motion.time[-1] + 1e-9  # its last instant is a frame, whatever the rounding
 
         def at(values: Array) -> Array:
@@ -141,13 +141,13 @@ class Act:
 
         self.way = at(motion.ball)
         self.ball, self.goal, self.tilt = (
-            each[:, TRAIL:].T for each in (self.way, at(motion.reference), at(motion.plate))
+            each[:, TRAIL_FRAMES:].T for each in (self.way, at(motion.reference), at(motion.plate))
         )
         self.error = 1000 * np.hypot(*(self.goal - self.ball).T)
         self.gone = np.full_like(self.ball, np.nan)
         seen = motion.ball[np.isfinite(motion.ball).all(axis=1)]
-        if run.outcome in LEFT and len(seen):
-            self.gone[over[TRAIL:]] = run.scenario.dimensions.within(seen[-1], 0.013)
+        if run.outcome in LOST_ENDINGS and len(seen):
+            self.gone[over[TRAIL_FRAMES:]] = run.scenario.dimensions.within(seen[-1], 0.013)
 
 
 class Stage:
@@ -182,7 +182,7 @@ class Stage:
         mujoco.mjv_defaultFreeCamera(self._model, self._camera)
         for name, value in self.CAMERA.items():
             setattr(self._camera, name, value)
-        self._camera.distance *= max(np.divide(run.scenario.plant.size, SCREEN))
+        self._camera.distance *= max(np.divide(run.scenario.plant.size, SCREEN_SIZE_M))
         mujoco.mj_resetDataKeyframe(self._model, self._data, self._at.level)
         self._height = float(self._data.qpos[self._at.ball_pose][2])
 
@@ -259,28 +259,32 @@ class Film:
     """
 
     def __init__(self, runs: Mapping[str, Run], cut: Cut) -> None:
-        if len(runs) > len(COLOURS):
-            raise RecordError(f"{len(runs)} runs: at most {len(COLOURS)} can be told apart")
+        if len(runs) > len(RUN_COLOURS):
+            raise RecordError(f"{len(runs)} runs: at most {len(RUN_COLOURS)} can be told apart")
         spans = [run.motion.time[[0, -1]].tolist() for run in runs.values()]
         self.times = cut.times(min(first for first, _ in spans), max(last for _, last in spans))
         self.count, self.fps = len(self.times), cut.fps
         self._acts = [Act(run, self.times) for run in runs.values()]
         first = next(iter(runs.values())).scenario.dimensions
         self._screen, self._ball, self._round = np.array(first.screen), first.ball, first.round
-        room = self._screen / PLACES["plate"][2:]
+        room = self._screen / PANEL_PLACES["plate"][2:]
         self._shown = self._screen * np.maximum(1, np.round(room[::-1] / room, 2))
         """What the panel shows, m: as wide and high as the plate where that has its shape."""
         self._columns = len(runs) if len(runs) < 5 else 3
-        high = LEGEND + ROW * math.ceil(len(runs) / self._columns) + TITLE
-        self._whole = np.array((WIDE, high))
+        high = (
+            LEGEND_LEFT
+            + LEGEND_ROW_HEIGHT * math.ceil(len(runs) / self._columns)
+            + LEGEND_TITLE_HEIGHT
+        )
+        self._whole = np.array((DESIGN_WIDTH, high))
         self._moving: list[tuple[Line2D, Callable[[int], Array]]] = []
-        with mpl.rc_context(LOOK):
-            dpi = (cut.size + 1e-3) / WIDE * 100
-            self._figure = Figure((WIDE / 100, high / 100), dpi, facecolor=CARD)
+        with mpl.rc_context(RC_PARAMETERS):
+            dpi = (cut.size + 1e-3) / DESIGN_WIDTH * 100
+            self._figure = Figure((DESIGN_WIDTH / 100, high / 100), dpi, facecolor=CARD)
             self._canvas: Any = FigureCanvasAgg(self._figure)
             self._panels = {
                 name: self._figure.add_axes((*each[:2] / self._whole, *each[2:] / self._whole))
-                for name, each in PLACES.items()
+                for name, each in PANEL_PLACES.items()
             }
             self._lay_out()
             self._letter(runs, [self._add(*each) for each in enumerate(self._acts)])
@@ -295,7 +299,7 @@ class Film:
     def _lay_out(self) -> None:
         """Say what each panel shows, and draw what no run changes."""
         (x, y), panels = self._shown / 2, self._panels
-        thick = x * PLACES["front"][3] / PLACES["front"][2]
+        thick = x * PANEL_PLACES["front"][3] / PANEL_PLACES["front"][2]
         edges = {"plate": (x, y), "front": (x, thick), "right": (thick, y)}
         for name, (width, height) in edges.items():
             panels[name].set(xlim=(-width, width), ylim=(-height, height), xticks=[], yticks=[])
@@ -316,31 +320,31 @@ class Film:
         error.tick_params(labelsize=7, labelcolor=GREY, length=0, pad=2)
         tilts = np.abs(self._acts[0].tilt)
         steepest = float(tilts[np.isfinite(tilts)].max(initial=1e-3))
-        self._steep = min(STEEPEST, max(1, int(math.asin(0.73 * thick / x) / steepest)))
+        self._steep = min(MAX_TILT_FACTOR, max(1, int(math.asin(0.73 * thick / x) / steepest)))
 
     def _add(self, index: int, act: Act) -> Line2D:
         """Add a run to what stays and to what moves; returns its entry of the legend."""
-        colour, width = COLOURS[index], (1.0, 0.62, 0.4)[min(2, index)]
+        colour, width = RUN_COLOURS[index], (1.0, 0.62, 0.4)[min(2, index)]
         path = _pale(colour, 0.5) if index else PATH
         self._panels["plate"].plot(*act.goal.T, color=path, linewidth=1.1, zorder=2 - index / 10)
         self._panels["error"].plot(self.times, act.error, color=_pale(colour, 0.72), linewidth=1)
-        part = TRAIL // TONES
-        for tone in range(TONES):
-            old = 1 - (tone + 1) / TONES
+        part = TRAIL_FRAMES // TRAIL_TONES
+        for tone in range(TRAIL_TONES):
+            old = 1 - (tone + 1) / TRAIL_TONES
             at = partial(_part, act.way, tone * part, (tone + 1) * part + 1)
             thick, pale = 3.4 * width * (1 - 0.6 * old), _pale(colour, 0.15 + 0.85 * old)
             self._moves("plate", at, color=pale, linewidth=thick, zorder=4 - old)
         entry = Line2D([], [], color=colour, marker="o", linestyle="", ms=10)
         if index:  # a ring, not a marker: those jump from pixel to pixel
-            radius, thick = RINGS[index - 1] * self._ball, 2.0 if len(self._acts) < 5 else 1.3
-            entry.set(mfc="none", mew=1.8, ms=12 * RINGS[index - 1])
+            radius, thick = RING_RADII[index - 1] * self._ball, 2.0 if len(self._acts) < 5 else 1.3
+            entry.set(mfc="none", mew=1.8, ms=12 * RING_RADII[index - 1])
         else:  # a disc
             radius = self._ball / 2
-            thick = self._ball / self._shown[0] * PLACES["plate"][2] * 0.72
+            thick = self._ball / self._shown[0] * PANEL_PLACES["plate"][2] * 0.72
             rod = np.stack((act.goal, act.ball), axis=2)
             self._moves("plate", rod.__getitem__, color=colour, linewidth=1, zorder=4.5)
         look = {"color": colour, "linewidth": thick, "zorder": 5 + index / 10}
-        self._moves("plate", lambda k: act.ball[k, :, None] + radius * ROUND, **look)
+        self._moves("plate", lambda k: act.ball[k, :, None] + radius * UNIT_CIRCLE, **look)
         gone = {"marker": "X", "ms": 11, "mew": 0}
         self._moves("plate", act.gone[..., None].__getitem__, color=colour, zorder=5, **gone)
         for long, thick, ink in ((9.5, 3.2, "white"), (8.6, 1.4, DARK)):
@@ -369,21 +373,21 @@ class Film:
         self._panels["error"].set(ylim=(0, 1.05 * max(0.1, self._panels["error"].dataLim.y1)))
         self._figure.legend(
             entries,
-            [_described(label, run) for label, run in runs.items()],
+            [_legend_entry(label, run) for label, run in runs.items()],
             labelcolor=[str(entry.get_color()) for entry in entries],
             loc="lower left",
-            bbox_to_anchor=(8, LEGEND) / self._whole,
+            bbox_to_anchor=(8, LEGEND_LEFT) / self._whole,
             ncols=self._columns,
             frameon=False,
         )
         first, high = next(iter(runs.values())), self._whole[1] - 30
         title = shorten(first.scenario.title, 48, placeholder=" …")
         self._write(16, high, title, 11, DARK, fontweight="bold")
-        self._clock = self._write(WIDE - 16, high, "", 12, DARK, ha="right", animated=True)
+        self._clock = self._write(DESIGN_WIDTH - 16, high, "", 12, DARK, ha="right", animated=True)
         self._clock.set(fontweight="bold")
         fast = (self.times[-1] - self.times[0]) * self.fps / self.count
         if abs(fast - 1) > 0.02 and self.count > 1:
-            self._write(WIDE - 90, high, f"{fast:.2g}× speed", 8, GREY, ha="right")
+            self._write(DESIGN_WIDTH - 90, high, f"{fast:.2g}× speed", 8, GREY, ha="right")
         self._write(554, 146, f"tilt\n× {self._steep}", 8, GREY, ha="center")
         self._write(16, 104, "distance from the reference (+) [mm] over time [s]", 8, GREY)
 
@@ -393,10 +397,10 @@ class Film:
 
     def frames(self) -> Iterator[Image.Image]:
         """The frames in their order, with one palette of at most 256 colours."""
-        with mpl.rc_context(LOOK):
+        with mpl.rc_context(RC_PARAMETERS):
             self._canvas.draw()
         still, pen = self._canvas.copy_from_bbox(self._figure.bbox), self._canvas.get_renderer()
-        palette = _palette(COLOURS[: len(self._acts)])
+        palette = _palette(RUN_COLOURS[: len(self._acts)])
         for k, time in enumerate(self.times):
             self._canvas.restore_region(still)
             for line, at in self._moving:
@@ -455,19 +459,19 @@ def _palette(own: tuple[str, ...]) -> Image.Image:
     return found
 
 
-def _described(label: str, run: Run) -> str:
+def _legend_entry(label: str, run: Run) -> str:
     """A run's entry in the legend: its error, what it is called, and its law."""
     percent, law = run.metrics.get("tracking_error_percent"), run.scenario.controller.kind
     distance = run.metrics.get("rms_distance")
     score = run.outcome
-    if score not in LEFT and percent is not None:
+    if score not in LOST_ENDINGS and percent is not None:
         score = f"{percent:.3g} % error"
-    elif score not in LEFT and distance is not None:
+    elif score not in LOST_ENDINGS and distance is not None:
         score = f"{1000 * distance:.3g} mm RMS"
     return f"{score}\n{label if label == law else f'{label}, {law}'}"
 
 
-WRITTEN: dict[str, dict[str, Any]] = {
+WRITER_OPTIONS: dict[str, dict[str, Any]] = {
     # key frames only where they are needed: each is as large as many others
     ".webp": {"lossless": True, "quality": 20, "method": 2, "kmin": 9999, "kmax": 10000},
     ".gif": {},
@@ -500,7 +504,12 @@ def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _:
         unit = 10 if path.suffix == ".gif" else 1
         ends = [round(1000 * k / (unit * film.fps)) * unit for k in range(film.count + 1)]
         lasting = [end - begin for begin, end in pairwise(ends)]
-        how = {"append_images": others, "duration": lasting, "loop": 0, **WRITTEN[path.suffix]}
+        how = {
+            "append_images": others,
+            "duration": lasting,
+            "loop": 0,
+            **WRITER_OPTIONS[path.suffix],
+        }
         return first.save(target, path.suffix[1:].upper(), save_all=True, **how)
 
     write_whole(path, write)

@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.ballplate import STATES
+from controllers.ballplate import STATE_NAMES
 from controllers.catalog import origin
 from controllers.controller import HeldLaw
 from controllers.interfaces import Reference
@@ -30,9 +30,17 @@ from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import State
 from twin.run import assemble, files
 from twin.run.loop import drive
-from twin.run.metrics import INTERRUPTED, KILLED, Ending, Motion, Outcome, held, measure
+from twin.run.metrics import (
+    INTERRUPTED_REASON,
+    KILLED_REASON,
+    Ending,
+    Motion,
+    Outcome,
+    find_rest,
+    measure,
+)
 from twin.run.record import CHANNELS, Recorder, classes_of, read_metadata, read_run, write_run
-from twin.scenario.load import always_friction, check, recorded
+from twin.scenario.load import always_friction, check, load_recorded
 from twin.scenario.schema import Dimensions, Scenario, choices
 
 
@@ -129,7 +137,7 @@ class Run(files.Signals):
         if origin(choices("reference")[scenario.reference.kind]) is not None:
             record.data["reference"] = desired[:, None]  # who draws the record may lack the class
         goals = more.get("driven", {}).get("goals")  # which no plan knew of from the start on
-        if not goals and (laid := _laid(scenario, record, reference)) is not None:
+        if not goals and (laid := _planned_path(scenario, record, reference)) is not None:
             record.data["laid"] = laid[:, None]
         motion = Motion.of(record, desired, friction=always_friction(scenario))
         columns = list(record.columns())
@@ -172,7 +180,7 @@ class Run(files.Signals):
     @property
     def interrupted(self) -> bool:
         """Whether a person ended it."""
-        return self.metrics.get("reason") == INTERRUPTED
+        return self.metrics.get("reason") == INTERRUPTED_REASON
 
     def summary(self) -> dict[str, Any]:
         """What ``--json`` prints: the indicators, and of a run just made the speed."""
@@ -183,7 +191,7 @@ class Run(files.Signals):
         driven = {"driven": self.driven} if made and self.driven else {}
         said = {"scenario": self.scenario.title, **self.metrics, **made}
         lacks = {"incomplete": list(self.incomplete)} if self.incomplete else {}
-        return said | {"units": files.UNITS, **self.account, **driven, **lacks}
+        return said | {"units": files.INDICATOR_UNITS, **self.account, **driven, **lacks}
 
     @cached_property
     def followed(self) -> Reference:
@@ -267,14 +275,14 @@ class Run(files.Signals):
             plate=state[:, 2::4],
             u=applied,
             reference=self.followed(time)[0],
-            held=held(time, state[:, 1::4]) if known else None,
+            held=find_rest(time, state[:, 1::4]) if known else None,
             lateness=self.rows.get("command_lateness"),
         )
 
 
 def columns(rows: Mapping[str, Array], kind: str) -> Array:
     """The state columns ``true_...`` or ``estimated_...`` as states of (5.5), shape (K, 8)."""
-    return np.stack([rows[f"{kind}_{name}"] for name in STATES], axis=1)
+    return np.stack([rows[f"{kind}_{name}"] for name in STATE_NAMES], axis=1)
 
 
 def states_of(rows: Mapping[str, Array]) -> Array:
@@ -366,7 +374,9 @@ def out_of_reach(scenario: Scenario) -> str | None:
     )
 
 
-def _laid(scenario: Scenario, record: Recorder, reference: Reference | None) -> Array | None:
+def _planned_path(
+    scenario: Scenario, record: Recorder, reference: Reference | None
+) -> Array | None:
     """The channel of that name; None if the law laid what was wished, or lays nothing."""
     law = choices("controller")[scenario.controller.kind]
     if not (issubclass(law, AboutMotion) and record.length):
@@ -430,7 +440,7 @@ def draw(
         RecordError: If the folder cannot be written.
     """
     begin = beside.begin if beside else partial
-    picture = begin(drawn, shown, run.scenario.title, run.scenario.dimensions)
+    picture = begin(draw_runs, shown, run.scenario.title, run.scenario.dimensions)
     write_whole(folder / "picture.png", picture())
 
 
@@ -446,7 +456,7 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
         RecordError: If the folder cannot be written.
     """
     metadata = {
-        **described(run.scenario),
+        **run_metadata(run.scenario),
         "classes": run.classes,
         "metrics": run.metrics,
         "events": list(run.events),
@@ -459,13 +469,13 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
     write_run(folder, run.record, metadata)
 
 
-def described(scenario: Scenario) -> dict[str, Any]:
+def run_metadata(scenario: Scenario) -> dict[str, Any]:
     """What of a record's metadata is known before its run."""
     tables, classes = scenario.model_dump(mode="json"), classes_of(scenario)
     return {"scenario": tables, "classes": classes, "versions": versions()}
 
 
-def drawn(shown: dict[str, Motion], title: str, plate: Dimensions) -> bytes:
+def draw_runs(shown: dict[str, Motion], title: str, plate: Dimensions) -> bytes:
     """The picture of runs as PNG; arguments as for ``picture.png``."""
     from twin.run.picture import png  # noqa: PLC0415  heavy: loaded when needed
 
@@ -483,18 +493,25 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in names}}
 
 
-_OPTIONAL = {"state", "age", "touched", "timing", "computing", "reference", "laid"}
-NEEDED = (
+_OPTIONAL_CHANNELS = {"state", "age", "touched", "timing", "computing", "reference", "laid"}
+NEEDED_COLUMNS = (
     "time",
-    *(name for key, each in CHANNELS.items() if key not in _OPTIONAL for name in each.columns),
+    *(
+        name
+        for key, each in CHANNELS.items()
+        if key not in _OPTIONAL_CHANNELS
+        for name in each.columns
+    ),
 )
 """Columns without which a table is no record of a run."""
-SHAPES = dict.fromkeys(("metrics", "versions", "ledger", "branch", "driven", "classes"), dict) | {
+METADATA_TYPES = dict.fromkeys(
+    ("metrics", "versions", "ledger", "branch", "driven", "classes"), dict
+) | {
     "events": list,
     "incomplete": list,
 }
 """What of a record's metadata is what, where it is there."""
-TOGETHER = (CHANNELS["state"].columns, ("motor_phi_rad", "motor_theta_rad"))
+COLUMN_GROUPS = (CHANNELS["state"].columns, ("motor_phi_rad", "motor_theta_rad"))
 """Columns of which a record has all or none."""
 
 
@@ -509,8 +526,8 @@ def open_run(path: Path) -> list[Run]:
     """
     file = files.record_of(path)
     values, units, metadata = read_run(file)
-    missing = [name for name in NEEDED if name not in values]
-    for group in TOGETHER:
+    missing = [name for name in NEEDED_COLUMNS if name not in values]
+    for group in COLUMN_GROUPS:
         if not values.keys().isdisjoint(group):
             missing += [name for name in group if name not in values]
     if missing or "scenario" not in metadata:
@@ -521,11 +538,11 @@ def open_run(path: Path) -> list[Run]:
     if isinstance(tables, dict) and isinstance(own := tables.get("controller"), dict):
         own.setdefault("model", "nominal")  # what controllers were designed on before it was a key
     try:
-        scenario, absent = recorded(tables, str(file))
+        scenario, absent = load_recorded(tables, str(file))
     except ScenarioError as error:
         raise RecordError(f"{error}; was it recorded by another version?") from error
-    said = {key: metadata.get(key) or kind() for key, kind in SHAPES.items()}
-    for key, kind in SHAPES.items():
+    said = {key: metadata.get(key) or kind() for key, kind in METADATA_TYPES.items()}
+    for key, kind in METADATA_TYPES.items():
         if not isinstance(said[key], kind):
             raise RecordError(f"{file}: metadata 'ballplate': {key}: is damaged")
     if "reference" in absent and "reference_x" not in values:
@@ -538,19 +555,19 @@ def open_run(path: Path) -> list[Run]:
         units,
         folder=file.parent,
         absent=absent,
-        **said | {key: tuple(said[key]) for key, kind in SHAPES.items() if kind is list},
+        **said | {key: tuple(said[key]) for key, kind in METADATA_TYPES.items() if kind is list},
     )
-    if file.name != files.STREAM:
+    if file.name != files.STREAM_FILE:
         return [run]
     period = scenario.rig.period
     if lost := round(float((np.diff(values["time"]) / period - 1).sum())):
         lacks = f"{file.name}: {lost} periods are not in it: begun too late, or not written"
         run = replace(run, incomplete=(*run.incomplete, lacks))
-    end, reason = values["time"][-1] + period, KILLED
+    end, reason = values["time"][-1] + period, KILLED_REASON
     stopped = np.isin(values["supervisor"], (State.HOLDING, State.FAULT))
     if stopped.any():
         end = float(values["time"][stopped.argmax()])
-        reason = f"{KILLED}; the rig had been stopped before"
+        reason = f"{KILLED_REASON}; the rig had been stopped before"
     return [judged_as(run, Outcome(Ending.ABORTED, end, reason))]
 
 
@@ -600,8 +617,8 @@ def open_runs(
         except RecordError as error:
             failed.append(error)
             continue
-        name = files.listed(path.parent).get(path.name, run.name)
-        runs.append(replace(run, name=files.numbered(name, [other.name for other in runs])))
+        name = files.read_manifest(path.parent).get(path.name, run.name)
+        runs.append(replace(run, name=files.number_name(name, [other.name for other in runs])))
     if not runs:
         raise failed[0]
     for each in failed:
@@ -618,7 +635,7 @@ def open_runs(
 def holds_finished(folder: Path) -> bool:
     """Whether a folder holds a run that nobody interrupted."""
     metrics = _metadata(folder).get("metrics")
-    return isinstance(metrics, dict) and metrics.get("reason") != INTERRUPTED
+    return isinstance(metrics, dict) and metrics.get("reason") != INTERRUPTED_REASON
 
 
 def incomplete_of(folder: Path) -> list[str]:

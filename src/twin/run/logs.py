@@ -16,21 +16,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.errors import LogError, shortened
+from twin.base.errors import LogError, shorten
 from twin.base.foreign import decode_text
-from twin.hal.interface import SCREEN
+from twin.hal.interface import SCREEN_SIZE_M
 from twin.hal.supervisor import State
 from twin.run.files import is_record
 from twin.run.finished import Run, judged_as
 from twin.run.foreign_logs import ForeignTable, foreign_table, refuse_foreign
 from twin.run.metrics import Ending, Motion, Outcome
-from twin.run.record import CHANNELS, is_number, stored
+from twin.run.record import CHANNELS, is_number, read_table
 from twin.scenario.schema import Scenario
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-SCALES = {
+UNIT_SCALES = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "inch": 0.0254},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.radians(1)},
@@ -153,7 +153,7 @@ def _read_table(
         return known
 
     try:
-        table = stored(path, wanted)
+        table = read_table(path, wanted)
     except pa.ArrowException as error:
         raise LogError(f"{path.name}: cannot be read: {error}") from error
     schema = table.schema
@@ -184,10 +184,10 @@ def scale(name: str, unit: str | None, known: str, source: str) -> float:
     """
     if unit is None:
         return 1.0
-    allowed = SCALES[known]
+    allowed = UNIT_SCALES[known]
     if unit not in allowed:
         listed = ", ".join(filter(None, allowed))
-        raise LogError(f"{source}: {name}: unit '{shortened(unit)}'; known: {listed}")
+        raise LogError(f"{source}: {name}: unit '{shorten(unit)}'; known: {listed}")
     return allowed[unit]
 
 
@@ -208,27 +208,27 @@ def _number(row: list[str], index: int, source: str, name: str, line: int) -> fl
         return float(text) if text else np.nan
     except ValueError:
         raise LogError(
-            f"{source}: line {line}: {name}: '{shortened(text)}' is not a number"
+            f"{source}: line {line}: {name}: '{shorten(text)}' is not a number"
         ) from None
 
 
-UNITS = {"time": "s"} | {
+COLUMN_UNITS = {"time": "s"} | {
     column: unit
     for channel in CHANNELS.values()
     for column, unit in zip(channel.columns, channel.units, strict=True)
 }
 """Columns of a run and their SI units; others of a log are left out."""
-NEEDED = ("time", *CHANNELS["measured"].columns)
+NEEDED_COLUMNS = ("time", *CHANNELS["measured"].columns)
 """Columns that a log must have."""
-AXES = ("phi", "theta")
-FARTHEST = {
-    "measured_x": 0.55 * SCREEN[0],
-    "measured_y": 0.55 * SCREEN[1],
+AXIS_NAMES = ("phi", "theta")
+MAX_MEASURED = {
+    "measured_x": 0.55 * SCREEN_SIZE_M[0],
+    "measured_y": 0.55 * SCREEN_SIZE_M[1],
     "measured_phi": 0.26,
     "measured_theta": 0.26,
 }
 """Where the screen and the plate's travel end, with a margin, m and rad."""
-NEAR = 1e-3
+START_TOLERANCE_M = 1e-3
 """Distance in m up to which a ball starts where its scenario says."""
 
 
@@ -238,8 +238,8 @@ def read_log(path: Path) -> dict[str, Array]:
     Raises:
         LogError: If it cannot be read, lacks a column or a row, or its time does not rise.
     """
-    rows, _ = read_columns(path, UNITS, NEEDED)
-    kept = np.all([np.isfinite(rows[name]) for name in ("time", *NEEDED[2::2])], axis=0)
+    rows, _ = read_columns(path, COLUMN_UNITS, NEEDED_COLUMNS)
+    kept = np.all([np.isfinite(rows[name]) for name in ("time", *NEEDED_COLUMNS[2::2])], axis=0)
     rows = {name: values[kept] for name, values in rows.items()}
     if kept.sum() < 2:
         raise LogError(f"{path.name}: no two rows with a time and both plate angles")
@@ -247,7 +247,7 @@ def read_log(path: Path) -> dict[str, Array]:
         raise LogError(f"{path.name}: time: must rise from row to row")
     if not np.isfinite(rows["measured_x"] + rows["measured_y"]).any():
         raise LogError(f"{path.name}: no row has a position of the ball")
-    for name in FARTHEST:
+    for name in MAX_MEASURED:
         check_reach(path.name, name, rows[name])
     return rows
 
@@ -263,7 +263,11 @@ def check_reach(source: str, name: str, values: Array) -> None:
     Raises:
         LogError: Naming the column, and the unit its numbers look like.
     """
-    reach, most, unit = float(np.nanpercentile(np.abs(values), 99)), FARTHEST[name], UNITS[name]
+    reach, most, unit = (
+        float(np.nanpercentile(np.abs(values), 99)),
+        MAX_MEASURED[name],
+        COLUMN_UNITS[name],
+    )
     if reach > most:
         lengths = {100: "millimetres", 4: "centimetres", 0: "another unit"}
         like = next(word for factor, word in lengths.items() if reach > factor * most)
@@ -291,13 +295,15 @@ def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Run:
         rows, late = {name: values[known] for name, values in rows.items()}, late[known]
     time = rows["time"]
     when = time - late
-    ball = {axis: _filled(when, rows[f"measured_{axis}"], time) for axis in ("x", "y")}
-    state = {**ball, **{axis: rows[f"measured_{axis}"] for axis in AXES}}
+    ball = {axis: _fill_gaps(when, rows[f"measured_{axis}"], time) for axis in ("x", "y")}
+    state = {**ball, **{axis: rows[f"measured_{axis}"] for axis in AXIS_NAMES}}
     rates = {f"{key}_rate": np.gradient(values, time) for key, values in state.items()}
     seen = {f"estimated_{key}": values for key, values in (state | rates).items()}
     unknown = np.full(len(time), np.nan)
-    applied = {f"applied_{axis}_acc": rows.get(f"applied_{axis}_acc", unknown) for axis in AXES}
-    requested = {f"requested_{axis}_acc": unknown for axis in AXES}
+    applied = {
+        f"applied_{axis}_acc": rows.get(f"applied_{axis}_acc", unknown) for axis in AXIS_NAMES
+    }
+    requested = {f"requested_{axis}_acc": unknown for axis in AXIS_NAMES}
     others = {
         "touched": np.isfinite(rows["measured_x"]).astype(float),
         "age": np.zeros(len(time)),
@@ -306,7 +312,7 @@ def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Run:
     known = {key: values for key, values in rows.items() if not key.startswith("true_")}
     if all(column in rows for column in CHANNELS["state"].columns):
         known = rows
-    run = Run(name, scenario, {**seen, **applied, **requested, **others, **known}, UNITS)
+    run = Run(name, scenario, {**seen, **applied, **requested, **others, **known}, COLUMN_UNITS)
     return judged_as(run, Outcome(Ending.FINISHED, float(time[-1])))
 
 
@@ -319,11 +325,13 @@ def fitting(rows: dict[str, Array], scenario: Scenario) -> list[str]:
     """
     time, own = rows["time"], scenario.plant.start
     end = float(time[-1] + np.median(np.diff(time)))
-    start = {axis: float(_filled(time, rows[f"measured_{axis}"], time)[0]) for axis in ("x", "y")}
+    start = {
+        axis: float(_fill_gaps(time, rows[f"measured_{axis}"], time)[0]) for axis in ("x", "y")
+    }
     changes = [f"duration={end:.6g}"]
     if end < scenario.duration:
         changes.append(f"metrics.start={scenario.metrics.start * end / scenario.duration:.6g}")
-    if np.hypot(start["x"] - own.x, start["y"] - own.y) > NEAR:
+    if np.hypot(start["x"] - own.x, start["y"] - own.y) > START_TOLERANCE_M:
         changes += [f"plant.start.{axis}={at:.6g}" for axis, at in start.items()]
     return changes
 
@@ -361,7 +369,7 @@ def _require(names: list[str], needed: Sequence[str], source: str) -> None:
         )
 
 
-def _filled(time: Array, values: Array, at: Array) -> Array:
+def _fill_gaps(time: Array, values: Array, at: Array) -> Array:
     """Values at some times, with straight lines where there is none."""
     known = np.isfinite(values)
     return np.interp(at, time[known], values[known])

@@ -25,7 +25,15 @@ from twin.base.settings import value_of
 from twin.hal.rig import Rig
 from twin.hal.supervisor import State
 from twin.run import assemble
-from twin.run.metrics import INTERRUPTED, RAN_AWAY, Ending, Motion, Outcome, measure, unjudged
+from twin.run.metrics import (
+    INTERRUPTED_REASON,
+    RAN_AWAY,
+    Ending,
+    Motion,
+    Outcome,
+    measure,
+    outcome_only,
+)
 from twin.run.record import Recorder
 from twin.scenario import Scenario
 from twin.sim.plant.interface import SomeRigs
@@ -101,7 +109,7 @@ class RunMonitor:
         return [self.outcomes[rig] for rig in range(self._rigs)]
 
 
-def passed(
+def record_and_wait(
     rig: Rig,
     recorder: Recorder,
     measurement: Measurement,
@@ -195,7 +203,7 @@ def drive(
                 step = controller.command(measurement)
                 applied = controller.applied(rig.write(step.rate))
                 decided = (step.estimate, step.acceleration, applied, *step[3:])
-                measurement = passed(rig, recorder, measurement, *decided)
+                measurement = record_and_wait(rig, recorder, measurement, *decided)
                 if monitor.watch(measurement):
                     break
                 if tick % 100 == 0:
@@ -203,7 +211,7 @@ def drive(
                     if monitor.examine(measurement.time):
                         break
         except KeyboardInterrupt:
-            end, reason = Ending.ABORTED, INTERRUPTED
+            end, reason = Ending.ABORTED, INTERRUPTED_REASON
         except (Exception, SystemExit) as error:
             # what a rig did is not made again: its record is kept
             reason = assemble.line_of(error) if rig.in_real_time else ""
@@ -214,7 +222,7 @@ def drive(
     return monitor.final(recorder.end, end, reason)
 
 
-PAIR = 2
+ROUNDING_PAIR = 2
 """Matrix products of a law's rigs, a multiple of it, are rounded in the same way, whatever the
 multiple: kernels of OpenBLAS take rows in pairs, and an odd one by another way."""
 
@@ -230,7 +238,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
     """
     friction = assemble.build_friction([scenario])
     surface = None if friction is None or friction.map is None else friction.map
-    return assemble.shared(scenario) | {
+    return assemble.batch_keys(scenario) | {
         "observer": scenario.observer.model_dump(),
         "predictor": None if scenario.predictor is None else scenario.predictor.model_dump(),
         "model": repr(scenario.designed_on),
@@ -262,7 +270,7 @@ def simulate(
         KeyboardInterrupt: If the user interrupts.
         TwinError: If rigs or controllers cannot be built.
     """
-    order = _padded(scenarios)
+    order = _pad_batch(scenarios)
     first = scenarios[0]
     rig, controller = assemble.assemble([scenarios[i] for i in order], threads=1, unseen=True)
     ticks = round(first.duration / first.rig.period)
@@ -292,7 +300,7 @@ def simulate(
         if requested is not None:
             requested.append(record["requested"][:, at].copy())
         if outcome.ending is not Ending.FINISHED:
-            found.append(unjudged(outcome))
+            found.append(outcome_only(outcome))
             continue
         motion = Motion.of(record, desired[paths[at]], at, seen=seen)
         if not late[index]:
@@ -301,19 +309,25 @@ def simulate(
     return found
 
 
-def _padded(scenarios: Sequence[Scenario]) -> list[int]:
-    """Which scenario each rig runs: law by law, the last of one twice to make its number even."""
+def _pad_batch(scenarios: Sequence[Scenario]) -> list[int]:
+    """Order of the scenarios by law; the last of a law twice where its number is odd."""
     groups: dict[tuple[str, BallPlate], list[int]] = {}
     for index, scenario in enumerate(scenarios):
         groups.setdefault(assemble.law_of(scenario), []).append(index)
     found: list[int] = []
     for its in groups.values():
-        found += its + its[-1:] * (len(its) % PAIR)
+        found += its + its[-1:] * (len(its) % ROUNDING_PAIR)
     lacking = max(0, assemble.PLANTS[scenarios[0].plant.kind].least - len(found))
     return found + [found[-1]] * lacking
 
 
-EPISODES = ("rig.limits", "rig.cams", "sensors.noise_hold", "sensors.encoders.counts", "change")
+EPISODE_SHARED_KEYS = (
+    "rig.limits",
+    "rig.cams",
+    "sensors.noise_hold",
+    "sensors.encoders.counts",
+    "change",
+)
 """Keys in which all episodes must agree, besides those in which the rigs of any batch must."""
 
 
@@ -362,7 +376,7 @@ class Episodes:
 
     @property
     def over(self) -> Mask:
-        """Whose ball left the plate, was lost or passed a limit, shape (N,)."""
+        """Rigs whose ball left the plate, was lost or passed a limit, shape (N,)."""
         stopped: Mask = self._rig.supervisor.state != State.RUNNING
         return stopped | self._rig.fallen | self._rig.diverged
 
@@ -400,7 +414,7 @@ class Episodes:
             plant, transmission = assemble.build_plant(self.scenarios, threads=self._threads)
             self._known = assemble.without_error(transmission)
             self._rig = assemble.build_rig(self.scenarios, plant, transmission)
-            self.measurement = _own(_started(self._rig))
+            self.measurement = _own(_start_rigs(self._rig))
             self.applied = np.zeros((len(rigs), 2))
             self.ticks = np.zeros(len(rigs), int)
             return
@@ -416,8 +430,10 @@ class Episodes:
             assemble.PLANTS[new[0].plant.kind].rebuild(plant, rigs, self.scenarios)
         assemble.change_devices(rig.devices, before, self.scenarios, plant=False)
         assemble.change_transmission(rig, self._known, before, self.scenarios)
-        begun = assemble.build_rig(new, SomeRigs(plant, rigs), assemble.mistaken(self._known, new))
-        seen = _started(begun)
+        begun = assemble.build_rig(
+            new, SomeRigs(plant, rigs), assemble.with_calibration_error(self._known, new)
+        )
+        seen = _start_rigs(begun)
         rig.devices.adopt(rigs, begun.devices)
         rig.adopt(rigs, begun)
         now = self.measurement
@@ -447,7 +463,7 @@ class Episodes:
         return found
 
 
-def _started(rig: SimulatedRig) -> Measurement:
+def _start_rigs(rig: SimulatedRig) -> Measurement:
     """The first measurement of rigs that are switched on and started here.
 
     They are never switched off: a simulation holds nothing but memory.
@@ -465,4 +481,6 @@ def _own(seen: Measurement) -> Measurement:
 
 
 def _common(scenario: Scenario) -> dict[str, object]:
-    return assemble.shared(scenario) | {key: value_of(scenario, key) for key in EPISODES}
+    return assemble.batch_keys(scenario) | {
+        key: value_of(scenario, key) for key in EPISODE_SHARED_KEYS
+    }

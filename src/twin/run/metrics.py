@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.run.files import LEFT, METRICS
+from twin.run.files import LOST_ENDINGS, MOTION_INDICATORS
 from twin.run.record import Recorder
 
 
@@ -29,9 +29,9 @@ class Ending(StrEnum):
     DIVERGED = "diverged"
 
 
-INTERRUPTED = "interrupted"
+INTERRUPTED_REASON = "interrupted"
 """The reason of a run that Ctrl-C ended."""
-KILLED = "killed before its end; the record goes as far as it was written"
+KILLED_REASON = "killed before its end; the record goes as far as it was written"
 """The reason of a run whose process or computer ended without a word."""
 RAN_AWAY = "the simulation's numbers ran away"
 """The reason of a run that diverged."""
@@ -48,14 +48,14 @@ class Outcome:
     @property
     def interrupted(self) -> bool:
         """Whether a person ended the run."""
-        return self.reason == INTERRUPTED
+        return self.reason == INTERRUPTED_REASON
 
 
 LEAST_WAY = 1e-3
 """Way to a goal in m from which overshoot and settling are shares of it: below, of the noise."""
-STILL = 1e-4
+STILL_SPEED_M_S = 1e-4
 """Speed in m/s below which a ball lies still: less than the screen can tell within a second."""
-TURNING = 0.1
+MAX_TURNING_TIME_S = 0.1
 """Time in s that no ball takes to turn: it passes through rest in some milliseconds."""
 
 
@@ -111,7 +111,7 @@ class Motion:
             plate=record["measured"][:, rig, 1::2].copy() if seen else state[:, 2::4],
             u=record["applied"][:, rig].copy(),
             reference=desired,
-            held=held(record.time, state[:, 1::4]) if known and friction else None,
+            held=find_rest(record.time, state[:, 1::4]) if known and friction else None,
             lateness=record["computing"][:, rig, 1] if "computing" in record.data else None,
         )
 
@@ -156,7 +156,7 @@ def measure(
         angles, also after a stop, its largest applied accelerations ``u1_max`` and ``u2_max``, and
         their RMS.
     """
-    judged = unjudged(outcome)
+    judged = outcome_only(outcome)
     if len(motion.time) == 0:
         return judged
     found: dict[str, Any] = {
@@ -175,7 +175,7 @@ def measure(
     }
     if motion.lateness is not None:
         found["late_percent"] = 100 * float((motion.lateness > 0).mean())
-    if outcome.ending.value in LEFT:
+    if outcome.ending.value in LOST_ENDINGS:
         return judged | _finite(found)
     along = error[:, 0]
     found |= {"rms_error": _rms(along), "mean_error": float(np.abs(along).mean())}
@@ -188,10 +188,10 @@ def measure(
     return judged | _finite(found)
 
 
-def unjudged(outcome: Outcome) -> dict[str, Any]:
+def outcome_only(outcome: Outcome) -> dict[str, Any]:
     """How a run ended, when in s, and why in words; all its indicators None: they do not apply."""
     ended = {"outcome": outcome.ending.value, "outcome_time": float(outcome.time)}
-    return ended | {"reason": outcome.reason} | dict.fromkeys(METRICS)
+    return ended | {"reason": outcome.reason} | dict.fromkeys(MOTION_INDICATORS)
 
 
 def _finite(found: dict[str, Any]) -> dict[str, Any]:
@@ -199,18 +199,18 @@ def _finite(found: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in found.items() if value is None or math.isfinite(value)}
 
 
-def held(time: Array, velocity: Array) -> Mask:
+def find_rest(time: Array, velocity: Array) -> Mask:
     """Where a ball with friction lay still for more than a turning point, shape (K,).
 
     Args:
         time: Seconds, rising, shape (K,).
         velocity: True velocity of the ball in m/s, shape (K, 2).
     """
-    still = np.hypot(*velocity.T) < STILL
+    still = np.hypot(*velocity.T) < STILL_SPEED_M_S
     edges = np.flatnonzero(np.diff(still, prepend=False, append=False))
     found = np.zeros(len(time), bool)
     for first, end in edges.reshape(-1, 2):
-        found[first:end] = time[end - 1] - time[first] >= TURNING
+        found[first:end] = time[end - 1] - time[first] >= MAX_TURNING_TIME_S
     return found
 
 

@@ -22,9 +22,9 @@ from twin.base.data_file import read_toml
 from twin.run.metrics import Motion
 from twin.scenario.schema import Dimensions
 
-MARKED = ("x", "y", "error")
-STRIP: Any = {"alpha": 0.6, "linewidth": 0}
-HEIGHT = 0.035
+MARKED_PANELS = ("x", "y", "error")
+STRIP_STYLE: Any = {"alpha": 0.6, "linewidth": 0}
+STRIP_HEIGHT = 0.035
 """Height of a strip as a share of a panel's."""
 GREY = "0.5"
 """Colour of the legend's entry for several runs, each of which has bands in its own."""
@@ -43,68 +43,68 @@ def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Seque
         if motion.held is None or not motion.held.any():
             continue
         shares.append(f"{100 * float(motion.held.mean()):.1f}")
-        look = {"where": motion.held, "facecolor": colours[index % len(colours)], **STRIP}
-        for panel in (panels[name] for name in MARKED):
+        look = {"where": motion.held, "facecolor": colours[index % len(colours)], **STRIP_STYLE}
+        for panel in (panels[name] for name in MARKED_PANELS):
             across = panel.get_xaxis_transform()
-            panel.fill_between(motion.time, 0, HEIGHT, transform=across, **look)
+            panel.fill_between(motion.time, 0, STRIP_HEIGHT, transform=across, **look)
     if shares:
         words = f"held by friction, {' and '.join(dict.fromkeys(shares))} % of the time"
-        panels["plate"].fill_between([], [], [], label=words, facecolor=GREY, **STRIP)
+        panels["plate"].fill_between([], [], [], label=words, facecolor=GREY, **STRIP_STYLE)
 
 
 # Okabe and Ito's colours, told apart with any colour vision; their orange darker and indigo for
 # their light blue, which are hard to see as lines on white.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B57D00", "#4B2E83")
-STYLES = ("-", "--", "-.", ":")
-LOOKS = len(COLOURS) * len(STYLES)
+RUN_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B57D00", "#4B2E83")
+LINE_STYLES = ("-", "--", "-.", ":")
+LOOK_COUNT = len(RUN_COLOURS) * len(LINE_STYLES)
 """Runs that differ in colour or style; the legend has no more."""
-LOOK: Any = {
+RC_PARAMETERS: Any = {
     "font.size": 9,
     "axes.grid": True,
     "grid.alpha": 0.3,
     "axes.formatter.limits": (-4, 4),  # ticks stay short, whatever ran away
 }
-REFERENCE: dict[str, Any] = {
+REFERENCE_STYLE: dict[str, Any] = {
     "color": "black",
     "linewidth": 1.0,
     "linestyle": (0, (1, 1.5)),
     "zorder": 5,
 }
-WIDTH = 100
+TITLE_WIDTH = 100
 """Characters in a line of the title."""
-LEGEND = 150
+LEGEND_WIDTH = 150
 """Characters in a line of the legend."""
-SAME = 1e-4
+SAME_REFERENCE_M = 1e-4
 """Distance in m below which two references are one."""
-EDGE = 0.003
+EDGE_DISTANCE_M = 0.003
 """Distance in m from the edge of the screen within which a ball that fell was seen last."""
 LEAST_ERROR = 0.1
 """Least height of the axis of the tracking error in mm: less than the screen can tell."""
-DPI = 110
-INCH = 72.0
+PICTURE_DPI = 110
+POINTS_PER_INCH = 72.0
 """Points; the lengths below are in points."""
-WIDE, PANELS, HEADING = 864.0, 434.0, 12.0
+PICTURE_WIDTH_PT, PANELS_HEIGHT_PT, TITLE_SIZE_PT = 864.0, 434.0, 12.0
 """Width of the picture, height of all panels, font size of the title."""
-BELOW, ABOVE = 39.0, 22.0
+ROOM_BELOW_PT, ROOM_ABOVE_PT = 39.0, 22.0
 """Room below the lowest panel, for ticks and label, and above the highest, for its title."""
-LABEL = -44.0
+LABEL_OFFSET_PT = -44.0
 """From a panel to the label of its vertical axis: past a tick of five digits and a sign."""
-_ABOUT = read_toml(Path(__file__).with_suffix(".toml"))
-PLACES = {name: about["place"] for name, about in _ABOUT.items()}
+_PANEL_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
+PANEL_PLACES = {name: about["place"] for name, about in _PANEL_TABLES.items()}
 """Left, bottom, width and height of each panel. To have matplotlib find them costs half as much
 again as the whole picture: it draws every text to see how large it is."""
 
 
 def style(index: int) -> dict[str, Any]:
     """Colour and style of the lines of one of several runs, the same in every picture of them."""
-    again = index // len(COLOURS) % len(STYLES)
-    return {"color": COLOURS[index % len(COLOURS)], "linestyle": STYLES[again]}
+    again = index // len(RUN_COLOURS) % len(LINE_STYLES)
+    return {"color": RUN_COLOURS[index % len(RUN_COLOURS)], "linestyle": LINE_STYLES[again]}
 
 
 @contextmanager
-def drawn(width: float, height: float) -> Iterator[Figure]:
+def styled_figure(width: float, height: float) -> Iterator[Figure]:
     """A figure of a size in inches to draw on within, in the one look of all."""
-    with mpl.rc_context(LOOK):
+    with mpl.rc_context(RC_PARAMETERS):
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
         # ticks and texts are laid out when drawn: now, while these settings hold
@@ -120,39 +120,51 @@ def png(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> bytes:
         plate: Screen and operating area.
     """
     content = BytesIO()
-    with mpl.rc_context(LOOK):
+    with mpl.rc_context(RC_PARAMETERS):
         # savefig would draw everything once more before, only to lay it out
-        canvas = FigureCanvasAgg(_arranged(runs, title, plate))
+        canvas = FigureCanvasAgg(_arrange_panels(runs, title, plate))
         canvas.print_png(content)  # type: ignore[no-untyped-call]
     return content.getvalue()
 
 
 def picture(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figure:
     """The picture of runs over their reference; arguments as for ``png``."""
-    with mpl.rc_context(LOOK):
-        figure = _arranged(runs, title, plate)
+    with mpl.rc_context(RC_PARAMETERS):
+        figure = _arrange_panels(runs, title, plate)
         # ticks are made when drawn: now, while these settings hold
         figure.draw_without_rendering()
     return figure
 
 
-def _arranged(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figure:
+def _arrange_panels(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figure:
     """The picture laid out, for the settings in force."""
-    figure = Figure(dpi=DPI, figsize=(WIDE / INCH, PANELS / INCH))
+    figure = Figure(
+        dpi=PICTURE_DPI,
+        figsize=(PICTURE_WIDTH_PT / POINTS_PER_INCH, PANELS_HEIGHT_PT / POINTS_PER_INCH),
+    )
     FigureCanvasAgg(figure)
     # of their true size from the start, on which it depends which ticks there are
     panels = {
-        name: figure.add_axes((left / WIDE, low / PANELS, wide / WIDE, high / PANELS))
-        for name, (left, low, wide, high) in PLACES.items()
+        name: figure.add_axes(
+            (
+                left / PICTURE_WIDTH_PT,
+                low / PANELS_HEIGHT_PT,
+                wide / PICTURE_WIDTH_PT,
+                high / PANELS_HEIGHT_PT,
+            )
+        )
+        for name, (left, low, wide, high) in PANEL_PLACES.items()
     }
     _outline(panels["plate"], plate)
     # seen last at the edge of the screen: it left the plate
-    gone = [bool((plate.within(m.ball[-1], EDGE) != m.ball[-1]).any()) for m in runs.values()]
+    gone = [
+        bool((plate.within(m.ball[-1], EDGE_DISTANCE_M) != m.ball[-1]).any()) for m in runs.values()
+    ]
     for index, (label, motion) in enumerate(runs.items()):
         _add(panels, motion, label, index, gone=gone[index])
     _refer(panels, runs)
     _label(panels)
-    shade(panels, runs, COLOURS)
+    shade(panels, runs, RUN_COLOURS)
     if any(gone):
         panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
     _place(figure, panels, _legend(figure, panels["plate"], len(runs)), title)
@@ -162,24 +174,38 @@ def _arranged(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figu
 def _legend(figure: Figure, panel: Axes, runs: int) -> Legend:
     """What the curves are, as far as they can be told apart."""
     entries = list(zip(*panel.get_legend_handles_labels(), strict=True))
-    entries = [*entries[: min(runs, LOOKS)], *entries[runs:]]
-    columns = max(1, min(len(entries), LEGEND // (5 + max(len(words) for _, words in entries))))
+    entries = [*entries[: min(runs, LOOK_COUNT)], *entries[runs:]]
+    columns = max(
+        1, min(len(entries), LEGEND_WIDTH // (5 + max(len(words) for _, words in entries)))
+    )
     return figure.legend(*zip(*entries, strict=True), loc="lower center", ncols=columns)
 
 
 def _place(figure: Figure, panels: Mapping[str, Axes], legend: Legend, title: str) -> None:
     """Put all in its place: the legend below, the title above."""
-    lines = textwrap.wrap(title, WIDTH, max_lines=3, placeholder=" ...")
-    bottom = INCH * legend.get_window_extent().height / figure.dpi + BELOW
-    height = bottom + PANELS + ABOVE + (1.22 * HEADING * len(lines) + 8 if lines else 4)
-    figure.set_size_inches(WIDE / INCH, height / INCH)
+    lines = textwrap.wrap(title, TITLE_WIDTH, max_lines=3, placeholder=" ...")
+    bottom = POINTS_PER_INCH * legend.get_window_extent().height / figure.dpi + ROOM_BELOW_PT
+    height = (
+        bottom
+        + PANELS_HEIGHT_PT
+        + ROOM_ABOVE_PT
+        + (1.22 * TITLE_SIZE_PT * len(lines) + 8 if lines else 4)
+    )
+    figure.set_size_inches(PICTURE_WIDTH_PT / POINTS_PER_INCH, height / POINTS_PER_INCH)
     if lines:
         top = 1 - 5 / height
-        figure.suptitle("\n".join(lines), fontsize=HEADING, fontweight="bold", y=top)
-    for name, (left, low, wide, high) in PLACES.items():
+        figure.suptitle("\n".join(lines), fontsize=TITLE_SIZE_PT, fontweight="bold", y=top)
+    for name, (left, low, wide, high) in PANEL_PLACES.items():
         panel = panels[name]
-        panel.set_position((left / WIDE, (bottom + low) / height, wide / WIDE, high / height))
-        side = offset_copy(panel.transAxes, figure, x=LABEL, units="points")
+        panel.set_position(
+            (
+                left / PICTURE_WIDTH_PT,
+                (bottom + low) / height,
+                wide / PICTURE_WIDTH_PT,
+                high / height,
+            )
+        )
+        side = offset_copy(panel.transAxes, figure, x=LABEL_OFFSET_PT, units="points")
         panel.yaxis.set_label_coords(0.0, 0.5, side)
         below = offset_copy(panel.transAxes, figure, y=-20, units="points")
         panel.xaxis.set_label_coords(0.5, 0.0, below)
@@ -194,16 +220,16 @@ def _refer(panels: Mapping[str, Axes], runs: Mapping[str, Motion]) -> None:
             continue
         shown.append(motion)
         desired = 1000 * motion.reference
-        panels["plate"].plot(*desired.T, **REFERENCE)
+        panels["plate"].plot(*desired.T, **REFERENCE_STYLE)
         for name, axis in (("x", 0), ("y", 1)):
-            panels[name].plot(motion.time, desired[:, axis], **REFERENCE)
-    panels["plate"].plot([], [], label="reference", **REFERENCE)
+            panels[name].plot(motion.time, desired[:, axis], **REFERENCE_STYLE)
+    panels["plate"].plot([], [], label="reference", **REFERENCE_STYLE)
 
 
 def _same_reference(motion: Motion, longest: Motion) -> bool:
     """Whether two references, each at the instants of its own run, can not be told apart."""
     other = [np.interp(motion.time, longest.time, axis) for axis in longest.reference.T]
-    return np.allclose(motion.reference, np.stack(other, axis=1), rtol=0, atol=SAME)
+    return np.allclose(motion.reference, np.stack(other, axis=1), rtol=0, atol=SAME_REFERENCE_M)
 
 
 def _outline(panel: Axes, plate: Dimensions) -> None:
@@ -247,11 +273,11 @@ def _label(panels: Mapping[str, Axes]) -> None:
     lines = [np.asarray(line.get_ydata(), float) for line in error.lines]
     top = max((float(each[np.isfinite(each)].max(initial=0.0)) for each in lines), default=0.0)
     for name, panel in panels.items():
-        panel.set(**_ABOUT[name]["words"])
+        panel.set(**_PANEL_TABLES[name]["words"])
     error.set(ylim=(0, max(1.05 * top, LEAST_ERROR)))
     for name in ("x", "angle"):
         panels[name].tick_params(labelbottom=False)  # those of the panel below serve it
-    for name, least in ((name, about.get("least", 0.0)) for name, about in _ABOUT.items()):
+    for name, least in ((name, about.get("least", 0.0)) for name, about in _PANEL_TABLES.items()):
         low, high = map(float, panels[name].get_ylim())
         if high - low < least:
             middle = (low + high) / 2

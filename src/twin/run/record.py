@@ -26,8 +26,8 @@ from controllers.interfaces import Quantity
 from twin.base.data_file import DataError, parse_json, read_toml
 from twin.base.errors import RecordError
 from twin.base.writing import remove, write_whole
-from twin.run.files import STREAM, arrow_fields
-from twin.scenario.schema import KINDS, MOST_PERIODS, Scenario, choices, with_settings
+from twin.run.files import STREAM_FILE, arrow_fields
+from twin.scenario.schema import CATALOG_TABLES, MOST_PERIODS, Scenario, choices, with_settings
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -179,7 +179,7 @@ def classes_of(scenario: Scenario) -> dict[str, dict[str, Any]]:
         class that is not part of this program its file's name, SHA-256 and source text.
     """
     found: dict[str, dict[str, Any]] = {}
-    for table in KINDS:
+    for table in CATALOG_TABLES:
         choice = getattr(scenario, table)
         cls = choices(table)[choice.kind]
         given = with_settings(cls, choice.settings)
@@ -225,7 +225,7 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
             writer.add_key_value_metadata({CHECKSUM: seal})
 
     write_whole(folder / "run.parquet", fill)
-    remove(folder / STREAM)
+    remove(folder / STREAM_FILE)
 
 
 @contextmanager
@@ -332,13 +332,13 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
         return [each.name for each in schema if is_number(each.type)]
 
     try:
-        table = stored(file, wanted)
+        table = read_table(file, wanted)
     except FileNotFoundError as error:
         raise RecordError(f"{file}: no such record; a run folder holds run.parquet") from error
     except DamagedError as error:
         raise RecordError(f"{file}: {error}") from error
     except (OSError, pa.ArrowException) as error:
-        if file.name == STREAM and not file.stat().st_size:
+        if file.name == STREAM_FILE and not file.stat().st_size:
             raise RecordError(f"{file}: nothing has been recorded yet") from error
         reason = str(error).splitlines()[0]
         raise RecordError(f"{file}: not a readable Parquet file: {reason}") from error
@@ -375,7 +375,7 @@ def is_number(kind: pa.DataType) -> bool:
     return pa.types.is_floating(kind) or pa.types.is_integer(kind)
 
 
-def stored(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
+def read_table(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
     """The table of a Parquet file, or of a stream as far as it was written.
 
     Its schema and its size are looked at before anything else is read.
@@ -391,7 +391,7 @@ def stored(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
     """
     import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
 
-    if file.suffix == Path(STREAM).suffix:
+    if file.suffix == Path(STREAM_FILE).suffix:
         return _streamed(file, wanted)
     # not pq.read_table, which imports pandas wherever that is installed
     with pq.ParquetFile(file) as parquet:
@@ -490,9 +490,9 @@ def read_metadata(file: Path) -> bytes | None:
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
     import pyarrow.parquet as pq  # noqa: PLC0415
 
-    streamed = file.suffix == Path(STREAM).suffix
+    streamed = file.suffix == Path(STREAM_FILE).suffix
     try:
-        schema = stored(file, lambda _: []).schema if streamed else pq.read_schema(file)
+        schema = read_table(file, lambda _: []).schema if streamed else pq.read_schema(file)
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{file}: not a readable record") from error
     return (schema.metadata or {}).get(b"ballplate")

@@ -25,7 +25,7 @@ from twin.hal.rig import Entry, Rig
 from twin.run.assemble import RigChanges
 from twin.sim.rig import SimulatedRig
 
-FOREIGN = {"mujoco", "numpy", "pydantic", "scipy"} | set(sys.stdlib_module_names)
+CONSTANT_PACKAGES = {"mujoco", "numpy", "pydantic", "scipy"} | set(sys.stdlib_module_names)
 """Packages whose objects are constant wherever they stand, but for arrays and random streams."""
 
 
@@ -51,7 +51,7 @@ class SnapshotError(TwinError, ValueError):
     """A snapshot cannot be taken or restored."""
 
 
-def saved(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kind
+def save_node(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kind
     """The node of a value; ``LEFT_OUT`` of one that cannot change or has been saved already."""
     if isinstance(thing, np.ndarray):
         return LEFT_OUT if thing.dtype.hasobject else thing.copy(order="K")
@@ -62,19 +62,19 @@ def saved(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kind
     if isinstance(thing, np.random.Generator):
         return Inside("rng", thing.bit_generator.state)
     if isinstance(thing, tuple | list | deque):
-        each = {index: saved(one, seen) for index, one in enumerate(thing)}
+        each = {index: save_node(one, seen) for index, one in enumerate(thing)}
         several = _several(each)
         if several is not each:
             return several
         return tuple(each.values()) if isinstance(thing, tuple) else list(each.values())
     if isinstance(thing, dict):
-        return _several({key: saved(each, seen) for key, each in thing.items()})
+        return _several({key: save_node(each, seen) for key, each in thing.items()})
     if _constant(thing) or id(thing) in seen:
         return LEFT_OUT
     seen.add(id(thing))
     if hasattr(thing, "saved_state"):  # it says itself what its state is
-        return Inside("own", (type(thing).__name__, saved(thing.saved_state(), seen)))
-    nodes = {name: saved(value, seen) for name, value in vars(thing).items()}
+        return Inside("own", (type(thing).__name__, save_node(thing.saved_state(), seen)))
+    nodes = {name: save_node(value, seen) for name, value in vars(thing).items()}
     kept = [
         (name, node)
         for name, node in nodes.items()
@@ -87,7 +87,7 @@ def _constant(thing: Any) -> bool:
     """Whether a thing that is no data never changes."""
     parameters = getattr(thing, "__dataclass_params__", None)
     frozen = parameters is not None and parameters.frozen
-    foreign = type(thing).__module__.partition(".")[0] in FOREIGN
+    foreign = type(thing).__module__.partition(".")[0] in CONSTANT_PACKAGES
     closed = not hasattr(thing, "__dict__")  # of a compiled library
     return bool(frozen or foreign or closed or isinstance(thing, BaseModel | RigChanges | Enum))
 
@@ -176,10 +176,10 @@ class Snapshot:
         return cls(
             measurement.time,
             rig.period,
-            saved(rig, seen),
+            save_node(rig, seen),
             tuple(rig.journal),
-            saved(controller, seen),
-            saved(tuple(measurement), seen),
+            save_node(controller, seen),
+            save_node(tuple(measurement), seen),
         )
 
     def restore(self, rig: Rig, controller: Controller | None = None) -> Measurement:

@@ -12,18 +12,18 @@ from twin.run.files import INDICATORS
 if TYPE_CHECKING:
     from twin.run.finished import Run
 
-TIMES = ("judged_from", "real_time_factor")
+TIMING_NAMES = ("judged_from", "real_time_factor")
 """What a table of runs just made has besides."""
-_ALL = {name: (about["words"], about["printed"]) for name, about in INDICATORS.items()}
-LABELS = {name: label for name, label in _ALL.items() if name not in TIMES}
+_ALL_LABELS = {name: (about["words"], about["printed"]) for name, about in INDICATORS.items()}
+LABELS = {name: label for name, label in _ALL_LABELS.items() if name not in TIMING_NAMES}
 """Indicator to the words and the unit it is printed with."""
 
-FIRST = {name: LABELS[name] for name in (
+FIRST_LABELS = {name: LABELS[name] for name in (
     "tracking_error_percent", "rms_error", "overshoot_percent", "settling_time", "steady_error",
     "late_percent",
 )}  # fmt: skip
 """What is asked for first, of a reference that moves and of one that comes to rest."""
-EVERY = FIRST | _ALL
+ORDERED_LABELS = FIRST_LABELS | _ALL_LABELS
 """The same, then all the others."""
 
 
@@ -88,6 +88,6 @@ def by_run(runs: Mapping[str, Mapping[str, Any]], what: str = "") -> Table:
         runs: Heading to summary.
         what: What the headings are.
     """
-    rows = indicators("", runs, FIRST).rows
+    rows = indicators("", runs, FIRST_LABELS).rows
     heads = (what, *(f"{row[0]} [{row[-1]}]" for row in rows))
     return Table("", heads, list(zip(runs, *(row[1:-1] for row in rows), strict=True)))

@@ -23,7 +23,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.devices import realtime
 from twin.devices import rig as hardware
 from twin.devices.akd import conditions as akd
@@ -33,20 +33,20 @@ from twin.devices.lumio import conditions as lumio
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import Towards
-from twin.emulator.drive import COASTING, STOP_RAMP, VELOCITY_UNIT, Power
+from twin.emulator.drive import COASTING_TIME_S, STOP_RAMP, VELOCITY_UNIT, Power
 from twin.emulator.drive_objects import Frame
-from twin.emulator.lockstep import PATIENCE, LockstepRig
+from twin.emulator.lockstep import BALL_TIMEOUT_S, LockstepRig
 from twin.emulator.screen import Protocol, ScreenFault
 from twin.emulator.serve import Wiring
 from twin.hal import agreement, supervisor
 from twin.hal.cams import FixedRatio
-from twin.hal.interface import SCREEN, Condition, Limits, Severity
+from twin.hal.interface import SCREEN_SIZE_M, Condition, Limits, Severity
 from twin.hal.supervisor import Supervisor
 
-STILL = 0.02
+STANDSTILL_RAD_S = 0.02
 """Plate rate in rad/s that counts as standstill: what levelling commands for one count of the
 plate encoders, 0.38 mrad in its time constant of 20 ms."""
-LEVEL = float(np.radians(0.3))
+LEVEL_RAD = float(np.radians(0.3))
 """Plate angle in rad that counts as level: quantisation and noise of the angle, and friction."""
 
 
@@ -69,7 +69,7 @@ Act = Callable[[LockstepRig], None]
 
 BRING_UP = akd.NODE_ABSENT.within
 """Longest time in s from switching on to drives that could be enabled, or a refusal."""
-REACHED = {
+REACHED_STATES = {
     Stopper.NOBODY: Power.OPERATION_ENABLED,
     Stopper.LEVELLING: Power.OPERATION_ENABLED,
     Stopper.QUICK_STOP: Power.SWITCH_ON_DISABLED,
@@ -171,16 +171,20 @@ class FaultCase:
             return self.states
         if self.refused:
             return Power.SWITCH_ON_DISABLED, Power.SWITCH_ON_DISABLED
-        return tuple(REACHED[stopper] for stopper in self.stoppers)
+        return tuple(REACHED_STATES[stopper] for stopper in self.stoppers)
 
 
-RIG, BALL = Limits(), BallPlate()
-ANGLE, RATE, ACCELERATION = float(RIG.angle), float(RIG.rate), float(RIG.acceleration)
-BEYOND = float(ANGLE + Supervisor.ANGLE_SLACK)
+DEFAULT_LIMITS, DEFAULT_BALL = Limits(), BallPlate()
+ANGLE_LIMIT_RAD, RATE_LIMIT_RAD_S, ACCELERATION_LIMIT_RAD_S2 = (
+    float(DEFAULT_LIMITS.angle),
+    float(DEFAULT_LIMITS.rate),
+    float(DEFAULT_LIMITS.acceleration),
+)
+MAX_ANGLE_RAD = float(ANGLE_LIMIT_RAD + Supervisor.ANGLE_SLACK)
 """Largest plate angle in rad that the clamp and its slack for encoder and spring allow."""
-RAMP = AkdConfig().rate_limit / STOP_RAMP
+STOP_RAMP_S = AkdConfig().rate_limit / STOP_RAMP
 """Time in s in which a drive brakes from its velocity limit with its quick stop ramp."""
-LEAVING = 2 * SHUTDOWN + 0.05
+LAST_HEARTBEAT_S = 2 * SHUTDOWN + 0.05
 """Longest time in s from the end of a run to the host's last heartbeat: it waits for standstill,
 then for no torque, then sends what is left."""
 
@@ -210,59 +214,66 @@ def standstill_limit(case: FaultCase, detected: float, at: AtFault) -> float | N
         detected: Longest time to its detection, s.
         at: The rig at the fault.
     """
-    times = [STOPS[each](case, detected, at) for each in case.stoppers if each in STOPS]
+    times = [STOP_LIMITS[each](case, detected, at) for each in case.stoppers if each in STOP_LIMITS]
     return max(times, default=None)
 
 
 def _quick_stopped(case: FaultCase, detected: float, _: AtFault) -> float:
     """Detection, two periods to the drives, the ramp from the velocity limit."""
-    return detected + 2 * case.host.period + RAMP
+    return detected + 2 * case.host.period + STOP_RAMP_S
 
 
-def _watched(case: FaultCase, detected: float, at: AtFault) -> float:
-    return _quick_stopped(case, detected, at) if case.zeroed else _unwatched(case, detected)
+def _time_until_watched(case: FaultCase, detected: float, at: AtFault) -> float:
+    return (
+        _quick_stopped(case, detected, at) if case.zeroed else _time_without_watch(case, detected)
+    )
 
 
-def _unwatched(case: FaultCase, detected: float) -> float:
+def _time_without_watch(case: FaultCase, detected: float) -> float:
     """Until a drive has no torque that watches the host.
 
     The silence that the drives allow, one period, and the ramp. Before that, where the host ends
     its heartbeat on purpose, detection, two periods, and its patience with the quick stop or, if
     that comes first, leaving the bus.
     """
-    watch = case.host.silence + case.host.period + RAMP
+    watch = case.host.silence + case.host.period + STOP_RAMP_S
     if not case.withheld:
         return watch
-    return detected + min(case.host.watch.stop, LEAVING) + 2 * case.host.period + watch
+    return detected + min(case.host.watch.stop, LAST_HEARTBEAT_S) + 2 * case.host.period + watch
 
 
 def _run_out(case: FaultCase, _: float, at: AtFault) -> float:
     """Two periods, then down to 1/e in every time constant without torque."""
-    rate = at.rate + 2 * ACCELERATION * case.host.period
-    return 2 * case.host.period + COASTING * math.log(max(rate / STILL, 1.0))
+    rate = at.rate + 2 * ACCELERATION_LIMIT_RAD_S2 * case.host.period
+    return 2 * case.host.period + COASTING_TIME_S * math.log(max(rate / STANDSTILL_RAD_S, 1.0))
 
 
-def _levelled(case: FaultCase, detected: float, at: AtFault) -> float:
+def _time_to_level(case: FaultCase, detected: float, at: AtFault) -> float:
     """Brake, turn back at the rate limit, then at the root of acceleration times angle.
 
     After detection, and with the time in which a measured drift is taken in.
     """
     angle, rate = tilt_limit(case, detected, 0.0, at), _fastest(case, detected, at)
     last = 10 * case.host.period  # time constant of the last piece, see `Clamp.towards_level`
-    back = min(RATE, math.sqrt(ACCELERATION * angle))
-    time = (rate + back) / ACCELERATION
-    time += max(0.0, angle - back**2 / ACCELERATION) / RATE + 2 * back / ACCELERATION
-    time += last * math.log(ACCELERATION * last / STILL) + Supervisor.DRIFT_TIME
+    back = min(RATE_LIMIT_RAD_S, math.sqrt(ACCELERATION_LIMIT_RAD_S2 * angle))
+    time = (rate + back) / ACCELERATION_LIMIT_RAD_S2
+    time += (
+        max(0.0, angle - back**2 / ACCELERATION_LIMIT_RAD_S2) / RATE_LIMIT_RAD_S
+        + 2 * back / ACCELERATION_LIMIT_RAD_S2
+    )
+    time += (
+        last * math.log(ACCELERATION_LIMIT_RAD_S2 * last / STANDSTILL_RAD_S) + Supervisor.DRIFT_TIME
+    )
     return detected + case.slow * time
 
 
-STOPS: dict[Stopper, Callable[[FaultCase, float, AtFault], float]] = {
-    Stopper.LEVELLING: _levelled,
+STOP_LIMITS: dict[Stopper, Callable[[FaultCase, float, AtFault], float]] = {
+    Stopper.LEVELLING: _time_to_level,
     Stopper.QUICK_STOP: _quick_stopped,
-    Stopper.HEARTBEAT: _watched,
+    Stopper.HEARTBEAT: _time_until_watched,
     Stopper.STO: _run_out,
     Stopper.LOST_TORQUE: _run_out,
-    Stopper.DRIVE: lambda case, *_: case.host.period + RAMP,
+    Stopper.DRIVE: lambda case, *_: case.host.period + STOP_RAMP_S,
 }
 """Longest time to standstill by who has to stop an axis, from case, detection in s and fault."""
 
@@ -274,7 +285,7 @@ def torque_off_limit(case: FaultCase, detected: float, stop: float | None) -> fl
     """
     if stop is None or Stopper.LEVELLING in case.stoppers:
         return None
-    return (_unwatched(case, detected) if case.zeroed else stop) + 2 * case.host.period
+    return (_time_without_watch(case, detected) if case.zeroed else stop) + 2 * case.host.period
 
 
 def tilt_limit(case: FaultCase, detected: float, stop: float | None, at: AtFault) -> float:
@@ -291,22 +302,22 @@ def tilt_limit(case: FaultCase, detected: float, stop: float | None, at: AtFault
         at: The rig at the fault.
     """
     if case.refused:
-        return LEVEL  # nothing may move
+        return LEVEL_RAD  # nothing may move
     if stop is None:
-        return BEYOND
+        return MAX_ANGLE_RAD
     rate = _fastest(case, detected, at)
     if case.shoved:
-        return at.tilt + case.speed * case.shoved + RATE * detected
+        return at.tilt + case.speed * case.shoved + RATE_LIMIT_RAD_S * detected
     if Stopper.LEVELLING in case.stoppers:
-        way = rate * detected + rate**2 / (2 * ACCELERATION)
-        return min(at.tilt + case.slow * way, BEYOND)
+        way = rate * detected + rate**2 / (2 * ACCELERATION_LIMIT_RAD_S2)
+        return min(at.tilt + case.slow * way, MAX_ANGLE_RAD)
     largest = at.tilt + rate * stop
-    return largest if case.speed else min(largest, BEYOND)
+    return largest if case.speed else min(largest, MAX_ANGLE_RAD)
 
 
 def _fastest(case: FaultCase, detected: float, at: AtFault) -> float:
     """Fastest plate rate in rad/s that a controller reaches until the fault is detected."""
-    return max(min(at.rate + ACCELERATION * detected, RATE), case.speed)
+    return max(min(at.rate + ACCELERATION_LIMIT_RAD_S2 * detected, RATE_LIMIT_RAD_S), case.speed)
 
 
 def ball_limit(
@@ -323,19 +334,19 @@ def ball_limit(
         stop: Longest time to standstill, s; None where nothing has to stop.
         at: The rig at the fault.
     """
-    way: Array = np.asarray(RIG.area, float)
+    way: Array = np.asarray(DEFAULT_LIMITS.area, float)
     if stop is not None:
-        slope = BALL.k1 * math.sin(tilt_limit(case, detected, stop, at))
+        slope = DEFAULT_BALL.k1 * math.sin(tilt_limit(case, detected, stop, at))
         # A change of the plate's rate carries the ball along by c2 times it, (5.1).
-        carried = 2 * BALL.c2 * _fastest(case, detected, at)
+        carried = 2 * DEFAULT_BALL.c2 * _fastest(case, detected, at)
         way = at.ball + (at.velocity + carried) * stop + slope * stop**2 / 2
         if not case.goes:
-            way = np.minimum(way, np.array(SCREEN) / 2)
+            way = np.minimum(way, np.array(SCREEN_SIZE_M) / 2)
     x, y = way.tolist()
     return x, y
 
 
-NAMES = {each.name: each for kind in (Power, Protocol, Towards) for each in kind}
+STEP_NAMES = {each.name: each for kind in (Power, Protocol, Towards) for each in kind}
 """What a text in a step names."""
 
 
@@ -372,7 +383,7 @@ def _meant(value: Any) -> Any:
         return tuple(map(_meant, value))
     if isinstance(value, dict):
         return {key: _meant(each) for key, each in value.items()}
-    return NAMES.get(value, value.encode()) if isinstance(value, str) else value
+    return STEP_NAMES.get(value, value.encode()) if isinstance(value, str) else value
 
 
 def _causes(table: dict[str, Any]) -> dict[str, FaultCause]:
@@ -382,7 +393,7 @@ def _causes(table: dict[str, Any]) -> dict[str, FaultCause]:
     }
 
 
-_TABLES = packaged("twin.safety", "causes.toml")
+_TABLES = read_packaged("twin.safety", "causes.toml")
 OF_DRIVES = _causes(_TABLES["drives"])
 """What can go wrong with two drives and their bus, `LockstepDrives`."""
 OF_RIG = _causes(_TABLES["rig"])
@@ -390,11 +401,11 @@ OF_RIG = _causes(_TABLES["rig"])
 
 
 _RPDO1, _TARGET = 0x200, 2
-_EDGE = np.add(RIG.area, RIG.margin)
+_BALL_EDGE_M = np.add(DEFAULT_LIMITS.area, DEFAULT_LIMITS.margin)
 """Where the ball may be at most, x and y, m."""
-_FAR, _FAST = 0.07, 1.65
+_PUSH_PLACE_M, _PUSH_SPEED_M_S = 0.07, 1.65
 """From where along y a ball is pushed, m, and how fast, m/s: across the plate."""
-_QUICK = 0.2
+_FAST_TURN_RAD_S = 0.2
 """Rate in rad/s at which the plate turns when a row wants it to."""
 
 
@@ -473,7 +484,7 @@ def then(rig: LockstepRig, seconds: float, first: Named, second: Named) -> None:
 
 def in_turn(rig: LockstepRig, *named: Named) -> None:
     """The plate is made to turn about both axes; then causes or functions."""
-    ask(rig, 2 * _QUICK, 2 * _QUICK)
+    ask(rig, 2 * _FAST_TURN_RAD_S, 2 * _FAST_TURN_RAD_S)
     _once(rig, turns, lambda rig: together(rig, *named))
 
 
@@ -493,14 +504,14 @@ def _frame(cob_id: int, data: str, kind: str = "") -> Frame:
 
 def rewire_in_turn(rig: LockstepRig, wiring: dict[str, list[float]]) -> None:
     """The plate turns; then drives, motors and encoders are joined otherwise."""
-    ask(rig, 2 * _QUICK, -1.5 * _QUICK)
+    ask(rig, 2 * _FAST_TURN_RAD_S, -1.5 * _FAST_TURN_RAD_S)
     joined = {key: (value[0], value[1]) for key, value in wiring.items()}
     _once(rig, turns, lambda rig: rig.plant.rewire(**joined))
 
 
 def level_by_wrong_encoders(rig: LockstepRig) -> None:
     """The plate turns; then it is levelled by encoders that count the wrong way."""
-    ask(rig, 2 * _QUICK, 2 * _QUICK)
+    ask(rig, 2 * _FAST_TURN_RAD_S, 2 * _FAST_TURN_RAD_S)
 
     def turn(rig: LockstepRig) -> None:
         rig.plant.rewire(encoder_scale=(-1.0, -1.0))
@@ -534,7 +545,11 @@ def push(rig: LockstepRig, x_rate: float, y_rate: float) -> None:
 
 def push_later(rig: LockstepRig) -> None:
     """The ball is pushed across the plate along y, once it is on the far side."""
-    _once(rig, lambda rig: bool(_ball(rig)[1] > _FAR), lambda rig: push(rig, 0.0, -_FAST))
+    _once(
+        rig,
+        lambda rig: bool(_ball(rig)[1] > _PUSH_PLACE_M),
+        lambda rig: push(rig, 0.0, -_PUSH_SPEED_M_S),
+    )
 
 
 def move_ball(rig: LockstepRig) -> None:
@@ -559,22 +574,22 @@ def shove(rig: LockstepRig, axis: int, rate: float, lasting: float) -> None:
 
 def fast(rig: LockstepRig, axis: int) -> bool:
     """Whether the ball is too fast along an axis."""
-    return bool(abs(rig.plant.devices.state[0, 1 + 4 * axis]) > float(RIG.ball_speed))
+    return bool(abs(rig.plant.devices.state[0, 1 + 4 * axis]) > float(DEFAULT_LIMITS.ball_speed))
 
 
 def outside(rig: LockstepRig, axis: int) -> bool:
     """Whether the ball is outside of its area along an axis."""
-    return bool(abs(_ball(rig)[axis]) > _EDGE[axis])
+    return bool(abs(_ball(rig)[axis]) > _BALL_EDGE_M[axis])
 
 
 def steep(rig: LockstepRig, axis: int) -> bool:
     """Whether the plate is tilted too far about an axis."""
-    return bool(abs(rig.plant.devices.state[0, 2 + 4 * axis]) > BEYOND)
+    return bool(abs(rig.plant.devices.state[0, 2 + 4 * axis]) > MAX_ANGLE_RAD)
 
 
 def off(rig: LockstepRig) -> bool:
     """Whether the ball is off the screen."""
-    return bool((np.abs(_ball(rig)) > np.array(SCREEN) / 2).any())
+    return bool((np.abs(_ball(rig)) > np.array(SCREEN_SIZE_M) / 2).any())
 
 
 def late(rig: LockstepRig) -> bool:
@@ -585,7 +600,7 @@ def late(rig: LockstepRig) -> bool:
 
 def turns(rig: LockstepRig) -> bool:
     """Whether the plate turns about both axes."""
-    return bool(np.abs(rig.plant.devices.state[0, 3::4]).min() > _QUICK)
+    return bool(np.abs(rig.plant.devices.state[0, 3::4]).min() > _FAST_TURN_RAD_S)
 
 
 def rewired(rig: LockstepRig) -> bool:
@@ -611,7 +626,7 @@ def _once(rig: LockstepRig, there: Callable[[LockstepRig], bool], act: Act) -> N
     rig.lockstep.bus.moved = move
 
 
-SOURCES = {
+CONDITION_SOURCES = {
     "drives": akd,
     "screen": lumio,
     "supervisor": supervisor,
@@ -620,10 +635,10 @@ SOURCES = {
     "loop": realtime,
 }
 """Where conditions stand."""
-WAITS = {
+WAIT_LIMITS_S = {
     "bring_up": BRING_UP,
     "power_on": HardwareRig.POWER_ON,
-    "patience": PATIENCE,
+    "patience": BALL_TIMEOUT_S,
     "period": AkdConfig().period,  # what is done after a period's commands shows in the next one's
     "stale": PlausibilityLimits().stale,
 }
@@ -632,7 +647,7 @@ WAITS = {
 
 def _condition(name: str) -> Condition:
     source, _, which = name.partition(".")
-    return getattr(SOURCES[source], which)
+    return getattr(CONDITION_SOURCES[source], which)
 
 
 def _done(given: list[Any]) -> Callable[[LockstepRig], Any]:
@@ -650,7 +665,7 @@ def _words(name: str) -> str:
     return cause.words if cause else (globals()[name].__doc__ or "").rstrip(".")
 
 
-READ: dict[str, Callable[[Any], Any]] = {
+KEY_READERS: dict[str, Callable[[Any], Any]] = {
     "act": _done,
     "begins": _done,
     "expected": _condition,
@@ -658,7 +673,7 @@ READ: dict[str, Callable[[Any], Any]] = {
     "stopped_by": lambda names: tuple(Stopper[name] for name in names),
     "states": lambda names: tuple(Power[name] for name in names),
     "protocol": lambda name: Protocol[name],
-    "wait": lambda names: sum(WAITS[name] for name in names),
+    "wait": lambda names: sum(WAIT_LIMITS_S[name] for name in names),
     "host": lambda table: AkdConfig(**table | {"watch": MonitorConfig(**table.get("watch", {}))}),
     "gate": lambda table: PlausibilityLimits(**table),
 }
@@ -666,12 +681,14 @@ READ: dict[str, Callable[[Any], Any]] = {
 
 
 def _case(row: dict[str, Any]) -> FaultCase:
-    given = {key: READ[key](value) if key in READ else value for key, value in row.items()}
+    given = {
+        key: KEY_READERS[key](value) if key in KEY_READERS else value for key, value in row.items()
+    }
     return FaultCase(**{"name": _words(row["act"][0]), "expected": None} | given)
 
 
-_ROWS = packaged("twin.safety", "cases.toml")
-GROUPS = {name: tuple(map(_case, rows)) for name, rows in _ROWS.items()}
+_CASE_TABLES = read_packaged("twin.safety", "cases.toml")
+CASE_GROUPS = {name: tuple(map(_case, rows)) for name, rows in _CASE_TABLES.items()}
 """The rows by what they are about."""
-CASES = tuple(chain(*GROUPS.values()))
+CASES = tuple(chain(*CASE_GROUPS.values()))
 """Every row of the matrix."""

@@ -16,24 +16,24 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.controller import Controller
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.base.errors import TwinError
 from twin.base.jobs import results
 from twin.devices.akd.conditions import STOP_IGNORED, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.conditions import UNPLUGGED
-from twin.devices.lumio.config import PANELS, LumioConfig, ScreenError
+from twin.devices.lumio.config import HID_PANELS, LumioConfig, ScreenError
 from twin.devices.rig import StartRefusedError
 from twin.emulator.drive import (
     MASTER_SILENT,
     NO_VOLTAGE,
     STO_FAULT,
-    UNDERVOLTAGE,
+    UNDERVOLTAGE_FAULT,
     EmulatedDrive,
     Power,
 )
 from twin.emulator.lockstep import LockstepRig, MotionTrace, PowerChange
-from twin.emulator.screen import DEAD_TIME, FRAME
+from twin.emulator.screen import DEAD_TIME, FRAME_INTERVAL_S
 from twin.emulator.serve import Wiring
 from twin.hal.interface import Severity
 from twin.run.assemble import build_controller
@@ -42,8 +42,8 @@ from twin.run.metrics import Ending, Outcome
 from twin.run.record import Recorder
 from twin.safety.faults import (
     CASES,
-    LEVEL,
-    STILL,
+    LEVEL_RAD,
+    STANDSTILL_RAD_S,
     AtFault,
     FaultCase,
     Stopper,
@@ -99,8 +99,8 @@ def reaction(
         level: Whether a plate must be level to count as standing.
     """
     motion = trace.between(begin, end)
-    settled = _lasting(motion.time, motion.tilt < LEVEL) if ended else None
-    still = _lasting(motion.time, motion.speed < STILL)
+    settled = _lasting(motion.time, motion.tilt < LEVEL_RAD) if ended else None
+    still = _lasting(motion.time, motion.speed < STANDSTILL_RAD_S)
     changes = [each for each in trace.changes if begin <= each.time <= end]
     axes = [_axis([each for each in changes if each.axis == axis], settled) for axis in (0, 1)]
     stoppers, reached, offs = zip(*axes, strict=True)
@@ -150,7 +150,7 @@ def _who(left: PowerChange | None) -> Stopper:
         return Stopper.HEARTBEAT
     if left.fault == STO_FAULT:
         return Stopper.STO
-    lost = left.fault in {UNDERVOLTAGE, NO_VOLTAGE} or (left.lost and not left.fault)
+    lost = left.fault in {UNDERVOLTAGE_FAULT, NO_VOLTAGE} or (left.lost and not left.fault)
     if left.injected or left.fault:
         return Stopper.LOST_TORQUE if lost else Stopper.DRIVE
     return Stopper.QUICK_STOP if left.after is Power.QUICK_STOP else Stopper.LOST_TORQUE
@@ -174,7 +174,7 @@ def _farthest(ball: Array) -> tuple[float, float]:
     return x, y
 
 
-HEADING = (
+TABLE_HEADINGS = (
     "fault",
     "reported",
     "detected [ms]",
@@ -345,25 +345,25 @@ def tracking(duration: float, *, resting: bool) -> Scenario:
         duration: In s.
         resting: Whether the ball is held in the middle instead.
     """
-    tables = packaged("twin.safety", "tracking.toml") | {"duration": duration}
+    tables = read_packaged("twin.safety", "tracking.toml") | {"duration": duration}
     if resting:
         tables["reference"] = {"kind": "hold"}
     return check(tables, "fault matrix")
 
 
-BEGIN = 2.0
+FAULT_BEGIN_S = 2.0
 """When a fault begins, s: the ball runs at full speed by then."""
-AFTER = 2.6
+RUN_AFTER_S = 2.6
 """How long the rig runs from then on, s."""
-LEFT = 1.5
+WATCH_AFTER_S = 1.5
 """How long it is watched after a run that was ended, s: motors without torque run out."""
-AGAIN = 0.5
+RECOVERY_RUN_S = 0.5
 """How long it runs after it has been recovered, s."""
 
 
-_CURRENTS, _SPEEDS, _PER_AMPERE = (0x356E, 0x356F), (0x207F, 0x3622, 0x3623), 0x3593
+_CURRENT_OBJECTS, _SPEED_OBJECTS, _PER_AMPERE = (0x356E, 0x356F), (0x207F, 0x3622, 0x3623), 0x3593
 """Objects of a drive: peak currents in 0.001 A, speeds in 0.001 rpm, torque in 0.001 N m/A."""
-_ROUNDING = 1.02
+_UNIT_ROUNDING = 1.02
 """What the drives' units of current and speed may add to a limit."""
 
 
@@ -384,10 +384,10 @@ class Trial:
 
     def __init__(self, case: FaultCase) -> None:
         self.case = case
-        self.scenario = tracking(BEGIN + AFTER, resting=case.resting)
+        self.scenario = tracking(FAULT_BEGIN_S + RUN_AFTER_S, resting=case.resting)
         screen = LumioConfig(
             port="emulated",
-            transport="hidraw" if case.protocol in PANELS else "serial",
+            transport="hidraw" if case.protocol in HID_PANELS else "serial",
             protocol=str(case.protocol),
             gate=case.gate,
         )
@@ -459,7 +459,7 @@ class Trial:
 
     def _observe(self, time: float, _: Mapping[str, NDArray[Any]]) -> None:
         self.last = self.rig.now()
-        if not self._acted and time >= BEGIN:
+        if not self._acted and time >= FAULT_BEGIN_S:
             self._acted = True
             self._held = all(holds_limits(drive, self.case.host) for drive in self.drives)
             self._act()
@@ -477,7 +477,7 @@ class Trial:
         if case.hangs:
             silence = case.host.silence if Stopper.HEARTBEAT in case.stoppers else 0.0
             return silence + self.rig.period
-        late = DEAD_TIME + FRAME + self.rig.period if case.of_screen else 0.0
+        late = DEAD_TIME + FRAME_INTERVAL_S + self.rig.period if case.of_screen else 0.0
         return case.expected.longest(self.rig.period) + late + case.wait if case.expected else 0.0
 
     def _seen(self, run: TrialRun, allowed: float, at: AtFault) -> tuple[Reaction, float | None]:
@@ -485,7 +485,7 @@ class Trial:
         stop = standstill_limit(self.case, allowed, at) if not self.case.refused else None
         finished = run.outcome.ending is Ending.FINISHED and not run.refusal
         if not finished:
-            self.rig.sleep(LEFT)
+            self.rig.sleep(WATCH_AFTER_S)
         ended = not finished and not run.refusal
         begun = self.begun if self.begun is not None else self.last
         end = self.last if finished else self.rig.now()
@@ -560,17 +560,20 @@ class Trial:
     def _again(self) -> TrialRun:
         """Run once more, as a person does with ``--reset``."""
         self.rig.reset = True
-        return self._run(AGAIN, act=False)
+        return self._run(RECOVERY_RUN_S, act=False)
 
 
 def holds_limits(drive: EmulatedDrive, host: AkdConfig) -> bool:
     """Whether torque and speed that a drive allows are at most those the host is set to."""
-    held = {key: abs(drive.store.get(key)) for key in (*_CURRENTS, *_SPEEDS, _PER_AMPERE)}
+    held = {
+        key: abs(drive.store.get(key)) for key in (*_CURRENT_OBJECTS, *_SPEED_OBJECTS, _PER_AMPERE)
+    }
     unit = drive.parameter_count
-    torques = [held[key] * unit * held[_PER_AMPERE] * 1e-3 for key in _CURRENTS]
-    speeds = [held[key] * unit * math.pi / 30 for key in _SPEEDS]
+    torques = [held[key] * unit * held[_PER_AMPERE] * 1e-3 for key in _CURRENT_OBJECTS]
+    speeds = [held[key] * unit * math.pi / 30 for key in _SPEED_OBJECTS]
     return (
-        max(torques) <= host.torque_limit * _ROUNDING and max(speeds) <= host.rate_limit * _ROUNDING
+        max(torques) <= host.torque_limit * _UNIT_ROUNDING
+        and max(speeds) <= host.rate_limit * _UNIT_ROUNDING
     )
 
 

@@ -1,7 +1,7 @@
 """Scenarios: one experiment each, written as TOML and strictly checked."""
 
-from twin.base.shipped import shipped
+from twin.base.shipped import shipped_scenarios
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario
 
-__all__ = ["Scenario", "load", "shipped"]
+__all__ = ["Scenario", "load", "shipped_scenarios"]

@@ -18,34 +18,34 @@ from typing import Any, get_args, get_origin
 from docstring_parser import parse_from_object
 from pydantic import BaseModel
 
-from twin.base.errors import ScenarioError, shortened
+from twin.base.errors import ScenarioError, shorten
 from twin.base.settings import Setting, Unit, settings_of
 from twin.base.validation import is_table
 from twin.scenario.load import not_run
-from twin.scenario.schema import KINDS, Choice, Scenario, Section, choices, settings_model
+from twin.scenario.schema import CATALOG_TABLES, Choice, Scenario, Section, choices, settings_model
 
-WORDS = {
+TYPE_WORDS = {
     "number": "number",
     "integer": "whole number",
     "string": "text",
     "boolean": "true or false",
 }
-PRINTED = {
+PRINTED_UNITS = {
     Unit.MM: ("m", "mm"),
     Unit.UM: ("m", "um"),
     Unit.DEG: ("rad", "deg"),
     Unit.PERCENT: ("dimensionless", "%"),
 }
 """What a key's unit is called, and the SI unit in the field's docstring that it stands for."""
-UNIT = re.compile(
+UNIT_PATTERN = re.compile(
     r"(?:,| in) (?P<unit>\(rad/s\^2\)\^2(?: s)?|m\^2 s and rad\^2 s|kg m\^2|kg|N/m|N m|N|"
     r"1/s\^2|1/s|Hz|%|mm per m/s|mm|um|m/s\^2|m/s|m s|m\^2|m|rad/s\^2|rad/s|rad\^2|rad|"
     r"deg/s\^2|deg/s|deg|s)(?=[\s.,;:]|$)"
 )
 """The unit in a sentence, after a comma or the word in."""
-BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+BOUND_SIGNS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 """Bounds of a range as JSON schema calls them, and in signs."""
-FOREIGN = ("abc", "builtins", "pydantic", "typing")
+FOREIGN_PACKAGES = ("abc", "builtins", "pydantic", "typing")
 """Packages whose classes have no settings."""
 
 
@@ -87,7 +87,7 @@ class Key:
         return asdict(self)
 
 
-def described(name: str = "") -> list[Key]:
+def find_keys(name: str = "") -> list[Key]:
     """The keys that a name stands for.
 
     Args:
@@ -121,7 +121,7 @@ def described(name: str = "") -> list[Key]:
         close = get_close_matches(name, sorted(names), n=1, cutoff=0.5)
         hint = f"; did you mean '{close[0]}'?" if close else ""
         raise ScenarioError(
-            f"nothing called '{shortened(name)}'{hint}; `ballplate describe` lists every key"
+            f"nothing called '{shorten(name)}'{hint}; `ballplate describe` lists every key"
             + not_run()
         )
     return found
@@ -131,14 +131,14 @@ def every_kind() -> dict[str, list[Key]]:
     """The settings of every law, observer and reference, by table and name."""
     return {
         f"{table}.{kind}": list(_settings(table, kind))
-        for table in KINDS
+        for table in CATALOG_TABLES
         for kind in choices(table)
     }
 
 
 def about(kind: str) -> str:
     """The first sentence about a law, observer or reference; empty for anything else."""
-    for table in KINDS:
+    for table in CATALOG_TABLES:
         cls = choices(table).get(kind.rpartition(".")[2])
         if cls is not None:
             said = str(parse_from_object(cls).short_description or "")
@@ -179,10 +179,10 @@ def _settings(table: str, kind: str) -> Iterator[Key]:
 
 def _key(key: str, schema: Mapping[str, Any], meaning: str, about: Setting | None = None) -> Key:
     """A key from its part of the JSON schema, its meaning, and the setting it is, if it is one."""
-    if about is not None and about.unit in PRINTED:
-        was, own = PRINTED[about.unit]
+    if about is not None and about.unit in PRINTED_UNITS:
+        was, own = PRINTED_UNITS[about.unit]
         meaning = re.sub(rf"((?:,| in) ){was}\b", rf"\g<1>{own}", meaning)
-    unit = UNIT.search(meaning)
+    unit = UNIT_PATTERN.search(meaning)
     return Key(
         key=key,
         type=_type(schema),
@@ -205,7 +205,7 @@ def _type(schema: Mapping[str, Any]) -> str:
         number = f"{schema['minItems']} " if "minItems" in schema else ""
         several = re.sub(r"\b(number|text|list|table)\b", r"\1s", _type(inner))
         return f"list of {number}{several}"
-    return "table" if "$ref" in schema else WORDS.get(str(schema.get("type")), "value")
+    return "table" if "$ref" in schema else TYPE_WORDS.get(str(schema.get("type")), "value")
 
 
 def _range(schema: Mapping[str, Any]) -> str:
@@ -219,7 +219,9 @@ def _range(schema: Mapping[str, Any]) -> str:
         return ", ".join(map(str, schema["enum"]))
     if "const" in schema:
         return str(schema["const"])
-    return ", ".join(f"{sign} {schema[key]:g}" for key, sign in BOUNDS.items() if key in schema)
+    return ", ".join(
+        f"{sign} {schema[key]:g}" for key, sign in BOUND_SIGNS.items() if key in schema
+    )
 
 
 def _table(annotation: object) -> type[BaseModel] | None:
@@ -240,6 +242,6 @@ def meanings(cls: type) -> dict[str, str]:
     return {
         item.args[1]: " ".join((item.description or "").split())
         for source in reversed(cls.__mro__)
-        if source.__module__.partition(".")[0] not in FOREIGN
+        if source.__module__.partition(".")[0] not in FOREIGN_PACKAGES
         for item in parse_from_object(source).params
     }

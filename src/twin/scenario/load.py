@@ -20,14 +20,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from controllers.catalog import FOLDER, broken, left_alone, unfinished
-from twin.base.data_file import DEEPEST, DataError, parse_toml
-from twin.base.errors import ScenarioError, nearest, shortened
+from controllers.catalog import LAWS_FOLDER, broken, describe_incomplete_classes, left_alone
+from twin.base.data_file import MAX_NESTING, DataError, parse_toml
+from twin.base.errors import ScenarioError, nearest, shorten
 from twin.base.settings import value_of
 from twin.base.shipped import chosen, find, shipped_in
 from twin.base.validation import Model, keys_of, one_line, read_tables
 from twin.scenario import schema
-from twin.scenario.schema import KINDS, SLACK, Change, Scenario
+from twin.scenario.schema import CATALOG_TABLES, TIME_TOLERANCE_S, Change, Scenario
 
 NONE_AT_ZERO = ("slew_deg", "acceleration_deg", "bandwidth_hz", "resonance_hz")
 """What of ``plant.servo`` is absent at 0 and the stronger the closer to it: no ramp leads there."""
@@ -38,9 +38,9 @@ def at_time(scenario: Scenario, time: float) -> Scenario:
     values: dict[str, Any] = {}
     for change in sorted(scenario.change, key=lambda each: each.at):
         passed = time - change.at
-        if passed < -SLACK:
+        if passed < -TIME_TOLERANCE_S:
             break
-        share = passed / change.over if passed < change.over - SLACK else 1.0
+        share = passed / change.over if passed < change.over - TIME_TOLERANCE_S else 1.0
         for key, goal in change.set.items():
             old = values[key] if key in values else value_of(scenario, key)
             values[key] = _between(old, _tuples(goal), share)
@@ -74,7 +74,7 @@ def problem_of_changes(scenario: Scenario) -> str:
                 f"change.{number}.at: {change.at:g} s is not before the end at duration = "
                 f"{scenario.duration:g} s"
             )
-    for key in schema.RAMPS + schema.JUMPS:
+    for key in schema.RAMP_KEYS + schema.JUMP_KEYS:
         its = sorted((c for c in scenario.change if key in c.set), key=lambda each: each.at)
         for one, other in pairwise(its):
             if other.at < one.end or other.at == one.at:
@@ -87,7 +87,7 @@ def problem_of_changes(scenario: Scenario) -> str:
 
 def _ramp_problem(scenario: Scenario, change: Change) -> str:
     """Why no ramp leads from the old values to the new ones; empty if one does."""
-    before = at_time(scenario, change.at - 2 * SLACK)
+    before = at_time(scenario, change.at - 2 * TIME_TOLERANCE_S)
     for key in map("plant.servo.{}".format, NONE_AT_ZERO if change.over else ()):
         if key in change.set and not (change.set[key] and value_of(before, key)):
             return f"{key}: 0 stands for none, so no ramp leads there; leave out over"
@@ -155,7 +155,9 @@ def clean(scenario: Scenario) -> Scenario:
         },
         "disturbance": {"variance": none},
     }
-    tables = {name: schema.TABLES[name].model_validate(table) for name, table in said.items()}
+    tables = {
+        name: schema.SCENARIO_TABLES[name].model_validate(table) for name, table in said.items()
+    }
     prompt = scenario.without_computing_time
     return prompt.model_copy(update={**tables, "predictor": None, "change": ()})
 
@@ -173,10 +175,10 @@ def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    return check(*resolved(*read(name), [setting(text) for text in overrides]))
+    return check(*resolve(*read(name), [setting(text) for text in overrides]))
 
 
-def resolved(
+def resolve(
     tables: Mapping[str, Any], source: str, settings: Collection[tuple[str, Any]]
 ) -> tuple[Tables, str]:
     """A scenario's tables with its parameter file and, over that, settings; and their source.
@@ -189,7 +191,7 @@ def resolved(
     if file is not None:
         if not isinstance(file, str):
             raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
-        merged = _fitted(tables, _parameters(file, source), settings)
+        merged = _merge_tables(tables, _parameters(file, source), settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
     return _judged_in_time(tables, merged, settings), source
@@ -212,7 +214,7 @@ def _parameters(file: str, source: str, *over: str) -> Tables:
     return laid_over(_parameters(under, source, file, *over), tables)
 
 
-def _fitted(
+def _merge_tables(
     tables: Mapping[str, Any], more: Mapping[str, Any], settings: Collection[tuple[str, Any]]
 ) -> Tables:
     """Tables with those of a parameter file and, over that, settings.
@@ -288,7 +290,10 @@ def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
     for key, value in more.items():
         old = result.get(key)
         match old, value:
-            case dict(), dict() if key not in KINDS or value.get("kind") in {None, old.get("kind")}:
+            case dict(), dict() if key not in CATALOG_TABLES or value.get("kind") in {
+                None,
+                old.get("kind"),
+            }:
                 result[key] = laid_over(old, value)
             case _:
                 result[key] = value
@@ -303,13 +308,13 @@ def setting(text: str) -> tuple[str, Any]:
     """
     key, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not all(key.split(".")):
-        raise ScenarioError(f"override '{shortened(text)}': write key=value, as in duration=10")
+        raise ScenarioError(f"override '{shorten(text)}': write key=value, as in duration=10")
     try:
         return key, parse_toml(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return key, value
     except DataError as error:
-        raise ScenarioError(f"override '{shortened(key)}': {error}") from None
+        raise ScenarioError(f"override '{shorten(key)}': {error}") from None
 
 
 def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Tables:
@@ -324,15 +329,15 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
     result = copy.deepcopy(dict(tables))
     for key, new in sorted(settings, key=lambda item: not item[0].endswith(".kind")):
         names = key.split(".")
-        if len(names) > DEEPEST:
-            raise ScenarioError(f"override '{shortened(key)}': at most {DEEPEST} parts")
+        if len(names) > MAX_NESTING:
+            raise ScenarioError(f"override '{shorten(key)}': at most {MAX_NESTING} parts")
         table = result
         for depth, name in enumerate(names[:-1]):
             table = table.setdefault(name, {})
             if not isinstance(table, dict):
                 path = ".".join(names[: depth + 1])
                 raise ScenarioError(f"override '{key}': {path} is a value, not a table")
-        if key in {f"{each}.kind" for each in KINDS} and table.get("kind") != new:
+        if key in {f"{each}.kind" for each in CATALOG_TABLES} and table.get("kind") != new:
             for other in table.keys() - {"model"}:
                 del table[other]
         if names == ["plant", "ball", "kind"] and table.get("kind", new) != new:
@@ -347,13 +352,13 @@ def check(tables: Mapping[str, Any], source: str) -> Scenario:
     Raises:
         ScenarioError: If anything in them is unknown, of the wrong type, or out of range.
     """
-    scenario, absent = recorded(tables, source)
+    scenario, absent = load_recorded(tables, source)
     for line in absent.values():
         raise ScenarioError(line)
     return scenario
 
 
-def recorded(tables: Mapping[str, Any], source: str) -> tuple[Scenario, dict[str, str]]:
+def load_recorded(tables: Mapping[str, Any], source: str) -> tuple[Scenario, dict[str, str]]:
     """The scenario that the tables describe, though this program may lack what it names.
 
     Returns:
@@ -363,20 +368,23 @@ def recorded(tables: Mapping[str, Any], source: str) -> tuple[Scenario, dict[str
     Raises:
         ScenarioError: If anything else in them is unknown, of the wrong type, or out of range.
     """
-    scenario = validated(Scenario, tables, source)
+    scenario = validate(Scenario, tables, source)
     absent = {}
-    for table in KINDS:
+    for table in CATALOG_TABLES:
         choice = getattr(scenario, table)
         known = schema.choices(table)
         if choice.kind not in known:
             absent[table] = (
                 f"{source}: {table}.kind: no '{choice.kind}'{nearest(choice.kind, known)}"
-                + "".join(f"; not imported: {line}" for line in (*broken(), *unfinished()))
+                + "".join(
+                    f"; not imported: {line}"
+                    for line in (*broken(), *describe_incomplete_classes())
+                )
                 + not_run()
             )
             continue
         try:
-            validated(
+            validate(
                 schema.settings_model(known[choice.kind]), choice.settings, source, f"{table}."
             )
         except ScenarioError as error:
@@ -390,8 +398,10 @@ def not_run() -> str:
     files = left_alone()
     if not files:
         return ""
-    names = ", ".join(f"{FOLDER}/{each.name}" for each in files)
-    return f"; {names}: not run by a command that only reads; --law {FOLDER}/{files[0].name} does"
+    names = ", ".join(f"{LAWS_FOLDER}/{each.name}" for each in files)
+    return (
+        f"; {names}: not run by a command that only reads; --law {LAWS_FOLDER}/{files[0].name} does"
+    )
 
 
 def _check_changes(scenario: Scenario, source: str) -> None:
@@ -407,19 +417,17 @@ def _check_changes(scenario: Scenario, source: str) -> None:
         if wrong := each.problem():
             raise ScenarioError(f"{source}: change.{number}.set: {wrong}")
         tables = put(tables, each.set.items())
-        validated(Scenario, tables, source, f"change.{number}.set: ")
+        validate(Scenario, tables, source, f"change.{number}.set: ")
     if wrong := problem_of_changes(scenario):
         raise ScenarioError(f"{source}: {wrong}")
     for number, each in enumerate(scenario.change):
         for share in (0.001, 0.999) if each.over else ():
             between = at_time(scenario, each.at + share * each.over)
             on_the_way = between.model_dump(mode="json", exclude={"change"})
-            validated(Scenario, on_the_way, source, f"change.{number}: on the way: ")
+            validate(Scenario, on_the_way, source, f"change.{number}: on the way: ")
 
 
-def validated(
-    model: type[Model], tables: Mapping[str, Any], source: str, prefix: str = ""
-) -> Model:
+def validate(model: type[Model], tables: Mapping[str, Any], source: str, prefix: str = "") -> Model:
     """The tables as a model.
 
     Args:
@@ -441,13 +449,13 @@ def validated(
 def every_key() -> list[str]:
     """Every dotted key of a scenario, with the settings of every law, observer and reference."""
     found = list(keys_of(Scenario))
-    for table in KINDS:
+    for table in CATALOG_TABLES:
         for cls in schema.choices(table).values():
             found += [f"{table}.{name}" for name in schema.settings_model(cls).model_fields]
     return list(dict.fromkeys(found))
 
 
-MOST = 1000
+MAX_RANGE_VALUES = 1000
 """Values that a range may have."""
 
 
@@ -465,7 +473,7 @@ class Combination(NamedTuple):
     name: str = ""
 
 
-def parsed(vary: Sequence[str]) -> dict[str, list[Any]]:
+def parse_variations(vary: Sequence[str]) -> dict[str, list[Any]]:
     """Key to values of each ``KEY=[A, B, ...]`` or ``KEY=A,B,...``.
 
     A value may be a table, as ``controller=[{kind="afl"}, {kind="lqr", rho=100}]``.
@@ -473,7 +481,7 @@ def parsed(vary: Sequence[str]) -> dict[str, list[Any]]:
     Raises:
         ScenarioError: If a text is neither.
     """
-    return dict(map(_parsed, vary))
+    return dict(map(_parse_variation, vary))
 
 
 def swept(text: str) -> tuple[str, list[Any]]:
@@ -487,14 +495,14 @@ def swept(text: str) -> tuple[str, list[Any]]:
     if not key or not equals or not values:
         raise ScenarioError(form)
     if values.startswith("["):
-        return _parsed(text)
+        return _parse_variation(text)
     parts = values.split(":")
     try:
         first, last, number = float(parts[0]), float(parts[1]), int(parts[2])
     except (ValueError, IndexError):
         raise ScenarioError(form) from None
-    if len(parts) != 3 or not math.isfinite(first + last) or not 2 <= number <= MOST:
-        raise ScenarioError(f"{form}; NUMBER: 2 to {MOST}")
+    if len(parts) != 3 or not math.isfinite(first + last) or not 2 <= number <= MAX_RANGE_VALUES:
+        raise ScenarioError(f"{form}; NUMBER: 2 to {MAX_RANGE_VALUES}")
     spaced = [float(f"{value:.12g}") for value in np.linspace(first, last, number)]
     whole = "." not in parts[0] + parts[1] and all(value.is_integer() for value in spaced)
     return key, [int(value) for value in spaced] if whole else spaced
@@ -532,12 +540,12 @@ def headings(values: Sequence[Any]) -> list[str]:
     return [_heading(value, alone=kinds.count(kinds[i]) == 1) for i, value in enumerate(values)]
 
 
-def written(value: Any) -> str:
+def format_toml_value(value: Any) -> str:
     """A value as TOML has it in a line; a text without its quotes."""
     return value.strip() if isinstance(value, str) else inline(value)
 
 
-def _parsed(text: str) -> tuple[str, list[Any]]:
+def _parse_variation(text: str) -> tuple[str, list[Any]]:
     key, equals, values = text.partition("=")
     key = key.strip()
     if not equals or not key or not values:
@@ -559,7 +567,7 @@ def _values(key: str, items: Sequence[Any]) -> list[Combination]:
     return [
         Combination(
             ((key, item),),
-            f"{key}={written(item)}",
+            f"{key}={format_toml_value(item)}",
             heading if leaf == "kind" or isinstance(item, Mapping) else f"{leaf}={heading}",
         )
         for item, heading in zip(items, headings(items), strict=True)
@@ -568,8 +576,8 @@ def _values(key: str, items: Sequence[Any]) -> list[Combination]:
 
 def _heading(value: Any, *, alone: bool) -> str:
     if not isinstance(value, Mapping):
-        return written(value)
-    settings = [f"{key}={written(item)}" for key, item in value.items() if key != "kind"]
+        return format_toml_value(value)
+    settings = [f"{key}={format_toml_value(item)}" for key, item in value.items() if key != "kind"]
     kind = str(value.get("kind", ""))
     if kind and alone:
         return kind

@@ -16,7 +16,7 @@ from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, DriveSetti
 from twin.devices.common import wider
 from twin.devices.lumio.config import CalibrationError, LumioConfig, read_calibration
 from twin.devices.own import OwnConfig
-from twin.scenario.load import Tables, validated
+from twin.scenario.load import Tables, validate
 from twin.scenario.schema import CAMS_DEG, RigLimitsTable, Scenario, Section
 
 LATE_PERIODS = 25
@@ -179,4 +179,4 @@ def check_rig(tables: Tables, source: str) -> RigFile:
         for node, name in enumerate(("phi", "theta"), start=1)
         if isinstance(axis := tables.get(name), dict)
     }
-    return validated(RigFile, {**tables, **axes}, source)
+    return validate(RigFile, {**tables, **axes}, source)

@@ -18,7 +18,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
-from twin.base.settings import Setting, filled, settings_of, value_of
+from twin.base.settings import Setting, from_scenarios, settings_of, value_of
 from twin.hal.interface import NOMINAL_PERIOD, Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.sim.plant.friction import Friction, SurfaceModel
@@ -26,13 +26,13 @@ from twin.sim.plant.interface import BallSpin, BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
-STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+STRICT_CONFIG = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 class Section(BaseModel):
     """A table of a scenario: unknown keys, wrong types and non-finite numbers are refused."""
 
-    model_config = STRICT
+    model_config = STRICT_CONFIG
     sources: ClassVar[dict[str, tuple[type, str]]] = {}
     """Of keys that set a dataclass's field: key to dataclass and name of the field."""
 
@@ -47,21 +47,29 @@ if TYPE_CHECKING:
         def __getattr__(self, name: str) -> Any: ...
 
 
-_RIG = (Friction, Parts, DriveModel, TouchModel, EncoderModel, TransmissionError, SurfaceModel)
+_CHANGING_CLASSES = (
+    Friction,
+    Parts,
+    DriveModel,
+    TouchModel,
+    EncoderModel,
+    TransmissionError,
+    SurfaceModel,
+)
 
 
 def _changing(how: str) -> tuple[str, ...]:
-    every = (about for cls in _RIG for about in settings_of(cls).values())
+    every = (about for cls in _CHANGING_CLASSES for about in settings_of(cls).values())
     return tuple(about.key for about in every if about.changes == how)
 
 
-RAMPS = _changing("ramp")
+RAMP_KEYS = _changing("ramp")
 """What may change at once or along a ramp."""
-JUMPS = _changing("jump")
+JUMP_KEYS = _changing("jump")
 """What changes at once: another ball of the same size, another screen, other drives."""
-FOLLOWED = 0.02
+RAMP_STEP_S = 0.02
 """Time in s in whose steps a ramp is followed."""
-SLACK = 1e-9
+TIME_TOLERANCE_S = 1e-9
 """Times in s that are no further apart are one."""
 
 
@@ -82,19 +90,21 @@ class Change(Section):
 
     def times(self) -> Iterator[float]:
         """When something has to be done for it, s."""
-        for step in range(int((self.over - SLACK) / FOLLOWED) + 1 if self.over else 0):
-            yield self.at + step * FOLLOWED
+        for step in range(
+            int((self.over - TIME_TOLERANCE_S) / RAMP_STEP_S) + 1 if self.over else 0
+        ):
+            yield self.at + step * RAMP_STEP_S
         yield self.end
 
     def problem(self) -> str:
         """What no plant can do of it, in one line; empty if all can be done."""
         for key in self.set:
-            if key not in RAMPS + JUMPS:
+            if key not in RAMP_KEYS + JUMP_KEYS:
                 return (
                     f"{key}: cannot change while a plant runs (what can: "
-                    f"{', '.join(RAMPS + JUMPS)})"
+                    f"{', '.join(RAMP_KEYS + JUMP_KEYS)})"
                 )
-            if self.over and key in JUMPS:
+            if self.over and key in JUMP_KEYS:
                 return f"{key}: changes at once; leave out over = {self.over:g}"
         return ""
 
@@ -146,15 +156,15 @@ def _hint(about: Setting) -> Any:
     return bounded | None if default is None else bounded
 
 
-SETTINGS = (Friction, SurfaceModel, DriveModel, Linkage, TiltTable, Parts, BallStart)
+PLANT_CLASSES = (Friction, SurfaceModel, DriveModel, Linkage, TiltTable, Parts, BallStart)
 """Dataclasses whose settings are keys of ``plant``."""
-PLANTS = ["mujoco", "lagrange"]
+PLANT_KINDS = ["mujoco", "lagrange"]
 """What ``kind`` may name; ``twin.run.assemble.register`` adds to it."""
 
 
-def _known(kind: str) -> str:
-    if kind not in PLANTS:
-        raise ValueError(f"must be {' or '.join(map(repr, PLANTS))}, got {kind!r}")
+def _check_plant_kind(kind: str) -> str:
+    if kind not in PLANT_KINDS:
+        raise ValueError(f"must be {' or '.join(map(repr, PLANT_KINDS))}, got {kind!r}")
     return kind
 
 
@@ -167,7 +177,7 @@ CAMS_DEG = 10.0
 LEAST_ROLLING_MM = 0.01
 """The smallest arm of rolling resistance the engine can simulate, in mm."""
 
-BALLS: dict[str, dict[str, dict[str, float]]] = {
+BALL_KINDS: dict[str, dict[str, dict[str, float]]] = {
     "hollow": {"ball": {}, "friction": {}},
     "steel": {
         # A solid sphere of 7850 kg/m^3 and the hollow ball's radius: 4/3 pi r^3 rho and 2/5 m r^2.
@@ -230,14 +240,14 @@ class PlantKeys(Section):
 
     kind: Annotated[
         str,
-        pydantic.AfterValidator(_known),
-        pydantic.WithJsonSchema({"type": "string", "enum": list(PLANTS)}),
+        pydantic.AfterValidator(_check_plant_kind),
+        pydantic.WithJsonSchema({"type": "string", "enum": list(PLANT_KINDS)}),
     ] = "mujoco"
     """The mechanism in MuJoCo, or the exact equations of a ball that rolls."""
     step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
     """Time step of the simulation in s; for the mechanism at most 0.002."""
     shape: Literal["rectangle", "round"] = "rectangle"
-    """Of the plate: a rectangle, or round with the diameter plant.size = [d, d]."""
+    """Shape of the plate: a rectangle, or round with the diameter plant.size = [d, d]."""
     ball_spin: BallSpin = "free"
     """In the exact equations, the ball's spin about the plate's normal: free, locked to the plate,
     or thesis for the equations (5.9), which lack a term of a ball whose spin is locked."""
@@ -246,7 +256,7 @@ class PlantKeys(Section):
     def _kind_of_ball(self) -> PlantKeys:
         """Put in what the kind of ball sets and the scenario does not."""
         ball: Any = vars(self)["ball"]
-        for name, values in BALLS[ball.kind].items():
+        for name, values in BALL_KINDS[ball.kind].items():
             section: Section = vars(self)[name]
             left = {
                 key: value for key, value in values.items() if key not in section.model_fields_set
@@ -270,7 +280,7 @@ class PlantKeys(Section):
         inner: Any = vars(self)
         mechanism = self.kind == "mujoco"
         for key, what in MECHANISM_ONLY.items() if self.kind == "lagrange" else ():
-            if value_of(self, key) != DEFAULTS[f"plant.{key}"]:
+            if value_of(self, key) != PLANT_DEFAULTS[f"plant.{key}"]:
                 yield f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
         if mechanism and self.ball_spin != "free":
             yield (
@@ -307,7 +317,9 @@ class PlantKeys(Section):
         yield inner["surface"].problem()
 
 
-DEFAULTS = {about.key: about.default for cls in SETTINGS for about in settings_of(cls).values()}
+PLANT_DEFAULTS = {
+    about.key: about.default for cls in PLANT_CLASSES for about in settings_of(cls).values()
+}
 """What a scenario has of each setting of ``plant`` that it does not give."""
 MECHANISM_ONLY = {
     about.key.removeprefix("plant."): about.exact
@@ -323,19 +335,22 @@ EXACT_ONLY = ("ball_spin",)
 def without_ball(plant: dict[str, Any], kind: Any) -> None:
     """Take out of the tables of a plant what its kind of ball sets, as a record has it in them."""
     keys = {
-        (name, key) for each in BALLS.values() for name, values in each.items() for key in values
+        (name, key)
+        for each in BALL_KINDS.values()
+        for name, values in each.items()
+        for key in values
     }
     for name, key in keys:
-        default = DEFAULTS[f"plant.{name}.{key}"]
+        default = PLANT_DEFAULTS[f"plant.{name}.{key}"]
         own = plant.get(name, {})
-        if own.get(key) == BALLS.get(kind, {}).get(name, {}).get(key, default):
+        if own.get(key) == BALL_KINDS.get(kind, {}).get(name, {}).get(key, default):
             del own[key]
 
 
 STUDY_STEP = 0.002
 """Physics step in s of a study's mechanism; half the work of 1 ms. What it gets
 wrong, ``benchmarks/physics_step.py`` measures: docs/performance.md."""
-STIFFEST = 5e5
+MAX_CAM_STIFFNESS_N_M = 5e5
 """Stiffness of wheel on cam in N/m up to which that was found to hold."""
 MOST_DAMPED = 0.3
 """Damping ratio of the plate on its wheels up to which it was; twice critical runs away at 2 ms."""
@@ -352,7 +367,7 @@ def at_study_step(scenario: Scenario) -> Scenario:
     if (
         "step" in plant.model_fields_set
         or plant.kind != "mujoco"
-        or (wheels.stiffness or 0.0) > STIFFEST
+        or (wheels.stiffness or 0.0) > MAX_CAM_STIFFNESS_N_M
         or (wheels.damping_ratio or 0.0) > MOST_DAMPED
         or steps < 1
         or abs(steps * STUDY_STEP - scenario.rig.period) > 1e-9 * scenario.rig.period
@@ -400,8 +415,8 @@ class _Sensors(Section):
     """Time in s for which one draw of the noise holds; 0 for a new one every control period."""
 
 
-TABLES = tables(
-    *(*SETTINGS, TouchModel, EncoderModel, TransmissionError, Limits),
+SCENARIO_TABLES = tables(
+    *(*PLANT_CLASSES, TouchModel, EncoderModel, TransmissionError, Limits),
     bases={
         "plant": PlantKeys,
         "plant.ball": BallKeys,
@@ -422,7 +437,7 @@ if TYPE_CHECKING:
     DisturbanceTable = Derived
     RigLimitsTable = Derived
 else:
-    globals().update((each.__name__, each) for each in TABLES.values())
+    globals().update((each.__name__, each) for each in SCENARIO_TABLES.values())
 
 
 class MetricsTable(Section):
@@ -475,7 +490,7 @@ class KnownBall(Section):
         return self.kind if given.keys() == {"kind"} else given
 
 
-AWAITED = 0.04
+MAX_ANSWER_TIME_S = 0.04
 """Longest time in s that an answer to a loop in real time may take: a longer silence of the host
 stops the drives, and a plate that they hold no more is not levelled."""
 
@@ -543,7 +558,7 @@ class Scenario(Section):
     duration: Positive
     """How long it runs, in s."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Which noise is drawn: the same seed gives the same run to the last bit."""
+    """Seed of the noise: the same seed gives the same run to the last bit."""
     baseline: bool = False
     """Whether `ballplate run` also runs the clean model, to compare with."""
     change: tuple[Change, ...] = ()
@@ -606,7 +621,7 @@ class Scenario(Section):
 
     def _transmission_problems(self) -> Iterator[str]:
         """What does not go together between servos and plate, a line each."""
-        linkage, table = filled(Linkage, [self]), filled(TiltTable, [self])
+        linkage, table = from_scenarios(Linkage, [self]), from_scenarios(TiltTable, [self])
         servos, most = linkage.given or table.given, self.rig.limits.angle_deg
         yield from filter(None, (each.problem(math.radians(most)) for each in (linkage, table)))
         if table.given and (linkage.given or self.plant.kind == "mujoco"):
@@ -664,13 +679,13 @@ class Scenario(Section):
     @property
     def in_real_time(self) -> Scenario:
         """The same where time passes by itself, and an FMU is given up before the drives stop."""
-        limit = min(AWAITED, getattr(self.controller, "time_limit", AWAITED))
+        limit = min(MAX_ANSWER_TIME_S, getattr(self.controller, "time_limit", MAX_ANSWER_TIME_S))
         given: dict[str, float] = {"computing_time": 0.0}
         given |= {"time_limit": limit} if self.controller.kind == "fmu" else {}
         return self.model_copy(update={"controller": self.controller.model_copy(update=given)})
 
 
-KINDS: dict[str, type[Law] | type[Observer] | type[Reference]] = {
+CATALOG_TABLES: dict[str, type[Law] | type[Observer] | type[Reference]] = {
     "controller": Law,
     "observer": Observer,
     "reference": Reference,
@@ -690,7 +705,7 @@ def settings_model(cls: type) -> type[BaseModel]:
     hints = typing.get_type_hints(cls, include_extras=True)
     own = [item for item in dataclasses.fields(cls) if item.init and item.name not in given]
     fields: Any = {item.name: (hints[item.name], item) for item in own}
-    return pydantic.create_model(cls.__name__, __config__=STRICT, **fields)
+    return pydantic.create_model(cls.__name__, __config__=STRICT_CONFIG, **fields)
 
 
 def checked_settings(cls: type, settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -714,4 +729,4 @@ def with_settings(cls: type, settings: Mapping[str, Any]) -> BaseModel:
 
 def choices(table: str) -> dict[str, type]:
     """The classes that the ``kind`` of a table may name."""
-    return dict(catalog(KINDS[table]))  # type: ignore[type-var]
+    return dict(catalog(CATALOG_TABLES[table]))  # type: ignore[type-var]

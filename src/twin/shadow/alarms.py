@@ -27,18 +27,33 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from controllers.arrays import Array
-from twin.identify.parameters import BALL as BOUNDS
+from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
 from twin.identify.windows import Windows
-from twin.shadow.belief import BALL, CAUSES, CHANGING, PARAMETERS, STOPPING, TABLES, Belief
-from twin.shadow.evidence import GAPS, NONE, Evidence, ball_evidence, log_evidence, posterior
+from twin.shadow.belief import (
+    BALL_PARAMETERS,
+    BELIEF_TABLES,
+    CAUSE_SIZES,
+    ROLLING_SCATTER_STD,
+    STOPPING_SCATTER_STD,
+    WATCHED_PARAMETERS,
+    Belief,
+)
+from twin.shadow.evidence import (
+    NO_EVIDENCE,
+    PLAY_WIDTHS_RAD,
+    Evidence,
+    ball_evidence,
+    log_evidence,
+    posterior,
+)
 
-LATEST = 8.0
+NO_LEARNING_BEFORE_S = 8.0
 """Seconds before a window that it learns nothing from, for a change may have begun in them."""
-COUNTED = 4.0
-"""What is expected of a rig of which nothing is known yet counts as so many windows:"""
-FIRST = np.array([1.0 if name == "noise" else 1.5 for name in PARAMETERS])
-"""a factor of three, but for what hardly differs from window to window on any rig."""
-MOST = 10.0
+PRIOR_WINDOWS = 4.0
+"""Weight, in windows, of the scatter that is assumed for a rig of which nothing is known yet."""
+PRIOR_SCATTER = np.array([1.0 if name == "noise" else 1.5 for name in WATCHED_PARAMETERS])
+"""That assumed scatter of each parameter, as a factor on the expected one."""
+MAX_SCATTER = 10.0
 """Largest factor: a rig that is far from its twin is not one that scatters."""
 
 
@@ -62,29 +77,29 @@ def scatter(evidence: Evidence, belief: Belief) -> Array:
     d = evidence.score * own
     # what is far off all along does not scatter: of an outlier counts how far it is from the others
     usual = np.cumsum(weight * d, axis=0) / np.maximum(np.cumsum(weight, axis=0), 1e-300)
-    d = np.clip(d, usual - MOST * sd, usual + MOST * sd)
+    d = np.clip(d, usual - MAX_SCATTER * sd, usual + MAX_SCATTER * sd)
     sums = [
         np.concatenate((np.zeros((1, a.shape[1])), np.cumsum(weight * each, axis=0)))
         for each in (np.ones_like(d), d, d**2 - own, expected)
     ]
-    until = np.searchsorted(evidence.end, evidence.begin - LATEST)
+    until = np.searchsorted(evidence.end, evidence.begin - NO_LEARNING_BEFORE_S)
     count, first, second, share = (each[until] for each in sums)
     spread = second - first**2 / np.maximum(count, 1e-300)
-    squared = (COUNTED * FIRST**2 + spread) / (COUNTED + share)
-    return np.asarray(np.sqrt(np.clip(squared, 1.0, MOST**2)))
+    squared = (PRIOR_WINDOWS * PRIOR_SCATTER**2 + spread) / (PRIOR_WINDOWS + share)
+    return np.asarray(np.sqrt(np.clip(squared, 1.0, MAX_SCATTER**2)))
 
 
-LOOKBACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
+LOOKBACK_WINDOWS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 """Windows since the change that are tried."""
-LEARNED = 120
+LEARNING_WINDOWS = 120
 """Windows before the change from which is learned how far the twin was off: some minutes."""
-BLOCK = 100
+BLOCK_WINDOWS = 100
 """Windows that are worked on at a time."""
 
 
 AT_MOST = 5.0
 """Log-likelihood ratio that one window may speak for a change: an outlier alone is no alarm."""
-WEAKENED = 8
+MAX_WEAKENINGS = 8
 """How often a window is weakened until it says no more than that."""
 
 
@@ -98,14 +113,14 @@ class _Sums:
     """
 
     def __init__(
-        self, evidence: Evidence, belief: Belief, causes: Sequence[str] = tuple(CAUSES)
+        self, evidence: Evidence, belief: Belief, causes: Sequence[str] = tuple(CAUSE_SIZES)
     ) -> None:
         unit = belief.constant
         none = np.zeros((1, *evidence.information.shape[1:]))
         information = np.concatenate((none, np.cumsum(evidence.information, axis=0)))
         self._A = information * unit * unit[:, None]
         self._b = np.concatenate((none[:, 0], np.cumsum(evidence.score, axis=0))) * unit
-        chosen = [list(CAUSES).index(name) for name in causes]
+        chosen = [list(CAUSE_SIZES).index(name) for name in causes]
         moved = belief.changes[chosen] / unit / unit[:, None]
         self._alternatives = np.concatenate((np.zeros((1, *moved.shape[1:])), moved))
         self._eye = np.eye(len(unit))
@@ -121,7 +136,7 @@ class _Sums:
             last: One past the last window that is counted, shape (...).
             weaker: By how much less the windows from the change on count, shape (...).
         """
-        first = np.maximum(begin - LEARNED, 0)
+        first = np.maximum(begin - LEARNING_WINDOWS, 0)
         A, b = self._A, self._b  # noqa: N806
         mean, covariance = posterior(A[begin] - A[first], b[begin] - b[first], self._eye)
         logs = log_evidence(
@@ -133,11 +148,11 @@ class _Sums:
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
 
 
-def bounded(
+def bound_evidence(
     evidence: Evidence,
     belief: Belief,
     after: int = 0,
-    causes: Sequence[str] = tuple(CAUSES),
+    causes: Sequence[str] = tuple(CAUSE_SIZES),
     at_most: float = AT_MOST,
 ) -> Evidence:
     """The windows, each of them weakened to what one may say for a change.
@@ -151,7 +166,9 @@ def bounded(
     """
     begin = np.arange(after, len(evidence))
     sums, weaker = _Sums(evidence, belief, causes), np.ones(len(begin))
-    for _ in range(WEAKENED):  # the ratio falls less than in proportion, as a rig may have drifted
+    for _ in range(
+        MAX_WEAKENINGS
+    ):  # the ratio falls less than in proportion, as a rig may have drifted
         weaker *= np.maximum(sums.ratio(begin, begin + 1, weaker) / at_most, 1.0)
     return evidence.take(begin).tempered(weaker)
 
@@ -166,9 +183,9 @@ def statistic(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
     """
     sums = _Sums(evidence, belief)
     largest = np.zeros(len(evidence))
-    for first in range(after, len(evidence), BLOCK):
-        last = 1 + np.arange(first, min(first + BLOCK, len(evidence)))
-        begin = np.maximum(last[:, None] - np.array(LOOKBACKS), 0)
+    for first in range(after, len(evidence), BLOCK_WINDOWS):
+        last = 1 + np.arange(first, min(first + BLOCK_WINDOWS, len(evidence)))
+        begin = np.maximum(last[:, None] - np.array(LOOKBACK_WINDOWS), 0)
         ratio = sums.ratio(begin, np.broadcast_to(last[:, None], begin.shape))
         largest[last - 1] = ratio.max(axis=1)
     return largest
@@ -191,9 +208,9 @@ def added_up(
     """
     sums, count = _Sums(evidence, belief, causes), len(evidence)
     largest = np.zeros(count)
-    length = np.arange(LOOKBACKS[-1] + 1)
-    for first in range(max(after - LOOKBACKS[-1] + 1, 0), count, BLOCK):
-        begin = np.arange(first, min(first + BLOCK, count))[:, None]
+    length = np.arange(LOOKBACK_WINDOWS[-1] + 1)
+    for first in range(max(after - LOOKBACK_WINDOWS[-1] + 1, 0), count, BLOCK_WINDOWS):
+        begin = np.arange(first, min(first + BLOCK_WINDOWS, count))[:, None]
         last = np.minimum(begin + length, count)
         ratio = sums.ratio(np.broadcast_to(begin, last.shape), last)
         total = np.cumsum(np.minimum(np.diff(ratio), at_most), axis=1)
@@ -211,7 +228,7 @@ def onset(evidence: Evidence, belief: Belief, alarm: int, last: int) -> int:
         alarm: The window after which there was an alarm.
         last: The last window that is counted.
     """
-    begin = np.arange(max(alarm + 1 - LOOKBACKS[-1], 0), alarm + 1)
+    begin = np.arange(max(alarm + 1 - LOOKBACK_WINDOWS[-1], 0), alarm + 1)
     ratio = _Sums(evidence, belief).ratio(begin, np.full(len(begin), last + 1))
     return int(begin[ratio.argmax()])
 
@@ -236,19 +253,19 @@ def baseline(evidence: Evidence, belief: Belief, change: int) -> Before:
         belief: What holds without a change.
         change: The first window after it.
     """
-    before = evidence.take(np.arange(max(change - LEARNED, 0), change))
+    before = evidence.take(np.arange(max(change - LEARNING_WINDOWS, 0), change))
     A, b = before.information.sum(axis=0), before.score.sum(axis=0)  # noqa: N806
     mean, covariance = posterior(A, b, belief.uncertainty)
     return Before(mean, covariance + np.diag(belief.drift**2))
 
 
 DEAD_TIME = ("dead time",)
-LATE = PARAMETERS.index("delay")
-ALONE = 5.0
-"""Log-likelihood ratio that one window alone may speak for a change of the dead time,"""
-ADDED = 5.0
-"""and on top of what the windows before it have said."""
-ROOM = 0.2
+DELAY_INDEX = WATCHED_PARAMETERS.index("delay")
+MAX_LLR_PER_WINDOW = 5.0
+"""Largest log-likelihood ratio of a changed dead time that one window may contribute alone."""
+MAX_LLR_INCREMENT = 5.0
+"""Largest log-likelihood ratio that a window may add to the sum of those before it."""
+STOPPING_VARIABILITY = 0.2
 """Share of what else is expected to differ between windows in which the ball stops."""
 WINDOWS_PER_HOUR = 2100
 """Windows that show the dead time in an hour in which the ball follows ``excite``."""
@@ -266,7 +283,7 @@ Healthy rigs with even screens exceeded it twice in 1.2 hours.
 """
 
 
-def limited(evidence: Evidence, belief: Belief, after: int = 0) -> Evidence:
+def limit_dead_time_evidence(evidence: Evidence, belief: Belief, after: int = 0) -> Evidence:
     """The windows that show the dead time, each weakened to what one may say for a change of it.
 
     Args:
@@ -274,15 +291,17 @@ def limited(evidence: Evidence, belief: Belief, after: int = 0) -> Evidence:
         belief: The twin.
         after: Windows that are left out.
     """
-    rolling = np.array([CHANGING[name] for name in PARAMETERS])
-    stopping = np.maximum(rolling, [ROOM * STOPPING[name] for name in PARAMETERS])
+    rolling = np.array([ROLLING_SCATTER_STD[name] for name in WATCHED_PARAMETERS])
+    stopping = np.maximum(
+        rolling, [STOPPING_VARIABILITY * STOPPING_SCATTER_STD[name] for name in WATCHED_PARAMETERS]
+    )
     room = np.hypot(belief.unit * np.stack((rolling, stopping)), belief.uneven)
-    shows = evidence.information[:, LATE, LATE] > 0
+    shows = evidence.information[:, DELAY_INDEX, DELAY_INDEX] > 0
     narrow = evidence.take(shows).softened(room)
-    return bounded(narrow, belief, int(shows[:after].sum()), DEAD_TIME, ALONE)
+    return bound_evidence(narrow, belief, int(shows[:after].sum()), DEAD_TIME, MAX_LLR_PER_WINDOW)
 
 
-def delayed(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
+def dead_time_ratio(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
     """After each window the largest log-likelihood ratio of another dead time so far, shape (W,).
 
     Args:
@@ -290,10 +309,10 @@ def delayed(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
         belief: The twin.
         after: Windows for which it is not worked out, but left at zero.
     """
-    return added_up(evidence, belief, after, DEAD_TIME, ADDED)
+    return added_up(evidence, belief, after, DEAD_TIME, MAX_LLR_INCREMENT)
 
 
-def standing(evidence: Evidence, ratio: Array, time: Array) -> Array:
+def statistic_at(evidence: Evidence, ratio: Array, time: Array) -> Array:
     """The statistic as it stands at some times, shape (T,).
 
     Args:
@@ -305,7 +324,7 @@ def standing(evidence: Evidence, ratio: Array, time: Array) -> Array:
     return np.asarray(np.concatenate((np.zeros(1), ratio))[windows])
 
 
-THRESHOLD = 12.0
+ALARM_LLR = 12.0
 """Log-likelihood ratio of any cause at which an alarm is raised; the dead time has its own."""
 
 
@@ -322,13 +341,13 @@ class SequentialTests:
     """
 
     belief: Belief
-    soft: Evidence = NONE
+    soft: Evidence = NO_EVIDENCE
     ratio: Array = field(default_factory=lambda: np.zeros(0))
     delayed: Array = field(default_factory=lambda: np.zeros(0))
     factors: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    _every: Evidence = NONE
-    _unbounded: Evidence = NONE
-    _limited: Evidence = NONE
+    _every: Evidence = NO_EVIDENCE
+    _unbounded: Evidence = NO_EVIDENCE
+    _limited: Evidence = NO_EVIDENCE
     _late: Array = field(default_factory=lambda: np.zeros(0))
 
     def add(self, new: Evidence) -> None:
@@ -338,13 +357,17 @@ class SequentialTests:
         self.factors = scatter(self._every, belief)
         soft = new.softened(belief.changing, self.factors[count:])
         self._unbounded = Evidence.beside([self._unbounded, soft])
-        self.soft = Evidence.beside([self.soft, bounded(self._unbounded, belief, after=count)])
+        self.soft = Evidence.beside(
+            [self.soft, bound_evidence(self._unbounded, belief, after=count)]
+        )
         ratio = statistic(self.soft, belief, after=count)
         self.ratio = np.concatenate((self.ratio, ratio[count:]))
-        self._limited = Evidence.beside([self._limited, limited(self._every, belief, count)])
-        late = delayed(self._limited, belief, after=known)
+        self._limited = Evidence.beside(
+            [self._limited, limit_dead_time_evidence(self._every, belief, count)]
+        )
+        late = dead_time_ratio(self._limited, belief, after=known)
         self._late = np.concatenate((self._late, late[known:]))
-        at_end = standing(self._limited, self._late, self.soft.end[count:])
+        at_end = statistic_at(self._limited, self._late, self.soft.end[count:])
         self.delayed = np.concatenate((self.delayed, at_end))
 
     @property
@@ -365,7 +388,7 @@ class SequentialTests:
     @property
     def crossings(self) -> list[int]:
         """Windows at which a test comes to exceed its threshold, both having been far below it."""
-        share = np.maximum(self.ratio / THRESHOLD, self.delayed / LATE_THRESHOLD)
+        share = np.maximum(self.ratio / ALARM_LLR, self.delayed / LATE_THRESHOLD)
         found, armed = [], True
         for window, value in enumerate(share):
             if armed and value > 1:
@@ -376,7 +399,7 @@ class SequentialTests:
     def crossed(self, crossing: int) -> float:
         """The log-likelihood ratio of the test that a window raises an alarm by."""
         of_all = float(self.ratio[crossing])
-        return of_all if of_all > THRESHOLD else float(self.delayed[crossing])
+        return of_all if of_all > ALARM_LLR else float(self.delayed[crossing])
 
 
 ONE_SIDED_95 = 1.645
@@ -393,14 +416,14 @@ def resolution(tests: SequentialTests) -> dict[str, float]:
     """
     belief, found = tests.belief, dict[str, float]()
     for evidence, threshold, only in (
-        (tests.soft, THRESHOLD, tuple(CAUSES)),
+        (tests.soft, ALARM_LLR, tuple(CAUSE_SIZES)),
         (tests.limited, LATE_THRESHOLD, DEAD_TIME),
     ):
-        total = evidence.information[-LOOKBACKS[-1] :].sum(axis=0)
+        total = evidence.information[-LOOKBACK_WINDOWS[-1] :].sum(axis=0)
         apart = 1 / (belief.constant**2 + belief.drift**2)
         for cause in only:
-            name, *others = CAUSES[cause]
-            k = PARAMETERS.index(name)
+            name, *others = CAUSE_SIZES[cause]
+            k = WATCHED_PARAMETERS.index(name)
             if (others and cause != "level") or total[k, k] <= 0:
                 continue
             known = np.where(np.arange(len(apart)) == k, 0.0, apart)
@@ -408,7 +431,7 @@ def resolution(tests: SequentialTests) -> dict[str, float]:
             scaled = unit[:, None] * (total + np.diag(known)) * unit
             shown = float(np.linalg.pinv(scaled, hermitian=True)[k, k] * unit[k] ** 2)
             none = shown + float(belief.drift[k] ** 2) + min(shown, float(belief.constant[k] ** 2))
-            changed = (belief.unit[k] * CAUSES[cause][name]) ** 2
+            changed = (belief.unit[k] * CAUSE_SIZES[cause][name]) ** 2
             needed = threshold + np.log1p(changed / none) / 2
             least = np.sqrt(2 * needed / (1 / none - 1 / (none + changed)))
             least = float(least + ONE_SIDED_95 * np.sqrt(shown))
@@ -416,7 +439,7 @@ def resolution(tests: SequentialTests) -> dict[str, float]:
     return found
 
 
-LEAST = 0.05
+MIN_CAUSE_PROBABILITY = 0.05
 """Probability below which a cause counts as ruled out."""
 
 
@@ -437,7 +460,7 @@ class Cause:
 
 def likely(causes: Sequence[Cause]) -> list[Cause]:
     """Those that cannot be ruled out; of more than one it is not told which it is."""
-    return [each for each in causes if each.probability >= LEAST]
+    return [each for each in causes if each.probability >= MIN_CAUSE_PROBABILITY]
 
 
 def in_words(causes: Sequence[Cause]) -> str:
@@ -457,13 +480,13 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
         moved: Change of the parameters, shape (P,).
         belief: What held before.
     """
-    at = {p: float(moved[PARAMETERS.index(p)]) for p in CAUSES[name]}
+    at = {p: float(moved[WATCHED_PARAMETERS.index(p)]) for p in CAUSE_SIZES[name]}
     if name == "lost motion":
-        gap = sum(share * width for share, width in zip(at.values(), GAPS, strict=True))
+        gap = sum(share * width for share, width in zip(at.values(), PLAY_WIDTHS_RAD, strict=True))
         return f"{np.degrees(gap):+.2f} deg"
     parts = []
     for parameter, value in at.items():
-        about = TABLES["parameters"][parameter]
+        about = BELIEF_TABLES["parameters"][parameter]
         unit = belief.values["rolling"] if parameter == "rolling" else 1.0
         size = np.exp(value) if parameter == "noise" else about["factor"] * (value / unit)
         parts.append(about["words"].format(size))
@@ -483,13 +506,15 @@ def one_sided(belief: Belief) -> list[str]:
     return [name for name, there in least.items() if there]
 
 
-ROUNDS = 3
-"""How often a cause is expanded again,"""
-SETTLED = 2
-"""after how often likelihoods are close to what they come to,"""
-HOPELESS = 20.0
-"""and how much less likely than the best, as a logarithm, is then not worth a further time."""
-MOVED = tuple(name for name, sizes in CAUSES.items() if set(sizes) <= set(BALL))
+LAPLACE_ITERATIONS = 3
+"""Laplace expansions of the likelihood of a cause."""
+PRUNE_AFTER = 2
+"""Expansions after which unlikely causes are dropped."""
+PRUNE_LOG_RATIO = 20.0
+"""Log-likelihood below that of the best cause at which a cause is dropped."""
+MOTION_CAUSES = tuple(
+    name for name, sizes in CAUSE_SIZES.items() if set(sizes) <= set(BALL_PARAMETERS)
+)
 """Causes that change the ball's motion."""
 
 
@@ -511,7 +536,7 @@ class _Hypothesis:
     other: Evidence
     expanded: Evidence
     at: Array
-    ball: Evidence = NONE
+    ball: Evidence = NO_EVIDENCE
 
     def sums(self) -> tuple[Array, Array, float]:
         """A, b and height about ``at``."""
@@ -526,12 +551,17 @@ class _Hypothesis:
 
     def expand(self, before: Before, belief: Belief, windows: Windows) -> None:
         """Expand the windows of the ball anew where the cause puts the parameters."""
-        watched, believed = [PARAMETERS.index(name) for name in BALL], belief.theta[0]
-        least, most = zip(*((BOUNDS[name].least, BOUNDS[name].most) for name in BALL), strict=True)
-        theta, count = believed.copy(), len(BALL)
+        watched, believed = (
+            [WATCHED_PARAMETERS.index(name) for name in BALL_PARAMETERS],
+            belief.theta[0],
+        )
+        least, most = zip(
+            *((BOUNDS[name].least, BOUNDS[name].most) for name in BALL_PARAMETERS), strict=True
+        )
+        theta, count = believed.copy(), len(BALL_PARAMETERS)
         theta[:count] = np.clip(theta[:count] + self.moved(before)[watched], least, most)
         self.expanded = ball_evidence(windows, belief, theta)
-        self.at = np.zeros(len(PARAMETERS))
+        self.at = np.zeros(len(WATCHED_PARAMETERS))
         self.at[watched] = (theta - believed)[:count]
 
     def log(self, before: Before, belief: Belief) -> float:
@@ -541,8 +571,8 @@ class _Hypothesis:
         total = height + float(log_evidence(A, b, self.prior, mean))
         middle, covariance = posterior(A, b, self.prior, mean)
         for name in one_sided(belief):
-            k = PARAMETERS.index(name)
-            if name in CAUSES[self.name]:
+            k = WATCHED_PARAMETERS.index(name)
+            if name in CAUSE_SIZES[self.name]:
                 grown = (self.at + middle - before.mean)[k] / np.sqrt(max(covariance[k, k], 1e-24))
                 total += float(np.log(2) + log_ndtr(grown))
         return total
@@ -560,17 +590,17 @@ def weigh(
         before: How far the twin was off before it.
         belief: The twin.
     """
-    soft, nowhere = other.softened(belief.changing), np.zeros(len(PARAMETERS))
+    soft, nowhere = other.softened(belief.changing), np.zeros(len(WATCHED_PARAMETERS))
     priors = before.covariance + belief.changes
     hypotheses = [
         _Hypothesis(name, prior, soft, ball, nowhere)
-        for name, prior in zip(CAUSES, priors, strict=True)
+        for name, prior in zip(CAUSE_SIZES, priors, strict=True)
     ]
     logs = np.zeros(len(hypotheses))
-    for number in range(1 + ROUNDS):
+    for number in range(1 + LAPLACE_ITERATIONS):
         for each, log in zip(hypotheses, logs, strict=True):
-            hopeless = log <= logs.max() - HOPELESS and number > SETTLED
-            if number and windows is not None and each.name in MOVED and not hopeless:
+            hopeless = log <= logs.max() - PRUNE_LOG_RATIO and number > PRUNE_AFTER
+            if number and windows is not None and each.name in MOTION_CAUSES and not hopeless:
                 each.expand(before, belief, windows)
         # noise as large for every cause as the best of them leaves
         left = np.min([each.expanded.dispersion for each in hypotheses], axis=0)

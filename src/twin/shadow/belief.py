@@ -13,7 +13,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.data_file import read_toml
 from twin.base.errors import LogError
-from twin.base.settings import filled
+from twin.base.settings import from_scenarios
 from twin.identify.logs import AnyLog, Log, of_columns
 from twin.identify.prepare import prepare
 from twin.identify.twin_model import Problem
@@ -21,23 +21,23 @@ from twin.identify.windows import Windows
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
-from twin.scenario.load import check, put, read, recorded, resolved, setting
+from twin.scenario.load import check, load_recorded, put, read, resolve, setting
 from twin.scenario.schema import Scenario
 from twin.sim.plant.friction import Friction
 from twin.sim.rig import DriveModel, TransmissionError
 from twin.sim.sensors import EncoderModel, TouchModel
 
-BALL = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
+BALL_PARAMETERS = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
 """Parameters that the ball's motion shows."""
-DRIVES = ("lag", "narrow_play", "wide_play", "transmission")
+DRIVE_PARAMETERS = ("lag", "narrow_play", "wide_play", "transmission")
 """Parameters that the plate's motion shows: time constant in s, shares of lost motion as a narrow
 and a wide gap would make it, and how much farther than commanded the plate turns."""
-PARAMETERS = (*BALL, *DRIVES, "noise")
+WATCHED_PARAMETERS = (*BALL_PARAMETERS, *DRIVE_PARAMETERS, "noise")
 """All; the last is the logarithm of the screen's noise over what is believed."""
 
-EXTRA = ("viscous", "stribeck", "dwell")
+FRICTION_EXTRAS = ("viscous", "stribeck", "dwell")
 """Further parameters of the friction, believed but not watched."""
-FRICTION = {
+FRICTION_FIELDS = {
     "rolling": "rolling",
     "breakaway": "breakaway_ratio",
     "viscous": "viscous",
@@ -45,24 +45,24 @@ FRICTION = {
     "dwell": "dwell_time",
 }
 """Parameters that are settings of the friction, by their names there."""
-TABLES = read_toml(Path(__file__).with_suffix(".toml"))
+BELIEF_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 """What is known of parameters and causes beforehand; the file says what is what."""
-CONSTANT, CHANGING, STOPPING, DRIFT = (
-    {name: float(about[kind]) for name, about in TABLES["parameters"].items()}
+TWIN_ERROR_STD, ROLLING_SCATTER_STD, STOPPING_SCATTER_STD, DRIFT_STD = (
+    {name: float(about[kind]) for name, about in BELIEF_TABLES["parameters"].items()}
     for kind in ("constant", "changing", "stopping", "drift")
 )
 """Standard deviations of what an identified twin may be wrong by; of what differs from one window
 to the next while the ball rolls, and where it stops; of what changes in minutes: rolling relative,
 else SI."""
 
-OPEN = np.array([TABLES["parameters"][name]["open"] for name in PARAMETERS])
+OPEN_STD = np.array([BELIEF_TABLES["parameters"][name]["open"] for name in WATCHED_PARAMETERS])
 """Standard deviations of what a log may leave open of a twin."""
-CAUSES: dict[str, dict[str, float]] = TABLES["causes"]
+CAUSE_SIZES: dict[str, dict[str, float]] = BELIEF_TABLES["causes"]
 """What each may change, by how much (standard deviation, rolling friction relative, else SI)."""
 UNEVEN_DELAY, UNEVEN_GAIN = 0.05, 0.15
 """Seconds by which the dead time, and share by which the tilt gain, seem others on a screen as
 uneven as its friction is large: the drives answer what it does to the ball, a dead time later."""
-ROUGH = 0.001
+MIN_UNEVENNESS = 0.001
 """Share of the rolling friction that differs from place to place where it is held to be even."""
 
 
@@ -119,13 +119,19 @@ class Belief:
             scenario: The belief.
             log: Gives what of the plant is known by its kind alone; another twin of it does, too.
         """
-        friction = filled(Friction, [scenario])
-        touch, encoders = filled(TouchModel, [scenario]), filled(EncoderModel, [scenario])
-        drives = filled(DriveModel, [scenario])
+        friction = from_scenarios(Friction, [scenario])
+        touch, encoders = (
+            from_scenarios(TouchModel, [scenario]),
+            from_scenarios(EncoderModel, [scenario]),
+        )
+        drives = from_scenarios(DriveModel, [scenario])
         surface = scenario.plant.surface
         level = np.radians(scenario.plant.level_deg)
         values = {
-            **{name: float(np.ravel(getattr(friction, key))[0]) for name, key in FRICTION.items()},
+            **{
+                name: float(np.ravel(getattr(friction, key))[0])
+                for name, key in FRICTION_FIELDS.items()
+            },
             "delay": float(np.ravel(touch.dead_time)[0]),
             "level_phi": float(level[0]),
             "level_theta": float(level[1]),
@@ -135,7 +141,9 @@ class Belief:
         pitch = np.divide(touch.size, grid) if grid else np.zeros(2)
         counts = float(np.ravel(encoders.counts)[0])
         count = 2 * np.pi / counts if counts else 0.0
-        scale = np.array([values["rolling"] if name == "rolling" else 1.0 for name in PARAMETERS])
+        scale = np.array(
+            [values["rolling"] if name == "rolling" else 1.0 for name in WATCHED_PARAMETERS]
+        )
         # a window crosses a few patches of an uneven screen, which average out in part
         uneven = np.array(
             [
@@ -146,12 +154,15 @@ class Belief:
                     "level_phi": np.radians(surface.slope_deg) / 2,
                     "level_theta": np.radians(surface.slope_deg) / 2,
                 }.get(name, 0.0)
-                for name in PARAMETERS
+                for name in WATCHED_PARAMETERS
             ]
         )
         model: BallPlate = scenario.plant.model
         braking = model.k1 * values["rolling"] / model.radius
-        windows = [[of[name] for name in PARAMETERS] for of in (CHANGING, STOPPING)]
+        windows = [
+            [of[name] for name in WATCHED_PARAMETERS]
+            for of in (ROLLING_SCATTER_STD, STOPPING_SCATTER_STD)
+        ]
         return cls(
             scenario=scenario,
             model=model,
@@ -159,17 +170,17 @@ class Belief:
             lag=scenario.lateness[1],
             own_lag=log.own_lag,
             play=float(np.ravel(drives.backlash)[0]),
-            turned=1 + _pair(filled(TransmissionError, [scenario]).slope),
+            turned=1 + _pair(from_scenarios(TransmissionError, [scenario]).slope),
             grip=log.grips[0],
             screen=_pair(touch.variance) + pitch**2 / 12,
             encoders=_pair(encoders.variance) + count**2 / 12,
             disturbance=_pair(drives.disturbance),
             unit=scale,
-            constant=scale * np.array([CONSTANT[name] for name in PARAMETERS]),
+            constant=scale * np.array([TWIN_ERROR_STD[name] for name in WATCHED_PARAMETERS]),
             changing=scale * np.hypot(windows, uneven),
             uneven=scale * uneven,
-            drift=scale * np.hypot([DRIFT[name] for name in PARAMETERS], uneven),
-            rough=float(braking * np.hypot(ROUGH, surface.spread_percent / 100)),
+            drift=scale * np.hypot([DRIFT_STD[name] for name in WATCHED_PARAMETERS], uneven),
+            rough=float(braking * np.hypot(MIN_UNEVENNESS, surface.spread_percent / 100)),
             sloped=float(model.k1 * np.radians(surface.slope_deg)),
         )
 
@@ -181,9 +192,11 @@ class Belief:
     @property
     def changes(self) -> Array:
         """Covariance of what each cause changes, shape (H, P, P)."""
-        sizes = np.array([[sizes.get(p, 0.0) for p in PARAMETERS] for sizes in CAUSES.values()])
+        sizes = np.array(
+            [[sizes.get(p, 0.0) for p in WATCHED_PARAMETERS] for sizes in CAUSE_SIZES.values()]
+        )
         variances = (self.unit * sizes) ** 2
-        return np.asarray(variances[..., None] * np.eye(len(PARAMETERS)))
+        return np.asarray(variances[..., None] * np.eye(len(WATCHED_PARAMETERS)))
 
     @property
     def uncertainty(self) -> Array:
@@ -193,7 +206,7 @@ class Belief:
     @property
     def names(self) -> tuple[str, ...]:
         """The ball's parameters of a replay: those watched, and the others that are not zero."""
-        return (*BALL, *(name for name in EXTRA if self.values[name]))
+        return (*BALL_PARAMETERS, *(name for name in FRICTION_EXTRAS if self.values[name]))
 
     @property
     def theta(self) -> Array:
@@ -208,7 +221,7 @@ class Belief:
         return Problem(self.model, bowed, self.names, self.grip)
 
 
-def believed(log: Log, overrides: Sequence[str] = ()) -> Belief:
+def belief_of(log: Log, overrides: Sequence[str] = ()) -> Belief:
     """The twin of a log: what its run was simulated with or believed, and over that the overrides.
 
     Args:
@@ -223,11 +236,11 @@ def believed(log: Log, overrides: Sequence[str] = ()) -> Belief:
     tables = {key: value for key, value in tables.items() if key != "change"}
     source = log.source if log.scenario else "the twin"
     followed = [(key, tables[key]) for key in ("title", "reference") if key in tables]  # as it was
-    found = resolved(tables, source, [*followed, *map(setting, overrides)])
-    return Belief.of(recorded(*found)[0], log)  # what commands came, not from which law
+    found = resolve(tables, source, [*followed, *map(setting, overrides)])
+    return Belief.of(load_recorded(*found)[0], log)  # what commands came, not from which law
 
 
-LATEST = 0.1
+MAX_DEAD_TIME_S = 0.1
 """Longest dead time in s of the twin beside a log of any rig: what is more is the plate's."""
 
 
@@ -242,10 +255,10 @@ def beside(log: AnyLog, overrides: Sequence[str] = ()) -> tuple[Log, Belief]:
     Raises:
         TwinError: If a key or value is wrong, or the log is not of this rig.
     """
-    found = resolved(read("circle")[0], "the twin", [setting(text) for text in overrides])
-    scenario = recorded(*found)[0]
+    found = resolve(read("circle")[0], "the twin", [setting(text) for text in overrides])
+    scenario = load_recorded(*found)[0]
     dead_time = scenario.sensors.touch.dead_time
-    later = max(0.0, dead_time - LATEST)
+    later = max(0.0, dead_time - MAX_DEAD_TIME_S)
     tables = put(scenario.model_dump(mode="json"), [("sensors.touch.dead_time", dead_time - later)])
     own = replace(log.on(scenario, later), command=None)
     belief = Belief.of(check(tables, "the twin"), own)

@@ -23,15 +23,23 @@ from scipy.linalg import solve_discrete_are
 from scipy.signal import lfilter, ss2tf
 
 from controllers.arrays import Array, Mask
-from twin.base.settings import filled
+from twin.base.settings import from_scenarios
 from twin.identify.logs import Log
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.search import Linearisation, fit_starts
-from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans, unknown_motion
+from twin.identify.windows import (
+    LOOKBACK_S,
+    SAMPLE_BIN_S,
+    Spans,
+    Windows,
+    cut,
+    moving_spans,
+    unknown_motion,
+)
 from twin.run.assemble import parts_of
-from twin.shadow.belief import BALL, DRIVES, PARAMETERS, Belief
-from twin.sim.calibration import STATES, linear_mechanism
+from twin.shadow.belief import BALL_PARAMETERS, DRIVE_PARAMETERS, WATCHED_PARAMETERS, Belief
+from twin.sim.calibration import MECHANISM_STATES, linear_mechanism
 from twin.sim.rig import DriveModel
 
 
@@ -76,10 +84,10 @@ class Evidence:
             score: Shape (W, p).
             more: The further attributes; by default of plain windows that are explained.
         """
-        at, count = [PARAMETERS.index(name) for name in names], len(spans)
-        full = np.zeros((count, len(PARAMETERS), len(PARAMETERS)))
+        at, count = [WATCHED_PARAMETERS.index(name) for name in names], len(spans)
+        full = np.zeros((count, len(WATCHED_PARAMETERS), len(WATCHED_PARAMETERS)))
         full[np.ix_(range(count), at, at)] = information
-        slope = np.zeros((count, len(PARAMETERS)))
+        slope = np.zeros((count, len(WATCHED_PARAMETERS)))
         slope[:, at] = score
         plain = {"height": np.zeros(count), "stopping": np.zeros(count, bool)}
         more = {**plain, "dispersion": np.ones(count), **more}
@@ -172,11 +180,11 @@ def _times(matrix: Array, vector: Array) -> Array:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
-NONE = Evidence.of((), np.zeros((0, 2)), np.zeros((0, 0, 0)), np.zeros((0, 0)))
+NO_EVIDENCE = Evidence.of((), np.zeros((0, 2)), np.zeros((0, 0, 0)), np.zeros((0, 0)))
 """No window at all."""
-MISSED = 1.5
+GAP_PERIODS = 1.5
 """Periods from one row to the next from which on there is a gap."""
-LATE = 0.5
+LATE_ROW_SHARE = 0.5
 """Share of a period from which on a row was taken too late: what it holds is of another time."""
 
 
@@ -189,17 +197,17 @@ def gaps(log: Log, period: float) -> Array:
     """
     known = np.isfinite(log.time)
     time = log.time[known]
-    missing = np.flatnonzero(np.diff(time) > MISSED * period)
+    missing = np.flatnonzero(np.diff(time) > GAP_PERIODS * period)
     found = np.stack((time[missing], time[missing + 1]), axis=-1)
     if log.late is not None:
         late = np.nan_to_num(log.late[known])
-        behind = late > LATE * period
+        behind = late > LATE_ROW_SHARE * period
         found = np.concatenate((found, np.stack((time, time + late), axis=-1)[behind]))
     return found[np.argsort(found[:, 0], kind="stable")]
 
 
 def clear(begin: Array, end: Array, gaps: Array, after: float = 0.0) -> Mask:
-    """Which spans of time hold no part of a gap, shape (W,).
+    """Find the spans of time that hold no part of a gap, shape (W,).
 
     Args:
         begin: Seconds, shape (W,).
@@ -211,7 +219,7 @@ def clear(begin: Array, end: Array, gaps: Array, after: float = 0.0) -> Mask:
     return np.asarray(~touched.any(axis=1))
 
 
-def undisturbed(parts: Iterable[Evidence], gaps: Array, after: float = 0.0) -> Evidence:
+def without_gaps(parts: Iterable[Evidence], gaps: Array, after: float = 0.0) -> Evidence:
     """What windows without a gap say.
 
     Args:
@@ -219,13 +227,13 @@ def undisturbed(parts: Iterable[Evidence], gaps: Array, after: float = 0.0) -> E
         gaps: Begin and end of each in s, shape (G, 2).
         after: Seconds for which a gap is still felt.
     """
-    every = Evidence.join([NONE, *parts])
+    every = Evidence.join([NO_EVIDENCE, *parts])
     return every.take(clear(every.begin, every.end, gaps, after))
 
 
-WINDOW = 2.0
+PLATE_WINDOW_S = 2.0
 """Length in s of a window of the plate or of the screen."""
-LEAST = 30
+MIN_SCREEN_SAMPLES = 30
 """Samples below which a window of the screen says nothing."""
 # The second differences of white noise are correlated: so many of them count as one.
 _ALIKE = 35 / 18
@@ -256,17 +264,17 @@ def noise_evidence(
         since: When the first window begins, s, where the log goes back further.
     """
     parts = (_noise_of(segment, belief, since) for segment in log.segments)
-    return undisturbed(parts, gaps)
+    return without_gaps(parts, gaps)
 
 
 def _noise_of(segment: Segment, belief: Belief, since: float) -> Evidence:
     begin = max(float(segment.time[0]), since)
-    begins = begin + WINDOW * np.arange(int((segment.time[-1] - begin) / WINDOW))
+    begins = begin + PLATE_WINDOW_S * np.arange(int((segment.time[-1] - begin) / PLATE_WINDOW_S))
     spans, levels, counts = [], [], []
     for begin in begins:
-        ball = segment.ball[(segment.sampled >= begin) & (segment.sampled < begin + WINDOW)]
-        if len(ball) >= LEAST:
-            spans.append((begin, begin + WINDOW))
+        ball = segment.ball[(segment.sampled >= begin) & (segment.sampled < begin + PLATE_WINDOW_S)]
+        if len(ball) >= MIN_SCREEN_SAMPLES:
+            spans.append((begin, begin + PLATE_WINDOW_S))
             levels.append(noise_level(ball, np.maximum(belief.screen, 1e-12)))
             counts.append(2 * (len(ball) - 2) / _ALIKE)
     # the logarithm of a standard deviation from n values has variance 1 / (2 n)
@@ -276,13 +284,13 @@ def _noise_of(segment: Segment, belief: Belief, since: float) -> Evidence:
     return Evidence.of(("noise",), ends, information[:, None, None], score[:, None])
 
 
-LONGEST = 2.0
+MAX_WINDOW_S = 2.0
 """Longest window in s: long enough for a small force to show, short enough to stay near it."""
-WIDE = 100.0
+MAX_EXPLAINING_STDS = 100.0
 """Deviations that may explain a window, in what an identified twin may be wrong by."""
 AT_ONCE = 500
 """Windows that are worked on at once: more no longer fit the processor's cache."""
-STEPS = 8
+MAX_START_STEPS = 8
 """Most Gauss-Newton steps that look for the ball's start in a window."""
 
 
@@ -301,12 +309,12 @@ def ball_windows(
 
     def spans(segment: Segment, begin: float, end: float, longest: float) -> Spans:
         found = moving_spans(segment, max(begin, since), end, longest)
-        whole = clear(found.begin - LOOKBACK, found.begin + found.length, gaps)
+        whole = clear(found.begin - LOOKBACK_S, found.begin + found.length, gaps)
         found = Spans(found.begin[whole], found.length[whole], found.resting[whole])
         ends.append(found.begin + found.length)
         return found
 
-    windows = cut(log, belief.lag, LONGEST, spans)
+    windows = cut(log, belief.lag, MAX_WINDOW_S, spans)
     return windows, np.concatenate(ends)
 
 
@@ -325,29 +333,29 @@ def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) 
         theta: Where the likelihood is expanded, shape (len(belief.names),); None for the belief.
     """
     at = belief.theta if theta is None else theta[None]
-    parts = [_expanded(windows.take(part), belief, at) for part in portions(len(windows))]
+    parts = [_expand(windows.take(part), belief, at) for part in portions(len(windows))]
     return Evidence.beside(parts)
 
 
-def _expanded(windows: Windows, belief: Belief, theta: Array) -> Evidence:
+def _expand(windows: Windows, belief: Belief, theta: Array) -> Evidence:
     """Evidence of windows around parameters, shape (1, P)."""
     problem = belief.problem(windows)
-    starts = fit_starts(problem, theta, problem.initial_starts(), STEPS)
+    starts = fit_starts(problem, theta, problem.initial_starts(), MAX_START_STEPS)
     squares, score, information = _without_start(problem.linearise(theta, starts), windows, belief)
     counted = windows.weight[..., :1] > 0
     last = np.where(counted[..., 0], windows.time, 0.0).max(axis=1)
-    spans = windows.begin[:, None] + np.stack((np.full(len(windows), LOOKBACK), last), axis=-1)
+    spans = windows.begin[:, None] + np.stack((np.full(len(windows), LOOKBACK_S), last), axis=-1)
     height = -squares / 2
-    stopping = windows.resting | (last - LOOKBACK < LONGEST - 2 * BIN)
-    wide = np.maximum(belief.constant[: len(BALL)], 1e-9) * WIDE
+    stopping = windows.resting | (last - LOOKBACK_S < MAX_WINDOW_S - 2 * SAMPLE_BIN_S)
+    wide = np.maximum(belief.constant[: len(BALL_PARAMETERS)], 1e-9) * MAX_EXPLAINING_STDS
     prior = np.diag(wide**2)
     # twice the log-likelihood that some deviation gains is what it takes off the squares
     gained = 2 * log_evidence(information, score, prior)
-    gained += np.linalg.slogdet(np.eye(len(BALL)) + information @ prior)[1]
-    left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL), 1)
+    gained += np.linalg.slogdet(np.eye(len(BALL_PARAMETERS)) + information @ prior)[1]
+    left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL_PARAMETERS), 1)
     left = np.maximum(left, 1.0)
     said = {"height": height, "stopping": stopping, "dispersion": left}
-    return Evidence.of(BALL, spans, information, score, **said)
+    return Evidence.of(BALL_PARAMETERS, spans, information, score, **said)
 
 
 def _without_start(
@@ -356,21 +364,21 @@ def _without_start(
     """Squares (W,), score (W, p) and information (W, p, p), the starts fitted along."""
     unknown = unknown_motion(windows, belief.values["delay"])
     size = float(np.hypot(belief.rough, belief.sloped))
-    line = line._replace(by_parameter=line.by_parameter[..., : len(BALL)])
+    line = line._replace(by_parameter=line.by_parameter[..., : len(BALL_PARAMETERS)])
     left, _ = line.without_starts(size * unknown)
     return left[:, 0, 0], -left[:, 1:, 0], left[:, 1:, 1:]
 
 
-SETTLED = 1.0
+FILTER_SETTLE_S = 1.0
 """Seconds after which the filter has forgotten where it began."""
-ALIKE = 4.0
+INNOVATIONS_PER_SAMPLE = 4.0
 """Innovations that count as one: a slow plate stays on one count of its encoder for a while."""
 LAG_DIFFERENCE = 0.005
 """Step of the difference by the time constant, s."""
-STILL = 40.0
+MIN_PLATE_RANGE_STDS = 40.0
 """Range of the plate's angle in a window, in standard deviations of its encoder, below which it
 tells nothing: the readings then stay on a few counts."""
-GAPS = (np.radians(0.05), np.radians(0.2))
+PLAY_WIDTHS_RAD = (np.radians(0.05), np.radians(0.2))
 """Widths in rad of a narrow and of a wide gap."""
 
 
@@ -386,41 +394,41 @@ def plate_evidence(
         since: When the first window begins, s, where the log goes back further.
     """
     parts = (_plate_of(segment, log.period, belief, since) for segment in log.segments)
-    return undisturbed(parts, gaps, SETTLED)
+    return without_gaps(parts, gaps, FILTER_SETTLE_S)
 
 
 def _plate_of(segment: Segment, period: float, belief: Belief, since: float) -> Evidence:
-    rows = round(WINDOW / period)
-    skipped = round(max(SETTLED, since - segment.time[0]) / period)
+    rows = round(PLATE_WINDOW_S / period)
+    skipped = round(max(FILTER_SETTLE_S, since - segment.time[0]) / period)
     count = (len(segment.time) - skipped) // rows
     if count < 1 or segment.command is None:
-        return NONE
+        return NO_EVIDENCE
     angle, late, *wider = plate_angles(
         segment.command,
         period,
         belief,
         (belief.lag, belief.play),
         (belief.lag + LAG_DIFFERENCE, belief.play),
-        *((belief.lag, belief.play + gap) for gap in GAPS),
+        *((belief.lag, belief.play + gap) for gap in PLAY_WIDTHS_RAD),
     )
     slopes = ((late - angle) / LAG_DIFFERENCE, *(each - angle for each in wider), angle)
     information, score = np.zeros((count, 4, 4)), np.zeros((count, 4))
     for axis in (0, 1):
         both = np.stack((segment.plate - angle, *slopes))[..., axis]
         used = slice(skipped, skipped + count * rows)
-        white = whitened(both, period, belief.disturbance[axis], belief.encoders[axis])[:, used]
+        white = whiten(both, period, belief.disturbance[axis], belief.encoders[axis])[:, used]
         moved = np.ptp(segment.plate[used, axis].reshape(count, rows), axis=1)
-        counted = moved > STILL * np.sqrt(belief.encoders[axis])
+        counted = moved > MIN_PLATE_RANGE_STDS * np.sqrt(belief.encoders[axis])
         e, J = white[0].reshape(count, rows), white[1:].reshape(4, count, rows)  # noqa: N806
         J = J * counted[:, None]  # noqa: N806
-        information += np.einsum("iwk,jwk->wij", J, J) / ALIKE
-        score += np.einsum("iwk,wk->wi", J, e) / ALIKE
-    begin = segment.time[skipped] + WINDOW * np.arange(count)
-    spans = np.stack((begin, begin + WINDOW), axis=-1)
-    return Evidence.of(DRIVES, spans, information, score)
+        information += np.einsum("iwk,jwk->wij", J, J) / INNOVATIONS_PER_SAMPLE
+        score += np.einsum("iwk,wk->wi", J, e) / INNOVATIONS_PER_SAMPLE
+    begin = segment.time[skipped] + PLATE_WINDOW_S * np.arange(count)
+    spans = np.stack((begin, begin + PLATE_WINDOW_S), axis=-1)
+    return Evidence.of(DRIVE_PARAMETERS, spans, information, score)
 
 
-def whitened(signals: Array, period: float, disturbance: float, encoder: float) -> Array:
+def whiten(signals: Array, period: float, disturbance: float, encoder: float) -> Array:
     """Innovations of the steady Kalman filter in their standard deviations, shape (..., K).
 
     Args:
@@ -452,7 +460,7 @@ def plate_angles(
         belief: The twin.
         drives: Time constants in s and widths of the gap in rad.
     """
-    servo = filled(DriveModel, [belief.scenario]).servo(period)
+    servo = from_scenarios(DriveModel, [belief.scenario]).servo(period)
     if servo.acts.any():
         turns = [servo.follow(turn) for turn in period * command[:, None]]
         command = np.concatenate(turns) / period
@@ -485,7 +493,7 @@ def _mechanism(belief: Belief, period: float) -> list[tuple[Array, Array]]:
     found = []
     for axis, name in enumerate(("phi", "theta")):
         own = (name, f"{name}_rate", f"motor_{name}", f"motor_{name}_rate", f"servo_{name}")
-        keep = [STATES.index(each) for each in own]
+        keep = [MECHANISM_STATES.index(each) for each in own]
         once, pushed = A[np.ix_(keep, keep)], B[keep, axis, None]
         powers = [np.linalg.matrix_power(once, k) for k in range(steps + 1)]
         top, bottom = ss2tf(powers[-1], sum(powers[:-1]) @ pushed, np.eye(1, len(keep)), [[0.0]])

@@ -21,18 +21,26 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.base.errors import LogError
-from twin.identify.logs import COLUMNS, Log, of_columns
-from twin.identify.parameters import BALL as BOUNDS
-from twin.identify.prepare import SHORTEST, PreparedLog, prepare
+from twin.identify.logs import LOG_COLUMN_UNITS, Log, of_columns
+from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
+from twin.identify.prepare import MIN_SEGMENT_S, PreparedLog, prepare
 from twin.identify.windows import Windows, unknown_motion
-from twin.run.logs import NEEDED
+from twin.run.logs import NEEDED_COLUMNS
 from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import LOOKBACKS, Alarm, SequentialTests, baseline, onset, resolution, weigh
-from twin.shadow.belief import BALL, OPEN, PARAMETERS, Belief
+from twin.shadow.alarms import (
+    LOOKBACK_WINDOWS,
+    Alarm,
+    SequentialTests,
+    baseline,
+    onset,
+    resolution,
+    weigh,
+)
+from twin.shadow.belief import BALL_PARAMETERS, OPEN_STD, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import (
-    GAPS,
-    NONE,
+    NO_EVIDENCE,
+    PLAY_WIDTHS_RAD,
     Evidence,
     ball_evidence,
     ball_windows,
@@ -42,35 +50,35 @@ from twin.shadow.evidence import (
     plate_evidence,
     posterior,
 )
-from twin.shadow.horizon import AHEAD, BAND, FrictionMap, Replays, replays
+from twin.shadow.horizon import CHI_SQUARE_95, HORIZON_S, FrictionMap, Replays, replays
 
 LEAST_TOLD = 5.0
 """Seconds of motion without which nothing is said of the rig's health."""
-STRIDE = 5.0
+STRIDE_S = 5.0
 """Seconds of a run after which its twin is asked again."""
-MARGIN = 1.0
+PENDING_S = 1.0
 """Seconds at the end of what has been recorded that are not judged yet."""
 LEAD_IN = 4.0
 """Seconds before what is judged anew: filters of the plate's angle have settled by then."""
-OLDEST = 10.0
+MAX_LOOKBACK_S = 10.0
 """Seconds that are gone back at most for a window in which the ball moves."""
-KEPT = 60.0
+NOISE_HISTORY_S = 60.0
 """Seconds of rows from which noise is estimated."""
-LAST = 2 * LOOKBACKS[-1]
+DIAGNOSIS_WINDOWS = 2 * LOOKBACK_WINDOWS[-1]
 """Windows of the ball that are kept for a diagnosis."""
-SETTLING = 15.0
+DIAGNOSIS_S = 15.0
 """Seconds after an alarm that are looked at for its cause."""
-STRADDLING = 2.0
-"""Seconds after the most likely time of a change in which it may still lie,"""
-ENOUGH = 2
-"""which are left out where at least so many windows come after."""
-LEARNING = 20.0
+CHANGE_UNCERTAINTY_S = 2.0
+"""Uncertainty in s of the most likely time of a change; windows in it are left out."""
+MIN_WINDOWS_AFTER = 2
+"""Windows after a change that are enough to leave the uncertain ones out."""
+LEARNING_S = 20.0
 """Seconds from which a twin learns."""
-ROUNDS = 3
+EXPANSION_ROUNDS = 3
 """How often it is expanded again where they put it."""
-LEAST = 0.2
+MIN_FRICTION_SHARE = 0.2
 """Least share of its friction that is left of a twin in a round."""
-UNEVEN = (10.0, 20.0, 5.0, 2.0, 0.0)
+UNEVENNESS_PERCENT = (10.0, 20.0, 5.0, 2.0, 0.0)
 """Percent by which the screen's friction may differ from place to place."""
 
 
@@ -118,7 +126,7 @@ class Shadow:
         """Percentage of the replays that end in their 95 % band."""
         if self.replays is None or not self.replays.counted.any():
             return None
-        return float(100 * (self.replays.square[self.replays.counted] <= BAND).mean())
+        return float(100 * (self.replays.square[self.replays.counted] <= CHI_SQUARE_95).mean())
 
     @property
     def error_1s(self) -> float | None:
@@ -176,7 +184,7 @@ class Follower:
         self._belief, self._learning = belief, learning
         self._windows: Windows | None = None
         self._screen: FrictionMap | None = None
-        self._ball = self._other = NONE
+        self._ball = self._other = NO_EVIDENCE
         self._unsettled: dict[int, int] = {}
         begin = -np.inf
         self._since = {"replays": begin, "ball": begin, "plate": begin, "screen": begin}
@@ -195,7 +203,7 @@ class Follower:
         """
         now = float(log.time[-1])
         usable = self._of_late(prepare(replace(log, model=self._belief.model)), now)
-        until = np.inf if whole else now - MARGIN
+        until = np.inf if whole else now - PENDING_S
         said = self.said
         said.source, said.length, said.notes = usable.source, usable.length, usable.notes
         said.gaps = gaps(log, usable.period)
@@ -207,12 +215,12 @@ class Follower:
 
     def _learn(self, log: PreparedLog, now: float) -> None:
         """Have the twin learn from the beginning, which is not judged."""
-        until = float(log.segments[0].time[0]) + LEARNING
-        if now < until + MARGIN:
-            raise LogError(f"{log.source}: the twin still learns, for {LEARNING:g} s")
+        until = float(log.segments[0].time[0]) + LEARNING_S
+        if now < until + PENDING_S:
+            raise LogError(f"{log.source}: the twin still learns, for {LEARNING_S:g} s")
         parts = (each.between(-np.inf, until) for each in log.segments)
-        first = replace(log, segments=tuple(p for p in parts if p.length > SHORTEST))
-        before, self._belief = self._belief, learned(first, self._belief, self.said.gaps)
+        first = replace(log, segments=tuple(p for p in parts if p.length > MIN_SEGMENT_S))
+        before, self._belief = self._belief, learn(first, self._belief, self.said.gaps)
         self.said.taught = taught(before, self._belief)
         self.said.tests = SequentialTests(self._belief)
         self._add(first, np.inf)
@@ -224,7 +232,7 @@ class Follower:
         """The part of the log that has not been looked at yet, and what leads to it."""
         if max(self._since.values()) == -np.inf:
             return log
-        since = max(min(self._since.values()), now - OLDEST - STRIDE)
+        since = max(min(self._since.values()), now - MAX_LOOKBACK_S - STRIDE_S)
         parts = [each.between(since - LEAD_IN, np.inf) for each in log.segments]
         parts = [each for each in parts if len(each.sampled) > 20 and each.length > LEAD_IN / 2]
         if not parts:
@@ -234,9 +242,9 @@ class Follower:
     def _replay(self, log: PreparedLog, until: float) -> None:
         said, since = self.said, self._since["replays"]
         self._screen = self._screen or FrictionMap(self._belief)
-        found = replays(log, self._belief, said.gaps, AHEAD, since, until, self._screen)
+        found = replays(log, self._belief, said.gaps, HORIZON_S, since, until, self._screen)
         if found is not None:
-            self._since["replays"] = float(found.time[-1]) + AHEAD
+            self._since["replays"] = float(found.time[-1]) + HORIZON_S
             said.replays = found if said.replays is None else Replays.join([said.replays, found])
 
     def _add(self, log: PreparedLog, until: float) -> int:
@@ -264,17 +272,17 @@ class Follower:
         finished = np.asarray(ends <= until)
         self._since["ball"] = max(
             float(ends[finished].max(initial=self._since["ball"])),
-            float(log.segments[-1].time[-1]) - OLDEST,
+            float(log.segments[-1].time[-1]) - MAX_LOOKBACK_S,
         )
         if windows is None or not finished.any():
-            return NONE
+            return NO_EVIDENCE
         windows = windows.take(finished)
         ball = ball_evidence(windows, self._belief)
         self.said.told += float((ball.end - ball.begin).sum())
         if self._windows is None:
             self._ball, self._windows = ball, windows
         else:
-            chosen = np.arange(len(self._ball)) >= len(self._ball) - LAST
+            chosen = np.arange(len(self._ball)) >= len(self._ball) - DIAGNOSIS_WINDOWS
             self._ball = Evidence.join([self._ball.take(chosen), ball])
             self._windows = Windows.join([self._windows.take(chosen), windows])
         return ball.tempered(ball.dispersion)
@@ -290,7 +298,7 @@ class Follower:
                 said.alarms.append(Alarm(end, end, said.tests.crossed(window), ()))
         told = []
         for window, place in list(self._unsettled.items()):
-            if whole or now - MARGIN >= said.alarms[place].time + SETTLING:
+            if whole or now - PENDING_S >= said.alarms[place].time + DIAGNOSIS_S:
                 said.alarms[place] = self._alarm(window)
                 told.append(said.alarms[place])
                 del self._unsettled[window]
@@ -300,7 +308,7 @@ class Follower:
         """The alarm after a window: since when, and why."""
         tests, belief = self.said.tests, self._belief
         soft = tests.soft
-        end = float(soft.end[crossing]) + SETTLING
+        end = float(soft.end[crossing]) + DIAGNOSIS_S
         last = int(np.searchsorted(soft.end, end, side="right")) - 1
         since = onset(soft, belief, crossing, last)
         begin = float(soft.begin[since])
@@ -310,8 +318,8 @@ class Follower:
 
         chosen = between(self._ball)
         # a window in which the change may lie speaks for neither before nor after
-        clear = chosen & (self._ball.begin >= begin + STRADDLING)
-        chosen = clear if clear.sum() >= ENOUGH else chosen
+        clear = chosen & (self._ball.begin >= begin + CHANGE_UNCERTAINTY_S)
+        chosen = clear if clear.sum() >= MIN_WINDOWS_AFTER else chosen
         causes = weigh(
             self._ball.take(chosen),
             self._windows.take(chosen) if self._windows is not None and chosen.any() else None,
@@ -339,7 +347,7 @@ class LiveFollower(Follower):
         self._rows: dict[str, Array] = {}
         self._rate: Array = np.zeros(2)
         self._judged = 0.0
-        nothing = dict.fromkeys(NEEDED, np.zeros(0))
+        nothing = dict.fromkeys(NEEDED_COLUMNS, np.zeros(0))
         belief = Belief.of(scenario, of_columns(nothing, self._metadata, source))
         super().__init__(belief, learning=learning)
 
@@ -353,15 +361,15 @@ class LiveFollower(Follower):
         if not len(time):
             return False
         # a log's acceleration is added up from its first row on; here from that of the run on
-        new = {name: rows[name] for name in COLUMNS if name in rows}
+        new = {name: rows[name] for name in LOG_COLUMN_UNITS if name in rows}
         for axis, name in enumerate(("phi", "theta")):
             steps = self.period * np.nan_to_num(new.pop(f"applied_{name}_acc"))
             rate = self._rate[axis] + np.cumsum(steps)
             new[f"applied_{name}_rate"], self._rate[axis] = rate, rate[-1]
         old = self._rows or {name: np.zeros(0) for name in new}
-        keep = old["time"] > time[-1] - KEPT - STRIDE
+        keep = old["time"] > time[-1] - NOISE_HISTORY_S - STRIDE_S
         self._rows = {name: np.concatenate((old[name][keep], new[name])) for name in new}
-        return float(time[-1]) >= self._judged + STRIDE
+        return float(time[-1]) >= self._judged + STRIDE_S
 
     def ask(self, *, whole: bool = False) -> list[Alarm]:
         """What ``judge`` says of the rows taken in; nothing where it can say nothing.
@@ -384,7 +392,7 @@ def _median(found: Replays | None, of: Callable[[Replays], Array]) -> float | No
     return float(np.median(of(found)[found.counted]))
 
 
-def learned(log: PreparedLog, belief: Belief, gaps: Array) -> Belief:
+def learn(log: PreparedLog, belief: Belief, gaps: Array) -> Belief:
     """The twin after the beginning of a log.
 
     Args:
@@ -393,8 +401,8 @@ def learned(log: PreparedLog, belief: Belief, gaps: Array) -> Belief:
         gaps: Of the log.
     """
     tried: list[tuple[float, Belief]] = []
-    for percent in UNEVEN:
-        belief, likelihood = _fitted(log, _on_screen(belief, percent), gaps)
+    for percent in UNEVENNESS_PERCENT:
+        belief, likelihood = _fit_belief(log, _on_screen(belief, percent), gaps)
         tried.append((likelihood, belief))
     return max(tried, key=lambda each: each[0])[1]
 
@@ -408,14 +416,14 @@ def _on_screen(belief: Belief, percent: float) -> Belief:
     return replace(own, **{name: getattr(belief, name) for name in keep})
 
 
-def _fitted(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, float]:
+def _fit_belief(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, float]:
     """The twin put where a log puts it, and the logarithm of how likely that makes the log."""
     likelihood, covariance = 0.0, belief.uncertainty
-    for _ in range(ROUNDS):
+    for _ in range(EXPANSION_ROUNDS):
         windows, _ends = ball_windows(log, belief, gaps)
-        ball = NONE if windows is None else ball_evidence(windows, belief)
+        ball = NO_EVIDENCE if windows is None else ball_evidence(windows, belief)
         others = [plate_evidence(log, belief, gaps), noise_evidence(log, belief, gaps)]
-        soft, open_to = ball.softened(belief.changing), np.diag((belief.unit * OPEN) ** 2)
+        soft, open_to = ball.softened(belief.changing), np.diag((belief.unit * OPEN_STD) ** 2)
         every = Evidence.beside([soft, Evidence.join(others).softened(belief.changing)])
         own, sums = (
             (each.information.sum(axis=0), each.score.sum(axis=0)) for each in (soft, every)
@@ -427,7 +435,7 @@ def _fitted(log: PreparedLog, belief: Belief, gaps: Array) -> tuple[Belief, floa
             within = np.eye(pushed.shape[-1]) + size**2 * np.swapaxes(pushed, -1, -2) @ pushed
             likelihood -= float(np.linalg.slogdet(within)[1].sum()) / 2
         mean, covariance = posterior(*sums, open_to)
-        belief = moved(belief, mean)
+        belief = shift_parameters(belief, mean)
     unsure = np.sqrt(belief.constant**2 + np.diag(covariance))
     return replace(belief, constant=unsure), likelihood
 
@@ -437,7 +445,7 @@ def taught(before: Belief, after: Belief) -> str:
     old, new = before.values, after.values
     level = np.degrees([new[name] - old[name] for name in ("level_phi", "level_theta")])
     return (
-        f"The first {LEARNING:g} s taught the twin what its identification left open (rolling "
+        f"The first {LEARNING_S:g} s taught the twin what its identification left open (rolling "
         f"friction {100 * (new['rolling'] / old['rolling'] - 1):+.0f} %, dead time "
         f"{1000 * (new['delay'] - old['delay']):+.0f} ms, level {level[0]:+.2f} and "
         f"{level[1]:+.2f} deg, tilt gain {100 * (new['gain'] / old['gain'] - 1):+.0f} %, a screen "
@@ -445,19 +453,19 @@ def taught(before: Belief, after: Belief) -> str:
     )
 
 
-def moved(belief: Belief, by: Array) -> Belief:
+def shift_parameters(belief: Belief, by: Array) -> Belief:
     """The twin with other parameters.
 
     Args:
         belief: The twin.
         by: What is added to ``PARAMETERS``, shape (P,).
     """
-    off = dict(zip(PARAMETERS, by.tolist(), strict=True))
+    off = dict(zip(WATCHED_PARAMETERS, by.tolist(), strict=True))
     values = dict(belief.values)
-    for name in BALL:
-        least = LEAST * values[name] if name == "rolling" else BOUNDS[name].least
+    for name in BALL_PARAMETERS:
+        least = MIN_FRICTION_SHARE * values[name] if name == "rolling" else BOUNDS[name].least
         values[name] = float(np.clip(values[name] + off[name], least, BOUNDS[name].most))
-    gap = off["narrow_play"] * GAPS[0] + off["wide_play"] * GAPS[1]
+    gap = off["narrow_play"] * PLAY_WIDTHS_RAD[0] + off["wide_play"] * PLAY_WIDTHS_RAD[1]
     return replace(
         belief,
         values=values,

@@ -16,50 +16,50 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from controllers.observers.friction import gaussian_field
-from twin.identify.parameters import BALL as BOUNDS
-from twin.identify.prepare import ROLL, PreparedLog, Segment, speed
+from twin.identify.parameters import BALL_PARAMETERS as BOUNDS
+from twin.identify.prepare import ROLL_SPEED_M_S, PreparedLog, Segment, speed
 from twin.identify.search import START_DIFFERENCES, START_PRIOR, fit_starts
 from twin.identify.twin_model import Problem
 from twin.identify.windows import (
-    BIN,
-    LOOKBACK,
-    STEP,
-    STRETCH,
+    FORCE_STRETCH_S,
+    LOOKBACK_S,
+    REPLAY_STEP_S,
+    SAMPLE_BIN_S,
     Spans,
     Windows,
     cut,
     edges_of,
     unknown_motion,
 )
-from twin.shadow.belief import BALL, PARAMETERS, ROUGH, Belief
+from twin.shadow.belief import BALL_PARAMETERS, MIN_UNEVENNESS, WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import clear, portions, posterior
 from twin.sim.plant.friction import SurfaceMap
 
-AHEAD = 1.0
+HORIZON_S = 1.0
 """Seconds that replays go ahead: the horizon."""
-LEAD = 1.2
+LEAD_S = 1.2
 """Seconds of samples from which the state at a start is smoothed."""
-UNKNOWN = 4e-4
+UNKNOWN_ACCELERATION_STD = 4e-4
 """Standard deviation in m/s^2 of what the plate's play and cams, too, do to a ball unknown to the
 twin: as much as a tilt of 0.004 deg."""
-STEPS = 6
+MAX_START_STEPS = 6
 """Most Gauss-Newton steps that look for the ball's start."""
 
 
-PITCH = 0.045
+MAP_SPACING_M = 0.045
 """Distance in m between the points of a map, at most."""
-LENGTH = 0.6
+CORRELATION_LENGTH = 0.6
 """Length over which the friction is held to be alike, in patches of the screen."""
-REST = 0.3
+UNMAPPED_SHARE = 0.3
 """Share of the unevenness that no map of such points can show."""
-UNLIKELY = 4.0
+MAX_STRETCH_MISFIT = 4.0
 """Mean square by which a way moves the friction of its stretches, over its expected variance: more
 is nothing that a screen does."""
-FORGOTTEN = 3600.0
+MAP_FORGETTING_S = 3600.0
 """Time in s after which a screen is another one, as dust and wear have it."""
-THINNED = 5
+MAP_QUERY_STEPS = 5
 """Steps of a replay from one place at which a map is asked to the next."""
-ANEW = 1.0
+MAP_LEARNING_INTERVAL_S = 1.0
 """Seconds from one way that a map learns from to the next, at least: what two of them share is
 counted twice."""
 
@@ -80,11 +80,13 @@ class FrictionMap:
     def __init__(self, belief: Belief) -> None:
         plant = belief.scenario.plant
         patch, spread = plant.surface.patch_mm / 1000, plant.surface.spread_percent / 100
-        shown = min(1.0, patch / PITCH)
-        self.left = np.hypot(ROUGH, spread * np.hypot(REST, np.sqrt(1 - shown**2)))
+        shown = min(1.0, patch / MAP_SPACING_M)
+        self.left = np.hypot(
+            MIN_UNEVENNESS, spread * np.hypot(UNMAPPED_SHARE, np.sqrt(1 - shown**2))
+        )
         """Standard deviation of what the map does not show."""
-        length = LENGTH * max(patch, PITCH)
-        self.grid, self._prior = gaussian_field(plant.size, PITCH, shown * spread, length)
+        length = CORRELATION_LENGTH * max(patch, MAP_SPACING_M)
+        self.grid, self._prior = gaussian_field(plant.size, MAP_SPACING_M, shown * spread, length)
         units = np.eye(len(self._prior)).reshape(-1, *self.grid)
         self._units = SurfaceMap(relative=units, size=plant.size)
         self.mean, self.covariance = np.zeros(len(self._prior)), self._prior
@@ -105,12 +107,12 @@ class FrictionMap:
             covariance: Of the same, shape (S, S).
             until: Seconds.
         """
-        kept = np.exp((self.until - until) / FORGOTTEN)
+        kept = np.exp((self.until - until) / MAP_FORGETTING_S)
         self.mean, self.until = kept * self.mean, until
         self.covariance = kept**2 * self.covariance + (1 - kept**2) * self._prior
         known, news = self.known(rows), mean - rows @ self.mean
         gain = np.linalg.solve(known, rows @ self.covariance).T
-        if news @ np.linalg.solve(known, news) <= UNLIKELY * len(news):
+        if news @ np.linalg.solve(known, news) <= MAX_STRETCH_MISFIT * len(news):
             self.mean = self.mean + gain @ news
             self.covariance = self.covariance - gain @ (known - covariance) @ gain.T
 
@@ -138,7 +140,7 @@ class Smoothed(NamedTuple):
     unsure: SurfaceMap
 
 
-def smoothed(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask) -> Smoothed:
+def smooth(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask) -> Smoothed:
     """What windows say of the parameters, the ball's state when they are over, and the friction.
 
     Unknown are the parameters of ``BALL``, the ball's state where a window begins, the forces that
@@ -152,32 +154,34 @@ def smoothed(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask)
         screen: Learns from one window after the other.
         whole: From which it may, shape (W,).
     """
-    problem, theta, count = belief.problem(windows), belief.theta, len(BALL)
-    starts = fit_starts(problem, theta, problem.initial_starts(), STEPS)
+    problem, theta, count = belief.problem(windows), belief.theta, len(BALL_PARAMETERS)
+    starts = fit_starts(problem, theta, problem.initial_starts(), MAX_START_STEPS)
     line = problem.linearise(theta, starts)
     end, slopes, places, speeds = _end_state(problem, theta, starts)
     pushes, slowed = forces(belief, speeds), braking(belief, speeds)
     unknown, onto = unknown_motion(windows, belief.values["delay"]), state_moved(windows)
-    moved = [turned(unknown, each) for each in (pushes, slowed)]
+    moved = [to_acceleration_columns(unknown, each) for each in (pushes, slowed)]
     J = np.concatenate((line.by_parameter[0, ..., :count], line.by_start[0], *moved), axis=-1)  # noqa: N806
     # covariance of the unknowns before anything is seen; what an uneven screen makes of
     # the parameters is left out, as the friction and the forces are unknowns of their own
-    watched = [PARAMETERS.index(name) for name in BALL]
+    watched = [WATCHED_PARAMETERS.index(name) for name in BALL_PARAMETERS]
     variance = (belief.constant**2 + belief.changing[0] ** 2 - belief.uneven**2)[watched]
     others, all_of = J.shape[-1] - slowed.shape[1], J.shape[-1]
     prior = np.eye(all_of)
     np.fill_diagonal(prior[: count + 4, : count + 4], [*variance, *1 / np.diag(START_PRIOR)])
     keep = np.broadcast_to(np.eye(count, all_of), (len(J), count, all_of))
-    state = np.concatenate((slopes, *(turned(onto, each) for each in (pushes, slowed))), axis=-1)
+    state = np.concatenate(
+        (slopes, *(to_acceleration_columns(onto, each) for each in (pushes, slowed))), axis=-1
+    )
     onto = np.concatenate((keep, state), axis=1)
     found = []
     for w, start in enumerate(windows.begin):
-        rows = stretches(screen.shares(places[:-1:THINNED, :, w]), THINNED)
+        rows = stretches(screen.shares(places[:-1:MAP_QUERY_STEPS, :, w]), MAP_QUERY_STEPS)
         prior[others:, others:] = screen.known(rows)
         expected = np.concatenate((np.zeros(others), rows @ screen.mean))
         score = -J[w].T @ line.r[0, w]
         mean, covariance = posterior(J[w].T @ J[w], score, prior, expected)
-        if whole[w] and start > screen.until + ANEW - 1e-6:
+        if whole[w] and start > screen.until + MAP_LEARNING_INTERVAL_S - 1e-6:
             screen.learn(rows, mean[others:], covariance[others:, others:], float(start))
         spread = onto[w] @ covariance @ onto[w].T
         variances = np.maximum(np.diag(screen.covariance), 0.0) + screen.left**2
@@ -192,7 +196,7 @@ def smoothed(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask)
 
 def stretches(values: Array, every: int = 1) -> Array:
     """Means over each ``STRETCH`` of values at one in so many steps, shape (N, ...)."""
-    edges = np.arange(0, len(values), round(STRETCH / STEP) // every)
+    edges = np.arange(0, len(values), round(FORCE_STRETCH_S / REPLAY_STEP_S) // every)
     count = np.diff(edges, append=len(values))
     means = np.add.reduceat(values, edges, axis=0)
     return np.asarray(means / count.reshape(-1, *[1] * (values.ndim - 1)))
@@ -201,7 +205,7 @@ def stretches(values: Array, every: int = 1) -> Array:
 def forces(belief: Belief, velocity: Array) -> Array:
     """What turns unit accelerations of every ``STRETCH`` into the unknown ones, (W, S, 2, 2)."""
     many = velocity.shape[2], len(stretches(velocity[:-1])), 2, 2
-    return np.broadcast_to(np.hypot(belief.sloped, UNKNOWN) * np.eye(2), many)
+    return np.broadcast_to(np.hypot(belief.sloped, UNKNOWN_ACCELERATION_STD) * np.eye(2), many)
 
 
 def braking(belief: Belief, velocity: Array) -> Array:
@@ -214,14 +218,14 @@ def braking(belief: Belief, velocity: Array) -> Array:
         velocity: Of the balls in m/s at every ``STEP``, shape (N, 2, W).
     """
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
-    heading = velocity / np.where(speed > ROLL, speed, np.inf)[:, None]
+    heading = velocity / np.where(speed > ROLL_SPEED_M_S, speed, np.inf)[:, None]
     size = belief.model.k1 * belief.values["rolling"] / belief.model.radius
     return np.asarray(-size * np.moveaxis(stretches(heading[:-1]), 2, 0)[..., None])
 
 
 def state_moved(windows: Windows) -> Array:
     """What the same accelerations add to x, y, x' and y' at the end of ``LEAD``, (4, 2 S)."""
-    since = np.maximum(LEAD - edges_of(windows), 0.0)
+    since = np.maximum(LEAD_S - edges_of(windows), 0.0)
     moved, hurried = -np.diff(since**2) / 2, -np.diff(since)
     return np.concatenate([np.kron(each, np.eye(2)) for each in (moved, hurried)])
 
@@ -233,13 +237,13 @@ def unforeseen(forces: Array, ahead: float) -> Array:
         forces: As ``forces`` or ``braking`` gives them, shape (W, S, 2, R).
         ahead: Seconds from the begin of the first.
     """
-    edges = STRETCH * np.arange(forces.shape[1] + 1)
+    edges = FORCE_STRETCH_S * np.arange(forces.shape[1] + 1)
     moved = -np.diff(np.maximum(ahead - edges, 0.0) ** 2) / 2
     by = moved[:, None, None] * forces
     return np.asarray(np.einsum("wsij,wskj->wik", by, by))
 
 
-def turned(columns: Array, forces: Array) -> Array:
+def to_acceleration_columns(columns: Array, forces: Array) -> Array:
     """Columns for unit accelerations as those for the unknown ones, shape (W, M, R S).
 
     Args:
@@ -257,7 +261,7 @@ def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Ar
     Slopes by the parameters of ``BALL`` and the start, by finite differences; places in m and
     velocities in m/s at every step, shape (N, 2, W).
     """
-    steps = [BOUNDS[name].difference for name in BALL]
+    steps = [BOUNDS[name].difference for name in BALL_PARAMETERS]
     size = np.array([*steps, *START_DIFFERENCES])
     thetas = np.repeat(theta, 1 + len(size), axis=0)
     begun = np.repeat(starts, 1 + len(size), axis=1)
@@ -266,18 +270,18 @@ def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Ar
     for k, step in enumerate(START_DIFFERENCES):
         begun[k, 1 + len(steps) + k] += step
     places, speeds = problem.replayed(thetas, begun)
-    at = round(LEAD / STEP)
+    at = round(LEAD_S / REPLAY_STEP_S)
     states = np.concatenate((places[at], speeds[at]))
     size = np.where(size > 0, size, 1.0)
     slopes = np.moveaxis((states[:, 1:] - states[:, :1]) / size[:, None], 2, 0)
     return states[:, 0], slopes, places[:, :, 0], speeds[:, :, 0]
 
 
-KAPPA = 1.0
+SIGMA_POINT_WEIGHT = 1.0
 """Weight of the middle sigma point."""
 
 
-def _replayed(
+def _replay(
     before: Smoothed, windows: Windows, belief: Belief, period: float
 ) -> tuple[Array, Array, Array]:
     """How far the balls are from where their twins are in the end, and how the twins went.
@@ -297,19 +301,19 @@ def _replayed(
     uneven = belief.scenario.plant.surface.spread_percent > 0
     places, speeds = whole.replayed(*points, before.friction if uneven else None)
     ball, _ = windows.at_samples(places, speeds, whole.values(points[0])["delay"])
-    at = windows.time - (LOOKBACK + AHEAD)
+    at = windows.time - (LOOKBACK_S + HORIZON_S)
     # a screen of slow frames has not one in every bin; the twin is asked for the sample's time
     away = np.where(windows.weight[..., 0] > 0, np.abs(at), np.inf)
     rows, sample = np.arange(len(windows)), np.argmin(away, axis=1)
-    near = away[rows, sample] <= max(BIN, period) / 2 + 1e-6
+    near = away[rows, sample] <= max(SAMPLE_BIN_S, period) / 2 + 1e-6
     drawn = ball[:, rows, sample]
     middle = np.einsum("c,cwi->wi", weights, drawn)
     off = drawn - middle
     noise = 1 / np.maximum(windows.weight[rows, sample], 1e-12) ** 2
     spread = np.einsum("c,cwi,cwj->wij", weights, off, off) + noise[..., None] * np.eye(2)
     # the smoothed state is that at the begin of the windows, LOOKBACK before the start
-    first, gone = round(LOOKBACK / STEP), LOOKBACK + AHEAD
-    steps = round(gone / STEP) + 1
+    first, gone = round(LOOKBACK_S / REPLAY_STEP_S), LOOKBACK_S + HORIZON_S
+    steps = round(gone / REPLAY_STEP_S) + 1
     way, going = (np.einsum("c,nicw->niw", weights, each[:steps]) for each in (places, speeds))
     unsure = stretches(before.unsure(np.moveaxis(way[:-1], 1, -1))[0]).T
     braked = np.sqrt(unsure)[..., None, None] * braking(belief, going)
@@ -325,21 +329,21 @@ def _sigma_points(before: Smoothed, belief: Belief) -> tuple[tuple[Array, Array]
     """
     mean, covariance, end, *_ = before
     windows, count = mean.shape
-    side = np.sqrt(count + KAPPA) * np.swapaxes(np.linalg.cholesky(covariance), -1, -2)
+    side = np.sqrt(count + SIGMA_POINT_WEIGHT) * np.swapaxes(np.linalg.cholesky(covariance), -1, -2)
     sides = np.moveaxis(np.stack((side, -side)), 2, 1)
     moved = mean + np.concatenate((np.zeros((1, windows, count)), *sides))
     every = np.tile(belief.theta[:, None], (len(moved), windows, 1))
-    for k, name in enumerate(BALL):
+    for k, name in enumerate(BALL_PARAMETERS):
         every[..., k] = np.maximum(every[..., k] + moved[..., k], BOUNDS[name].least)
-    begun = end[:, None] + np.moveaxis(moved[..., len(BALL) :], -1, 0)
-    weights = np.full(len(moved), 1 / (2 * (count + KAPPA)))
-    weights[0] = KAPPA / (count + KAPPA)
+    begun = end[:, None] + np.moveaxis(moved[..., len(BALL_PARAMETERS) :], -1, 0)
+    weights = np.full(len(moved), 1 / (2 * (count + SIGMA_POINT_WEIGHT)))
+    weights[0] = SIGMA_POINT_WEIGHT / (count + SIGMA_POINT_WEIGHT)
     return (every, begun), weights
 
 
-MEDIAN, BAND = 2 * np.log(2.0), 5.991
+CHI_SQUARE_MEDIAN, CHI_SQUARE_95 = 2 * np.log(2.0), 5.991
 """Median and 95 % quantile of a chi-square of two degrees of freedom."""
-DRAWN = 5
+PATH_STEPS = 5
 """Steps of a replay from one point of its path that is kept to the next."""
 
 
@@ -378,7 +382,7 @@ class Replays(NamedTuple):
     @property
     def score(self) -> Array:
         """Error over predicted spread, scaled so that half of all are below 1, shape (W,)."""
-        return np.asarray(np.sqrt(self.square / MEDIAN))
+        return np.asarray(np.sqrt(self.square / CHI_SQUARE_MEDIAN))
 
     @property
     def distance(self) -> Array:
@@ -388,7 +392,7 @@ class Replays(NamedTuple):
     @property
     def band(self) -> Array:
         """How far the 95 % ellipse reaches in the direction of the error, m, shape (W,)."""
-        return np.asarray(self.distance * np.sqrt(BAND / np.maximum(self.square, 1e-12)))
+        return np.asarray(self.distance * np.sqrt(CHI_SQUARE_95 / np.maximum(self.square, 1e-12)))
 
     @property
     def counted(self) -> Mask:
@@ -400,7 +404,7 @@ def replays(
     log: PreparedLog,
     belief: Belief,
     gaps: Array,
-    every: float = AHEAD,
+    every: float = HORIZON_S,
     since: float = -np.inf,
     until: float = np.inf,
     screen: FrictionMap | None = None,
@@ -421,34 +425,38 @@ def replays(
     def spans(later: float, length: float) -> Callable[[Segment, float, float, float], Spans]:
         def chosen(segment: Segment, begin: float, end: float, longest: float) -> Spans:
             del segment, longest
-            last = min(end, until) - (LEAD + AHEAD + BIN)
-            begins = np.arange(max(begin, since - LEAD), last, every) + later
+            last = min(end, until) - (LEAD_S + HORIZON_S + SAMPLE_BIN_S)
+            begins = np.arange(max(begin, since - LEAD_S), last, every) + later
             return Spans(begins, np.full(len(begins), length), np.zeros(len(begins), bool))
 
         return chosen
 
-    before = cut(log, belief.lag, LEAD, spans(0.0, LEAD))
-    after = cut(log, belief.lag, AHEAD + BIN, spans(LEAD, AHEAD + BIN))
+    before = cut(log, belief.lag, LEAD_S, spans(0.0, LEAD_S))
+    after = cut(log, belief.lag, HORIZON_S + SAMPLE_BIN_S, spans(LEAD_S, HORIZON_S + SAMPLE_BIN_S))
     if before is None or after is None:
         return None
-    start = after.begin + LOOKBACK
-    whole = clear(before.begin, before.begin + LOOKBACK + LEAD, gaps)
+    start = after.begin + LOOKBACK_S
+    whole = clear(before.begin, before.begin + LOOKBACK_S + LEAD_S, gaps)
     parts = []
     for part in portions(len(start)):
-        found = smoothed(before.take(part), belief, screen, whole[part])
-        parts.append(_replayed(found, after.take(part), belief, log.sample_period))
+        found = smooth(before.take(part), belief, screen, whole[part])
+        parts.append(_replay(found, after.take(part), belief, log.sample_period))
     error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))
-    told = _moving(log, start) & clear(start - LEAD - LOOKBACK, start + AHEAD, gaps)
-    return Replays(start, error, spread, told, path[:, ::DRAWN])
+    told = _moving(log, start) & clear(start - LEAD_S - LOOKBACK_S, start + HORIZON_S, gaps)
+    return Replays(start, error, spread, told, path[:, ::PATH_STEPS])
 
 
 def _moving(log: PreparedLog, start: Array) -> Mask:
     """Whether the ball rolls at all from each start to its horizon."""
     told = np.zeros(len(start), bool)
     for segment in log.segments:
-        fast = np.concatenate(([0], np.cumsum(speed(segment.time, segment.even_ball) > ROLL)))
+        fast = np.concatenate(
+            ([0], np.cumsum(speed(segment.time, segment.even_ball) > ROLL_SPEED_M_S))
+        )
         inside = (start >= segment.time[0]) & (start <= segment.time[-1])
         first = np.searchsorted(segment.time, start[inside])
-        last = np.searchsorted(segment.time, np.minimum(start[inside] + AHEAD, segment.time[-1]))
+        last = np.searchsorted(
+            segment.time, np.minimum(start[inside] + HORIZON_S, segment.time[-1])
+        )
         told[inside] = fast[last] > fast[first]
     return told

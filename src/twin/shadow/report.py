@@ -18,18 +18,18 @@ from twin.base.page import Block, Picture, Text, Verdict, html
 from twin.base.writing import write_json, write_whole
 from twin.identify.logs import read, read_any, wanted_columns
 from twin.identify.prepare import check_ranges
-from twin.identify.windows import STEP
+from twin.identify.windows import REPLAY_STEP_S
 from twin.run.assemble import drawn_mechanism
 from twin.run.files import run_name
-from twin.run.picture import COLOURS, drawn
+from twin.run.picture import RUN_COLOURS, styled_figure
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import LATE_SUSPECTED, LATE_THRESHOLD, THRESHOLD, Alarm, resolution
-from twin.shadow.belief import CAUSES, TABLES, Belief, believed, beside, check_commands
-from twin.shadow.follow import LEARNING, MARGIN, SETTLING, LiveFollower, Shadow, shadow
-from twin.shadow.horizon import AHEAD, DRAWN, Replays
+from twin.shadow.alarms import ALARM_LLR, LATE_SUSPECTED, LATE_THRESHOLD, Alarm, resolution
+from twin.shadow.belief import BELIEF_TABLES, CAUSE_SIZES, Belief, belief_of, beside, check_commands
+from twin.shadow.follow import DIAGNOSIS_S, LEARNING_S, PENDING_S, LiveFollower, Shadow, shadow
+from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
 from twin.view.live_process import Address, SharedRingBuffer, step_back
 from twin.view.recording import fix, new_stream, send
-from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, Scene, in_view, line, told
+from twin.view.streams import BLACK, GREY, PINK, VERMILION, Batch, Scene, event_texts, in_view, line
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
 """Is given new replays, and times and texts of what happened."""
@@ -43,7 +43,7 @@ class Shown(NamedTuple):
     name: str
 
 
-GHOST = (204, 121, 167, 150)
+TWIN_COLOUR = (204, 121, 167, 150)
 """Colour of the twin's ball, half transparent."""
 
 
@@ -66,11 +66,11 @@ class TwinStream:
         solid = rr.components.FillMode.Solid
         yield (
             f"{self._ball}/ball",
-            rr.Ellipsoids3D(half_sizes=[3 * [radius]], colors=[GHOST], fill_mode=solid),
+            rr.Ellipsoids3D(half_sizes=[3 * [radius]], colors=[TWIN_COLOUR], fill_mode=solid),
         )
         yield (
             f"{self.root}/plate_mm/twin",
-            rr.Points2D.from_fields(colors=[GHOST], radii=[9.0]),
+            rr.Points2D.from_fields(colors=[TWIN_COLOUR], radii=[9.0]),
         )
         for entity, colour, called in (
             ("twin_score/score", VERMILION, "score"),
@@ -89,7 +89,7 @@ class TwinStream:
             events: Time in s and text of what happened.
         """
         if said is not None and len(said.time):
-            run, end = said.take(said.counted), said.time[said.counted] + AHEAD
+            run, end = said.take(said.counted), said.time[said.counted] + HORIZON_S
             for entity, values in (
                 ("twin_score/score", run.score),
                 ("twin_score/as_predicted", np.ones(len(end))),
@@ -97,7 +97,7 @@ class TwinStream:
                 ("twin_error_mm/band", 1000 * run.band),
             ):
                 yield Batch(f"{self.root}/{entity}", end, rr.Scalars.columns(scalars=values))
-            steps = DRAWN * STEP * np.arange(said.path.shape[1])
+            steps = PATH_STEPS * REPLAY_STEP_S * np.arange(said.path.shape[1])
             time = (said.time[:, None] + steps).ravel()
             ball = said.path.reshape(-1, 2)
             high = np.full(len(ball), self._scene.surface + self._scene.radius)
@@ -105,7 +105,7 @@ class TwinStream:
             yield Batch(self._ball, time, place)
             above = rr.Points2D.columns(positions=in_view(ball))
             yield Batch(f"{self.root}/plate_mm/twin", time, above)
-        yield from told(self.root, events, "WARN")
+        yield from event_texts(self.root, events, "WARN")
 
 
 def drawing(scenario: Scenario, shown: Shown) -> Tell:
@@ -122,20 +122,20 @@ def drawing(scenario: Scenario, shown: Shown) -> Tell:
     return tell
 
 
-ALARM = COLOURS[1]
+ALARM_COLOUR = RUN_COLOURS[1]
 
 
 def picture(found: Shadow) -> Figure:
     """Score, error with the 95 % band, and the statistic, over time."""
-    with drawn(12, 7) as figure:
+    with styled_figure(12, 7) as figure:
         panels = figure.subplots(3, 1, sharex=True)
         for panel, draw in zip(panels, (_score, _error, _test), strict=True):
             draw(panel, found)
             for begin, end in found.gaps:
                 panel.axvspan(begin, end, color="0.8", lw=0)
             for alarm in found.alarms:
-                panel.axvline(alarm.time, color=ALARM, lw=1.2)
-                panel.axvline(alarm.since, color=ALARM, lw=1, ls=":")
+                panel.axvline(alarm.time, color=ALARM_COLOUR, lw=1.2)
+                panel.axvline(alarm.since, color=ALARM_COLOUR, lw=1, ls=":")
         panels[2].set_xlabel("time [s]")
     return figure
 
@@ -147,8 +147,8 @@ def _score(panel: Axes, found: Shadow) -> None:
     if run is None:
         return
     told, silent = run.counted, ~run.counted
-    end = run.time + AHEAD
-    panel.semilogy(end[told], np.maximum(run.score[told], 0.02), ".", color=COLOURS[0])
+    end = run.time + HORIZON_S
+    panel.semilogy(end[told], np.maximum(run.score[told], 0.02), ".", color=RUN_COLOURS[0])
     if silent.any():
         label = "cannot tell: the ball rests, or was not seen"
         panel.plot(end[silent], np.full(silent.sum(), 0.02), "x", color="0.6", ms=4, label=label)
@@ -156,27 +156,27 @@ def _score(panel: Axes, found: Shadow) -> None:
 
 
 def _error(panel: Axes, found: Shadow) -> None:
-    title = f"Measured ball and replay apart after {AHEAD:g} s; bars: the predicted 95 % band"
+    title = f"Measured ball and replay apart after {HORIZON_S:g} s; bars: the predicted 95 % band"
     panel.set(ylabel="error [mm]")
     panel.set_title(title, fontsize=9)
     run = found.replays
     if run is None or not run.counted.any():
         return
     end, error, band = (
-        each[run.counted] for each in (run.time + AHEAD, 1000 * run.distance, 1000 * run.band)
+        each[run.counted] for each in (run.time + HORIZON_S, 1000 * run.distance, 1000 * run.band)
     )
-    panel.bar(end, band, 0.8 * AHEAD, color=COLOURS[5], alpha=0.35)
-    panel.plot(end, error, ".", color=COLOURS[0])
+    panel.bar(end, band, 0.8 * HORIZON_S, color=RUN_COLOURS[5], alpha=0.35)
+    panel.plot(end, error, ".", color=RUN_COLOURS[0])
     panel.set_ylim(0, max(3.0, *(1.2 * np.percentile(error, 95), 1.2 * np.percentile(band, 80))))
 
 
 def _test(panel: Axes, found: Shadow) -> None:
     time, tests = found.tests.soft.end, found.tests
     every, late = np.maximum(tests.ratio, 0.1), np.maximum(tests.delayed, 0.1)
-    panel.semilogy(time, every, color=COLOURS[0], lw=1.2, label="all causes")
-    panel.semilogy(time, late, color=COLOURS[1], lw=1, label="dead time alone")
-    for threshold in (THRESHOLD, LATE_THRESHOLD):
-        panel.axhline(threshold, color=ALARM, lw=1, ls="--")
+    panel.semilogy(time, every, color=RUN_COLOURS[0], lw=1.2, label="all causes")
+    panel.semilogy(time, late, color=RUN_COLOURS[1], lw=1, label="dead time alone")
+    for threshold in (ALARM_LLR, LATE_THRESHOLD):
+        panel.axhline(threshold, color=ALARM_COLOUR, lw=1, ls="--")
     panel.legend(fontsize=7, loc="upper left")
     panel.set(ylabel="log likelihood ratio", title="A change against none; dashed: alarm")
 
@@ -207,7 +207,7 @@ def sentences(found: Shadow) -> list[str]:
     score, inside, error = found.score_median, found.inside_band, found.error_1s
     if found.replays is not None and score is not None:
         words.append(
-            f"A replay of {AHEAD:g} s strays {score:.2f} times as far as the twin "
+            f"A replay of {HORIZON_S:g} s strays {score:.2f} times as far as the twin "
             f"predicts of itself (median), and {inside:.0f} % of them end in their 95 % band."
         )
     if error is not None:
@@ -253,7 +253,7 @@ RESOLVED = {
 
 def _size(cause: str, value: float, belief: Belief) -> str:
     """The size of a change of one parameter in words."""
-    about = TABLES["parameters"][next(iter(CAUSES[cause]))]
+    about = BELIEF_TABLES["parameters"][next(iter(CAUSE_SIZES[cause]))]
     unit = belief.values["rolling"] if cause == "rolling friction" else 1.0
     words = {"dead time": "{:.1f} ms", "servo lag": "{:.1f} ms", "level": "{:.3f} deg"}
     return words.get(cause, "{:.0f} %").format(about["factor"] * value / unit)
@@ -270,7 +270,7 @@ def page(found: Shadow) -> str:
             "commands, the plate as its encoders correct it. Grey crosses: the ball rested, "
             "nothing can be told. Vertical lines: an alarm, and (dotted) when it most likely "
             "began. An alarm is raised where the logarithm of the likelihood ratio passes "
-            f"{THRESHOLD:g}; that of another dead time has a test of its own and "
+            f"{ALARM_LLR:g}; that of another dead time has a test of its own and "
             f"{LATE_THRESHOLD:.3g}. All causes count as equally likely beforehand; those below 5 % "
             "are not named.",
         ),
@@ -280,7 +280,7 @@ def page(found: Shadow) -> str:
     return html(f"The twin beside {found.source}", blocks)
 
 
-FILES = "shadow.html, shadow.json"
+WRITTEN_FILES = "shadow.html, shadow.json"
 """What is written."""
 
 
@@ -326,7 +326,7 @@ def examine(
         recorded = replace(read(log), source=run_name(log))
         check_ranges(recorded)
         check_commands(recorded)
-        belief = believed(recorded, overrides)
+        belief = belief_of(recorded, overrides)
     identified = any(text.partition("=")[0].strip() == "parameters" for text in overrides)
     learning = learning or identified or columns is not None
     found = shadow(recorded, belief, learning=learning)
@@ -334,9 +334,9 @@ def examine(
     return found
 
 
-EVERY = 0.2
+POLL_INTERVAL_S = 0.2
 """Seconds between two looks for new rows."""
-MOST = 1000
+MAX_ROWS_AT_ONCE = 1000
 """Rows taken at a time, so that one sees a twin that is behind a fast run go on."""
 SCORE_EVERY = 10.0
 """Seconds of the run between two lines with its score."""
@@ -355,10 +355,10 @@ def work(buffer: Address, scenario: Scenario, shown: Shown | None, learning: boo
     tell: Tell = (lambda _, __: None) if shown is None else drawing(scenario, shown)
     follower = LiveFollower(scenario, "the run", learning=learning)
     if learning:
-        _print(f"twin: learns for {LEARNING:g} s before it judges")
+        _print(f"twin: learns for {LEARNING_S:g} s before it judges")
     commentary = Commentary(follower, _print)
     with closing(SharedRingBuffer(*buffer)) as ring:
-        for block in ring.blocks(EVERY, MOST):
+        for block in ring.blocks(POLL_INTERVAL_S, MAX_ROWS_AT_ONCE):
             if block:
                 commentary.take(block, tell)
         commentary.end(tell, ring.dropped)
@@ -409,7 +409,9 @@ class Commentary:
             self._line(f"twin: {said.taught}")
         events = []
         for alarm in said.alarms[self._alarms :]:
-            left = "" if alarm.causes else f"; causes at {alarm.time + SETTLING + MARGIN:.0f} s"
+            left = (
+                "" if alarm.causes else f"; causes at {alarm.time + DIAGNOSIS_S + PENDING_S:.0f} s"
+            )
             events.append(
                 (alarm.time, f"alarm at {alarm.time:.1f} s: reality has left the model{left}")
             )
@@ -430,7 +432,7 @@ class Commentary:
         run = self._follower.said.replays
         if run is None or not len(run.time):
             return
-        end = run.time + AHEAD
+        end = run.time + HORIZON_S
         if end[-1] - self._scored < max(every, 1e-9):
             return
         of_late = run.take(end > self._scored)

@@ -19,17 +19,17 @@ from twin.hal.cams import CamTable, model_hash
 from twin.sim.plant.interface import Parts
 from twin.sim.plant.mechanism import Mechanism, free_dimension
 from twin.sim.plant.model import load_model, motor_ratio
-from twin.sim.sensors import COUNTS
+from twin.sim.sensors import ENCODER_COUNTS_PER_TURN
 
 _BALL_OFF = (0.6, 0.0, 0.0, 0.0)
 """Start of the ball in a calibration: beside the screen, so that it falls off the rig."""
 
 
-LINES, GRID_LINES = 13, 21
+TABLE_POINTS, GRID_LINES = 13, 21
 """Motor angles per axis in the sweep, and plate angles per axis in the table."""
 PLATE_RANGE, MOTOR_RANGE = math.radians(10), math.radians(57)
 """The table and the sweep reach from minus to plus these angles, rad."""
-DEGREE = 8
+POLYNOMIAL_DEGREE = 8
 """Degree of the fitted polynomial, both plate angles together."""
 
 
@@ -44,21 +44,21 @@ def sweep_cams() -> CamTable:
     """
     path = model_path()
     # closer together towards the ends, where a fit is weakest
-    line = MOTOR_RANGE * np.sin(np.linspace(-1.4, 1.4, LINES)) / math.sin(1.4)
+    line = MOTOR_RANGE * np.sin(np.linspace(-1.4, 1.4, TABLE_POINTS)) / math.sin(1.4)
     target = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     plant = Mechanism(rigs=len(target))
     plant.start(np.broadcast_to(_BALL_OFF, (plant.rigs, 4)))
     _move_and_settle(plant, target)
-    width = 2 * math.pi / COUNTS
+    width = 2 * math.pi / ENCODER_COUNTS_PER_TURN
     plate = np.round(plant.state[:, [2, 6]] / width) * width
     free = np.all(np.abs(plate) < PLATE_RANGE - width, axis=1)
-    if free.sum() < (DEGREE + 1) ** 2:
+    if free.sum() < (POLYNOMIAL_DEGREE + 1) ** 2:
         raise ModelError(f"model {path}: only {free.sum()} of {plant.rigs} poses are off the stops")
-    basis = _basis(plate[free] / PLATE_RANGE, DEGREE)
+    basis = _basis(plate[free] / PLATE_RANGE, POLYNOMIAL_DEGREE)
     coefficients, *_ = np.linalg.lstsq(basis, plant.motor[free], rcond=None)
     grid = np.linspace(-PLATE_RANGE, PLATE_RANGE, GRID_LINES)
     lines_both = np.stack(np.meshgrid(grid, grid, indexing="ij"), axis=-1)
-    angles = _basis(lines_both / PLATE_RANGE, DEGREE) @ coefficients
+    angles = _basis(lines_both / PLATE_RANGE, POLYNOMIAL_DEGREE) @ coefficients
     return CamTable(
         grid,
         angles,
@@ -71,8 +71,8 @@ def sweep_cams() -> CamTable:
             "plate_range_deg": round(math.degrees(PLATE_RANGE), 6),
             "motor_range_deg": round(math.degrees(MOTOR_RANGE), 6),
             "poses": int(free.sum()),
-            "plate_encoder_counts": COUNTS,
-            "fit": f"polynomial of degree {DEGREE} in both plate angles",
+            "plate_encoder_counts": ENCODER_COUNTS_PER_TURN,
+            "fit": f"polynomial of degree {POLYNOMIAL_DEGREE} in both plate angles",
             "load": "weight of the plate and pull of the spring included",
         },
     )
@@ -99,15 +99,15 @@ def _move_and_settle(plant: Mechanism, target: Array) -> None:
     plant.advance(np.zeros_like(target), ticks * steps)
 
 
-STATES = (
-    *ballplate.STATES,
+MECHANISM_STATES = (
+    *ballplate.STATE_NAMES,
     *("motor_phi", "motor_phi_rate", "motor_theta", "motor_theta_rate"),
     *("servo_phi", "servo_theta", "ball_turn_x", "ball_turn_y"),
 )
 """Ball and plate as in (5.5); motor angles and rates; the servos' set points in rad; the rates at
 which the ball turns about the axes x and y in rad/s, which follow its speed within some 20 ms."""
 
-PERTURBATION = 1e-7
+DIFFERENCE_STEP = 1e-7
 LEAST_LEAK = 1e-6
 
 
@@ -155,9 +155,9 @@ def linear_mechanism(parts: Parts | None = None, step: float | None = None) -> L
     size = 2 * model.nv + model.na
     A, B = np.zeros((size, size)), np.zeros((size, model.nu))
     C = np.zeros((model.nsensordata, size))
-    mujoco.mjd_transitionFD(model, data, PERTURBATION, True, A, B, C, None)
-    T = np.concatenate((_kept(model, C), _dropped(model)))
-    n = len(STATES)
+    mujoco.mjd_transitionFD(model, data, DIFFERENCE_STEP, True, A, B, C, None)
+    T = np.concatenate((_kept_states(model, C), _dropped_states(model)))
+    n = len(MECHANISM_STATES)
     A = T @ A @ np.linalg.inv(T)
     if np.abs(A[:n, n:]).max() > LEAST_LEAK:
         raise ModelError(
@@ -169,7 +169,7 @@ def linear_mechanism(parts: Parts | None = None, step: float | None = None) -> L
     return LinearMechanism(A[:n, :n], B, float(model.opt.timestep), motor_ratio(model))
 
 
-def _kept(model: mujoco.MjModel, C: Array) -> Array:
+def _kept_states(model: mujoco.MjModel, C: Array) -> Array:
     """``STATES`` of small deviations of the engine's state, shape (16, size).
 
     Args:
@@ -196,7 +196,7 @@ def _kept(model: mujoco.MjModel, C: Array) -> Array:
     )
 
 
-def _dropped(model: mujoco.MjModel) -> Array:
+def _dropped_states(model: mujoco.MjModel) -> Array:
     """The other states: height and its rate, three angles of attitude, and spin, (6, size)."""
     ball = model.joint("ball").dofadr[0]
     height, attitude = ball + 2, [ball + 3, ball + 4, ball + 5]

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, column, constant, put, some
 from twin.base.settings import Unit, jump, ramp, setting
-from twin.hal.interface import SCREEN, Touch
+from twin.hal.interface import SCREEN_SIZE_M, Touch
 
 Rigs = NDArray[np.integer]
 """Numbers of some rigs of a batch, shape (k,)."""
@@ -114,7 +114,7 @@ def periods(time: Array, period: float) -> tuple[NDArray[np.integer], Array]:
     return whole, share
 
 
-COUNTS = 245760
+ENCODER_COUNTS_PER_TURN = 245760
 """Of a plate encoder per turn."""
 
 
@@ -130,7 +130,7 @@ class EncoderModel:
         variance: Noise variance of phi and theta in rad^2; Table B.1.
     """
 
-    counts: Number = setting("sensors.encoders.counts", COUNTS, ge=0)
+    counts: Number = setting("sensors.encoders.counts", ENCODER_COUNTS_PER_TURN, ge=0)
     variance: tuple[float, float] | Array = ramp(
         "sensors.encoders.variance", (1.5433e-10, 1.1580e-10), otherwise=(0.0, 0.0), ge=0
     )
@@ -194,7 +194,7 @@ class TouchModel:
         rotation: Angle in rad by which the screen is mounted turned about the plate's normal.
     """
 
-    size: tuple[float, float] | Array = setting("plant.size", SCREEN, ge=0.05, le=5)
+    size: tuple[float, float] | Array = setting("plant.size", SCREEN_SIZE_M, ge=0.05, le=5)
     dead_time: Number = ramp("sensors.touch.dead_time", 0.042, ge=0, le=1)
     spread: Number = setting("sensors.touch.dead_time_spread", 0.0, ge=0, le=0.1)
     jitter: Number = ramp("sensors.touch.jitter", 0.0, ge=0, le=0.1)

@@ -23,9 +23,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from twin.base.errors import RecordError, ScenarioError, TwinError, extra
-from twin.base.jobs import AHEAD, cores, handed_out, pool, results
+from twin.base.jobs import JOBS_PER_PROCESS, cores, handed_out, pool, results
 from twin.base.writing import write_whole
-from twin.run.files import METRICS
+from twin.run.files import MOTION_INDICATORS
 from twin.study.work import Job, Row, ScenarioRuns, StudyTask, carry_out
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 CONNECT_TIMEOUT = 5.0
 """Seconds within which a scheduler must accept a connection."""
-TIMEOUT = 30.0
+CLUSTER_TIMEOUT_S = 30.0
 """Seconds within which it must answer, and come back after it was lost."""
 
 
@@ -69,8 +69,10 @@ class Cluster(Executor):
         try:
             place = get_address_host_port(address, strict=True)
             socket.create_connection(place, CONNECT_TIMEOUT).close()
-            self._client = _with_timeout(TIMEOUT, lambda: Client(address, timeout=TIMEOUT))
-            threads = _with_timeout(TIMEOUT, self._client.nthreads)
+            self._client = _with_timeout(
+                CLUSTER_TIMEOUT_S, lambda: Client(address, timeout=CLUSTER_TIMEOUT_S)
+            )
+            threads = _with_timeout(CLUSTER_TIMEOUT_S, self._client.nthreads)
         except Exception as error:  # anything may listen there, and say anything
             raise ScenarioError(f"--scheduler {address}: no scheduler answers there") from error
         self.workers = max(1, sum(threads.values()))
@@ -116,7 +118,7 @@ class Cluster(Executor):
 
     def _lost(self) -> ScenarioError:
         return ScenarioError(
-            f"--scheduler {self._address}: lost, and not back within {TIMEOUT:g} s; "
+            f"--scheduler {self._address}: lost, and not back within {CLUSTER_TIMEOUT_S:g} s; "
             "the same command goes on from here"
         )
 
@@ -139,12 +141,12 @@ def _with_timeout(seconds: float, make: Callable[[], T]) -> T:
     return made.result(seconds)
 
 
-SCHEMA = pa.schema(
+ROW_SCHEMA = pa.schema(
     [
         ("key", pa.string()),
         ("outcome", pa.string()),
         ("reason", pa.string()),
-        *((name, pa.float64()) for name in METRICS),
+        *((name, pa.float64()) for name in MOTION_INDICATORS),
     ]
 )
 
@@ -174,7 +176,7 @@ class Store:
     def add(self, rows: Sequence[Row]) -> None:
         """Keep a chunk of finished runs."""
         name = hashlib.sha256("".join(row["key"] for row in rows).encode()).hexdigest()[:32]
-        table = pa.Table.from_pylist(list(rows), SCHEMA)
+        table = pa.Table.from_pylist(list(rows), ROW_SCHEMA)
         if self.folder is not None:
             write_whole(self.folder / f"{name}.parquet", lambda path: pq.write_table(table, path))
         self._chunks.append(table)
@@ -186,7 +188,7 @@ class Store:
 
     def rows(self, keys: Sequence[str]) -> pa.Table:
         """The runs with these keys, in their order; those that are not finished are left out."""
-        kept = pa.concat_tables([SCHEMA.empty_table(), *self._chunks])
+        kept = pa.concat_tables([ROW_SCHEMA.empty_table(), *self._chunks])
         places = pc.index_in(pa.array(keys, pa.string()), kept["key"].combine_chunks())
         return kept.take(places.drop_null())
 
@@ -197,7 +199,7 @@ def _read(path: Path) -> pa.Table:
     except (OSError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0]
         raise RecordError(f"{path}: not a readable chunk; delete it: {reason}") from error
-    if table.schema != SCHEMA or table["key"].null_count or table["outcome"].null_count:
+    if table.schema != ROW_SCHEMA or table["key"].null_count or table["outcome"].null_count:
         raise RecordError(
             f"{path}: of another version, or damaged; delete it, or take another --out"
         )
@@ -227,19 +229,19 @@ def executors(
         yield executor, count
 
 
-LARGE = 256
+MAX_BATCH_RUNS = 256
 """Most runs that share a batch and are kept together: what a kill may cost, on every processor."""
-TURNS = 8
+MIN_CHUNKS_PER_PROCESS = 8
 """So many chunks every processor has at least where they have more than ``CHUNK`` runs."""
-CHUNK = 64
+CHUNK_RUNS = 64
 """Runs from which on a larger batch is hardly faster."""
-WHOLE = 512
+MAX_UNKEPT_RUNS = 512
 """Most runs of a batch where a kill may cost all: of 12 s each they take 0.25 GB."""
-LEAST = 16
+MIN_BATCH_RUNS = 16
 """Fewest that are worth a batch of their own."""
-MOST = 256
+MAX_PENDING_CHUNKS = 256
 """Chunks that are under way on other machines even if few workers are known: more may join."""
-RETRIES = 3
+MAX_RETRIES = 3
 """So often a chunk is tried whose worker was lost."""
 
 Do = Callable[[Sequence[Job]], list[Row]]
@@ -261,7 +263,11 @@ def missing(
             left.setdefault(task.alike, {})[task.key] = task
     total = sum(map(len, left.values()))
     share = math.ceil(total / processes)
-    most = max(LEAST, min(share, WHOLE if whole else CHUNK), min(share // TURNS, LARGE))
+    most = max(
+        MIN_BATCH_RUNS,
+        min(share, MAX_UNKEPT_RUNS if whole else CHUNK_RUNS),
+        min(share // MIN_CHUNKS_PER_PROCESS, MAX_BATCH_RUNS),
+    )
     chunks = []
     for alike in left.values():
         # runs under one law side by side: they are calculated together
@@ -306,7 +312,9 @@ def carry(
         jobs = enumerate(map(work.jobs, chunks))
         found = (rows for _, rows in results(do, jobs, min(count, max(1, len(chunks)))))
     else:
-        found = _elsewhere(work, chunks, do, executor, max(AHEAD * count, MOST))
+        found = _elsewhere(
+            work, chunks, do, executor, max(JOBS_PER_PROCESS * count, MAX_PENDING_CHUNKS)
+        )
     try:
         for rows in found:
             store.add(rows)
@@ -330,7 +338,7 @@ def _elsewhere(
     work: ScenarioRuns, chunks: Sequence[list[StudyTask]], do: Do, executor: Executor, most: int
 ) -> Iterator[list[Row]]:
     left, why = list(chunks), ""
-    for _ in range(RETRIES):
+    for _ in range(MAX_RETRIES):
         lost = []
         for number, future in handed_out(executor, do, enumerate(map(work.jobs, left)), most):
             try:
@@ -345,7 +353,9 @@ def _elsewhere(
         if not lost:
             return
         left = lost
-    raise TwinError(f"{len(left)} chunks of runs were lost {RETRIES} times; the last one: {why}")
+    raise TwinError(
+        f"{len(left)} chunks of runs were lost {MAX_RETRIES} times; the last one: {why}"
+    )
 
 
 def evaluate(
@@ -362,9 +372,9 @@ def evaluate(
     Raises:
         TwinError: If a process is killed, or a chunk of runs is lost too often.
     """
-    return labelled(labels, carry(runs, store, **how)).to_pandas()
+    return label_rows(labels, carry(runs, store, **how)).to_pandas()
 
 
-def labelled(labels: Mapping[str, Any], rows: pa.Table) -> pa.Table:
+def label_rows(labels: Mapping[str, Any], rows: pa.Table) -> pa.Table:
     """Rows of runs behind their labels, without their keys."""
     return pa.table({**labels, **{name: rows[name] for name in rows.column_names if name != "key"}})

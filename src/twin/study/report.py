@@ -24,9 +24,9 @@ from twin.base import page
 from twin.base.data_file import read_toml
 from twin.base.page import Block, Picture, Table, Text, Verdict, digits, inline
 from twin.base.writing import write_whole
-from twin.run.picture import drawn, style
+from twin.run.picture import style, styled_figure
 from twin.run.tables import LABELS
-from twin.study.experiments import labelled
+from twin.study.experiments import label_rows
 from twin.study.schema import Point, Study
 from twin.study.work import Design, Work, sobol_designs
 
@@ -53,12 +53,12 @@ class SensitivityIndex:
     @property
     def negligible(self) -> bool:
         """Whether the whole interval is below ``NEGLIGIBLE``."""
-        return abs(self.value) + self.half < NEGLIGIBLE
+        return abs(self.value) + self.half < NEGLIGIBLE_INDEX
 
     @property
     def matters(self) -> bool:
         """Whether it is known to differ from zero, and is not negligible."""
-        return self.decided and abs(self.value) >= NEGLIGIBLE
+        return self.decided and abs(self.value) >= NEGLIGIBLE_INDEX
 
 
 @dataclass(frozen=True)
@@ -288,10 +288,10 @@ def _curve(study: Study, key: str, where: Point, at: Design, values: Array) -> C
     return Curve(key, where, tuple(steps), tuple(spreads), slope)
 
 
-WORDS = read_toml(Path(__file__).with_name("words.toml"))
+REPORT_WORDS = read_toml(Path(__file__).with_name("words.toml"))
 """What figures and indices are called."""
-FAILED = "#B00000"
-ENOUGH = 20
+FAILED_COLOUR = "#B00000"
+MIN_QUANTILE_RUNS = 20
 """Runs from which on there is a 5 % quantile, and a chance to fail worth a number."""
 
 
@@ -329,7 +329,7 @@ def where_label(study: Study, where: Point) -> str:
     )
 
 
-def ranked(study: Study, found: Sequence[Answer]) -> list[str]:
+def rank_parameters(study: Study, found: Sequence[Answer]) -> list[str]:
     """The parameters, the most influential first."""
     sizes = dict.fromkeys(study.parameters, 0.0)
     for answer in found:
@@ -339,9 +339,9 @@ def ranked(study: Study, found: Sequence[Answer]) -> list[str]:
 
 
 def _draw_indices(study: Study, found: Sequence[Answer]) -> Figure:
-    keys = ranked(study, found)
+    keys = rank_parameters(study, found)
     height = 0.8 / len(found)
-    with drawn(9, 1.3 + len(keys) * max(0.42, 0.17 * len(found))) as figure:
+    with styled_figure(9, 1.3 + len(keys) * max(0.42, 0.17 * len(found))) as figure:
         panel = figure.subplots()
         for k, answer in enumerate(found):
             for index in answer.indices:
@@ -350,7 +350,7 @@ def _draw_indices(study: Study, found: Sequence[Answer]) -> Figure:
             panel.barh(0, 0, color=style(k)["color"], label=answer.variant)
         panel.axvline(0, color="0.3", lw=0.8)
         panel.set(
-            xlabel=f"{WORDS['axis'][study.method]}; hollow: undecided",
+            xlabel=f"{REPORT_WORDS['axis'][study.method]}; hollow: undecided",
             title=f"What the {LABELS[study.metrics[0]][0]} depends on",
             yticks=range(len(keys)),
             yticklabels=keys,
@@ -375,7 +375,7 @@ def _bar(panel: Axes, index: SensitivityIndex, at: float, height: float, colour:
 
 def _draw_curves(study: Study, found: Sequence[Answer]) -> Figure:
     shown = found[0].curves
-    with drawn(max(6.5, 3.9 * len(shown)), 5.0) as figure:
+    with styled_figure(max(6.5, 3.9 * len(shown)), 5.0) as figure:
         panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
         for number, (panel, curve) in enumerate(zip(panels, shown, strict=True)):
             for k, answer in enumerate(found):
@@ -389,7 +389,7 @@ def _draw_curves(study: Study, found: Sequence[Answer]) -> Figure:
         least = min(0.0, *(float(np.nan_to_num(answer.values).min()) for answer in found))
         panels[0].set(ylabel=metric_label(study), ylim=(least, None))
         if any(s.failed for answer in found for curve in answer.curves for s in curve.spreads):
-            panels[0].plot([], [], "x", color=FAILED, label="some or all runs failed")
+            panels[0].plot([], [], "x", color=FAILED_COLOUR, label="some or all runs failed")
         if len(panels[0].get_legend_handles_labels()[0]) > 1:
             figure.legend(loc="outside lower center", ncols=3, fontsize=8)
         return figure
@@ -409,14 +409,14 @@ def _draw_curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
     # a point without finished runs has no median: it is shown on the axis
     if failed.any():
         foot = np.nan_to_num(middle[failed])
-        panel.plot(x[failed], foot, "x", color=FAILED, ms=8, clip_on=False, zorder=5)
+        panel.plot(x[failed], foot, "x", color=FAILED_COLOUR, ms=8, clip_on=False, zorder=5)
     if not numeric:
         panel.set_xticks(x, [str(value) for value in curve.values])
 
 
-NAMED = 5
+MAX_NAMED_VARIANTS = 5
 """Variants that a sentence ranks; of more, the table does."""
-NEGLIGIBLE = 0.01
+NEGLIGIBLE_INDEX = 0.01
 """Index below which a parameter is called negligible."""
 
 
@@ -431,7 +431,7 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
     best = [each for each in in_order(found) if not math.isnan(each.whole.median)]
     if len(found) > 1 and best:
         few = [f"{each.variant} {each.whole.median:.3g}" for each in best]
-        few = few if len(few) <= NAMED else [*few[:3], f"..., last {few[-1]}"]
+        few = few if len(few) <= MAX_NAMED_VARIANTS else [*few[:3], f"..., last {few[-1]}"]
         lost = any(each.whole.failed for each in found)
         how = "; a failed run is worse than any other" if lost else ""
         words.append(f"By the median of {metric}, best first{how}: {', '.join(few)}.")
@@ -452,7 +452,7 @@ def in_order(found: Sequence[Answer]) -> list[Answer]:
 
 
 def _importance(found: Sequence[Answer], metric: str) -> list[str]:
-    """Which parameters matter, and to which variants; of one variant, how much."""
+    """The parameters that matter, and to which variants; of one variant, how much."""
     one, names = len(found) == 1, dict[str, list[str]]()
     for answer in found:
         for index in sorted(answer.indices, key=lambda each: -abs(each.value)):
@@ -468,7 +468,7 @@ def _importance(found: Sequence[Answer], metric: str) -> list[str]:
     undecided = list(dict.fromkeys(index.key for index in every if not index.negligible))
     negligible = list(dict.fromkeys(index.key for index in every if index.key not in undecided))
     if negligible:
-        words.append(f"Negligible, an index below {NEGLIGIBLE:g}: {', '.join(negligible)}.")
+        words.append(f"Negligible, an index below {NEGLIGIBLE_INDEX:g}: {', '.join(negligible)}.")
     if undecided:
         words.append(f"Undecided with this sample: {', '.join(undecided)}.")
     return words
@@ -483,21 +483,21 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
     study, pictures = work.study, inline_figures(work, found)
     for name, picture in pictures.items():
         write_whole(folder / "figures" / f"{name}.svg", picture)
-    table = labelled(work.labels, rows)
+    table = label_rows(work.labels, rows)
     write_whole(folder / "rows.parquet", lambda path: pq.write_table(table, path))
     write_whole(folder / "rows.csv", lambda path: pa_csv.write_csv(table, path))
     good = any(answer.whole.failed < answer.whole.runs for answer in found)
     blocks: list[Block] = [
         Verdict(sentences(study, found), good),
-        compared(study, found),
+        compare_variants(study, found),
         *grids(study, found),
-        *(Picture(WORDS["figures"][name], picture) for name, picture in pictures.items()),
+        *(Picture(REPORT_WORDS["figures"][name], picture) for name, picture in pictures.items()),
     ]
     ended = endings(work, rows)
     blocks += [Text(ended, "Runs that failed")] if ended else []
     ranks = [row for answer in found for row in _index_rows(answer)]
     if ranks:
-        first, second = WORDS["names"].get(study.method, ("", ""))
+        first, second = REPORT_WORDS["names"].get(study.method, ("", ""))
         heads = ("parameter", "variant", first, "± 95 %", second, "verdict")
         blocks.append(Table("Indices", heads, ranks, words=(0, 1, -1)))
     note = f"Beside this page, as data: rows.parquet, rows.csv{', figures/' if pictures else ''}."
@@ -556,11 +556,11 @@ def _cell(spread: Spread) -> str:
     return f"{digits(spread.median, places=3)}{left_out}"
 
 
-def compared(study: Study, found: Sequence[Answer]) -> Table:
+def compare_variants(study: Study, found: Sequence[Answer]) -> Table:
     """A row per variant, the best first."""
     rows = []
     for whole, variant in ((answer.whole, answer.variant) for answer in in_order(found)):
-        few = whole.runs < ENOUGH
+        few = whole.runs < MIN_QUANTILE_RUNS
         low, high = whole.chance
         chance = "too few runs" if few else f"{100 * low:.1f} to {100 * high:.1f} %"
         most = (None, None) if few else (whole.low, whole.high)
@@ -583,9 +583,15 @@ def _index_rows(answer: Answer) -> list[tuple[Any, ...]]:
     rows = []
     for index in answer.indices:
         value = (
-            digits(index.value, places=3) if abs(index.value) >= NEGLIGIBLE else f"< {NEGLIGIBLE:g}"
+            digits(index.value, places=3)
+            if abs(index.value) >= NEGLIGIBLE_INDEX
+            else f"< {NEGLIGIBLE_INDEX:g}"
         )
-        first = f"< {NEGLIGIBLE:g}" if index.first < NEGLIGIBLE else digits(index.first, places=3)
+        first = (
+            f"< {NEGLIGIBLE_INDEX:g}"
+            if index.first < NEGLIGIBLE_INDEX
+            else digits(index.first, places=3)
+        )
         verdict = "matters" if index.matters else "negligible"
         if not (index.matters or index.negligible):
             value, first = "-", "-"

@@ -14,7 +14,7 @@ from controllers.arrays import Array
 from twin.base.errors import nearest
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_named_once, read_model
-from twin.run.files import METRICS
+from twin.run.files import MOTION_INDICATORS
 
 
 class Parameter(Checked):
@@ -135,7 +135,7 @@ class FamilyRig(NamedTuple):
     seed: int
 
 
-def drawn(family: Family, draw: int, count: int) -> list[FamilyRig]:
+def draw_rigs(family: Family, draw: int, count: int) -> list[FamilyRig]:
     """The first rigs of a draw; independent of each other, and of how many are asked for.
 
     Args:
@@ -225,9 +225,9 @@ class Study(Checked):
 
     @model_validator(mode="after")
     def _sensible(self) -> Study:
-        unknown = [name for name in self.metrics if name not in METRICS]
+        unknown = [name for name in self.metrics if name not in MOTION_INDICATORS]
         if unknown:
-            raise ValueError(f"metrics: no '{unknown[0]}'{nearest(unknown[0], METRICS)}")
+            raise ValueError(f"metrics: no '{unknown[0]}'{nearest(unknown[0], MOTION_INDICATORS)}")
         check_named_once("variants", [variant.name for variant in self.variants])
         if self.method == "sobol" and self.samples.bit_count() > 1:
             power = 1 << self.samples.bit_length()

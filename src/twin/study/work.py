@@ -25,17 +25,17 @@ from controllers.catalog import left_alone, outside
 from twin.base.errors import ScenarioError, TwinError
 from twin.base.shipped import model_path
 from twin.run.assemble import build_controller, own_errors
-from twin.run.files import METRICS
+from twin.run.files import MOTION_INDICATORS
 from twin.run.loop import alike, simulate
 from twin.run.metrics import Ending
 from twin.scenario import Scenario
-from twin.scenario.load import check, resolved, setting, validated
+from twin.scenario.load import check, resolve, setting, validate
 from twin.scenario.load import read as read_tables
-from twin.scenario.schema import KINDS, at_study_step, checked_settings, choices
+from twin.scenario.schema import CATALOG_TABLES, at_study_step, checked_settings, choices
 from twin.study.schema import Point, Study, column, place_of
 
-SEED = 1
-"""Of the designs: the same study has the same points."""
+DESIGN_SEED = 1
+"""Seed of the designs: the same study has the same points."""
 
 
 SOBOL_DESIGNS = 8
@@ -57,7 +57,7 @@ def quantiles(study: Study) -> Array:
     a block of d + 2 rows: A, then A with one coordinate of B after the other, then B.
     """
     count, d = study.samples, len(study.parameters)
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(DESIGN_SEED)
     if study.method == "lhs":
         return np.asarray(qmc.LatinHypercube(d, rng=rng).random(count))
     if study.method != "sobol":
@@ -104,15 +104,15 @@ def points(study: Study) -> Design:
     return Design({key: about[key].at(rows[:, k]) for k, key in enumerate(about)})
 
 
-_MISSING = object()
-KNOWN = ("mass", "radius", "inertia", "height")
+_MISSING_VALUE = object()
+KNOWN_BALL_FIELDS = ("mass", "radius", "inertia", "height")
 """What a controller's designer knows of ball and plate."""
 
 
 def _with_defaults(scenario: Scenario) -> dict[str, Any]:
     """What a scenario says, and what its law, observer and reference have by default."""
     found: dict[str, Any] = json.loads(scenario.model_dump_json())
-    for name in KINDS:
+    for name in CATALOG_TABLES:
         choice = getattr(scenario, name)
         own = checked_settings(choices(name)[choice.kind], choice.settings)
         found[name] = to_jsonable_python(own) | found[name]
@@ -151,7 +151,7 @@ class Builder:
         given: dict[str, Any] = {}
         if any(key.startswith(("plant.ball.", "plant.plate.height")) for key in point):
             known = self._built([*map(self._setting, fixed)]).designed_on
-            given["controller.model"] = {key: getattr(known, key) for key in KNOWN}
+            given["controller.model"] = {key: getattr(known, key) for key in KNOWN_BALL_FIELDS}
         for key, value in point.items():
             name, at = place_of(key)
             if at is None and key not in relative:
@@ -193,16 +193,18 @@ class Builder:
             self._bases[base] = _with_defaults(self._built([*map(self._setting, base)]))
         table: Any = self._bases[base]
         for name in key.split("."):
-            table = table.get(name, _MISSING) if isinstance(table, Mapping) else _MISSING
-        if table is _MISSING:
+            table = (
+                table.get(name, _MISSING_VALUE) if isinstance(table, Mapping) else _MISSING_VALUE
+            )
+        if table is _MISSING_VALUE:
             raise ScenarioError(f"{self._source}: {key}: not given by the scenario and no default")
         return table
 
     def _built(self, settings: Collection[tuple[str, Any]]) -> Scenario:
-        merged, source = resolved(self._tables, self._source, settings)
-        choices = json.dumps([merged.get(table) for table in KINDS], default=str)
+        merged, source = resolve(self._tables, self._source, settings)
+        choices = json.dumps([merged.get(table) for table in CATALOG_TABLES], default=str)
         if choices in self._checked:
-            return validated(Scenario, merged, source)
+            return validate(Scenario, merged, source)
         scenario = check(merged, source)
         self._checked.add(choices)
         return scenario
@@ -261,7 +263,7 @@ class ScenarioRuns:
     ) -> None:
         self.seen = seen
         self._mark = mark + (f"seen {code()} " if seen else code())
-        self._scenarios = [untitled(each) for each in scenarios]
+        self._scenarios = [without_title(each) for each in scenarios]
         self.tasks = [
             self._task(each, each.controller.model_dump_json(), number)
             for number, each in enumerate(self._scenarios)
@@ -334,10 +336,10 @@ class Work(ScenarioRuns):
     def _made(self, variant: str, point: int, seed: int) -> Scenario:
         build, fixed = self._bases[variant]
         scenario = build((*fixed, f"seed={seed}"), self.design[point], self._relative)
-        return untitled(at_study_step(scenario))
+        return without_title(at_study_step(scenario))
 
 
-def untitled(scenario: Scenario) -> Scenario:
+def without_title(scenario: Scenario) -> Scenario:
     """A scenario without its title: what a run is called changes nothing."""
     return scenario.model_copy(update={"title": ""})
 
@@ -353,12 +355,14 @@ def carry_out(jobs: Sequence[Job], *, seen: bool = False) -> list[Row]:
     refused: dict[str, TwinError | None] = {}
     for job in jobs:
         scenario = Scenario.model_validate_json(job.scenario)
-        controller = scenario.model_dump_json(include=CONTROLLER) + repr(scenario.designed_on)
+        controller = scenario.model_dump_json(include=CONTROLLER_TABLES) + repr(
+            scenario.designed_on
+        )
         if controller not in refused:
             refused[controller] = _refusal(scenario)
         error = refused[controller]
         if error is not None:
-            rows[job.key] = _refused(job.key, error)
+            rows[job.key] = _refused_row(job.key, error)
             continue
         ready.setdefault(job.alike, []).append((job.key, scenario))
     for batch in ready.values():
@@ -366,7 +370,7 @@ def carry_out(jobs: Sequence[Job], *, seen: bool = False) -> list[Row]:
     return [rows[job.key] for job in jobs]
 
 
-CONTROLLER = {"duration", "rig", "controller", "observer", "predictor", "reference"}
+CONTROLLER_TABLES = {"duration", "rig", "controller", "observer", "predictor", "reference"}
 """Tables of a scenario that say which controller it has."""
 
 
@@ -385,7 +389,7 @@ def _together(batch: Sequence[tuple[str, Scenario]], *, seen: bool) -> Iterator[
         found = simulate([scenario for _, scenario in batch], seen=seen)
     except TwinError as error:
         if len(batch) == 1:
-            yield _refused(batch[0][0], error)
+            yield _refused_row(batch[0][0], error)
             return
         for item in batch:
             yield from _together([item], seen=seen)
@@ -393,12 +397,12 @@ def _together(batch: Sequence[tuple[str, Scenario]], *, seen: bool) -> Iterator[
     for (key, _), metrics in zip(batch, found, strict=True):
         good = metrics["outcome"] == Ending.FINISHED
         row: Row = {"key": key, "outcome": metrics["outcome"], "reason": metrics["reason"]}
-        yield row | {name: metrics[name] if good else None for name in METRICS}
+        yield row | {name: metrics[name] if good else None for name in MOTION_INDICATORS}
 
 
-def _refused(key: str, error: TwinError) -> Row:
+def _refused_row(key: str, error: TwinError) -> Row:
     row: Row = {"key": key, "outcome": "refused", "reason": str(error)}
-    return row | dict.fromkeys(METRICS)
+    return row | dict.fromkeys(MOTION_INDICATORS)
 
 
 def digest(text: str) -> str:
@@ -415,14 +419,14 @@ def code() -> str:
     total = hashlib.sha256()
     for path in sources():
         total.update(path.read_bytes())
-    for library in LIBRARIES:
+    for library in VERSIONED_LIBRARIES:
         with suppress(PackageNotFoundError):  # one that comes with an extra
             total.update(f"{library} {version(library)}".encode())
     return total.hexdigest()
 
 
-LIBRARIES = ("mujoco", "numpy", "scipy", "control", "daqp")
-"""Whose version may change what a run gives."""
+VERSIONED_LIBRARIES = ("mujoco", "numpy", "scipy", "control", "daqp")
+"""Libraries whose version may change the result of a run."""
 
 
 def sources() -> list[Path]:
@@ -430,8 +434,8 @@ def sources() -> list[Path]:
     twin, laws = Path(str(files("twin"))), Path(controllers.__file__).parent
     found = [path for path in laws.rglob("*.py") if path.stem != "analysis"]
     found += [path for room in ("sim", "hal") for path in (twin / room).rglob("*.py")]
-    found += [twin / "run" / f"{name}.py" for name in RUN]
-    found += [twin / "scenario" / f"{name}.py" for name in SCENARIO]
+    found += [twin / "run" / f"{name}.py" for name in RUN_MODULES]
+    found += [twin / "scenario" / f"{name}.py" for name in SCENARIO_MODULES]
     found += [twin / "run" / f"{name}.toml" for name in ("channels", "indicators")]
     found += [twin / "base" / "settings.py", Path(__file__)]
     found += [model_path(), model_path("cams.json")]
@@ -439,7 +443,7 @@ def sources() -> list[Path]:
     return sorted({*found, *left_alone()})  # what would be run where a command does not only read
 
 
-RUN = ("assemble", "loop", "metrics", "record")
+RUN_MODULES = ("assemble", "loop", "metrics", "record")
 """What of the room ``run`` a run of a study executes."""
-SCENARIO = ("load", "schema")
+SCENARIO_MODULES = ("load", "schema")
 """The same of the room ``scenario``."""

@@ -22,7 +22,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from controllers.interfaces import Measurement
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.base.jobs import cores, results
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import Transmission
@@ -35,15 +35,15 @@ from twin.scenario.schema import Scenario
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.interface import Plant
 
-FILES = {"full_state": 4.0, "observers": 5.0, "tracking": 5.0}
+TOLERANCES_PERCENT = {"full_state": 4.0, "observers": 5.0, "tracking": 5.0}
 """Data file to the deviation in % that a value may have from the thesis's."""
-WAYS = ("exact", "sampled", "mujoco")
-PERIOD = 0.002
-FINE, COARSE = 0.0005, 0.002
+COMPUTED_WAYS = ("exact", "sampled", "mujoco")
+CONTROL_PERIOD_S = 0.002
+FINE_STEP_S, COARSE_STEP_S = 0.0005, 0.002
 """Physics steps of the mechanism in s: the steady errors of full state feedback, 0.1 mm and less,
 shrink with the step; with noise nothing changes by more than 0.01 % between 0.5 and 2 ms."""
-HERE = "twin.thesis"
-IDEAL = packaged(HERE, "data/ideal.toml")
+PACKAGE_NAME = "twin.thesis"
+IDEAL_RIG = read_packaged(PACKAGE_NAME, "data/ideal.toml")
 """A rig with the imperfections that a row gives, and no others; nothing saturates."""
 
 
@@ -111,17 +111,17 @@ class SimulatedRow:
     causes: Mapping[str, str]
     exceptions: Mapping[str, Disagreement] = field(default_factory=dict)
 
-    def scenario(self, way: str, period: float = PERIOD) -> Scenario:
+    def scenario(self, way: str, period: float = CONTROL_PERIOD_S) -> Scenario:
         """What runs, on the plant of ``sampled`` or ``mujoco``, at a control period in s."""
         mechanism = way == "mujoco"
-        step = COARSE if "disturbance" in self.setup else FINE
+        step = COARSE_STEP_S if "disturbance" in self.setup else FINE_STEP_S
         settings = {
             "plant.kind": "mujoco" if mechanism else "endless",
             "plant.ball_spin": "free" if mechanism else "thesis",
             "plant.step": min(step, period) if mechanism else period,
             "rig.period": period,
         }
-        return check(put(laid_over(IDEAL, self.setup), settings.items()), self.name)
+        return check(put(laid_over(IDEAL_RIG, self.setup), settings.items()), self.name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,8 +151,8 @@ class SimulatedTable:
 def tables() -> dict[str, SimulatedTable]:
     """All tables by number, in the thesis's order."""
     found = {}
-    for group, bound in FILES.items():
-        content = packaged(HERE, f"data/{group}.toml")
+    for group, bound in TOLERANCES_PERCENT.items():
+        content = read_packaged(PACKAGE_NAME, f"data/{group}.toml")
         for entry in content["table"]:
             common = {
                 "seeds": content.get("seeds", 1),
@@ -183,7 +183,7 @@ def _row(about: Mapping[str, Any], setup: Mapping[str, Any]) -> SimulatedRow:
 
 
 @cache
-def stored(chapter: str) -> dict[str, Any]:
+def read_stored(chapter: str) -> dict[str, Any]:
     """What was computed once for a chapter and is kept beside its tables.
 
     ``chapter_8``: table, row and column to the values under continuous control, one, or with its
@@ -191,7 +191,7 @@ def stored(chapter: str) -> dict[str, Any]:
     what ``ballplate fit chapter_9`` found: parameters, correlation, of every search its end with
     all tables and without each, and what docs/chapter9.py finds of its goals.
     """
-    return json.loads((files(HERE) / f"data/{chapter}.json").read_bytes())
+    return json.loads((files(PACKAGE_NAME) / f"data/{chapter}.json").read_bytes())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,8 +219,9 @@ class ThesisColumn:
         return f"{self.label} [{self.unit}]"
 
 
-COLUMNS = {
-    name: ThesisColumn(**about) for name, about in packaged(HERE, "data/columns.toml").items()
+THESIS_COLUMNS = {
+    name: ThesisColumn(**about)
+    for name, about in read_packaged(PACKAGE_NAME, "data/columns.toml").items()
 }
 """The columns of this chapter and the next by the names the data files use.
 
@@ -249,7 +250,9 @@ def judge(row: SimulatedRow, motion: Motion, off: Array, start: float) -> dict[s
     values["overshoot_percent"] = max(0.0, 100 * (motion.ball[:, 0].max() / motion.ball[-1, 0] - 1))
     settled = [last if each["settling_time"] is None else each["settling_time"] for each in found]
     return {
-        column: settled if column == "t_ss" else [float(values[COLUMNS[column].metric or column])]
+        column: settled
+        if column == "t_ss"
+        else [float(values[THESIS_COLUMNS[column].metric or column])]
         for column in row.cells
     }
 
@@ -326,7 +329,7 @@ def plan(wanted: Iterable[SimulatedTable]) -> list[ReproductionJob]:
         for index, row in enumerate(table.rows):
             own = {"controller", "reference", "metrics"}
             common = {key: value for key, value in row.setup.items() if key not in own}
-            for way in WAYS[1:]:
+            for way in COMPUTED_WAYS[1:]:
                 batches[way, json.dumps(common), row.seeds].append((table.id, index))
     jobs = []
     for (way, _, seeds), places in batches.items():
@@ -357,7 +360,7 @@ def row_results(
         yield from found
 
 
-def carry_out(job: ReproductionJob, period: float = PERIOD) -> list[RowResult]:
+def carry_out(job: ReproductionJob, period: float = CONTROL_PERIOD_S) -> list[RowResult]:
     """Simulate the rows of a job at a control period in s.
 
     Raises:
@@ -405,7 +408,7 @@ def carry_out(job: ReproductionJob, period: float = PERIOD) -> list[RowResult]:
 
 
 def _early(outcomes: Sequence[Outcome]) -> str:
-    """Which runs did not last, in words; empty if all did."""
+    """The runs that ended early, in words; empty if none did."""
     early = sorted((end.time, end.ending) for end in outcomes if end.ending != Ending.FINISHED)
     if not early:
         return ""
@@ -485,14 +488,14 @@ class ThesisCell:
         found: dict[str, Any] = {
             "table": self.table,
             "row": self.row,
-            "column": COLUMNS[self.column].name,
+            "column": THESIS_COLUMNS[self.column].name,
             "thesis": self.thesis,
             "deviation_percent": self.deviation_percent,
             "note": self.note,
             "verdict": self.verdict.value,
             "because": self.because and self.because.value,
         }
-        for way in WAYS:
+        for way in COMPUTED_WAYS:
             value: Value | None = getattr(self, way)
             found[way] = value and value.value
             if value and value.range:
@@ -512,9 +515,9 @@ def compare(wanted: Iterable[SimulatedTable], found: Results) -> list[ThesisCell
 
 def _cell(table: SimulatedTable, index: int, column: str, found: Results) -> ThesisCell:
     row = table.rows[index]
-    thesis, known = row.cells[column], stored("chapter_8")[table.id][row.name]
+    thesis, known = row.cells[column], read_stored("chapter_8")[table.id][row.name]
     exact, *span = known[column]
-    mine = {way: found[(table.id, index), way] for way in WAYS[1:]}
+    mine = {way: found[(table.id, index), way] for way in COMPUTED_WAYS[1:]}
     values = {way: _value(result.values[column], column) for way, result in mine.items()}
     of_exact = Value(exact, (span[0], span[1]) if span else None)
     agrees = all(_agrees(v, thesis, column, table.bound) for v in (of_exact, values["sampled"]))
@@ -523,7 +526,7 @@ def _cell(table: SimulatedTable, index: int, column: str, found: Results) -> The
     deviation = of_exact.deviation(thesis)
     if deviation is not None and abs(deviation) > WORTH_A_NOTE and not known_not_to:
         remarks.append(row.causes.get(column))
-    if not agrees and COLUMNS[column].judged == "noise":
+    if not agrees and THESIS_COLUMNS[column].judged == "noise":
         remarks.append("The thesis's value is outside the 5 to 95 % range of the seeds.")
     if column == "e_tt":
         remarks.append(known["fitted"])
@@ -546,7 +549,7 @@ def _value(values: list[float], column: str) -> Value | None:
     """One value of all runs of a row."""
     if not values:
         return None
-    if COLUMNS[column].judged == "reading":
+    if THESIS_COLUMNS[column].judged == "reading":
         return Value(values[0], (min(values), max(values)))
     if len(values) == 1:
         return Value(values[0])
@@ -557,7 +560,7 @@ def _value(values: list[float], column: str) -> Value | None:
 def _agrees(value: Value | None, thesis: float, column: str, bound: float) -> bool:
     if value is None:
         return False
-    kind = COLUMNS[column]
+    kind = THESIS_COLUMNS[column]
     if kind.judged != "value" and value.range is not None:
         low, high = value.range
         if low <= thesis <= high:
@@ -568,12 +571,21 @@ def _agrees(value: Value | None, thesis: float, column: str, bound: float) -> bo
     return value.value <= kind.zero if deviation is None else abs(deviation) <= bound
 
 
-HEADINGS = ("row", "quantity", "thesis", "exact", "sampled", "MuJoCo", "exact − thesis", "")
-STEPS = (1.0, 2.0, 4.0, 5.0)
+CHAPTER8_HEADINGS = (
+    "row",
+    "quantity",
+    "thesis",
+    "exact",
+    "sampled",
+    "MuJoCo",
+    "exact − thesis",
+    "",
+)
+DEVIATION_STEPS_PERCENT = (1.0, 2.0, 4.0, 5.0)
 """Deviations in % by which cells are counted."""
 
 
-def shown(value: Value | None) -> str:
+def format_computed(value: Value | None) -> str:
     """A computed value in the digits worth reading, with its range."""
     if value is None:
         return "-"
@@ -594,9 +606,9 @@ def lines(cells: Iterable[ThesisCell]) -> tuple[list[tuple[str, ...]], list[str]
         found.append(
             (
                 "" if cell.row == last else cell.row,
-                COLUMNS[cell.column].name,
+                THESIS_COLUMNS[cell.column].name,
                 f"{cell.thesis:.5g}",
-                *(shown(getattr(cell, way)) for way in WAYS),
+                *(format_computed(getattr(cell, way)) for way in COMPUTED_WAYS),
                 "-" if off is None else f"{off:+.1f} %",
                 f"{cell.mark} {note}".strip(),
             )
@@ -614,14 +626,14 @@ def summary(cells: Sequence[ThesisCell]) -> dict[str, Any]:
     plain = [
         (abs(cell.deviation_percent), cell)
         for cell in cells
-        if cell.deviation_percent is not None and COLUMNS[cell.column].judged == "value"
+        if cell.deviation_percent is not None and THESIS_COLUMNS[cell.column].judged == "value"
     ]
     agreeing = [each for each in plain if each[1].verdict is Agreement.AGREES]
     worst = max(agreeing, key=lambda each: each[0], default=None)
     return {
         "cells": len(cells),
         "values": len(plain),
-        "within": {step: sum(off <= step for off, _ in plain) for step in STEPS},
+        "within": {step: sum(off <= step for off, _ in plain) for step in DEVIATION_STEPS_PERCENT},
         "worst": worst and worst[1],
         **{kind.value: sum(cell.verdict is kind for cell in cells) for kind in Agreement},
         "disagree": sum(cell.verdict is not Agreement.AGREES for cell in cells),
@@ -643,5 +655,5 @@ def sentence(cells: Sequence[ThesisCell]) -> str:
     worst: ThesisCell | None = found["worst"]
     if worst is None:
         return f"{text}."
-    where = f"Table {worst.table}, {worst.row}, {COLUMNS[worst.column].name}"
+    where = f"Table {worst.table}, {worst.row}, {THESIS_COLUMNS[worst.column].name}"
     return f"{text}; the worst that agrees: {worst.deviation_percent:+.2f} % ({where})."

@@ -14,20 +14,20 @@ import numpy as np
 from controllers.analysis import number
 from twin.run.finished import run
 from twin.study.experiments import Store
-from twin.thesis.chapter8 import COLUMNS, stored
+from twin.thesis.chapter8 import THESIS_COLUMNS, read_stored
 from twin.tune.cells import FitTable, Runs, Sample, read
 
-SETTLING = 3.0
-READ = (
+SETTLING_TIME_S = 3.0
+SETTLING_NOTE = (
     "Read by eye by the thesis; here the time from which x stays within 5 % of the step of where "
     "it comes to rest."
 )
 """Settling time of Table 9.1 in s, and how it is read."""
-ROLLING, LOW, HIGH = 0.17649, 0.16693, 0.18605
+ROLLING_FRICTION_MM, ROLLING_LOW_MM, ROLLING_HIGH_MM = 0.17649, 0.16693, 0.18605
 """Rolling friction in mm from the three tracking errors of Table 9.3, as
 ``ballplate fit friction_of_table_9_3`` finds it, and its 95 % interval by Student's t. The
 scenarios ``thesis/9_*`` have it."""
-CALIBRATION = "9.3"
+CALIBRATION_TABLE = "9.3"
 """The table whose three tracking errors the prediction knows."""
 
 Row = dict[str, Any]
@@ -43,11 +43,11 @@ def tables() -> tuple[str, ...]:
 
 def best(group: str = "") -> Sample:
     """The four numbers without a table, by default with all, of the search that ended lowest."""
-    ends = [ended(search, group) for search in stored("chapter_9")["searches"]]
+    ends = [search_end(search, group) for search in read_stored("chapter_9")["searches"]]
     return min(ends, key=lambda end: end[0])[1]
 
 
-def ended(search: Mapping[str, Any], group: str) -> tuple[float, Sample]:
+def search_end(search: Mapping[str, Any], group: str) -> tuple[float, Sample]:
     """Chi-squared and numbers at the end of a search without a table, or with all."""
     end = search["without"][group] if group else search
     numbers = end["parameters"]
@@ -89,15 +89,15 @@ def rows(
     """
     about = chosen(ids)
     explaining = about.model_copy(update={"set": (*about.set, *settings)})
-    arms = [(arm,) for arm in (ROLLING, 0.0, LOW, HIGH)]
+    arms = [(arm,) for arm in (ROLLING_FRICTION_MM, 0.0, ROLLING_LOW_MM, ROLLING_HIGH_MM)]
     places = range(len(about.experiments))
-    first = carried(
+    first = run_samples(
         predicting(about),
         [(arm, k) for k in places for arm in arms],
         processes,
         lambda share: advance(0.7 * share),
     )
-    second = carried(
+    second = run_samples(
         explaining,
         [(one, k) for k in places for one in (best(), best(about.experiments[k].own_group))],
         processes,
@@ -106,11 +106,11 @@ def rows(
     found = []
     for k, each in enumerate(about.experiments):
         table, _, name = each.label.partition(", ")
-        for column, kind in COLUMNS.items():
+        for column, kind in THESIS_COLUMNS.items():
             explained: list[float | None] = [None, None]
             if column == "t_ss" and each.own_group == "9.1":
-                thesis, note = SETTLING, READ
-                values = [number(_settled(predicting(about), arm, k)) for arm in arms]
+                thesis, note = SETTLING_TIME_S, SETTLING_NOTE
+                values = [number(_settling_time(predicting(about), arm, k)) for arm in arms]
             elif kind.metric in each.measured:
                 thesis, note = each.measured[kind.metric].value, each.measured[kind.metric].note
                 values = [number(first[arm, k][kind.metric]) for arm in arms]
@@ -130,7 +130,7 @@ def rows(
                     "frictionless": frictionless,
                     "explained": explained[0],
                     "held_out": explained[1],
-                    "calibration": table == CALIBRATION and column == "e_tt",
+                    "calibration": table == CALIBRATION_TABLE and column == "e_tt",
                     "low": min(known, default=None),
                     "high": max(known, default=None),
                     "note": note,
@@ -139,7 +139,7 @@ def rows(
     return found
 
 
-def carried(
+def run_samples(
     about: FitTable,
     wanted: Sequence[tuple[Sample, int]],
     processes: int,
@@ -155,7 +155,7 @@ def carried(
     return carried_out.indicators(wanted)
 
 
-def _settled(about: FitTable, arm: Sample, place: int) -> float:
+def _settling_time(about: FitTable, arm: Sample, place: int) -> float:
     """When the ball of Table 9.1 comes within 5 % of the step of its place at rest for good, s."""
     scenario = Runs(about, Store(None)).scenario(arm, about.experiments[place])
     rows = run(scenario.model_copy(update={"baseline": False})).rows

@@ -15,16 +15,16 @@ from controllers.arrays import Array
 from twin.base.errors import LawError, nearest
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_named_once, read_model
-from twin.run.files import METRICS
-from twin.run.files import UNITS as ALL_UNITS
-from twin.run.logs import SCALES
+from twin.run.files import INDICATOR_UNITS as ALL_UNITS
+from twin.run.files import MOTION_INDICATORS
+from twin.run.logs import UNIT_SCALES
 from twin.scenario import Scenario
 from twin.study.experiments import Store, evaluate
 from twin.study.work import Builder, ScenarioRuns
 
-UNITS = {name: unit for name, unit in ALL_UNITS.items() if name in METRICS}
+MEASURED_UNITS = {name: unit for name, unit in ALL_UNITS.items() if name in MOTION_INDICATORS}
 """The indicators of a run that can be measured, and the unit of each."""
-FACTORS = SCALES | {"%": {"%": 1.0, "1": 100.0}, "deg": {"deg": 1.0, "rad": degrees(1.0)}}
+UNIT_FACTORS = UNIT_SCALES | {"%": {"%": 1.0, "1": 100.0}, "deg": {"deg": 1.0, "rad": degrees(1.0)}}
 """Of each unit what it may also be written in, and by what that is multiplied."""
 
 
@@ -38,9 +38,9 @@ def factor(name: str, unit: str | None) -> float:
     Raises:
         ValueError: If there is no such indicator, or it cannot have this unit.
     """
-    if name not in UNITS:
-        raise ValueError(f"no indicator '{name}'{nearest(name, UNITS)}")
-    known = FACTORS[UNITS[name]]
+    if name not in MEASURED_UNITS:
+        raise ValueError(f"no indicator '{name}'{nearest(name, MEASURED_UNITS)}")
+    known = UNIT_FACTORS[MEASURED_UNITS[name]]
     if unit is None:
         return 1.0
     if unit not in known:
@@ -176,9 +176,9 @@ def read(name: str) -> FitTable:
     return read_model(FitTable, chosen("table", name, shipped_in("fits")))
 
 
-LOST = 10.0
+LOST_RESIDUAL = 10.0
 """Residual of an indicator that a run does not have, such as that of a lost ball."""
-LEAST = 1e-9
+MIN_LOG_ARGUMENT = 1e-9
 """Least value of which a logarithm is taken."""
 
 
@@ -208,9 +208,9 @@ class Cell(NamedTuple):
     def residual(self, computed: float) -> float:
         """How many standard uncertainties a computed value is too large."""
         if not math.isfinite(computed):
-            return LOST
+            return LOST_RESIDUAL
         if self.logarithmic:
-            off = math.log(max(computed, LEAST) / self.measured)
+            off = math.log(max(computed, MIN_LOG_ARGUMENT) / self.measured)
         else:
             off = computed - self.measured
         return off / self.scale
@@ -229,7 +229,7 @@ def cells(table: FitTable) -> tuple[Cell, ...]:
                     group=experiment.own_group,
                     label=experiment.label,
                     indicator=name,
-                    unit=UNITS[name],
+                    unit=MEASURED_UNITS[name],
                     measured=by * about.value,
                     scale=about.relative or by * (about.uncertainty or 1.0),
                     logarithmic=logarithmic,
@@ -238,7 +238,7 @@ def cells(table: FitTable) -> tuple[Cell, ...]:
     return tuple(found)
 
 
-def computed(numbers: tuple[Cell, ...], sample: Sample, found: Indicators) -> Array:
+def compute_cells(numbers: tuple[Cell, ...], sample: Sample, found: Indicators) -> Array:
     """The computed values of cells for a sample, shape (cells,)."""
     return np.array([found[sample, cell.experiment][cell.indicator] for cell in numbers])
 
@@ -325,7 +325,7 @@ class Runs:
         }
 
 
-def rounded(share: Array, table: FitTable) -> Sample:
+def round_sample(share: Array, table: FitTable) -> Sample:
     """The sample at shares between 0 and 1 of the parameters' ranges, shape (parameters,).
 
     Rounded to a ten-thousandth of the range: what is printed is what was run.

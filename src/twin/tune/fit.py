@@ -27,23 +27,23 @@ from twin.tune.cells import (
     Runs,
     Sample,
     cells,
-    computed,
+    compute_cells,
     residuals,
-    rounded,
+    round_sample,
     shares,
 )
 
-DRAWN = 8
+SAMPLES_PER_PARAMETER = 8
 """Samples drawn for each parameter and search where the table does not say how many."""
-STEP = 0.03
+DERIVATIVE_STEP = 0.03
 """Half of the difference that derivatives are taken over, as a share of the ranges."""
-WIDER = 0.08
+SEARCH_STEP = 0.08
 """The same on the way: smaller ones end in the ripple that friction and play make."""
-LITTLE = 1e-3
+SEARCH_TOLERANCE = 1e-3
 """Fall of chi-squared in a step, or its length, as shares, at which a search is at its end."""
 
 
-def searched(
+def search_from(
     table: FitTable, numbers: tuple[Cell, ...], start: Sample, runs: Runs
 ) -> tuple[float, Sample]:
     """Least squares from a start: the least sum of squared residuals of cells, and where it is.
@@ -53,11 +53,11 @@ def searched(
     """
 
     def off(at: Array) -> Array:
-        sample = rounded(at, table)
+        sample = round_sample(at, table)
         return misfits(numbers, [sample], runs)[sample]
 
     def slopes(at: Array) -> Array:
-        return jacobian(table, numbers, rounded(at, table), runs, WIDER)
+        return jacobian(table, numbers, round_sample(at, table), runs, SEARCH_STEP)
 
     found = least_squares(
         off,
@@ -65,23 +65,23 @@ def searched(
         slopes,
         bounds=(0, 1),
         method="dogbox",
-        ftol=LITTLE,
-        xtol=LITTLE,
+        ftol=SEARCH_TOLERANCE,
+        xtol=SEARCH_TOLERANCE,
         max_nfev=table.generations,
     )
-    return 2 * float(found.cost), rounded(found.x, table)
+    return 2 * float(found.cost), round_sample(found.x, table)
 
 
-DRAWS = 2000
-"""Of the bootstrap."""
-WIDE = 0.5
+BOOTSTRAP_DRAWS = 2000
+"""Samples of the bootstrap."""
+UNSEEN_INTERVAL_SHARE = 0.5
 """Share of its range from which on the interval of a parameter says that it is not seen."""
-CORRELATED = 0.9
+MAX_CORRELATION = 0.9
 """Correlation from which on two parameters are confounded."""
-FEW = 5
+MIN_GROUPS = 5
 """Groups from which on the spread is that between them; with fewer it is that of the uncertainties
 that the table states."""
-FAINT = 1e-9
+FLAT_CURVATURE = 1e-9
 """Curvature of chi-squared, relative to the largest, below which a direction is taken as flat."""
 
 
@@ -116,16 +116,20 @@ def misfits(
     """Residuals of cells, shape (cells,), for each of some samples."""
     places = dict.fromkeys(cell.experiment for cell in numbers)
     found = runs.indicators((sample, place) for sample in samples for place in places)
-    return {x: residuals(numbers, computed(numbers, x, found)) for x in samples}
+    return {x: residuals(numbers, compute_cells(numbers, x, found)) for x in samples}
 
 
 def jacobian(
-    table: FitTable, numbers: tuple[Cell, ...], best: Sample, runs: Runs, step: float = STEP
+    table: FitTable,
+    numbers: tuple[Cell, ...],
+    best: Sample,
+    runs: Runs,
+    step: float = DERIVATIVE_STEP,
 ) -> Array:
     """Derivatives of the residuals by shares of the ranges, shape (cells, parameters)."""
     at = shares(best, table)
     steps = step * np.eye(len(at))
-    pairs = [(rounded(at - step, table), rounded(at + step, table)) for step in steps]
+    pairs = [(round_sample(at - step, table), round_sample(at + step, table)) for step in steps]
     found = misfits(numbers, [sample for pair in pairs for sample in pair], runs)
     columns = [
         (found[high] - found[low]) / (shares(high, table)[k] - shares(low, table)[k])
@@ -136,7 +140,7 @@ def jacobian(
 
 def correlation(J: Array) -> Array:  # noqa: N803
     """Correlation of the parameters by the linear model, shape (parameters, parameters)."""
-    covariance = np.linalg.pinv(J.T @ J, rcond=FAINT, hermitian=True)
+    covariance = np.linalg.pinv(J.T @ J, rcond=FLAT_CURVATURE, hermitian=True)
     deviation = np.sqrt(np.diag(covariance))
     scale = np.where(deviation > 0, deviation, 1.0)
     return np.asarray(covariance / np.outer(scale, scale))
@@ -150,19 +154,25 @@ def bootstrap(J: Array, r: Array, groups: Sequence[str]) -> Array:  # noqa: N803
     drawn as if every residual were what the table states as its uncertainty.
     """
     names = list(dict.fromkeys(groups))
-    if len(names) < FEW:
-        covariance = np.linalg.inv(J.T @ J + FAINT * np.trace(J.T @ J) * np.eye(J.shape[1]))
+    if len(names) < MIN_GROUPS:
+        covariance = np.linalg.inv(
+            J.T @ J + FLAT_CURVATURE * np.trace(J.T @ J) * np.eye(J.shape[1])
+        )
         middle = np.zeros(J.shape[1])
-        return np.asarray(np.random.default_rng(0).multivariate_normal(middle, covariance, DRAWS))
+        return np.asarray(
+            np.random.default_rng(0).multivariate_normal(middle, covariance, BOOTSTRAP_DRAWS)
+        )
     member = np.array([[group == name for group in groups] for name in names], float)
     curvature = np.einsum("gc,ci,cj->gij", member, J, J)
     slope = np.einsum("gc,ci,c->gi", member, J, r)
-    drawn = np.random.default_rng(0).multinomial(len(names), [1 / len(names)] * len(names), DRAWS)
+    drawn = np.random.default_rng(0).multinomial(
+        len(names), [1 / len(names)] * len(names), BOOTSTRAP_DRAWS
+    )
     # the slope of all is left out: the best is where the search ended, whatever the linear model
     slope = slope - slope.mean(axis=0)
     normal = np.einsum("bg,gij->bij", drawn, curvature)
     right = np.einsum("bg,gi->bi", drawn, slope)
-    floor = FAINT * np.trace(curvature.sum(axis=0)) * np.eye(J.shape[1])
+    floor = FLAT_CURVATURE * np.trace(curvature.sum(axis=0)) * np.eye(J.shape[1])
     return -np.asarray(np.linalg.solve(normal + floor, right[..., None])[..., 0])
 
 
@@ -190,8 +200,10 @@ def estimates(
     found = []
     for k, (name, about) in enumerate(table.parameters.items()):
         low, high = (about.low + end[k] * (about.high - about.low) for end in ends)
-        rivals = [names[j] for j in range(len(names)) if j != k and abs(related[k, j]) > CORRELATED]
-        if ends[1, k] - ends[0, k] < WIDE and (J[:, k] ** 2).sum() > 1:
+        rivals = [
+            names[j] for j in range(len(names)) if j != k and abs(related[k, j]) > MAX_CORRELATION
+        ]
+        if ends[1, k] - ends[0, k] < UNSEEN_INTERVAL_SHARE and (J[:, k] ** 2).sum() > 1:
             verdict = "seen"
         else:
             verdict = f"confounded with {', '.join(rivals)}" if rivals else "not seen"
@@ -301,8 +313,8 @@ def fit(
         TwinError: If a run cannot be carried out.
     """
     numbers, size = cells(table), len(table.parameters)
-    count = (table.population or DRAWN * size) * table.restarts
-    drawn = [rounded(each, table) for each in LatinHypercube(size, rng=1).random(count)]
+    count = (table.population or SAMPLES_PER_PARAMETER * size) * table.restarts
+    drawn = [round_sample(each, table) for each in LatinHypercube(size, rng=1).random(count)]
     found = misfits(numbers, drawn, runs)
     groups = np.array([cell.group for cell in numbers])
     folds = {
@@ -320,20 +332,20 @@ def fit(
     for place in range(table.restarts):
         advance((1 + place) / (2 + steps))
         start = ahead(np.ones(len(numbers), bool), place)
-        whole.append(searched(table, numbers, start, runs))
+        whole.append(search_from(table, numbers, start, runs))
     _, best = min(whole)
     left, chi2_without = dict[str, Sample](), dict[str, float]()
     for group, kept in folds.items():
         advance((1 + len(whole) + len(left)) / (2 + steps))
         own = tuple(itertools.compress(numbers, kept))
-        chi2_without[group], left[group] = searched(table, own, ahead(kept), runs)
+        chi2_without[group], left[group] = search_from(table, own, ahead(kept), runs)
     gave = runs.indicators(
         (sample, cell.experiment)
         for cell in numbers
         for sample in (best, left.get(cell.group))
         if sample is not None
     )
-    values = computed(numbers, best, gave)
+    values = compute_cells(numbers, best, gave)
     held_out = np.array(
         [
             gave[left[c.group], c.experiment][c.indicator] if c.group in left else np.nan
@@ -364,8 +376,8 @@ def fit(
     )
 
 
-HEADS = ("parameter", "value", "95 %", "without one group", "unit", "verdict")
-CELLS = ("experiment", "indicator", "unit", "measured", "computed", "held out", "residual")
+PARAMETER_HEADINGS = ("parameter", "value", "95 %", "without one group", "unit", "verdict")
+CELL_HEADINGS = ("experiment", "indicator", "unit", "measured", "computed", "held out", "residual")
 
 
 def sentences(found: FitResult) -> list[str]:
@@ -411,8 +423,13 @@ def write(found: FitResult, folder: Path) -> None:
     )
     blocks: list[Block] = [
         Verdict(sentences(found), good),
-        Table("Parameters", HEADS, [row(each) for each in found.estimates], words=(0, 4, 5)),
-        Table("Every measured number", CELLS, cells, words=(0, 1, 2), note=note),
+        Table(
+            "Parameters",
+            PARAMETER_HEADINGS,
+            [row(each) for each in found.estimates],
+            words=(0, 4, 5),
+        ),
+        Table("Every measured number", CELL_HEADINGS, cells, words=(0, 1, 2), note=note),
     ]
     page.write(folder / "report.html", found.table.title, blocks)
     write_json(folder / "fit.json", numbers)

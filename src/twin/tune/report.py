@@ -13,10 +13,10 @@ from twin.run.assemble import build_law
 from twin.run.tables import LABELS, flat
 from twin.scenario.load import setting
 from twin.study.schema import Point, place_of
-from twin.tune.search import CONFIDENCE, TuneResult
+from twin.tune.search import BOUND_CONFIDENCE, TuneResult
 from twin.tune.trials import Trials
 
-CONTROLLER = ("controller", "observer", "predictor")
+CONTROL_TABLES = ("controller", "observer", "predictor")
 """Tables of a scenario that belong together and are given as a whole."""
 
 
@@ -28,10 +28,10 @@ def settings(trials: Trials, fields: Point) -> dict[str, Any]:
         fields: Values of its fields.
     """
     scenario = json.loads(trials.scenario(fields, 0).model_dump_json())
-    found = flat({table: scenario[table] or {} for table in CONTROLLER})
+    found = flat({table: scenario[table] or {} for table in CONTROL_TABLES})
     for field in fields:
         key, _ = place_of(field)
-        if key.partition(".")[0] not in CONTROLLER:
+        if key.partition(".")[0] not in CONTROL_TABLES:
             found[key] = flat(scenario)[key]
     found["parameters"] = dict(map(setting, trials.tune.set)).get("parameters")
     return {key: value for key, value in found.items() if value is not None}
@@ -50,9 +50,9 @@ def toml(settings: dict[str, Any], comment: list[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-FRAGMENT = "tuned.toml"
-FIELDS = ("field", "searched", "before", "after", "unit")
-TASKS = (
+FRAGMENT_FILE = "tuned.toml"
+FIELD_HEADINGS = ("field", "searched", "before", "after", "unit")
+TASK_HEADINGS = (
     *("task", "", "judged by", "median", "90 %", "largest", "cost 1 at", "finished"),
     "median RMS effort [rad/s²]",
 )
@@ -66,8 +66,8 @@ def sentences(found: TuneResult) -> list[str]:
     lines = [
         f"{tried} candidates, {ran} of them run on up to {tune.rigs[-1]} rigs of draw {tune.draw} "
         f"of the family {tune.family}; {tried - ran} had a nominal loop without the margins asked.",
-        f"On {after['rigs']} fresh rigs of draw {tune.certificate_draw}: {failed(after)}; "
-        f"before: {failed(before)}.",
+        f"On {after['rigs']} fresh rigs of draw {tune.certificate_draw}: "
+        f"{describe_failures(after)}; before: {describe_failures(before)}.",
     ]
     lines += [f"Lost, as in {reason}." for reason in after["reasons"][:1]]
     cost, was = after["cost"], before["cost"]
@@ -98,11 +98,11 @@ def sentences(found: TuneResult) -> list[str]:
     return lines
 
 
-def failed(certificate: dict[str, Any]) -> str:
+def describe_failures(certificate: dict[str, Any]) -> str:
     """Failures and their bound in words."""
     bound = 100 * certificate["failure_rate_below"]
     return (
-        f"{certificate['failures']} of {certificate['rigs']} lost, so with {CONFIDENCE:.0%} "
+        f"{certificate['failures']} of {certificate['rigs']} lost, so with {BOUND_CONFIDENCE:.0%} "
         f"confidence fewer than {bound:.2g} % of all such rigs are"
     )
 
@@ -153,16 +153,16 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
     tuned = settings(trials, found.chosen.fields)
     law = build_law(trials.scenario(found.chosen.fields, 0))
     said = [*sentences(found), *law.remarks]
-    head = [found.tune.title, *said, f"ballplate run circle --set parameters={FRAGMENT}"]
-    tasks = Table("Every task on the fresh rigs", TASKS, task_table(found), words=(0, 1, 2))
+    head = [found.tune.title, *said, f"ballplate run circle --set parameters={FRAGMENT_FILE}"]
+    tasks = Table("Every task on the fresh rigs", TASK_HEADINGS, task_table(found), words=(0, 1, 2))
     blocks: list[Block] = [Verdict(said, found.good), tasks]
     if found.after["reasons"]:
         blocks.append(Text(found.after["reasons"]))
     blocks += [
-        Table("Fields", FIELDS, fields_table(found), words=(0, -1)),
-        Code("Run it", f"ballplate run circle --set parameters={folder / FRAGMENT}"),
+        Table("Fields", FIELD_HEADINGS, fields_table(found), words=(0, -1)),
+        Code("Run it", f"ballplate run circle --set parameters={folder / FRAGMENT_FILE}"),
         Text(["As data: tune.json beside this page; the tuned controller: tuned.toml."]),
     ]
-    write_whole(folder / FRAGMENT, toml(tuned, head))
+    write_whole(folder / FRAGMENT_FILE, toml(tuned, head))
     write_json(folder / "tune.json", found.as_dict() | {"settings": tuned})
     page.write(folder / "report.html", found.tune.title, blocks)

@@ -168,10 +168,10 @@ def score(tune: Tune, loop: NominalLoop, found: Indicators) -> Score:
     return Score(rigs=rigs, cost=cost, effort=effort, lost=found.lost, constraints=constraints)
 
 
-PROPOSALS = 10
+MAX_PROPOSALS = 10
 """Most candidates proposed for each that is run: others have a nominal loop without margin."""
-DIGITS = 5
-"""Of the values that are tried: what is printed is what was run."""
+VALUE_DIGITS = 5
+"""Digits of the values that are tried, so that the printed values are those that were run."""
 
 
 def library() -> Any:
@@ -186,7 +186,7 @@ def library() -> Any:
     return optuna
 
 
-def searched(trials: Trials, advance: Callable[[int], None] = lambda _: None) -> list[Candidate]:
+def search_all(trials: Trials, advance: Callable[[int], None] = lambda _: None) -> list[Candidate]:
     """Every candidate of a search, in its order; the first is where it begins.
 
     Args:
@@ -204,13 +204,13 @@ def searched(trials: Trials, advance: Callable[[int], None] = lambda _: None) ->
     study = optuna.create_study(sampler=sampler)
     study.enqueue_trial(dict(trials.start))
     found: list[Candidate] = []
-    ran, proposals = 0, PROPOSALS * tune.candidates
+    ran, proposals = 0, MAX_PROPOSALS * tune.candidates
     while ran < tune.candidates and len(found) < proposals:
         asked: list[tuple[Any, Candidate]] = []
         size = min(tune.round, tune.candidates - ran)
-        most = min(PROPOSALS * size, proposals - len(found))
+        most = min(MAX_PROPOSALS * size, proposals - len(found))
         while size and len(asked) < most:
-            new = _asked(study, trials, space, len(found), min(size, most - len(asked)))
+            new = _propose(study, trials, space, len(found), min(size, most - len(asked)))
             for trial, candidate in new:
                 if not candidate.worth_running(tune):
                     _tell(study, trial, candidate, tune)  # so that the next ones know
@@ -226,12 +226,12 @@ def searched(trials: Trials, advance: Callable[[int], None] = lambda _: None) ->
     return found
 
 
-def _asked(
+def _propose(
     study: Any, trials: Trials, space: dict[str, Any], begin: int, count: int
 ) -> list[tuple[Any, Candidate]]:
     """New candidates that the sampler proposes, with their nominal loops."""
     asked = [study.ask(space) for _ in range(count)]
-    points = [rounded(trial.params, trials.tune.fields) for trial in asked]
+    points = [round_point(trial.params, trials.tune.fields) for trial in asked]
     if begin == 0:
         points[0] = trials.start
     loops = trials.loops(points)
@@ -298,25 +298,25 @@ def _space(fields: Mapping[str, Parameter]) -> dict[str, Any]:
     return found
 
 
-def rounded(values: Mapping[str, Any], fields: Mapping[str, Parameter]) -> Point:
+def round_point(values: Mapping[str, Any], fields: Mapping[str, Parameter]) -> Point:
     """Values of fields in the digits in which they are run, within their ranges."""
     found: Point = {}
     for key, about in fields.items():
         value = values[key]
         if about.continuous:
             low, high = about.ends
-            value = min(max(float(f"{value:.{DIGITS}g}"), low), high)
+            value = min(max(float(f"{value:.{VALUE_DIGITS}g}"), low), high)
         found[key] = value
     return found
 
 
-CONFIDENCE = 0.95
-QUANTILES = (0.5, 0.9, 1.0)
-SEARCHING = 0.7
+BOUND_CONFIDENCE = 0.95
+PRINTED_QUANTILES = (0.5, 0.9, 1.0)
+SEARCH_SHARE = 0.7
 """Share of a tune that its search takes, about."""
 
 
-def upper_bound(failures: int, rigs: int, confidence: float = CONFIDENCE) -> float:
+def upper_bound(failures: int, rigs: int, confidence: float = BOUND_CONFIDENCE) -> float:
     """The failure rate that so few failures exclude with a confidence, one-sided, exact.
 
     Clopper and Pearson 1934: the p at which at most so many failures of so many rigs have the
@@ -331,7 +331,7 @@ def upper_bound(failures: int, rigs: int, confidence: float = CONFIDENCE) -> flo
     return float(less.proportion_ci(confidence, method="exact").high)
 
 
-def certified(tune: Tune, found: Indicators) -> dict[str, Any]:
+def certify(tune: Tune, found: Indicators) -> dict[str, Any]:
     """What the runs on fresh rigs certify, as ``--json`` says it.
 
     Rigs and how many of them did not finish every task, the rate of failure that this excludes, the
@@ -348,7 +348,9 @@ def certified(tune: Tune, found: Indicators) -> dict[str, Any]:
     tasks = {}
     for task, values, effort in zip(tune.tasks, found.values.T, found.effort.T, strict=True):
         good = values[np.isfinite(values)]
-        middle, most, largest = np.quantile(good, QUANTILES).tolist() if len(good) else (None,) * 3
+        middle, most, largest = (
+            np.quantile(good, PRINTED_QUANTILES).tolist() if len(good) else (None,) * 3
+        )
         tasks[task.name] = {
             "finished": len(good),
             "median": middle,
@@ -361,7 +363,7 @@ def certified(tune: Tune, found: Indicators) -> dict[str, Any]:
         "rigs": rigs,
         "failures": lost,
         "failure_rate_below": upper_bound(lost, rigs),
-        "confidence": CONFIDENCE,
+        "confidence": BOUND_CONFIDENCE,
         "cost": None if lost else tail_mean(costs, tune.tail),
         "tasks": tasks,
         "reasons": found.reasons,
@@ -423,7 +425,7 @@ class TuneResult:
         }
 
 
-def tuned(
+def carry_out_tune(
     trials: Trials,
     advance: Callable[[float], None] = lambda _: None,
 ) -> TuneResult:
@@ -439,7 +441,7 @@ def tuned(
         TwinError: If the extra is not installed, or a run cannot be carried out.
     """
     tune = trials.tune
-    candidates = searched(trials, lambda done: advance(SEARCHING * done / tune.candidates))
+    candidates = search_all(trials, lambda done: advance(SEARCH_SHARE * done / tune.candidates))
     best = best_of(candidates, tune.finalists)
     some = best if candidates[0] in best else [*best, candidates[0]]
     gave = trials.indicators(
@@ -448,11 +450,11 @@ def tuned(
     finalists = [
         (each, score(tune, each.loop, found)) for each, found in zip(some, gave, strict=True)
     ]
-    advance((1 + SEARCHING) / 2)
+    advance((1 + SEARCH_SHARE) / 2)
     chosen = min(finalists, key=lambda item: item[1].rank)[0]
     compared = [candidates[0].fields, chosen.fields]
     before, after = (
-        certified(tune, found)
+        certify(tune, found)
         for found in trials.indicators(
             [(fields, tune.certificate) for fields in compared],
             tune.certificate_draw,

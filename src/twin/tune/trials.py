@@ -20,20 +20,22 @@ from twin.base.errors import ScenarioError, TwinError, nearest
 from twin.base.shipped import chosen, shipped_in
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.run.assemble import build_controller, own_errors
-from twin.run.files import METRICS
+from twin.run.files import MOTION_INDICATORS
 from twin.scenario import Scenario
 from twin.scenario.load import setting
 from twin.scenario.schema import at_study_step
 from twin.study.experiments import Store, evaluate
-from twin.study.schema import FamilyRig, Parameter, Point, drawn, read_family
+from twin.study.schema import FamilyRig, Parameter, Point, draw_rigs, read_family
 from twin.study.work import Builder, ScenarioRuns
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-JUDGED = tuple(
-    name for name in METRICS if name not in {"settling_time", "overshoot_percent", "steady_error"}
+RUN_INDICATORS = tuple(
+    name
+    for name in MOTION_INDICATORS
+    if name not in {"settling_time", "overshoot_percent", "steady_error"}
 )
 """Indicators that a finished run has, whatever became of the ball's way to its goal."""
 
@@ -57,8 +59,10 @@ class TuneTask(Checked):
 
     @model_validator(mode="after")
     def _known(self) -> TuneTask:
-        if self.indicator not in JUDGED:
-            raise ValueError(f"indicator: no '{self.indicator}'{nearest(self.indicator, JUDGED)}")
+        if self.indicator not in RUN_INDICATORS:
+            raise ValueError(
+                f"indicator: no '{self.indicator}'{nearest(self.indicator, RUN_INDICATORS)}"
+            )
         return self
 
 
@@ -284,7 +288,7 @@ class Trials:
         for place, task in enumerate(tune.tasks):
             try:
                 for on in (tune.search, tune.verdict):
-                    for rig in drawn(self._family, tune.draw, 1):
+                    for rig in draw_rigs(self._family, tune.draw, 1):
                         self.scenario(self.start, place, rig, on)
             except ScenarioError as error:
                 raise ScenarioError(f"task {task.name}: {error}") from error
@@ -349,7 +353,7 @@ class Trials:
             TwinError: If a process is killed, or a chunk of runs is lost too often.
         """
         asked = list(wanted)
-        rigs = drawn(self._family, draw, max((count for _, count in asked), default=0))
+        rigs = draw_rigs(self._family, draw, max((count for _, count in asked), default=0))
         which = [
             (candidate, rig, task)
             for candidate, (_, count) in enumerate(asked)

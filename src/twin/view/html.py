@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.base.page import Block, Code, Picture, Table, Text, Verdict
 from twin.base.page import html as html_of
 from twin.run.finished import Run, columns
-from twin.run.picture import drawn, picture, style
+from twin.run.picture import picture, style, styled_figure
 from twin.run.tables import differing, in_json, indicators
 from twin.view.summary import Diagnosis, spectrum, summary, verdict
 
-DETAILS = packaged("twin.view", "details.toml")
+PANEL_DETAILS = read_packaged("twin.view", "details.toml")
 """Of each panel title, labels, and where its axis begins and ends if that is known."""
-MOST = 12
+MAX_LEGEND_RUNS = 12
 """Runs that a legend within a panel has room for."""
 
 
@@ -31,7 +31,7 @@ def details(runs: Sequence[Run]) -> Figure:
     """Error spectrum, distribution of the error and, where the truth is known, estimation error."""
     known = any("true_x" in run.rows for run in runs)
     names = ["spectrum", "share", *(["estimate"] if known else [])]
-    with drawn(12, 3.4) as figure:
+    with styled_figure(12, 3.4) as figure:
         panels = dict(zip(names, figure.subplots(1, len(names)), strict=True))
         for index, run in enumerate(runs):
             frequency, amplitude = spectrum(run)
@@ -46,19 +46,19 @@ def details(runs: Sequence[Run]) -> Figure:
                 wrong = 1000 * (columns(run.rows, "estimated")[:, 0::4] - run.motion.ball)
                 panels["estimate"].plot(run.motion.time, np.hypot(*wrong.T), **look)
         for name, panel in panels.items():
-            panel.set(**DETAILS[name]["words"])
-            panel.set_ylim(**DETAILS[name]["limits"])
-        if 1 < len(runs) <= MOST:
+            panel.set(**PANEL_DETAILS[name]["words"])
+            panel.set_ylim(**PANEL_DETAILS[name]["limits"])
+        if 1 < len(runs) <= MAX_LEGEND_RUNS:
             entries = panels["spectrum"].get_legend_handles_labels()
             figure.legend(*entries, loc="outside lower center", ncols=4, fontsize=9)
     return figure
 
 
-LISTED = 40
+MAX_LISTED_EVENTS = 40
 """Events that are shown without being asked for."""
 MOST_TOLD = 3
 """Runs of which each has a sentence a fact; of more, one in all."""
-NOTE = (
+INDICATOR_NOTE = (
     "Indicators of the thesis's Appendix C; on single axes they judge x. Steady ones count from "
     "metrics.start on."
 )
@@ -79,7 +79,7 @@ def html(runs: Sequence[Run]) -> str:
         titles = names if several else [""]
         blocks += map(Verdict, told, good, titles)
     blocks += [
-        indicators("Numbers", {run.name: run.metrics for run in runs}, note=NOTE),
+        indicators("Numbers", {run.name: run.metrics for run in runs}, note=INDICATOR_NOTE),
         Picture("Motion", overview(runs)),
         Picture("Error and estimation", details(runs)),
     ]
@@ -94,7 +94,7 @@ def html(runs: Sequence[Run]) -> str:
     ]
     if events:
         heads = ("run", "time [s]", "severity", "what was detected")
-        folded = f"all {len(events)}" if len(events) > LISTED else ""
+        folded = f"all {len(events)}" if len(events) > MAX_LISTED_EVENTS else ""
         blocks.append(Table("Events", heads, events, words=(0, -1), folded=folded))
     if several:
         differ = [(key, *values) for key, values in differing(runs)]

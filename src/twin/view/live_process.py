@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.base.jobs import let_go, orphaned, spawned, wait_until
+from twin.base.jobs import is_orphan, let_go, spawn, wait_until
 from twin.run.record import Recorder
 
-_NAMES = 16384
+_NAMES_BYTES = 16384
 _COUNTERS = 7
 _WRITTEN, _DROPPED, _DONE, _NAMED, _OPENED, _TAKEN, _PROCESSED = range(_COUNTERS)
 
@@ -35,13 +35,13 @@ class SharedRingBuffer:
     """
 
     def __init__(self, rows: int, width: int, name: str | None = None) -> None:
-        size = 8 * _COUNTERS + _NAMES + 8 * rows * width
+        size = 8 * _COUNTERS + _NAMES_BYTES + 8 * rows * width
         self._memory = SharedMemory(name, create=name is None, size=size)
         buffer = self._memory.buf
         assert buffer is not None
-        self._text = buffer[8 * _COUNTERS : 8 * _COUNTERS + _NAMES]
+        self._text = buffer[8 * _COUNTERS : 8 * _COUNTERS + _NAMES_BYTES]
         self._counters = np.ndarray(_COUNTERS, np.int64, buffer)
-        self._rows: Array = np.ndarray((rows, width), float, buffer, 8 * _COUNTERS + _NAMES)
+        self._rows: Array = np.ndarray((rows, width), float, buffer, 8 * _COUNTERS + _NAMES_BYTES)
         self._size = rows
         self._read = 0
         self._own = name is None
@@ -57,7 +57,7 @@ class SharedRingBuffer:
 
     def name(self, columns: Sequence[str]) -> None:
         """Name the columns, once, before the first row."""
-        text = json.dumps(list(columns)).encode().ljust(_NAMES)
+        text = json.dumps(list(columns)).encode().ljust(_NAMES_BYTES)
         self._text[:] = text
         self._counters[_NAMED] = len(columns)
 
@@ -105,7 +105,7 @@ class SharedRingBuffer:
             most: Rows taken at a time; if there are as many, the next look comes at once.
         """
         while True:
-            done = self.done or orphaned()
+            done = self.done or is_orphan()
             columns = self.columns
             rows = self.take(most) if columns else np.empty((0, 0))
             yield dict(zip(columns, rows.T, strict=True))
@@ -113,7 +113,7 @@ class SharedRingBuffer:
             if most is None or len(rows) < most:
                 if done:
                     return
-                wait_until(lambda: self.done or orphaned(), every, min(every, 0.05))
+                wait_until(lambda: self.done or is_orphan(), every, min(every, 0.05))
 
     @property
     def taken(self) -> int:
@@ -158,13 +158,13 @@ class SharedRingBuffer:
             self._memory.unlink()
 
 
-ROWS = 32768
+BUFFER_ROWS = 32768
 """Rows the buffer holds: a minute of a real-time run at 2 ms."""
-WIDTH = 96
+MAX_COLUMNS = 96
 """Most columns."""
-FIRST = 60.0
+START_TIMEOUT_S = 60.0
 """Seconds the process may take to start; a shorter run waits for that at its end."""
-LAST = 5.0
+PROGRESS_TIMEOUT_S = 5.0
 """Seconds without progress after which, at the end, a view is taken for dead."""
 EVIDENCE_PATIENCE = 60.0
 """The same of what writes a record or a trace: a busy computer may stop it for many seconds."""
@@ -202,8 +202,8 @@ class LiveProcess:
         work: Callable[..., None],
         arguments: tuple[Any, ...],
         *,
-        rows: int = ROWS,
-        width: int = 1 + WIDTH,
+        rows: int = BUFFER_ROWS,
+        width: int = 1 + MAX_COLUMNS,
     ) -> None:
         self._ring = SharedRingBuffer(rows, width)
         self._plan: list[tuple[str, int, int]] = []
@@ -213,7 +213,7 @@ class LiveProcess:
         """Rows that were handed over to it, likewise."""
         self.missing = 0
         """Rows that it has not finished with, whatever the reason, likewise."""
-        self._process = spawned(work, self._ring.address, *arguments)
+        self._process = spawn(work, self._ring.address, *arguments)
         self._started = monotonic()
 
     def take_rows(self, columns: Sequence[str]) -> Callable[[Sequence[float]], None]:
@@ -253,7 +253,9 @@ class LiveProcess:
 
     def begun(self) -> bool:
         """Wait until the process has opened the buffer; return whether it has."""
-        while not self._ring.opened and self.alive and monotonic() < self._started + FIRST:
+        while (
+            not self._ring.opened and self.alive and monotonic() < self._started + START_TIMEOUT_S
+        ):
             self._process.join(0.05)
         return self._ring.opened
 
@@ -262,7 +264,7 @@ class LiveProcess:
         """Whether the process still runs."""
         return self._process.is_alive()
 
-    def finish(self, wait: float = LAST) -> bool:
+    def finish(self, wait: float = PROGRESS_TIMEOUT_S) -> bool:
         """Let the process work through the rows left; return whether it has.
 
         Args:

@@ -13,20 +13,20 @@ import rerun.blueprint as rrb
 
 from controllers.arrays import Array
 from twin.base.writing import write_whole
-from twin.hal.interface import SCREEN
+from twin.hal.interface import SCREEN_SIZE_M
 from twin.run.finished import Run
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, SharedRingBuffer, step_back
-from twin.view.streams import PLOTS, TIMELINE, TWIN_PLOTS, TWIN_RANGE, Batch, RunStream
+from twin.view.streams import PLOT_TABLES, TIMELINE_NAME, TWIN_PLOTS, TWIN_RANGE, Batch, RunStream
 from twin.view.viewer import environment
 
-GROUND, SKY = (16, 18, 22), (30, 33, 38)
+PLOT_GROUND, MECHANISM_GROUND = (16, 18, 22), (30, 33, 38)
 """Colours of the ground of plots and plate and of the mechanism's, whatever theme a viewer has: no
 recording and no blueprint can choose it, and lines that are seen on this are not on white."""
 
 
 def blueprint(
-    roots: Sequence[str], groups: Collection[str], size: tuple[float, float] = SCREEN
+    roots: Sequence[str], groups: Collection[str], size: tuple[float, float] = SCREEN_SIZE_M
 ) -> rrb.Blueprint:
     """The arrangement for one run, or for several side by side.
 
@@ -46,14 +46,14 @@ def blueprint(
         row_shares=[3, 2],
     )
     tabs: dict[str, list[rrb.View]] = {
-        name: [*_plots(roots, groups, titles)] for name, titles in PLOTS.items()
+        name: [*_plots(roots, groups, titles)] for name, titles in PLOT_TABLES.items()
     }
     right = rrb.Tabs(*(rrb.Vertical(*plots, name=name) for name, plots in tabs.items() if plots))
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE_NAME),
     )
 
 
@@ -65,7 +65,7 @@ def _plots(
             origin="/" if len(roots) > 1 else f"{roots[0]}/{entity}",
             contents=[f"+ {root}/{entity}/**" for root in roots],
             name=title,
-            background=rrb.archetypes.PlotBackground(color=GROUND),
+            background=rrb.archetypes.PlotBackground(color=PLOT_GROUND),
             axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
             axis_y=rrb.ScalarAxis(range=TWIN_RANGE) if entity in TWIN_PLOTS else None,
         )
@@ -74,7 +74,7 @@ def _plots(
     ]
 
 
-EYE = np.array([-0.75, 0.63, 0.32])
+EYE_POSITION_M = np.array([-0.75, 0.63, 0.32])
 """From where the mechanism is seen, m; from nearer or farther if its plate has another size."""
 
 
@@ -83,10 +83,10 @@ def _world(root: str, several: bool, size: tuple[float, float]) -> rrb.Spatial3D
     return rrb.Spatial3DView(
         origin=f"{root}/mechanism",
         name=title,
-        background=rrb.Background(color=SKY),
+        background=rrb.Background(color=MECHANISM_GROUND),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
-            position=max(np.divide(size, SCREEN)) * EYE,
+            position=max(np.divide(size, SCREEN_SIZE_M)) * EYE_POSITION_M,
             look_target=(0.0, 0.0, -0.12),
             eye_up=(0, 0, 1),
         ),
@@ -100,12 +100,12 @@ def _plate(roots: Sequence[str], size: tuple[float, float]) -> rrb.Spatial2DView
         origin=f"{roots[0]}/plate_mm" if len(roots) == 1 else "/",
         contents=[f"+ {root}/plate_mm/**" for root in roots],
         name=f"from above [mm]: {ball}, reference white, estimate gold, measured grey",
-        background=GROUND,
+        background=PLOT_GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y]),
     )
 
 
-APPLICATION = "ballplate"
+APPLICATION_ID = "ballplate"
 
 
 def new_stream(name: str, recording: str | None = None) -> rr.RecordingStream:
@@ -115,7 +115,7 @@ def new_stream(name: str, recording: str | None = None) -> rr.RecordingStream:
         name: What the recording is called.
         recording: Its identity, if several processes add to it.
     """
-    stream = rr.RecordingStream(APPLICATION, recording_id=recording)
+    stream = rr.RecordingStream(APPLICATION_ID, recording_id=recording)
     stream.send_recording_name(name)
     return stream
 
@@ -131,7 +131,7 @@ def send(stream: rr.RecordingStream, batches: Iterable[Batch]) -> None:
     for batch in batches:
         # Rerun rounds the times of rows, but cuts those of columns
         whole = np.round(1e9 * batch.time).astype("timedelta64[ns]")
-        time = rr.TimeColumn(TIMELINE, duration=whole)
+        time = rr.TimeColumn(TIMELINE_NAME, duration=whole)
         rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
 
 
@@ -170,9 +170,9 @@ def write(path: Path, runs: Sequence[Run]) -> None:
     stream.disconnect()
 
 
-EVERY = 0.08
+POLL_INTERVAL_S = 0.08
 """Seconds between two looks for new rows."""
-MOST = 2000
+MAX_ROWS_AT_ONCE = 2000
 """Rows sent at a time, so that a view that is behind a fast run still moves."""
 
 
@@ -194,7 +194,7 @@ def work(
     with closing(SharedRingBuffer(*buffer)) as ring:
         stream, run = new_stream(name, recording), RunStream(name, scenario)
         begun = False
-        for block in ring.blocks(EVERY, MOST):
+        for block in ring.blocks(POLL_INTERVAL_S, MAX_ROWS_AT_ONCE):
             if not block or not len(block["time"]):
                 continue
             if not begun:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from controllers.arrays import Array
 from controllers.interfaces import Reference
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
 from twin.run.assemble import build_reference, drawn_mechanism, parts_of
@@ -24,7 +24,7 @@ from twin.sim.plant.model import screen_of
 Colour = tuple[int, int, int]
 
 
-def rolled(turn: Array, position: Array, radius: float) -> Array:
+def rolling_attitude(turn: Array, position: Array, radius: float) -> Array:
     """How a ball lies that rolls without slip along positions (K, 2), quaternions (K, 4).
 
     A way d along the screen turns it by |d| / radius about the axis (-d_y, d_x, 0), in plate axes.
@@ -47,7 +47,7 @@ def in_view(points: Array) -> Array:
 VISIBLE_GROUPS = 3
 """Geoms of groups below this are drawn, as MuJoCo's own viewer does."""
 STEEL = (128, 133, 140)
-TURNED = ("cardan", "plate", "motor_phi", "motor_theta")
+TURNED_PARTS = ("cardan", "plate", "motor_phi", "motor_theta")
 
 
 Pose = dict[str, Array]
@@ -84,7 +84,7 @@ class Scene:
         self.radius = float(ball.size[0])
         self._lift = float(ball.size[2]) if ball.size[2] > 0 else self.radius
         seen = {int(body) for body in model.geom_bodyid[model.geom_group < VISIBLE_GROUPS]}
-        self._turned = [name for name in TURNED if model.body(name).id in seen]
+        self._turned = [name for name in TURNED_PARTS if model.body(name).id in seen]
         self._lines = {
             f"{root}/{model.tendon(i).name}": model.wrap_objid[model.tendon_adr[i] :][:2].tolist()
             for i in range(model.ntendon)
@@ -148,7 +148,7 @@ class Scene:
         """
         model, count = self._model, len(state)
         phi, theta = state[:, 2], state[:, 6]
-        angle = dict(zip(TURNED, (theta, phi, motor[:, 0], motor[:, 1]), strict=True))
+        angle = dict(zip(TURNED_PARTS, (theta, phi, motor[:, 0], motor[:, 1]), strict=True))
         poses: dict[str, Pose] = {}
         for name in self._turned:
             body = model.body(name)
@@ -165,7 +165,7 @@ class Scene:
     def lines(self, state: Array, motor: Array) -> dict[str, Array]:
         """Where spring or rods begin and end in rig axes at K instants, m, shape (K, 2, 3) each."""
         model, data = self._model, mujoco.MjData(self._model)
-        joints = [int(model.body(name).jntadr[0]) for name in TURNED]
+        joints = [int(model.body(name).jntadr[0]) for name in TURNED_PARTS]
         places = np.empty((len(state), model.nsite, 3))
         for k, angles in enumerate(zip(state[:, 6], state[:, 2], *motor.T, strict=True)):
             data.qpos[model.jnt_qposadr[joints]] = angles
@@ -179,9 +179,9 @@ BLUE, VERMILION, GREEN, PINK = (0, 114, 178), (213, 94, 0), (0, 158, 115), (204,
 ORANGE, SKY, GREY, BLACK = (230, 159, 0), (86, 180, 233), (150, 150, 150), (235, 235, 235)
 
 
-CYCLE = (BLUE, VERMILION, GREEN, PINK)
+LINE_COLOURS = (BLUE, VERMILION, GREEN, PINK)
 """The colours of the lines of a plot, in their order."""
-LOOKS = {
+LINE_LOOKS = {
     "ball": (BLUE, 2.0),
     "estimate": (ORANGE, 1.5),
     "measured": (GREY, 1.0),
@@ -189,30 +189,32 @@ LOOKS = {
     "distance": (GREY, 1.0),
 }
 """Colour and width of the lines that have their own."""
-RUNS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY)
+RUN_LINE_COLOURS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY)
 """The colours of runs that are shown together."""
-SHARED = ("reference", "dead_time")
+SHARED_LINES = ("reference", "dead_time")
 """Lines that are the same in all of them: the first run has them."""
 
 
 def shade(run: int, number: int) -> Colour:
     """The colour of a run in the shade of one of its lines, by their number in a plot."""
     share = (0.0, 0.35, 0.6)[number % 3]
-    red, green, blue = (round(c + share * (255 - c)) for c in RUNS[run % len(RUNS)])
+    red, green, blue = (
+        round(c + share * (255 - c)) for c in RUN_LINE_COLOURS[run % len(RUN_LINE_COLOURS)]
+    )
     return red, green, blue
 
 
 def telling(plot: Mapping[str, Array], run: int) -> dict[str, Array]:
-    """Of the lines of a plot those that tell runs apart, and what is the same in all, once."""
+    """The lines of a plot that differ between runs, and those common to all, once."""
     left_out = ("estimate", "measured", *("xy" if "distance" in plot else ()))
-    left_out += SHARED if run else ()
+    left_out += SHARED_LINES if run else ()
     return {name: values for name, values in plot.items() if name not in left_out}
 
 
-PLOTS: dict[str, dict[str, str]] = packaged("twin.view", "plots.toml")
+PLOT_TABLES: dict[str, dict[str, str]] = read_packaged("twin.view", "plots.toml")
 """Entity of each plot and its title with the unit, by the tab it stands in."""
 
-LINES = packaged("twin.view", "lines.toml")
+LINE_TABLES = read_packaged("twin.view", "lines.toml")
 """Plots and the columns that are their lines; the file says how."""
 
 
@@ -237,7 +239,7 @@ def signals(
         if kind == "true":
             own[f"off_{axis}"] = rows[f"true_{axis}"] - rows[f"estimated_{axis}"]
     found = {}
-    for entity, about in LINES.items():
+    for entity, about in LINE_TABLES.items():
         at = {name: column.replace("STATE", kind) for name, column in about["lines"].items()}
         plot = {name: about.get("factor", 1.0) * own[c] for name, c in at.items() if c in own}
         if plot:
@@ -245,10 +247,10 @@ def signals(
     return found
 
 
-TIMELINE = "simulated time [s]"
-FRAMES = 50.0
+TIMELINE_NAME = "simulated time [s]"
+POSES_PER_SECOND = 50.0
 """Poses and trails per second; the plots have every period."""
-TRAIL = 3.0
+TRAIL_S = 3.0
 """Seconds of the ball's path that its trail shows."""
 
 
@@ -282,7 +284,7 @@ class RunStream:
     ) -> None:
         self.name = name
         self._among = among
-        self._colour = RUNS[(among or 0) % len(RUNS)]
+        self._colour = RUN_LINE_COLOURS[(among or 0) % len(RUN_LINE_COLOURS)]
         self.root = f"/{rr.escape_entity_path_part(name)}"
         self._reference = build_reference(scenario) if reference is None else reference
         self.scenario = scenario
@@ -365,7 +367,9 @@ class RunStream:
             frames = {name: column[keep] for name, column in rows.items()}
             ball = states_of(frames)[:, 0::4]
             before = ball[:1] if self._last is None else self._last
-            turns = rolled(self._turn, np.concatenate((before, ball)), self.scene.radius)[1:]
+            turns = rolling_attitude(self._turn, np.concatenate((before, ball)), self.scene.radius)[
+                1:
+            ]
             self._last, self._turn = ball[-1:], turns[-1]
             yield from self._moving(frames, turns)
             yield from self._on_plate(frames, reference[keep])
@@ -384,15 +388,17 @@ class RunStream:
         for group, plot in self.plots(rows).items():
             for number, name in enumerate(plot):
                 called = name.replace("_", " ")
-                colour, width = LOOKS.get(name, (CYCLE[number % len(CYCLE)], 1.5))
+                colour, width = LINE_LOOKS.get(
+                    name, (LINE_COLOURS[number % len(LINE_COLOURS)], 1.5)
+                )
                 if self._among is not None:
                     called = f"{self.name}: {called}"
-                    colour = colour if name in SHARED else shade(self._among, number)
+                    colour = colour if name in SHARED_LINES else shade(self._among, number)
                 yield f"{self.root}/{group}/{name}", line(colour, width, called)
 
     def _frames(self, time: Array) -> NDArray[np.integer]:
         """Indices of the rows of which a picture is made, FRAMES per second."""
-        slot = np.floor(time * FRAMES + 1e-6)
+        slot = np.floor(time * POSES_PER_SECOND + 1e-6)
         first = slot > np.concatenate(([self._next_frame], slot[:-1]))
         self._next_frame = float(slot[-1])
         return np.flatnonzero(first)
@@ -414,7 +420,7 @@ class RunStream:
             began = np.flatnonzero(np.diff(mask.astype(int), prepend=self._marks.get(what, 0)) > 0)
             self._marks[what] = bool(mask[-1])
             events += [(time[k], what) for k in began[:20]]
-        yield from told(self.root, sorted(events, key=lambda event: event[0]), "INFO")
+        yield from event_texts(self.root, sorted(events, key=lambda event: event[0]), "INFO")
 
     def _moving(self, rows: Mapping[str, Array], turns: Array) -> Iterator[Batch]:
         time, state = rows["time"], states_of(rows)
@@ -430,7 +436,7 @@ class RunStream:
     def _on_plate(self, rows: Mapping[str, Array], reference: Array) -> Iterator[Batch]:
         time, ball = rows["time"], states_of(rows)[:, 0::4]
         self._trail = np.concatenate((self._trail, np.column_stack((time, ball))))
-        starts = np.searchsorted(self._trail[:, 0], time - TRAIL)
+        starts = np.searchsorted(self._trail[:, 0], time - TRAIL_S)
         ends = np.searchsorted(self._trail[:, 0], time, side="right")
         trails = [self._trail[a:b, 1:] for a, b in zip(starts, ends, strict=True)]
         self._trail = self._trail[starts[-1] :]
@@ -459,7 +465,7 @@ def line(colour: Colour, width: float, called: str) -> rr.AsComponents:
     return rr.SeriesLines(colors=[colour], widths=[width], names=[called])
 
 
-def told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterator[Batch]:
+def event_texts(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterator[Batch]:
     """Times in s and texts of what happened, if anything did."""
     if events:
         times, texts = zip(*events, strict=True)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.data_file import packaged
-from twin.devices.realtime import blamed
+from twin.base.data_file import read_packaged
+from twin.devices.realtime import describe_lateness
 from twin.run.assemble import build_law
 from twin.run.finished import Run, columns
 from twin.run.metrics import Motion
@@ -21,15 +21,15 @@ RESTING = 1e-3
 """Speed of a reference in m/s below which it rests."""
 LONGEST_LAG = 1.5
 """Seconds up to which a lag behind the reference is looked for."""
-COARSE, FINE = 0.025, 0.005
+COARSE_LAG_STEP_S, FINE_LAG_STEP_S = 0.025, 0.005
 """Steps in s in which it is looked for, first everywhere and then about the best."""
-REDUCED = 0.01
+MIN_REDUCTION_RAD_S2 = 0.01
 """Difference of requested and applied acceleration in rad/s^2 that counts as cut by a limit."""
-REST = 1.0
+REST_TIME_S = 1.0
 """Seconds without motion at the end of a run after which a ball rests."""
-STILL = 0.1e-3
+STILL_MOTION_M = 0.1e-3
 """Motion in m within that time that is none."""
-AWAY = 1e-3
+STUCK_DISTANCE_M = 1e-3
 """Distance in m from its reference at which a resting ball is stuck."""
 
 
@@ -99,7 +99,7 @@ class Diagnosis:
             estimation=estimation,
             cut=None
             if np.isnan(requested).all()
-            else float((np.abs(requested - applied) > REDUCED).any(axis=1).mean()),
+            else float((np.abs(requested - applied) > MIN_REDUCTION_RAD_S2).any(axis=1).mean()),
             angle=float(np.abs(motion.plate).max() / run.limits.angle),
             lifted=float((np.min(wheels, axis=0) <= 0).mean()) if wheels else None,
             untouched=float((touched < 0.5).mean()),
@@ -112,10 +112,14 @@ class Diagnosis:
 
 def _stuck(motion: Motion) -> float | None:
     """How far from its resting reference the ball lay still at the end of a run."""
-    last = motion.time >= motion.time[-1] - REST
+    last = motion.time >= motion.time[-1] - REST_TIME_S
     moved = max(np.ptp(where[last], axis=0).max() for where in (motion.ball, motion.reference))
     away = float(np.hypot(*motion.error[-1]))
-    return away if moved < STILL and away > AWAY and motion.time[-1] >= REST else None
+    return (
+        away
+        if moved < STILL_MOTION_M and away > STUCK_DISTANCE_M and motion.time[-1] >= REST_TIME_S
+        else None
+    )
 
 
 def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | None, float | None]:
@@ -139,17 +143,17 @@ def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | N
         gain = float((desired * ball[::every]).sum() / max((desired**2).sum(), 1e-12))
         return gain, _rms(gain * desired - ball[::every])
 
-    coarse = np.arange(-0.2, min(LONGEST_LAG, float(np.ptp(time)) / 2), COARSE)
+    coarse = np.arange(-0.2, min(LONGEST_LAG, float(np.ptp(time)) / 2), COARSE_LAG_STEP_S)
     every = max(1, len(time) // 400)
     best = coarse[int(np.argmin([fit(delay, every)[1] for delay in coarse]))]
     if best in (coarse[0], coarse[-1]):
         return None, None, None
-    fine = best + np.arange(-COARSE, 1.5 * COARSE, FINE)
+    fine = best + np.arange(-COARSE_LAG_STEP_S, 1.5 * COARSE_LAG_STEP_S, FINE_LAG_STEP_S)
     squares = np.array([fit(delay)[1] ** 2 for delay in fine])
     i = int(np.clip(np.argmin(squares), 1, len(fine) - 2))
     before, least, after = squares[i - 1 : i + 2]
     bend = before - 2 * least + after  # of the parabola through the three: its vertex is the lag
-    lag = float(fine[i] + FINE * (0.5 * (before - after) / bend if bend > 0 else 0.0))
+    lag = float(fine[i] + FINE_LAG_STEP_S * (0.5 * (before - after) / bend if bend > 0 else 0.0))
     return lag, *fit(lag)
 
 
@@ -185,14 +189,14 @@ def _rms(error: Array) -> float:
     return float(np.sqrt((error**2).sum(axis=-1).mean()))
 
 
-ENDINGS = packaged("twin.view", "endings.toml")
+ENDING_TEXTS = read_packaged("twin.view", "endings.toml")
 
 
-LEAST = 1e-6
+MIN_REPORTED_DISTANCE_M = 1e-6
 """Distance in m below which a number of it says nothing."""
-SMALL = 1e-4
+SMALL_ERROR_M = 1e-4
 """Error in m, less than the screen can tell, of which nothing needs to be said."""
-CUT = 0.001
+MIN_CUT_SHARE = 0.001
 """Share of time in which a limit cut the effort from which on it is said."""
 FREE = "no limit was in the way"
 STEEP = 0.95
@@ -210,7 +214,7 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
         share = f"{found.held:.1%} of the whole run's time"
         told.append(f"Friction held the ball at rest {share} (shaded).")
     told += [f"{fact[0].upper()}{fact[1:]}." for fact in _limits(run, found)]
-    if (off := found.estimation) is not None and off >= LEAST:
+    if (off := found.estimation) is not None and off >= MIN_REPORTED_DISTANCE_M:
         size = "large" if off > 0.5 * found.rms else "small"
         told.append(
             f"The observer's position of the ball was off by {1000 * off:.2g} mm (RMS), a {size} "
@@ -220,10 +224,10 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
     return [*told, *remarks]
 
 
-def judged(run: Run, clean: float | None = None) -> str:
+def describe_run(run: Run, clean: float | None = None) -> str:
     """The verdict on a run; arguments as for ``verdict``."""
     if not len(run.rows["time"]):
-        return f"{ENDINGS[run.metrics['outcome']]}: {run.metrics['reason']}."
+        return f"{ENDING_TEXTS[run.metrics['outcome']]}: {run.metrics['reason']}."
     return verdict(run, Diagnosis.of(run), clean)
 
 
@@ -255,7 +259,7 @@ def _size(run: Run, found: Diagnosis, clean: float | None = None) -> str:
 
 def _limits(run: Run, found: Diagnosis) -> list[str]:
     """What limited a run, the weightiest first, in half a sentence each."""
-    facts = _shaped(run)
+    facts = _describe_shaped_reference(run)
     if (away := found.stuck) is not None:
         simulated = "true_x" in run.rows
         rubs = run.scenario.plant.friction.rolling_mm > 0 or not simulated
@@ -267,26 +271,26 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
     elif found.lag is not None and found.gain is not None and found.rest is not None:
         way = "behind" if found.lag >= 0 else "ahead of"
         size = "smaller" if found.gain <= 1 else "larger"
-        if found.rms > SMALL:
+        if found.rms > SMALL_ERROR_M:
             facts.append(
                 f"the ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
                 f"{abs(1 - found.gain):.1%} {size}, without which {_mm(found.rest)} would be left"
             )
-    elif found.lag is None and RESTING < found.turned < ROUND and found.rms > SMALL:
+    elif found.lag is None and RESTING < found.turned < ROUND and found.rms > SMALL_ERROR_M:
         facts.append(
             f"too short for a lag: its reference turned by {math.degrees(found.turned):.0f} deg "
             "in that time, less than once round"
         )
     if found.unmoved:
         facts.insert(0, "the plate was never moved: limits left nothing of any command")
-    if found.cut is not None and found.cut > CUT:
+    if found.cut is not None and found.cut > MIN_CUT_SHARE:
         facts.append(
             f"a limit of rate, acceleration or angle cut the effort {found.cut:.1%} of the time"
         )
     limit = run.scenario.rig.limits.angle_deg
     if found.angle > STEEP:
         facts.append(f"the plate reached its angle limit of {limit:g} deg")
-    if found.cut is not None and found.cut <= CUT and found.angle <= STEEP:
+    if found.cut is not None and found.cut <= MIN_CUT_SHARE and found.angle <= STEEP:
         facts.append(f"{FREE}, of the plate's {limit:g} deg {found.angle:.0%} were used")
     if found.lifted:
         facts.append(f"a wheel left its cam {found.lifted:.1%} of the time")
@@ -295,7 +299,7 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
     return facts or [FREE]
 
 
-def _shaped(run: Run) -> list[str]:
+def _describe_shaped_reference(run: Run) -> list[str]:
     """A reference that the plate cannot give, if the law laid another path for that reason."""
     if "laid_x" not in run.rows:
         return []
@@ -312,12 +316,16 @@ def _ending(run: Run) -> str:
     outcome = str(run.metrics.get("outcome", ""))
     end = float(run.metrics.get("outcome_time", run.rows["time"][-1]))
     reason = run.metrics.get("reason")
-    ending = ENDINGS.get(outcome, "The run ended")
+    ending = ENDING_TEXTS.get(outcome, "The run ended")
     told = f"{ending} after {end:.4g} s{f': {reason}' if reason else ''}."
-    late = blamed(run.ledger) if outcome == "fault" and run.ledger else ""
+    late = describe_lateness(run.ledger) if outcome == "fault" and run.ledger else ""
     return f"{late[0].upper()}{late[1:]}. {told}" if late else told
 
 
 def _mm(distance: float) -> str:
     """A distance in m, in words; nothing that no rig could tell from none."""
-    return f"{1000 * distance:.3g} mm" if distance >= LEAST else f"below {1000 * LEAST:g} mm"
+    return (
+        f"{1000 * distance:.3g} mm"
+        if distance >= MIN_REPORTED_DISTANCE_M
+        else f"below {1000 * MIN_REPORTED_DISTANCE_M:g} mm"
+    )

@@ -92,7 +92,7 @@ class Opened:
         self.process.wait()
 
 
-def started(*options: str | Path) -> Opened:
+def start_viewer(*options: str | Path) -> Opened:
     """The viewer, listening on a free port of this machine only.
 
     Raises:
@@ -124,7 +124,7 @@ def window(*files: Path) -> Opened:
     needs_none = sys.platform in ("win32", "darwin")
     if not (needs_none or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ViewError("no display for a viewer window; use --rrd FILE or --serve")
-    return started(*files or ("--expect-data-soon",))
+    return start_viewer(*files or ("--expect-data-soon",))
 
 
 def page(web_port: int, *files: Path) -> Opened:
@@ -134,7 +134,7 @@ def page(web_port: int, *files: Path) -> Opened:
         ViewError: If the port is taken, or there is no viewer.
     """
     bound("127.0.0.1", web_port).close()
-    made = started("--serve-web", "--web-viewer-port", str(web_port), *files)
+    made = start_viewer("--serve-web", "--web-viewer-port", str(web_port), *files)
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, made.process.pid, 15)  # the control loop comes first
     wait_until(lambda: made.listens or made.process.poll() is not None, STARTING, 0.05)

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError
 from twin.base.jobs import cores, results
 from twin.base.writing import write_whole
 from twin.run.assemble import linkage_of
 from twin.run.finished import run
 from twin.run.metrics import Ending
-from twin.run.picture import COLOURS, drawn
+from twin.run.picture import RUN_COLOURS, styled_figure
 from twin.scenario.schema import CAMS_ONLY, EXACT_ONLY, MECHANISM_ONLY, Scenario
 
 Overrides = Mapping[str, Any]
@@ -48,12 +48,12 @@ EFFECTS = tuple(
         label=about["label"],
         off={key: None if value == "default" else value for key, value in about["off"].items()},
     )
-    for name, about in packaged("twin.whatif", "effects.toml").items()
+    for name, about in read_packaged("twin.whatif", "effects.toml").items()
 )
 """Every effect that can be switched alone."""
 
 
-def changed(scenario: Scenario, overrides: Iterable[Overrides]) -> Scenario:
+def apply_overrides(scenario: Scenario, overrides: Iterable[Overrides]) -> Scenario:
     """The scenario with overrides put in."""
     tables = scenario.model_dump(exclude_unset=True)
     for each in overrides:
@@ -79,13 +79,13 @@ def present(scenario: Scenario) -> tuple[Effect, ...]:
         effect
         for effect in EFFECTS
         if not any(key.removeprefix("plant.") in other for key in effect.off)
-        and changed(scenario, [effect.off]).model_dump() != now
+        and apply_overrides(scenario, [effect.off]).model_dump() != now
     )
 
 
 def without(scenario: Scenario, effects: Iterable[Effect]) -> Scenario:
     """The scenario with effects switched off."""
-    return changed(scenario, [effect.off for effect in effects])
+    return apply_overrides(scenario, [effect.off for effect in effects])
 
 
 ALL, NONE = "all", "none"
@@ -284,7 +284,7 @@ def summary(explanation: Explanation) -> dict[str, Any]:
     }
 
 
-LEFT, ALONE = COLOURS[1], COLOURS[0]
+LEFT, ALONE = RUN_COLOURS[1], RUN_COLOURS[0]
 
 
 def draw(path: Path, explanation: Explanation) -> None:
@@ -295,7 +295,7 @@ def draw(path: Path, explanation: Explanation) -> None:
     """
     whole, none = explanation.size(explanation.whole), explanation.size(explanation.none)
     parts = explanation.contributions
-    with drawn(10, 2.2 + 0.36 * max(len(parts), 3)) as figure:
+    with styled_figure(10, 2.2 + 0.36 * max(len(parts), 3)) as figure:
         title = f"{explanation.scenario.title}: what makes the error"
         figure.suptitle(title, fontsize=12, fontweight="bold", wrap=True)
         panel = figure.subplots()

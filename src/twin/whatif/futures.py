@@ -23,16 +23,16 @@ from twin.base.errors import RecordError, ScenarioError
 from twin.base.jobs import SecondProcess
 from twin.base.writing import write_json, write_whole
 from twin.identify.logs import Log, read, read_any, wanted_columns
-from twin.identify.prepare import check_ranges, interpolated
+from twin.identify.prepare import check_ranges, interpolate
 from twin.run.assemble import assemble, build_controller, build_reference, law_of
-from twin.run.files import WHATIF, forget, free, is_record, record_of, short_key, slug
-from twin.run.finished import Run, drawn, open_run, record_run, versions
+from twin.run.files import WHATIF_FILE, forget, free, is_record, record_of, short_key, slug
+from twin.run.finished import Run, draw_runs, open_run, record_run, versions
 from twin.run.loop import drive
 from twin.run.metrics import Motion
 from twin.run.record import Recorder
 from twin.run.state import Snapshot, restore
 from twin.scenario.load import check, load, put, setting
-from twin.scenario.schema import JUMPS, RAMPS, Scenario, choices
+from twin.scenario.schema import JUMP_KEYS, RAMP_KEYS, Scenario, choices
 from twin.sim.rig import SimulatedRig
 
 HALF, FRAMES = 0.08, 5
@@ -322,7 +322,7 @@ WARMED = 8.0
 """Longest time in s for which an observer is warmed; a law with a memory sees the whole log."""
 
 
-def estimated(name: str, log: Usable, scenario: Scenario, at: float) -> Moment:
+def estimate_moment(name: str, log: Usable, scenario: Scenario, at: float) -> Moment:
     """A moment of a log.
 
     Args:
@@ -345,14 +345,14 @@ def estimated(name: str, log: Usable, scenario: Scenario, at: float) -> Moment:
         ),
         exact=False,
         before_mm=_apart(log, scenario, at),
-        controller=partial(_warmed, log, scenario, at),
-        put=partial(_led, log, at),
+        controller=partial(_warm_up, log, scenario, at),
+        put=partial(_synchronise, log, at),
         gaps=log.gaps,
         notes=log.notes,
     )
 
 
-def _warmed(log: Usable, scenario: Scenario, at: float) -> Controller:
+def _warm_up(log: Usable, scenario: Scenario, at: float) -> Controller:
     """The controller of a scenario, having seen the log up to a moment and no gap."""
     controller = build_controller(scenario)
     since = log.unbroken_since(at)
@@ -369,7 +369,7 @@ def _warmed(log: Usable, scenario: Scenario, at: float) -> Controller:
     return controller
 
 
-def _led(log: Usable, at: float, rig: SimulatedRig, led: float = LED) -> Measurement:
+def _synchronise(log: Usable, at: float, rig: SimulatedRig, led: float = LED) -> Measurement:
     """Lead a rig along the log up to a moment and let it go there."""
     period = rig.period
     ticks = min(round(led / period), round((at - log.unbroken_since(at)) / period))
@@ -377,7 +377,7 @@ def _led(log: Usable, at: float, rig: SimulatedRig, led: float = LED) -> Measure
     rig.devices.begin_at(begin)
     times = begin + period * np.arange(ticks + 1)
     smooth = savgol_filter(log.plate, min(COUNTED, len(log.plate)), 1, axis=0)
-    angle = interpolated(times, log.time, smooth)
+    angle = interpolate(times, log.time, smooth)
     rate = log.commanded(times)
     share = np.minimum(1.0, (times - begin) / min(CATCH_UP, max(led / 2, period)))
     blend = share**2 * (3 - 2 * share)
@@ -415,7 +415,7 @@ def _apart(log: Usable, scenario: Scenario, at: float) -> float | None:
     with rig:
         rig.read()
         rig.start()
-        _led(log, begin, rig)
+        _synchronise(log, begin, rig)
         for rate in log.commanded(times):
             rig.write(rate[None])
             rig.wait()
@@ -446,12 +446,13 @@ def branch(scenario: Scenario, at: float, end: float, settings: Sequence[str]) -
         ScenarioError: If a key cannot change while a rig runs, or a value is out of range.
     """
     values = dict(map(setting, settings))
-    plant = {key: value for key, value in values.items() if key in RAMPS + JUMPS}
+    plant = {key: value for key, value in values.items() if key in RAMP_KEYS + JUMP_KEYS}
     for key in values:
         if key not in plant and not key.startswith(CONTROL):
             raise ScenarioError(
                 f"--set {key}: cannot change while a plant runs (what can: "
-                f"{', '.join(f'{begin}*' for begin in CONTROL)}, {', '.join(RAMPS + JUMPS)})"
+                f"{', '.join(f'{begin}*' for begin in CONTROL)}, "
+                f"{', '.join(RAMP_KEYS + JUMP_KEYS)})"
             )
     tables = scenario.model_dump(mode="json")
     control = {key: value for key, value in values.items() if key not in plant}
@@ -603,7 +604,7 @@ def moment_of(
             check_ranges(log)
         else:
             log = read_any(path, wanted_columns(columns), separator).on(chosen)
-        return estimated(path.stem, judge(log, chosen, at), chosen, at)
+        return estimate_moment(path.stem, judge(log, chosen, at), chosen, at)
     told = {"scenario": scenario, "on": settings, "columns": columns}
     if given := [name for name, value in told.items() if value]:
         raise RecordError(
@@ -628,7 +629,7 @@ def moment_of(
         whole = read(file)
         check_ranges(whole)
         log = judge(whole, run.scenario, at)
-        moment = estimated(run.name, log, run.scenario, at)
+        moment = estimate_moment(run.name, log, run.scenario, at)
         note = f"recorded with {', '.join(other)}: gone on with from its estimated state"
         return replace(moment, notes=(*moment.notes, note)) if other else moment
     first, last = run.rows["time"][[0, -1]]
@@ -673,8 +674,10 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
         RecordError: If it cannot be written.
     """
     title = f"What if: {moment.name} from {moment.at:g} s on"
-    picture = beside.begin(drawn, shown(moment, found), title, moment.scenario.dimensions)
-    forget(folder, WHATIF)
+    picture = beside.begin(
+        draw_runs, motions_shown(moment, found), title, moment.scenario.dimensions
+    )
+    forget(folder, WHATIF_FILE)
     folders = []
     for each in found:
         folders.append(free(folder / each.name))
@@ -682,11 +685,11 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
         origin = {"of": moment.name, "at": moment.at, **changed}
         record_run(each.run, folders[-1], {"branch": origin})
     kept = {"folders": [own.name for own in folders]}
-    write_json(folder / WHATIF, summary(moment, found) | kept)
+    write_json(folder / WHATIF_FILE, summary(moment, found) | kept)
     write_whole(folder / "picture.png", picture())
 
 
-def shown(moment: Moment, found: Sequence[Future]) -> dict[str, Motion]:
+def motions_shown(moment: Moment, found: Sequence[Future]) -> dict[str, Motion]:
     """What the picture shows: record and futures by label."""
     recorded = moment.recorded
     end = max(each.run.motion.time[-1] for each in found)

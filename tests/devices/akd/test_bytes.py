@@ -11,7 +11,7 @@ from twin.base.errors import ScenarioError
 from twin.devices.akd import conditions as c
 from twin.devices.akd import protocol
 from twin.devices.akd.axis import Axis, EncoderCounter, PdoTracker, difference
-from twin.devices.akd.config import AkdConfig, AxisConfig, DriveSettings, counts32, unconfirmed
+from twin.devices.akd.config import AkdConfig, AxisConfig, DriveSettings, counts32, list_unconfirmed
 from twin.devices.akd.protocol import AxisRequest, DriveState
 from twin.devices.akd.servos import SdoPolling
 from twin.devices.common import FaultReports
@@ -244,9 +244,9 @@ def test_what_is_not_confirmed_is_listed_and_documented_with_its_source():
     attribute = re.compile(r"^    (\w+): (.*(?:\n     +.*)*)", re.MULTILINE)
     docs = (inspect.cleandoc(each.__doc__) for each in (DriveSettings, AxisConfig))
     known = dict(itertools.chain.from_iterable(map(attribute.findall, docs)))
-    assert {"plate_counts", "motor_sign", "rate_limit"} <= set(unconfirmed())
+    assert {"plate_counts", "motor_sign", "rate_limit"} <= set(list_unconfirmed())
     sourced = {name for name, text in known.items() if re.search(r";\s.+\s\([ML]\)\.$", text, re.S)}
-    assert sourced == set(unconfirmed())
+    assert sourced == set(list_unconfirmed())
 
 
 @pytest.mark.parametrize(

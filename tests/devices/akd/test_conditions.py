@@ -9,7 +9,7 @@ from stepped import SteppedDrives, still
 
 import twin
 import twin.devices.lumio.conditions
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
@@ -20,7 +20,7 @@ from twin.safety.faults import OF_DRIVES
 ROOMS = ("twin.devices.akd", "twin.devices.lumio")
 ROWS = [
     (row["act"][0], getattr(c, row["expected"].partition(".")[2]))
-    for row in packaged("twin.safety", "cases.toml")["drives"]
+    for row in read_packaged("twin.safety", "cases.toml")["drives"]
     if not row.get("stubborn")
 ]
 CASES = sorted({*ROWS, ("node_silent", c.HEARTBEAT_LOST), ("second_node", c.DUPLICATE_ID)})

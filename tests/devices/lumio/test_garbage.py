@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.devices.lumio.conditions import CONDITIONS
-from twin.devices.lumio.config import PANELS, Calibration, LumioConfig
+from twin.devices.lumio.config import HID_PANELS, Calibration, LumioConfig
 from twin.devices.lumio.screen import TouchStream
-from twin.emulator.screen import ENCODERS, Protocol, Spot, hid_timed
-from twin.hal.interface import SCREEN
+from twin.emulator.screen import PACKET_ENCODERS, Protocol, Spot, hid_timed
+from twin.hal.interface import SCREEN_SIZE_M
 
 CALIBRATION = Calibration.nominal()
 FRAME = 0.01736
@@ -22,7 +22,7 @@ FRAME = 0.01736
     scans=st.booleans(),
 )
 def test_no_bytes_raise_and_every_position_is_one_that_a_ball_can_reach(protocol, noise, scans):
-    transport = "hidraw" if protocol in PANELS else "serial"
+    transport = "hidraw" if protocol in HID_PANELS else "serial"
     config = LumioConfig(
         port="", transport=transport, protocol=str(protocol), calibration=CALIBRATION
     )
@@ -30,7 +30,7 @@ def test_no_bytes_raise_and_every_position_is_one_that_a_ball_can_reach(protocol
     for frame in range(45):
         time = frame * FRAME
         spot = Spot(*CALIBRATION.screen(0.1 * math.sin(2 * time), 0.0))
-        packets = ENCODERS[protocol]([spot])
+        packets = PACKET_ENCODERS[protocol]([spot])
         if protocol is Protocol.HID_TIMED and scans:
             packets = hid_timed([spot], round(time * 1e4))
         stream.take(time, between.get(frame, b""))
@@ -41,8 +41,8 @@ def test_no_bytes_raise_and_every_position_is_one_that_a_ball_can_reach(protocol
         if sample is None:
             continue
         x, y = sample.position
-        assert abs(x) <= SCREEN[0] / 2 + 1e-6
-        assert abs(y) <= SCREEN[1] / 2 + 1e-6
+        assert abs(x) <= SCREEN_SIZE_M[0] / 2 + 1e-6
+        assert abs(y) <= SCREEN_SIZE_M[1] / 2 + 1e-6
         gate = config.gate
         if before is not None and sample.time - before.time <= gate.lost:
             way = math.dist(sample.position, before.position)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.devices.lumio.protocols import (
-    LARGEST,
+    MAX_REPORT_BITS,
     TOUCH_SCREEN,
     DescriptorError,
     HidDecoder,
@@ -73,7 +73,7 @@ def test_any_fields_written_as_items_are_read_as_they_were_meant(fields, report,
     offset, meant = 0, []
     for bits, padding, usages, further, low, span, own in fields:
         high, every = min(low + span, (1 << 31) - 1), usages + usages[-1:] * further
-        if offset + padding + len(every) * bits > LARGEST:
+        if offset + padding + len(every) * bits > MAX_REPORT_BITS:
             break
         data += item(0x74, 1, 1) + item(0x94, padding, 4) + item(0x80, 0x03, 1)
         data += item(0x14, low, 4) + item(0x24, high, 4)

@@ -11,7 +11,7 @@ from twin.devices.lumio import config as settings
 from twin.devices.lumio.config import LumioConfig, ScreenError
 from twin.devices.lumio.protocols import HidDecoder, TouchLayout, decoder_of
 from twin.devices.lumio.screen import LumioScreen
-from twin.emulator.screen import ENCODERS, Protocol, Spot
+from twin.emulator.screen import PACKET_ENCODERS, Protocol, Spot
 
 PANELS = [Protocol.HID_0006, Protocol.HID_0007]
 SHARE = st.floats(0, 1)
@@ -78,7 +78,9 @@ def test_padding_and_flags_that_are_no_tip_do_not_hide_a_contact(case):
     cuts=st.booleans(),
 )
 def test_what_an_emulated_panel_says_is_read_within_half_a_native_count(protocol, spots, cuts):
-    packets = ENCODERS[protocol]([Spot(x, y, k, d) for k, (x, y, d) in enumerate(spots, start=1)])
+    packets = PACKET_ENCODERS[protocol](
+        [Spot(x, y, k, d) for k, (x, y, d) in enumerate(spots, start=1)]
+    )
     decoder = decoder_of(protocol)
     parts = packets if cuts else [b"".join(packets)]
     found = [c for part in parts for report in decoder.feed(part) for c in report]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.protocols import STREAMS, Detector, EloDecoder, MicroTouchDecoder
 from twin.devices.lumio.screen import TouchStream
-from twin.emulator.screen import ENCODERS, Protocol, Spot
+from twin.emulator.screen import PACKET_ENCODERS, Protocol, Spot
 
 PROTOCOLS = [Protocol.MICROTOUCH, Protocol.ELO]
 SHARE = st.floats(0, 1)
@@ -58,7 +58,7 @@ def test_an_identity_packet_of_smartset_is_no_touch():
 def test_what_the_emulated_screen_encodes_comes_back_within_half_a_native_count(
     protocol, x, y, down
 ):
-    (packet,) = ENCODERS[protocol]([Spot(x, y, 1, down)])
+    (packet,) = PACKET_ENCODERS[protocol]([Spot(x, y, 1, down)])
     ((contact,),) = STREAMS[protocol]().feed(packet)
     assert (contact.x, contact.y) == pytest.approx((x, y), abs=0.5 / 4095 + 0.5 / 16383)
     assert contact.down == down
@@ -70,7 +70,7 @@ def test_what_the_emulated_screen_encodes_comes_back_within_half_a_native_count(
     cuts=st.lists(st.integers(1, 30), min_size=1, max_size=40),
 )
 def test_any_portions_of_a_stream_give_the_same_reports(protocol, places, cuts):
-    stream = b"".join(ENCODERS[protocol]([Spot(x, y)])[0] for x, y in places)
+    stream = b"".join(PACKET_ENCODERS[protocol]([Spot(x, y)])[0] for x, y in places)
     decoder, at, reports = STREAMS[protocol](), 0, []
     for cut in [*cuts, len(stream)]:
         reports += decoder.feed(stream[at : at + cut])
@@ -82,7 +82,7 @@ def test_any_portions_of_a_stream_give_the_same_reports(protocol, places, cuts):
 @pytest.mark.parametrize("protocol", [Protocol.MICROTOUCH, Protocol.ELO])
 @pytest.mark.parametrize("heard", range(1, 5))
 def test_the_end_of_a_packet_that_began_before_listening_is_no_fault(protocol, heard):
-    (packet,) = ENCODERS[protocol]([Spot(0.3, 0.6)])
+    (packet,) = PACKET_ENCODERS[protocol]([Spot(0.3, 0.6)])
     decoder = STREAMS[protocol]()
     assert len(decoder.feed(packet[-heard:] + 2 * packet)) == 2
     assert decoder.stats.skipped == 0
@@ -93,7 +93,7 @@ def test_the_end_of_a_packet_that_began_before_listening_is_no_fault(protocol, h
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @given(garbage=st.binary(max_size=60), x=SHARE, y=SHARE)
 def test_a_stream_is_understood_again_after_garbage(protocol, garbage, x, y):
-    packet = ENCODERS[protocol]([Spot(x, y)])[0]
+    packet = PACKET_ENCODERS[protocol]([Spot(x, y)])[0]
     decoder = STREAMS[protocol]()
     decoder.feed(garbage)
     reports = decoder.feed(packet * 8)
@@ -124,7 +124,7 @@ def test_a_detector_takes_no_protocol_that_leaves_most_bytes_unexplained(data):
 def test_listening_tells_the_protocol_even_from_the_middle_of_a_packet(
     set_to, spoken, places, lost
 ):
-    data = b"".join(ENCODERS[spoken]([Spot(x, y)])[0] for x, y in places)[lost:]
+    data = b"".join(PACKET_ENCODERS[spoken]([Spot(x, y)])[0] for x, y in places)[lost:]
     stream = TouchStream(LumioConfig(port="", protocol=str(set_to), baud=10**10))
     for at in range(0, len(data), 7):
         stream.take(0.001 * at, data[at : at + 7])

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from twin.devices.lumio.conditions import CONDITIONS
 from twin.devices.lumio.config import Calibration, LumioConfig, PlausibilityLimits
 from twin.devices.lumio.screen import TouchState, TouchStream
-from twin.emulator.screen import ENCODERS, Protocol, Spot, beyond
-from twin.sim.plant.exact import SCREEN
+from twin.emulator.screen import PACKET_ENCODERS, Protocol, Spot, beyond
+from twin.sim.plant.exact import SCREEN_SIZE_M
 
 FRAME = 0.01736
 CALIBRATION = Calibration.nominal()
@@ -41,7 +41,7 @@ class FedScreen:
             Spot(*CALIBRATION.screen(*place), number, down)
             for number, place in enumerate(places, start=1)
         ]
-        return b"".join(ENCODERS[self.protocol](spots))
+        return b"".join(PACKET_ENCODERS[self.protocol](spots))
 
     def send(self, data):
         self.stream.take(self.time, data)
@@ -90,8 +90,8 @@ def screen(request):
 def test_a_rolling_ball_is_followed_without_a_fault(screen):
     screen.roll(40, (-0.15, 0.1), 0.4)
     x, y = screen.stream.tracker.sample.position
-    assert abs(x - (-0.15 + 39 * 0.4 * FRAME)) < SCREEN[0] / 4095
-    assert abs(y - 0.1) < SCREEN[1] / 4095
+    assert abs(x - (-0.15 + 39 * 0.4 * FRAME)) < SCREEN_SIZE_M[0] / 4095
+    assert abs(y - 0.1) < SCREEN_SIZE_M[1] / 4095
     assert screen.names == []
 
 
@@ -348,8 +348,8 @@ def test_whatever_bytes_come_no_position_is_off_the_screen(protocol, data):
         stream.take(time, portion)
         if stream.tracker.sample is not None:
             x, y = stream.tracker.sample.position
-            assert abs(x) <= SCREEN[0] / 2 + 1e-12
-            assert abs(y) <= SCREEN[1] / 2 + 1e-12
+            assert abs(x) <= SCREEN_SIZE_M[0] / 2 + 1e-12
+            assert abs(y) <= SCREEN_SIZE_M[1] / 2 + 1e-12
     stream.faults()
 
 
@@ -403,7 +403,7 @@ def test_a_ball_that_comes_back_under_another_number_is_the_ball():
     screen.wait(0.08)  # gone without a lift-off
     x, y = CALIBRATION.screen(0.0, 0.0)
     for _ in range(3):
-        screen.send(b"".join(ENCODERS[screen.protocol]([Spot(x, y, 7)])))
+        screen.send(b"".join(PACKET_ENCODERS[screen.protocol]([Spot(x, y, 7)])))
         screen.time += FRAME
     assert screen.names == ["touch stale", "brief dropout"]
     assert screen.stream.tracker.sample.time == pytest.approx(screen.time - FRAME)
@@ -427,9 +427,11 @@ def test_the_lift_off_of_another_contact_is_not_that_of_the_ball():
     x, y = CALIBRATION.screen(0.0, 0.0)
     finger = CALIBRATION.screen(0.3, 0.1)
     for down in (True, True, False):
-        screen.send(b"".join(ENCODERS[screen.protocol]([Spot(x, y, 1), Spot(*finger, 2, down)])))
+        screen.send(
+            b"".join(PACKET_ENCODERS[screen.protocol]([Spot(x, y, 1), Spot(*finger, 2, down)]))
+        )
         screen.time += FRAME
-    screen.send(b"".join(ENCODERS[screen.protocol]([Spot(*finger, 2, False)])))
+    screen.send(b"".join(PACKET_ENCODERS[screen.protocol]([Spot(*finger, 2, False)])))
     assert screen.state == TouchState.TOUCHING
     screen.roll(5, (0.0, 0.0))
     assert screen.names == ["two contacts"]

@@ -7,5 +7,5 @@ reads traces of other programs, `eds` data sheets, and `decoding` explains them.
 wire are `twin.devices.own.Hardware`, or have the methods of `AkdServos`.
 """
 
-TRACE = "trace.log"
+TRACE_FILE = "trace.log"
 """What was said on the CAN bus of a rig, in its run's folder; the only trace that has parts."""

@@ -20,8 +20,8 @@ from twin.devices.akd.protocol import AxisRequest, DriveState, StatusBit
 from twin.devices.common import FaultReports
 from twin.hal.interface import Condition
 
-_TORQUE = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.UNKNOWN}
-_POWERLESS = {
+_TORQUE_STATES = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.UNKNOWN}
+_POWERLESS_STATES = {
     DriveState.NOT_READY,
     DriveState.SWITCH_ON_DISABLED,
     DriveState.READY,
@@ -29,15 +29,15 @@ _POWERLESS = {
 }
 _RESET_CYCLES = 8
 """Cycles for which a request to reset stands."""
-_STANDSTILL = 0.01
+_STANDSTILL_RAD_S = 0.01
 """Motor rate in rad/s that counts as standstill."""
 _OWED_CYCLES = 25
 """Cycles after which a missing frame is no longer expected."""
-_WINDOW = 50
+_IRREGULARITY_CYCLES = 50
 """Cycles over which irregular PDOs are counted."""
-ANSWER = 0.8
+ANSWER_SHARE = 0.8
 """Share of a period that a drive may take to answer a SYNC."""
-_DOUBLED = 10
+_MAX_DOUBLED_CYCLES = 10
 """Cycles in a row with doubled PDOs that mean a second node with this id."""
 _AGREEMENT = 2
 """Travels without a count by which velocity and position may differ: one each way."""
@@ -205,7 +205,7 @@ class Axis:
         self.stop_ignored = False
         """Whether the drive keeps its torque in spite of a quick stop."""
         self._reset_cycles = 0
-        self._irregular: deque[bool] = deque(maxlen=_WINDOW)
+        self._irregular: deque[bool] = deque(maxlen=_IRREGULARITY_CYCLES)
         self._emergencies: deque[float] = deque(maxlen=limits.burst)
         self._short = False
         self._was_enabled = False
@@ -221,7 +221,7 @@ class Axis:
     @property
     def powerless(self) -> bool:
         """Whether its newest state shows a motor without torque."""
-        return self.state in _POWERLESS
+        return self.state in _POWERLESS_STATES
 
     def receive(self, service: int, data: bytes, cycle: int, sync: float, at: float) -> None:
         """Take in a frame of this node; any service, any bytes.
@@ -266,8 +266,8 @@ class Axis:
 
     def finish_quick_stop(self) -> None:
         """End a quick stop that has brought the drive out of operation, or to standstill."""
-        resting = self.state is DriveState.QUICK_STOP and abs(self.rate) < _STANDSTILL
-        if self.request is AxisRequest.QUICK_STOP and (resting or self.state not in _TORQUE):
+        resting = self.state is DriveState.QUICK_STOP and abs(self.rate) < _STANDSTILL_RAD_S
+        if self.request is AxisRequest.QUICK_STOP and (resting or self.state not in _TORQUE_STATES):
             self.request = AxisRequest.DISABLE
 
     def next_rpdo1(self) -> bytes:
@@ -292,7 +292,7 @@ class Axis:
 
     def cycle(self, at: float, synced: float) -> None:
         """Judge the cycle whose SYNC was sent at a time in s and that ends now, before the next."""
-        self._judge_pdos(at, early=at - synced < ANSWER * self._period)
+        self._judge_pdos(at, early=at - synced < ANSWER_SHARE * self._period)
         self._judge_node(at)
         if at - self.heartbeat > self._silence:
             silent = at - self.heartbeat
@@ -347,7 +347,7 @@ class Axis:
         for name, pdo in (("TPDO1", self.motor.pdo), ("TPDO2", self.plate.pdo)):
             stats = pdo.close(early=early)
             irregular = irregular or stats != (False, 0, 0)
-            doubled = doubled and pdo.doubled >= _DOUBLED
+            doubled = doubled and pdo.doubled >= _MAX_DOUBLED_CYCLES
             if stats.missing:
                 self._report(c.PDO_MISSING, f"{name}, {pdo.missed} in a row", at)
             if stats.late:
@@ -357,7 +357,7 @@ class Axis:
             if pdo.missed >= self._limits.stale:
                 self._report(c.PDO_STALE, f"{name} missing for {pdo.missed} cycles", at)
         if doubled:
-            self._report(c.DUPLICATE_ID, f"every PDO twice for {_DOUBLED} cycles", at)
+            self._report(c.DUPLICATE_ID, f"every PDO twice for {_MAX_DOUBLED_CYCLES} cycles", at)
         self._irregular.append(irregular)
         if (count := sum(self._irregular)) >= self._limits.unsteady:
             self._report(c.PDO_UNSTEADY, f"{count} of {len(self._irregular)} cycles irregular", at)
@@ -427,7 +427,7 @@ class Axis:
     def _judge_stop(self, at: float) -> None:
         if self.request is not self._request:
             self._request, self._requested = self.request, at
-        torque = self.state in _TORQUE
+        torque = self.state in _TORQUE_STATES
         ignored = torque and at - self._requested > self._limits.stop
         if self._request is AxisRequest.QUICK_STOP and ignored:
             self.stop_ignored = True

@@ -35,7 +35,7 @@ AT_EVERY_SYNC = 1
 FIRST_TRANSMIT = 0x1800
 """Index of the parameters of the first PDO that a drive sends."""
 
-_SERVICES = (protocol.HEARTBEAT, protocol.SDO_RESPONSE, protocol.TPDO1, protocol.TPDO2)
+_DRIVE_SERVICES = (protocol.HEARTBEAT, protocol.SDO_RESPONSE, protocol.TPDO1, protocol.TPDO2)
 
 
 class Network:
@@ -169,7 +169,7 @@ class Remote:
             raise self.wrong(f"{what}: out of range") from error
         self._asked(what, index, sub, protocol.encode_sdo_write(index, sub, data))
         read = self.read(index, sub)
-        if not protocol.kept(index, value, read):
+        if not protocol.is_kept(index, value, read):
             raise self.wrong(f"{index:04X}h:{sub} ({known.name}) keeps {read}, not {value}")
 
     def map_pdo(self, parameters: int, cob_id: int, entries: Sequence[tuple[int, int]]) -> None:
@@ -226,7 +226,7 @@ class Remote:
 def absent(network: Network, axis: AxisConfig) -> str:
     """Why a drive may be silent, in one line."""
     mask = protocol.NODE_MASK
-    nodes = {each & mask for each in network.identifiers if each & ~mask in _SERVICES}
+    nodes = {each & mask for each in network.identifiers if each & ~mask in _DRIVE_SERVICES}
     others = sorted(nodes - {0, axis.node})
     heard = f"heard nodes {', '.join(map(str, others))}" if others else "heard nobody"
     return f"does not answer ({heard}); check power, cable, bit rate and node switches"
@@ -237,8 +237,8 @@ PER_UNIT = 1000
 
 _CUSTOM_VELOCITY = 1 << 4
 """Bit of FBUS.PARAM05 that replaces 0.001 rpm by the factor in 204Ch."""
-_DIGITS = 2
-_COARSEST = 0.1
+_ROUNDING_DIGITS = 2
+_MAX_ROUNDING_SHARE = 0.1
 """Share by which a value may pass the one wanted because it is rounded up."""
 
 
@@ -264,10 +264,10 @@ class DriveQuantity(NamedTuple):
             ValueError: If the drive's counts are too coarse for it.
         """
         amount = value / RPM
-        step = 10.0 ** (math.floor(math.log10(amount)) + 1 - _DIGITS)
+        step = 10.0 ** (math.floor(math.log10(amount)) + 1 - _ROUNDING_DIGITS)
         wanted = math.ceil(amount / step - 1e-9) * step * RPM
         counts = math.ceil(wanted / self.scale - 1e-9)
-        if counts * self.scale > (1 + _COARSEST) * value:
+        if counts * self.scale > (1 + _MAX_ROUNDING_SHARE) * value:
             raise ValueError(f"{self.words(1)} a count is too coarse for {value:.3g} in SI units")
         return counts
 
@@ -276,9 +276,9 @@ class DriveQuantity(NamedTuple):
         return f"{counts * self.scale / RPM:.6g} {self.unit}"
 
 
-SPEEDS = (9 * RPM, 20_000 * RPM)
+SPEED_RANGE_RAD_S = (9 * RPM, 20_000 * RPM)
 """Speed limits that a motor may have, rad/s; the host sets none below 1 rad/s."""
-RAMPS = (100 * RPM, 5e6 * RPM)
+RAMP_RANGE_RAD_S2 = (100 * RPM, 5e6 * RPM)
 """Ramps that a drive may have, rad/s^2."""
 
 
@@ -308,8 +308,8 @@ def read_units(remote: Remote) -> tuple[DriveQuantity, DriveQuantity]:
             raise remote.wrong(f"{text}and name a real gear as {axis.name}.gear")
     speed = _quantity(remote, 0x365F, "UNIT.VROTARY", "rpm", "limit_unit")
     ramp = _quantity(remote, 0x3659, "UNIT.ACCROTARY", "rpm/s", "acceleration_unit")
-    _check_plausible(remote, speed, "velocity", SPEEDS)
-    _check_plausible(remote, ramp, "acceleration", RAMPS)
+    _check_plausible(remote, speed, "velocity", SPEED_RANGE_RAD_S)
+    _check_plausible(remote, ramp, "acceleration", RAMP_RANGE_RAD_S2)
     return speed, ramp
 
 
@@ -367,7 +367,7 @@ def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition,
     return tuple(found)
 
 
-_RPDOS = 4
+_RPDO_COUNT = 4
 
 
 def master_frames(config: AkdConfig) -> dict[int, str]:
@@ -383,20 +383,20 @@ def master_frames(config: AkdConfig) -> dict[int, str]:
     }
     for axis in config.axes:
         known[protocol.SDO_REQUEST + axis.node] = f"SDO requests to {axis.where}"
-        for number in range(_RPDOS):
+        for number in range(_RPDO_COUNT):
             command = protocol.RPDO1 + 0x100 * number + axis.node
             known[command] = f"RPDO{number + 1} to {axis.where}"
     return known
 
 
-_PATIENCE = 3.0
+_STANDSTILL_TIMEOUT_S = 3.0
 """Longest wait in s for a drive that was found turning."""
-_POLL = 0.01
+_POLL_INTERVAL_S = 0.01
 """Time in s between two readings of the position."""
-_STILL = 5e-5
+_STILL_MOTION_RAD = 5e-5
 """Motion in rad between them that counts as none."""
 
-_TORQUE = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.FAULT_REACTION}
+_TORQUE_STATES = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.FAULT_REACTION}
 
 
 def take_torque_away(remote: Remote) -> None:
@@ -410,33 +410,35 @@ def take_torque_away(remote: Remote) -> None:
     """
     remote.write(0x60FF, 0, 0)
     network = remote.network
-    deadline = network.now() + _PATIENCE
-    while (state := protocol.state(remote.read(0x6041))) in _TORQUE and network.now() < deadline:
-        resting = _moved(remote) < _STILL
+    deadline = network.now() + _STANDSTILL_TIMEOUT_S
+    while (
+        state := protocol.state(remote.read(0x6041))
+    ) in _TORQUE_STATES and network.now() < deadline:
+        resting = _measure_motion(remote) < _STILL_MOTION_RAD
         over = state is DriveState.QUICK_STOP and resting
         remote.write(0x6040, 0, protocol.DISABLE_VOLTAGE if over else protocol.QUICK_STOP)
     remote.write(0x6040, 0, protocol.DISABLE_VOLTAGE)
     status = remote.read(0x6041)
-    if protocol.state(status) in _TORQUE:
+    if protocol.state(status) in _TORQUE_STATES:
         detail = f"keeps its torque (status word {status:04X}h); open the STO circuit, then look"
         raise remote.wrong(detail)
-    deadline = network.now() + _PATIENCE
-    while _moved(remote) >= _STILL:
+    deadline = network.now() + _STANDSTILL_TIMEOUT_S
+    while _measure_motion(remote) >= _STILL_MOTION_RAD:
         if network.now() > deadline:
             raise remote.wrong("does not come to rest")
 
 
-def _moved(remote: Remote) -> float:
+def _measure_motion(remote: Remote) -> float:
     """Motion in rad at the cam shaft within the time between two readings."""
     before = remote.read(0x6064)
-    remote.network.pump(_POLL)
+    remote.network.pump(_POLL_INTERVAL_S)
     return abs(difference(remote.read(0x6064), before) * remote.axis.position)
 
 
 _PER_UNIT = 1000
-_TRUST = 1.5
+_MAX_MOTOR_FACTOR = 1.5
 """Factor by which the drive's motor may differ from the datasheet's."""
-_STEP = 0.1
+_CURRENT_STEP_A = 0.1
 """Step in A to which the limit is rounded up."""
 
 
@@ -452,7 +454,11 @@ def current_limit(remote: Remote, config: AkdConfig) -> tuple[int, str]:
     known = (
         f"MOTOR.ICONT {continuous / _PER_UNIT:g} A times MOTOR.KT {constant / _PER_UNIT:g} N m/A"
     )
-    if not config.motor_torque / _TRUST <= motor <= config.motor_torque * _TRUST:
+    if (
+        not config.motor_torque / _MAX_MOTOR_FACTOR
+        <= motor
+        <= config.motor_torque * _MAX_MOTOR_FACTOR
+    ):
         detail = (
             f"{known} are {motor:.3g} N m, the motor's continuous torque is "
             f"{config.motor_torque:g}; choose the motor in the drive, or set drives.motor_torque"
@@ -466,24 +472,24 @@ def current_limit(remote: Remote, config: AkdConfig) -> tuple[int, str]:
         )
         raise remote.wrong(detail)
     amperes = config.torque_limit / axis.gear / (constant / _PER_UNIT)
-    amperes = _STEP * math.ceil(amperes / _STEP - 1e-9)
+    amperes = _CURRENT_STEP_A * math.ceil(amperes / _CURRENT_STEP_A - 1e-9)
     words = f"torque {amperes * axis.gear * constant / _PER_UNIT:.3g} N m ({amperes:.3g} A)"
     return round(amperes * _PER_UNIT), words
 
 
-VENDOR = 0x6A
-DEVICE = 0x00020192
+VENDOR_ID = 0x6A
+DEVICE_TYPE = 0x00020192
 _PROFILE_VELOCITY_BIT = 1 << 2
 """Bit of 6502h; 0 as a whole says nothing."""
 QUICK_STOP_THEN_OFF = 2
 
-_BEFORE = 0.1
+_LISTEN_BEFORE_S = 0.1
 """Time in s that is listened before anything is sent: another host's heartbeat is heard in it."""
-_LISTEN = 0.05
+_DUPLICATE_LISTEN_S = 0.05
 """Time in s in which a second node with the same id would answer too."""
-_PROMPT = 0.25
+_POWERED_ANSWER_TIMEOUT_S = 0.25
 """Longest wait in s for an SDO answer while a drive may have torque; an AKD takes some ms."""
-_SETTLE = 0.02
+_BUS_SETTLE_S = 0.02
 """Time in s after which nothing of an earlier exchange is on its way any more."""
 
 
@@ -514,11 +520,11 @@ def bring_up(
         DriveError: If a drive is absent, is not what it should be, or refuses a setting.
     """
     network = Network(bus, config.answer, now)
-    network.pump(_BEFORE)
+    network.pump(_LISTEN_BEFORE_S)
     _alone(network, config)
     for axis in config.axes:
         _command(network, protocol.PRE_OPERATIONAL, axis)
-    network.pump(_SETTLE)
+    network.pump(_BUS_SETTLE_S)
     remotes = [Remote(network, axis) for axis in config.axes]
     _without_torque(network, remotes)
     found = []
@@ -551,7 +557,7 @@ def _without_torque(network: Network, remotes: list[Remote]) -> None:
     A drive that falls silent here is given up soon: the next one may have torque.
     """
     failures = []
-    patience, network.answer = network.answer, min(network.answer, _PROMPT)
+    patience, network.answer = network.answer, min(network.answer, _POWERED_ANSWER_TIMEOUT_S)
     for remote in remotes:
         try:
             _identify(network, remote)
@@ -568,7 +574,7 @@ def _identify(network: Network, remote: Remote) -> None:
     axis = remote.axis
     before = network.answers.get(axis.node, 0)
     network.request(axis.node, 0x1000, 0, protocol.encode_sdo_read(0x1000, 0))
-    network.pump(_LISTEN)
+    network.pump(_DUPLICATE_LISTEN_S)
     answers = network.answers.get(axis.node, 0) - before
     if not answers:
         if network.bus_errors:
@@ -578,7 +584,7 @@ def _identify(network: Network, remote: Remote) -> None:
     if answers > 1:
         detail = f"{answers} devices answer to this id; give every drive its own"
         raise DriveError(c.DUPLICATE_ID, axis.where, detail)
-    expected = [(0x1000, 0, DEVICE, "device type"), (0x1018, 1, VENDOR, "vendor")]
+    expected = [(0x1000, 0, DEVICE_TYPE, "device type"), (0x1018, 1, VENDOR_ID, "vendor")]
     if axis.product is not None:
         expected.append((0x1018, 2, axis.product, "product code"))
     for index, sub, value, name in expected:
@@ -651,7 +657,7 @@ def _faults(remote: Remote) -> tuple[int, ...]:
     return tuple(number for number in numbers if number)
 
 
-_IDENTIFIERS = {0x1400: protocol.RPDO1, 0x1800: protocol.TPDO1, 0x1801: protocol.TPDO2}
+_PDO_IDENTIFIERS = {0x1400: protocol.RPDO1, 0x1800: protocol.TPDO1, 0x1801: protocol.TPDO2}
 
 
 def _map_pdos(remote: Remote) -> None:
@@ -661,7 +667,7 @@ def _map_pdos(remote: Remote) -> None:
         for base, cob_id in ((0x1400, protocol.RPDO1), (0x1800, protocol.TPDO1)):
             remote.write(base + number, 1, cob_id + 0x100 * number + node | PDO_INVALID)
     for index, entries in protocol.pdo_maps(axis.plate_object).items():
-        remote.map_pdo(index, _IDENTIFIERS[index] + node, entries)
+        remote.map_pdo(index, _PDO_IDENTIFIERS[index] + node, entries)
 
 
 def _operational(network: Network, axis: AxisConfig, config: AkdConfig) -> None:

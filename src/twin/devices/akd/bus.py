@@ -189,11 +189,11 @@ def _error_message(identifier: int, data: bytes) -> Message:
     )
 
 
-_PASSIVE = 0x30
+_PASSIVE_BITS = 0x30
 """Bits of data byte 1 of SocketCAN's error frames that say that an adapter is error passive."""
-_MOST = 400
+_MAX_FRAMES_AT_ONCE = 400
 """Frames taken at one time; a flood must not hold up the loop."""
-_BLOCKED = 5
+_BLOCKED_FRAMES_LIMIT = 5
 """Frames in a row that find no room to be sent before the bus counts as off."""
 
 
@@ -245,7 +245,7 @@ class CanTransport:
                 self._gone(error)
                 return
             self._blocked += 1
-            if self._blocked >= _BLOCKED:
+            if self._blocked >= _BLOCKED_FRAMES_LIMIT:
                 self._report_off("nobody acknowledges: no room to send")
 
     def send_queued(self) -> None:
@@ -258,7 +258,7 @@ class CanTransport:
 
     def receive(self, wait: float = 0.0) -> Iterator[tuple[int, bytes]]:
         """Frames that have arrived, identifier and data; waits s for the first of them."""
-        for _ in range(_MOST):
+        for _ in range(_MAX_FRAMES_AT_ONCE):
             if not self.up:
                 return
             try:
@@ -297,7 +297,7 @@ class CanTransport:
         if message.arbitration_id & BUS_OFF_FRAME[0]:
             self._report_off("the adapter has left the bus")
         elif message.arbitration_id & ERROR_PASSIVE_FRAME[0] and any(
-            flags & _PASSIVE for flags in message.data[1:2]
+            flags & _PASSIVE_BITS for flags in message.data[1:2]
         ):
             detail = "many errors on the line"
             self._reports.report(c.ERROR_PASSIVE, self._where, detail, self._now())

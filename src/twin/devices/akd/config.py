@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 from twin.base.errors import ScenarioError
-from twin.devices.common import Ranged, bounded, net
+from twin.devices.common import Ranged, net, ranged
 from twin.hal.interface import NOMINAL_PERIOD
 
 
@@ -57,11 +57,11 @@ class MonitorConfig(Ranged):
     stop: float = net(0.3, 0.05, 2)
     enquiry: float = net(0.5, 0.05, 5)
     answer: float = net(0.1, 0.02, 10)
-    repeat: float = bounded(1.0, 0.1, 60)
+    repeat: float = ranged(1.0, 0.1, 60)
 
 
-TURN = 2 * math.pi
-RPM = TURN / 60
+TURN_RAD = 2 * math.pi
+RPM = TURN_RAD / 60
 """One revolution per minute in rad/s."""
 INT32_MIN, INT32_MAX = -(1 << 31), (1 << 31) - 1
 
@@ -71,20 +71,20 @@ def counts32(value: float, unit: float) -> int:
     return max(INT32_MIN, min(INT32_MAX, round(value / unit)))
 
 
-BITRATES = Literal[125_000, 250_000, 500_000, 1_000_000]
+AKD_BITRATES = Literal[125_000, 250_000, 500_000, 1_000_000]
 """Bit rates that an AKD knows (CAN manual, p. 19)."""
-_FRAMES = (0, 6, 6, 7, 7, 8, 8)
+_PERIOD_FRAME_BYTES = (0, 6, 6, 7, 7, 8, 8)
 """Bytes of the frames of one period: SYNC, two RPDO1, two TPDO1, two TPDO2."""
 
 
-_UNCONFIRMED = {"unconfirmed": True}
+_UNCONFIRMED_METADATA = {"unconfirmed": True}
 """Metadata of a setting whose default nobody has confirmed on the rig. Where it is from, and
 whether that is indirect (M) or inferred (L), stands with the attribute."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BusConfig:
-    """Which CAN bus, as python-can names it.
+    """The CAN bus, as python-can names it.
 
     Attributes:
         interface: Any python-can interface: socketcan, slcan, pcan, virtual, ...
@@ -95,7 +95,7 @@ class BusConfig:
 
     interface: str = "socketcan"
     channel: str = "can0"
-    bitrate: BITRATES = 1_000_000
+    bitrate: AKD_BITRATES = 1_000_000
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
@@ -129,15 +129,15 @@ class AxisConfig(Ranged):
     keys = "{0.name}."
     name: str
     node: int = field(metadata={"range": (1, 126)})
-    motor_counts: int = bounded(1 << 20, 16, 1 << 32)
-    gear: float = bounded(1.0, 0.01, 1000, **_UNCONFIRMED)
-    motor_sign: Literal[1, -1] = field(default=1, metadata=_UNCONFIRMED)
-    plate_counts: int = bounded(245760, 16, 1 << 32, **_UNCONFIRMED)
-    plate_sign: Literal[1, -1] = field(default=1, metadata=_UNCONFIRMED)
-    plate_object: tuple[int, int] = field(default=(0x2050, 0), metadata=_UNCONFIRMED)
-    velocity_unit: float = bounded(0.001 * RPM, 1e-9, 1)
-    acceleration_unit: float | None = bounded(None, 1e-6, 1e4, **_UNCONFIRMED)
-    limit_unit: float | None = bounded(None, 1e-6, 10, **_UNCONFIRMED)
+    motor_counts: int = ranged(1 << 20, 16, 1 << 32)
+    gear: float = ranged(1.0, 0.01, 1000, **_UNCONFIRMED_METADATA)
+    motor_sign: Literal[1, -1] = field(default=1, metadata=_UNCONFIRMED_METADATA)
+    plate_counts: int = ranged(245760, 16, 1 << 32, **_UNCONFIRMED_METADATA)
+    plate_sign: Literal[1, -1] = field(default=1, metadata=_UNCONFIRMED_METADATA)
+    plate_object: tuple[int, int] = field(default=(0x2050, 0), metadata=_UNCONFIRMED_METADATA)
+    velocity_unit: float = ranged(0.001 * RPM, 1e-9, 1)
+    acceleration_unit: float | None = ranged(None, 1e-6, 1e4, **_UNCONFIRMED_METADATA)
+    limit_unit: float | None = ranged(None, 1e-6, 10, **_UNCONFIRMED_METADATA)
     product: int | None = None
 
     @property
@@ -148,12 +148,12 @@ class AxisConfig(Ranged):
     @property
     def position(self) -> float:
         """One count of the motor encoder in rad at the cam shaft; negative where signs differ."""
-        return TURN / (self.motor_counts * self.gear * self.motor_sign)
+        return TURN_RAD / (self.motor_counts * self.gear * self.motor_sign)
 
     @property
     def plate(self) -> float:
         """One count of the plate encoder in rad; negative likewise."""
-        return TURN / (self.plate_counts * self.plate_sign)
+        return TURN_RAD / (self.plate_counts * self.plate_sign)
 
     @property
     def velocity(self) -> float:
@@ -184,13 +184,13 @@ class DriveSettings(Ranged):
 
     keys = "drives."
     host: int = 127
-    heartbeat: float = bounded(0.02, 0.001, 1)
+    heartbeat: float = ranged(0.02, 0.001, 1)
     silence: float = net(0.06, 0.01, 1.0)
-    answer: float = bounded(2.0, 0.001, 60)
-    rate_limit: float = net(8.0, 1, 20, **_UNCONFIRMED)
-    ramp: float = bounded(2000.0, 50, 1e5, **_UNCONFIRMED)
-    torque_limit: float = net(4.5, 0.5, 12.3, **_UNCONFIRMED)
-    motor_torque: float = bounded(4.57, 0.1, 50, **_UNCONFIRMED)
+    answer: float = ranged(2.0, 0.001, 60)
+    rate_limit: float = net(8.0, 1, 20, **_UNCONFIRMED_METADATA)
+    ramp: float = ranged(2000.0, 50, 1e5, **_UNCONFIRMED_METADATA)
+    torque_limit: float = net(4.5, 0.5, 12.3, **_UNCONFIRMED_METADATA)
+    motor_torque: float = ranged(4.57, 0.1, 50, **_UNCONFIRMED_METADATA)
     watch: MonitorConfig = field(default_factory=MonitorConfig)
 
 
@@ -247,7 +247,7 @@ class AkdConfig(DriveSettings):
     @property
     def bus_load(self) -> float:
         """Share of a period that its frames take on the bus, stuffed as badly as can be."""
-        bits = sum(47 + 8 * size + (33 + 8 * size) // 4 for size in _FRAMES)
+        bits = sum(47 + 8 * size + (33 + 8 * size) // 4 for size in _PERIOD_FRAME_BYTES)
         return bits / (self.bus.bitrate * self.period)
 
     @property
@@ -256,7 +256,7 @@ class AkdConfig(DriveSettings):
         return (*super().relaxed, *self.watch.relaxed)
 
 
-def unconfirmed() -> list[str]:
+def list_unconfirmed() -> list[str]:
     """Every setting whose default nobody has confirmed on the rig."""
     of_both = [*fields(AkdConfig), *fields(AxisConfig)]
     return sorted(each.name for each in of_both if "unconfirmed" in each.metadata)

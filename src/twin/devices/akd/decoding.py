@@ -21,7 +21,7 @@ import can
 import numpy as np
 
 from twin.devices.akd import protocol
-from twin.devices.akd.config import RPM, TURN, AkdConfig
+from twin.devices.akd.config import RPM, TURN_RAD, AkdConfig
 from twin.devices.akd.eds import DataSheet, read_data_sheet
 from twin.devices.akd.protocol import Key, Object, mappings, table
 from twin.hal.interface import NOMINAL_PERIOD
@@ -350,7 +350,7 @@ class Conversation:
         if index in _VELOCITIES and self.is_akd(node):
             return axis.velocity if axis else 0.001 * RPM, "rad/s"
         units = self._units_a_turn(node, index, (number - 1) * _AXIS)
-        return (TURN / units, "rad") if units else (1.0, "")
+        return (TURN_RAD / units, "rad") if units else (1.0, "")
 
     def _units_a_turn(self, node: int, index: int, offset: int) -> float | None:
         """How many units of a position a turn has; None if the trace does not show it.
@@ -396,7 +396,7 @@ class Conversation:
         elif of_pdo and not maps and sub == 1:
             said = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
         elif of_pdo and maps and sub and value:
-            carried, bits = _mapped(value)
+            carried, bits = _split_mapping(value)
             said = f"{self.object_name(node, carried)}, {bits} bits"
         elif index == _FAULTS and sub and value and self.is_akd(node):
             said = protocol.fault_words([value])
@@ -547,7 +547,7 @@ class Conversation:
         """What a PDO of a node carries, as far as it is known now."""
         mapping, values = parameters + 0x200, self.values[number]
         count = values.get((mapping, 0), 0) & 0xFF
-        entries = [_mapped(values.get((mapping, sub), 0)) for sub in range(1, count + 1)]
+        entries = [_split_mapping(values.get((mapping, sub), 0)) for sub in range(1, count + 1)]
         name = f"{'T' if parameters >= 0x1800 else 'R'}PDO{(parameters & 0x1FF) + 1}"
         return Pdo(number, name, tuple(entries))
 
@@ -819,6 +819,6 @@ def _error_words(identifier: int, data: bytes) -> str:
     return ", ".join(known) or rest
 
 
-def _mapped(entry: int) -> tuple[Key, int]:
+def _split_mapping(entry: int) -> tuple[Key, int]:
     """The object that an entry of a mapping names, and its bits."""
     return (entry >> 16, entry >> 8 & 0xFF), entry & 0xFF

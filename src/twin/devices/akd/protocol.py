@@ -13,7 +13,7 @@ from enum import Enum, IntFlag
 from functools import cache
 from typing import Any, NamedTuple
 
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 
 PDO_INVALID = 1 << 31
 """Bit of a PDO's COB-ID that switches it off."""
@@ -73,10 +73,10 @@ def objects() -> dict[tuple[int, int], Object]:
 @cache
 def table() -> dict[str, Any]:
     """The tables of ``objects.toml`` by their names."""
-    return packaged("twin.devices.akd", "objects.toml")
+    return read_packaged("twin.devices.akd", "objects.toml")
 
 
-def kept(index: int, written: int, read: int) -> bool:
+def is_kept(index: int, written: int, read: int) -> bool:
     """Whether what is read of an object is what was written, as far as the drive can keep it."""
     key = f"0x{index:04X}"
     share = table()["tolerances"].get(key, 0.0)

@@ -127,7 +127,7 @@ class AkdServos:
     ) -> None:
         self.config = config
         self.axes: tuple[Axis, ...] = ()
-        """phi and theta, since ``start``."""
+        """The axes phi and theta, since ``start``."""
         self.found: tuple[SettingsFound, ...] = ()
         """What phi's and theta's drive were found to be at the last start."""
         self.heartbeat = True

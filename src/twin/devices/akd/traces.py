@@ -20,7 +20,7 @@ import can
 
 from twin.base.errors import LogError
 from twin.base.writing import write_whole
-from twin.devices.akd import TRACE
+from twin.devices.akd import TRACE_FILE
 from twin.devices.akd.trace_files import Notes, read_frames
 
 Hear = Callable[[can.Message], None]
@@ -141,7 +141,7 @@ class TraceWriter:
         self._number = 0
         for old in parts(file):
             old.unlink()
-        if file.name == TRACE:
+        if file.name == TRACE_FILE:
             file.with_name(SEAL).unlink(missing_ok=True)
         file.parent.mkdir(parents=True, exist_ok=True)
         self._logger = can.Logger(file, channel=channel)
@@ -171,7 +171,7 @@ class TraceWriter:
 
 
 @contextmanager
-def appended(
+def append_trace(
     _: Sequence[str], file: Path, part: int | None
 ) -> Iterator[Callable[[Mapping[str, Any]], None]]:
     """Write a trace; what is given ``COLUMNS``, shape (K,) each, appends their frames."""
@@ -185,7 +185,7 @@ def _part(file: Path, number: int) -> Path:
 
 def parts(file: Path) -> list[Path]:
     """The parts of a trace that are there: the first, and in any order the last two."""
-    numbers = range(3 if file.name == TRACE else 1)
+    numbers = range(3 if file.name == TRACE_FILE else 1)
     return [each for number in numbers if (each := _part(file, number)).is_file()]
 
 
@@ -197,7 +197,7 @@ def seal(file: Path) -> None:
 
 def altered(file: Path) -> list[str]:
     """Which parts of a run's trace are not what ``seal`` found, a line each; none without it."""
-    if file.name != TRACE:
+    if file.name != TRACE_FILE:
         return []
     try:
         lines = file.with_name(SEAL).read_text(encoding="utf-8", errors="replace").splitlines()

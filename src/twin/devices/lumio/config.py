@@ -25,12 +25,12 @@ from numpy.typing import ArrayLike
 from controllers.arrays import Array
 from twin.base.data_file import parse_json
 from twin.base.errors import ScenarioError, TwinError
-from twin.devices.common import Ranged, bounded, claim, in_words, net
+from twin.devices.common import Ranged, claim, in_words, net, ranged
 from twin.devices.lumio.protocols import STREAMS, Decoder, DescriptorError, HidDecoder, TouchLayout
-from twin.hal.interface import SCREEN
+from twin.hal.interface import SCREEN_SIZE_M
 
-VENDOR = 0x202E
-PANELS = ("hid-0006", "hid-0007", "hid-timed")
+VENDOR_ID = 0x202E
+HID_PANELS = ("hid-0006", "hid-0007", "hid-timed")
 """Protocols of the panels whose report descriptors are in ``panels.toml``."""
 HIDRAW_CLASS = Path("/sys/class/hidraw")
 """Where Linux describes raw HID devices; anyone may read it."""
@@ -51,7 +51,7 @@ def touch_screens(root: Path = HIDRAW_CLASS) -> list[str]:
         with suppress(OSError, KeyError, ValueError):  # it has gone, or is of another kind
             text = (folder / "device" / "uevent").read_text(encoding="utf-8")
             told = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
-            if int(told["HID_ID"].split(":")[1], 16) == VENDOR and _layout(folder):
+            if int(told["HID_ID"].split(":")[1], 16) == VENDOR_ID and _layout(folder):
                 found.append(f"/dev/{folder.name}")
     return found
 
@@ -200,7 +200,7 @@ TRANSPORTS: dict[str, type[Transport]] = {"serial": SerialPort, "hidraw": Hidraw
 """Every kind of port by the name a rig file gives it."""
 
 
-_REMEDY = "run `ballplate calibrate touch`"
+_CALIBRATION_REMEDY = "run `ballplate calibrate touch`"
 
 
 class CalibrationError(TwinError, ValueError):
@@ -228,7 +228,7 @@ class Calibration:
             )
 
     @classmethod
-    def nominal(cls, size: tuple[float, float] = (SCREEN[0], SCREEN[1])) -> Self:
+    def nominal(cls, size: tuple[float, float] = (SCREEN_SIZE_M[0], SCREEN_SIZE_M[1])) -> Self:
         """A screen mounted square and centred on the plate, its second axis counting downwards.
 
         Args:
@@ -266,9 +266,11 @@ def read_calibration(path: Path) -> Calibration:
         a, b, c, d, x, y = map(float, numbers)
         return Calibration(((a, b), (c, d)), (x, y))
     except OSError as error:
-        raise CalibrationError(f"{path}: {error.strerror}; {_REMEDY}") from error
+        raise CalibrationError(f"{path}: {error.strerror}; {_CALIBRATION_REMEDY}") from error
     except (KeyError, TypeError, ValueError) as error:
-        raise CalibrationError(f"{path}: not a calibration ({error}); {_REMEDY}") from error
+        raise CalibrationError(
+            f"{path}: not a calibration ({error}); {_CALIBRATION_REMEDY}"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -372,8 +374,8 @@ class Mounting:
         # sides along the plate's x and y, whichever of the screen's axes they are
         x, y = ((b, d), (a, c)) if swapped else ((a, c), (b, d))
         mirrored_x, mirrored_y = x[0] < 0, y[1] < 0
-        along_x = _turned(atan2(x[1], x[0]) - (pi if mirrored_x else 0.0))
-        along_y = _turned(atan2(y[1], y[0]) - (-pi / 2 if mirrored_y else pi / 2))
+        along_x = _wrap_angle(atan2(x[1], x[0]) - (pi if mirrored_x else 0.0))
+        along_y = _wrap_angle(atan2(y[1], y[0]) - (-pi / 2 if mirrored_y else pi / 2))
         return cls(
             (hypot(*x), hypot(*y)),
             swapped,
@@ -403,14 +405,14 @@ class Mounting:
         )
 
 
-def _turned(angle: float) -> float:
+def _wrap_angle(angle: float) -> float:
     """An angle in -pi..pi."""
     return (angle + pi) % (2 * pi) - pi
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlausibilityLimits(Ranged):
-    """Which positions can be those of one ball, and when it is stale, lost or frozen.
+    """Limits of a plausible ball position, and of one that is stale, lost or frozen.
 
     Each is a `net`: relaxed, it is told in every run; beyond its range it is refused.
 
@@ -469,7 +471,7 @@ class LumioConfig(Ranged):
     port: str
     transport: Literal["serial", "hidraw"] = "serial"
     protocol: str = "auto"
-    baud: int = bounded(9600, 1, 1e12)
+    baud: int = ranged(9600, 1, 1e12)
     calibration: Calibration | None = None
     calibration_file: str | None = None
     gate: PlausibilityLimits = field(default_factory=PlausibilityLimits)
@@ -477,7 +479,7 @@ class LumioConfig(Ranged):
     def __post_init__(self) -> None:
         """Refuse what does not exist."""
         super().__post_init__()
-        known = "auto", *STREAMS, *PANELS
+        known = "auto", *STREAMS, *HID_PANELS
         if self.protocol not in known:
             raise ScenarioError(
                 f"touch.protocol: must be one of {', '.join(known)}, got {self.protocol}"

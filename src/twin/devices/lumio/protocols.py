@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Self
 
-from twin.base.data_file import packaged
+from twin.base.data_file import read_packaged
 from twin.base.errors import TwinError
 from twin.devices.lumio.scan_time import ScanTime
 
@@ -234,7 +234,7 @@ class Detector:
         return None
 
 
-LARGEST = 8 * 16384
+MAX_REPORT_BITS = 8 * 16384
 """Bits of a report, as the kernel allows."""
 TOUCH_SCREEN = 0x000D_0004
 _TIP, _IDENTIFIER, _COUNT = 0x000D_0042, 0x000D_0051, 0x000D_0054
@@ -327,8 +327,8 @@ def parse(data: bytes) -> dict[int, tuple[int, list[ReportField]]]:
             if tag == _INPUT:
                 begin, fields = found.get(now[_REPORT], (0, []))
                 end = begin + now[_SIZE] * now[_REPEAT]
-                if end > LARGEST:
-                    raise DescriptorError(f"a report of more than {LARGEST} bits")
+                if end > MAX_REPORT_BITS:
+                    raise DescriptorError(f"a report of more than {MAX_REPORT_BITS} bits")
                 found[now[_REPORT]] = end, fields
                 if application == TOUCH_SCREEN and value & (_CONSTANT | _VARIABLE) == _VARIABLE:
                     fields += _fields(begin, end, meant, now)
@@ -359,7 +359,7 @@ def _fields(begin: int, end: int, usages: list[int], now: dict[int, int]) -> Ite
     exponent = (now[_EXPONENT] & 0xF ^ 8) - 8  # half a byte with a sign
     length = span * _METRES.get(now[_UNIT], 0.0) * 10.0**exponent
     duration = span * 10.0**exponent if now[_UNIT] in _SECONDS else 0.0
-    for index, at in enumerate(range(begin, end, now[_SIZE] or LARGEST)):
+    for index, at in enumerate(range(begin, end, now[_SIZE] or MAX_REPORT_BITS)):
         for usage in usages[: index + 1][-1:]:
             yield ReportField(usage, at, now[_SIZE], low, high, length, duration)
 
@@ -513,7 +513,7 @@ def decoder_of(protocol: str) -> Decoder:
     """A decoder of a protocol, by the name a rig file gives it."""
     if protocol in STREAMS:
         return STREAMS[protocol]()
-    known = packaged("twin.devices.lumio", "panels.toml")["descriptors"][protocol]
+    known = read_packaged("twin.devices.lumio", "panels.toml")["descriptors"][protocol]
     layout = TouchLayout.of(bytes.fromhex(known))
     assert layout is not None
     return HidDecoder(layout)

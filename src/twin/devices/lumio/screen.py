@@ -278,13 +278,13 @@ def _place(point: Place) -> str:
     return f"({point[0]:.3f}, {point[1]:.3f}) m"
 
 
-WHERE = "touch screen"
-REFUSED = (
+SCREEN_PLACE = "touch screen"
+REFUSED_COUNTS = (
     (c.BAD_BYTES, "skipped", "bytes skipped"),
     (c.CHECKSUM, "checksum", "packets with a wrong checksum"),
     (c.OUT_OF_RANGE, "outside", "packets with a position beyond the screen"),
 )
-"""Which count of a decoder shows which condition."""
+"""The conditions that the counts of a decoder show."""
 
 
 class TouchStream:
@@ -340,7 +340,7 @@ class TouchStream:
 
     def report_fault(self, condition: Condition, detail: str) -> None:
         """Note a condition detected; any thread may."""
-        self._faults.append(Fault(condition, WHERE, detail))
+        self._faults.append(Fault(condition, SCREEN_PLACE, detail))
 
     def faults(self) -> list[Fault]:
         """What has been detected since the last call, oldest first; any thread may ask."""
@@ -429,7 +429,7 @@ class TouchStream:
     def _compare(self, time: float) -> None:
         """Report what the decoder has refused since the last report of it."""
         stats = self.stats
-        for condition, name, what in REFUSED:
+        for condition, name, what in REFUSED_COUNTS:
             now, before = getattr(stats, name), getattr(self._seen, name)
             detail = f"{now - before} {what}"
             if now > before and self._report_rate_limited(time, condition, detail):

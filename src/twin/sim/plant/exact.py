@@ -49,12 +49,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Number, put
+from controllers.arrays import ARRAY_ARITHMETIC, NUMBER_ARITHMETIC, Array, Mask, Number, put
 from controllers.ballplate import BallPlate
 from twin.base.errors import ModelError
-from twin.hal.interface import SCREEN
+from twin.hal.interface import SCREEN_SIZE_M
 from twin.hal.linkage import Transmitting
-from twin.sim.plant.friction import Contacts, Friction, resisted
+from twin.sim.plant.friction import Contacts, Friction, resist
 from twin.sim.plant.interface import BallSpin, tilted_gravity
 
 
@@ -195,7 +195,7 @@ class BallMotion(Contacts):
         self.equations = RollingModel.of(model, spin)
         self.single = rigs == 1 and (friction is None or friction.constant)
         """Whether plain numbers do."""
-        self.by = NUMBERS if self.single else ARRAYS
+        self.by = NUMBER_ARITHMETIC if self.single else ARRAY_ARITHMETIC
         self._rigs, self._step = rigs, step
         self._spin_speed: Any = 0.0 if self.single else np.zeros(rigs)
         """The speed q of the spin, m/s; stays 0 where it is no state."""
@@ -277,7 +277,7 @@ class BallMotion(Contacts):
         assert self.friction is not None
         ax, ay = self._free(at, x, vx, y, vy, q)
         limit = self._limit(at, x, vx, y, vy)
-        stiff = resisted(limit, (vx, vy), (ax, ay), self.by)
+        stiff = resist(limit, (vx, vy), (ax, ay), self.by)
         if not self._bending:
             return stiff
         share, bends = self.friction.share(self.bend).T, np.asarray(self.friction.presliding) > 0
@@ -344,7 +344,7 @@ class ExactPlant:
         step: float = 0.001,
         friction: Friction | None = None,
         level: ArrayLike = (0.0, 0.0),
-        size: ArrayLike = SCREEN,
+        size: ArrayLike = SCREEN_SIZE_M,
         rounded: ArrayLike = False,
         linkage: Transmitting | None = None,
         ball_spin: BallSpin = "free",
@@ -465,7 +465,7 @@ class ExactPlant:
         equations = self._along(plate, [half * i for i in range(2 * steps + 1)])
         for i in range(0, 2 * steps, 2):
             x, vx, y, vy = self._balls.step((x, vx, y, vy), *equations[i : i + 3])
-        (phi, theta), (phi_rate, theta_rate), _ = _turned(plate, period)
+        (phi, theta), (phi_rate, theta_rate), _ = _plate_after(plate, period)
         self._x = self._state(x, vx, phi, phi_rate, y, vy, theta, theta_rate)
         off = (abs(x) > self._half[0]) | (abs(y) > self._half[1])
         if self._round:
@@ -522,10 +522,10 @@ class ExactPlant:
         """The ball's equations at each time of the plate's (angles, rates, accelerations)."""
         model = self._balls.equations
         if not self._single:
-            angle, rate, u = _turned(plate, np.array(times)[:, None])
+            angle, rate, u = _plate_after(plate, np.array(times)[:, None])
             table = rolling(model, np.sin(angle), np.cos(angle), rate, u, self._gravity)
             return [Rolling(*each) for each in zip(*table, strict=True)]
-        angles, rates, u = zip(*(_turned(plate, time) for time in times), strict=True)
+        angles, rates, u = zip(*(_plate_after(plate, time) for time in times), strict=True)
         # numpy's sine here too: the math module's need not have the same last bits
         all_angles = np.array(angles)
         sines, cosines = np.sin(all_angles).tolist(), np.cos(all_angles).tolist()
@@ -533,7 +533,7 @@ class ExactPlant:
         return [rolling(model, *each, self._gravity) for each in moving]
 
 
-def _turned(plate: Any, time: Any) -> tuple[Any, Any, Any]:
+def _plate_after(plate: Any, time: Any) -> tuple[Any, Any, Any]:
     """Plate angles, rates and accelerations, each of (phi, theta), after a time of constant jerk.
 
     Args:

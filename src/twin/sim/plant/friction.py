@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import ARRAYS, Arithmetic, Array, Number, put
+from controllers.arrays import ARRAY_ARITHMETIC, Arithmetic, Array, Number, put
 from controllers.ballplate import BallPlate
 from twin.base.errors import ModelError
 from twin.base.settings import Unit, check, jump, ramp, setting
-from twin.hal.interface import SCREEN
+from twin.hal.interface import SCREEN_SIZE_M
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,7 +43,7 @@ class SurfaceMap:
 
     relative: Array | None = None
     height: Array | None = None
-    size: tuple[float, float] | Array = SCREEN
+    size: tuple[float, float] | Array = SCREEN_SIZE_M
     bow: tuple[float, float] = (0.0, 0.0)
     grids: Array = field(init=False, repr=False)
     """Relative friction, slope along x and along y as one array, shape (N, n, m, 3)."""
@@ -115,7 +115,7 @@ class SurfaceMap:
         patch: float = 0.05,
         spread: float = 0.0,
         slope: float = 0.0,
-        size: tuple[float, float] = SCREEN,
+        size: tuple[float, float] = SCREEN_SIZE_M,
         bow: tuple[float, float] = (0.0, 0.0),
     ) -> SurfaceMap:
         """A screen drawn at random: patches of differing friction, and waves.
@@ -208,8 +208,8 @@ class SurfaceModel:
         return None
 
 
-def resisted(
-    limit: Any, velocity: tuple[Any, Any], free: tuple[Any, Any], by: Arithmetic = ARRAYS
+def resist(
+    limit: Any, velocity: tuple[Any, Any], free: tuple[Any, Any], by: Arithmetic = ARRAY_ARITHMETIC
 ) -> tuple[Any, Any]:
     """Acceleration (x'', y'') of a ball whose free one friction resists, up to a limit (m/s^2).
 

@@ -23,7 +23,7 @@ from twin.sim.plant.model import RigModels, motor_ratio
 
 Indices = NDArray[np.integer]
 
-TELEMETRY = {
+TELEMETRY_SENSORS = {
     "wheel_phi_N": "wheel_phi_force",
     "wheel_theta_N": "wheel_theta_force",
     "ball_N": "ball_force",
@@ -39,7 +39,7 @@ TELEMETRY = {
 def channels_of(model: mujoco.MjModel) -> dict[str, int]:
     """What of ``TELEMETRY`` a model tells, and where in ``sensordata``."""
     at = _sensors(model)
-    return {name: at[sensor] for name, sensor in TELEMETRY.items() if sensor in at}
+    return {name: at[sensor] for name, sensor in TELEMETRY_SENSORS.items() if sensor in at}
 
 
 def _sensors(model: mujoco.MjModel) -> dict[str, int]:
@@ -106,7 +106,7 @@ def _columns(ids: Sequence[int]) -> slice | list[int]:
     return [first, second]
 
 
-LEAST = mujoco.mjMINMU
+MIN_ROLLING_FRICTION_M = mujoco.mjMINMU
 """Smallest rolling friction in m the engine can simulate; it lifts anything below to this."""
 
 
@@ -134,11 +134,14 @@ class BallContact(Contacts):
         model = batch.model
         roll = np.broadcast_to(np.asarray(friction.rolling, float), (batch.nsim,))
         free = np.broadcast_to(friction.absent, (batch.nsim,))
-        if not np.all((roll == 0) | (roll >= LEAST)):
-            raise ModelError(f"rolling friction must be 0 or at least {LEAST} m, got {roll.min()}")
+        if not np.all((roll == 0) | (roll >= MIN_ROLLING_FRICTION_M)):
+            raise ModelError(
+                f"rolling friction must be 0 or at least {MIN_ROLLING_FRICTION_M} m, "
+                f"got {roll.min()}"
+            )
         pair = model.pair("ball_plate").id
         self._arm = batch.expand("pair_friction")[:, pair, 3:5]
-        self._arm[:] = np.maximum(roll, LEAST)[:, None]
+        self._arm[:] = np.maximum(roll, MIN_ROLLING_FRICTION_M)[:, None]
         rolls = free | (np.asarray(friction.presliding) > 0)
         batch.expand("pair_dim")[:, pair] = np.where(rolls, free_dimension(model), 6)
         self.varying = not friction.constant and not (free.all() and friction.map is None)
@@ -167,7 +170,7 @@ class BallContact(Contacts):
         if self.age is not None:
             self.age = friction.aged(self.age, speed, time)
         arm = friction.arm(speed, position, self.age)
-        self._arm[:] = np.maximum(arm, LEAST)[:, None]
+        self._arm[:] = np.maximum(arm, MIN_ROLLING_FRICTION_M)[:, None]
         if not self._forced:
             return
         phi, theta = x[:, 2], x[:, 6]
@@ -184,19 +187,19 @@ class BallContact(Contacts):
 
 def free_dimension(model: mujoco.MjModel) -> int:
     """Dimension of the contact of a ball that rolls freely: 4 resists spin, 3 only slides."""
-    return 4 if model.pair_friction[model.pair("ball_plate").id, 2] > LEAST else 3
+    return 4 if model.pair_friction[model.pair("ball_plate").id, 2] > MIN_ROLLING_FRICTION_M else 3
 
 
-_MANY = 16
+_VECTORISED_FROM_RIGS = 16
 """From this number of rigs on, numpy sees where the balls are faster than the engine's sensors."""
 
-_UNUSED = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+_UNUSED_FEATURES = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
 """What a mechanism of few contacts never needs."""
 
-_ISLANDS = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+_ISLAND_FEATURE = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 """Solving ball and plate apart, which they seldom are; without it rounding differs."""
 
-_NOTHING = constant(0.0)
+_ZERO_CONSTANT = constant(0.0)
 
 _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
@@ -224,9 +227,9 @@ class Mechanism:
         parts: Parts | Sequence[Parts] | None = None,
     ) -> None:
         self.rigs = rigs
-        self._sensing = rigs < _MANY
+        self._sensing = rigs < _VECTORISED_FROM_RIGS
         one = Parts() if parts is None else parts
-        disabled = _UNUSED | (0 if self._sensing else _ISLANDS)
+        disabled = _UNUSED_FEATURES | (0 if self._sensing else _ISLAND_FEATURE)
         self._models = RigModels(rigs, one, step, disabled)
         model = self._models.first
         self.step = float(model.opt.timestep)
@@ -408,7 +411,7 @@ class Mechanism:
     @property
     def on_plate(self) -> Mask:
         """Whether the ball's centre is over the screen and not below its surface, shape (N,)."""
-        return self._sensed[:, self._at.over] > _NOTHING if self._sensing else self._inside
+        return self._sensed[:, self._at.over] > _ZERO_CONSTANT if self._sensing else self._inside
 
     @property
     def warnings(self) -> NDArray[np.integer]:

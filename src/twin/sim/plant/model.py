@@ -23,16 +23,16 @@ from twin.base.shipped import model_path
 from twin.hal.linkage import Linkage
 from twin.sim.plant.interface import Parts, tilted_gravity
 
-AXES = ("phi", "theta")
+AXIS_NAMES = ("phi", "theta")
 
-_UNSEEN = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+_SENSOR_FEATURE = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 """Nobody looks while a mechanism comes to rest."""
 
 _NEVER_LEVEL = "mechanism: these parts do not come to rest level"
 
-_NUDGE = 1e-6
+_BALANCE_STEP = 1e-6
 """By how much unknowns of the balance are varied for its derivatives, m and rad."""
-_LEAST = 1e-10
+_BALANCE_TOLERANCE = 1e-10
 """Newton steps of the balance smaller than this are the last, m and rad."""
 
 
@@ -54,12 +54,12 @@ def balance(model: mujoco.MjModel, data: mujoco.MjData, rounds: int = 8) -> None
         ModelError: If there is no such balance.
     """
     key = model.key("level")
-    hinges = [model.joint(name) for axis in AXES for name in (axis, f"cam_{axis}")]
+    hinges = [model.joint(name) for axis in AXIS_NAMES for name in (axis, f"cam_{axis}")]
     ball = model.joint("ball")
     height = ball.qposadr[0] + 2
     moving = [*(hinge.dofadr[0] for hinge in hinges), ball.dofadr[0] + 2]
-    shafts = [model.body(f"motor_{axis}").id for axis in AXES]
-    servos = [model.actuator(f"servo_{axis}").actadr[0] for axis in AXES]
+    shafts = [model.body(f"motor_{axis}").id for axis in AXIS_NAMES]
+    servos = [model.actuator(f"servo_{axis}").actadr[0] for axis in AXIS_NAMES]
 
     def acceleration(x: Array) -> Array:
         model.body_pos[shafts, 2], data.act[servos], data.qpos[height] = x[:2], x[2:4], x[4]
@@ -67,19 +67,22 @@ def balance(model: mujoco.MjModel, data: mujoco.MjData, rounds: int = 8) -> None
         return np.array(data.qacc[moving])
 
     flags = model.opt.disableflags
-    model.opt.disableflags |= _UNSEEN
+    model.opt.disableflags |= _SENSOR_FEATURE
     key.qpos[[hinge.qposadr[0] for hinge in hinges]] = 0.0
     put_level(model, data)
     x = np.array([*model.body_pos[shafts, 2], *data.act[servos], data.qpos[height]])
     for _ in range(rounds):
         now = acceleration(x)
-        slopes = [(acceleration(x + nudge) - now) / _NUDGE for nudge in _NUDGE * np.eye(len(x))]
+        slopes = [
+            (acceleration(x + nudge) - now) / _BALANCE_STEP
+            for nudge in _BALANCE_STEP * np.eye(len(x))
+        ]
         try:
             step = np.linalg.solve(np.transpose(slopes), now)
         except np.linalg.LinAlgError:  # more does not help a motor that gives all it can
             raise ModelError(_NEVER_LEVEL) from None
         x = x - step
-        if np.abs(step[:4]).max() < _LEAST:
+        if np.abs(step[:4]).max() < _BALANCE_TOLERANCE:
             break
     else:
         raise ModelError(_NEVER_LEVEL)
@@ -87,7 +90,7 @@ def balance(model: mujoco.MjModel, data: mujoco.MjData, rounds: int = 8) -> None
     model.opt.disableflags = flags
 
 
-NAMES = {
+MODEL_NAMES = {
     "joint": ("theta", "phi", "cam_theta", "cam_phi", "ball"),
     "geom": ("plate", "ball"),
     "body": ("plate", "ball", "motor_phi", "motor_theta"),
@@ -116,8 +119,8 @@ ON_CAMS = {
     "pair": ("cam_phi", "cam_theta"),
     "sensor": ("wheel_phi_force", "wheel_theta_force", "spring_length"),
 }
-"""And of one with cams; one with rods is of this installation."""
-RODS = "ballplate_rods.xml"
+"""Further names of a model with cams; one with rods is of this installation."""
+RODS_FILE = "ballplate_rods.xml"
 
 _ONE_AT_A_TIME = Lock()
 """Mechanisms that are fitted share the room for it."""
@@ -146,23 +149,23 @@ def load_model(
     """
     parts = parts or Parts()
     if path is None:
-        path = model_path() if parts.linkage is None else model_path(RODS)
+        path = model_path() if parts.linkage is None else model_path(RODS_FILE)
     if not path.is_file():
         raise ModelError(f"model {path}: no such file")
     content = path.read_bytes()
     try:
         if stands is None:
-            return copy.copy(_standing(path, content, drawn, parts))
-        return _fitted(path, content, drawn, parts, stands)
+            return copy.copy(_level_model(path, content, drawn, parts))
+        return _fit_model(path, content, drawn, parts, stands)
     except ValueError as error:
         if isinstance(error, ModelError):
             raise
         raise ModelError(f"model {path}: {' '.join(str(error).split())}") from error
 
 
-MECHANISM = ("cam_", "motor_", "shaft_", "spring_", "wheel_")
+MECHANISM_PREFIXES = ("cam_", "motor_", "shaft_", "spring_", "wheel_")
 """Beginnings of the names of what moves the plate of the model file, and no other."""
-UNSEEN = 4
+HIDDEN_GROUP = 4
 """A group of geoms and tendons that nobody draws."""
 
 
@@ -195,40 +198,40 @@ def drawn_model(
         return model
     model.geom("base").size[:2] *= np.minimum(share, 1)
     for geom in map(model.geom, range(model.ngeom)):
-        if geom.name.startswith(MECHANISM):
-            geom.group[:] = UNSEEN
-    model.tendon_group[:] = UNSEEN
+        if geom.name.startswith(MECHANISM_PREFIXES):
+            geom.group[:] = HIDDEN_GROUP
+    model.tendon_group[:] = HIDDEN_GROUP
     return model
 
 
 @lru_cache(maxsize=1024)
-def _standing(path: Path, content: bytes, drawn: bool, parts: Parts) -> mujoco.MjModel:
+def _level_model(path: Path, content: bytes, drawn: bool, parts: Parts) -> mujoco.MjModel:
     """A mechanism, levelled once: laws that are compared run on the same ones. Never changed."""
     if parts == Parts():
-        return _compiled(path, content, drawn)[1]
-    return _fitted(path, content, drawn, parts, None)
+        return _compile_file(path, content, drawn)[1]
+    return _fit_model(path, content, drawn, parts, None)
 
 
-def _fitted(
+def _fit_model(
     path: Path, content: bytes, drawn: bool, parts: Parts, stands: mujoco.MjModel | None
 ) -> mujoco.MjModel:
     with _ONE_AT_A_TIME:
-        before = _compiled(path, content, drawn)[1]
-        model, data = _shaped(path, content, drawn, parts.compiled)
-        return fitted(copy.copy(model), data, before, parts, stands)
+        before = _compile_file(path, content, drawn)[1]
+        model, data = _shape_model(path, content, drawn, parts.compiled)
+        return fit_parts(copy.copy(model), data, before, parts, stands)
 
 
 @lru_cache(maxsize=64)
-def _shaped(
+def _shape_model(
     path: Path, content: bytes, drawn: bool, parts: Parts
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The mechanism with another ball and plate, compiled once. Never changed; and room for it."""
-    model = shaped(_compiled(path, content, drawn)[0], parts)
+    model = compile_with(_compile_file(path, content, drawn)[0], parts)
     return model, mujoco.MjData(model)
 
 
 @lru_cache(maxsize=8)
-def _compiled(path: Path, content: bytes, drawn: bool) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+def _compile_file(path: Path, content: bytes, drawn: bool) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
     """The model file with that content, read and compiled once. Never changed."""
     del content
     spec = mujoco.MjSpec.from_file(str(path))
@@ -239,7 +242,7 @@ def _compiled(path: Path, content: bytes, drawn: bool) -> tuple[mujoco.MjSpec, m
 
 
 def _check(model: mujoco.MjModel, path: Path) -> None:
-    asked = [*NAMES.items(), *(() if on_rods(model) else ON_CAMS.items())]
+    asked = [*MODEL_NAMES.items(), *(() if on_rods(model) else ON_CAMS.items())]
     missing = [
         f"{kind} {name}"
         for kind, names in asked
@@ -274,7 +277,7 @@ def on_rods(model: mujoco.MjModel) -> bool:
 def motor_ratio(model: mujoco.MjModel) -> Number:
     """Motor angle per plate angle about level, dimensionless; of rods (phi, theta)."""
     if on_rods(model):
-        names = [[f"{of}_{axis}" for axis in AXES] for of in ("arm", "crank")]
+        names = [[f"{of}_{axis}" for axis in AXIS_NAMES] for of in ("arm", "crank")]
         arms, cranks = ([np.linalg.norm(model.site(each).pos) for each in of] for of in names)
         return np.divide(arms, cranks)
     lever = np.abs(model.geom("wheel_phi").pos[0])
@@ -283,7 +286,7 @@ def motor_ratio(model: mujoco.MjModel) -> Number:
 
 def fields_of(parts: Iterable[Parts]) -> Iterable[str]:
     """The model fields in which mechanisms of one file with some parts can differ."""
-    return FITTED if len({each.compiled for each in parts}) == 1 else MODEL_FIELDS
+    return FITTED_FIELDS if len({each.compiled for each in parts}) == 1 else MODEL_FIELDS
 
 
 def differing(
@@ -320,7 +323,7 @@ def value_of(model: mujoco.MjModel, name: str) -> Array:
     return np.asarray(_readers[name](model))
 
 
-FITTED = (
+FITTED_FIELDS = (
     "actuator_ctrlrange",
     "actuator_forcerange",
     "body_pos",
@@ -337,7 +340,7 @@ FITTED = (
 which mechanisms of the same ball and plate differ."""
 
 
-def fitted(
+def fit_parts(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     before: mujoco.MjModel,
@@ -383,12 +386,12 @@ def fitted(
         balance(model, data)
     if parts.joint_friction is not None:
         # last: it would keep the plate from coming to rest level
-        for axis in AXES:
+        for axis in AXIS_NAMES:
             model.dof_frictionloss[model.joint(axis).dofadr[0]] = parts.joint_friction
     return model
 
 
-def shaped(spec: mujoco.MjSpec, parts: Parts) -> mujoco.MjModel:
+def compile_with(spec: mujoco.MjSpec, parts: Parts) -> mujoco.MjModel:
     """Compile a mechanism with another ball and plate.
 
     Args:
@@ -477,7 +480,7 @@ def _cut(spec: mujoco.MjSpec, size: tuple[float, float], rounded: bool) -> None:
 def _link(spec: mujoco.MjSpec, linkage: Linkage) -> None:
     """Change cranks, rods and arms."""
     depth, ways = linkage.depth, ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-    for i, (axis, way) in enumerate(zip(AXES, ways, strict=True)):
+    for i, (axis, way) in enumerate(zip(AXIS_NAMES, ways, strict=True)):
         crank, arm = np.multiply(linkage.crank[i], way), np.multiply(linkage.arm[i], way)
         spec.body(f"motor_{axis}").pos = np.multiply(linkage.distance[i], way) - (0, 0, depth[i])
         for name, end in (("crank", crank), ("arm", arm)):
@@ -496,7 +499,7 @@ def _couple(
     inertia = np.zeros((model.nv, model.nv))
     put_level(model, data)
     mujoco.mj_fullM(model, data, inertia)
-    for axis in AXES:
+    for axis in AXIS_NAMES:
         pair = model.pair(f"cam_{axis}")
         stiffness, damping = -pair.solref / _scale(before, axis)
         if parts.stiffness is not None:
@@ -545,7 +548,7 @@ class RigModels:
         if len(self._parts) != rigs:
             raise ModelError(f"{rigs} rigs cannot have {len(self._parts)} sets of parts")
         self._step, self._disabled = step, disabled
-        file = model_path() if self._parts[0].linkage is None else model_path(RODS)
+        file = model_path() if self._parts[0].linkage is None else model_path(RODS_FILE)
         self.gravity = float(-load_model(file, drawn=False).opt.gravity[2])
         """Amount of gravity in m/s^2: that of the file, as the one of a tilted base is rounded."""
         self._built = self._compiled(self._parts)
