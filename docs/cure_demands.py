@@ -1,19 +1,22 @@
 """Makes cure_demands.md: references the plate cannot give, and pushes, under the cure and others.
 
 uv run python docs/cure_demands.py
+uv run python docs/cure_demands.py --moving    # cure_moving.md: references under way at the start
 What has been simulated is kept in runs/demands and used again while the code stays the same.
 """
 
 from __future__ import annotations
 
 import inspect
+import sys
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
 from pages import HERE, driven, filled, kept, planned, write
 
-from twin.run.assemble import assemble
+from twin.base.errors import ScenarioError
+from twin.run.assemble import assemble, build_reference
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder, code, digest
 
@@ -26,6 +29,10 @@ BACK = 0.005
 """Distance in m from its reference within which a ball is back."""
 NUMBER, RIGS = 200, 20
 """References, and pushes; rigs of the family that they are tried on by turns."""
+MOVING = 20
+"""References on the nominal rig, and on those of the family, that are under way at the start."""
+FEW = ("LQR", "AFL", "backstepping", "the cure")
+"""Laws that they are tried under."""
 PLAN = planned("cure")
 KNOWN = {each["name"]: each["set"] for each in PLAN["laws"]}
 CURE = "the cure"
@@ -78,6 +85,49 @@ def references(number: int) -> list[Run]:
             text = f'kind="setpoints",points={goals},time_constant={tau}'
         start = [f"plant.start.{axis}={at}" for axis, at in zip("xy", begin, strict=True)]
         found.append(Run([f"reference={{{text}}}", "duration=14.0", *start]))
+    return found
+
+
+def sines(number: int) -> list[Run]:
+    """Sines of 0.15 to 0.24 m and 3 to 8 rad/s along x, at full speed at time 0."""
+    sizes, speeds = np.linspace(0.15, 0.24, 4), np.linspace(3, 8, number // 4)
+    paths = [f"amplitude=[{size},0.0],omega={omega}" for size in sizes for omega in speeds]
+    return [Run([f'reference={{kind="sine",{each}}}', "duration=6.0"]) for each in paths]
+
+
+def moving(number: int) -> list[Run]:
+    """Sines, cosines, circles and figures without a soft start, paths of short ramps, by turns.
+
+    Up to 10 rad/s; the ball rests in the middle, or somewhere else.
+    """
+    rng, found, build = np.random.default_rng(5), [], Builder(PLAN["scenario"])
+    while len(found) < number:
+        omega, size = np.exp(rng.uniform(np.log(0.5), np.log(10), 2)), rng.uniform(0.2, 1.2, 2)
+        (a, b), turn = (size * AREA).tolist(), len(found) % 5
+        each = f"amplitude={[a, b]},omega={omega.tolist()}"
+        match turn:
+            case 0:
+                text = f'kind="sine",amplitude=[{a},0.0],omega={omega[0]}'
+            case 1:
+                waves = rng.choice(["sin", "cos"], 2)
+                text = f'kind="sine",{each},wave=["{waves[0]}","{waves[1]}"]'
+            case 2:
+                way = omega[0] * rng.choice([-1, 1])
+                text = f'kind="circle",amplitude={b},omega={way},start=0.0'
+            case 3:
+                text = f'kind="lissajous",{each},phase={rng.uniform(0, 2 * np.pi)},start=0.0'
+            case 4:
+                points, ramp = rng.uniform(-0.75, 0.75, (5, 2)) * AREA, rng.uniform(0.05, 0.2)
+                more = f"duration={rng.uniform(1, 4)},ramp={ramp},closed=true"
+                text = f'kind="path",points={points.tolist()},{more}'
+        begin = rng.uniform(-1, 1, 2) * AREA * rng.integers(2)
+        start = [f"plant.start.{axis}={at}" for axis, at in zip("xy", begin, strict=True)]
+        settings = [f"reference={{{text}}}", "duration=6.0", *start]
+        try:
+            build_reference(build([*PLAN["set"], *settings], {}))
+        except ScenarioError:  # beyond the operating area
+            continue
+        found.append(Run(settings))
     return found
 
 
@@ -161,14 +211,16 @@ def lost_from_there(number: int, run: Run, law: list[str], family: bool) -> bool
     return not all(driven(rig, controller, (run.tick + AFTER) * rig.period, keep=pushed)[2])
 
 
-def table(runs: list[Run], *, family: bool, column: int) -> list[tuple[str, ...]]:
+def table(
+    runs: list[Run], *, family: bool, column: int, laws: tuple[str, ...] = tuple(LAWS)
+) -> list[tuple[str, ...]]:
     """Of every law: balls kept, the median of a column, and balls it kept that the cure lost.
 
     Then how many of these it loses as well, where it has the ball from the cure.
     """
     how = " ".join(map(inspect.getsource, (scenarios, push, driven, simulated, lost_from_there)))
     found = {}
-    for name, law in LAWS.items():
+    for name, law in ((name, LAWS[name]) for name in laws):
         key = digest(f"{code()} {how} {runs} {law} {family} {PLAN['set']}")
         found[name] = kept("demands", key, lambda law=law: simulated(runs, law, family))
         click.echo(f"{name}: {sum(each[0] is not None for each in found[name])} kept")
@@ -189,6 +241,15 @@ def table(runs: list[Run], *, family: bool, column: int) -> list[tuple[str, ...]
 
 def main() -> None:
     """Simulate what is not kept, then write the page."""
+    if sys.argv[1:] == ["--moving"]:
+        found = {
+            "sines": table(sines(40), family=False, column=0, laws=FEW),
+            "others": table(moving(MOVING), family=False, column=0, laws=FEW),
+            "others_family": table(moving(MOVING), family=True, column=0, laws=FEW),
+        }
+        text = filled("cure_moving", number=MOVING, rigs=RIGS, family=PLAN["family"], **found)
+        write(HERE / "cure_moving.md", text)
+        return
     asked = (("references", references(NUMBER), 0), ("pushes", pushes(NUMBER), 1))
     parts = {
         name + "_family" * family: table(runs, family=family, column=column)
