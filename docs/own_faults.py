@@ -23,7 +23,7 @@ from twin.devices import own
 from twin.devices.own import OwnConfig, OwnScreen, OwnServos, Reading
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
-from twin.hal import supervisor
+from twin.hal import agreement, supervisor
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import Condition, Severity
 from twin.hal.supervisor import Supervisor
@@ -287,8 +287,7 @@ ROWS = (
     Row("Positions come ten times too small", sets(says=scaled(0.1))),
     Row(
         *("Positions come with the wrong sign", sets(says=scaled(-1))),
-        *(supervisor.BALL_OUTSIDE, SEEN),
-        begins=outside,
+        *(agreement.UPHILL, SEEN),
     ),
     Row("Nothing of the host arrives any more", sets(late=math.inf), by=WATCHDOG),
     Row(

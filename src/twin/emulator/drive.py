@@ -76,7 +76,9 @@ class Motor:
 
     def __init__(self, start_counts: int = 0) -> None:
         self.rate = 0.0
-        """Shaft rate in rad/s."""
+        """Shaft rate in rad/s that the drive gives it."""
+        self.forced = 0.0
+        """Shaft rate in rad/s that somebody gives it besides."""
         self.limited = False
         """Whether the velocity limit cut the target."""
         self.encoder, self.plate = (
@@ -306,7 +308,7 @@ class EmulatedDrive:
         store.live(0x6041, 0, lambda: self.status)
         store.live(0x6061, 0, lambda: self.mode)
         store.live(0x6064, 0, lambda: self.motor.encoder.counts)
-        store.live(0x606C, 0, lambda: round(self.motor.rate / VELOCITY_UNIT))
+        store.live(0x606C, 0, lambda: round((self.motor.rate + self.motor.forced) / VELOCITY_UNIT))
         for index, sub in ((0x2050, 0), (0x60E4, 2)):
             store.live(index, sub, lambda: self.motor.plate.counts)
         store.live(0x60E4, 1, lambda: self.motor.encoder.counts)

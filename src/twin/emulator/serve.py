@@ -176,6 +176,7 @@ class EmulatedPlant:
         for drive, axis, scale in zip(
             self._drives, wiring.motors, wiring.motor_scale, strict=False
         ):
+            drive.motor.forced = float(self.shoved[axis]) / scale
             rate = scale * drive.rate
             if abs(angles[axis]) >= self.stop and rate * angles[axis] > 0:
                 drive.motor.rate = rate = 0.0

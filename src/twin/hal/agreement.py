@@ -104,6 +104,8 @@ class Agreement:
         self._whole: _Span | None = None
         self._recent = self._next = _Span((0.0,) * 6)
         self._looks = 0
+        self._still = [(math.nan, math.nan), (math.nan, math.nan)]
+        """Plate angle of each axis, and motor angle when the plate last changed, rad."""
 
     def look(self, plate: Array, motor: Array) -> Disagreement | None:
         """Compare angles of one instant, both in rad, shape (2,); the disagreement, if any."""
@@ -116,6 +118,9 @@ class Agreement:
         if not all(map(math.isfinite, now)):
             return None  # a transmission without numbers gives no command either
         self._past.append(now[:4])
+        for axis in (0, 1):
+            if now[axis] != self._still[axis][0]:
+                self._still[axis] = now[axis], now[2 + axis]
         if self._whole is None:
             self._whole, self._recent, self._next = _Span(now), _Span(now), _Span(now)
         self._looks += 1
@@ -128,9 +133,16 @@ class Agreement:
             motion = max(span.width(0), span.width(1), span.width(2), span.width(3))
             allowed = self._lost + self.SHARE * motion
             for axis in (0, 1):
-                if not span.width(4 + axis) <= allowed:
+                if not span.width(4 + axis) <= allowed and not self._frozen(now, axis):
                     return self._named(axis)
         return None
+
+    def _frozen(self, now: tuple[float, ...], axis: int) -> bool:
+        """Whether the plate's angle has stayed the very same while its motor turned.
+
+        That is a frozen encoder, which has a condition of its own.
+        """
+        return abs(now[2 + axis] - self._still[axis][1]) > self._lost / 2
 
     @property
     def proven(self) -> bool:

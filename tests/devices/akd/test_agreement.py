@@ -117,6 +117,14 @@ def test_heartbeats_that_a_host_that_stalled_finds_at_once_are_no_second_node():
     assert any(count.too_many(100 * period + number * period / 2) for number in range(60))
 
 
+def test_heartbeats_that_waited_for_a_host_that_hung_are_those_of_one_node():
+    count, period = HeartbeatCount(0.02), 0.02
+    assert not any(count.too_many(number * period) for number in range(30))
+    assert not any(count.too_many(2.0) for _ in range(70))  # all at once, after 1.4 s
+    assert not any(count.too_many(2.0 + number * period) for number in range(1, 60))
+    assert any(count.too_many(3.2 + number * period / 2) for number in range(60))
+
+
 @pytest.mark.parametrize("state", [0, 4, 127])
 def test_a_heartbeat_of_another_node_that_is_not_operational_is_no_fault_of_this_one(rig, state):
     rig.bus.from_other(Frame(0x701, bytes((state,))))

@@ -6,6 +6,7 @@ where the same motion is counted twice.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 
@@ -71,13 +72,23 @@ class HeartbeatCount:
     """Intervals over which they are counted; a host that stalls hears some at once."""
     SHARE = 0.8
     """Share of the time that these take of one node, from which there are two."""
+    STALL = 4
+    """Intervals without any after which those that arrive at once have waited for the host."""
 
     def __init__(self, period: float) -> None:
+        self._period = period
         self._least = self.SHARE * self.INTERVALS * period
         self._arrived: deque[float] = deque(maxlen=self.INTERVALS + 1)
+        self._counted_from = self._last = -math.inf
 
     def too_many(self, arrival: float) -> bool:
         """Take one in that arrives at a time in s; whether they are more than one node sends."""
+        if arrival - self._last > self.STALL * self._period:
+            self._arrived.clear()
+            self._counted_from = arrival + self._period / 2
+        self._last = arrival
+        if arrival < self._counted_from:
+            return False
         self._arrived.append(arrival)
         full = len(self._arrived) == self._arrived.maxlen
         return full and arrival - self._arrived[0] < self._least
