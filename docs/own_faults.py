@@ -169,6 +169,7 @@ class Row(NamedTuple):
         more: Time in s that may pass besides that of the condition.
         by: Who must level the plate; that of the condition's severity by default.
         begins: From when on it can be seen, of the rows of `Line.trace`; at once by default.
+        leaves: Whether the ball may leave its area before the condition is reported.
         at: When it is done, s.
         encoder: Whether the plate has an encoder.
     """
@@ -179,6 +180,7 @@ class Row(NamedTuple):
     more: float = 0.0
     by: str = ""
     begins: Callable[[Array], Any] = lambda trace: np.ones(len(trace), bool)
+    leaves: bool = False
     at: float = BEGIN
     encoder: bool = False
 
@@ -288,6 +290,7 @@ ROWS = (
     Row(
         *("Positions come with the wrong sign", sets(says=scaled(-1))),
         *(agreement.UPHILL, SEEN),
+        leaves=True,
     ),
     Row("Nothing of the host arrives any more", sets(late=math.inf), by=WATCHDOG),
     Row(
@@ -429,7 +432,9 @@ def carried_out(row: Row) -> FaultRow:
         tilt=float(tilt.max()),
         tilt_limit=float(np.max(LIMITS.angle)) + Supervisor.ANGLE_SLACK,
         ball=(float(ball[0]), float(ball[1])),
-        ball_limit=(math.inf, math.inf) if row.begins is outside else tuple(EDGE.tolist()),
+        ball_limit=(math.inf, math.inf)
+        if row.leaves or row.begins is outside
+        else tuple(EDGE.tolist()),
         ball_later=tuple(np.abs(after[:, 3:5]).max(axis=0).tolist()),
         held=True,
     )

@@ -125,7 +125,7 @@ def killed(program, place, read, whole):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from ballplate.running import streamed
+from ballplate.running import stream_record
 from twin.run.finished import run
 from twin.scenario.load import load
 
@@ -134,7 +134,7 @@ def attach(recorder):
 
 short = ("plant.kind=lagrange", "duration=2", "metrics.start=0")
 scenario = load("circle", short)
-with streamed(scenario, Path(sys.argv[1]), lambda _: None) as both:
+with stream_record(scenario, Path(sys.argv[1]), lambda _: None) as both:
     run(scenario, watch=lambda recorder: (both(recorder), attach(recorder)))
 """
 
@@ -154,9 +154,9 @@ import os, signal, sys
 from pathlib import Path
 import can
 from ballplate.reporter import Reporter
-from ballplate.running import traced
+from ballplate.running import write_trace
 
-with traced(Path(sys.argv[1]), Reporter(), bounded=True) as hear:
+with write_trace(Path(sys.argv[1]), Reporter(), bounded=True) as hear:
     for number in range(30_000):
         data = number.to_bytes(8, "little")
         hear(can.Message(timestamp=1 + 1e-5 * number, arbitration_id=0x181, data=data))

@@ -24,8 +24,8 @@ def begun(kind, scenario, stack):
         from twin.play.serve import Simulation
         return Simulation(scenario)
     elif kind == "emulated rig":
-        from twin.emulator.serve import emulated
-        stack.enter_context(emulated(scenario))
+        from twin.emulator.serve import serve_rig
+        stack.enter_context(serve_rig(scenario))
     else:
         from twin.shadow import report
         from twin.view import live_process, recording

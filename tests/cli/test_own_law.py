@@ -132,7 +132,7 @@ def test_a_law_changed_within_the_second_is_the_changed_one(ballplate, mine, rew
 def test_a_record_whose_law_takes_other_settings_is_shown(ballplate, rewrite):
     ballplate("run", "circle", *SHORT, "--set", "controller.plate=[50,10]", "--out", "x")
     rewrite("    plate:", "    angle:")
-    code, _, err = ballplate("report", "x")
+    code, _, err = ballplate("compare", "x")
     assert code == 0
     assert "does not take its settings" in err
 
