@@ -24,6 +24,7 @@ from twin.sim.sensors import EncoderModel, TouchModel
 SHORT = ("duration=0.12", "metrics.start=0", "plant.start.x_rate=0.1")
 BESIDE = {
     "plant.size": ["plant.kind=lagrange"],
+    "plant.ball_spin": ["plant.kind=lagrange"],
     "plant.friction.stribeck_speed": ["plant.friction.breakaway_ratio=2.0"],
     "plant.friction.dwell_time": ["plant.friction.breakaway_ratio=2.0"],
     "plant.servo.vibration_hz": ["plant.servo.vibration=0.5"],

@@ -53,7 +53,8 @@ set = ["controller.kind=backstepping"]
 MAIN = (
     "import sys; from twin.study import experiments; "
     "experiments.CHUNK_RUNS, experiments.MIN_BATCH_RUNS = 8, 1; "
-    "experiments.CLUSTER_TIMEOUT_S = float(sys.argv[1]); from twin.cli import main; main(sys.argv[2:])"
+    "experiments.CLUSTER_TIMEOUT_S = float(sys.argv[1]); "
+    "from twin.cli import main; main(sys.argv[2:])"
 )
 
 
