@@ -51,6 +51,10 @@ FOREIGN = {
     "a.h5": (b"\x89HDF\r\n\x1a\n" + bytes(99), "an? HDF5 file"),
     "a.pkl": (pickle.dumps({"t": T.tolist()}), "a Python pickle"),
     "a.html": (b"<!DOCTYPE html><html>", "an XML or HTML file"),
+    "b.json": (b"[\n  1, 2, 3]", "a JSON file.*read_json"),
+    "b.pkl": (pickle.dumps({"t": T.tolist()}, 2), "a Python pickle"),
+    "a.tdms": (b"TDSm\x0e\0\0\0" + bytes(60), r"a LabVIEW file \(.tdms\).*nptdms"),
+    "b.mat": (b"# Created by Octave 8.4\n# name: t\n", "a text file of Octave.*csvwrite"),
     "a.bin": (bytes(range(256)) * 4, "a binary file of a kind not known"),
     "a.blf": (b"LOGG" + bytes(99), "a CAN trace of Vector.*ballplate trace"),
 }
@@ -271,3 +275,10 @@ def test_a_comparison_takes_them_for_logs(tmp_path):
     assert sorted_out(given) == (("circle",), (tmp_path / "a.parquet",), (tmp_path / "a.mat",))
     with pytest.raises(LogError, match="is a MATLAB file"):
         ballplate.compare("circle", tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be", "utf-32"])
+def test_wide_letters_without_a_mark_are_text(tmp_path, encoding):
+    lines = ["t,x,u", *(f"{t:.3f},{x:.6f},{u:.6f}" for t, x, u in zip(T, X, U, strict=True))]
+    (tmp_path / "a.csv").write_bytes("\n".join(lines).encode(encoding))
+    assert len(read_any(tmp_path / "a.csv", COLUMNS).axes["x"].ball) == len(T)
