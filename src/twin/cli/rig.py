@@ -254,7 +254,7 @@ def trace(
     said = Conversation(found.frames, names, drives, timed=found.timed)
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
     summary["timed"] = found.timed
-    remarks = [*found.remarks, *names.sheet.remarks]
+    remarks = [*found.remarks, *names.sheet.remarks, *said.remarks()]
     summary |= said.summary() | {"remarks": remarks}
     events = [event._asdict() for event in said.events]
     written = [each for each in (out, log) if each is not None]

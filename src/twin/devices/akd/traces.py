@@ -262,7 +262,8 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
             remarks.append(f"{file.name}: left out: {notes.left_out} {what}")
         timed &= notes.timed
     if not frames:
-        why = f": {remarks[0]}" if remarks else ""
+        empty = not any(file.stat().st_size for file in files)
+        why = f": {'; '.join(remarks) or ('it is empty' if empty else 'it has none')}"
         raise LogError(f"{path}: no frame can be read{why}")
     counts = Counter(_name(each) for each in frames)
     chosen = channel or counts.most_common(1)[0][0]
