@@ -282,3 +282,27 @@ def test_wide_letters_without_a_mark_are_text(tmp_path, encoding):
     lines = ["t,x,u", *(f"{t:.3f},{x:.6f},{u:.6f}" for t, x, u in zip(T, X, U, strict=True))]
     (tmp_path / "a.csv").write_bytes("\n".join(lines).encode(encoding))
     assert len(read_any(tmp_path / "a.csv", COLUMNS).axes["x"].ball) == len(T)
+
+
+def plain(tmp_path):
+    lines = ["t,x,u", *(f"{t:.3f},{x:.6f},{u:.6f}" for t, x, u in zip(T, X, U, strict=True))]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    return tmp_path / "a.csv"
+
+
+@pytest.mark.parametrize("separator", ["", '"', "\n", ";\r"])
+def test_what_separates_no_columns_is_one_line(tmp_path, separator):
+    with pytest.raises(LogError, match=r"--separator .*: separates no columns; give one as ; or"):
+        read_any(plain(tmp_path), COLUMNS, separator)
+
+
+def test_a_column_s_number_in_raised_figures_is_none(tmp_path):
+    wanted = wanted_columns("time=\N{SUPERSCRIPT TWO},measured_x=x,command_phi=u")
+    with pytest.raises(LogError, match="time: no column"):
+        read_any(plain(tmp_path), wanted)
+
+
+@pytest.mark.parametrize("unit", ["0mm", "1e400mm", "1e-400"])
+def test_a_unit_that_makes_nothing_of_a_number_is_none(unit):
+    with pytest.raises(LogError, match=f"measured_x: unit '{unit}'"):
+        wanted_columns(f"time=t,measured_x=x:{unit},command_phi=u")

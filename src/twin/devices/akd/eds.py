@@ -196,7 +196,7 @@ def _number(text: str) -> int | None:
     try:
         if re.fullmatch(r"0[0-7]+", text):
             return int(text, 8)
-        return int(text, 10) if text.isdigit() else int(text, 0)
+        return int(text, 10) if text.isdecimal() else int(text, 0)
     except ValueError:
         return None
 

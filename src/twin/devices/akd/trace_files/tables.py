@@ -74,7 +74,7 @@ def read_table(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | Non
         notes.remarks.append("its times are whole numbers without a unit: taken as seconds")
     at = places["identifier"]
     given = [each for row in cells for k in single for each in row[k : k + 1]]
-    data_base = 10 if any(len(each) > 2 for each in given if each.isdigit()) else 16
+    data_base = 10 if any(len(each) > 2 for each in given if each.isdecimal()) else 16
     base = 16 if packed else _base([row[at] for row in cells if len(row) > at], header, data_base)
     if base == 10 and not _looks_hexadecimal(given):
         data_base = 10
@@ -150,7 +150,7 @@ def _base(identifiers: list[str], header: str, of_data: int = 16) -> int:
         return 16
     if of_data == 10:
         return 10
-    digits = [each for each in some if each.isdigit()]
+    digits = [each for each in some if each.isdecimal()]
     as_hex = max((int(each, 16) for each in digits), default=0)
     return 10 if as_hex > LARGEST_STANDARD >= max((int(each) for each in digits), default=0) else 16
 
@@ -161,7 +161,7 @@ def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
     base = _base([row[1] for row in rows if len(row) > 1], "")
     for row in rows:
         try:
-            flag = "" if row[2].isdigit() else row[2].upper()
+            flag = "" if row[2].isdecimal() else row[2].upper()
             rest = row[3 if flag else 2 :]
             length, remote = int(rest[0]), "R" in flag
             data = b"" if remote else bytes(int(each, base) for each in rest[1 : 1 + length])

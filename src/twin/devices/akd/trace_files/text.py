@@ -130,7 +130,7 @@ def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]
         try:
             if len(parts) > 2 and parts[1].upper() == "CANFD":
                 yield _asc_long(passed, parts[2:], base)
-            elif len(parts) > 2 and parts[1].isdigit():
+            elif len(parts) > 2 and parts[1].isdecimal():
                 yield from _asc_short(passed, parts[1:], base)
         except (IndexError, ValueError):
             yield None
