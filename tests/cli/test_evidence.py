@@ -118,6 +118,34 @@ def test_a_trace_that_was_damaged_since_is_told(tmp_path, damage):
     assert all("damaged" in line for line in remarks)
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("trace.sha256", b"", "trace.sha256: is damaged"),
+        ("trace.sha256", b"\xff\0garbage\n", "trace.sha256: is damaged"),
+        ("trace-1.log", b"(1.0) can0 701#05\n", "trace-1.log: was not there when"),
+    ],
+)
+def test_checksums_that_are_damaged_and_a_part_too_many_are_told(tmp_path, name, content, said):
+    with closing(TraceWriter(tmp_path / "trace.log", "can0", part=10**6)) as writer:
+        writer.write(map(frame, range(20)))
+    seal(tmp_path / "trace.log")
+    (tmp_path / name).write_bytes(content)
+    assert read_trace(tmp_path / "trace.log").remarks[0].startswith(said)
+
+
+def test_report_says_that_a_trace_was_damaged_since(tmp_path, ballplate):
+    settings = {"duration": 0.02, "baseline": False, "plant": {"kind": "lagrange"}}
+    bp.run("hold", out=tmp_path / "run", **settings)
+    with closing(TraceWriter(tmp_path / "run" / "trace.log", "can0", part=10**6)) as writer:
+        writer.write(map(frame, range(20)))
+    seal(tmp_path / "run" / "trace.log")
+    (tmp_path / "run" / "trace.log").unlink()
+    assert ballplate("report", str(tmp_path / "run"))[0] == 0
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "Not whole: trace.log: is missing, or damaged" in page
+
+
 class Rig(LockstepRig):
     """A rig in virtual time whose host asked for no real time."""
 

@@ -158,3 +158,39 @@ def test_a_message_that_quotes_what_was_given_commands_no_terminal(ballplate):
     assert code == 2
     assert not {"\x1b", "\x9b"} & set(out + err)
     assert "\\x1b[2Jlqr" in err
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e999"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "calibrate lost-motion --amplitude",
+        "calibrate cams --reach",
+        "play circle --seconds",
+    ],
+)
+def test_a_number_that_is_none_is_within_no_limits(ballplate, command, number):
+    code, _, errors = ballplate(*command.split(), number)
+    assert code == 2
+    assert "Invalid value for" in errors
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e999"])
+def test_a_moment_that_is_no_number_is_one_line(ballplate, tmp_path, number):
+    settings = ["plant.kind=lagrange", "plant.step=0.002", "duration=0.1"]
+    done = run(load("circle", settings))
+    record_run(done, tmp_path / "r")
+    code, _, errors = ballplate("whatif", str(tmp_path / "r"), "--at", number)
+    assert code == 2
+    assert "is no moment" in errors
+
+
+def test_an_error_in_a_law_of_one_s_own_is_one_line_with_its_place(ballplate, tmp_path):
+    text = "    def command(self, measured):\n        return 1 / 0\n"
+    (tmp_path / "mine.py").write_text(LAW.replace('"afl"', '"mine"') + text)
+    settings = ["--set", "controller.kind=mine", "--set", "duration=0.1"]
+    code, _, errors = ballplate("run", "circle", "--law", str(tmp_path / "mine.py"), *settings)
+    assert code == 1
+    assert "Traceback" not in errors
+    assert "mine.py" in errors
+    assert "division by zero" in errors

@@ -121,6 +121,26 @@ def test_angles_and_rates_of_the_record_come_back_within_a_count(wired, said):
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "rows", "words"),
+    [
+        ("none.csv", None, "--touch none.csv: cannot be read: No such file"),
+        ("back.csv", "2,1,1\n1,1,1\n", "back.csv: time goes back"),
+        ("nan.csv", "nan,1,1\ninf,1,1\n", "nan.csv: says nothing of the time"),
+    ],
+)
+def test_a_touch_file_at_fault_is_one_line_and_leaves_no_log(wired, said, name, rows, words):
+    folder, _, _ = wired
+    if rows is not None:
+        (folder / name).write_text(f"time [s],measured_x [mm],measured_y [mm]\n{rows}")
+    code, _, err = said(
+        "trace.log", "--rig", "rig.toml", "--touch", name, "--log", f"log-of-{name}"
+    )
+    assert code == 2
+    assert words in " ".join(err.split())
+    assert not (folder / f"log-of-{name}").exists()
+
+
 def test_identify_takes_the_log(wired, said):
     folder, rows, _ = wired
     said("trace.log", "--rig", "rig.toml", "--touch", "touch.csv", "--log", "log.csv")

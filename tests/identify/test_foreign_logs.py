@@ -51,6 +51,10 @@ FOREIGN = {
     "a.h5": (b"\x89HDF\r\n\x1a\n" + bytes(99), "an? HDF5 file"),
     "a.pkl": (pickle.dumps({"t": T.tolist()}), "a Python pickle"),
     "a.html": (b"<!DOCTYPE html><html>", "an XML or HTML file"),
+    "b.json": (b"[\n  1, 2, 3]", "a JSON file.*read_json"),
+    "b.pkl": (pickle.dumps({"t": T.tolist()}, 2), "a Python pickle"),
+    "a.tdms": (b"TDSm\x0e\0\0\0" + bytes(60), r"a LabVIEW file \(.tdms\).*nptdms"),
+    "b.mat": (b"# Created by Octave 8.4\n# name: t\n", "a text file of Octave.*csvwrite"),
     "a.bin": (bytes(range(256)) * 4, "a binary file of a kind not known"),
     "a.blf": (b"LOGG" + bytes(99), "a CAN trace of Vector.*ballplate trace"),
 }
@@ -271,3 +275,34 @@ def test_a_comparison_takes_them_for_logs(tmp_path):
     assert sorted_out(given) == (("circle",), (tmp_path / "a.parquet",), (tmp_path / "a.mat",))
     with pytest.raises(LogError, match="is a MATLAB file"):
         ballplate.compare("circle", tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be", "utf-32"])
+def test_wide_letters_without_a_mark_are_text(tmp_path, encoding):
+    lines = ["t,x,u", *(f"{t:.3f},{x:.6f},{u:.6f}" for t, x, u in zip(T, X, U, strict=True))]
+    (tmp_path / "a.csv").write_bytes("\n".join(lines).encode(encoding))
+    assert len(read_any(tmp_path / "a.csv", COLUMNS).axes["x"].ball) == len(T)
+
+
+def plain(tmp_path):
+    lines = ["t,x,u", *(f"{t:.3f},{x:.6f},{u:.6f}" for t, x, u in zip(T, X, U, strict=True))]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    return tmp_path / "a.csv"
+
+
+@pytest.mark.parametrize("separator", ["", '"', "\n", ";\r"])
+def test_what_separates_no_columns_is_one_line(tmp_path, separator):
+    with pytest.raises(LogError, match=r"--separator .*: separates no columns; give one as ; or"):
+        read_any(plain(tmp_path), COLUMNS, separator)
+
+
+def test_a_column_s_number_in_raised_figures_is_none(tmp_path):
+    wanted = wanted_columns("time=\N{SUPERSCRIPT TWO},measured_x=x,command_phi=u")
+    with pytest.raises(LogError, match="time: no column"):
+        read_any(plain(tmp_path), wanted)
+
+
+@pytest.mark.parametrize("unit", ["0mm", "1e400mm", "1e-400"])
+def test_a_unit_that_makes_nothing_of_a_number_is_none(unit):
+    with pytest.raises(LogError, match=f"measured_x: unit '{unit}'"):
+        wanted_columns(f"time=t,measured_x=x:{unit},command_phi=u")

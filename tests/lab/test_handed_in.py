@@ -360,3 +360,21 @@ def test_a_lab_s_own_functions_are_named_before_they_run(
     assert {record.getMessage() for record in caplog.records} == {
         f"runs {lab.folder / 'truth.py'} of the lab"
     }
+
+
+def test_an_answer_s_ending_may_be_in_capitals(lab: Lab, handed_in: Path) -> None:
+    put(handed_in / "Ann.TOML")
+    found = collect(lab, handed_in)
+    assert [(each.student, each.problem) for each in found.submissions] == [("Ann", "")]
+    assert not found.left_out
+
+
+@pytest.mark.parametrize("name", ["answer.toml", "Answer.TOML", "rig.toml"])
+def test_a_file_that_names_no_student_is_nobody_s(lab: Lab, handed_in: Path, name: str) -> None:
+    put(handed_in / name)
+    put(handed_in / "ann.toml")
+    found = collect(lab, handed_in)
+    assert [each.student for each in found.submissions] == ["ann"]
+    assert found.left_out == [f"{name}: names no student: a folder or a file called as its student"]
+    put(handed_in / "answer.toml")
+    assert len(collect(lab, handed_in, ["ann", Path(name).stem]).submissions) == 2

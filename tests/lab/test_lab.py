@@ -187,6 +187,17 @@ def test_a_class_is_the_first_column_below_its_heading(tmp_path: Path) -> None:
             students(file)
 
 
+@pytest.mark.parametrize("between", [",", ";", "\t"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
+def test_a_class_is_read_as_spreadsheets_write_it(
+    tmp_path: Path, between: str, encoding: str
+) -> None:
+    file = tmp_path / "class.csv"
+    rows = (("id", "name"), ("M\xfcller", "A"), ("bob", '"B\r\nC"'))
+    file.write_bytes("".join(between.join(row) + "\r\n" for row in rows).encode(encoding))
+    assert students(file) == ["M\xfcller", "bob"]
+
+
 def test_a_starter_is_a_solution_without_what_stands_between_its_marks() -> None:
     assert starter(SOLUTION) == (MINI / "answer.py").read_text()
     assert "X = 2.5  # told: a.b\n" in fill_answer("X = 1  # told: a.b\n", {"a.b": 2.5})

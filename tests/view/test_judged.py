@@ -148,3 +148,11 @@ def test_a_scenario_that_is_cut_short_is_the_beginning_of_the_whole(whole):
     for name, values in part.rows.items():
         assert np.array_equal(values, whole.rows[name][: len(values)], equal_nan=True)
     assert cut_short(whole.scenario, 0.0).duration == 0.002
+
+
+@pytest.mark.parametrize("seconds", [0.004, 0.1, 0.5])
+def test_a_goal_that_has_not_left_the_middle_yet_is_no_measure_of_an_error(seconds):
+    told = describe_run(run(load("circle", [*CIRCLE, f"duration={seconds}"])), clean=99.0)
+    assert "Tracking error" not in told
+    assert "no verdict: its goal was within 0.1 mm of the middle" in told
+    assert "no limit was in the way" not in told

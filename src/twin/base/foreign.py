@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 HEAD = 512
@@ -42,6 +43,10 @@ _KINDS: tuple[tuple[bytes, int, str], ...] = (
     (b"\xa1\xb2\xc3\xd4", 0, "pcap capture"),
     (b"\x4d\x3c\xb2\xa1", 0, "pcap capture"),
     (b"\xa1\xb2\x3c\x4d", 0, "pcap capture"),
+    (b"TDSm", 0, "LabVIEW file (.tdms)"),
+    (b"# Created by Octave", 0, "text file of Octave"),
+    (b"\x80\x02", 0, "Python pickle"),
+    (b"\x80\x03", 0, "Python pickle"),
     (b"\x80\x04\x95", 0, "Python pickle"),
     (b"\x80\x05\x95", 0, "Python pickle"),
 )
@@ -52,8 +57,16 @@ _IN_ZIP = (
     (b".npy", "NumPy archive (.npz)"),
     (b"mimetype", "OpenDocument file (.ods)"),
 )
-_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
+_MARKS = {
+    b"\xff\xfe\0\0": "utf-32",
+    b"\0\0\xfe\xff": "utf-32",
+    b"\xff\xfe": "utf-16",
+    b"\xfe\xff": "utf-16",
+    b"\xef\xbb\xbf": "utf-8-sig",
+}
 """Marks at the beginning of a text, and its encoding."""
+_MIN_WIDE_SHARE = 0.7
+"""Share of zeros in every second byte from which on a text without a mark is UTF-16."""
 _UNPRINTED = bytes({*range(32)} - {*b"\t\n\v\f\r\x1a\x1b"})
 """Bytes that are in no text of eight bits."""
 _MOST_UNPRINTED = 0.02
@@ -71,13 +84,16 @@ def file_kind(head: bytes) -> str:
             if kind == "ZIP archive":
                 return next((what for name, what in _IN_ZIP if name in head), kind)
             return kind
+    encoding = encoding_of(head)
+    if encoding not in {"utf-8", "utf-8-sig"}:
+        head = head.decode(encoding, errors="replace").encode()
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if text.startswith((b"{", b"[{", b"[[")):
+    if re.match(rb"\{|\[\s*[\[{\"]|\[\s*\n", text):
         return "JSON file"
     if text[:9].lower().startswith((b"<?xml", b"<!doctype", b"<html")):
         return "XML or HTML file"
     unprinted = sum(byte in _UNPRINTED for byte in head)
-    if head[:2] not in _MARKS and unprinted > _MOST_UNPRINTED * len(head):
+    if unprinted > _MOST_UNPRINTED * len(head):
         return "binary file of a kind not known here"
     return ""
 
@@ -98,12 +114,19 @@ def kind_of(path: Path) -> str:
 
 
 def encoding_of(head: bytes) -> str:
-    """Encoding of a text by the mark at its beginning; UTF-8 without one."""
-    return next((name for mark, name in _MARKS.items() if head.startswith(mark)), "utf-8")
+    """Encoding of a text by the mark at its beginning, of UTF-16 also by its zeros; else UTF-8."""
+    for mark, name in _MARKS.items():
+        if head.startswith(mark):
+            return name
+    even, odd = head[:HEAD:2], head[1:HEAD:2]
+    for zeros, others, name in ((odd, even, "utf-16-le"), (even, odd, "utf-16-be")):
+        if zeros.count(0) > _MIN_WIDE_SHARE * len(head[:HEAD]) / 2 and not others.count(0):
+            return name
+    return "utf-8"
 
 
 def decode_text(raw: bytes) -> str:
-    """Text in UTF-8, with another mark at its beginning in UTF-16, else as Windows writes it.
+    """Text in UTF-8, or UTF-16 or UTF-32 by its beginning, else as Windows writes it.
 
     The encoding of this computer plays no part.
     """

@@ -118,7 +118,7 @@ def main(arguments: list[str] | None = None) -> None:
         if _is_interrupt(error):
             sys.exit(_fail("interrupted", 1))
         catalog = sys.modules.get("controllers.catalog")
-        line = catalog.blamed(error) if catalog else None
+        line = catalog.locate_error(error) if catalog else None
         if line is None or sys.flags.dev_mode:
             raise
         code = _fail(line, 1)

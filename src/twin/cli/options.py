@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -30,6 +31,19 @@ if TYPE_CHECKING:
     from twin.scenario import Scenario
     from twin.view.live_process import LiveProcess
     from twin.view.viewer import Opened
+
+
+class Finite(click.FloatRange):
+    """A number between limits, which are true of none that is NaN or infinite."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number of a text."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
 
 
 class Command(click.Command):

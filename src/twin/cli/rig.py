@@ -254,7 +254,7 @@ def trace(
     said = Conversation(found.frames, names, drives, timed=found.timed)
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
     summary["timed"] = found.timed
-    remarks = [*found.remarks, *names.sheet.remarks]
+    remarks = [*found.remarks, *names.sheet.remarks, *said.remarks()]
     summary |= said.summary() | {"remarks": remarks}
     events = [event._asdict() for event in said.events]
     written = [each for each in (out, log) if each is not None]
@@ -370,7 +370,7 @@ DEFAULT_PORT = 8090
     help="Serve there; by default on this machine alone. The page is behind a token.",
 )
 @click.option("--no-browser", is_flag=True, help="Open no window; print the address only.")
-@click.option("--seconds", type=click.FloatRange(min=0), help="End by itself after this time, s.")
+@click.option("--seconds", type=options.Finite(min=0), help="End by itself after this time, s.")
 def play(
     scenario: str, overrides: tuple[str, ...], out: Path | None, *, no_browser: bool, **how: Any
 ) -> int:
@@ -423,7 +423,7 @@ def _turn_plate(
 @options.EMPTY_RIG
 @click.option(
     "--amplitude",
-    type=click.FloatRange(0.2, 8),
+    type=options.Finite(0.2, 8),
     default=1.0,
     help="Of the triangle, deg of the plate [1].",
 )
@@ -519,7 +519,7 @@ calibrate.add_command(lost_motion)
     default=Path("cams-of-rig.json"),
     help="File of the table [cams-of-rig.json].",
 )
-@click.option("--reach", type=click.FloatRange(0.5, 8), default=6.0, help="Largest angle, deg [6].")
+@click.option("--reach", type=options.Finite(0.5, 8), default=6.0, help="Largest angle, deg [6].")
 @click.option("--lines", type=click.IntRange(4, 33), default=9, help="Points per axis [9].")
 @options.SETTING
 @options.JSON

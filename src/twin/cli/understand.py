@@ -248,7 +248,7 @@ FURTHER_HELP = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes
 @click.option(
     "--for",
     "lasting",
-    type=click.FloatRange(0.01, 3600),
+    type=options.Finite(0.01, 3600),
     default=10.0,
     show_default=True,
     help="How long it goes on, s.",

@@ -451,9 +451,10 @@ def unit_factor(unit: str, si: str) -> float | None:
         return None
     scale = _scales(si).get(match[2], 1.0 if match[1] and not match[2] else None)
     try:
-        return None if scale is None else float(match[1] or 1.0) * scale
+        factor = float(match[1] or 1.0) * (scale or 0.0)
     except ValueError:
         return None
+    return factor if 0.0 < factor < math.inf else None
 
 
 def _scales(si: str) -> dict[str, float]:
@@ -570,7 +571,11 @@ def _text_columns(
 
 
 def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], list[str]]:
-    """What splits a line into cells: by the separator that most lines have equally often."""
+    """What splits a line into cells: by the separator that most lines have equally often.
+
+    Raises:
+        LogError: If the separator that is told is none.
+    """
     if separator is None:
         some = lines[len(lines) // 2 :][:50]
 
@@ -582,6 +587,11 @@ def _make_splitter(lines: list[str], separator: str | None) -> Callable[[str], l
         separator = next((s for s in (";", "\t", ",") if alike(s) > 0.8), " ")
     if separator == " ":
         return str.split
+    if not separator or set(separator) & set('"\r\n'):
+        raise LogError(
+            f"--separator {separator!r}: separates no columns; give one as ; or a word of "
+            f"{', '.join(word for word in SEPARATOR_NAMES if word.isalpha())}"
+        )
     between = separator
 
     def split(line: str) -> list[str]:
@@ -619,7 +629,7 @@ def _find_column(
         if column.name.casefold() in names:
             index = names.index(column.name.casefold())
             return index, split_unit(header[index])[1] or ""
-    if column.name.isdigit() and int(column.name) >= 1:
+    if column.name.isdecimal() and int(column.name) >= 1:
         return int(column.name) - 1, ""
     has = ", ".join(header[:20]) or "no header: give numbers of columns, 1 for the first"
     raise LogError(f"{source}: {role}: no column {column.name} (it has {has})")

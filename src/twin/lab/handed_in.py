@@ -208,7 +208,11 @@ def _whose(about: AnswerTable, path: Path, people: Collection[str]) -> str:
         return re.sub(r"[^\w.@+-]+", "_", full)  # O'Neil is O_Neil
     if stat.S_ISDIR(mode):
         return _name(name)
-    if path.suffix == Path(about.file).suffix or _name(path.stem) in people:
+    nobodys = name.casefold() in {about.file.casefold(), RIG_FILE}
+    if nobodys and _name(path.stem) not in people and stat.S_ISREG(mode):
+        raise ScenarioError("names no student: a folder or a file called as its student")
+    alike = path.suffix.casefold() == Path(about.file).suffix.casefold()
+    if alike or _name(path.stem) in people:
         return _name(path.stem)
     if stat.S_ISLNK(mode) or _name(name) in people:
         return _name(name)
@@ -260,7 +264,7 @@ def _of_files(about: AnswerTable, student: str, paths: list[Path]) -> Submission
     for path in paths:
         systems = MOODLE.fullmatch(path.name) or CANVAS.fullmatch(path.name)
         own = systems["file"] if systems else path.name
-        if not systems and path.suffix == Path(about.file).suffix:
+        if not systems and path.suffix.casefold() == Path(about.file).suffix.casefold():
             own = about.file  # under the student's own name
         again = REPEATED.fullmatch(own)
         number = 0

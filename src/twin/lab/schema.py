@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import hmac
+import io
 import json
 import re
 import unicodedata
@@ -19,6 +20,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from controllers.arrays import Array
 from controllers.catalog import EXECUTES
 from twin.base.errors import ScenarioError, nearest, printable, shorten
+from twin.base.foreign import decode_text
 from twin.base.shipped import shipped_labs
 from twin.base.validation import Checked, check_named_once, read_model, read_tables
 from twin.base.writing import why, write_folder, write_whole
@@ -450,14 +452,18 @@ def had_again(lab: Lab, folder: Path, key: str | None, student: str | None = Non
 def students(path: Path) -> list[str]:
     """The students of a class: the first column of a CSV file below its heading.
 
+    Spreadsheets write it with commas, semicolons or tabs, in UTF-8, UTF-16 or as Windows has it.
+
     Raises:
         ScenarioError: If it cannot be read, names nobody, or somebody twice.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            cells = [row[0].strip() for row in csv.reader(file) if row and row[0].strip()]
-            rows = [unicodedata.normalize("NFC", cell) for cell in cells[1:]]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        text = decode_text(path.read_bytes())
+        between = max(",;\t", key=text.partition("\n")[0].count)
+        table = csv.reader(io.StringIO(text, newline=""), delimiter=between)
+        cells = [row[0].strip() for row in table if row and row[0].strip()]
+        rows = [unicodedata.normalize("NFC", cell) for cell in cells[1:]]
+    except (OSError, csv.Error) as error:
         raise ScenarioError(f"{path}: cannot be read: {why(error)}") from None
     twice = next((name for name in rows if rows.count(name) > 1), None)
     if not rows or twice:

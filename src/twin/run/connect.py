@@ -262,8 +262,15 @@ def log_of_trace(
         for name, of in known.items()
         for k, axis in enumerate(AXIS_NAMES)
     }
-    seen = read_csv(touch, TOUCH_COLUMNS, tuple(TOUCH_COLUMNS))
+    try:
+        seen = read_csv(touch, TOUCH_COLUMNS, tuple(TOUCH_COLUMNS))
+    except OSError as error:
+        raise LogError(f"--touch {touch}: cannot be read: {error.strerror or error}") from error
+    known_time = np.isfinite(seen["time"])
+    seen = {name: values[known_time] for name, values in seen.items()}
     when = seen["time"]
+    if (np.diff(when) < 0).any():
+        raise LogError(f"{touch.name}: time goes back: from one row to the next it must not")
     if len(when) and abs(when[0] - said.begin) < abs(when[0]):
         when = when - said.begin
     newest = np.searchsorted(when, sync, side="right") - 1

@@ -32,6 +32,10 @@ HOW = {
     ),
     "JSON file": f"{_PYTHON}pandas.read_json('{{name}}').to_csv('log.csv', index=False)",
     "Python pickle": f"{_PYTHON}write what it holds with pandas.DataFrame(...).to_csv('log.csv')",
+    "LabVIEW file (.tdms)": (
+        f"{_PYTHON}nptdms.TdmsFile.read('{{name}}').as_dataframe().to_csv('log.csv', index=False)"
+    ),
+    "text file of Octave": "in Octave: load {name}; csvwrite('log.csv', [t x u]) with its names",
     "Excel file (.xlsx)": _SAVE,
     "Excel file (.xls)": _SAVE,
     "OpenDocument file (.ods)": _SAVE,

@@ -369,7 +369,7 @@ class FaultCause(NamedTuple):
             *through, last = way.split(".")
             place = target
             for part in through:
-                place = place[int(part)] if part.isdigit() else getattr(place, part)
+                place = place[int(part)] if part.isdecimal() else getattr(place, part)
             if callable(there := getattr(place, last)):
                 more = given.pop() if given and isinstance(given[-1], dict) else {}
                 there(*given, **more)

@@ -108,7 +108,7 @@ Point = dict[str, float | str]
 def place_of(key: str) -> tuple[str, int | None]:
     """The scenario key that a point's key is, or has a number of, and which; None for all of it."""
     path, _, tail = key.rpartition(".")
-    return (path, int(tail)) if path and tail.isdigit() else (key, None)
+    return (path, int(tail)) if path and tail.isdecimal() else (key, None)
 
 
 class Family(Checked):

@@ -250,11 +250,20 @@ def _size(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     """How large the error was; arguments as for ``verdict``."""
     percent = run.metrics.get("tracking_error_percent")
     beside = f" ({clean:.3g} % on the clean model)" if clean is not None else ""
-    share = f"Tracking error e_tt {percent:.3g} %{beside}, " if percent is not None else ""
+    told = percent is not None and not _is_goal_still(run)
+    share = f"Tracking error e_tt {percent:.3g} %{beside}, " if told else ""
     start = run.scenario.metrics.start
     judged = 0 < start < (run.metrics.get("outcome_time") or run.scenario.duration)
     since = f" from {start:.4g} s on" if judged else ""
     return f"{share}{_mm(found.rms)} RMS over x and y{since}"
+
+
+def _is_goal_still(run: Run) -> bool:
+    """Whether a goal stayed so near the middle that an error is no share of it."""
+    percent, distance = (
+        run.metrics.get(each) for each in ("tracking_error_percent", "rms_distance")
+    )
+    return bool(percent and distance is not None and 100 * distance / percent < SMALL_ERROR_M)
 
 
 def _limits(run: Run, found: Diagnosis) -> list[str]:
@@ -280,6 +289,10 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
         facts.append(
             f"too short for a lag: its reference turned by {math.degrees(found.turned):.0f} deg "
             "in that time, less than once round"
+        )
+    elif _is_goal_still(run):
+        facts.append(
+            f"no verdict: its goal was within {1000 * SMALL_ERROR_M:g} mm of the middle (RMS)"
         )
     if found.unmoved:
         facts.insert(0, "the plate was never moved: limits left nothing of any command")

@@ -7,6 +7,7 @@ let go in the state that the log shows, if the log is fit for that.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -641,6 +642,8 @@ def moment_of(
 def _nearest(at: float, scenario: Scenario) -> float:
     """The beginning in s of the control period nearest to a time."""
     period = float(scenario.rig.period)
+    if not math.isfinite(at):
+        raise RecordError(f"--at {at:g}: is no moment")
     return period * round(at / period)
 
 

@@ -207,3 +207,44 @@ def test_a_file_without_objects_is_refused_in_one_line(tmp_path, content):
 def test_a_file_that_cannot_be_opened_is_told(tmp_path):
     with pytest.raises(LogError, match="cannot be read"):
         Names(tmp_path / "none.eds")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be", "utf-32"])
+def test_wide_letters_without_a_mark_are_read(tmp_path, encoding):
+    (tmp_path / "a.eds").write_bytes(SHEET.encode(encoding))
+    assert read_data_sheet(tmp_path / "a.eds").objects[0x2300, 0].name == "Spannung über Phase"
+
+
+@pytest.mark.parametrize("vendor", ["-1", "0x100000000", "9" * 400])
+def test_a_vendor_that_nobody_can_have_is_left_out(tmp_path, vendor):
+    found = read_data_sheet(sheet(tmp_path, SHEET.replace("0x123", vendor)))
+    assert found.vendor is None
+    assert "VendorNumber" in found.remarks[0]
+
+
+def test_of_a_broken_section_nothing_goes_to_the_one_before(tmp_path):
+    text = SHEET.replace("[2301]\nParameterName", "[2301\nDefaultValue=7\nHighLimit")
+    found = read_data_sheet(sheet(tmp_path, text.replace("[2300]", "[1A03sub1]")))
+    assert (0x1A03, 1) not in found.defaults
+    assert "'[2301'" in found.remarks[0]
+
+
+def test_a_type_that_cannot_be_read_is_that_of_the_standard(tmp_path):
+    text = SHEET + "\n[6064]\nParameterName=Place\nDataType=INTEGER32\n"
+    heard = [can.Message(arbitration_id=0x581, data=bytes.fromhex("43646000FEFFFFFF"))]
+    heard.insert(0, can.Message(arbitration_id=0x601, data=bytes.fromhex("4064600000000000")))
+    for each in heard:
+        each.is_extended_id = False
+    told = Conversation(heard, Names(sheet(tmp_path, text)))
+    assert told.events[0].text == "reads 6064h Place of node 1: -2"
+
+
+def test_a_file_of_another_vendor_is_told(tmp_path):
+    heard = [can.Message(arbitration_id=0x581, data=bytes.fromhex("43181001FB000000"))]
+    heard.insert(0, can.Message(arbitration_id=0x601, data=bytes.fromhex("4018100100000000")))
+    for each in heard:
+        each.is_extended_id = False
+    told = Conversation(heard, Names(sheet(tmp_path, SHEET)))
+    assert told.remarks() == [
+        "node 1: the EDS file is not used: it is of vendor 123h, the node of FBh"
+    ]

@@ -1,5 +1,6 @@
 """One conversation in the form of every program: the same frames come back, to its times."""
 
+import gzip
 import re
 import struct
 from datetime import UTC, datetime
@@ -504,3 +505,114 @@ def test_the_day_of_pcan_is_kept(tmp_path):
     file, _ = written(tmp_path, ".trc 1.1")
     begin = datetime.fromtimestamp(read_trace(file).frames[0].timestamp, UTC)
     assert begin.isoformat(timespec="seconds")[:16] == "2023-11-14T22:13"
+
+
+def rows(start="", end="", time="{:.6f}", data=hexadecimal, identifier=name, between=";"):
+    """Lines of a frame each, of the 11-bit frames of ``HEARD``."""
+    return "".join(
+        start + between.join((time.format(passed(each)), identifier(each), data(each))) + end + "\n"
+        for each in HEARD
+        if not each.is_extended_id
+    )
+
+
+def seconds(text, separator=";"):
+    return "\n".join(
+        separator.join((cells[0].replace(".", ","), *cells[1:]))
+        for cells in (line.split(separator) for line in text.splitlines())
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time [s];id;data\n" + seconds(rows()),
+        "timestamp;id;data\n" + rows(start="2024-01-01T10:00:0"),
+        '"Time";"Identifier (hex)";"Data (hex)"\n' + rows(start="00:00:0"),
+        "timestamp_ns;id;data\n"
+        + "".join(
+            f"{passed(each) * 1e9:.0f};{name(each)};{hexadecimal(each)}\n"
+            for each in HEARD
+            if not each.is_extended_id
+        ),
+        "time;id;data\n" + rows(data=lambda each: " ".join(f"0x{byte:02X}" for byte in each.data)),
+        "Line;Abs Time(Sec);Arb ID;B1;B2;B3;B4;B5;B6;B7;B8\n"
+        + rows(
+            start="1;",
+            data=lambda each: ";".join([hexadecimal(each, ";"), *[""] * (7 - len(each.data))]),
+        ),
+    ],
+    ids=["decimal comma", "date", "time of day", "nanoseconds", "0x", "Vehicle Spy"],
+)
+def test_columns_as_other_programs_write_them(tmp_path, text):
+    (tmp_path / "a.csv").write_text(text)
+    found = read_trace(tmp_path / "a.csv")
+    short = [each for each in HEARD if not each.is_extended_id]
+    assert [each.arbitration_id for each in found.frames] == [each.arbitration_id for each in short]
+    assert [bytes(each.data) for each in found.frames] == [bytes(each.data) for each in short]
+    assert found.frames[-1].timestamp - found.frames[0].timestamp == pytest.approx(0.2, abs=1e-5)
+    assert not found.remarks
+
+
+def test_whole_numbers_without_a_unit_are_told_as_seconds(tmp_path):
+    (tmp_path / "a.csv").write_text("time,id,data\n1000,705,05\n2000,705,7f\n")
+    assert "taken as seconds" in read_trace(tmp_path / "a.csv").remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("a.csv", "time,id,data\n1.0,705,05\nnan,705,7f\ninf,705,7f\n1e999,705,7f\n"),
+        (
+            "a.asc",
+            "base hex\n1.0 1 705 Rx d 1 05\n" + 3 * "inf 1 705 Rx d 1 7F\n",
+        ),
+        ("a.log", "(1.0) can0 705#05\n" + f"({400 * '9'}.0) can0 705#7F\n" * 3),
+    ],
+)
+def test_a_time_that_is_no_number_costs_its_frame(tmp_path, file, text):
+    (tmp_path / file).write_text(text)
+    found = read_trace(tmp_path / file)
+    assert [bytes(each.data) for each in found.frames] == [b"\x05"]
+    assert "left out: 3" in found.remarks[0]
+
+
+@pytest.mark.parametrize("start", ["yesterday", "nan", ""])
+def test_a_beginning_that_is_no_day_costs_itself(tmp_path, start):
+    text = trc("1.1")(HEARD)
+    (tmp_path / "a.trc").write_text(re.sub("STARTTIME=.*", f"STARTTIME={start}", text))
+    found = read_trace(tmp_path / "a.trc")
+    assert len(found.frames) == len(HEARD)
+    assert any("its beginning is no day" in each for each in found.remarks)
+
+
+def test_of_a_small_packed_trace_that_is_cut_what_is_left_is_read(tmp_path):
+    (tmp_path / "a.log.gz").write_bytes(gzip.compress(candump_log(HEARD[:8]).encode())[:-30])
+    found = read_trace(tmp_path / "a.log.gz")
+    assert 2 < len(found.frames) < 8
+    assert "cannot be read on after line" in found.remarks[0]
+
+
+def test_colours_of_a_terminal_are_no_part_of_a_line(tmp_path):
+    plain = terminal(lambda each, _: f"({each.timestamp:.6f})")(HEARD)
+    (tmp_path / "a.txt").write_text(re.sub("^(.*)$", "\x1b[31m\\1\x1b[0m", plain, flags=re.M))
+    assert len(read_trace(tmp_path / "a.txt").frames) == len(HEARD)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"", "it is empty"), (b"\n\r\r\n" + b"\xff" * 60, "it has none")],
+)
+def test_why_nothing_can_be_read_is_said(tmp_path, content, words):
+    (tmp_path / "a.log").write_bytes(content)
+    with pytest.raises(LogError, match=f"no frame can be read: {words}"):
+        read_trace(tmp_path / "a.log")
+
+
+def test_frames_that_are_no_canopen_are_counted(tmp_path, capsys):
+    text = "(1.0) can0 00000705#05\n(1.1) can0 7E5#04\n(1.2) can0 705#05\n"
+    (tmp_path / "a.log").write_text(text)
+    code, shown, _ = called(capsys, "trace", tmp_path / "a.log")
+    assert code == 0
+    assert "not told: 1 frames with 29-bit identifiers, no CANopen (705h)" in shown
+    assert "not told: 1 frames of no known service (7E5h)" in shown

@@ -13,7 +13,7 @@ import struct
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -128,7 +128,10 @@ class Names:
         """
         blank = Object(*key, "", "U0")
         if sheet and key in self.sheet.objects:
-            return self.sheet.objects[key]
+            found, known = self.sheet.objects[key], self._known.get(key)
+            if found.type == "U0" and known and key[0] >= 0x6000 and drive:
+                return replace(found, type=known.type)  # the file lacks it, the standard has it
+            return found
         if key[0] in _VENDORS_OBJECTS:
             return self._known.get(key, blank) if akd else blank
         if key[0] not in _PROFILES_OBJECTS:
@@ -248,6 +251,7 @@ class Conversation:
         """Seconds from the first frame to the last."""
         self.strangers: Counter[int] = Counter()
         """Frames of no service of CANopen, by identifier."""
+        self._long: Counter[int] = Counter()
         self.errors: Counter[str] = Counter()
         """Error frames by what they say."""
         self.pauses: dict[str, dict[str, Any]] = {}
@@ -427,6 +431,25 @@ class Conversation:
             "errors": dict(self.errors),
         }
 
+    def remarks(self) -> list[str]:
+        """What is told nowhere else: frames that are no CANopen, a file of another vendor."""
+        said = []
+        others = self.strangers - self._long
+        kinds = {"with 29-bit identifiers, no CANopen": self._long, "of no known service": others}
+        for kind, counts in kinds.items():
+            if counts:
+                some = [f"{each:X}h" for each in counts][:3] + ["..."] * (len(counts) > 3)
+                shown = ", ".join(some)
+                said.append(f"not told: {counts.total()} frames {kind} ({shown})")
+        for node in sorted(self.nodes) if self._names.sheet.objects else ():
+            if not self._is_of_sheet(node):
+                vendors = self._names.sheet.vendor or 0, self._identities[node, _VENDOR]
+                said.append(
+                    f"{self.called(node)}: the EDS file is not used: it is of vendor "
+                    f"{vendors[0]:X}h, the node of {vendors[1]:X}h"
+                )
+        return said
+
     def object_name(self, node: int, key: Key) -> str:
         """What an object of a node is called."""
         name = self._object(node, key).name
@@ -454,6 +477,7 @@ class Conversation:
             self._say(at, "adapter", "bus", f"error frame: {what}")
         elif message.is_extended_id:
             self.strangers[identifier] += 1
+            self._long[identifier] += 1
         elif identifier == protocol.NMT and len(data) == 2:
             whom = self.called(data[1]) if data[1] else "all nodes"
             command = table()["nmt_commands"].get(f"{data[0]}", f"command {data[0]}")

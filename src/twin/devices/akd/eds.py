@@ -26,6 +26,9 @@ _DEFAULTS_USED = frozenset((*PDOS, 0x1000))
 _SHOWN = 5
 """Remarks about single lines and values that are shown; of more the number is."""
 
+_LARGEST = {"VendorNumber": 0xFFFF_FFFF, "NodeID": 127}
+"""Largest numbers of a vendor and of a node."""
+
 _Section = dict[str, str]
 
 
@@ -161,6 +164,10 @@ def _split(text: str, left_out: list[str]) -> dict[str, _Section]:
                 left_out.append(f"line {number}: [{_short(match[1])}] comes again")
             section = sections.setdefault(match[1].casefold(), {})
             continue
+        if line[0] == "[":  # what follows belongs to no section that is known
+            left_out.append(f"line {number}: '{_short(line)}'")
+            section = {}
+            continue
         key, equals, value = line.partition("=")
         if not equals or not key.strip() or section is None:
             left_out.append(f"line {number}: '{_short(line)}'")
@@ -189,7 +196,7 @@ def _number(text: str) -> int | None:
     try:
         if re.fullmatch(r"0[0-7]+", text):
             return int(text, 8)
-        return int(text, 10) if text.isdigit() else int(text, 0)
+        return int(text, 10) if text.isdecimal() else int(text, 0)
     except ValueError:
         return None
 
@@ -200,7 +207,8 @@ def _told(key: str, section: _Section, left_out: list[str]) -> int | None:
     if text is None:
         return None
     number = _number(text)
-    if number is None or (key == "VendorNumber" and re.match(r"0\d", text)):  # 001 names nobody
+    octal = key == "VendorNumber" and re.match(r"0\d", text)  # 001 names nobody
+    if number is None or octal or not 0 <= number <= _LARGEST[key]:
         left_out.append(f"{key}='{_short(text)}'")
         return None
     return number
@@ -264,7 +272,7 @@ def _value(text: str) -> Value | None:
     others = [_number(part) for part in parts if part != "$nodeid"]
     count = len(parts) - len(others)
     numbers = [number for number in others if number is not None]
-    if count > 1 or len(numbers) < len(others):
+    if count > 1 or len(numbers) < len(others) or not 0 <= sum(numbers) < 1 << 64:
         return None
     return Value(sum(numbers), relative=count == 1)
 

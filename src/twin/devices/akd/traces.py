@@ -7,6 +7,7 @@ bounded size. `trace_files` reads all of these, and those of other programs.
 from __future__ import annotations
 
 import hashlib
+import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -70,6 +71,8 @@ PART = 20_000_000
 """Bytes of a part of a bounded trace: about two minutes of two drives at 500 Hz."""
 SEAL = "trace.sha256"
 """Checksums of the parts of a run's trace, beside them."""
+_SEALED = re.compile(r"([0-9a-f]{64})  (trace(?:-[12])?\.log)")
+"""A line of these."""
 WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
 """Endings of traces that are written; each but .blf, packed already, may be followed by .gz."""
 _DISORDER = 0.01
@@ -204,14 +207,17 @@ def altered(file: Path) -> list[str]:
     except OSError:
         return []
     found = {each.name: each for each in parts(file)}
+    known = [match.groups() for line in lines if (match := _SEALED.fullmatch(line))]
+    if not known or len(known) < len(lines):
+        return [f"{SEAL}: is damaged: whether the trace is whole is not known"]
     remarks = []
-    for line in lines:
-        mark, _, name = line.partition("  ")
+    for mark, name in known:
         part = found.pop(name, None)
         if part is None:
             remarks.append(f"{name}: is missing, or damaged with its checksum")
         elif _sha256(part) != mark:
             remarks.append(f"{name}: has changed since it was written, or is damaged")
+    remarks += [f"{name}: was not there when the trace was finished" for name in found]
     return remarks
 
 
@@ -262,7 +268,8 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
             remarks.append(f"{file.name}: left out: {notes.left_out} {what}")
         timed &= notes.timed
     if not frames:
-        why = f": {remarks[0]}" if remarks else ""
+        empty = not any(file.stat().st_size for file in files)
+        why = f": {'; '.join(remarks) or ('it is empty' if empty else 'it has none')}"
         raise LogError(f"{path}: no frame can be read{why}")
     counts = Counter(_name(each) for each in frames)
     chosen = channel or counts.most_common(1)[0][0]

@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import gzip
 import io
+import math
 import re
+import zlib
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain, islice
 from pathlib import Path
@@ -26,6 +28,8 @@ from twin.devices.common import one_line
 
 __all__ = ["Notes", "read_frames"]
 
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+"""What colours a line on a terminal (candump -c)."""
 _BEGINNING = 60
 """Lines at the beginning of a text by which its form is known."""
 
@@ -54,7 +58,7 @@ def _opened(file: Path) -> BinaryIO:
 
 
 def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[can.Message]:
-    head = raw.read(HEAD + 16)
+    head = cast("io.BufferedReader", raw).read1(HEAD + 16)  # of a cut file what there is
     raw.seek(0)
     kind = file_kind(head)
     if kind in _PACKED:
@@ -65,15 +69,27 @@ def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[can.Message]:
     else:
         ending = (file.with_suffix("") if file.suffix == ".gz" else file).suffix.lower()
         with io.TextIOWrapper(raw, encoding_of(head), errors="replace") as lines:
-            beginning = list(islice(lines, _BEGINNING))
+            plain = _until_broken(lines, notes)
+            beginning = list(islice(plain, _BEGINNING))
             notes.form, text_reader = _form(beginning, ending)
-            yield from _classic(text_reader(chain(beginning, lines), notes), notes)
+            yield from _classic(text_reader(chain(beginning, plain), notes), notes)
+
+
+def _until_broken(lines: Iterable[str], notes: Notes) -> Iterator[str]:
+    """The lines of a text without colours, up to where what is packed is broken or cut."""
+    number = 0
+    try:
+        for number, line in enumerate(lines, 1):  # noqa: B007
+            yield _COLOURS.sub("", line)
+    except (EOFError, OSError, zlib.error) as error:
+        notes.remarks.append(f"cannot be read on after line {number}: {one_line(error)}")
 
 
 def _classic(frames: Iterable[can.Message | None], notes: Notes) -> Iterator[can.Message]:
     """Only the classic frames; others, and lines that are none (None), are counted."""
     for message in frames:
-        if message is None or message.is_fd or len(message.data) > message.dlc:
+        classic = message is not None and not message.is_fd and len(message.data) <= message.dlc
+        if message is None or not classic or not math.isfinite(message.timestamp):
             notes.left_out += 1
         else:
             yield message

@@ -6,25 +6,28 @@ import re
 from base64 import b64decode
 from binascii import Error as Base64Error
 from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
 
 import can
 
 from twin.devices.akd.trace_files.frames import LARGEST_STANDARD, Notes, classic_frame
 
 _COLUMNS = {
-    "time": r"time(stamp)?s?(s|ms|us|µs|sec|seconds|abs|rel)?",
-    "identifier": r"(can|msg|message)?(id|identifier)(hex|dec)?|arbitrationid|addr(ess)?",
-    "extended": r"(is)?ext(ended)?",
+    "time": r"(abs)?time(stamp)?s?(s|ms|us|µs|ns|sec|seconds|abs|rel)?",
+    "identifier": r"(can|msg|message|arb)?(id|identifier)(hex|dec)?|arbitrationid|addr(ess)?",
+    "extended": r"(is)?ext(ended)?|xtd",
     "remote": r"remote|rtr",
-    "error": r"error",
-    "way": r"dir(ection)?|rxtx",
-    "channel": r"bus|chan(nel)?|chn|can(bus|channel)?",
+    "error": r"er(ror)?",
+    "way": r"dir(ection)?|rxtx|tx",
+    "channel": r"bus|chan(nel)?|chn|can(bus|channel)?|network",
     "length": r"len(gth)?|dlc",
     "data": r"data(bytes)?(hex)?|payload",
 }
 """Columns of a table of frames, by their names in small letters without signs and spaces."""
 _BYTE = re.compile(r"(?:d|b|data|byte)(\d)")
-_TRUE = {"1", "true", "yes", "x"}
+_TRUE = {"1", "true", "yes", "x", "t"}
+_SCALES = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+"""Units of times in the name of their column, in s."""
 
 
 def _column_places(line: str) -> tuple[dict[str, int], list[int], str]:
@@ -64,12 +67,14 @@ def read_table(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | Non
     if packed:
         notes.form = "python-can's table"
     whole = all("." not in row[places["time"]] for row in cells[:100] if len(row) > places["time"])
-    scale = 1e-3 if "ms" in name else 1e-6 if "us" in name or "µs" in name else 1.0
+    scale = next((each for unit, each in _SCALES.items() if unit in name), 1.0)
     if whole and re.fullmatch(r"\W*time\W*stamp\W*", name) and not packed:
         scale = 1e-6  # GVRET
+    elif whole and not packed and re.fullmatch(r"\W*time\W*", name):
+        notes.remarks.append("its times are whole numbers without a unit: taken as seconds")
     at = places["identifier"]
     given = [each for row in cells for k in single for each in row[k : k + 1]]
-    data_base = 10 if any(len(each) > 2 for each in given if each.isdigit()) else 16
+    data_base = 10 if any(len(each) > 2 for each in given if each.isdecimal()) else 16
     base = 16 if packed else _base([row[at] for row in cells if len(row) > at], header, data_base)
     if base == 10 and not _looks_hexadecimal(given):
         data_base = 10
@@ -95,17 +100,18 @@ def _table_row(
     if packed:
         data = b64decode(row[places["data"]], validate=True)
     elif single:
-        count = int(cell("length")) if "length" in places else len(single)
+        given = sum(1 for k in single if row[k : k + 1] not in ([], [""]))
+        count = int(cell("length")) if "length" in places else given
         data = bytes(int(row[k], bases[1]) for k in single[:count] if row[k])
         if len(data) != count and cell("remote") not in _TRUE:
             return None
     else:
-        data = bytes.fromhex(cell("data").removeprefix("0x").replace("|", ""))
+        data = bytes.fromhex(re.sub(r"0x|[|,]", "", cell("data")))
     text = cell("identifier").removesuffix("h")
     identifier = int(text.rstrip("x"), bases[0])
     error, remote = cell("error") in _TRUE, cell("remote") in _TRUE
     return classic_frame(
-        scale * float(row[places["time"]]),
+        scale * _number_of(row[places["time"]]),
         identifier & ((1 << 29) - 1),
         b"" if remote else data,
         extended=cell("extended") in _TRUE or identifier > LARGEST_STANDARD,
@@ -114,6 +120,17 @@ def _table_row(
         sent=cell("way")[:1] == "t",
         channel=cell("channel") or None,
     )
+
+
+def _number_of(text: str) -> float:
+    """A time: a number, with a point or a comma, a time of day, or a date with one."""
+    text = text.strip().replace(",", ".")
+    try:
+        return float(text)
+    except ValueError:
+        day = f"1970-01-01 {text}" if text[2:3] == ":" else text
+        date = datetime.fromisoformat(day)
+        return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 
 def _looks_hexadecimal(cells: Iterable[str]) -> bool:
@@ -133,7 +150,7 @@ def _base(identifiers: list[str], header: str, of_data: int = 16) -> int:
         return 16
     if of_data == 10:
         return 10
-    digits = [each for each in some if each.isdigit()]
+    digits = [each for each in some if each.isdecimal()]
     as_hex = max((int(each, 16) for each in digits), default=0)
     return 10 if as_hex > LARGEST_STANDARD >= max((int(each) for each in digits), default=0) else 16
 
@@ -144,7 +161,7 @@ def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
     base = _base([row[1] for row in rows if len(row) > 1], "")
     for row in rows:
         try:
-            flag = "" if row[2].isdigit() else row[2].upper()
+            flag = "" if row[2].isdecimal() else row[2].upper()
             rest = row[3 if flag else 2 :]
             length, remote = int(rest[0]), "R" in flag
             data = b"" if remote else bytes(int(each, base) for each in rest[1 : 1 + length])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator
 from datetime import datetime
@@ -120,7 +121,7 @@ def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]
             continue
         parts = line.split()
         try:
-            time = float(parts[0])
+            time = float(parts[0].replace(",", "."))
         except (IndexError, ValueError):
             if re.search(r"\s[RT]x\s", line):
                 yield None  # else a remark, a date, the beginning or end of a block
@@ -129,7 +130,7 @@ def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]
         try:
             if len(parts) > 2 and parts[1].upper() == "CANFD":
                 yield _asc_long(passed, parts[2:], base)
-            elif len(parts) > 2 and parts[1].isdigit():
+            elif len(parts) > 2 and parts[1].isdecimal():
                 yield from _asc_short(passed, parts[1:], base)
         except (IndexError, ValueError):
             yield None
@@ -197,7 +198,7 @@ _TRC_DATA = {"Rx", "Tx", "DT", "RR"}
 _TRC_ERRORS = {"Warng", "Error", "ST", "ER"}
 
 
-def read_trc(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
+def read_trc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
     """What PCAN-View writes (.trc), of any version, with its rows of errors and warnings."""
     version, places, begin = "1.0", _TRC_PLACES["1.0"], 0.0
     for line in lines:
@@ -207,7 +208,7 @@ def read_trc(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
                 version = value.strip()
                 places = _TRC_PLACES.get(version, places)
             elif key == "STARTTIME" and version != "1.0":
-                begin = (float(value) - _DAYS_TO_1970) * _DAY
+                begin = _trc_begin(value, notes)
             elif key == "COLUMNS":
                 names = value.strip().split(",")
                 places = {name.replace("l", "L"): k for k, name in enumerate(names)}
@@ -220,10 +221,22 @@ def read_trc(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
             yield None
 
 
+def _trc_begin(text: str, notes: Notes) -> float:
+    """When a trace began by its header, s since 1970; 0 if that is no day."""
+    try:
+        day = float(text.replace(",", "."))
+    except ValueError:
+        day = math.nan
+    if math.isfinite(day):
+        return (day - _DAYS_TO_1970) * _DAY
+    notes.remarks.append("its beginning is no day: times count from it")
+    return 0.0
+
+
 def _trc_row(
     parts: list[str], places: dict[str, int], begin: float
 ) -> Iterator[can.Message | None]:
-    time = begin + float(parts[places.get("O", 1)]) / 1000
+    time = begin + float(parts[places.get("O", 1)].replace(",", ".")) / 1000
     kind = parts[places["T"]] if "T" in places else "Rx"
     channel = parts[places["B"]] if "B" in places else "1"
     if kind in _TRC_ERRORS or (kind == "Rx" and parts[places["I"]] == "FFFFFFFF"):
