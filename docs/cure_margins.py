@@ -33,7 +33,7 @@ def setting(margin: dict[str, Any], value: float) -> list[str]:
     if margin.get("noise"):
         return [f"{key}={[real**2 * each for each in VARIANCE]}"]
     pair = [real * each for each in margin.get("pair", ())]
-    return [f"{key}={pair or real}"]
+    return [*margin.get("also", []), f"{key}={pair or real}"]
 
 
 def cases(plan: dict[str, Any]) -> list[tuple[str, str, list[str]]]:
@@ -67,7 +67,7 @@ def main() -> None:
     about, wrong, values = plan["family"], cases(plan), found(plan)
     rigs = draw_rigs(read_family(about["name"]), about["draw"], about["rigs"])
     rows = [
-        (what, much, *(values[law][at] for law in plan["laws"]))
+        (what, much, [values[law][at] for law in plan["laws"]])
         for at, (what, much, _) in enumerate(wrong)
     ]
     on = {law: each[len(wrong) :] for law, each in values.items()}

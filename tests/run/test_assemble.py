@@ -24,7 +24,6 @@ from twin.sim.sensors import EncoderModel, TouchModel
 SHORT = ("duration=0.12", "metrics.start=0", "plant.start.x_rate=0.1")
 BESIDE = {
     "plant.size": ["plant.kind=lagrange"],
-    "plant.ball_spin": ["plant.kind=lagrange"],
     "plant.friction.stribeck_speed": ["plant.friction.breakaway_ratio=2.0"],
     "plant.friction.dwell_time": ["plant.friction.breakaway_ratio=2.0"],
     "plant.servo.vibration_hz": ["plant.servo.vibration=0.5"],
@@ -69,8 +68,12 @@ def test_every_setting_of_the_simulated_rig_is_tried():
     assert keys <= OTHER.keys()
 
 
+MAY_DIFFER = {key: value for key, value in OTHER.items() if key not in SHARED_EXACT}
+"""Settings in which the rigs of a batch need not agree."""
+
+
 @pytest.mark.long
-@pytest.mark.parametrize(("key", "value"), OTHER.items(), ids=OTHER)
+@pytest.mark.parametrize(("key", "value"), MAY_DIFFER.items(), ids=MAY_DIFFER)
 def test_a_rig_that_differs_in_one_setting_is_what_it_is_alone(key, value):
     common = (*SHORT, *BESIDE.get(key, []))
     base, *first = usual(common)
