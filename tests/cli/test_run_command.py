@@ -40,7 +40,7 @@ NO_UNIT = {"scenario", "outcome", "reason", "units"}
 
 
 def test_run_json_has_the_unit_of_every_number_a_verdict_and_the_baseline(ballplate):
-    short = ("--set", "duration=0.2", "--set", "metrics.start=0")
+    short = ("--set", "duration=1.0", "--set", "metrics.start=0")
     code, out, _ = ballplate("run", "circle", *short, "--json")
     assert code == 0
     found = json.loads(out)

@@ -68,8 +68,8 @@ def test_every_setting_of_the_simulated_rig_is_tried():
     assert keys <= OTHER.keys()
 
 
-MAY_DIFFER = {key: value for key, value in OTHER.items() if key not in SHARED_EXACT}
-"""Settings in which the rigs of a batch need not agree."""
+MAY_DIFFER = {key: value for key, value in OTHER.items() if key != "plant.ball_spin"}
+"""Settings in which rigs of the mechanism need not agree; it takes one spin of the ball only."""
 
 
 @pytest.mark.long
