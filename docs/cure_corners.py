@@ -99,7 +99,7 @@ def main() -> None:
             found.append((task, search, search.worst.point(family)))
     words = {"kinds": KINDS, "said": said, "family": CURE["family"], "about": about}
     left = [task["name"] for task in tasks(plan) if task["name"] not in about["tasks"]]
-    text = filled("cure_corners", found=found, left=left, name=LAW["name"], **words)
+    text = filled("cure_corners", found=found, left=left, **words)
     write(HERE / "cure_corners.md", text)
 
 
