@@ -21,7 +21,7 @@ from pathlib import Path
 PR_SET_KEEPCAPS, PR_SET_NO_NEW_PRIVS = 8, 38
 """Options of prctl (linux/prctl.h)."""
 CAPABILITY_VERSION_3 = 0x20080522
-"""Of the header of capset (linux/capability.h)."""
+"""Version in the header of capset (linux/capability.h)."""
 CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH = 1 << 1, 1 << 2
 """Capabilities, as bits: to write and to read what is another user's. In a container root may have
 the first alone."""

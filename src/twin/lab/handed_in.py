@@ -194,7 +194,7 @@ def collect(lab: Lab, folder: Path, people: Collection[str] = ()) -> Collected:
 
 
 def _whose(about: AnswerTable, path: Path, people: Collection[str]) -> str:
-    """Whose an entry is.
+    """The student to whom an entry belongs.
 
     Raises:
         ScenarioError: If it is nobody's: what it is, in words.

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 from enum import StrEnum
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -409,48 +409,68 @@ _FAST_TURN_RAD_S = 0.2
 """Rate in rad/s at which the plate turns when a row wants it to."""
 
 
+Function = TypeVar("Function", bound=Callable[..., Any])
+ROW_FUNCTIONS: dict[str, Callable[..., Any]] = {}
+"""What a row of ``cases.toml`` may name besides the causes of ``causes.toml``, by its name."""
+
+
+def row_function(function: Function) -> Function:
+    """Let rows name a function."""
+    ROW_FUNCTIONS[function.__name__] = function
+    return function
+
+
+@row_function
 def nothing(_: LockstepRig) -> None:
     """The ball rests."""
 
 
+@row_function
 def no_adapter(rig: LockstepRig) -> None:
     """The CAN adapter is absent."""
     bad = akd.DriveError(akd.BAD_BUS, "CAN emulated", "no channel 'emulated'")
     rig.lockstep.missing = bad
 
 
+@row_function
 def damage(rig: LockstepRig, fault: str, lasting: float = 0.06) -> None:
     """What the screen sends has a fault, by its name, for some seconds."""
     rig.line.damage.inject(ScreenFault[fault], rig.now() + lasting)
 
 
+@row_function
 def stall(rig: LockstepRig, periods: int) -> None:
     """The loop misses so many periods between two."""
     rig.stall = periods * rig.period
 
 
+@row_function
 def uneven(rig: LockstepRig) -> None:
     """Drives answer in half a period; every other command is computed for three quarters of one."""
     rig.lockstep.bus.faults.delay([0x181, 0x182, 0x281, 0x282], by=rig.period / 2)
     rig.uneven = 0.75 * rig.period
 
 
+@row_function
 def another_sync(rig: LockstepRig) -> None:
     """Another master sends SYNC."""
     rig.lockstep.bus.beside.append((Frame(0x080), 0.002))
 
 
+@row_function
 def another_command(rig: LockstepRig, rate: float) -> None:
     """Another master turns drive phi, at a rate in rad/s."""
     turn = struct.pack("<Hi", 0x0F, round(rate / VELOCITY_UNIT))
     rig.lockstep.bus.beside.append((Frame(_RPDO1 + 1, turn), 0.0005))
 
 
+@row_function
 def break_cams(rig: LockstepRig) -> None:
     """The cams give no number."""
     rig.replace_transmission(FixedRatio(math.nan))
 
 
+@row_function
 def ask(rig: LockstepRig, phi: float, theta: float) -> None:
     """The controller asks for plate rates in rad/s."""
     rig.asked = np.array([[phi, theta]])
@@ -469,12 +489,14 @@ Named = str | list[Any]
 """A cause or function by its name, or a list of that and its arguments."""
 
 
+@row_function
 def together(rig: LockstepRig, *named: Named) -> None:
     """Several causes or functions, one after the other."""
     for each in named:
         _done([each] if isinstance(each, str) else each)(rig)
 
 
+@row_function
 def then(rig: LockstepRig, seconds: float, first: Named, second: Named) -> None:
     """A cause or function, and another one some seconds later."""
     due = rig.now() + seconds
@@ -482,17 +504,20 @@ def then(rig: LockstepRig, seconds: float, first: Named, second: Named) -> None:
     _once(rig, lambda rig: rig.now() >= due, lambda rig: together(rig, second))
 
 
+@row_function
 def in_turn(rig: LockstepRig, *named: Named) -> None:
     """The plate is made to turn about both axes; then causes or functions."""
     ask(rig, 2 * _FAST_TURN_RAD_S, 2 * _FAST_TURN_RAD_S)
     _once(rig, turns, lambda rig: together(rig, *named))
 
 
+@row_function
 def also(rig: LockstepRig, cob_id: int, data: str, every: float, kind: str = "") -> None:
     """Somebody else sends a frame every so often, s; kind: remote or extended, if it is that."""
     rig.lockstep.bus.beside.append((_frame(cob_id, data, kind), every))
 
 
+@row_function
 def say(rig: LockstepRig, cob_id: int, data: str) -> None:
     """Somebody else sends a frame once."""
     rig.lockstep.bus.from_other(_frame(cob_id, data))
@@ -502,6 +527,7 @@ def _frame(cob_id: int, data: str, kind: str = "") -> Frame:
     return Frame(cob_id, bytes.fromhex(data), kind == "remote", kind == "extended")
 
 
+@row_function
 def rewire_in_turn(rig: LockstepRig, wiring: dict[str, list[float]]) -> None:
     """The plate turns; then drives, motors and encoders are joined otherwise."""
     ask(rig, 2 * _FAST_TURN_RAD_S, -1.5 * _FAST_TURN_RAD_S)
@@ -509,6 +535,7 @@ def rewire_in_turn(rig: LockstepRig, wiring: dict[str, list[float]]) -> None:
     _once(rig, turns, lambda rig: rig.plant.rewire(**joined))
 
 
+@row_function
 def level_by_wrong_encoders(rig: LockstepRig) -> None:
     """The plate turns; then it is levelled by encoders that count the wrong way."""
     ask(rig, 2 * _FAST_TURN_RAD_S, 2 * _FAST_TURN_RAD_S)
@@ -520,29 +547,34 @@ def level_by_wrong_encoders(rig: LockstepRig) -> None:
     _once(rig, turns, turn)
 
 
+@row_function
 def exchange_drives(rig: LockstepRig) -> None:
     """Both drives are exchanged with their encoders, and the ball is pushed."""
     rig.plant.rewire(motors=(1, 0), encoders=(1, 0))
     push(rig, 0.08, 0.02)
 
 
+@row_function
 def turn_axis_over(rig: LockstepRig) -> None:
     """Motor and encoder of phi both count the wrong way, and the ball is pushed."""
     rig.plant.rewire(motor_scale=(-1.0, 1.0), encoder_scale=(-1.0, 1.0))
     push(rig, 0.08, 0.02)
 
 
+@row_function
 def unchecked(rig: LockstepRig) -> None:
     """Nobody has checked the rig under its present configuration."""
     rig.unchecked = "doctor --move has not passed under this configuration"
 
 
+@row_function
 def push(rig: LockstepRig, x_rate: float, y_rate: float) -> None:
     """The ball has another velocity at once, m/s."""
     x, y = _ball(rig)
     rig.plant.devices.place(np.array([[x, x_rate, y, y_rate]]))
 
 
+@row_function
 def push_later(rig: LockstepRig) -> None:
     """The ball is pushed across the plate along y, once it is on the far side."""
     _once(
@@ -552,12 +584,14 @@ def push_later(rig: LockstepRig) -> None:
     )
 
 
+@row_function
 def move_ball(rig: LockstepRig) -> None:
     """The ball is put elsewhere by hand."""
     x, y = _ball(rig)
     rig.plant.devices.place(np.array([[x - 0.15, 0.0, y - 0.15, 0.0]]))
 
 
+@row_function
 def shove(rig: LockstepRig, axis: int, rate: float, lasting: float) -> None:
     """The plate is turned further about an axis by force, at a rate in rad/s for a time in s."""
     end = rig.now() + lasting
@@ -572,37 +606,44 @@ def shove(rig: LockstepRig, axis: int, rate: float, lasting: float) -> None:
     rig.lockstep.bus.moved = move
 
 
+@row_function
 def fast(rig: LockstepRig, axis: int) -> bool:
     """Whether the ball is too fast along an axis."""
     return bool(abs(rig.plant.devices.state[0, 1 + 4 * axis]) > float(DEFAULT_LIMITS.ball_speed))
 
 
+@row_function
 def outside(rig: LockstepRig, axis: int) -> bool:
     """Whether the ball is outside of its area along an axis."""
     return bool(abs(_ball(rig)[axis]) > _BALL_EDGE_M[axis])
 
 
+@row_function
 def steep(rig: LockstepRig, axis: int) -> bool:
     """Whether the plate is tilted too far about an axis."""
     return bool(abs(rig.plant.devices.state[0, 2 + 4 * axis]) > MAX_ANGLE_RAD)
 
 
+@row_function
 def off(rig: LockstepRig) -> bool:
     """Whether the ball is off the screen."""
     return bool((np.abs(_ball(rig)) > np.array(SCREEN_SIZE_M) / 2).any())
 
 
+@row_function
 def late(rig: LockstepRig) -> bool:
     """Whether positions come later than the screen's driver allows."""
     since = rig.line.damage.lasting(rig.now(), ScreenFault.LATER)
     return rig.line.damage.LATER * since > rig.screen.config.gate.late  # type: ignore[union-attr]
 
 
+@row_function
 def turns(rig: LockstepRig) -> bool:
     """Whether the plate turns about both axes."""
     return bool(np.abs(rig.plant.devices.state[0, 3::4]).min() > _FAST_TURN_RAD_S)
 
 
+@row_function
 def rewired(rig: LockstepRig) -> bool:
     """Whether drives, motors and encoders are joined otherwise."""
     return rig.plant.wiring != Wiring()
@@ -655,14 +696,14 @@ def _done(given: list[Any]) -> Callable[[LockstepRig], Any]:
     name, *arguments = given
     if cause := OF_DRIVES.get(name):
         return lambda rig: cause(rig.lockstep)
-    function = OF_RIG.get(name) or globals()[name]
+    function = OF_RIG.get(name) or ROW_FUNCTIONS[name]
     return lambda rig: function(rig, *arguments)
 
 
 def _words(name: str) -> str:
     """What a cause or a function does, in words."""
     cause = OF_DRIVES.get(name) or OF_RIG.get(name)
-    return cause.words if cause else (globals()[name].__doc__ or "").rstrip(".")
+    return cause.words if cause else (ROW_FUNCTIONS[name].__doc__ or "").rstrip(".")
 
 
 KEY_READERS: dict[str, Callable[[Any], Any]] = {

@@ -1,4 +1,4 @@
-"""Which configurations of rigs have passed ``doctor --move`` on this computer.
+"""The configurations of rigs that have passed ``doctor --move`` on this computer.
 
 A small file of the user: fingerprints of rig files (`RigFile.fingerprint`), the newest last. What
 is changed in a rig file, in its cam table or its backend has another fingerprint. It lies in

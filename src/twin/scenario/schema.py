@@ -436,8 +436,23 @@ if TYPE_CHECKING:
     SensorsTable = Derived
     DisturbanceTable = Derived
     RigLimitsTable = Derived
-else:
-    globals().update((each.__name__, each) for each in SCENARIO_TABLES.values())
+else:  # a process to which a scenario is sent finds its classes by these names
+    PlantBallTable = SCENARIO_TABLES["plant.ball"]
+    PlantFrictionTable = SCENARIO_TABLES["plant.friction"]
+    PlantSurfaceTable = SCENARIO_TABLES["plant.surface"]
+    PlantServoTable = SCENARIO_TABLES["plant.servo"]
+    SensorsTouchTable = SCENARIO_TABLES["sensors.touch"]
+    PlantLinkageTable = SCENARIO_TABLES["plant.linkage"]
+    PlantWheelsTable = SCENARIO_TABLES["plant.wheels"]
+    PlantSpringTable = SCENARIO_TABLES["plant.spring"]
+    PlantPlateTable = SCENARIO_TABLES["plant.plate"]
+    PlantStartTable = SCENARIO_TABLES["plant.start"]
+    SensorsEncodersTable = SCENARIO_TABLES["sensors.encoders"]
+    RigLimitsTable = SCENARIO_TABLES["rig.limits"]
+    PlantTable = SCENARIO_TABLES["plant"]
+    RigTable = SCENARIO_TABLES["rig"]
+    SensorsTable = SCENARIO_TABLES["sensors"]
+    DisturbanceTable = SCENARIO_TABLES["disturbance"]
 
 
 class MetricsTable(Section):

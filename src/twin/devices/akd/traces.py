@@ -199,7 +199,7 @@ def seal(file: Path) -> None:
 
 
 def altered(file: Path) -> list[str]:
-    """Which parts of a run's trace are not what ``seal`` found, a line each; none without it."""
+    """A line for each part of a run's trace that is not what ``seal`` found; none without it."""
     if file.name != TRACE_FILE:
         return []
     try:
