@@ -185,6 +185,7 @@ def test_a_moment_that_is_no_number_is_one_line(ballplate, tmp_path, number):
     assert "is no moment" in errors
 
 
+@pytest.mark.usefixtures("own_laws")
 def test_an_error_in_a_law_of_one_s_own_is_one_line_with_its_place(ballplate, tmp_path):
     text = "    def command(self, measured):\n        return 1 / 0\n"
     (tmp_path / "mine.py").write_text(LAW.replace('"afl"', '"mine"') + text)
