@@ -13,7 +13,9 @@ import numpy as np
 from cure import known
 from pages import HERE, clopper_pearson, filled, planned, said, write
 
-from twin.study.schema import draw_rigs, read_family
+from twin.devices.lumio.config import fit
+from twin.doctor.drives import usual_points
+from twin.study.schema import FamilyRig, draw_rigs, read_family
 from twin.study.work import Builder
 
 CURE = planned("cure")
@@ -45,10 +47,28 @@ def cases(plan: dict[str, Any]) -> list[tuple[str, str, list[str]]]:
     ]
 
 
+ROTATION_KEY = "sensors.touch.rotation_deg"
+
+
+def calibrate_screen(rig: FamilyRig, finger_mm: float) -> dict[str, Any]:
+    """The point of a rig after `ballplate calibrate touch`: its screen is turned by what is left.
+
+    Nine points are touched, each missed along x and y by a normal error with a standard deviation
+    of ``finger_mm``. Only the turn of the fitted calibration is used.
+    """
+    marks = np.array(usual_points())
+    misses = np.random.default_rng([rig.seed, 9]).normal(scale=1e-3 * finger_mm, size=marks.shape)
+    turn = np.radians(rig.point[ROTATION_KEY])
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    back_deg = fit((marks + misses) @ rotation.T, marks).mounting.turn_deg
+    return rig.point | {ROTATION_KEY: rig.point[ROTATION_KEY] + back_deg}
+
+
 def found(plan: dict[str, Any]) -> dict[str, list[float | None]]:
     """Of each law e_tt in % with one thing wrong after the other, then on the family's rigs.
 
-    None for a lost ball; all of a law as one batch.
+    Of the cure also, as ``calibrated``, on the same rigs with calibrated screens. None for a lost
+    ball; all of a law as one batch.
     """
     about, build, values = plan["family"], Builder(CURE["scenario"]), {}
     rigs = draw_rigs(read_family(about["name"]), about["draw"], about["rigs"])
@@ -56,7 +76,18 @@ def found(plan: dict[str, Any]) -> dict[str, list[float | None]]:
         fixed = [*plan["set"], *LAWS[name]]
         runs = [build([*fixed, *keys, "seed=1"], {}) for _, _, keys in cases(plan)]
         runs += [build([*fixed, f"seed={rig.seed}"], rig.point) for rig in rigs]
+        if name == "the cure":
+            points = [calibrate_screen(rig, about["finger_mm"]) for rig in rigs]
+            runs += [
+                build([*fixed, f"seed={rig.seed}"], point)
+                for rig, point in zip(rigs, points, strict=True)
+            ]
         values[name] = known(runs)
+        if name == "the cure":
+            values[name], values["calibrated"] = (
+                values[name][: -len(rigs)],
+                values[name][-len(rigs) :],
+            )
         click.echo(f"{name}: {values[name].count(None)} of {len(runs)} lost")
     return values
 
@@ -71,20 +102,28 @@ def main() -> None:
         for at, (what, much, _) in enumerate(wrong)
     ]
     on = {law: each[len(wrong) :] for law, each in values.items()}
-    cure = np.array([np.inf if each is None else each for each in on["the cure"]])
-    kept = sum(
-        each is None and any(on[law][at] is not None for law in plan["laws"][1:])
-        for at, each in enumerate(on["the cure"])
+    kept_by_others = [
+        any(on[law][at] is not None for law in plan["laws"][1:]) for at in range(len(rigs))
+    ]
+    cure, calibrated = (
+        np.array([np.inf if each is None else each for each in on[name]])
+        for name in ("the cure", "calibrated")
     )
     held = int((cure <= about["worst"]).sum())
     words = {
+        "calibrated": {
+            "median": float(np.median(calibrated)),
+            "largest": float(calibrated.max()),
+            "held": int((calibrated <= about["worst"]).sum()),
+            "kept": int((np.isinf(calibrated) & kept_by_others).sum()),
+        },
         "held": held,
         "share": clopper_pearson(held, len(rigs)),
         "median": float(np.median(cure)),
         "largest": float(cure.max()),
-        "kept": kept,
+        "kept": int((np.isinf(cure) & kept_by_others).sum()),
         "worst": [(cure[at], rigs[at].point) for at in np.argsort(-cure)[:5].tolist()],
-        "lost": {law: each.count(None) for law, each in on.items()},
+        "lost": {law: on[law].count(None) for law in plan["laws"]},
     }
     text = filled("cure_margins", plan=plan, rows=rows, said=said, laws=plan["laws"], **words)
     write(HERE / "cure_margins.md", text)
