@@ -62,6 +62,12 @@ INJECTED = 80_000
 """Seeds of rigs that something happens to,"""
 UNDER_LAWS = 200_000
 """and of those under other laws."""
+WATCHED = {"uneven": 400_000, "even": 500_000}
+"""Seeds of healthy rigs that are watched for false alarms only, by their screens."""
+WATCHED_DRAW = 1_804
+"""The draw of those of the family, with uneven screens."""
+WATCH_S = 180.0
+"""Seconds of a run that is watched for false alarms only."""
 HEALTHY_SCENARIOS = ("excite", "circle", "sine")
 UNEVEN = (0, 2.5, 5, 10, 15, 20.1)
 """Percent by which screens are uneven, between which replays are told apart."""
@@ -102,6 +108,7 @@ def rig(
     kind: str = HEALTHY,
     drawn: Drawn | None = None,
     law: str = LAW,
+    duration: float = DURATION,
 ) -> tuple[Scenario, Scenario]:
     """What the twin believes of a rig drawn at random, and the rig itself.
 
@@ -114,11 +121,12 @@ def rig(
         drawn: What the rig is, by dotted keys, ``key.0`` the first number of a list; by default
             it is drawn as ``SPREADS`` says.
         law: Of ``LAWS``.
+        duration: Of the run in s.
     """
     rng = np.random.default_rng([seed, 18])
     known = _usual(rng) if drawn is None else _whole(drawn)
     true = _with_errors(known, rng)
-    common = [f"duration={DURATION}", f"seed={seed}", *LAWS[law]]
+    common = [f"duration={duration}", f"seed={seed}", *LAWS[law]]
     more = []
     if kind != HEALTHY:
         over = RAMP if slowly(seed, kind) else 0.0
@@ -203,11 +211,12 @@ class Member(NamedTuple):
 
 
 class Job(NamedTuple):
-    """Rigs that are simulated side by side, under one law."""
+    """Rigs that are simulated side by side, under one law; watched ones for false alarms only."""
 
     scenario: str
     rigs: tuple[Member, ...]
     law: str = LAW
+    watched: bool = False
 
 
 def known(job: Job) -> list[dict[str, Any]]:
@@ -228,9 +237,12 @@ def carry_out(job: Job) -> list[dict[str, Any]]:
     percent the screen's friction differs from place to place.
     """
     found = []
-    pairs = [rig(each.seed, job.scenario, each.kind, each.drawn, job.law) for each in job.rigs]
+    seconds = WATCH_S if job.watched else DURATION
+    pairs = [
+        rig(each.seed, job.scenario, each.kind, each.drawn, job.law, seconds) for each in job.rigs
+    ]
     for each, (_, truth), log in zip(job.rigs, pairs, logs(pairs), strict=True):
-        said = shadow(log, belief_of(log))
+        said = shadow(log, belief_of(log), replaying=not job.watched)
         first = said.alarms[0] if said.alarms else None
         run = None if said.replays is None else said.replays.take(said.replays.counted)
         found.append(
@@ -241,6 +253,7 @@ def carry_out(job: Job) -> list[dict[str, Any]]:
                 "every": float(said.tests.ratio.max(initial=0.0)),
                 "late": float(said.tests.delayed.max(initial=0.0)),
                 "alarm": None if first is None else first.time,
+                "alarms": len(said.alarms),
                 "causes": [] if first is None else [cause.name for cause in likely(first.causes)],
                 "squares": [] if run is None else run.square.tolist(),
                 "errors": [] if run is None else run.distance.tolist(),
@@ -272,6 +285,7 @@ def trials(
     each: int,
     hours: float,
     laws: int,
+    watch: float,
     processes: int,
     progress: Callable[[float], None] = lambda _: None,
 ) -> pd.DataFrame:
@@ -281,10 +295,12 @@ def trials(
         each: Rigs of each kind; every second one changes along a ramp, where there can be one.
         hours: Of healthy running to judge on.
         laws: Healthy rigs, and rigs of each kind with goals, under each of the other laws.
+        watch: Hours of healthy running that are watched for false alarms only, half of them on
+            even screens.
         processes: That work side by side.
         progress: Called with the share of the work done.
     """
-    jobs = list(enumerate(_jobs(each, hours, laws)))
+    jobs = list(enumerate(_jobs(each, hours, laws, watch)))
     found: list[dict[str, Any]] = []
     for done, (_, some) in enumerate(results(known, jobs, processes)):
         found += some
@@ -292,7 +308,7 @@ def trials(
     return judged_rigs(found)
 
 
-def _jobs(each: int, hours: float, laws: int) -> Iterator[Job]:
+def _jobs(each: int, hours: float, laws: int, watch: float) -> Iterator[Job]:
     kinds = [*enumerate(KINDS)]
     changed = [Member(INJECTED + 1000 * k + n, kind) for n in range(each) for k, kind in kinds]
     judged = max(len(HEALTHY_SCENARIOS), round(hours * 3600 / DURATION))
@@ -315,6 +331,18 @@ def _jobs(each: int, hours: float, laws: int) -> Iterator[Job]:
     for place, scenario in enumerate(HEALTHY_SCENARIOS):
         chosen = rigs[place :: len(HEALTHY_SCENARIOS)]
         yield from (Job(scenario, part) for part in _groups(chosen))
+    yield from _watched_jobs(round(watch * 3600 / WATCH_S / 2))
+
+
+def _watched_jobs(count: int) -> Iterator[Job]:
+    """As many healthy rigs with uneven and with even screens, to be watched for false alarms."""
+    drawn = drawn_rigs(read_family(FAMILY), WATCHED_DRAW, count) if count else []
+    points = {"uneven": [each.point for each in drawn], "even": [None] * count}
+    for screens, first in WATCHED.items():
+        rigs = [Member(first + n, HEALTHY, point) for n, point in enumerate(points[screens])]
+        for place, scenario in enumerate(HEALTHY_SCENARIOS):
+            chosen = rigs[place :: len(HEALTHY_SCENARIOS)]
+            yield from (Job(scenario, part, watched=True) for part in _groups(chosen))
 
 
 def _groups(rigs: Sequence[Member]) -> Iterator[tuple[Member, ...]]:
@@ -387,7 +415,9 @@ def goals(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[str, str, str
         share(f"alarm in time for 95 %: {kind}", timely, rest, least=95)
         share(f"right cause in 90 %: {kind}", right, timely, least=90)
         share(f"wrong cause below 3 %: {kind}", timely - right, timely, most=3)
-    for screens, (many, hours) in zip(("uneven", "even"), _false(found, judged), strict=True):
+    for screens, (many, hours) in _false(found).items():
+        if not hours:
+            continue
         low, high = (24 * each for each in rates(many, hours))
         name = f"healthy, {screens} screens: less than one false alarm in 24 h"
         often = (
@@ -402,14 +432,16 @@ def goals(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[str, str, str
     return rows
 
 
-def _false(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[int, float]]:
-    """False alarms, and in how many hours: of the family, and of others before something happens.
+def _false(found: pd.DataFrame) -> dict[str, tuple[int, float]]:
+    """False alarms and hours of the rigs that were only watched, by their screens.
 
-    Screens of the family are uneven, those of the others even: one rate does not hold for both.
+    One rate does not hold for both: uneven screens hide most of a change of the dead time.
     """
-    changed = found[found["kind"] != HEALTHY]
-    every = int(judged["alarm"].notna().sum()), len(judged) * DURATION / 3600
-    return [every, (int(changed["early"].sum()), len(changed) * AT / 3600)]
+    counts = {}
+    for screens, first in WATCHED.items():
+        some = found[found["seed"].between(first, first + 99_999)]
+        counts[screens] = int(some["alarms"].sum()), len(some) * WATCH_S / 3600
+    return counts
 
 
 def _every(some: pd.DataFrame, name: str) -> Array:
@@ -427,11 +459,20 @@ def _healthy(found: pd.DataFrame, judged: pd.DataFrame) -> list[tuple[str, str]]
         errors = _every(some, "errors")
         return f"{1000 * np.median(errors):.2f} mm" if len(errors) else "-"
 
-    others, before = (counted(*each) for each in _false(found, judged))
+    changed = found[found["kind"] != HEALTHY]
+    before = int(changed["early"].sum()), len(changed) * AT / 3600
     squares = _every(judged, "squares")
     rows = [
-        ("false alarms on rigs of the family, with uneven screens", others),
-        ("false alarms on the rigs below, with even screens, before anything happens", before),
+        *(
+            (f"false alarms on watched rigs with {screens} screens", counted(*each))
+            for screens, each in _false(found).items()
+            if each[1]
+        ),
+        (
+            "false alarms on the rigs of this section",
+            counted(int(judged["alarm"].notna().sum()), len(judged) * DURATION / 3600),
+        ),
+        ("false alarms on the rigs below before anything happens", counted(*before)),
         (
             "median score (1: as predicted)",
             f"{np.sqrt(np.median(squares) / CHI_SQUARE_MEDIAN):.2f}",
@@ -485,6 +526,8 @@ def page(every: pd.DataFrame, command: str) -> str:
         scenarios=HEALTHY_SCENARIOS,
         seconds=DURATION,
         judged=len(judged),
+        watched=[len(found[found["seed"].between(n, n + 99_999)]) for n in WATCHED.values()],
+        watch_s=WATCH_S,
         healthy=_healthy(found, judged),
         ramp=RAMP,
         in_time=IN_TIME,
@@ -498,13 +541,19 @@ def page(every: pd.DataFrame, command: str) -> str:
 @click.option("--each", type=click.IntRange(min=2), default=72, help="Rigs of each kind.")
 @click.option("--hours", type=click.FloatRange(min=0.1), default=4.0, help="Of healthy running.")
 @click.option("--laws", type=click.IntRange(min=0), default=2, help="Rigs of a kind for each law.")
+@click.option("--watch", type=click.FloatRange(min=0), default=48.0, help="Hours for false alarms.")
 @click.option("--doc", type=click.Path(path_type=Path), default=HERE / "shadow.md")
 @PROCESSES
-def main(each: int, hours: float, laws: int, doc: Path, processes: int | None) -> None:
+def main(
+    each: int, hours: float, laws: int, watch: float, doc: Path, processes: int | None
+) -> None:
     """Try the shadow on simulated rigs, and write how good it is."""
-    command = f"uv run python docs/shadow_trials.py --each {each} --hours {hours:g} --laws {laws}"
+    command = (
+        f"uv run python docs/shadow_trials.py --each {each} --hours {hours:g} --laws {laws} "
+        f"--watch {watch:g}"
+    )
     with progress("rigs that something happens to, and healthy ones", 1.0) as advance:
-        text = page(trials(each, hours, laws, processes or cores(), advance), command)
+        text = page(trials(each, hours, laws, watch, processes or cores(), advance), command)
     write_whole(doc, lambda path: path.write_text(text, encoding="utf-8"))
 
 

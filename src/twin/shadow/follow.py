@@ -151,7 +151,7 @@ class Shadow:
         }
 
 
-def shadow(log: Log, belief: Belief, *, learning: bool = False) -> Shadow:
+def shadow(log: Log, belief: Belief, *, learning: bool = False, replaying: bool = True) -> Shadow:
     """Let the twin run beside a log.
 
     Args:
@@ -159,11 +159,12 @@ def shadow(log: Log, belief: Belief, *, learning: bool = False) -> Shadow:
         belief: The twin.
         learning: Whether it was identified from a log, so that it learns from the beginning of
             this one what that left open; what is said is of the rest.
+        replaying: Whether replays are made. They show how far the twin strays; alarms need none.
 
     Raises:
         LogError: If the log is broken, too short, or does not say what was commanded.
     """
-    follower = Follower(belief, learning=learning)
+    follower = Follower(belief, learning=learning, replaying=replaying)
     follower.judge(log, whole=True)
     said = follower.said
     if not len(said.tests.soft) and not len(said.gaps):
@@ -177,11 +178,12 @@ class Follower:
     Args:
         belief: The twin.
         learning: Whether it learns at first what an identification left open.
+        replaying: Whether replays are made, which alarms do not need.
     """
 
-    def __init__(self, belief: Belief, *, learning: bool = False) -> None:
+    def __init__(self, belief: Belief, *, learning: bool = False, replaying: bool = True) -> None:
         self.said = Shadow(SequentialTests(belief))
-        self._belief, self._learning = belief, learning
+        self._belief, self._learning, self._replaying = belief, learning, replaying
         self._windows: Windows | None = None
         self._screen: FrictionMap | None = None
         self._ball = self._other = NO_EVIDENCE
@@ -209,7 +211,8 @@ class Follower:
         said.gaps = gaps(log, usable.period)
         if self._learning:
             self._learn(usable, now)
-        self._replay(usable, until)
+        if self._replaying:
+            self._replay(usable, until)
         first = self._add(usable, until)
         return self._alarms(first, now, whole=whole)
 
@@ -230,9 +233,10 @@ class Follower:
 
     def _of_late(self, log: PreparedLog, now: float) -> PreparedLog:
         """The part of the log that has not been looked at yet, and what leads to it."""
-        if max(self._since.values()) == -np.inf:
+        used = [at for name, at in self._since.items() if self._replaying or name != "replays"]
+        if max(used) == -np.inf:
             return log
-        since = max(min(self._since.values()), now - MAX_LOOKBACK_S - STRIDE_S)
+        since = max(min(used), now - MAX_LOOKBACK_S - STRIDE_S)
         parts = [each.between(since - LEAD_IN, np.inf) for each in log.segments]
         parts = [each for each in parts if len(each.sampled) > 20 and each.length > LEAD_IN / 2]
         if not parts:
