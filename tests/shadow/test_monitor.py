@@ -17,11 +17,12 @@ from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import Segment
 from twin.scenario import load
 from twin.shadow.alarms import (
-    ALARM_LLR,
+    CHANGE_TEST,
     DEAD_TIME,
-    MAX_LLR_INCREMENT,
-    MAX_SCATTER,
-    WINDOWS_PER_HOUR,
+    DEAD_TIME_TEST,
+    SCATTER,
+    ChangeTest,
+    DeadTimeTest,
     SequentialTests,
     added_up,
     bound_evidence,
@@ -32,10 +33,12 @@ from twin.shadow.alarms import (
     statistic,
     statistic_at,
 )
-from twin.shadow.alarms import LATE_THRESHOLD as OWN
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief
 from twin.shadow.evidence import Evidence, plate_evidence
 from twin.sim.rig import Play
+
+ALARM_LLR, LATE_LLR = CHANGE_TEST.threshold_llr, DEAD_TIME_TEST.threshold_llr
+MAX_INCREMENT = DEAD_TIME_TEST.max_llr_increment
 
 LATE = WATCHED_PARAMETERS.index("delay")
 
@@ -80,19 +83,19 @@ def test_many_small_signs_are_an_alarm_and_a_few_large_ones_are_not(belief):
     some[20:] = 0.006
     for late, alarms in ((some, True), (few, False), (np.zeros(40), False)):
         ratio = dead_time_ratio(limit_dead_time_evidence(windows(late), belief), belief)
-        assert bool(ratio.max() > OWN) == alarms
-        assert ratio[:20].max() < OWN / 3
+        assert bool(ratio.max() > LATE_LLR) == alarms
+        assert ratio[:20].max() < LATE_LLR / 3
 
 
 def test_healthy_windows_raise_no_dead_time_alarm_and_the_old_threshold_did(belief):
     # windows of rigs with even screens scatter as they say, and each by itself
     rng = np.random.default_rng(12)
-    found = windows(2e-3 * rng.standard_normal(WINDOWS_PER_HOUR // 4))
+    found = windows(2e-3 * rng.standard_normal(DEAD_TIME_TEST.windows_per_hour // 4))
     ratio = dead_time_ratio(limit_dead_time_evidence(found, belief), belief)
-    assert ratio.max() < OWN
+    assert ratio.max() < LATE_LLR
     assert ratio.max() > 3.4  # what was an alarm before
     # 24 hours of windows, each of which may begin a change that is none
-    assert np.exp(-OWN) * 24 * WINDOWS_PER_HOUR == pytest.approx(1)
+    assert np.exp(-LATE_LLR) * 24 * DEAD_TIME_TEST.windows_per_hour == pytest.approx(1)
 
 
 @pytest.mark.parametrize(("name", "sd"), [("lag", 1e-4), ("rolling", 2e-6), ("gain", 2e-3)])
@@ -117,7 +120,7 @@ def test_four_ms_of_delay_of_the_drives_are_within_what_is_called_indistinguisha
 
 def test_what_is_short_of_an_alarm_is_called_possible(belief):
     for share, possible in ((0.9, True), (0.5, False)):
-        tests = SequentialTests(belief, delayed=np.array([0.0, share * OWN]))
+        tests = SequentialTests(belief, delayed=np.array([0.0, share * LATE_LLR]))
         assert tests.suspected == possible
 
 
@@ -127,7 +130,7 @@ def test_other_causes_raise_no_dead_time(belief):
     A, b = moved.information.copy(), moved.score.copy()
     A[:, friction, friction], b[20:, friction] = 1e12, 1e12 * 5e-5
     other = Evidence(moved.begin, moved.end, A, b, *(getattr(moved, name) for name in REST))
-    assert dead_time_ratio(limit_dead_time_evidence(other, belief), belief).max() < OWN / 3
+    assert dead_time_ratio(limit_dead_time_evidence(other, belief), belief).max() < LATE_LLR / 3
 
 
 REST = ("height", "stopping", "dispersion")
@@ -156,8 +159,8 @@ def test_no_window_adds_more_than_it_may_whatever_came_before(belief):
     rng = np.random.default_rng(7)
     found = windows(0.002 * rng.standard_t(1.5, 60))
     ratio = dead_time_ratio(found, belief)
-    assert np.diff(ratio, prepend=0.0).max() <= MAX_LLR_INCREMENT + 1e-9
-    assert np.diff(added_up(found, belief, 0, DEAD_TIME, np.inf)).max() > 1.5 * MAX_LLR_INCREMENT
+    assert np.diff(ratio, prepend=0.0).max() <= MAX_INCREMENT + 1e-9
+    assert np.diff(added_up(found, belief, 0, DEAD_TIME, np.inf)).max() > 1.5 * MAX_INCREMENT
 
 
 def test_without_a_bound_it_is_the_largest_ratio_of_any_change(belief):
@@ -185,7 +188,7 @@ def test_on_an_uneven_screen_what_looks_like_dead_time_may_be_the_screen(spread,
     rig = belief_of(f"plant.surface.spread_percent={spread}")
     late = np.repeat((0.0, 0.006), 20)
     assert (
-        bool(dead_time_ratio(limit_dead_time_evidence(windows(late), rig), rig).max() > OWN)
+        bool(dead_time_ratio(limit_dead_time_evidence(windows(late), rig), rig).max() > LATE_LLR)
         == alarms
     )
 
@@ -194,8 +197,12 @@ def test_either_test_raises_an_alarm_and_both_together_one():
     quiet, loud = np.zeros(9), np.r_[0.0, 0, 0, 2, 2, 2, 0, 0, 0]
     for every, late, ratio in (
         (loud * ALARM_LLR, quiet, 2 * ALARM_LLR),
-        (quiet, loud * OWN, 2 * OWN),
-        (loud * ALARM_LLR, loud * OWN, 2 * ALARM_LLR),
+        (quiet, loud * LATE_LLR, 2 * LATE_LLR),
+        (
+            loud * ALARM_LLR,
+            loud * LATE_LLR,
+            2 * ALARM_LLR,
+        ),
     ):
         found = SequentialTests(None, ratio=every, delayed=late)
         assert found.crossings == [3]
@@ -215,7 +222,7 @@ def test_scatter_between_windows_is_learned_and_an_offset_is_not():
         factor = scatter(rolled(off), belief)[-1, ROLLING]
         assert factor == pytest.approx(times, abs=0.25 * times)
     wild = scatter(rolled(100 * expected * rng.standard_normal(400)), belief)
-    assert wild.max() == MAX_SCATTER
+    assert wild.max() == SCATTER.max_factor
 
 
 def test_a_change_widens_nothing_while_it_may_still_be_one():
@@ -266,3 +273,21 @@ def test_the_same_evidence_weakened_says_the_same_less_loudly():
     assert ratio == pytest.approx(before)
     assert weak.information[0, ROLLING, ROLLING] < soft.information[0, ROLLING, ROLLING] / 5
     assert replace(weak, information=soft.information, score=soft.score).end.tolist() == [1, 2, 3]
+
+
+def test_another_test_is_passed_in_and_raises_another_alarm(belief):
+    found = rolled(np.repeat((0.0, 0.3), 20))
+    usual = SequentialTests(belief)
+    usual.add(found)
+    assert usual.crossings
+    deaf = SequentialTests(
+        belief,
+        ChangeTest(threshold_llr=2 * usual.ratio.max()),
+        DeadTimeTest(windows_per_hour=10**15),
+    )
+    deaf.add(found)
+    assert not deaf.crossings
+    assert np.array_equal(deaf.ratio, usual.ratio)
+    weak = SequentialTests(belief, ChangeTest(max_llr_per_window=0.1))
+    weak.add(found)
+    assert weak.ratio.max() < usual.ratio.max() / 3

@@ -16,7 +16,7 @@ from twin.cli.understand import shadow as command
 from twin.identify.logs import MECHANISM_LAG, read
 from twin.run.finished import run, save
 from twin.scenario import load
-from twin.shadow.alarms import ALARM_LLR, Before, weigh
+from twin.shadow.alarms import CHANGE_TEST, Before, weigh
 from twin.shadow.belief import WATCHED_PARAMETERS, Belief, belief_of, check_commands, logs
 from twin.shadow.evidence import NO_EVIDENCE, Evidence, log_evidence, posterior, whiten
 from twin.shadow.follow import LEARNING_S, shadow
@@ -207,7 +207,7 @@ def test_a_healthy_rig_with_play_under_the_cure_raises_no_alarm():
     (log,) = logs([(chosen, chosen)])
     said = shadow(log, belief_of(log))
     assert said.verdict == "healthy"
-    assert said.tests.ratio.max() < ALARM_LLR / 3
+    assert said.tests.ratio.max() < CHANGE_TEST.threshold_llr / 3
 
 
 @pytest.mark.long

@@ -47,17 +47,107 @@ from twin.shadow.evidence import (
     posterior,
 )
 
-NO_LEARNING_BEFORE_S = 8.0
-"""Seconds before a window that it learns nothing from, for a change may have begun in them."""
-PRIOR_WINDOWS = 4.0
-"""Weight, in windows, of the scatter that is assumed for a rig of which nothing is known yet."""
-PRIOR_SCATTER = np.array([1.0 if name == "noise" else 1.5 for name in WATCHED_PARAMETERS])
-"""That assumed scatter of each parameter, as a factor on the expected one."""
-MAX_SCATTER = 10.0
-"""Largest factor: a rig that is far from its twin is not one that scatters."""
+
+@dataclass(frozen=True, kw_only=True)
+class ScatterEstimate:
+    """How the scatter of a rig's parameters from window to window is estimated.
+
+    Attributes:
+        excluded_s: Seconds before a window that are not used, as a change may have begun in them.
+        prior_windows: Weight of the prior scatter, in windows.
+        prior_factor: Prior scatter of a parameter of the motion, as a factor on the expected one.
+        prior_noise_factor: The same of the screen's noise.
+        max_factor: Largest factor; a rig that is far from its twin does not scatter.
+    """
+
+    excluded_s: float = 8.0
+    prior_windows: float = 4.0
+    prior_factor: float = 1.5
+    prior_noise_factor: float = 1.0
+    max_factor: float = 10.0
+
+    @property
+    def prior(self) -> Array:
+        """Prior factor of each watched parameter, shape (P,)."""
+        names = np.array(WATCHED_PARAMETERS)
+        return np.where(names == "noise", self.prior_noise_factor, self.prior_factor)
 
 
-def scatter(evidence: Evidence, belief: Belief) -> Array:
+@dataclass(frozen=True, kw_only=True)
+class ChangeTest:
+    """The sequential test of all causes, a CUSUM over windows.
+
+    Attributes:
+        threshold_llr: Log-likelihood ratio of any cause at which an alarm is raised.
+        max_llr_per_window: Largest ratio of one window; an outlier alone raises no alarm.
+        max_weakenings: Steps in which a window is weakened to that.
+        lookback_windows: Windows since the change that are tried.
+        learning_windows: Windows before the change that show how far the twin was off.
+        block_windows: Windows that are calculated at a time.
+    """
+
+    threshold_llr: float = 12.0
+    max_llr_per_window: float = 5.0
+    max_weakenings: int = 8
+    lookback_windows: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
+    learning_windows: int = 120
+    block_windows: int = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeadTimeTest:
+    """The sequential test of the dead time alone.
+
+    Attributes:
+        windows_per_hour: Windows that show the dead time in an hour of ``excite``.
+        suspected_llr: Log-likelihood ratio above which another dead time is called possible, short
+            of an alarm. Healthy rigs with even screens exceeded it twice in 1.2 hours.
+        max_llr_per_window: Largest ratio that one window may contribute alone.
+        max_llr_increment: Largest ratio that a window may add to the sum of those before it.
+        stopping_variability: Share of what else is expected to differ between windows in which the
+            ball stops.
+    """
+
+    windows_per_hour: int = 2100
+    suspected_llr: float = 6.0
+    max_llr_per_window: float = 5.0
+    max_llr_increment: float = 5.0
+    stopping_variability: float = 0.2
+
+    @property
+    def threshold_llr(self) -> float:
+        """Log-likelihood ratio of an alarm: at most one false alarm in 24 hours.
+
+        Without a change a likelihood ratio whose size is integrated over its prior exceeds exp(h)
+        after one given time of change with a probability of at most exp(-h) (Ville's inequality),
+        and every window may be one. The bounds of a window lower the ratio, and so only lower this
+        probability.
+        """
+        return float(np.log(24 * self.windows_per_hour))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CauseSearch:
+    """How the causes of an alarm are weighed.
+
+    Attributes:
+        laplace_iterations: Laplace expansions of the likelihood of a cause.
+        prune_after: Expansions after which unlikely causes are dropped.
+        prune_llr: Log-likelihood below that of the best cause at which a cause is dropped.
+    """
+
+    laplace_iterations: int = 3
+    prune_after: int = 2
+    prune_llr: float = 20.0
+
+
+SCATTER = ScatterEstimate()
+CHANGE_TEST = ChangeTest()
+DEAD_TIME_TEST = DeadTimeTest()
+CAUSE_SEARCH = CauseSearch()
+
+
+def scatter(evidence: Evidence, belief: Belief, estimate: ScatterEstimate = SCATTER) -> Array:
     """Factors on what the belief expects parameters to change by, shape (W, P).
 
     With d the deviation that a window alone would give a parameter, 1/a its variance and Q that
@@ -67,6 +157,7 @@ def scatter(evidence: Evidence, belief: Belief) -> Array:
     Args:
         evidence: Windows in the order of time, not softened.
         belief: The twin.
+        estimate: Its constants.
     """
     expected = belief.changing[evidence.stopping.astype(int)] ** 2
     a = np.diagonal(evidence.information, axis1=-2, axis2=-1)
@@ -77,30 +168,17 @@ def scatter(evidence: Evidence, belief: Belief) -> Array:
     d = evidence.score * own
     # what is far off all along does not scatter: of an outlier counts how far it is from the others
     usual = np.cumsum(weight * d, axis=0) / np.maximum(np.cumsum(weight, axis=0), 1e-300)
-    d = np.clip(d, usual - MAX_SCATTER * sd, usual + MAX_SCATTER * sd)
+    d = np.clip(d, usual - estimate.max_factor * sd, usual + estimate.max_factor * sd)
     sums = [
         np.concatenate((np.zeros((1, a.shape[1])), np.cumsum(weight * each, axis=0)))
         for each in (np.ones_like(d), d, d**2 - own, expected)
     ]
-    until = np.searchsorted(evidence.end, evidence.begin - NO_LEARNING_BEFORE_S)
+    until = np.searchsorted(evidence.end, evidence.begin - estimate.excluded_s)
     count, first, second, share = (each[until] for each in sums)
     spread = second - first**2 / np.maximum(count, 1e-300)
-    squared = (PRIOR_WINDOWS * PRIOR_SCATTER**2 + spread) / (PRIOR_WINDOWS + share)
-    return np.asarray(np.sqrt(np.clip(squared, 1.0, MAX_SCATTER**2)))
-
-
-LOOKBACK_WINDOWS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
-"""Windows since the change that are tried."""
-LEARNING_WINDOWS = 120
-"""Windows before the change from which is learned how far the twin was off: some minutes."""
-BLOCK_WINDOWS = 100
-"""Windows that are worked on at a time."""
-
-
-AT_MOST = 5.0
-"""Log-likelihood ratio that one window may speak for a change: an outlier alone is no alarm."""
-MAX_WEAKENINGS = 8
-"""How often a window is weakened until it says no more than that."""
+    weight_before = estimate.prior_windows
+    squared = (weight_before * estimate.prior**2 + spread) / (weight_before + share)
+    return np.asarray(np.sqrt(np.clip(squared, 1.0, estimate.max_factor**2)))
 
 
 class _Sums:
@@ -110,11 +188,17 @@ class _Sums:
         evidence: Windows in the order of time, softened.
         belief: What holds without a change; its uncertainty is the unit of every parameter.
         causes: What may have changed.
+        learning_windows: Windows before the change that show how far the twin was off.
     """
 
     def __init__(
-        self, evidence: Evidence, belief: Belief, causes: Sequence[str] = tuple(CAUSE_SIZES)
+        self,
+        evidence: Evidence,
+        belief: Belief,
+        causes: Sequence[str] = tuple(CAUSE_SIZES),
+        learning_windows: int = CHANGE_TEST.learning_windows,
     ) -> None:
+        self._learning_windows = learning_windows
         unit = belief.constant
         none = np.zeros((1, *evidence.information.shape[1:]))
         information = np.concatenate((none, np.cumsum(evidence.information, axis=0)))
@@ -136,7 +220,7 @@ class _Sums:
             last: One past the last window that is counted, shape (...).
             weaker: By how much less the windows from the change on count, shape (...).
         """
-        first = np.maximum(begin - LEARNING_WINDOWS, 0)
+        first = np.maximum(begin - self._learning_windows, 0)
         A, b = self._A, self._b  # noqa: N806
         mean, covariance = posterior(A[begin] - A[first], b[begin] - b[first], self._eye)
         logs = log_evidence(
@@ -153,7 +237,7 @@ def bound_evidence(
     belief: Belief,
     after: int = 0,
     causes: Sequence[str] = tuple(CAUSE_SIZES),
-    at_most: float = AT_MOST,
+    test: ChangeTest = CHANGE_TEST,
 ) -> Evidence:
     """The windows, each of them weakened to what one may say for a change.
 
@@ -162,64 +246,77 @@ def bound_evidence(
         belief: What holds without a change.
         after: Windows that are left out.
         causes: What may have changed.
-        at_most: Log-likelihood ratio that one window may speak for it.
+        test: Its constants.
     """
     begin = np.arange(after, len(evidence))
-    sums, weaker = _Sums(evidence, belief, causes), np.ones(len(begin))
-    for _ in range(
-        MAX_WEAKENINGS
-    ):  # the ratio falls less than in proportion, as a rig may have drifted
-        weaker *= np.maximum(sums.ratio(begin, begin + 1, weaker) / at_most, 1.0)
+    sums = _Sums(evidence, belief, causes, test.learning_windows)
+    weaker = np.ones(len(begin))
+    for _ in range(test.max_weakenings):
+        # the ratio falls less than in proportion, as a rig may have drifted
+        ratio = sums.ratio(begin, begin + 1, weaker)
+        weaker *= np.maximum(ratio / test.max_llr_per_window, 1.0)
     return evidence.take(begin).tempered(weaker)
 
 
-def statistic(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
+def statistic(
+    evidence: Evidence, belief: Belief, after: int = 0, test: ChangeTest = CHANGE_TEST
+) -> Array:
     """After each window the largest log-likelihood ratio of a change so far, shape (W,).
 
     Args:
         evidence: Windows in the order of time, softened.
         belief: What holds without a change.
         after: Windows for which it is not worked out, but left at zero.
+        test: Its constants.
     """
-    sums = _Sums(evidence, belief)
+    sums = _Sums(evidence, belief, learning_windows=test.learning_windows)
     largest = np.zeros(len(evidence))
-    for first in range(after, len(evidence), BLOCK_WINDOWS):
-        last = 1 + np.arange(first, min(first + BLOCK_WINDOWS, len(evidence)))
-        begin = np.maximum(last[:, None] - np.array(LOOKBACK_WINDOWS), 0)
+    for first in range(after, len(evidence), test.block_windows):
+        last = 1 + np.arange(first, min(first + test.block_windows, len(evidence)))
+        begin = np.maximum(last[:, None] - np.array(test.lookback_windows), 0)
         ratio = sums.ratio(begin, np.broadcast_to(last[:, None], begin.shape))
         largest[last - 1] = ratio.max(axis=1)
     return largest
 
 
 def added_up(
-    evidence: Evidence, belief: Belief, after: int, causes: Sequence[str], at_most: float
+    evidence: Evidence,
+    belief: Belief,
+    after: int,
+    causes: Sequence[str],
+    max_increment: float,
+    test: ChangeTest = CHANGE_TEST,
 ) -> Array:
     """After each window the largest sum of what those before it add for a change, shape (W,).
 
     The ratio of ``statistic`` after one more window less that before it is what this one adds,
-    given all the others since the change; no window may add more than ``at_most``.
+    given all the others since the change; no window may add more than ``max_increment``.
 
     Args:
         evidence: Windows in the order of time, softened.
         belief: What holds without a change.
         after: Windows for which it is not worked out, but left at zero.
         causes: What may have changed.
-        at_most: Log-likelihood ratio that one window may add.
+        max_increment: Log-likelihood ratio that one window may add.
+        test: Windows that are looked back and learned from.
     """
-    sums, count = _Sums(evidence, belief, causes), len(evidence)
+    sums, count = _Sums(evidence, belief, causes, test.learning_windows), len(evidence)
     largest = np.zeros(count)
-    length = np.arange(LOOKBACK_WINDOWS[-1] + 1)
-    for first in range(max(after - LOOKBACK_WINDOWS[-1] + 1, 0), count, BLOCK_WINDOWS):
-        begin = np.arange(first, min(first + BLOCK_WINDOWS, count))[:, None]
+    lookback, block = test.lookback_windows[-1], test.block_windows
+    length = np.arange(lookback + 1)
+    for first in range(max(after - lookback + 1, 0), count, block):
+        begin = np.arange(first, min(first + block, count))[:, None]
         last = np.minimum(begin + length, count)
         ratio = sums.ratio(np.broadcast_to(begin, last.shape), last)
-        total = np.cumsum(np.minimum(np.diff(ratio), at_most), axis=1)
+        total = np.cumsum(np.minimum(np.diff(ratio), max_increment), axis=1)
         np.maximum.at(largest, last[:, 1:] - 1, total)
     largest[:after] = 0.0
     return largest
 
 
-def onset(evidence: Evidence, belief: Belief, alarm: int, last: int) -> int:
+def onset(
+    evidence: Evidence, belief: Belief, alarm: int, last: int, test: ChangeTest = CHANGE_TEST
+) -> int:
     """The first window after the most likely change.
 
     Args:
@@ -227,9 +324,11 @@ def onset(evidence: Evidence, belief: Belief, alarm: int, last: int) -> int:
         belief: What holds without a change.
         alarm: The window after which there was an alarm.
         last: The last window that is counted.
+        test: Its constants.
     """
-    begin = np.arange(max(alarm + 1 - LOOKBACK_WINDOWS[-1], 0), alarm + 1)
-    ratio = _Sums(evidence, belief).ratio(begin, np.full(len(begin), last + 1))
+    begin = np.arange(max(alarm + 1 - test.lookback_windows[-1], 0), alarm + 1)
+    sums = _Sums(evidence, belief, learning_windows=test.learning_windows)
+    ratio = sums.ratio(begin, np.full(len(begin), last + 1))
     return int(begin[ratio.argmax()])
 
 
@@ -245,15 +344,18 @@ class Before(NamedTuple):
     covariance: Array
 
 
-def baseline(evidence: Evidence, belief: Belief, change: int) -> Before:
+def baseline(
+    evidence: Evidence, belief: Belief, change: int, test: ChangeTest = CHANGE_TEST
+) -> Before:
     """What the windows before a change have shown.
 
     Args:
         evidence: Windows in the order of time, softened.
         belief: What holds without a change.
         change: The first window after it.
+        test: Windows that are learned from.
     """
-    before = evidence.take(np.arange(max(change - LEARNING_WINDOWS, 0), change))
+    before = evidence.take(np.arange(max(change - test.learning_windows, 0), change))
     A, b = before.information.sum(axis=0), before.score.sum(axis=0)  # noqa: N806
     mean, covariance = posterior(A, b, belief.uncertainty)
     return Before(mean, covariance + np.diag(belief.drift**2))
@@ -261,55 +363,43 @@ def baseline(evidence: Evidence, belief: Belief, change: int) -> Before:
 
 DEAD_TIME = ("dead time",)
 DELAY_INDEX = WATCHED_PARAMETERS.index("delay")
-MAX_LLR_PER_WINDOW = 5.0
-"""Largest log-likelihood ratio of a changed dead time that one window may contribute alone."""
-MAX_LLR_INCREMENT = 5.0
-"""Largest log-likelihood ratio that a window may add to the sum of those before it."""
-STOPPING_VARIABILITY = 0.2
-"""Share of what else is expected to differ between windows in which the ball stops."""
-WINDOWS_PER_HOUR = 2100
-"""Windows that show the dead time in an hour in which the ball follows ``excite``."""
-LATE_THRESHOLD = float(np.log(24 * WINDOWS_PER_HOUR))
-"""Log-likelihood ratio at which this test raises an alarm: at most one false one in 24 hours.
-
-Without a change a likelihood ratio whose size is integrated over its prior exceeds exp(h) after one
-given time of change with a probability of at most exp(-h) (Ville's inequality), and every window
-may be one. The bounds of a window lower the ratio, and so only lower this probability.
-"""
-LATE_SUSPECTED = 6.0
-"""Log-likelihood ratio above which another dead time is called possible; it is no alarm.
-
-Healthy rigs with even screens exceeded it twice in 1.2 hours.
-"""
 
 
-def limit_dead_time_evidence(evidence: Evidence, belief: Belief, after: int = 0) -> Evidence:
+def limit_dead_time_evidence(
+    evidence: Evidence, belief: Belief, after: int = 0, test: DeadTimeTest = DEAD_TIME_TEST
+) -> Evidence:
     """The windows that show the dead time, each weakened to what one may say for a change of it.
 
     Args:
         evidence: Windows in the order of time, not softened.
         belief: The twin.
         after: Windows that are left out.
+        test: Its constants.
     """
     rolling = np.array([ROLLING_SCATTER_STD[name] for name in WATCHED_PARAMETERS])
     stopping = np.maximum(
-        rolling, [STOPPING_VARIABILITY * STOPPING_SCATTER_STD[name] for name in WATCHED_PARAMETERS]
+        rolling,
+        [test.stopping_variability * STOPPING_SCATTER_STD[name] for name in WATCHED_PARAMETERS],
     )
     room = np.hypot(belief.unit * np.stack((rolling, stopping)), belief.uneven)
     shows = evidence.information[:, DELAY_INDEX, DELAY_INDEX] > 0
     narrow = evidence.take(shows).softened(room)
-    return bound_evidence(narrow, belief, int(shows[:after].sum()), DEAD_TIME, MAX_LLR_PER_WINDOW)
+    bounded = ChangeTest(max_llr_per_window=test.max_llr_per_window)
+    return bound_evidence(narrow, belief, int(shows[:after].sum()), DEAD_TIME, bounded)
 
 
-def dead_time_ratio(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
+def dead_time_ratio(
+    evidence: Evidence, belief: Belief, after: int = 0, test: DeadTimeTest = DEAD_TIME_TEST
+) -> Array:
     """After each window the largest log-likelihood ratio of another dead time so far, shape (W,).
 
     Args:
         evidence: Windows in the order of time, ``limited``.
         belief: The twin.
         after: Windows for which it is not worked out, but left at zero.
+        test: Its constants.
     """
-    return added_up(evidence, belief, after, DEAD_TIME, MAX_LLR_INCREMENT)
+    return added_up(evidence, belief, after, DEAD_TIME, test.max_llr_increment)
 
 
 def statistic_at(evidence: Evidence, ratio: Array, time: Array) -> Array:
@@ -324,16 +414,14 @@ def statistic_at(evidence: Evidence, ratio: Array, time: Array) -> Array:
     return np.asarray(np.concatenate((np.zeros(1), ratio))[windows])
 
 
-ALARM_LLR = 12.0
-"""Log-likelihood ratio of any cause at which an alarm is raised; the dead time has its own."""
-
-
 @dataclass
 class SequentialTests:
     """Both tests of windows as they come.
 
     Attributes:
         belief: The twin.
+        change: Constants of the test of all causes.
+        dead_time: Those of the test of the dead time alone.
         soft: Windows of all kinds, as the test of all causes takes them.
         ratio: Its statistic after each.
         delayed: That of the test for the dead time alone.
@@ -341,6 +429,8 @@ class SequentialTests:
     """
 
     belief: Belief
+    change: ChangeTest = CHANGE_TEST
+    dead_time: DeadTimeTest = DEAD_TIME_TEST
     soft: Evidence = NO_EVIDENCE
     ratio: Array = field(default_factory=lambda: np.zeros(0))
     delayed: Array = field(default_factory=lambda: np.zeros(0))
@@ -358,14 +448,14 @@ class SequentialTests:
         soft = new.softened(belief.changing, self.factors[count:])
         self._unbounded = Evidence.beside([self._unbounded, soft])
         self.soft = Evidence.beside(
-            [self.soft, bound_evidence(self._unbounded, belief, after=count)]
+            [self.soft, bound_evidence(self._unbounded, belief, count, test=self.change)]
         )
-        ratio = statistic(self.soft, belief, after=count)
+        ratio = statistic(self.soft, belief, count, self.change)
         self.ratio = np.concatenate((self.ratio, ratio[count:]))
         self._limited = Evidence.beside(
-            [self._limited, limit_dead_time_evidence(self._every, belief, count)]
+            [self._limited, limit_dead_time_evidence(self._every, belief, count, self.dead_time)]
         )
-        late = dead_time_ratio(self._limited, belief, after=known)
+        late = dead_time_ratio(self._limited, belief, known, self.dead_time)
         self._late = np.concatenate((self._late, late[known:]))
         at_end = statistic_at(self._limited, self._late, self.soft.end[count:])
         self.delayed = np.concatenate((self.delayed, at_end))
@@ -378,7 +468,7 @@ class SequentialTests:
     @property
     def suspected(self) -> bool:
         """Whether another dead time is possible, short of an alarm."""
-        return bool(self.delayed.max(initial=0.0) > LATE_SUSPECTED)
+        return bool(self.delayed.max(initial=0.0) > self.dead_time.suspected_llr)
 
     def forget(self) -> None:
         """Let what was taken in so far raise no alarm; it still tells what the rig is like."""
@@ -388,7 +478,9 @@ class SequentialTests:
     @property
     def crossings(self) -> list[int]:
         """Windows at which a test comes to exceed its threshold, both having been far below it."""
-        share = np.maximum(self.ratio / ALARM_LLR, self.delayed / LATE_THRESHOLD)
+        share = np.maximum(
+            self.ratio / self.change.threshold_llr, self.delayed / self.dead_time.threshold_llr
+        )
         found, armed = [], True
         for window, value in enumerate(share):
             if armed and value > 1:
@@ -399,7 +491,7 @@ class SequentialTests:
     def crossed(self, crossing: int) -> float:
         """The log-likelihood ratio of the test that a window raises an alarm by."""
         of_all = float(self.ratio[crossing])
-        return of_all if of_all > ALARM_LLR else float(self.delayed[crossing])
+        return of_all if of_all > self.change.threshold_llr else float(self.delayed[crossing])
 
 
 ONE_SIDED_95 = 1.645
@@ -416,10 +508,10 @@ def resolution(tests: SequentialTests) -> dict[str, float]:
     """
     belief, found = tests.belief, dict[str, float]()
     for evidence, threshold, only in (
-        (tests.soft, ALARM_LLR, tuple(CAUSE_SIZES)),
-        (tests.limited, LATE_THRESHOLD, DEAD_TIME),
+        (tests.soft, tests.change.threshold_llr, tuple(CAUSE_SIZES)),
+        (tests.limited, tests.dead_time.threshold_llr, DEAD_TIME),
     ):
-        total = evidence.information[-LOOKBACK_WINDOWS[-1] :].sum(axis=0)
+        total = evidence.information[-tests.change.lookback_windows[-1] :].sum(axis=0)
         apart = 1 / (belief.constant**2 + belief.drift**2)
         for cause in only:
             name, *others = CAUSE_SIZES[cause]
@@ -506,12 +598,6 @@ def one_sided(belief: Belief) -> list[str]:
     return [name for name, there in least.items() if there]
 
 
-LAPLACE_ITERATIONS = 3
-"""Laplace expansions of the likelihood of a cause."""
-PRUNE_AFTER = 2
-"""Expansions after which unlikely causes are dropped."""
-PRUNE_LOG_RATIO = 20.0
-"""Log-likelihood below that of the best cause at which a cause is dropped."""
 MOTION_CAUSES = tuple(
     name for name, sizes in CAUSE_SIZES.items() if set(sizes) <= set(BALL_PARAMETERS)
 )
@@ -579,7 +665,12 @@ class _Hypothesis:
 
 
 def weigh(
-    ball: Evidence, windows: Windows | None, other: Evidence, before: Before, belief: Belief
+    ball: Evidence,
+    windows: Windows | None,
+    other: Evidence,
+    before: Before,
+    belief: Belief,
+    search: CauseSearch = CAUSE_SEARCH,
 ) -> list[Cause]:
     """The causes of what is in a part of a log, the most probable first.
 
@@ -589,6 +680,7 @@ def weigh(
         other: Evidence of plate and screen, not softened.
         before: How far the twin was off before it.
         belief: The twin.
+        search: Constants of the expansions.
     """
     soft, nowhere = other.softened(belief.changing), np.zeros(len(WATCHED_PARAMETERS))
     priors = before.covariance + belief.changes
@@ -597,9 +689,9 @@ def weigh(
         for name, prior in zip(CAUSE_SIZES, priors, strict=True)
     ]
     logs = np.zeros(len(hypotheses))
-    for number in range(1 + LAPLACE_ITERATIONS):
+    for number in range(1 + search.laplace_iterations):
         for each, log in zip(hypotheses, logs, strict=True):
-            hopeless = log <= logs.max() - PRUNE_LOG_RATIO and number > PRUNE_AFTER
+            hopeless = log <= logs.max() - search.prune_llr and number > search.prune_after
             if number and windows is not None and each.name in MOTION_CAUSES and not hopeless:
                 each.expand(before, belief, windows)
         # noise as large for every cause as the best of them leaves

@@ -29,7 +29,7 @@ from twin.run.logs import NEEDED_COLUMNS
 from twin.scenario.load import check, put
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import (
-    LOOKBACK_WINDOWS,
+    CHANGE_TEST,
     Alarm,
     SequentialTests,
     baseline,
@@ -64,7 +64,7 @@ MAX_LOOKBACK_S = 10.0
 """Seconds that are gone back at most for a window in which the ball moves."""
 NOISE_HISTORY_S = 60.0
 """Seconds of rows from which noise is estimated."""
-DIAGNOSIS_WINDOWS = 2 * LOOKBACK_WINDOWS[-1]
+DIAGNOSIS_WINDOWS = 2 * CHANGE_TEST.lookback_windows[-1]
 """Windows of the ball that are kept for a diagnosis."""
 DIAGNOSIS_S = 15.0
 """Seconds after an alarm that are looked at for its cause."""
