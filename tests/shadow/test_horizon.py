@@ -173,7 +173,7 @@ def test_a_smoothed_state_is_the_posterior_of_parameters_and_start(monkeypatch):
         return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
 
     some = cut(log, belief.lag, LEAD_S, spans)
-    for name in ("UNKNOWN", "ROUGH"):
+    for name in ("UNKNOWN_ACCELERATION_STD", "MIN_UNEVENNESS"):
         monkeypatch.setattr(f"twin.shadow.horizon.{name}", 1e-9)
     mean, covariance, end, *_ = smooth(some, belief, FrictionMap(belief), np.ones(len(some), bool))
     problem, theta = belief.problem(some), belief.theta
