@@ -15,12 +15,13 @@ from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.systems import INPUTS, SPIN, UNITS, without_state
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED_STATES, STATE_NAMES, constants
-from twin.base.errors import ScenarioError, extra
+from twin.base.errors import ModelError, ScenarioError, extra
 from twin.fmu.export import parameters
 from twin.run.assemble import build_limits
 from twin.sim.plant.exact import RollingModel, rolling
 from twin.sim.plant.interface import BallSpin, gravity_in_rig
 
+FRICTION_SYMBOLS = "rolling", "breakaway_ratio", "stribeck_speed", "viscous"
 SMOOTHING_SPEED_M_S = 0.002
 """Speed in m/s over which friction is smoothed by default."""
 
@@ -186,8 +187,12 @@ def symbolic(
     names = (*STATE_NAMES, SPIN) if spin else STATE_NAMES
     about = without_state(chosen.plant.ball_spin, spin=spin)
     x, u, p = ca.SX.sym("x", len(names)), ca.SX.sym("u", 2), ca.SX.sym("p", len(symbols))
-    parts = ca.vertsplit(x), ca.vertsplit(u), ca.vertsplit(p)
+    symbol_of = dict(zip(symbols, ca.vertsplit(p), strict=True))
+    parts = ca.vertsplit(x), ca.vertsplit(u), symbol_of
     xdot = ca.vertcat(*_rates(ca, *parts, ball, width, about))
+    for name, symbol in symbol_of.items():
+        if not ca.depends_on(xdot, symbol):
+            raise ModelError(f"{name}: is to be a symbol, and no equation has it")
     f = ca.Function("f", [x, u, p], [xdot], ["x", "u", "p"], ["xdot"])
     held = ca.vertcat(u, p)
     after = ca.simpleRK(ca.Function("rate", [x, held], [xdot]), 1, 4)(x, held, period)
@@ -217,14 +222,16 @@ def _rates(
     ca: Any,
     x: list[Any],
     u: list[Any],
-    p: list[Any],
+    p: Mapping[str, Any],
     ball: Any,
     width: float,
     ball_spin: BallSpin,
 ) -> tuple[Any, ...]:
     """The rate of the state by the equations of ``ExactPlant``, friction smoothed."""
     x1, x2, x3, x4, x5, x6, x7, x8, *spin = x
-    mass, radius, inertia, phi, theta, arm, ratio, stribeck, viscous = p
+    mass, radius, inertia = (p[f"plant.ball.{name}"] for name in ("mass", "radius", "inertia"))
+    arm, ratio, stribeck, viscous = (p[f"plant.friction.{name}"] for name in FRICTION_SYMBOLS)
+    phi, theta = p["plant.level[1]"], p["plant.level[2]"]
     known = SimpleNamespace(**constants(mass, radius, inertia, ball.height))
     model = RollingModel.of(known, ball_spin)
     tilts = (ca.sin(phi), ca.sin(theta)), (ca.cos(phi), ca.cos(theta))

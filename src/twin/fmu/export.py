@@ -36,7 +36,7 @@ from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
 from twin.scenario.describe import UNIT_PATTERN, meanings
-from twin.scenario.schema import Scenario, left_out, refuse_unfollowed
+from twin.scenario.schema import RIG_CLASSES, Scenario, left_out, refuse_unfollowed
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError
@@ -46,7 +46,7 @@ PARAMETER_CLASSES: tuple[type, ...] = (
     *(BallStart, Parts, Friction, DriveModel, TransmissionError),
     *(Limits, TouchModel, EncoderModel, Linkage),
 )
-"""Classes of settings that may be parameters, in the order of their value references."""
+"""Dataclasses in the order of the value references of their settings; all others come after."""
 NO_SUFFIX = {Unit.MM: "_mm", Unit.UM: "_um", Unit.DEG: "_deg", Unit.PERCENT: "_percent"}
 """Units whose name ends a key; the parameter is in SI, so its name does without."""
 TUNABLE_PREFIXES = ("plant.friction.", "plant.servo.", "plant.level", "disturbance.", "rig.cam_")
@@ -139,7 +139,7 @@ def parameters(scenario: Scenario, part: str = "source") -> Iterator[Variable]:
         scenario: The scenario.
         part: The C source of an FMU, or another one of ``twin.base.followers.PARTS``.
     """
-    for source in PARAMETER_CLASSES:
+    for source in dict.fromkeys((*PARAMETER_CLASSES, *RIG_CLASSES)):
         for field, about in settings_of(source).items():
             if getattr(about.followed_by, part) is FREE:
                 yield from _parameter(scenario, about, meanings(source).get(field, ""))

@@ -18,6 +18,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
+from twin.base.errors import ModelError
 from twin.base.followers import FREE, GIVEN, PARTS, Effect, Followers
 from twin.base.settings import Setting, Unit, from_scenarios, settings_of, value_of
 from twin.hal.interface import NOMINAL_PERIOD, Limits
@@ -445,6 +446,17 @@ SCENARIO_TABLES = tables(*RIG_CLASSES, bases=RIG_TABLES, module=__name__)
 """Tables by dotted name: what is said of plant, rig and sensors."""
 
 
+NOT_OF_A_RIG = {
+    "plant.kind": "chooses the engine",
+    "plant.step": "is the engine's",
+    "plant.ball.kind": "stands for other settings",
+    "rig.period": "is the loop's",
+    "rig.plate_lag": "is what law and observer believe",
+    "sensors.ideal": "measures no rig",
+}
+"""Keys of those tables that describe no rig, and what they do."""
+
+
 def register(
     classes: Iterable[type] = RIG_CLASSES, bases: Mapping[str, type[Section]] = RIG_TABLES
 ) -> dict[str, Setting]:
@@ -452,15 +464,20 @@ def register(
 
     Args:
         classes: Dataclasses with settings.
-        bases: Tables whose own keys may state their followers, by dotted name.
+        bases: Tables with keys of their own, which state their followers as an annotation.
+
+    Raises:
+        ModelError: If nothing is stated of a key.
     """
     found = {about.key: about for cls in classes for about in settings_of(cls).values()}
     for table, model in bases.items():
         for name, field in model.model_fields.items():
-            for said in field.metadata:
-                if isinstance(said, Followers):
-                    key = f"{table}.{name}"
-                    found[key] = Setting(key, field.default, Unit.SI, {}, said, field.annotation)
+            key = f"{table}.{name}"
+            stated = [each for each in field.metadata if isinstance(each, Followers)]
+            if stated:
+                found[key] = Setting(key, field.default, Unit.SI, {}, stated[0], field.annotation)
+            elif key not in NOT_OF_A_RIG:
+                raise ModelError(f"{key}: nothing states who follows it; annotate it by Followers")
     return found
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, put
-from twin.base.followers import FREE, GIVEN, SHAPE, Followers
+from twin.base.followers import FREE, GIVEN, Followers
 from twin.base.settings import Unit, check, jump, ramp, setting
 from twin.hal.linkage import Linkage
 
@@ -199,6 +199,7 @@ WHEELS = replace(
     identify="has no measurement that shows it",
     rods="a plate on rods has none",
 )
+STIFFNESS = replace(WHEELS, explain="compares no builds of a rig")
 SPRING = replace(WHEELS, equations="have no spring")
 PLATE = replace(WHEELS, equations="have a plate that goes where it is told", rods="")
 MASS = replace(PLATE, rods=WHEELS.rods)
@@ -279,7 +280,7 @@ class Parts:
         le=10,
     )
     stiffness: float | None = setting(
-        "plant.wheels.stiffness", None, followed_by=WHEELS.by("vibration", SHAPE), ge=5e3, le=2e6
+        "plant.wheels.stiffness", None, followed_by=STIFFNESS, ge=5e3, le=2e6
     )
     damping_ratio: float | None = setting(
         "plant.wheels.damping_ratio", None, followed_by=WHEELS.by("vibration", 1.0), ge=0, le=2
