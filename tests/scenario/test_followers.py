@@ -1,8 +1,14 @@
 """Who is stated to follow a setting does, to the bit; who is stated to leave it out does not."""
 
+import os
+import re
+import subprocess
+import sys
 from functools import cache
 from itertools import product
+from pathlib import Path
 
+import every_setting
 import numpy as np
 import pytest
 from every_setting import OTHER
@@ -268,3 +274,66 @@ def test_an_effect_that_explain_does_not_know_is_refused_by_its_key():
     assert effects_of({"plant.lugre": about}, told)[0].off == {"plant.lugre": 0.0}
     with pytest.raises(ModelError, match="none: no setting"):
         effects_of({"plant.lugre": about}, told | {"none": {"label": "nothing"}})
+
+
+TRIAL = """
+import json, sys
+from dataclasses import dataclass
+from twin.base.errors import TwinError
+from twin.base.followers import FREE, GIVEN, Followers
+from twin.base.settings import ramp
+from twin.sim import rig
+
+@dataclass(frozen=True, kw_only=True)
+class WithBristles(rig.DriveModel):
+    lugre: float = ramp("plant.servo.lugre_stiffness", 0.0, ge=0, {stated})
+
+rig.DriveModel = WithBristles
+
+import ballplate as bp
+from twin.scenario import load
+told = [{on!r}, "plant.servo.lugre_stiffness=3.0", "duration=0.1", "metrics.start=0"]
+try:
+    {attempt}
+except (TwinError, TypeError) as error:
+    print(type(error).__name__, error)
+"""
+"""An effect as somebody may add it: a field of the drives, and no code at all."""
+NONE = dict.fromkeys(("mechanism", "equations", "source", "identify", "symbols", "explain"))
+OUT = ", ".join(f"{part}='has none'" for part in NONE)
+HALF = OUT.replace("equations='has none'", "equations=GIVEN")
+IN = "mechanism=GIVEN, equations=GIVEN, source=FREE, identify=FREE, symbols=FREE"
+RUN = "bp.run('circle', told, baseline=False)"
+EXPORT = "bp.fmu('circle', 'rig.fmu', told)"
+READ = "import c_source; print(c_source.unread(load('circle', told)))"
+MECHANISM, EQUATIONS = "plant.kind=mujoco", "plant.kind=lagrange"
+KEY = "plant.servo.lugre_stiffness"
+
+
+@pytest.mark.parametrize(
+    ("stated", "effect", "on", "attempt", "line"),
+    [
+        (None, "", MECHANISM, RUN, "TypeError: .*'followed_by'"),
+        (IN, "", MECHANISM, RUN, f".*ModelError: {KEY}: .* lacks explain"),
+        (OUT, "", MECHANISM, RUN, f".*{KEY}: the mechanism has none$"),
+        (OUT, "", EQUATIONS, RUN, f".*{KEY}: the exact equations has none$"),
+        (OUT, "", EQUATIONS, EXPORT, f".*{KEY}: the exact equations has none$"),
+        (HALF, "", EQUATIONS, EXPORT, f"ScenarioError {KEY}: the C source of an FMU has none"),
+        (IN, "lugre", MECHANISM, "import twin.whatif.attribution", f"ModelError {KEY}: no effect"),
+        (IN, "backlash", EQUATIONS, "bp.symbolic('circle', told)", f"ModelError {KEY}: is to be"),
+        (IN, "backlash", EQUATIONS, READ, "{'PLANT_SERVO_LUGRE_STIFFNESS'}"),
+    ],
+)
+def test_an_effect_added_as_a_field_alone_is_never_ignored(
+    tmp_path, stated, effect, on, attempt, line
+):
+    if "symbolic" in attempt:
+        pytest.importorskip("casadi")
+    entry = f"followed_by=Followers({stated})" if stated else ""
+    entry += f".by({effect!r})" if effect else ""
+    done = subprocess.run(
+        [sys.executable, "-c", TRIAL.format(stated=entry, on=on, attempt=attempt)],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(Path(every_setting.__file__).parent)},
+    )  # fmt: skip
+    assert re.match(line, (done.stdout + done.stderr).strip().splitlines()[-1])

@@ -11,11 +11,6 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
-DEFAULT = object()
-"""Stands for: the setting's default switches the effect off."""
-SHAPE = object()
-"""Stands for: the setting only shapes an effect that some other setting switches."""
-
 
 class Follows(Enum):
     """How a part follows a setting."""
@@ -29,14 +24,26 @@ class Follows(Enum):
 GIVEN, FREE = Follows.GIVEN, Follows.FREE
 
 
+class Off(Enum):
+    """What switches an effect off, where it is no value of its own."""
+
+    DEFAULT = "default"
+    """The default of the setting."""
+    SHAPE = "shape"
+    """Nothing: the setting shapes an effect that some other setting switches."""
+
+
+DEFAULT, SHAPE = Off.DEFAULT, Off.SHAPE
+
+
 @dataclass(frozen=True)
 class Effect:
     """Which effect of ``explain`` a setting belongs to.
 
     Attributes:
         name: Its name in ``twin/whatif/effects.toml``.
-        off: Value in the key's unit that switches it off; None takes the key out. ``DEFAULT`` is
-            the default of the setting, ``SHAPE`` is for one that nothing switches.
+        off: Value in the key's unit that switches it off, None to take the key out; or ``DEFAULT``
+            or ``SHAPE``.
     """
 
     name: str
@@ -81,7 +88,7 @@ class Followers:
         return how if isinstance(how, str) else ""
 
 
-PARTS = {
+PARTS: dict[str, str] = {
     "mechanism": "the mechanism",
     "equations": "the exact equations",
     "source": "the C source of an FMU",

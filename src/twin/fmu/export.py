@@ -28,7 +28,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError, TwinError
-from twin.base.followers import FREE
+from twin.base.followers import FREE, PARTS
 from twin.base.page import render_template
 from twin.base.settings import Setting, Unit, settings_of
 from twin.base.writing import write_whole
@@ -36,7 +36,7 @@ from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
 from twin.scenario.describe import UNIT_PATTERN, meanings
-from twin.scenario.schema import RIG_CLASSES, Scenario, left_out, refuse_unfollowed
+from twin.scenario.schema import RIG_CLASSES, Scenario, changed_in_vain, left_out
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError
@@ -286,8 +286,9 @@ def export(
         raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
     if scenario.change:
         raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
-    for line in refuse_unfollowed(scenario, "source", left_out("source")):
-        raise ScenarioError(line)
+    unfollowed = left_out("source")
+    for key in changed_in_vain(scenario, unfollowed):
+        raise ScenarioError(f"{key}: {PARTS['source']} {unfollowed[key]}")
     held = variables(scenario, frame_phase(scenario), path=wished)
     source, token = sources(scenario, held, fmi)
     compiled = [name for name in source if name.endswith(".c")]

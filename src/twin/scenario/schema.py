@@ -261,7 +261,7 @@ HELD_NOISE = dataclasses.replace(
     SHAPE_OF_PLATE,
     source=FREE,
     explain="switches the noise off and not how long a draw of it holds",
-    identify="estimates from the log how exact a measurement is",
+    identify="takes each sample as it came, with noise that it estimates",
     symbols="measure y without errors",
 )
 
@@ -500,11 +500,9 @@ CAMS_ONLY = tuple(key for key, about in REGISTER.items() if about.followed_by.ro
 """Keys of the mechanism with cams."""
 
 
-def refuse_unfollowed(scenario: Scenario, part: str, lacking: Mapping[str, str]) -> Iterator[str]:
-    """A line for each setting that a scenario changes and a part leaves out."""
-    for key, why in lacking.items():
-        if REGISTER[key].of(scenario) != REGISTER[key].default:
-            yield f"{key}: {PARTS[part]} {why}"
+def changed_in_vain(scenario: Scenario, lacking: Iterable[str]) -> Iterator[str]:
+    """The keys, of those that a part leaves out, of settings that a scenario changes."""
+    return (key for key in lacking if REGISTER[key].of(scenario) != REGISTER[key].default)
 
 
 if TYPE_CHECKING:
@@ -694,8 +692,10 @@ class Scenario(Section):
                 "never be moved"
             )
         kind = self.plant.kind
-        for line in refuse_unfollowed(self, ENGINES.get(kind, ""), LEFT_OUT.get(kind, {})):
-            yield f"{line}; set plant.kind={OTHER_ENGINE[kind]}"
+        for key in changed_in_vain(self, LEFT_OUT.get(kind, ())):
+            other = OTHER_ENGINE[kind]
+            remedy = "" if key in LEFT_OUT[other] else f"; set plant.kind={other}"
+            yield f"{key}: {PARTS[ENGINES[kind]]} {LEFT_OUT[kind][key]}{remedy}"
         if problem := self.plant.problem():
             yield problem
         yield from self._transmission_problems()

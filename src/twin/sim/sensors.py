@@ -123,7 +123,7 @@ ENCODERS = Followers(
     mechanism=GIVEN,
     equations=GIVEN,
     source=FREE,
-    identify="estimates from the log how exact a measurement is",
+    identify="takes each sample as it came, with noise that it estimates",
     symbols="measure y without errors",
 )
 

@@ -46,18 +46,18 @@ class Effect:
 
 
 def effects_of(
-    settings: Mapping[str, Setting], told: Mapping[str, Mapping[str, Any]]
+    settings: Mapping[str, Setting], labels: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Effect, ...]:
     """The effects that settings make, in the order of a table of their names.
 
     Args:
         settings: A register: every setting by its key.
-        told: ``label`` of each effect, and perhaps ``along``: what is switched off along with it.
+        labels: Rows of ``label``, and perhaps ``along``: what is switched off along with it.
 
     Raises:
         ModelError: If a setting is of an effect that is not in the table, or one in it has none.
     """
-    off: dict[str, dict[str, Any]] = {name: {} for name in told}
+    off: dict[str, dict[str, Any]] = {name: {} for name in labels}
     for key, about in settings.items():
         effect = about.followed_by.explain
         if isinstance(effect, str):
@@ -66,12 +66,12 @@ def effects_of(
             raise ModelError(f"{key}: no effect '{effect.name}' in twin/whatif/effects.toml")
         if effect.off is not SHAPE:
             off[effect.name][key] = about.default if effect.off is DEFAULT else effect.off
-    for name, row in told.items():
+    for name, row in labels.items():
         if not off[name]:
             raise ModelError(f"effects.toml: {name}: no setting is switched off by it")
         also = row.get("along", {}).items()
         off[name] |= {key: None if value == "default" else value for key, value in also}
-    return tuple(Effect(name=name, label=told[name]["label"], off=off[name]) for name in told)
+    return tuple(Effect(name=name, label=labels[name]["label"], off=off[name]) for name in labels)
 
 
 EFFECTS = effects_of(REGISTER, read_packaged("twin.whatif", "effects.toml"))
