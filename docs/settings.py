@@ -4,7 +4,12 @@ from itertools import groupby
 
 from pages import HERE, filled, write
 
+from twin.base.followers import FREE, PARTS, Effect, Followers
 from twin.scenario.describe import about, every_kind, find_keys
+from twin.scenario.schema import REGISTER, left_out
+
+OPEN_WORDS = {"source": "parameter", "identify": "fitted", "symbols": "symbol"}
+"""What a part makes of a setting that it leaves open."""
 
 
 def page() -> str:
@@ -12,7 +17,38 @@ def page() -> str:
     tables = groupby(find_keys(), lambda key: key.key.rpartition(".")[0])
     groups = [(name, list(keys)) for name, keys in tables]
     kinds = groupby(every_kind().items(), lambda kind: kind[0].partition(".")[0])
-    return filled("settings", groups=groups, kinds=kinds, about=about)
+    followers = {
+        key: {part: word(setting.followed_by, part) for part in PARTS}
+        for key, setting in sorted(REGISTER.items())
+    }
+    reasons = {part: grouped(left_out(part)) for part in PARTS}
+    return filled(
+        "settings",
+        groups=groups,
+        kinds=kinds,
+        about=about,
+        followers=followers,
+        reasons=reasons,
+        parts=PARTS,
+    )
+
+
+def word(followers: Followers, part: str) -> str:
+    """How a part follows a setting, in a word; empty if it does not."""
+    how = getattr(followers, part)
+    if isinstance(how, Effect):
+        return how.name
+    if isinstance(how, str):
+        return ""
+    return OPEN_WORDS[part] if how is FREE else "yes"
+
+
+def grouped(reasons: dict[str, str]) -> dict[str, list[str]]:
+    """The settings that a part leaves out, by reason."""
+    found = dict[str, list[str]]()
+    for key, why in sorted(reasons.items()):
+        found.setdefault(why, []).append(key)
+    return found
 
 
 if __name__ == "__main__":

@@ -15,19 +15,13 @@ from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.systems import INPUTS, SPIN, UNITS, without_state
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED_STATES, STATE_NAMES, constants
-from twin.base.errors import ScenarioError, extra
+from twin.base.errors import ModelError, ScenarioError, extra
 from twin.fmu.export import parameters
 from twin.run.assemble import build_limits
 from twin.sim.plant.exact import RollingModel, rolling
 from twin.sim.plant.interface import BallSpin, gravity_in_rig
 
-SYMBOL_KEYS = (
-    *("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia"),
-    *("plant.level[1]", "plant.level[2]"),
-    *("plant.friction.rolling", "plant.friction.breakaway_ratio"),
-    *("plant.friction.stribeck_speed", "plant.friction.viscous"),
-)
-"""What is a symbol of p: keys of ``describe`` without the suffix of their unit, as in an FMU."""
+FRICTION_SYMBOLS = "rolling", "breakaway_ratio", "stribeck_speed", "viscous"
 SMOOTHING_SPEED_M_S = 0.002
 """Speed in m/s over which friction is smoothed by default."""
 
@@ -70,7 +64,8 @@ class Symbolic:
         x: State of ``names["x"]``, (8, 1): x, x_rate, phi, phi_rate, y, y_rate, theta, theta_rate;
             (9, 1) with ``spin``, rad/s, seen from the base.
         u: Plate accelerations phi_acc, theta_acc, held for a period, (2, 1).
-        p: Parameters of ``names["p"]`` in SI units, (9, 1).
+        p: Parameters of ``names["p"]`` in SI units, (9, 1): settings that the register of followers
+            has as symbols, under keys of ``describe`` without the suffix of their unit.
         xdot: Rate of x, of its shape.
         y: What is measured, x, phi, y, theta, (4, 1), without dead time.
         f: xdot of (x, u, p).
@@ -184,15 +179,20 @@ def symbolic(
     for name, value in (("period", period), ("width", width)):
         if not 0 < value < np.inf:
             raise ScenarioError(f"{name}: must be more than 0, got {value!r}")
-    known = {each.name: each for each in parameters(chosen)}
+    known = {each.name: each for each in parameters(chosen, "symbols")}
+    symbols = tuple(known)
     ball, predictor = chosen.designed_on, chosen.predictor
-    nominal = {name: known[name].start for name in SYMBOL_KEYS}
+    nominal = {name: each.start for name, each in known.items()}
     nominal |= {f"plant.ball.{name}": getattr(ball, name) for name in ("mass", "radius", "inertia")}
     names = (*STATE_NAMES, SPIN) if spin else STATE_NAMES
     about = without_state(chosen.plant.ball_spin, spin=spin)
-    x, u, p = ca.SX.sym("x", len(names)), ca.SX.sym("u", 2), ca.SX.sym("p", len(SYMBOL_KEYS))
-    parts = ca.vertsplit(x), ca.vertsplit(u), ca.vertsplit(p)
+    x, u, p = ca.SX.sym("x", len(names)), ca.SX.sym("u", 2), ca.SX.sym("p", len(symbols))
+    symbol_of = dict(zip(symbols, ca.vertsplit(p), strict=True))
+    parts = ca.vertsplit(x), ca.vertsplit(u), symbol_of
     xdot = ca.vertcat(*_rates(ca, *parts, ball, width, about))
+    for name, symbol in symbol_of.items():
+        if not ca.depends_on(xdot, symbol):
+            raise ModelError(f"{name}: is to be a symbol, and no equation has it")
     f = ca.Function("f", [x, u, p], [xdot], ["x", "u", "p"], ["xdot"])
     held = ca.vertcat(u, p)
     after = ca.simpleRK(ca.Function("rate", [x, held], [xdot]), 1, 4)(x, held, period)
@@ -208,9 +208,9 @@ def symbolic(
     return Symbolic(
         x, u, p, xdot, x[list(MEASURED_STATES)], f,
         ca.Function("F", [x, u, p], [after], ["x", "u", "p"], ["x_after"]),
-        {"x": names, "u": INPUTS, "p": SYMBOL_KEYS, "y": measured},
+        {"x": names, "u": INPUTS, "p": symbols, "y": measured},
         {name: UNITS[name] for name in (*names, *INPUTS)}
-        | {name: known[name].unit or "1" for name in SYMBOL_KEYS},
+        | {name: each.unit or "1" for name, each in known.items()},
         {name: (-value, value) for name, value in most.items()},
         np.array(list(nominal.values()), float),
         chosen.sensors.touch.dead_time if predictor is None else predictor.delay,
@@ -222,14 +222,16 @@ def _rates(
     ca: Any,
     x: list[Any],
     u: list[Any],
-    p: list[Any],
+    p: Mapping[str, Any],
     ball: Any,
     width: float,
     ball_spin: BallSpin,
 ) -> tuple[Any, ...]:
     """The rate of the state by the equations of ``ExactPlant``, friction smoothed."""
     x1, x2, x3, x4, x5, x6, x7, x8, *spin = x
-    mass, radius, inertia, phi, theta, arm, ratio, stribeck, viscous = p
+    mass, radius, inertia = (p[f"plant.ball.{name}"] for name in ("mass", "radius", "inertia"))
+    arm, ratio, stribeck, viscous = (p[f"plant.friction.{name}"] for name in FRICTION_SYMBOLS)
+    phi, theta = p["plant.level[1]"], p["plant.level[2]"]
     known = SimpleNamespace(**constants(mass, radius, inertia, ball.height))
     model = RollingModel.of(known, ball_spin)
     tilts = (ca.sin(phi), ca.sin(theta)), (ca.cos(phi), ca.cos(theta))

@@ -54,7 +54,7 @@ RODS = {
 }
 """The same of the course rig in MuJoCo."""
 TYPED = {
-    "plant.kind=mujoco": "a plate on the mechanism's cams reaches over both wheels, at least",
+    "plant.kind=mujoco": "phi_deg: the mechanism has cams or rods and no table of tilts; set plant",
     "plant.linkage.phi_deg=[[-40,-14],[-50,0],[40,14]]": "both rising, got [[-40.0, -14.0], [-50",
     "plant.linkage.phi_deg=[[-40,-14,0],[40,14,0]]": "phi_deg.0: must have at most 2 values, has 3",
     "plant.linkage.phi_deg=[[-40],[40]]": "phi_deg.0: must have more values than 1",

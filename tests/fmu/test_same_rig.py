@@ -1,14 +1,10 @@
 """The C rig against the twin's exact plant, drives, sensors and supervisor, effect by effect."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 from c_rig import CRig, counted, exact, made, normal
+from c_source import offered, unread
 
-from twin.fmu import export
-from twin.fmu.export import c_name, frame_phase, variables
 from twin.hal.linkage import Linkage
 from twin.hal.supervisor import State
 from twin.run.assemble import assemble
@@ -282,20 +278,8 @@ def test_a_tunable_parameter_acts_as_a_change_of_the_scenario_does(library):
 SPUN = {"plant__start__spin": 15.0, "plant__start__x_rate": 0.2, "plant__start__y_rate": -0.1}
 
 
-def offered(scenario):
-    """The parameters of a scenario's FMU."""
-    found = variables(scenario, frame_phase(scenario))
-    return [each for each in found if each.causality == "parameter"]
-
-
 def test_every_parameter_is_read_by_the_c_source():
-    folder = Path(export.__file__).parent / "c"
-    source = "".join(path.read_text(encoding="utf-8") for path in folder.glob("*.[ch]"))
-    names = {c_name(each.name) for each in offered(exact())}
-    # what follows the first of a pair or four is read by the first's place and so many
-    singles = {name for name in names if not re.search(r"_\d$", name)}
-    assert {name for name in singles if not re.search(rf"\b{name}\b", source)} == set()
-    assert len(singles) > 50
+    assert unread(exact()) == set()
 
 
 def answers(library, scenario, speed, ticks=400, **changed):

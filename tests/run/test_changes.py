@@ -12,7 +12,7 @@ from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.load import at_time, load
-from twin.scenario.schema import JUMP_KEYS, MECHANISM_ONLY, RAMP_KEYS
+from twin.scenario.schema import JUMP_KEYS, LEFT_OUT, RAMP_KEYS
 
 PLANTS = ("lagrange", "mujoco")
 
@@ -179,7 +179,7 @@ EVERY = {
     (plant, key)
     for plant in PLANTS
     for key in RAMP_KEYS + JUMP_KEYS
-    if key in OTHER and not (plant == "lagrange" and key[6:] in MECHANISM_ONLY)
+    if key in OTHER and key not in LEFT_OUT[plant]
 }
 QUICK = {("mujoco", "plant.level_deg")}
 

@@ -116,7 +116,7 @@ def test_the_page_holds_every_key_and_kind_and_is_today_s(monkeypatch):
     monkeypatch.syspath_prepend(PROJECT / "docs")
     page = run_path(str(PROJECT / "docs" / "settings.py"))["page"]()
     pages = run_path(str(PROJECT / "docs" / "pages.py"))["parts"]("settings.md", page)
-    assert len(pages) == 4
+    assert len(pages) == 5
     for name, text in pages.items():
         assert text == (PROJECT / "docs" / name).read_text(encoding="utf-8")
     for key in EVERY:

@@ -8,6 +8,7 @@ import pytest
 import ballplate as bp
 from controllers.arrays import Number, column
 from twin.base.errors import ModelError, ScenarioError
+from twin.base.followers import GIVEN, Followers
 from twin.base.settings import Unit, from_scenarios, setting
 from twin.hal.cams import FixedRatio
 from twin.run.assemble import PLANTS, PlantKind, assemble, register
@@ -21,11 +22,23 @@ from twin.scenario.schema import tables
 EXACT = ("plant.kind=lagrange", "duration=1", "metrics.start=0", "sensors.touch.variance=[0,0]")
 
 
+OUTDOORS = Followers(
+    mechanism="stands indoors",
+    equations=GIVEN,
+    source="stands indoors",
+    identify="fits a ball in still air",
+    symbols="have a ball in still air",
+    explain="has no effect of it",
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Wind:
     """An effect: a dataclass whose field says which key of a scenario sets it."""
 
-    acceleration: Number = setting("wind.acceleration_mm", 0.0, Unit.MM, ge=-1000, le=1000)
+    acceleration: Number = setting(
+        "wind.acceleration_mm", 0.0, Unit.MM, followed_by=OUTDOORS, ge=-1000, le=1000
+    )
 
     def push(self, rates):
         """Ball accelerations (N, 2) with wind along x."""

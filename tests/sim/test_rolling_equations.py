@@ -267,7 +267,10 @@ def test_each_spin_has_runs_of_its_own():
 @pytest.mark.parametrize(
     ("keys", "line"),
     [
-        (("plant.ball_spin=locked",), "plant.ball_spin: must be 'free' for the mechanism"),
+        (
+            ("plant.ball_spin=locked",),
+            "plant.ball_spin: the mechanism has a ball that spins freely; set plant.kind",
+        ),
         (
             ("plant.kind=lagrange", "plant.ball_spin=thesis", "plant.start.spin=2.0"),
             "plant.start.spin: must be 0 with plant.ball_spin = 'thesis'",

@@ -56,6 +56,8 @@ def clean():
 
 ON_THE_MECHANISM = tuple(effect for effect in EFFECTS if effect.name != "rolling")
 """Effects that the mechanism can be without; its ball rolls as a ball does."""
+LIMITING = {"drive", "limits", "liftoff", "sliding"}
+"""Effects that do nothing until a limit is reached."""
 TYPICAL = {
     name: {key: None if value == "default" else value for key, value in about.items()}
     for name, about in read_toml(Path(__file__).with_name("typical.toml")).items()
@@ -93,8 +95,8 @@ def test_how_the_ball_rolls_is_an_effect_of_the_exact_equations_alone(clean):
 @pytest.mark.parametrize("effect", ON_THE_MECHANISM, ids=lambda effect: effect.name)
 def test_switching_one_effect_off_takes_it_and_no_other_away(effect, full):
     gone = {e.name for e in ON_THE_MECHANISM} - {e.name for e in present(without(full, [effect]))}
-    # without friction there is nothing to break away from; without dead time none that spreads
-    implied = {"friction": {"breakaway"}, "deadtime": {"spread"}}.get(effect.name, set())
+    # without dead time there is none that spreads
+    implied = {"deadtime": {"spread"}}.get(effect.name, set())
     assert effect.name in gone
     assert gone <= {effect.name} | implied
 
@@ -102,13 +104,13 @@ def test_switching_one_effect_off_takes_it_and_no_other_away(effect, full):
 @pytest.mark.long
 @pytest.mark.parametrize(
     "effect",
-    [effect for effect in ON_THE_MECHANISM if effect.name not in {"drive", "limits", "liftoff"}],
+    [each for each in ON_THE_MECHANISM if each.name not in LIMITING],
     ids=lambda effect: effect.name,
 )
 def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, full):
     others = [other for other in ON_THE_MECHANISM if other is not effect]
     alone, none = without(full, others), without(full, ON_THE_MECHANISM)
-    if effect.name == "breakaway":
+    if effect.name in {"breakaway", "presliding"}:
         alone, none = (
             apply_overrides(s, [{"plant.friction.rolling_mm": 0.18}]) for s in (alone, none)
         )
@@ -128,6 +130,7 @@ def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, ful
         ("limits", {"rig.limits.rate_deg": 0.3}),
         ("limits", {"rig.limits.acceleration": 0.1}),
         ("liftoff", {"plant.spring.preload": 2.0}),
+        ("sliding", {"plant.friction.sliding": 0.001}),
     ],
 )
 def test_a_limit_acts_where_it_is_reached(effect, limit):

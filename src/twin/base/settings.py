@@ -2,7 +2,7 @@
 
 A field made by ``setting`` names the scenario key that sets it, the key's unit, range and default.
 The tables of a scenario and the rigs made from it are both derived from these fields, so an effect
-is one field and the code that uses it.
+is one field, the code that uses it, and the statement of who follows it (``followers``).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from twin.base.errors import ModelError
+from twin.base.followers import Followers
 
 Model = TypeVar("Model")
 KEY_DEFAULT = object()
@@ -55,8 +56,8 @@ class Setting:
         default: Value of a scenario that does not give one, in the key's unit.
         unit: The key's unit.
         bounds: Range of the value, or of each of its numbers: any of ge, gt, le, lt.
+        followed_by: Who acts on it, and who leaves it out and why.
         type: Its type; None for that of the default.
-        exact: Why the exact equations cannot follow it, in words; empty if they can.
         changes: How it may change while a rig runs: along a ``ramp``, at once (``jump``), or empty.
     """
 
@@ -64,8 +65,8 @@ class Setting:
     default: Any
     unit: Unit
     bounds: dict[str, float]
+    followed_by: Followers
     type: Any = None
-    exact: str = ""
     changes: str = ""
 
     def of(self, scenario: Any) -> Any:
@@ -87,9 +88,9 @@ def setting(
     default: Any,
     unit: Unit = Unit.SI,
     *,
+    followed_by: Followers,
     otherwise: Any = KEY_DEFAULT,
     type: Any = None,  # noqa: A002  the word for it
-    exact: str = "",
     changes: str = "",
     **bounds: float,
 ) -> Any:
@@ -99,13 +100,19 @@ def setting(
         key: The key.
         default: What a scenario has that does not give it, in the key's unit.
         unit: The key's unit; the field is in SI.
+        followed_by: Who acts on it, and who leaves it out and why.
         otherwise: Default of the field itself, in SI; that of the key if not given.
         type: Type of the key; that of the default if not given.
-        exact: Why the exact equations cannot follow it.
         changes: How it may change while a rig runs.
         bounds: Range: ge, gt, le, lt.
+
+    Raises:
+        ModelError: If nothing is stated of one who may follow it.
     """
-    about = Setting(key, default, unit, bounds, type, exact, changes)
+    if followed_by.unstated:
+        parts = ", ".join(followed_by.unstated)
+        raise ModelError(f"{key}: followed_by must state how or why not, and lacks {parts}")
+    about = Setting(key, default, unit, bounds, followed_by, type, changes)
     own = unit.to_si(default) if otherwise is KEY_DEFAULT else otherwise
     return dataclasses.field(default=own, metadata={"setting": about})
 

@@ -28,6 +28,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError, TwinError
+from twin.base.followers import FREE, PARTS
 from twin.base.page import render_template
 from twin.base.settings import Setting, Unit, settings_of
 from twin.base.writing import write_whole
@@ -35,7 +36,7 @@ from twin.hal.interface import Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.run.assemble import assemble, build_friction, build_reference, linkage_of, own_errors
 from twin.scenario.describe import UNIT_PATTERN, meanings
-from twin.scenario.schema import Scenario
+from twin.scenario.schema import RIG_CLASSES, Scenario, changed_in_vain, left_out
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart, Parts
 from twin.sim.rig import DriveModel, TransmissionError
@@ -45,7 +46,7 @@ PARAMETER_CLASSES: tuple[type, ...] = (
     *(BallStart, Parts, Friction, DriveModel, TransmissionError),
     *(Limits, TouchModel, EncoderModel, Linkage),
 )
-"""Classes whose settings are parameters, where the exact equations know them."""
+"""Dataclasses in the order of the value references of their settings; all others come after."""
 NO_SUFFIX = {Unit.MM: "_mm", Unit.UM: "_um", Unit.DEG: "_deg", Unit.PERCENT: "_percent"}
 """Units whose name ends a key; the parameter is in SI, so its name does without."""
 TUNABLE_PREFIXES = ("plant.friction.", "plant.servo.", "plant.level", "disturbance.", "rig.cam_")
@@ -131,11 +132,16 @@ def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[V
     return [*found, *parameters(scenario)]
 
 
-def parameters(scenario: Scenario) -> Iterator[Variable]:
-    """The keys of a scenario that the exact equations, drives, sensors and limits know, in SI."""
-    for source in PARAMETER_CLASSES:
+def parameters(scenario: Scenario, part: str = "source") -> Iterator[Variable]:
+    """The settings of a scenario whose values a part of the project leaves open, in SI.
+
+    Args:
+        scenario: The scenario.
+        part: The C source of an FMU, or another one of ``twin.base.followers.PARTS``.
+    """
+    for source in dict.fromkeys((*PARAMETER_CLASSES, *RIG_CLASSES)):
         for field, about in settings_of(source).items():
-            if not about.exact:
+            if getattr(about.followed_by, part) is FREE:
                 yield from _parameter(scenario, about, meanings(source).get(field, ""))
 
 
@@ -273,13 +279,16 @@ def export(
         Why there is no binary in it, in words; empty if there is one.
 
     Raises:
-        TwinError: If the scenario changes while it runs or cannot be assembled, or the file cannot
-            be written.
+        TwinError: If the scenario changes while it runs, changes a setting that the C source does
+            not follow, or cannot be assembled, or the file cannot be written.
     """
     if fmi not in {2, 3}:
         raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
     if scenario.change:
         raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
+    unfollowed = left_out("source")
+    for key in changed_in_vain(scenario, unfollowed):
+        raise ScenarioError(f"{key}: {PARTS['source']} {unfollowed[key]}")
     held = variables(scenario, frame_phase(scenario), path=wished)
     source, token = sources(scenario, held, fmi)
     compiled = [name for name in source if name.endswith(".c")]

@@ -7,7 +7,7 @@ The small interfaces behind a rig: two servos with plate encoders, a touch scree
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from controllers.arrays import Arithmetic, Array, Mask, Number, column, elementwise
 from twin.base.data_file import read_packaged
+from twin.base.followers import FREE, GIVEN, Followers
 from twin.base.settings import Unit, setting
 
 
@@ -101,6 +102,17 @@ class FaultSource(Protocol):
         """Faults detected since the last call, oldest first; never waits."""
 
 
+BOUND = Followers(
+    mechanism=GIVEN,
+    equations=GIVEN,
+    source=FREE,
+    explain="compares runs that go on; where a rig stops is no error of its tracking",
+    identify="fits what moved, whatever limited it",
+    symbols=GIVEN,
+)
+STOPS = replace(BOUND, symbols="bound the ball by the operating area")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Limits:
     """What may be commanded of a rig, and where and how fast its ball may be; SI units.
@@ -117,12 +129,18 @@ class Limits:
             gains from 10 deg over the plate's length is 1.3.
     """
 
-    angle: Number = setting("rig.limits.angle_deg", 10.0, Unit.DEG, gt=0, le=30)
-    rate: Number = setting("rig.limits.rate_deg", 35.0, Unit.DEG, gt=0)
-    acceleration: Number = setting("rig.limits.acceleration", 7.0, gt=0)
-    area: tuple[float, float] | Array = setting("rig.limits.area", (0.25, 0.15), gt=0)
-    margin: Number = setting("rig.limits.margin", 0.04, ge=0)
-    ball_speed: Number = setting("rig.limits.ball_speed", 1.5, gt=0)
+    angle: Number = setting("rig.limits.angle_deg", 10.0, Unit.DEG, followed_by=BOUND, gt=0, le=30)
+    rate: Number = setting(
+        "rig.limits.rate_deg", 35.0, Unit.DEG, followed_by=BOUND.by("limits", 3600.0), gt=0
+    )
+    acceleration: Number = setting(
+        "rig.limits.acceleration", 7.0, followed_by=BOUND.by("limits", 1e4), gt=0
+    )
+    area: tuple[float, float] | Array = setting(
+        "rig.limits.area", (0.25, 0.15), followed_by=BOUND, gt=0
+    )
+    margin: Number = setting("rig.limits.margin", 0.04, followed_by=STOPS, ge=0)
+    ball_speed: Number = setting("rig.limits.ball_speed", 1.5, followed_by=STOPS, gt=0)
 
 
 class Clamp:

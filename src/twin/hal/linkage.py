@@ -10,13 +10,14 @@ depth h.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from controllers.arrays import Array
+from twin.base.followers import FREE, GIVEN, Followers
 from twin.base.settings import Unit, setting
 
 Pair = tuple[float, float] | Array
@@ -25,6 +26,16 @@ ANGLE_SPARE_FACTOR = 1.1
 """How much further than the plate may be tilted its linkage has to take it."""
 LOCKING_TOLERANCE = 1e-6
 """By how much the cosine is short of 1 where a linkage locks; what is off beyond, rad."""
+
+
+LENGTHS = Followers(
+    mechanism=GIVEN,
+    equations=GIVEN,
+    source=FREE,
+    explain="compares no builds of a rig; what the rig does not know of them is rig.cams",
+    identify="reads the plate's angles from its encoders",
+    symbols="have the plate's acceleration as their input",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,10 +52,18 @@ class Linkage:
         distance: From the universal joint to the servo's axis, horizontally, m.
     """
 
-    crank: Pair = setting("plant.linkage.crank_mm", (0.0, 0.0), Unit.MM, ge=0, le=1000)
-    rod: Pair = setting("plant.linkage.rod_mm", (0.0, 0.0), Unit.MM, ge=0, le=2000)
-    arm: Pair = setting("plant.linkage.arm_mm", (0.0, 0.0), Unit.MM, ge=0, le=1000)
-    distance: Pair = setting("plant.linkage.distance_mm", (0.0, 0.0), Unit.MM, ge=0, le=1000)
+    crank: Pair = setting(
+        "plant.linkage.crank_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTHS, ge=0, le=1000
+    )
+    rod: Pair = setting(
+        "plant.linkage.rod_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTHS, ge=0, le=2000
+    )
+    arm: Pair = setting(
+        "plant.linkage.arm_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTHS, ge=0, le=1000
+    )
+    distance: Pair = setting(
+        "plant.linkage.distance_mm", (0.0, 0.0), Unit.MM, followed_by=LENGTHS, ge=0, le=1000
+    )
 
     @property
     def given(self) -> bool:
@@ -147,6 +166,9 @@ POINTS_PER_ROW = 200
 """Points that a table's curve has from one row to the next."""
 
 
+TYPED = replace(LENGTHS, mechanism="has cams or rods and no table of tilts", source=GIVEN)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TiltTable:
     """Plate angles as measured over servo angles, of two axes that do not move each other.
@@ -160,8 +182,8 @@ class TiltTable:
         theta: The same of theta, in rad.
     """
 
-    phi: Rows = setting("plant.linkage.phi_deg", (), Unit.DEG, type=Rows)
-    theta: Rows = setting("plant.linkage.theta_deg", (), Unit.DEG, type=Rows)
+    phi: Rows = setting("plant.linkage.phi_deg", (), Unit.DEG, type=Rows, followed_by=TYPED)
+    theta: Rows = setting("plant.linkage.theta_deg", (), Unit.DEG, type=Rows, followed_by=TYPED)
 
     @property
     def given(self) -> bool:

@@ -191,7 +191,7 @@ def _key(key: str, schema: Mapping[str, Any], meaning: str, about: Setting | Non
         required="default" not in schema,
         allowed=_range(schema),
         meaning=meaning,
-        plants="mujoco" if about is not None and about.exact else "",
+        plants="mujoco" if about is not None and about.followed_by.lacking("equations") else "",
     )
 
 

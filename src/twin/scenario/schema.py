@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -18,7 +18,9 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
-from twin.base.settings import Setting, from_scenarios, settings_of, value_of
+from twin.base.errors import ModelError
+from twin.base.followers import FREE, GIVEN, PARTS, Effect, Followers
+from twin.base.settings import Setting, Unit, from_scenarios, settings_of, value_of
 from twin.hal.interface import NOMINAL_PERIOD, Limits
 from twin.hal.linkage import Linkage, TiltTable
 from twin.sim.plant.friction import Friction, SurfaceModel
@@ -168,8 +170,6 @@ def _check_plant_kind(kind: str) -> str:
     return kind
 
 
-CAMS_ONLY = "wheels.stiffness", "wheels.damping_ratio", "spring.preload", "plate.offset_mm"
-"""Keys of ``plant`` that are of the mechanism with cams."""
 LEAST_ON_CAMS = 0.32
 """Least side of a plate on cams in m: its wheels sit 0.16 m beside the cardan joint."""
 CAMS_DEG = 10.0
@@ -235,6 +235,37 @@ class SurfaceKeys(Section):
         return ""
 
 
+SHAPE_OF_PLATE = Followers(
+    mechanism=GIVEN,
+    equations=GIVEN,
+    source=GIVEN,
+    explain="compares no builds of a rig",
+    identify="fits samples from the screen, whatever its shape",
+    symbols="bound the ball by the operating area",
+)
+SPIN_OF_BALL = Followers(
+    mechanism="has a ball that spins freely",
+    equations=GIVEN,
+    source=GIVEN,
+    explain=Effect("rolling", "thesis"),
+    identify="fits a ball without a spin of its own",
+    symbols=GIVEN,
+)
+KNOWN_CAMS = dataclasses.replace(
+    SHAPE_OF_PLATE,
+    explain=Effect("cams"),
+    identify="has the plate's angles from its encoders",
+    symbols="have the plate's acceleration as their input",
+)
+HELD_NOISE = dataclasses.replace(
+    SHAPE_OF_PLATE,
+    source=FREE,
+    explain="switches the noise off and not how long a draw of it holds",
+    identify="takes each sample as it came, with noise that it estimates",
+    symbols="measure y without errors",
+)
+
+
 class PlantKeys(Section):
     """What is simulated."""
 
@@ -246,9 +277,9 @@ class PlantKeys(Section):
     """The mechanism in MuJoCo, or the exact equations of a ball that rolls."""
     step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
     """Time step of the simulation in s; for the mechanism at most 0.002."""
-    shape: Literal["rectangle", "round"] = "rectangle"
+    shape: Annotated[Literal["rectangle", "round"], SHAPE_OF_PLATE] = "rectangle"
     """Shape of the plate: a rectangle, or round with the diameter plant.size = [d, d]."""
-    ball_spin: BallSpin = "free"
+    ball_spin: Annotated[BallSpin, SPIN_OF_BALL] = "free"
     """In the exact equations, the ball's spin about the plate's normal: free, locked to the plate,
     or thesis for the equations (5.9), which lack a term of a ball whose spin is locked."""
 
@@ -279,14 +310,6 @@ class PlantKeys(Section):
     def _problems(self) -> Iterator[str]:
         inner: Any = vars(self)
         mechanism = self.kind == "mujoco"
-        for key, what in MECHANISM_ONLY.items() if self.kind == "lagrange" else ():
-            if value_of(self, key) != PLANT_DEFAULTS[f"plant.{key}"]:
-                yield f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
-        if mechanism and self.ball_spin != "free":
-            yield (
-                f"plant.ball_spin: must be 'free' for the mechanism, whose ball spins freely, got "
-                f"{self.ball_spin!r}; set plant.kind=lagrange"
-            )
         if self.kind == "lagrange" and self.ball_spin != "free" and inner["start"].spin:
             yield (
                 f"plant.start.spin: must be 0 with plant.ball_spin = {self.ball_spin!r}, which has "
@@ -321,15 +344,6 @@ PLANT_DEFAULTS = {
     about.key: about.default for cls in PLANT_CLASSES for about in settings_of(cls).values()
 }
 """What a scenario has of each setting of ``plant`` that it does not give."""
-MECHANISM_ONLY = {
-    about.key.removeprefix("plant."): about.exact
-    for cls in (Parts, BallStart)
-    for about in settings_of(cls).values()
-    if about.exact
-}
-"""Keys of ``plant`` that the exact equations cannot follow, and why."""
-EXACT_ONLY = ("ball_spin",)
-"""Keys of ``plant`` of which the mechanism knows only the default."""
 
 
 def without_ball(plant: dict[str, Any], kind: Any) -> None:
@@ -388,7 +402,7 @@ class _Rig(Section):
 
     period: Positive = NOMINAL_PERIOD
     """Control period in s."""
-    cams: Literal["table", "per_axis", "ratio"] = "table"
+    cams: Annotated[Literal["table", "per_axis", "ratio"], KNOWN_CAMS] = "table"
     """The calibrated table over both plate angles, which of a linkage is all its lengths, one table
     per axis, or a plain ratio."""
     plate_lag: Annotated[float, Field(ge=0, le=2)] = 0.0
@@ -411,25 +425,86 @@ class _Sensors(Section):
 
     ideal: bool = False
     """Whether the full true state is measured instead."""
-    noise_hold: NotNegative = 0.0
+    noise_hold: Annotated[float, Field(ge=0), HELD_NOISE] = 0.0
     """Time in s for which one draw of the noise holds; 0 for a new one every control period."""
 
 
-SCENARIO_TABLES = tables(
-    *(*PLANT_CLASSES, TouchModel, EncoderModel, TransmissionError, Limits),
-    bases={
-        "plant": PlantKeys,
-        "plant.ball": BallKeys,
-        "plant.friction": Section,
-        "plant.surface": SurfaceKeys,
-        "plant.servo": Section,
-        "rig": _Rig,
-        "sensors": _Sensors,
-        "sensors.touch": _Touch,
-    },
-    module=__name__,
-)
+RIG_CLASSES = (*PLANT_CLASSES, TouchModel, EncoderModel, TransmissionError, Limits)
+"""Dataclasses whose settings describe a rig."""
+RIG_TABLES: dict[str, type[Section]] = {
+    "plant": PlantKeys,
+    "plant.ball": BallKeys,
+    "plant.friction": Section,
+    "plant.surface": SurfaceKeys,
+    "plant.servo": Section,
+    "rig": _Rig,
+    "sensors": _Sensors,
+    "sensors.touch": _Touch,
+}
+"""What their tables have besides: keys that no dataclass's field is."""
+SCENARIO_TABLES = tables(*RIG_CLASSES, bases=RIG_TABLES, module=__name__)
 """Tables by dotted name: what is said of plant, rig and sensors."""
+
+
+NOT_OF_A_RIG = {
+    "plant.kind": "chooses the engine",
+    "plant.step": "is the engine's",
+    "plant.ball.kind": "stands for other settings",
+    "rig.period": "is the loop's",
+    "rig.plate_lag": "is what law and observer believe",
+    "sensors.ideal": "measures no rig",
+}
+"""Keys of those tables that describe no rig, and what they do."""
+
+
+def register(
+    classes: Iterable[type] = RIG_CLASSES, bases: Mapping[str, type[Section]] = RIG_TABLES
+) -> dict[str, Setting]:
+    """Every setting of a rig by its key; ``followed_by`` of each is who follows it.
+
+    Args:
+        classes: Dataclasses with settings.
+        bases: Tables with keys of their own, which state their followers as an annotation.
+
+    Raises:
+        ModelError: If nothing is stated of a key.
+    """
+    found = {about.key: about for cls in classes for about in settings_of(cls).values()}
+    for table, model in bases.items():
+        for name, field in model.model_fields.items():
+            key = f"{table}.{name}"
+            stated = [each for each in field.metadata if isinstance(each, Followers)]
+            if stated:
+                found[key] = Setting(key, field.default, Unit.SI, {}, stated[0], field.annotation)
+            elif key not in NOT_OF_A_RIG:
+                raise ModelError(f"{key}: nothing states who follows it; annotate it by Followers")
+    return found
+
+
+REGISTER = register()
+"""Every setting that describes a rig, by its key."""
+ENGINES = {"mujoco": "mechanism", "lagrange": "equations"}
+"""The part of the register that each of the twin's own plants is."""
+OTHER_ENGINE = {"mujoco": "lagrange", "lagrange": "mujoco"}
+
+
+def left_out(part: str, settings: Mapping[str, Setting] = REGISTER) -> dict[str, str]:
+    """The settings that a part leaves out, by key, and why: what follows its name in ``PARTS``."""
+    every = ((key, about.followed_by.lacking(part)) for key, about in settings.items())
+    return {key: why for key, why in every if why}
+
+
+LEFT_OUT = {kind: left_out(part) for kind, part in ENGINES.items()}
+"""Settings that each of the twin's own plants leaves out, by key, and why."""
+CAMS_ONLY = tuple(key for key, about in REGISTER.items() if about.followed_by.rods)
+"""Keys of the mechanism with cams."""
+
+
+def changed_in_vain(scenario: Scenario, lacking: Iterable[str]) -> Iterator[str]:
+    """The keys, of those that a part leaves out, of settings that a scenario changes."""
+    return (key for key in lacking if REGISTER[key].of(scenario) != REGISTER[key].default)
+
+
 if TYPE_CHECKING:
     PlantTable = Derived
     RigTable = Derived
@@ -616,6 +691,11 @@ class Scenario(Section):
                 f"and rig.limits.acceleration = {acceleration:g}, got {period:g}: the plate could "
                 "never be moved"
             )
+        kind = self.plant.kind
+        for key in changed_in_vain(self, LEFT_OUT.get(kind, ())):
+            other = OTHER_ENGINE[kind]
+            remedy = "" if key in LEFT_OUT[other] else f"; set plant.kind={other}"
+            yield f"{key}: {PARTS[ENGINES[kind]]} {LEFT_OUT[kind][key]}{remedy}"
         if problem := self.plant.problem():
             yield problem
         yield from self._transmission_problems()
@@ -639,11 +719,11 @@ class Scenario(Section):
         linkage, table = from_scenarios(Linkage, [self]), from_scenarios(TiltTable, [self])
         servos, most = linkage.given or table.given, self.rig.limits.angle_deg
         yield from filter(None, (each.problem(math.radians(most)) for each in (linkage, table)))
-        if table.given and (linkage.given or self.plant.kind == "mujoco"):
-            yield "plant.linkage: a table is for plant.kind=lagrange, and has no lengths beside it"
+        if table.given and linkage.given:
+            yield "plant.linkage: a table has no lengths beside it; leave out either"
         for key in CAMS_ONLY if linkage.given else ():
-            if value_of(self.plant, key) is not None:
-                yield f"plant.{key}: a plate on rods has none"
+            if value_of(self, key) is not None:
+                yield f"{key}: {REGISTER[key].followed_by.rods}"
         if servos and self.rig.cams == "per_axis":
             yield "rig.cams: must be 'table' (all of its lengths) or 'ratio' for a linkage"
         if self.plant.kind == "lagrange" and self.rig.cams != "table" and not servos:

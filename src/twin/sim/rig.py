@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, Number, column, every, put
 from controllers.controller import Groups
+from twin.base.followers import FREE, GIVEN, SHAPE, Followers
 from twin.base.settings import Unit, ramp, setting
 from twin.hal.interface import Limits, Touch, Transmission
 from twin.hal.rig import Rig
@@ -25,6 +26,18 @@ from twin.hal.supervisor import Supervisor
 from twin.sim import sensors
 from twin.sim.plant.interface import Plant
 from twin.sim.sensors import Noise, Rigs
+
+SERVO = Followers(
+    mechanism=GIVEN,
+    equations=GIVEN,
+    source=FREE,
+    identify="has the plate's angles from its encoders, and finds of the drives their lag alone",
+    symbols="have the plate's acceleration as their input",
+)
+POSITION = SERVO.by("position_servo")
+LAG = replace(SERVO, identify=FREE)
+LOST_MOTION = replace(SERVO, identify="leaves it to ballplate calibrate lost-motion")
+CAMS = replace(SERVO, identify="has the plate's angles from its encoders")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,9 +53,21 @@ class TransmissionError:
     """
 
     slope: tuple[float, float] | Array = ramp(
-        "rig.cam_error_percent", (0.0, 0.0), Unit.PERCENT, ge=-20, le=20
+        "rig.cam_error_percent",
+        (0.0, 0.0),
+        Unit.PERCENT,
+        followed_by=CAMS.by("cams"),
+        ge=-20,
+        le=20,
     )
-    coupling: Number = ramp("rig.cam_coupling_percent", 0.0, Unit.PERCENT, ge=-20, le=20)
+    coupling: Number = ramp(
+        "rig.cam_coupling_percent",
+        0.0,
+        Unit.PERCENT,
+        followed_by=CAMS.by("cam_coupling"),
+        ge=-20,
+        le=20,
+    )
 
     @property
     def any(self) -> bool:
@@ -385,20 +410,69 @@ class DriveModel:
             answer to the screen's noise, which the twin makes by itself.
     """
 
-    slew: Number = ramp("plant.servo.slew_deg", 0.0, Unit.DEG, ge=0, le=3600)
-    acceleration: Number = ramp("plant.servo.acceleration_deg", 0.0, Unit.DEG, ge=0, le=1e6)
-    deadband: Number = ramp("plant.servo.deadband_deg", 0.0, Unit.DEG, ge=0, le=5)
-    resolution: Number = ramp("plant.servo.resolution_deg", 0.0, Unit.DEG, ge=0, le=5)
-    dead_time: Number = ramp("plant.servo.dead_time", 0.0, ge=0, le=0.1)
-    bandwidth: Number = ramp("plant.servo.bandwidth_hz", 0.0, ge=0, le=1000)
-    backlash: Number = ramp("plant.servo.backlash_deg", 0.0, Unit.DEG, ge=0, le=5)
-    hysteresis: Number = ramp("plant.servo.hysteresis_deg", 0.0, Unit.DEG, ge=0, le=5)
-    resonance: Number = ramp("plant.servo.resonance_hz", 0.0, ge=0, le=100)
-    resonance_damping: Number = ramp("plant.servo.resonance_damping", 0.05, ge=0, lt=1)
-    vibration: Number = ramp("plant.servo.vibration", 0.0, ge=0, le=100)
-    vibration_frequency: Number = setting("plant.servo.vibration_hz", 13.0, gt=0, le=250)
-    vibration_wander: Number = setting("plant.servo.vibration_wander", 0.0, ge=0, le=1000)
-    disturbance: tuple[float, float] | Array = ramp("disturbance.variance", (0.0, 0.0), ge=0)
+    slew: Number = ramp("plant.servo.slew_deg", 0.0, Unit.DEG, followed_by=POSITION, ge=0, le=3600)
+    acceleration: Number = ramp(
+        "plant.servo.acceleration_deg",
+        0.0,
+        Unit.DEG,
+        followed_by=POSITION,
+        ge=0,
+        le=1e6,
+    )
+    deadband: Number = ramp(
+        "plant.servo.deadband_deg",
+        0.0,
+        Unit.DEG,
+        followed_by=POSITION,
+        ge=0,
+        le=5,
+    )
+    resolution: Number = ramp(
+        "plant.servo.resolution_deg",
+        0.0,
+        Unit.DEG,
+        followed_by=POSITION,
+        ge=0,
+        le=5,
+    )
+    dead_time: Number = ramp("plant.servo.dead_time", 0.0, followed_by=POSITION, ge=0, le=0.1)
+    bandwidth: Number = ramp(
+        "plant.servo.bandwidth_hz", 0.0, followed_by=LAG.by("bandwidth"), ge=0, le=1000
+    )
+    backlash: Number = ramp(
+        "plant.servo.backlash_deg",
+        0.0,
+        Unit.DEG,
+        followed_by=LOST_MOTION.by("backlash"),
+        ge=0,
+        le=5,
+    )
+    hysteresis: Number = ramp(
+        "plant.servo.hysteresis_deg",
+        0.0,
+        Unit.DEG,
+        followed_by=LOST_MOTION.by("hysteresis"),
+        ge=0,
+        le=5,
+    )
+    resonance: Number = ramp(
+        "plant.servo.resonance_hz", 0.0, followed_by=SERVO.by("resonance"), ge=0, le=100
+    )
+    resonance_damping: Number = ramp(
+        "plant.servo.resonance_damping", 0.05, followed_by=SERVO.by("resonance", SHAPE), ge=0, lt=1
+    )
+    vibration: Number = ramp(
+        "plant.servo.vibration", 0.0, followed_by=SERVO.by("shaking"), ge=0, le=100
+    )
+    vibration_frequency: Number = setting(
+        "plant.servo.vibration_hz", 13.0, followed_by=SERVO.by("shaking", SHAPE), gt=0, le=250
+    )
+    vibration_wander: Number = setting(
+        "plant.servo.vibration_wander", 0.0, followed_by=SERVO.by("shaking", SHAPE), ge=0, le=1000
+    )
+    disturbance: tuple[float, float] | Array = ramp(
+        "disturbance.variance", (0.0, 0.0), followed_by=SERVO.by("disturbance"), ge=0
+    )
 
     def servo(self, period: float, ratio: Number = 1.0, rigs: int = 1) -> PositionServo:
         """Servos of both axes at a control period in s, a ratio above the plate's angles."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, column, constant, put, some
+from twin.base.followers import FREE, GIVEN, Followers
 from twin.base.settings import Unit, jump, ramp, setting
 from twin.hal.interface import SCREEN_SIZE_M, Touch
 
@@ -118,6 +119,15 @@ ENCODER_COUNTS_PER_TURN = 245760
 """Of a plate encoder per turn."""
 
 
+ENCODERS = Followers(
+    mechanism=GIVEN,
+    equations=GIVEN,
+    source=FREE,
+    identify="takes each sample as it came, with noise that it estimates",
+    symbols="measure y without errors",
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class EncoderModel:
     """The plate encoders' imperfections; zero switches each off.
@@ -130,9 +140,18 @@ class EncoderModel:
         variance: Noise variance of phi and theta in rad^2; Table B.1.
     """
 
-    counts: Number = setting("sensors.encoders.counts", ENCODER_COUNTS_PER_TURN, ge=0)
+    counts: Number = setting(
+        "sensors.encoders.counts",
+        ENCODER_COUNTS_PER_TURN,
+        followed_by=ENCODERS.by("encoders", 0),
+        ge=0,
+    )
     variance: tuple[float, float] | Array = ramp(
-        "sensors.encoders.variance", (1.5433e-10, 1.1580e-10), otherwise=(0.0, 0.0), ge=0
+        "sensors.encoders.variance",
+        (1.5433e-10, 1.1580e-10),
+        followed_by=ENCODERS.by("encoders", (0.0, 0.0)),
+        otherwise=(0.0, 0.0),
+        ge=0,
     )
 
 
@@ -172,6 +191,17 @@ class SimulatedEncoders:
         return plate
 
 
+SCREEN = ENCODERS
+FRAMES = SCREEN.by("frames")
+DELAY = replace(SCREEN, identify=FREE, symbols=GIVEN)
+SIZE = replace(
+    SCREEN,
+    explain="compares no builds of a rig",
+    identify="fits samples from the screen, however large it is",
+    symbols="bound the ball by the operating area",
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TouchModel:
     """A touch screen's imperfections; zero switches each off.
@@ -194,17 +224,36 @@ class TouchModel:
         rotation: Angle in rad by which the screen is mounted turned about the plate's normal.
     """
 
-    size: tuple[float, float] | Array = setting("plant.size", SCREEN_SIZE_M, ge=0.05, le=5)
-    dead_time: Number = ramp("sensors.touch.dead_time", 0.042, ge=0, le=1)
-    spread: Number = setting("sensors.touch.dead_time_spread", 0.0, ge=0, le=0.1)
-    jitter: Number = ramp("sensors.touch.jitter", 0.0, ge=0, le=0.1)
-    lost: Number = ramp("sensors.touch.lost", 0.0, ge=0, le=0.9)
-    hidden: tuple[float, float, float, float] | Array = jump("sensors.touch.hidden", (0.0,) * 4)
-    rotation: Number = ramp("sensors.touch.rotation_deg", 0.0, Unit.DEG, ge=-45, le=45)
-    frame_rate: Number = jump("sensors.touch.frame_rate", 0.0, ge=0, le=10_000)
-    grid: Number = setting("sensors.touch.grid", 4096, ge=0)
+    size: tuple[float, float] | Array = setting(
+        "plant.size", SCREEN_SIZE_M, followed_by=SIZE, ge=0.05, le=5
+    )
+    dead_time: Number = ramp(
+        "sensors.touch.dead_time", 0.042, followed_by=DELAY.by("deadtime", 0.0), ge=0, le=1
+    )
+    spread: Number = setting(
+        "sensors.touch.dead_time_spread", 0.0, followed_by=SCREEN.by("spread"), ge=0, le=0.1
+    )
+    jitter: Number = ramp("sensors.touch.jitter", 0.0, followed_by=FRAMES, ge=0, le=0.1)
+    lost: Number = ramp("sensors.touch.lost", 0.0, followed_by=FRAMES, ge=0, le=0.9)
+    hidden: tuple[float, float, float, float] | Array = jump(
+        "sensors.touch.hidden", (0.0,) * 4, followed_by=FRAMES
+    )
+    rotation: Number = ramp(
+        "sensors.touch.rotation_deg",
+        0.0,
+        Unit.DEG,
+        followed_by=SCREEN.by("coupling"),
+        ge=-45,
+        le=45,
+    )
+    frame_rate: Number = jump("sensors.touch.frame_rate", 0.0, followed_by=FRAMES, ge=0, le=10_000)
+    grid: Number = setting("sensors.touch.grid", 4096, followed_by=SCREEN.by("touch", 0), ge=0)
     variance: tuple[float, float] | Array = ramp(
-        "sensors.touch.variance", (7.2538e-7, 1.7721e-7), otherwise=(0.0, 0.0), ge=0
+        "sensors.touch.variance",
+        (7.2538e-7, 1.7721e-7),
+        followed_by=SCREEN.by("touch", (0.0, 0.0)),
+        otherwise=(0.0, 0.0),
+        ge=0,
     )
 
 

@@ -437,7 +437,7 @@ def sources() -> list[Path]:
     found += [twin / "run" / f"{name}.py" for name in RUN_MODULES]
     found += [twin / "scenario" / f"{name}.py" for name in SCENARIO_MODULES]
     found += [twin / "run" / f"{name}.toml" for name in ("channels", "indicators")]
-    found += [twin / "base" / "settings.py", Path(__file__)]
+    found += [twin / "base" / "settings.py", twin / "base" / "followers.py", Path(__file__)]
     found += [model_path(), model_path("cams.json")]
     found += [Path(module.__file__) for module in outside() if module.__file__]
     return sorted({*found, *left_alone()})  # what would be run where a command does not only read

@@ -14,14 +14,16 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.data_file import read_packaged
-from twin.base.errors import ScenarioError
+from twin.base.errors import ModelError, ScenarioError
+from twin.base.followers import DEFAULT, SHAPE
 from twin.base.jobs import cores, results
+from twin.base.settings import Setting
 from twin.base.writing import write_whole
 from twin.run.assemble import linkage_of
 from twin.run.finished import run
 from twin.run.metrics import Ending
 from twin.run.picture import RUN_COLOURS, styled_figure
-from twin.scenario.schema import CAMS_ONLY, EXACT_ONLY, MECHANISM_ONLY, Scenario
+from twin.scenario.schema import CAMS_ONLY, LEFT_OUT, REGISTER, Scenario
 
 Overrides = Mapping[str, Any]
 """Dotted key to value; None takes the key out, so that its default holds."""
@@ -34,7 +36,8 @@ class Effect:
     Attributes:
         name: One word.
         label: What tables and pictures call it.
-        off: Overrides that switch it off.
+        off: Overrides that switch it off: those of its settings, and what law, observer and
+            predictor believe of it.
     """
 
     name: str
@@ -42,14 +45,36 @@ class Effect:
     off: Overrides
 
 
-EFFECTS = tuple(
-    Effect(
-        name=name,
-        label=about["label"],
-        off={key: None if value == "default" else value for key, value in about["off"].items()},
-    )
-    for name, about in read_packaged("twin.whatif", "effects.toml").items()
-)
+def effects_of(
+    settings: Mapping[str, Setting], labels: Mapping[str, Mapping[str, Any]]
+) -> tuple[Effect, ...]:
+    """The effects that settings make, in the order of a table of their names.
+
+    Args:
+        settings: A register: every setting by its key.
+        labels: Rows of ``label``, and perhaps ``along``: what is switched off along with it.
+
+    Raises:
+        ModelError: If a setting is of an effect that is not in the table, or one in it has none.
+    """
+    off: dict[str, dict[str, Any]] = {name: {} for name in labels}
+    for key, about in settings.items():
+        effect = about.followed_by.explain
+        if isinstance(effect, str):
+            continue
+        if effect.name not in off:
+            raise ModelError(f"{key}: no effect '{effect.name}' in twin/whatif/effects.toml")
+        if effect.off is not SHAPE:
+            off[effect.name][key] = about.default if effect.off is DEFAULT else effect.off
+    for name, row in labels.items():
+        if not off[name]:
+            raise ModelError(f"effects.toml: {name}: no setting is switched off by it")
+        also = row.get("along", {}).items()
+        off[name] |= {key: None if value == "default" else value for key, value in also}
+    return tuple(Effect(name=name, label=labels[name]["label"], off=off[name]) for name in labels)
+
+
+EFFECTS = effects_of(REGISTER, read_packaged("twin.whatif", "effects.toml"))
 """Every effect that can be switched alone."""
 
 
@@ -73,12 +98,11 @@ def present(scenario: Scenario) -> tuple[Effect, ...]:
     """The effects that a scenario has, of those that its plant can be without."""
     now = scenario.model_dump()
     on_rods = CAMS_ONLY if linkage_of(scenario) else ()
-    own = MECHANISM_ONLY if scenario.plant.kind == "lagrange" else EXACT_ONLY
-    other = {*own, *on_rods}
+    other = {*LEFT_OUT.get(scenario.plant.kind, LEFT_OUT["mujoco"]), *on_rods}
     return tuple(
         effect
         for effect in EFFECTS
-        if not any(key.removeprefix("plant.") in other for key in effect.off)
+        if not any(key in other for key in effect.off)
         and apply_overrides(scenario, [effect.off]).model_dump() != now
     )
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from controllers.arrays import ARRAY_ARITHMETIC, Arithmetic, Array, Number, put
 from controllers.ballplate import BallPlate
 from twin.base.errors import ModelError
+from twin.base.followers import FREE, GIVEN, SHAPE, Followers
 from twin.base.settings import Unit, check, jump, ramp, setting
 from twin.hal.interface import SCREEN_SIZE_M
 
@@ -162,6 +163,25 @@ class SurfaceMap:
 Grid = tuple[tuple[float, ...], ...]
 
 
+ROLLING = Followers(
+    mechanism=GIVEN,
+    equations=GIVEN,
+    source=FREE,
+    identify=FREE,
+    symbols=FREE,
+)
+DWELL = replace(ROLLING, symbols="have a contact of the settled age of its speed")
+PRESLIDING = replace(
+    DWELL, identify="stops a ball within one time", symbols="smooth friction over a speed"
+)
+SURFACE = replace(
+    ROLLING,
+    source=GIVEN,
+    identify="takes patches of the screen as unknown",
+    symbols="have an even screen",
+).by("surface")
+
+
 @dataclass(frozen=True, kw_only=True)
 class SurfaceModel:
     """How a screen varies: drawn at random, or grids from edge to edge.
@@ -178,13 +198,29 @@ class SurfaceModel:
             middle of the level plate, along x and along y: x'' = camber x. Below 0 it rolls back.
     """
 
-    spread: float = jump("plant.surface.spread_percent", 0.0, Unit.PERCENT, ge=0, le=100)
-    slope: float = jump("plant.surface.slope_deg", 0.0, Unit.DEG, ge=0, le=2)
-    patch: float = jump("plant.surface.patch_mm", 50.0, Unit.MM, ge=5, le=300)
-    seed: int = jump("plant.surface.seed", 0, ge=0)
-    relative: Grid = jump("plant.surface.relative", (), type=Grid)
-    height: Grid = jump("plant.surface.height_um", (), Unit.UM, type=Grid)
-    camber: tuple[float, float] = jump("plant.camber", (0.0, 0.0), ge=-20, le=20)
+    spread: float = jump(
+        "plant.surface.spread_percent",
+        0.0,
+        Unit.PERCENT,
+        followed_by=SURFACE,
+        ge=0,
+        le=100,
+    )
+    slope: float = jump("plant.surface.slope_deg", 0.0, Unit.DEG, followed_by=SURFACE, ge=0, le=2)
+    patch: float = jump(
+        "plant.surface.patch_mm",
+        50.0,
+        Unit.MM,
+        followed_by=SURFACE.by("surface", SHAPE),
+        ge=5,
+        le=300,
+    )
+    seed: int = jump("plant.surface.seed", 0, followed_by=SURFACE.by("surface", SHAPE), ge=0)
+    relative: Grid = jump("plant.surface.relative", (), followed_by=SURFACE, type=Grid)
+    height: Grid = jump("plant.surface.height_um", (), Unit.UM, followed_by=SURFACE, type=Grid)
+    camber: tuple[float, float] = jump(
+        "plant.camber", (0.0, 0.0), followed_by=SURFACE, ge=-20, le=20
+    )
 
     def map(self, size: tuple[float, float], model: BallPlate) -> SurfaceMap | None:
         """The surface of a screen with sides in m under a ball; None if it is even and level."""
@@ -258,12 +294,39 @@ class Friction:
         ModelError: If a number is out of range.
     """
 
-    rolling: Number = ramp("plant.friction.rolling_mm", 0.18, Unit.MM, ge=0, le=10, otherwise=0.0)
-    breakaway_ratio: Number = ramp("plant.friction.breakaway_ratio", 1.0, ge=1, le=20)
-    stribeck_speed: Number = ramp("plant.friction.stribeck_speed", 0.005, ge=1e-4, le=10)
-    dwell_time: Number = ramp("plant.friction.dwell_time", 0.0, ge=0)
-    viscous: Number = ramp("plant.friction.viscous_mm", 0.0, Unit.MM, ge=0, le=1000)
-    presliding: Number = setting("plant.friction.presliding_um", 0.0, Unit.UM, ge=0, le=1000)
+    rolling: Number = ramp(
+        "plant.friction.rolling_mm",
+        0.18,
+        Unit.MM,
+        followed_by=ROLLING.by("friction", 0.0),
+        ge=0,
+        le=10,
+        otherwise=0.0,
+    )
+    breakaway_ratio: Number = ramp(
+        "plant.friction.breakaway_ratio", 1.0, followed_by=ROLLING.by("breakaway"), ge=1, le=20
+    )
+    stribeck_speed: Number = ramp(
+        "plant.friction.stribeck_speed",
+        0.005,
+        followed_by=ROLLING.by("breakaway", SHAPE),
+        ge=1e-4,
+        le=10,
+    )
+    dwell_time: Number = ramp(
+        "plant.friction.dwell_time", 0.0, followed_by=DWELL.by("breakaway", SHAPE), ge=0
+    )
+    viscous: Number = ramp(
+        "plant.friction.viscous_mm", 0.0, Unit.MM, followed_by=ROLLING.by("friction"), ge=0, le=1000
+    )
+    presliding: Number = setting(
+        "plant.friction.presliding_um",
+        0.0,
+        Unit.UM,
+        followed_by=PRESLIDING.by("presliding"),
+        ge=0,
+        le=1000,
+    )
     map: SurfaceMap | None = None
 
     def __post_init__(self) -> None:

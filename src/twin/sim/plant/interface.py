@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, put
+from twin.base.followers import FREE, GIVEN, Followers
 from twin.base.settings import Unit, check, jump, ramp, setting
 from twin.hal.linkage import Linkage
 
 BallSpin = Literal["free", "locked", "thesis"]
 """The ball's spin about the plate's normal in the exact equations: a state, locked to the plate, or
 locked with the equations (5.9) of the thesis; ``twin.sim.plant.exact`` derives them."""
+
+
+START = Followers(
+    mechanism=GIVEN,
+    equations=GIVEN,
+    source=FREE,
+    explain="compares runs that begin alike",
+    identify="finds where the ball of each window begins",
+    symbols="have a state that begins anywhere",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,11 +40,13 @@ class BallStart:
         spin: Rate about the vertical, rad/s.
     """
 
-    x: Number = setting("plant.start.x", 0.0, ge=-2.5, le=2.5)
-    y: Number = setting("plant.start.y", 0.0, ge=-2.5, le=2.5)
-    x_rate: Number = setting("plant.start.x_rate", 0.0)
-    y_rate: Number = setting("plant.start.y_rate", 0.0)
-    spin: Number = setting("plant.start.spin", 0.0, ge=-500, le=500)
+    x: Number = setting("plant.start.x", 0.0, followed_by=START, ge=-2.5, le=2.5)
+    y: Number = setting("plant.start.y", 0.0, followed_by=START, ge=-2.5, le=2.5)
+    x_rate: Number = setting("plant.start.x_rate", 0.0, followed_by=START)
+    y_rate: Number = setting("plant.start.y_rate", 0.0, followed_by=START)
+    spin: Number = setting(
+        "plant.start.spin", 0.0, followed_by=START.by("rolling"), ge=-500, le=500
+    )
 
     @property
     def ball(self) -> Array:
@@ -160,6 +173,39 @@ class SomeRigs:
         return self._plant.telemetry().take(self._which, axis=0)
 
 
+BALL = Followers(
+    mechanism=GIVEN,
+    equations=GIVEN,
+    source=FREE,
+    explain="keeps the ball: its designer knows it, but for controller.model",
+    identify=GIVEN,
+    symbols=FREE,
+)
+HEIGHT = replace(BALL, explain="compares no builds of a rig", symbols=GIVEN)
+LEVEL = replace(BALL, identify=FREE)
+UNEVEN_BALL = replace(
+    BALL,
+    equations="have a ball with its centre of mass in the middle",
+    source="has the exact equations alone",
+    identify="fits a ball that is round, in balance, and rolls",
+    symbols="are the exact equations",
+)
+OVAL = replace(UNEVEN_BALL, equations="have a round ball")
+SLIDING = replace(UNEVEN_BALL, equations="have a ball that never slides")
+SPINNING = replace(UNEVEN_BALL, equations="have a ball whose spin nothing resists")
+WHEELS = replace(
+    UNEVEN_BALL,
+    equations="have no wheels",
+    identify="has no measurement that shows it",
+    rods="a plate on rods has none",
+)
+STIFFNESS = replace(WHEELS, explain="compares no builds of a rig")
+SPRING = replace(WHEELS, equations="have no spring")
+PLATE = replace(WHEELS, equations="have a plate that goes where it is told", rods="")
+MASS = replace(PLATE, rods=WHEELS.rods)
+MOTOR = replace(PLATE, equations="have ideal motors")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Parts:
     """Numbers of one mechanism, SI units; None leaves what the model file says.
@@ -195,60 +241,89 @@ class Parts:
         ModelError: If a number is out of range.
     """
 
-    mass: float | None = jump("plant.ball.mass", 0.024, otherwise=None, gt=0)
-    radius: float | None = setting("plant.ball.radius", 0.02, otherwise=None, ge=0.005, le=0.05)
-    inertia: float | None = jump("plant.ball.inertia", 6.4e-6, otherwise=None, gt=0)
+    mass: float | None = jump("plant.ball.mass", 0.024, followed_by=BALL, otherwise=None, gt=0)
+    radius: float | None = setting(
+        "plant.ball.radius", 0.02, followed_by=BALL, otherwise=None, ge=0.005, le=0.05
+    )
+    inertia: float | None = jump(
+        "plant.ball.inertia", 6.4e-6, followed_by=BALL, otherwise=None, gt=0
+    )
     offset: tuple[float, float, float] | None = setting(
         "plant.ball.offset_mm",
         (0.0, 0.0, 0.0),
         Unit.MM,
+        followed_by=UNEVEN_BALL.by("ball"),
         otherwise=None,
-        exact="have a ball with its centre of mass in the middle",
     )
     oval: float | None = setting(
-        "plant.ball.oval_mm", 0.0, Unit.MM, otherwise=None, ge=0, exact="have a round ball"
+        "plant.ball.oval_mm",
+        0.0,
+        Unit.MM,
+        followed_by=OVAL.by("ball"),
+        otherwise=None,
+        ge=0,
     )
     sliding: float | None = jump(
-        "plant.friction.sliding", 0.5, otherwise=None, gt=0, exact="have a ball that never slides"
+        "plant.friction.sliding",
+        0.5,
+        followed_by=SLIDING.by("sliding"),
+        otherwise=None,
+        gt=0,
     )
     spinning: float | None = jump(
         "plant.friction.spinning_mm",
         0.01,
         Unit.MM,
+        followed_by=SPINNING.by("spinning"),
         otherwise=None,
         ge=0.01,
         le=10,
-        exact="have a ball whose spin nothing resists",
     )
     stiffness: float | None = setting(
-        "plant.wheels.stiffness", None, ge=5e3, le=2e6, exact="have no wheels"
+        "plant.wheels.stiffness", None, followed_by=STIFFNESS, ge=5e3, le=2e6
     )
     damping_ratio: float | None = setting(
-        "plant.wheels.damping_ratio", None, ge=0, le=2, exact="have no wheels"
+        "plant.wheels.damping_ratio", None, followed_by=WHEELS.by("vibration", 1.0), ge=0, le=2
     )
     preload: float | None = setting(
-        "plant.spring.preload", None, ge=1, le=500, exact="have no spring"
+        "plant.spring.preload",
+        None,
+        followed_by=SPRING.by("liftoff"),
+        ge=1,
+        le=500,
     )
-    torque: float | None = jump("plant.servo.torque_limit", None, gt=0, exact="have ideal motors")
-    speed: float | None = jump("plant.servo.speed_limit", None, gt=0, exact="have ideal motors")
+    torque: float | None = jump(
+        "plant.servo.torque_limit", None, followed_by=MOTOR.by("drive", 1000.0), gt=0
+    )
+    speed: float | None = jump(
+        "plant.servo.speed_limit", None, followed_by=MOTOR.by("drive", 1000.0), gt=0
+    )
     joint_friction: float | None = setting(
         "plant.plate.joint_friction",
         0.0,
+        followed_by=PLATE.by("joint_friction"),
         otherwise=None,
         ge=0,
         le=20,
-        exact="have a plate that goes where it is told",
     )
-    height: float | None = setting("plant.plate.height", 0.122, otherwise=None, ge=0, le=0.5)
+    height: float | None = setting(
+        "plant.plate.height", 0.122, followed_by=HEIGHT, otherwise=None, ge=0, le=0.5
+    )
     plate_centre: tuple[float, float] | None = setting(
         "plant.plate.offset_mm",
         None,
         Unit.MM,
+        followed_by=MASS.by("mass", (0.0, 0.0)),
         type=tuple[float, float],
-        exact="have a plate that goes where it is told",
     )
     level: tuple[float, float] | None = ramp(
-        "plant.level_deg", (0.0, 0.0), Unit.DEG, otherwise=None, ge=-5, le=5
+        "plant.level_deg",
+        (0.0, 0.0),
+        Unit.DEG,
+        followed_by=LEVEL.by("level"),
+        otherwise=None,
+        ge=-5,
+        le=5,
     )
     linkage: Linkage | None = None
     size: tuple[float, float] | None = None
