@@ -1,6 +1,7 @@
 """What every test may use."""
 
 import gc
+import os
 from functools import cache
 
 import one_thread  # noqa: F401  before numpy
@@ -68,6 +69,18 @@ def installed_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(catalog, "entry_points", cache(catalog.entry_points))
         yield
+
+
+@pytest.fixture(autouse=True)
+def no_law_stays():
+    """A law's file that a test takes in does not stay in the environment of the next test."""
+    before = os.environ.get(catalog.ADDED_FILES_VARIABLE)
+    yield
+    if os.environ.get(catalog.ADDED_FILES_VARIABLE) != before:
+        os.environ.pop(catalog.ADDED_FILES_VARIABLE, None)
+        if before is not None:
+            os.environ[catalog.ADDED_FILES_VARIABLE] = before
+        forget()
 
 
 @pytest.fixture(scope="session")

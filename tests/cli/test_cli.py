@@ -112,7 +112,7 @@ def test_progress_says_what_is_done_of_how_much(monkeypatch, terminal):
     assert "25%" in said.getvalue()
 
 
-def test_every_command_that_a_page_shows_can_be_typed(ballplate, tmp_path, monkeypatch):
+def test_every_command_that_a_page_shows_can_be_typed(ballplate, own_laws, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # where the pages' reader has made the law that they speak of
     assert ballplate("new", "law", "mine")[0] == 0
     for page in PAGES:
