@@ -469,6 +469,12 @@ class FrictionMapKalman(FrictionKalman):
         if self.camber_spread:
             self._near_points[:, 8:], self._near[:, 8:] = (count - 2, count - 1), prior[-2:]
         self._first: list[Any] = [None, None]
+        self._corners = np.array((0, 1, lines[1], lines[1] + 1))
+        # where, in arrays read as one list of numbers, that stands which belongs to the points
+        self._m_near = [np.empty((rigs, 4), int) for _ in (THERE, NOW)]
+        self._P_there, self._P_now = (np.empty((rigs, rows, 4), int) for rows in (9, 1))
+        self._near_now = np.empty((rigs, 4, 4), int)
+        self._W_near = np.empty((rigs, 2, self._near_points.shape[1]), int)
         self._there = self._at(self._ball.position(self._s, self._ball.then), THERE)
         self._now = self._at(self._state[0::4], NOW)
 
@@ -528,24 +534,26 @@ class FrictionMapKalman(FrictionKalman):
         return LocalState(s, cell)
 
     def _come_near(self, first: Any, which: int) -> None:
-        """Have the rows of M - W' W at the four points about each ball, that begin with a first.
-
-        And have where arrays, read as one list of numbers, have what belongs to the points.
-        """
-        rigs, count, near = self._rigs, self._m.shape[1], self._near_points
+        """Have the rows of M - W' W at the four points about each ball, that begin with a first."""
+        count, near, part = self._m.shape[1], self._near_points, slice(4 * which, 4 * which + 4)
         self._first[which] = first
-        firsts, part = np.array(first, int, ndmin=1), slice(4 * which, 4 * which + 4)
-        for rig in np.flatnonzero(firsts != near[:, part.start]):
+        firsts = np.array(first, int, ndmin=1)
+        rigs = np.flatnonzero(firsts != near[:, part.start])
+        near[rigs, part] = points = firsts[rigs, None] + self._corners
+        for rig, own in zip(rigs, points, strict=True):
             W = self._W[rig].reshape(-1, count)
-            near[rig, part] = points = firsts[rig] + (0, 1, self._cells[1] + 1, self._cells[1] + 2)
-            self._near[rig, part] = self._M[rig, points] - W[:, points].T @ W
-        P_rows = (9 + count) * np.arange(9 * rigs).reshape(rigs, 9, 1) + 9
-        near_rows = count * np.arange(near.size).reshape(*near.shape, 1)
-        there, now = near[:, None, 0:4], near[:, None, 4:8]
-        self._m_near = [count * self._every_rig[:, None] + each[:, 0] for each in (there, now)]
-        self._P_there, self._P_now = P_rows + there, P_rows[:, FRICTION_INDEX:] + now
-        self._near_now = near_rows[:, 4:8] + now
-        self._W_near = (9 + count) * np.arange(2 * rigs).reshape(rigs, 2, 1) + 9 + near[:, None]
+            self._near[rig, part] = self._M[rig, own] - W[:, own].T @ W
+        row, all_states = rigs[:, None], 9 + count
+        self._m_near[which][rigs] = count * row + points
+        self._W_near[rigs] = all_states * (2 * row + (0, 1))[..., None] + 9 + near[rigs, None]
+        if which == THERE:
+            rows = 9 * row + np.arange(9)
+            self._P_there[rigs] = all_states * rows[..., None] + 9 + points[:, None]
+        else:
+            rows = near.shape[1] * row + np.arange(4, 8)
+            self._near_now[rigs] = count * rows[..., None] + points[:, None]
+            row = 9 * row + FRICTION_INDEX
+            self._P_now[rigs] = all_states * row[..., None] + 9 + points[:, None]
 
     def _propagate(self, A: Array) -> None:
         """Covariance a period on, in place.
