@@ -286,8 +286,7 @@ class FeasiblePath:
         for limit, each in ((A, path[1]), (J, path[2])):  # a corner has no acceleration
             step = np.abs(each[1:] - each[:-1])
             kept = kept & (step <= limit * self._period).all(axis=0)
-        within: Mask = kept.all(axis=-1)
-        return within
+        return np.asarray(kept.all(axis=-1))
 
     def follow(self, state: Array, path: Array) -> Array:
         """The next slice, shape (3, count, ..., 2).
