@@ -281,11 +281,12 @@ class FeasiblePath:
             path: Position, velocity, acceleration, shape (3, K, ..., 2).
         """
         A, J = self._limits
-        kept: Mask = (np.abs(path[2]) <= A).all(axis=(0, -1))
+        # over time first, which numpy does whole rows at once
+        kept: Mask = (np.abs(path[2]) <= A).all(axis=0)
         for limit, each in ((A, path[1]), (J, path[2])):  # a corner has no acceleration
             step = np.abs(each[1:] - each[:-1])
-            kept = kept & (step <= limit * self._period).all(axis=(0, -1))
-        return kept
+            kept = kept & (step <= limit * self._period).all(axis=0)
+        return np.asarray(kept.all(axis=-1))
 
     def follow(self, state: Array, path: Array) -> Array:
         """The next slice, shape (3, count, ..., 2).

@@ -8,9 +8,10 @@ to place on the screen.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy
@@ -27,7 +28,7 @@ from controllers.arrays import (
     together,
 )
 from controllers.interfaces import Quantity
-from controllers.observers.late_ball import LAG_NAME, Derivatives, LateBall, LocalState, Tilt
+from controllers.observers.late_ball import LAG_NAME, NOW, THERE, LateBall, LocalState, Tilt
 from controllers.observers.thesis import NOISE_VARIANCES
 
 MAX_SAMPLE_PERIODS = 50
@@ -149,6 +150,9 @@ IMPACT_VELOCITY_STD_M_S = 0.3
 """Standard deviation in m/s of the change of a ball's velocity by an impact."""
 IMPACT_AGE_S = 0.015
 """Time in s since an impact, unseen, when it is detected."""
+PENDING_SAMPLES = 16
+"""Touch samples that the covariance of a whole map takes in at once; one by one, each would go
+through all of it."""
 
 
 @dataclass(kw_only=True)
@@ -233,7 +237,9 @@ class FrictionKalman(LateBall):
         """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time."""
         self._begin_at(x, self.smooth, self._F)
         self._P = np.tile(self._begin, (self._rigs, 1, 1))
-        self._A = np.tile(np.eye(9), (self._rigs, 1, 1))
+        """Covariance of the nine states with all there are, shape (N, 9, n)."""
+        self._A = np.tile(np.eye(4, 9), (self._rigs, 1, 1))
+        """Derivatives of eta and eta' after a period by the nine states, shape (N, 4, 9)."""
         for k in range(4):
             self._A[:, k, k + 2] = self.period
         self._far: tuple[Any, Any] = (0.0, 0.0)
@@ -277,7 +283,7 @@ class FrictionKalman(LateBall):
         A[:, 2, 2], A[:, 2, 3], A[:, 3, 2], A[:, 3, 3] = 1 + xx, xy, xy, 1 + yy
         A[:, 2, FRICTION_INDEX], A[:, 3, FRICTION_INDEX] = step.friction
         A[:, 2, 6], A[:, 3, 7] = step.gain
-        self._P = P = self._propagated(A, step)
+        self._propagate(A)
         Q = self._Q
         if self._at_rest:
             vx, vy = self._ball.velocity(self._s, then)
@@ -290,12 +296,15 @@ class FrictionKalman(LateBall):
                 for axis, added in enumerate(self._added):
                     self._s[4 + axis] = self._s[4 + axis] - (1 - kept) * added
                 self._added = [kept * added for added in self._added]
-        spread = diagonal(P)
+        spread = diagonal(self._P)
         spread += Q
 
-    def _propagated(self, A: Array, step: Derivatives) -> Array:
-        """Covariance a period on, from what the period does to the nine states."""
-        return A @ self._P @ A.swapaxes(1, 2)
+    def _propagate(self, A: Array) -> None:
+        """Covariance a period on, in place: eta and eta' become A s, what else there is stays."""
+        P = self._P
+        P[:, :4] = A @ P
+        P[:, 4:9, :4] = P[:, :4, 4:9].mT
+        P[:, :4, :4] = P[:, :4, :9] @ A.mT
 
     def _take(self, seen: tuple[Any, Any], age: Any, new: Any, then: Tilt) -> None:
         """Correct by a touch sample.
@@ -307,7 +316,9 @@ class FrictionKalman(LateBall):
         age = by.where(new, age, 0.0)
         place, way = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
         # the ball was there an age ago: less the way since
-        hP = P[:, :2] - column(column(age)) * P[:, 2:4]
+        hP = P[:, :2]
+        if by.any(age):
+            hP = hP - column(column(age)) * P[:, 2:4]
         xx, _, xv, _, xy, yy, yv, yw = components(hP[:, :, :4].reshape(-1, 8))
         a, b, c = xx - age * xv + self.R[0], xy - age * yv, yy - age * yw + self.R[1]
         ex, ey = x - place[0] + age * way[0], y - place[1] + age * way[1]
@@ -322,7 +333,8 @@ class FrictionKalman(LateBall):
         struck = far[0] * self._far[0] + far[1] * self._far[1] > 0.0
         self._far = tuple(by.where(new, *each) for each in zip(far, self._far, strict=True))
         change = (together(told, self._rigs)[:, None] @ W)[:, 0]
-        moving = np.array(way[0] * way[0] + way[1] * way[1] > self.learning_speed**2, ndmin=1)
+        moving = way[0] * way[0] + way[1] * way[1] > self.learning_speed**2
+        moving = np.array(moving & new, ndmin=1)
         if not every(moving):
             change[~moving, LEARNT_IN_MOTION] = 0.0
         self._reduce(W, moving)
@@ -345,7 +357,7 @@ class FrictionKalman(LateBall):
         fall = W[:, :, :9].mT @ W
         if not every(moving):
             fall[~moving, LEARNT_IN_MOTION, LEARNT_IN_MOTION] = 0.0
-        self._P = self._P - fall
+        self._P -= fall
 
     def _correct_by(self, change: Array) -> None:
         """Add to the estimate what a touch sample says of it, shape (N, 9)."""
@@ -376,6 +388,15 @@ def gaussian_field(
     every_point = points.reshape(-1, 2)
     apart = ((every_point[:, None] - every_point) ** 2).sum(axis=-1)
     return points.shape[:2], spread**2 * np.exp(-apart / (2 * length**2))
+
+
+class Cell(NamedTuple):
+    """Where a ball is between the four points of a map about it."""
+
+    shares: Array
+    """Their shares h in the map's value there, shape (N, 4, 1)."""
+    place: Array
+    """The place (x, y) in m, shape (N, 2, 1)."""
 
 
 @dataclass(kw_only=True)
@@ -435,16 +456,34 @@ class FrictionMapKalman(FrictionKalman):
         self._m = np.zeros((rigs, count))
         self._P = np.concatenate((self._P, np.zeros((rigs, 9, count))), axis=2)
         self._M = np.tile(prior, (rigs, 1, 1))
-        """Covariance of the map; of each rig the lower half is kept up to date."""
-        self._rows = 0 if rigs == 1 else np.arange(rigs)
-        self._there = self._at(self._ball.position(self._s, self._ball.then))
-        self._now = self._at(self._state[0::4])
+        self._W = np.zeros((rigs, PENDING_SAMPLES, 2, count))
+        """The covariance of the map is M - W' W: rows of W are factors of what samples tell, those
+        since M was brought up to date, and below them zeros."""
+        self._pending = np.zeros(rigs, int)
+        """Samples in W."""
+        self._every_rig = np.arange(rigs)
+        self._near_points = np.full((rigs, 10 if self.camber_spread else 8), -1)
+        """Points of the map about the ball where it was, and is now, and in the end the camber."""
+        self._near = np.empty((*self._near_points.shape, count))
+        """The rows of M - W' W at those points."""
+        if self.camber_spread:
+            self._near_points[:, 8:], self._near[:, 8:] = (count - 2, count - 1), prior[-2:]
+        self._first: list[Any] = [None, None]
+        self._corners = np.array((0, 1, lines[1], lines[1] + 1))
+        # where, in arrays read as one list of numbers, that stands which belongs to the points
+        self._m_near = [np.empty((rigs, 4), int) for _ in (THERE, NOW)]
+        self._P_there, self._P_now = (np.empty((rigs, rows, 4), int) for rows in (9, 1))
+        self._near_now = np.empty((rigs, 4, 4), int)
+        self._W_near = np.empty((rigs, 2, self._near_points.shape[1]), int)
+        self._there = self._at(self._ball.position(self._s, self._ball.then), THERE)
+        self._now = self._at(self._state[0::4], NOW)
 
     @property
     def P(self) -> Array:
         """Covariance of the nine states and the map, shape (..., 9 + points, 9 + points)."""
-        top, low = self._P, np.tril(self._M)
-        below = np.concatenate((top[:, :, 9:].swapaxes(1, 2), low + np.tril(low, -1).mT), axis=2)
+        W = self._W.reshape(self._rigs, -1, self._m.shape[1])
+        top, M = self._P, self._M - W.mT @ W
+        below = np.concatenate((top[:, :, 9:].mT, M), axis=2)
         P = np.concatenate((top, below), axis=1)
         return P.reshape(*self._shape, *P.shape[1:])
 
@@ -460,90 +499,105 @@ class FrictionMapKalman(FrictionKalman):
         """Acceleration per length off the plate's middle along x and y, 1/s^2, shape (..., 2)."""
         if not self.camber_spread:
             return super().camber
-        return self._m[:, self._points :].reshape(*self._shape, 2)
+        return self._m[:, self._points :].reshape(*self._shape, 2).copy()
 
     def _varies(self) -> Any:
-        """What the map adds to the variance of the friction where the ball is now."""
-        h = self._now.shares
-        with_map = (self._map_times(h) + 2 * self._P[:, FRICTION_INDEX, 9:]) * h
-        return numbers(with_map.sum(axis=-1))
+        """What the map adds to the variance of the friction where the ball is now.
 
-    def _shares_at(self, place: Sequence[Any]) -> Array:
-        """The share of every point of the map in a place (x, y) in m, shape (N, points)."""
-        least, most, (n, m) = self._by.least, self._by.most, self._cells
-        (width, height), (x, y) = self.map_sides, place
-        u = least(most((x / width + 0.5) * n, 0.0), n - 1e-9)
-        v = least(most((y / height + 0.5) * m, 0.0), m - 1e-9)
+        It is h' M h + 2 p h with the covariances M of the four points about it, and p with F.
+        """
+        h = self._now.cell.shares
+        M = self._near.reshape(-1).take(self._near_now)
+        p = self._P.reshape(-1).take(self._P_now)
+        return numbers((h.mT @ M + 2 * p) @ h)
+
+    def _at(self, place: Sequence[Any], which: int) -> LocalState:
+        """The nine states as they are in a place (x, y) in m; friction drives no ball."""
+        by, (n, m), (width, height), (x, y) = self._by, self._cells, self.map_sides, place
+        u = by.least(by.most((x / width + 0.5) * n, 0.0), n - 1e-9)
+        v = by.least(by.most((y / height + 0.5) * m, 0.0), m - 1e-9)
         i, j = u // 1, v // 1
         a, b = u - i, v - j
         # a ball that has run away is nowhere, and all that follows from it not a number
         first = i * (m + 1) + j
-        first = self._by.where(first >= 0, first, 0.0)
-        h, rows = np.zeros(self._m.shape), self._rows
-        first = int(first) if self._rigs == 1 else first.astype(int)
-        h[rows, first], h[rows, first + 1] = (1 - a) * (1 - b), (1 - a) * b
-        h[rows, first + m + 1], h[rows, first + m + 2] = a * (1 - b), a * b
-        return h
+        first = by.where(first >= 0, first, 0.0)
+        if by.any(first != self._first[which]):
+            self._come_near(first, which)
+        shares = (1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b
+        values = components(self._m.reshape(-1).take(self._m_near[which]))
+        friction = self._s[FRICTION_INDEX] + sum(map(operator.mul, shares, values))
+        s = [*self._s[:FRICTION_INDEX], by.most(friction, 0.0)]
+        if self.camber_spread:
+            for axis, c in enumerate(components(self._m[:, self._points :])):
+                s[4 + axis] = s[4 + axis] + c * place[axis]
+        cell = Cell(*(together(each, self._rigs)[:, :, None] for each in (shares, place)))
+        return LocalState(s, cell)
 
-    def _at(self, place: Sequence[Any]) -> LocalState:
-        """The nine states with the friction of a place (x, y) in m, which drives no ball."""
-        h = self._shares_at(place)
-        more = numbers((self._m * h).sum(axis=-1))
-        s = [*self._s[:FRICTION_INDEX], self._by.most(self._s[FRICTION_INDEX] + more, 0.0)]
-        if not self.camber_spread:
-            return LocalState(s, h)
-        for axis, c in enumerate(components(self._m[:, self._points :])):
-            s[4 + axis] = s[4 + axis] + c * place[axis]
-        return LocalState(s, h, place)
+    def _come_near(self, first: Any, which: int) -> None:
+        """Have the rows of M - W' W at the four points about each ball, that begin with a first."""
+        count, near, part = self._m.shape[1], self._near_points, slice(4 * which, 4 * which + 4)
+        self._first[which] = first
+        firsts = np.array(first, int, ndmin=1)
+        rigs = np.flatnonzero(firsts != near[:, part.start])
+        near[rigs, part] = points = firsts[rigs, None] + self._corners
+        for rig, own in zip(rigs, points, strict=True):
+            W = self._W[rig].reshape(-1, count)
+            self._near[rig, part] = self._M[rig, own] - W[:, own].T @ W
+        row, all_states = rigs[:, None], 9 + count
+        self._m_near[which][rigs] = count * row + points
+        self._W_near[rigs] = all_states * (2 * row + (0, 1))[..., None] + 9 + near[rigs, None]
+        if which == THERE:
+            rows = 9 * row + np.arange(9)
+            self._P_there[rigs] = all_states * rows[..., None] + 9 + points[:, None]
+        else:
+            rows = near.shape[1] * row + np.arange(4, 8)
+            self._near_now[rigs] = count * rows[..., None] + points[:, None]
+            row = 9 * row + FRICTION_INDEX
+            self._P_now[rigs] = all_states * row[..., None] + 9 + points[:, None]
 
-    def _map_times(self, h: Array) -> Array:
-        """The covariance of the map times a vector of each rig, shape (N, points)."""
-        product = scipy.linalg.blas.dsymv
-        found = [product(1.0, M.T, row) for M, row in zip(self._M, h, strict=True)]
-        return found[0][None] if len(found) == 1 else np.array(found)
+    def _propagate(self, A: Array) -> None:
+        """Covariance a period on, in place.
 
-    def _propagated(self, A: Array, step: Derivatives) -> Array:
-        """Covariance a period on: the map acts on the velocities as F does, where it was asked.
-
-        With the shares h of the map and the derivatives by of the nine states by the friction,
-        they are A s + by h m after it, and the map is what it was. A camber acts likewise along
-        either axis alone, by the place.
+        What moves the ball are the nine states as they are in its place, s + H m: the friction
+        F + h m with the shares h of the four points about it, and for a camber c the disturbance
+        d + c x. A times those are eta and eta' after the period, all else stays.
         """
-        shares = self._there.shares
-        h, P, by = shares[:, :, None], self._P, together(step.friction, self._rigs)[:, :, None]
-        after: Array = A @ P
-        states, points = after[:, 2:4, :9], after[:, 2:4, 9:]
-        states += by * (P[:, :, 9:] @ h).mT
-        points += by * self._map_times(shares)[:, None]
+        P, near, (h, place) = self._P, self._near, self._there.cell
+        local = P.copy()
+        friction, disturbance = local[:, FRICTION_INDEX:], local[:, 4:6]
+        friction[:, :, :9] += (P.reshape(-1).take(self._P_there) @ h).mT
+        friction[:, :, 9:] += h.mT @ near[:, :4]
         if self.camber_spread:
-            pushed = self.period * together(self._there.place, self._rigs)[:, :, None]
-            states += pushed * P[:, :, -2:].mT
-            points += pushed * self._camber_rows()
-        own = after[:, :, :9] @ A.mT
-        states = own[:, :, 2:4]
-        states += (after[:, :, 9:] @ h) * by.mT
+            disturbance[:, :, :9] += place * P[:, :, -2:].mT
+            disturbance[:, :, 9:] += place * near[:, 8:]
+        P[:, :4] = A @ local
+        P[:, 4:9, :4] = P[:, :4, 4:9].mT
+        moved = P[:, :4, :9].copy()
+        moved[:, :, FRICTION_INDEX:] += P.reshape(-1).take(self._P_there[:, :4]) @ h
         if self.camber_spread:
-            states += after[:, :, -2:] * pushed.mT
-        after[:, :, :9] = own
-        return after
-
-    def _camber_rows(self) -> Array:
-        """The covariance of the camber with all of the map, shape (N, 2, points + 2)."""
-        rows = self._M[:, -2:].copy()
-        rows[:, 0, -1] = rows[:, 1, -2]
-        return rows
+            moved[:, :, 4:6] += P[:, :4, -2:] * place.mT
+        P[:, :4, :4] = moved @ A.mT
 
     def _reduce(self, W: Array, moving: Mask) -> None:
         """Take from the covariance what a touch sample tells; nothing of the map at rest."""
         super()._reduce(W, moving)
-        for M, told, informs in zip(self._M, W[:, :, 9:], moving.tolist(), strict=True):
-            if informs:  # the lower half in place
-                scipy.linalg.blas.dsyrk(-1.0, told.T, 1.0, M.T, overwrite_c=1)
+        W_map, W_near = W[:, :, 9:], W.reshape(-1).take(self._W_near)
+        if not every(moving):
+            informs = moving[:, None, None]
+            W_map, W_near = np.where(informs, W_map, 0.0), np.where(informs, W_near, 0.0)
+        self._near -= W_near.mT @ W_map
+        self._W[self._every_rig, self._pending] = W_map
+        self._pending += moving
+        for rig in np.flatnonzero(self._pending == PENDING_SAMPLES):
+            taken = self._W[rig].reshape(-1, W_map.shape[2])
+            self._M[rig] -= taken.T @ taken
+            taken[:] = self._pending[rig] = 0
 
     def _correct_by(self, change: Array) -> None:
         """Add to the estimate what a touch sample says of it, shape (N, 9 + points)."""
         super()._correct_by(change[:, :9])
-        self._m = self._m + change[:, 9:]
+        self._m += change[:, 9:]
         if self.camber_spread:
             camber = self._m[:, self._points :]
-            np.clip(camber, -LARGEST_CAMBER, LARGEST_CAMBER, out=camber)
+            np.minimum(camber, LARGEST_CAMBER, out=camber)
+            np.maximum(camber, -LARGEST_CAMBER, out=camber)

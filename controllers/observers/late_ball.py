@@ -65,14 +65,16 @@ class Tilt(NamedTuple):
         return Tilt(*[a + share * (b - a) for a, b in zip(self, other, strict=True)])
 
 
+THERE, NOW = 0, 1
+"""The ball at the time of the touch sample, and now."""
+
+
 class LocalState(NamedTuple):
     """The filter's state with the friction of one place."""
 
     s: Any
-    shares: Any = None
-    """The share of every point of a map of the friction in that place, if there is one."""
-    place: Any = None
-    """That place (x, y) in m, if the disturbance depends on it."""
+    cell: Any = None
+    """Where that place is on a map of the friction, if there is one."""
 
 
 class Derivatives(NamedTuple):
@@ -498,7 +500,7 @@ class LateBall(DelayedObserver):
         self._age = age
         if self._by.any(new):
             self._take((x, y), age, new, then)
-        self._there = self._at(self._ball.position(self._s, then))
+        self._there = self._at(self._ball.position(self._s, then), THERE)
         ex, ey, vx, vy = self._ball.carry(self._there.s)
         c2 = self.model.c2
         self._state = (
@@ -511,7 +513,7 @@ class LateBall(DelayedObserver):
             theta,
             theta_rate,
         )
-        self._now = self._at(self._state[0::4])
+        self._now = self._at(self._state[0::4], NOW)
         self.x = together(self._state, self._rigs).reshape(*self._shape, 8)
         return self.x
 
@@ -527,8 +529,13 @@ class LateBall(DelayedObserver):
         """Lag of the drives in s, as told or found."""
         return self.model.lag if self._drives is None else self._drives.lag
 
-    def _at(self, place: Sequence[Any]) -> LocalState:
-        """The filter's state with the friction of a place (x, y) in m: one for all by default."""
+    def _at(self, place: Sequence[Any], which: int) -> LocalState:
+        """The filter's state with the friction of a place (x, y) in m: one for all by default.
+
+        Args:
+            place: Where the ball was at the time of the touch sample, or is now.
+            which: Which of them, ``THERE`` or ``NOW``.
+        """
         return LocalState(self._s)
 
     @abstractmethod

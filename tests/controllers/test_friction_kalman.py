@@ -449,6 +449,112 @@ def test_the_covariance_is_that_of_the_whole_state_written_out(camber):
     np.testing.assert_allclose(observer.P, A @ before @ A.T + np.diag(Q), rtol=1e-7, atol=1e-16)
 
 
+class Textbook:
+    """The filter of one rig in full matrices: z = A z, P = A P A' + Q, K = P H' S^-1.
+
+    What the plate does is read from the observer; all else is calculated here.
+    """
+
+    def __init__(self, observer, lines, rig):
+        self.observer, self.lines, self.rig = observer, lines, rig
+        self.P = observer.P[rig].copy()
+        self.z = np.zeros(len(self.P))
+        self.z[8] = self.believed = observer.s[rig, 8]
+        self.points = observer.friction_map[rig].size
+
+    def step(self, begin, then, seen):
+        """A period, and where ``seen`` is one, a touch sample (x, y) after it."""
+        observer, z = self.observer, self.z
+        begin, then = ({name: value[self.rig] for name, value in t.items()} for t in (begin, then))
+        lever = MODEL.c2 * np.array([-1.0, 1.0])
+        place = z[0:2] + lever * (begin["phi"], begin["theta"])
+        v = z[2:4] + lever * (begin["phi_rate"], begin["theta_rate"])
+        # hats about the points of the grid
+        hats = [
+            np.maximum(1 - abs(np.clip(at, *line[[0, -1]]) - line) / (line[1] - line[0]), 0)
+            for at, line in zip(place, self.lines, strict=True)
+        ]
+        share, map_part = np.outer(*hats).ravel(), slice(9, 9 + self.points)
+        length = np.sqrt(v @ v + observer.smooth**2)
+        h, F = v / length, max(z[8] + share @ z[map_part], 0.0)
+        speed, way = (
+            np.array([then[f"{name}_{axis}"] - begin[f"{name}_{axis}"] for axis in "xy"])
+            for name in ("speed", "way")
+        )
+        way -= T * np.array([begin["speed_x"], begin["speed_y"]])
+        force = z[4:6] - F * h
+        A = np.eye(len(z))
+        A[0:2, 2:4] = A[2:4, 4:6] = T * np.eye(2)
+        A[2:4, 2:4] += T * F / length * (np.outer(h, h) - np.eye(2))
+        A[2:4, 8], A[2:4, map_part] = -T * h, -T * np.outer(h, share)
+        A[2:4, 6:8] = np.diag(speed)
+        if len(z) > 9 + self.points:
+            force += z[-2:] * place
+            A[2:4, -2:] = T * np.diag(place)
+        z[0:2] += T * z[2:4] + (1 + z[6:8]) * way + T**2 / 2 * force
+        z[2:4] += (1 + z[6:8]) * speed + T * force
+        velocity, disturbance, friction_walk, gain = observer.walk
+        walks = [*np.repeat((0.0, velocity, disturbance, gain), 2), friction_walk]
+        self.P = A @ self.P @ A.T + np.diag(np.pad(T * np.square(walks), (0, len(z) - 9)))
+        if seen is None:
+            return
+        S = self.P[:2, :2] + np.diag(observer.R)
+        K = self.P[:, :2] @ np.linalg.inv(S)
+        v = z[2:4] + lever * (then["phi_rate"], then["theta_rate"])
+        change = K @ (seen - z[0:2] - lever * (then["phi"], then["theta"]))
+        fall = K @ S @ K.T
+        if v @ v < observer.learning_speed**2:
+            change[6:], fall[6:, 6:] = 0.0, 0.0
+        self.z, self.P = z + change, self.P - fall
+        bounds = friction.LARGEST_GAIN, friction.LARGEST_CAMBER
+        for part, bound in zip((slice(6, 8), slice(9 + self.points, None)), bounds, strict=True):
+            self.z[part] = np.clip(self.z[part], -bound, bound)
+        self.z[8] = np.clip(self.z[8], 0.0, observer.most_friction * self.believed)
+
+
+def alike(found, truth):
+    """Within 1e-9 of the largest number there is."""
+    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-9 * np.abs(truth).max())
+
+
+@pytest.mark.parametrize("rigs", [1, 3])
+@pytest.mark.parametrize("camber", [0.0, 0.3])
+def test_estimate_and_covariance_are_those_of_a_textbook_filter_in_full_matrices(camber, rigs):
+    observer = FrictionMapKalman(camber_spread=camber, **COARSE)
+    world = World(FrictionMapKalman(**COARSE), rigs=rigs)
+    observer.start(np.zeros((rigs, 8)))
+    books = [Textbook(observer, world.lines, rig) for rig in range(rigs)]
+    touching = np.random.default_rng(5).random((600, rigs)) > 0.2
+    cells = set()
+    for tick, touched in enumerate(touching):
+        sample = world.measure()._replace(touched=touched)
+        begin = plate_of(observer, rigs)
+        observer.correct(sample)
+        then = plate_of(observer, rigs)
+        for book, y, here in zip(books, sample.y, touched, strict=True):
+            book.step(begin, then, y[0::2] if here else None)
+        observer.predict(world.advance())
+        cells |= set(observer._near_points[:, 0].tolist())
+        if tick % 50 == 49:
+            P = observer.P
+            assert np.array_equal(P[:, 9:, 9:], P[:, 9:, 9:].mT)
+            for rig, book in enumerate(books):
+                scale = np.sqrt(np.diagonal(book.P))
+                alike(P[rig] / scale / scale[:, None], book.P / scale / scale[:, None])
+                alike(observer.s[rig], book.z[:9])
+                more = observer.friction_map[rig].ravel() - observer.s[rig, 8]
+                alike(more, book.z[9 : 9 + more.size])
+                alike(observer.camber[rig], [*book.z[9 + more.size :], 0.0, 0.0][:2])
+    assert len(cells) > 2
+
+
+def plate_of(observer, rigs):
+    """The plate at the touch sample's time, each number by name, shape (N,)."""
+    return {
+        name: np.broadcast_to(value, rigs) for name, value in observer._ball.then._asdict().items()
+    }
+
+
 def test_a_ball_that_has_run_away_is_nowhere_and_the_others_go_on():
     together, alone = FrictionMapKalman(**COARSE), FrictionMapKalman(**COARSE)
     together.start(np.zeros((2, 8)))
