@@ -56,7 +56,7 @@ def paused(rows, creep=0.0):
     return time, np.stack((x, np.zeros_like(x)), axis=-1) + 3e-4 * noise
 
 
-@pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED_VERDICT), (4.0e-4, IDENTIFIED_VERDICT)])
+@pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED_VERDICT), (6.0e-4, IDENTIFIED_VERDICT)])
 def test_drives_faster_than_a_scenario_takes_are_bounded(lag, word):
     verdict = _servo(Drives(lag, 2e-5, play=0.0))
     assert verdict.word == word

@@ -29,7 +29,7 @@ V1 = Benchmark().folder
 EXAMPLES = Path(__file__).parents[2] / "examples"
 RIGS = 4
 CONFIRMED = (
-    "confirmed on 8 of {} rigs replayed: the same errors and efforts; "
+    "confirmed on 2 of {} rigs replayed: the same errors and efforts; "
     "the scores are those of its runs"
 )
 KEY, OTHER = "the-key-of-a-season", "the-key-of-another-one"
@@ -516,8 +516,8 @@ def test_an_entry_of_a_season_is_scored_and_verified_on_its_rigs_alone(shipped):
     }
     for file in shipped.rglob("*"):
         assert file.is_dir() or KEY.encode() not in file.read_bytes()
-    assert called("verify", ours, "--season", KEY) == f"{ours}: {CONFIRMED.format(64)}\n"
-    assert called("verify", frozen) == f"{frozen}: {CONFIRMED.format(128)}\n"
+    assert called("verify", ours, "--season", KEY) == f"{ours}: {CONFIRMED.format(3)}\n"
+    assert called("verify", frozen) == f"{frozen}: {CONFIRMED.format(RIGS)}\n"
     assert called("run", "lqr", "--season", KEY, "-j", 1).startswith(
         f"LQR, on the rigs of season {season.season}"
     )

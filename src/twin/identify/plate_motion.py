@@ -100,7 +100,8 @@ def fit_drives(log: PreparedLog) -> Drives | None:
     What else lies between motor and plate shows in the same band and is fitted along: elasticity,
     which lets the plate of either axis lead by its acceleration over the square of the resonance,
     and play. Where the drives are of another kind, the lag differs with the length of the pieces:
-    that is taken for a standard deviation, and the interval holds it, too.
+    that is taken for a standard deviation, and the interval holds it, too. So is the delay of a
+    damped resonance, see ``_resonance_delay``.
     """
     lengths = [round(each / log.period) for each in (CHUNK_S, *OTHER_CHUNKS_S)]
     segments = [s for s in log.segments if s.command is not None and len(s.time) >= max(lengths)]
@@ -110,8 +111,30 @@ def fit_drives(log: PreparedLog) -> Drives | None:
     found = _fit_plate(log, segments, guesses, lengths[0])
     others = [_fit_plate(log, segments, found.value[None], rows).value[0] for rows in lengths[1:]]
     apart = float(np.abs(others - found.value[0]).max())
-    half = float(np.hypot(found.half_width[0], 2 * apart))
+    delay = _resonance_delay(log, segments, found.value)
+    half = float(np.linalg.norm((found.half_width[0], 2 * apart, 2 * delay)))
     return Drives(lag=float(found.value[0]), half_width=half, play=float(found.value[3]))
+
+
+def _resonance_delay(log: PreparedLog, segments: list[Segment], value: Array) -> float:
+    """Delay in s that the damping of the resonance may add to the lag; the model has none.
+
+    A mode at w0 that delays slow motion by T delays motion at w by T (1 + w^2 / w0^2) to second
+    order. The lag is shown in proportion to the squared rate, so the mean of w^2 is that of the
+    squared acceleration over that of the squared rate. The larger of both axes counts.
+
+    Args:
+        log: With the delay T of the twin's own drives, ``own_lag``.
+        segments: Parts of it with commands.
+        value: Fitted lag in s and 1/w0^2 of both axes in s^2, then others.
+    """
+    squares = np.zeros((2, 2))
+    for segment in segments:
+        assert segment.command is not None
+        _, rate = servo_response(segment.command, log.period, float(value[0]))
+        squares += [(np.gradient(rate, log.period, axis=0) ** 2).sum(axis=0), (rate**2).sum(axis=0)]
+    mean_square_frequency = squares[0] / np.maximum(squares[1], 1e-30)
+    return float(log.own_lag * np.max(np.abs(value[1:3]) * mean_square_frequency))
 
 
 @dataclass(frozen=True)

@@ -481,7 +481,7 @@ def _servo(drives: Drives | None) -> judged.ParameterVerdict:
     found = judged.ParameterVerdict(about=SERVO_PARAMETER, name="servo")
     if drives is None:
         return replace(found, why=f"no commanded rates in the log; {SERVO_PARAMETER.experiment}")
-    lag, half = drives.lag, max(drives.half_width, SERVO_PARAMETER.floor)
+    lag, half = drives.lag, math.hypot(drives.half_width, SERVO_PARAMETER.floor)
     if not math.isfinite(half):
         return replace(found, why=f"the plate hardly moves; {SERVO_PARAMETER.experiment}")
     low = judged.corner_frequency(lag + half)
