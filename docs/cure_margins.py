@@ -10,9 +10,9 @@ from typing import Any
 
 import click
 import numpy as np
-from cure import known
-from pages import HERE, clopper_pearson, filled, planned, said, write
 
+from docs.cure import known
+from docs.pages import HERE, clopper_pearson, filled, planned, said, write
 from twin.study.schema import draw_rigs, read_family
 from twin.study.work import Builder
 

@@ -2,8 +2,7 @@
 
 from itertools import groupby
 
-from pages import HERE, filled, write
-
+from docs.pages import HERE, filled, write
 from twin.scenario.describe import about, every_kind, find_keys
 
 

@@ -19,10 +19,10 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 import pandas as pd
-from pages import HERE, filled, kept, planned
 from scipy import stats
 
 from controllers.arrays import Array
+from docs.pages import HERE, filled, kept, planned
 from twin.base.jobs import cores, results
 from twin.base.writing import write_whole
 from twin.cli.options import PROCESSES
@@ -510,6 +510,6 @@ def main(each: int, hours: float, laws: int, doc: Path, processes: int | None) -
 
 if __name__ == "__main__":
     # what other processes work on has to lie in a module
-    from shadow_trials import main as of_module
+    from docs.shadow_trials import main as of_module
 
     of_module()
