@@ -1,4 +1,6 @@
-"""The pages for maintainers: what they show works, and every generated page can be made again."""
+"""`docs`.
+
+The pages for maintainers: what they show works, and every generated page can be made again."""
 
 import importlib.util
 import re

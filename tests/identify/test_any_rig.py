@@ -1,4 +1,4 @@
-"""Logs of rigs that are none of ours: read, fitted, judged and refused."""
+"""`twin.identify.any_rig`: Logs of rigs that are none of ours: read, fitted, judged and refused."""
 
 from __future__ import annotations
 

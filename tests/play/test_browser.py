@@ -1,4 +1,6 @@
-"""The page in a real browser without a window: dragging, clicking, looking on, and who is refused.
+"""`twin.play`.
+
+The page in a real browser without a window: dragging, clicking, looking on, and who is refused.
 
 Needs Chromium at /usr/bin/chromium (Debian: apt-get install chromium); without it these fail.
 """

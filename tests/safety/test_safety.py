@@ -1,4 +1,4 @@
-"""The fault matrix, row by row, and its document."""
+"""`twin.safety.faults`: The fault matrix, row by row, and its document."""
 
 import importlib
 import json

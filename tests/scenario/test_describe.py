@@ -1,3 +1,5 @@
+"""Tests of `twin.scenario.describe`."""
+
 import json
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The confusion matrix counts what was said of each rig."""
+"""`twin.shadow`: The confusion matrix counts what was said of each rig."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command study as a user sees it."""
+"""`twin.study`: The command study as a user sees it."""
 
 from __future__ import annotations
 

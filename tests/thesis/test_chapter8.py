@@ -1,4 +1,6 @@
-"""Chapter 8: what was simulated, how a run is judged, and how cells are compared."""
+"""`twin.thesis.chapter8`.
+
+Chapter 8: what was simulated, how a run is judged, and how cells are compared."""
 
 import json
 from dataclasses import replace

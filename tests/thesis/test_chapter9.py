@@ -1,4 +1,6 @@
-"""Chapter 9: what was measured, how it is judged, and what the stored fit is."""
+"""`twin.thesis.chapter9`.
+
+Chapter 9: what was measured, how it is judged, and what the stored fit is."""
 
 import json
 

@@ -1,4 +1,6 @@
-"""The page on chapters 5 and 6.2.1: what it derives, beside what the errata and the model say."""
+"""`twin.thesis`.
+
+The page on chapters 5 and 6.2.1: what it derives, beside what the errata and the model say."""
 
 from pathlib import Path
 

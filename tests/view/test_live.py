@@ -1,3 +1,5 @@
+"""Tests of `twin.view.live_process`."""
+
 import os
 import signal
 import socket

@@ -1,3 +1,5 @@
+"""Tests of `twin.view.recording`."""
+
 import os
 import re
 import subprocess
