@@ -62,7 +62,7 @@ class Benchmark:
             self.commands.append(np.array(rate))
             original(rate, steps)
 
-        devices.plant.advance = advance  # type: ignore[method-assign]
+        devices.plant.advance = advance  # type: ignore[method-assign, assignment]
 
     def bare(self) -> float:
         """Seconds of a bare loop of mj_step under the same motor rates."""

@@ -87,7 +87,7 @@ def whole_run(_: int) -> Iterator[Figure]:
     with TemporaryDirectory() as folder:
         for _ in range(5):
             begin = time.process_time()
-            drawn = png(motions, circle.title, (0.25, 0.15))
+            drawn = png(motions, circle.title, circle.dimensions)
             write_whole(Path(folder) / "picture.png", drawn)
             times.append(time.process_time() - begin)
     note = f"{min(times):.2f} s, matplotlib already imported"

@@ -10,6 +10,7 @@ import os
 import resource
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -38,7 +39,7 @@ def spent(*command: str, folder: str) -> float:
     return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
 
-def ratios(commands: dict[str, tuple[str, ...]], rounds: int) -> tuple[float, dict[str, float]]:
+def ratios(commands: Mapping[str, tuple[str, ...]], rounds: int) -> tuple[float, dict[str, float]]:
     """Seconds of ``import numpy``, and how many times that each command takes."""
     least = dict.fromkeys(("", *commands), float("inf"))
     with TemporaryDirectory() as folder:

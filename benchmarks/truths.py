@@ -83,7 +83,7 @@ def breakaway_deg(step: float) -> float:
     return math.degrees(plant.state[0, 2])
 
 
-def ringing(step: float, axis: str, pose_deg: float = 0.0, **parts: float) -> tuple[float, float]:
+def ringing(step: float, axis: str, pose_deg: float = 0.0, **parts: Any) -> tuple[float, float]:
     """Frequency in Hz and damping ratio of an axis after a tap, both axes tilted to a pose."""
     model = load_model(parts=Parts(**parts), drawn=False)
     model.opt.timestep = step

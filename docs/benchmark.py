@@ -16,8 +16,8 @@ from typing import Any
 import click
 import numpy as np
 import pandas as pd
-from pages import HERE, filled, write
 
+from docs.pages import HERE, filled, write
 from twin.base.writing import write_whole
 from twin.lab.bench import FAMILY_NAME, LOCKED_FILES, MODEL_FILES, Benchmark, enter, hash_file
 from twin.run.loop import simulate

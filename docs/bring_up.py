@@ -12,7 +12,7 @@ import sys
 from functools import cache
 from tempfile import TemporaryDirectory
 
-from pages import HERE, write
+from docs.pages import HERE, write
 
 PLACE = re.compile(r"^\{\{ (?P<command>[^|}]+?)(?: \| (?P<pattern>.+?))? \}\}$", re.MULTILINE)
 PORTS = ((r"/tmp/\S*slcan", "/dev/ttyACM0"), (r"/tmp/\S*lumio", "/dev/ttyUSB0"))

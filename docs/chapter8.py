@@ -16,11 +16,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
-from pages import filled, write
 from PIL import Image
 
 from controllers.arrays import Array
 from controllers.ballplate import BALL_ACCELERATIONS, BallPlate
+from docs.pages import filled, write
 from twin.base.page import markdown
 from twin.base.writing import write_whole
 from twin.run.picture import REFERENCE_STYLE, RUN_COLOURS
@@ -29,7 +29,7 @@ from twin.thesis.chapter8 import THESIS_COLUMNS, Results, SimulatedTable, Thesis
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
 """The mechanism's lines, dashed over the exact model's."""
-LOOK: dict[str, Any] = {
+LOOK: Any = {
     "font.size": 8.5,
     "axes.grid": True,
     "grid.alpha": 0.3,

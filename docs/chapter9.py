@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 from matplotlib.figure import Figure
-from pages import HERE, filled, said
 
 from controllers.arrays import Array
+from docs.pages import HERE, filled, said
 from twin.base.jobs import cores
 from twin.base.writing import write_json, write_whole
 from twin.thesis import chapter9
-from twin.thesis.chapter8 import THESIS_COLUMNS
+from twin.thesis.chapter8 import THESIS_COLUMNS, read_stored
 from twin.thesis.chapter9 import Row
 from twin.tune.cells import cells as numbers_of
 from twin.tune.cells import read
@@ -190,7 +190,7 @@ def _logs(cells: Sequence[Row], columns: Sequence[str], key: str) -> Array:
 
 def scatter() -> dict[str, float]:
     """By how much each of ``held_out_goals`` differs between the searches, largest less least."""
-    goals = [search["goals"] for search in chapter9.read_stored("chapter_9")["searches"]]
+    goals = [search["goals"] for search in read_stored("chapter_9")["searches"]]
     return {each: float(np.ptp([known[each] for known in goals])) for each in goals[0]}
 
 
@@ -203,7 +203,7 @@ def page(cells: list[Row], confirmed: list[Row]) -> str:
         "experiments",
         figure=FIGURE,
         goals=goals(cells),
-        known=chapter9.read_stored("chapter_9"),
+        known=read_stored("chapter_9"),
         parameters=about.parameters,
         values=dict(zip(about.parameters, ends, strict=True)),
         number=len(numbers_of(about)),
@@ -265,7 +265,7 @@ def keep(found: Path) -> None:
             for group, numbers in new["without"].items()
         },
     }
-    searches = [*(chapter9.read_stored("chapter_9")["searches"] if KEPT.exists() else []), search]
+    searches = [*(read_stored("chapter_9")["searches"] if KEPT.exists() else []), search]
     ends = [
         [chapter9.search_end(each, e.own_group)[1] for e in about.experiments] for each in searches
     ]
@@ -286,7 +286,7 @@ def keep(found: Path) -> None:
         search["goals"] = {goal.sentence: round(goal.value, 4) for goal in held_out_goals(cells)}
     content = {key: new[key] for key in ("parameters", "correlation")} | {"searches": searches}
     write_json(KEPT, content)
-    chapter9.read_stored.cache_clear()
+    read_stored.cache_clear()
 
 
 @click.command()

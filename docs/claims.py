@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from pages import HERE, filled, write
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from docs.pages import HERE, filled, write
 from twin.run.finished import run
 from twin.run.metrics import Ending
 from twin.scenario import Scenario
@@ -214,8 +214,8 @@ def costs() -> list[Cost]:
             apart = np.hypot(*(motions[0].ball - motions[1].ball)[steady].T).max()
             errors = [np.sqrt((each.error[steady] ** 2).sum(axis=1).mean()) for each in motions]
             tilt = np.degrees(np.abs(motions[1].plate[steady]).max())
-            numbers = f"{tilt:.1f}", f"{1000 * apart:.2g}", *(f"{1000 * e:.3g}" for e in errors)
-            found.append((name, omega, *numbers))
+            of_thesis, of_spin = (f"{1000 * e:.3g}" for e in errors)
+            found.append((name, omega, f"{tilt:.1f}", f"{1000 * apart:.2g}", of_thesis, of_spin))
     return found
 
 

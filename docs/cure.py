@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from cure_floor import Screen, floor, least
 from matplotlib.figure import Figure
-from pages import HERE, driven, filled, kept, planned, points, said, write
 
+from docs.cure_floor import Screen, floor, least
+from docs.pages import HERE, driven, filled, kept, planned, points, said, write
 from twin.run.assemble import assemble
 from twin.run.metrics import Motion, tracking_error
 from twin.study.schema import draw_rigs, read_family
@@ -70,7 +70,8 @@ def settings(plan: dict[str, Any], task: dict[str, Any], law: dict[str, Any]) ->
 
 def key(runs: list[Any], judged: str) -> str:
     """What tells runs of one batch and what is judged of them from every other."""
-    how = " ".join(map(inspect.getsource, (simulated, driven, judge)))
+    functions: tuple[Any, ...] = (simulated, driven, judge)
+    how = " ".join(map(inspect.getsource, functions))
     runs_as_text = (each.model_dump_json() for each in runs)
     return digest(" ".join((code(), judged, how, f"{BAND} {EVERY}", *runs_as_text)))
 
@@ -136,7 +137,7 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
     edge, rows = floors(plan, table[FLOOR][-1])
     return filled(
         "cure", plan=plan, table=table, kinds=KINDS, verdict=verdict, said=said,
-        best=lambda task, side: best_of(names, [cell[side] for cell in table[task]]),
+        best=lambda task, side: best_of(names, [cell[:2][side] for cell in table[task]]),
         laws=list(zip(names, zip(*table.values(), strict=True), strict=True)),
         floors=rows, edge=f"{edge:.1%}", floor_task=FLOOR,
     )  # fmt: skip

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from cure import known
-from pages import HERE, filled, planned, said, write
-
+from docs.cure import known
+from docs.pages import HERE, filled, planned, said, write
 from twin.run.assemble import batch_keys
 from twin.scenario.load import load
 

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from cure import KINDS, known, settings
-from cure_family import CURE, LAW, tasks
 from numpy.typing import NDArray
-from pages import HERE, filled, planned, said, write
 
+from docs.cure import KINDS, known, settings
+from docs.cure_family import CURE, LAW, tasks
+from docs.pages import HERE, filled, planned, said, write
 from twin.study.schema import Family, read_family
 from twin.study.work import Builder
 

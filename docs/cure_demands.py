@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import inspect
 import sys
+from functools import partial
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from pages import HERE, driven, filled, kept, planned, write
 
+from docs.pages import HERE, driven, filled, kept, planned, write
 from twin.base.errors import ScenarioError
 from twin.run.assemble import assemble, build_reference
 from twin.study.schema import draw_rigs, read_family
@@ -100,7 +101,8 @@ def moving(number: int) -> list[Run]:
 
     Up to 10 rad/s; the ball rests in the middle, or somewhere else.
     """
-    rng, found, build = np.random.default_rng(5), [], Builder(PLAN["scenario"])
+    rng, build = np.random.default_rng(5), Builder(PLAN["scenario"])
+    found: list[Run] = []
     while len(found) < number:
         omega, size = np.exp(rng.uniform(np.log(0.5), np.log(10), 2)), rng.uniform(0.2, 1.2, 2)
         (a, b), turn = (size * AREA).tolist(), len(found) % 5
@@ -178,8 +180,9 @@ def simulated(runs: list[Run], law: list[str], family: bool) -> list[list[float 
     ticks, blows = np.array([run.tick for run in runs]), np.array([run.blow for run in runs])
 
     def struck(tick: int, _: Any) -> None:
-        if tick and (tick == ticks).any():
-            push(rig, np.where((tick == ticks)[:, None], blows, 0.0))
+        struck_now = np.equal(ticks, tick)
+        if tick and struck_now.any():
+            push(rig, np.where(struck_now[:, None], blows, 0.0))
 
     made = driven(rig, controller, asked[0].duration, keep=struck, every=EVERY)
     record, wished, finished = made
@@ -211,6 +214,11 @@ def lost_from_there(number: int, run: Run, law: list[str], family: bool) -> bool
     return not all(driven(rig, controller, (run.tick + AFTER) * rig.period, keep=pushed)[2])
 
 
+def lost_of(asked: list[tuple[int, Run, list[str], bool]]) -> list[bool]:
+    """The answers of ``lost_from_there`` to its arguments."""
+    return [lost_from_there(*each) for each in asked]
+
+
 def table(
     runs: list[Run], *, family: bool, column: int, laws: tuple[str, ...] = tuple(LAWS)
 ) -> list[tuple[str, ...]]:
@@ -218,20 +226,22 @@ def table(
 
     Then how many of these it loses as well, where it has the ball from the cure.
     """
-    how = " ".join(map(inspect.getsource, (scenarios, push, driven, simulated, lost_from_there)))
-    found = {}
+    functions: tuple[Any, ...] = (scenarios, push, driven, simulated, lost_from_there)
+    how = " ".join(map(inspect.getsource, functions))
+    found: dict[str, list[list[float | None]]] = {}
     for name, law in ((name, LAWS[name]) for name in laws):
         key = digest(f"{code()} {how} {runs} {law} {family} {PLAN['set']}")
-        found[name] = kept("demands", key, lambda law=law: simulated(runs, law, family))
+        found[name] = kept("demands", key, partial(simulated, runs, law, family))
         click.echo(f"{name}: {sum(each[0] is not None for each in found[name])} kept")
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, each in found.items():
-        values = [np.inf if value[column] is None else value[column] for value in each]
+        values = np.array([value[column] for value in each], float)
+        values[np.isnan(values)] = np.inf
         pairs = enumerate(zip(each, found[CURE], strict=True))
         more = [at for at, (own, cure) in pairs if own[0] is not None and cure[0] is None]
         asked = [(at, runs[at], LAWS[name], family) for at in more]
         key = digest(f"{code()} {how} {LAWS[CURE]} {asked}")
-        too = kept("demands", key, lambda asked=asked: [lost_from_there(*each) for each in asked])
+        too = kept("demands", key, partial(lost_of, asked))
         held, median = len(runs) - each.count([None, None]), np.median(values)
         shown = f"{median:.1f}" if np.isfinite(median) else "lost"
         told = ("", "") if name == CURE else (str(len(more)), str(sum(too)))

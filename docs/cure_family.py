@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from cure import KINDS, Cell, cells, known, scenarios, settings
-from cure_floor import least
-from pages import HERE, clopper_pearson, filled, planned, said, write
 
+from docs.cure import KINDS, Cell, cells, known, scenarios, settings
+from docs.cure_floor import least
+from docs.pages import HERE, clopper_pearson, filled, planned, said, write
 from twin.study.schema import FamilyRig, draw_rigs, read_family
 from twin.study.work import Builder
 

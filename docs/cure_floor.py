@@ -56,10 +56,11 @@ def floor(screen: Screen, speed: float) -> float:
     rate = LEFT * speed / (HALF * screen.patch)
     variance = SHARE * (friction * screen.spread) ** 2
     # eta, eta', a, a', w, w'
-    A = np.zeros((6, 6))
+    A: Array = np.zeros((6, 6))
     A[0, 1] = A[1, 4] = A[2, 3] = A[4, 5] = 1
     A[1, 2], A[5, 4], A[5, 5] = model.k1, -(rate**2), -2 * rate
-    B, W = np.zeros((6, 1)), np.zeros((6, 6))
+    B: Array = np.zeros((6, 1))
+    W: Array = np.zeros((6, 6))
     B[3], W[5, 5] = 1, 4 * rate**3 * variance
     seen = np.array([[1, 0, -model.c2, 0, 0, 0]])
     A, B, W = _sampled(A, B, W)

@@ -10,9 +10,9 @@ from typing import Any
 
 import click
 import numpy as np
-from cure import known
-from pages import HERE, clopper_pearson, filled, planned, said, write
 
+from docs.cure import known
+from docs.pages import HERE, clopper_pearson, filled, planned, said, write
 from twin.devices.lumio.config import fit
 from twin.doctor.drives import usual_points
 from twin.study.schema import FamilyRig, draw_rigs, read_family
@@ -58,10 +58,11 @@ def calibrate_screen(rig: FamilyRig, finger_mm: float) -> dict[str, Any]:
     """
     marks = np.array(usual_points())
     misses = np.random.default_rng([rig.seed, 9]).normal(scale=1e-3 * finger_mm, size=marks.shape)
-    turn = np.radians(rig.point[ROTATION_KEY])
+    true_deg = float(rig.point[ROTATION_KEY])
+    turn = np.radians(true_deg)
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     back_deg = fit((marks + misses) @ rotation.T, marks).mounting.turn_deg
-    return rig.point | {ROTATION_KEY: rig.point[ROTATION_KEY] + back_deg}
+    return rig.point | {ROTATION_KEY: true_deg + back_deg}
 
 
 def found(plan: dict[str, Any]) -> dict[str, list[float | None]]:

@@ -11,8 +11,9 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pages import HERE, filled, planned, write
 from PIL import Image
+
+from docs.pages import HERE, filled, planned, write
 
 WIDTH, HEIGHT = 320, 200
 COLUMNS = 2

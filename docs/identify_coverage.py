@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pages import HERE, filled, kept, wilson, write
 
 from controllers.arrays import Array
+from docs.pages import HERE, filled, kept, wilson, write
 from twin.cli.output import progress
 from twin.identify.any_rig import identify_any
 from twin.identify.logs import read_any, wanted_columns
@@ -62,7 +62,8 @@ def log_of(seed: int, rig: Mapping[str, float]) -> tuple[Array, Array, Array]:
     fast = min(3.0, 0.3 / delay)
     stiff = (fast**2 + rig["camber"]) / (rig["gain"] * slow)
     damped = 1.6 * fast / (rig["gain"] * slow**2)
-    return axis_log(seed, seconds=SECONDS, stiff=stiff, damped=damped, **rig)
+    settings: dict[str, Any] = {**rig}
+    return axis_log(seed, seconds=SECONDS, stiff=stiff, damped=damped, **settings)
 
 
 def axis_log(

@@ -7,11 +7,11 @@ is a row of the fault matrix, judged as that is.
 
 from __future__ import annotations
 
-import importlib
 import math
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -43,9 +43,18 @@ LEVEL, STILL = math.radians(0.3), 0.02
 """Plate angle in rad and rate in rad/s that count as level and standing."""
 
 
-sys.path.insert(0, str(EXAMPLE))
-ARDUINO, BOARD = map(importlib.import_module, ("arduino", "board"))
-sys.path.pop(0)
+def module_of(file: Path) -> Any:
+    """A program of the example, which is in no package, as a module."""
+    about = spec_from_file_location(file.stem, file)
+    if about is None or about.loader is None:
+        raise ImportError(f"{file}: no Python file")
+    found = module_from_spec(about)
+    sys.modules[file.stem] = found  # its dataclasses find themselves there
+    about.loader.exec_module(found)
+    return found
+
+
+ARDUINO, BOARD = (module_of(EXAMPLE / f"{name}.py") for name in ("arduino", "board"))
 
 
 class Line:
@@ -197,7 +206,12 @@ NOBODY, HOST, STOP, WATCHDOG = "nobody", "host's levelling", "`stop`", "board's 
 
 def sets(**values: Any) -> Callable[[Line], None]:
     """A fault that is attributes of the line."""
-    return lambda line: [setattr(line, name, value) for name, value in values.items()] and None
+
+    def change(line: Line) -> None:
+        for name, value in values.items():
+            setattr(line, name, value)
+
+    return change
 
 
 def scaled(factor: float) -> Callable[[str], str]:

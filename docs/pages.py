@@ -94,7 +94,7 @@ def driven(
     controller: Controller,
     duration: float,
     keep: Callable[[int, Measurement], None] | None = None,
-    channels: Sequence[str] = ("state",),
+    channels: tuple[str, ...] = ("state",),
     every: int = 1,
 ) -> tuple[Recorder, Array, list[bool]]:
     """What rigs of a batch did: the record, where their balls were to be, and who finished.

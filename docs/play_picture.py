@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import FloatRect, Locator, Page, sync_playwright
 
 HERE = Path(__file__).parent
 CHROMIUM = "/usr/bin/chromium"
@@ -51,21 +51,35 @@ def drive(page: Page) -> None:
     drag(page, (-60, 60), (-150, -50))
     friction = page.get_by_test_id("plant.friction.rolling_mm")
     page.wait_for_function(PASSED, arg=9.0)
-    friction.click(position={"x": friction.bounding_box()["width"] * 0.6, "y": 5})
+    friction.click(position={"x": box_of(friction)["width"] * 0.6, "y": 5})
     drag(page, (-150, -50), (150, 70))
     page.wait_for_function(PASSED, arg=13.5)
     page.get_by_test_id("pause").click()
     plate = page.locator(PLATE)
-    ball = tuple(1000 * float(plate.get_attribute(f"data-{axis}")) for axis in "xy")
+    x, y = (1000 * number_of(plate, f"data-{axis}") for axis in "xy")
     page.get_by_test_id("pause").click()
-    drag(page, ball, (ball[0] - 30, ball[1] - 40), steps=3)
-    page.wait_for_function(PASSED, arg=float(plate.get_attribute("data-time")) + 0.6)
+    drag(page, (x, y), (x - 30, y - 40), steps=3)
+    page.wait_for_function(PASSED, arg=number_of(plate, "data-time") + 0.6)
     page.mouse.move(5, 5)
+
+
+def box_of(element: Locator) -> FloatRect:
+    """Where an element is on the page, pixels."""
+    found = element.bounding_box()
+    assert found is not None, "not visible"
+    return found
+
+
+def number_of(element: Locator, attribute: str) -> float:
+    """An attribute of an element as a number."""
+    found = element.get_attribute(attribute)
+    assert found is not None, attribute
+    return float(found)
 
 
 def drag(page: Page, begin: tuple[float, float], end: tuple[float, float], steps: int = 20) -> None:
     """Drag from one place of the plate, mm, to another."""
-    box = page.locator(PLATE).bounding_box()
+    box = box_of(page.locator(PLATE))
     scale = min(box["width"] / 708, box["height"] / 403)
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     for step in range(steps + 1):

@@ -9,9 +9,8 @@ import inspect
 import re
 from collections.abc import Iterable, Sequence
 
-import own_faults
-from pages import HERE, filled, write
-
+from docs import own_faults
+from docs.pages import HERE, filled, write
 from twin.base.jobs import cores
 from twin.cli.output import progress
 from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS

@@ -2,8 +2,7 @@
 
 from itertools import groupby
 
-from pages import HERE, filled, write
-
+from docs.pages import HERE, filled, write
 from twin.base.followers import FREE, PARTS, Effect, Followers
 from twin.scenario.describe import about, every_kind, find_keys
 from twin.scenario.schema import REGISTER, left_out

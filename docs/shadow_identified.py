@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 import pandas as pd
-from pages import HERE, filled, kept, wilson, write
-from shadow_trials import (
+
+from docs.pages import HERE, filled, kept, wilson, write
+from docs.shadow_trials import (
     AT,
     DURATION,
     FAMILY,
@@ -38,7 +39,6 @@ from shadow_trials import (
     judged_rigs,
     slowly,
 )
-
 from twin.base.errors import TwinError
 from twin.base.jobs import cores, results
 from twin.cli.output import progress
@@ -373,6 +373,6 @@ def main(rigs: int, fresh: int) -> None:
 
 if __name__ == "__main__":
     # what other processes work on has to lie in a module
-    from shadow_identified import main as of_module
+    from docs.shadow_identified import main as of_module
 
     of_module()

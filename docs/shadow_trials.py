@@ -19,10 +19,10 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 import pandas as pd
-from pages import HERE, filled, kept, planned
 from scipy import stats
 
 from controllers.arrays import Array
+from docs.pages import HERE, filled, kept, planned
 from twin.base.jobs import cores, results
 from twin.base.writing import write_whole
 from twin.cli.options import PROCESSES
@@ -337,7 +337,10 @@ def _jobs(each: int, hours: float, laws: int, watch: float) -> Iterator[Job]:
 def _watched_jobs(count: int) -> Iterator[Job]:
     """As many healthy rigs with uneven and with even screens, to be watched for false alarms."""
     drawn = drawn_rigs(read_family(FAMILY), WATCHED_DRAW, count) if count else []
-    points = {"uneven": [each.point for each in drawn], "even": [None] * count}
+    points: dict[str, list[Drawn | None]] = {
+        "uneven": [each.point for each in drawn],
+        "even": [None] * count,
+    }
     for screens, first in WATCHED.items():
         rigs = [Member(first + n, HEALTHY, point) for n, point in enumerate(points[screens])]
         for place, scenario in enumerate(HEALTHY_SCENARIOS):
@@ -559,6 +562,6 @@ def main(
 
 if __name__ == "__main__":
     # what other processes work on has to lie in a module
-    from shadow_trials import main as of_module
+    from docs.shadow_trials import main as of_module
 
     of_module()

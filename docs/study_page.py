@@ -3,9 +3,8 @@
 import sys
 from pathlib import Path
 
-from pages import HERE, filled
-
 from ballplate import study
+from docs.pages import HERE, filled
 from twin.base.page import markdown
 from twin.base.writing import write_whole
 from twin.study import report

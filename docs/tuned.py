@@ -16,8 +16,8 @@ from typing import Any
 import click
 import numpy as np
 from matplotlib.figure import Figure
-from pages import HERE, filled, kept, planned, points, said, write
 
+from docs.pages import HERE, filled, kept, planned, points, said, write
 from twin.study.experiments import Store, executors
 from twin.study.work import code, digest
 from twin.tune.search import carry_out_tune

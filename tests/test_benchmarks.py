@@ -1,4 +1,4 @@
-"""What the page of performance says of measurements on several machines and days."""
+"""`benchmarks`: What the page of performance says of measurements on several machines and days."""
 
 from pathlib import Path
 

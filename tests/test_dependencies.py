@@ -1,4 +1,6 @@
-"""A long test that has passed runs again when anything it depends on changes, and only then."""
+"""`twin`.
+
+A long test that has passed runs again when anything it depends on changes, and only then."""
 
 from functools import cache
 

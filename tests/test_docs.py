@@ -1,4 +1,6 @@
-"""The pages for maintainers: what they show works, and every generated page can be made again."""
+"""`docs`.
+
+The pages for maintainers: what they show works, and every generated page can be made again."""
 
 import importlib.util
 import re
@@ -13,6 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from controllers import catalog as catalog_module
+from docs import code_lines, cure, cure_attacks, regenerate, tuned
 from twin.cli import ballplate
 from twin.cli.runs import new
 from twin.run.finished import run
@@ -39,26 +42,7 @@ WRITTEN = {
 SMOOTH = "plant.friction.rolling_mm=0"
 
 
-def script(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(autouse=True)
-def beside(monkeypatch):
-    """The scripts find each other, as where they are run."""
-    monkeypatch.syspath_prepend(ROOT / "docs")
-
-
-@pytest.fixture(scope="module")
-def regenerate():
-    return script("regenerate")
-
-
 def test_the_page_about_the_cure_hides_no_lost_ball_and_no_missed_goal():
-    cure = script("cure")
     plan = cure.planned("cure")
     plan = {**plan, "laws": plan["laws"][:2], "tasks": plan["tasks"][:2], "rigs": 2}
     plan["noises"] = 2
@@ -76,10 +60,9 @@ def test_the_page_about_the_cure_hides_no_lost_ball_and_no_missed_goal():
 
 
 def test_the_page_of_attacks_on_the_cure_hides_no_lost_ball_and_every_attack_is_a_scenario():
-    attacks = script("cure_attacks")
     plan = tomllib.loads((ROOT / "docs" / "cure_attacks.toml").read_text(encoding="utf-8"))
-    page = attacks.filled(
-        "cure_attacks", plan=plan, table={"one": [0.123, None]}, said=attacks.said
+    page = cure_attacks.filled(
+        "cure_attacks", plan=plan, table={"one": [0.123, None]}, said=cure_attacks.said
     )
     assert "| one | 0.12 | - |" in page
     every = {
@@ -95,11 +78,6 @@ def certified(failures, cost, median):
     tasks = dict.fromkeys(("circle", "line", "hold", "step"), task)
     found = {"failures": failures, "failure_rate_below": 0.2, "cost": cost, "tasks": tasks}
     return found | {"rigs": 12}
-
-
-@pytest.fixture
-def tuned():
-    return script("tuned")
 
 
 @pytest.fixture
@@ -121,7 +99,7 @@ def found(plan):
     }  # fmt: skip
 
 
-def test_the_page_of_the_tuned_laws_hides_no_lost_ball(tuned, plan, found):
+def test_the_page_of_the_tuned_laws_hides_no_lost_ball(plan, found):
     page = tuned.page(plan, found, tuned.asked(plan)["AFL, thesis"])
     assert "| AFL, thesis | 12 → 0 (below 20 %) | - → 9 | - → 4, 8 |" in page
     assert "| AFL, friction known | 0 → 1 (below 20 %) | 3 → - | 2, 4 → 1, 2 |" in page
@@ -131,7 +109,7 @@ def test_the_page_of_the_tuned_laws_hides_no_lost_ball(tuned, plan, found):
     assert "Fewer candidates" not in page
 
 
-def test_every_law_of_that_page_has_a_tune_of_its_own_and_the_same_budget(tuned, plan):
+def test_every_law_of_that_page_has_a_tune_of_its_own_and_the_same_budget(plan):
     tunes = tuned.asked(plan)
     assert list(tunes) == [law["name"] for law in plan["laws"]]
     assert len({tune.model_dump_json() for tune in tunes.values()}) == len(tunes)
@@ -140,7 +118,7 @@ def test_every_law_of_that_page_has_a_tune_of_its_own_and_the_same_budget(tuned,
 
 
 @pytest.mark.parametrize("more", ["eta = 2", "round = 4", "tail = 0.2", "certificate_draw = 9"])
-def test_a_law_that_is_given_more_than_the_others_makes_no_page(tuned, plan, tmp_path, more):
+def test_a_law_that_is_given_more_than_the_others_makes_no_page(plan, tmp_path, more):
     title = 'title = "more"\nlike = "afl"\n'
     (tmp_path / "more.toml").write_text(f"{title}{more}\n", encoding="utf-8")
     law = {"name": "favourite", "tune": str(tmp_path / "more.toml")}
@@ -157,19 +135,19 @@ def test_a_law_that_is_given_more_than_the_others_makes_no_page(tuned, plan, tmp
     ],
     ids=["candidates", "rigs", "fresh rigs"],
 )
-def test_a_result_of_more_than_the_budget_makes_no_page(tuned, plan, found, more):
+def test_a_result_of_more_than_the_budget_makes_no_page(plan, found, more):
     found["AFL, thesis"] |= more
     with pytest.raises(click.ClickException, match="AFL, thesis: not the budget of the others"):
         tuned.page(plan, found, tuned.asked(plan)["AFL, thesis"])
 
 
-def test_a_law_that_ran_fewer_candidates_is_named(tuned, plan, found):
+def test_a_law_that_ran_fewer_candidates_is_named(plan, found):
     found["AFL, thesis"]["candidates"] = [{"rigs": 0}] * 5 + [{"rigs": 4}] * 20
     assert tuned.fewer(plan, found) == ["AFL, thesis (20)"]
 
 
 def test_a_result_of_the_tuned_laws_is_kept_only_while_all_that_a_search_reads_is_the_same(
-    tuned, plan, monkeypatch
+    plan, monkeypatch
 ):
     tune = tuned.asked(plan)["AFL, thesis"]
     keys = [tuned.key(tune), tuned.key(tuned.asked(plan | {"candidates": 25})["AFL, thesis"])]
@@ -202,7 +180,6 @@ def test_a_result_of_the_tuned_laws_is_kept_only_while_all_that_a_search_reads_i
 
 
 def test_what_is_kept_for_the_page_of_the_cure_has_all_that_it_depends_on_in_its_key(monkeypatch):
-    cure = script("cure")
     plan = cure.planned("cure")
     plan = plan | {"rigs": 1, "noises": 1, "laws": plan["laws"][:1]}
     task = plan["tasks"][0]
@@ -231,7 +208,6 @@ def test_what_is_kept_for_the_page_of_the_cure_has_all_that_it_depends_on_in_its
 
 @pytest.mark.parametrize("number", [4, 6])
 def test_every_law_of_the_page_about_the_cure_is_made_for_a_task(number):
-    cure = script("cure")
     plan = cure.planned("cure") | {"rigs": 1}
     runs = cure.scenarios(plan, plan["tasks"][number])
     assert len(runs) == (plan["noises"] + 1) * len(plan["laws"])
@@ -239,7 +215,7 @@ def test_every_law_of_the_page_about_the_cure_is_made_for_a_task(number):
     assert {"stable_inversion", "tvlqr", "internal_model", "iterative_learning", "mpc"} < kinds
 
 
-def test_every_file_of_docs_is_written_by_hand_or_made_by_one_command(regenerate):
+def test_every_file_of_docs_is_written_by_hand_or_made_by_one_command():
     docs = ROOT / "docs"
     made = [
         path
@@ -262,7 +238,7 @@ def test_no_page_is_longer_than_250_lines():
     assert {name: count for name, count in lines.items() if count > 250} == {}
 
 
-def test_every_command_that_makes_a_page_can_be_parsed(regenerate):
+def test_every_command_that_makes_a_page_can_be_parsed():
     for page in regenerate.PAGES.values():
         name, *arguments = page.command
         if name.endswith(".py"):
@@ -278,7 +254,7 @@ def test_every_command_that_makes_a_page_can_be_parsed(regenerate):
         command.make_context(name, list(arguments))
 
 
-def test_a_page_of_an_unknown_name_is_refused_and_the_known_ones_are_listed(regenerate):
+def test_a_page_of_an_unknown_name_is_refused_and_the_known_ones_are_listed():
     with pytest.raises(click.BadParameter, match=r"'saftey' is not .*'safety'"):
         regenerate.main.make_context("regenerate", ["saftey"])
 
@@ -354,13 +330,12 @@ def test_the_reference_of_the_page_is_found_and_followed(dropped, scenario):
 
 @pytest.mark.long
 def test_the_lines_that_the_architecture_gives_a_layer_are_those_it_has_within_a_tenth():
-    lines = script("code_lines")
     text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    rows = {places: int(said.replace(",", "")) for places, said in lines.ROW.findall(text)}
+    rows = {places: int(count.replace(",", "")) for places, count in code_lines.ROW.findall(text)}
     layers = (ROOT / "src" / "twin").glob("*/__init__.py")
     assert {f"src/twin/{each.parent.name}" for each in layers} <= set(rows)
-    for places, said in rows.items():
-        assert said == pytest.approx(lines.counted(places), rel=0.1), places
+    for places, count in rows.items():
+        assert count == pytest.approx(code_lines.counted(places), rel=0.1), places
 
 
 def test_every_change_of_a_scenario_that_a_page_shows_is_accepted(dropped, tmp_path):

@@ -1,4 +1,4 @@
-"""Other packages of our names are told from ours."""
+"""`twin.installation`: Other packages of our names are told from ours."""
 
 import subprocess
 import sys

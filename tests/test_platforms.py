@@ -1,4 +1,6 @@
-"""What needs no rig runs where there is no POSIX: its modules are imported where they are used."""
+"""`twin`.
+
+What needs no rig runs where there is no POSIX: its modules are imported where they are used."""
 
 import subprocess
 import sys

@@ -1,3 +1,5 @@
+"""Tests of `twin.cli`."""
+
 import importlib
 import re
 import tomllib

@@ -1,4 +1,4 @@
-"""The tests with deadlines by the clock have the machine for themselves."""
+"""`twin`: The tests with deadlines by the clock have the machine for themselves."""
 
 import subprocess
 import sys

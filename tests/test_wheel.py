@@ -1,3 +1,5 @@
+"""Tests of `ballplate`."""
+
 import json
 import os
 import shutil

@@ -1,13 +1,5 @@
 """A digital twin of a cam-driven ball-and-plate rig, for scripts and notebooks.
 
-::
-
-    import ballplate as bp
-
-    result = bp.run("circle", controller={"kind": "lqr"}, duration=12)
-    result.metrics["tracking_error_percent"]
-    result.plot()
-
 Runs: ``run``, ``compare``, ``sweep``, ``study``; they do what the commands of these names do, bit
 for bit. What was recorded: ``load``, ``identify``. A rig to step with a controller of one's own:
 ``rig``; a control law out of a function: ``law``. The model behind it: ``model``, and the classes
@@ -18,6 +10,15 @@ What there is to run and to set: ``scenarios``, ``describe``.
 SI units; the last axis of an array is the vector, all leading axes are rigs or instants. A mistake
 is a ``TwinError`` of one line: what, where, and what is allowed. Importing this package loads no
 numerical library: what works with one loads it when called.
+
+Examples:
+    >>> import ballplate as bp
+    >>> result = bp.run("circle", controller={"kind": "lqr"}, duration=2)
+    >>> result.outcome
+    'finished'
+    >>> f"{result.metrics['tracking_error_percent']:.0f} %"
+    '100 %'
+    >>> figure = result.plot()  # path of the ball, error, plate angles, effort
 """
 
 from __future__ import annotations

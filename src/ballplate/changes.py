@@ -34,6 +34,13 @@ class Changes(TypedDict, total=False):
     A table changes only the keys it names. ``controller``, ``observer`` and ``reference`` take a
     table with its ``kind``, a kind alone, or an object or class of ``ballplate.laws``,
     ``ballplate.observers``, ``ballplate.references`` or of your own.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> changes: bp.Changes = {"controller": "lqr", "plant": {"friction": {"rolling_mm": 0.1}}}
+        >>> done = bp.run("hold", ["plant.kind=lagrange"], duration=0.1, **changes)
+        >>> done.scenario.controller.kind, done.scenario.plant.friction.rolling_mm
+        ('lqr', 0.1)
     """
 
     title: str
@@ -237,6 +244,14 @@ class Keys(list["Key"]):
 
     Attributes:
         sentence: What the law, observer or reference is; empty for anything else.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> keys = bp.describe("kalman")
+        >>> type(keys) is bp.Keys, keys.sentence
+        (True, 'Linear observer with the gain that is best for white disturbance and noise.')
+        >>> [each.key for each in keys]
+        ['observer.Q', 'observer.R']
     """
 
     sentence = ""
@@ -268,6 +283,14 @@ def describe(name: str = "") -> Keys:
 
     Raises:
         ScenarioError: If there is nothing of that name.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> bp.describe("rolling_mm")
+        plant.friction.rolling_mm = 0.18 mm
+        >>> (key,) = bp.describe("rolling_mm")
+        >>> key.default, key.unit, key.allowed
+        (0.18, 'mm', '>= 0, <= 10')
     """
     from twin.scenario.describe import about, find_keys
 
@@ -279,7 +302,13 @@ def describe(name: str = "") -> Keys:
 
 
 def scenarios() -> dict[str, str]:
-    """The shipped scenarios: name to title."""
+    """The shipped scenarios: name to title.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> bp.scenarios()["circle"]
+        'Circle of 150 mm at 0.75 rad/s'
+    """
     return titles(shipped_scenarios())
 
 
@@ -299,6 +328,14 @@ def model(
 
     Raises:
         TwinError: If there is no such scenario, or anything in it is unknown or out of range.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> A, B, C = bp.model().linear()
+        >>> A.shape, B.shape, C.shape
+        ((8, 8), (8, 2), (4, 8))
+        >>> round(float(A[1, 2]), 3)  # m/s^2 of the ball per rad of phi: 3/5 of gravity
+        5.886
     """
     from controllers.ballplate import BallPlate
 
@@ -314,16 +351,6 @@ LAW_ARGUMENTS = ("t", "x", "reference")
 def law(function: Callable[..., Any]) -> type[Law]:
     """A law that commands what a function gives.
 
-    ::
-
-        @bp.law
-        def pd(t, x, reference, *, kp=6.0, kd=5.0):
-            r = reference(t)
-            goal = (kp * (r[0] - x[..., 0::4]) + kd * (r[1] - x[..., 1::4])) / 5.886
-            return 100 * (goal * [1, -1] - x[..., 2::4]) - 20 * x[..., 3::4]
-
-        bp.run("circle", controller=pd)
-
     Args:
         function: From time in s, state (..., 8) and reference to plate accelerations (phi'',
             theta'') in rad/s^2, shape (..., 2). Its keywords with defaults are the law's settings,
@@ -331,6 +358,18 @@ def law(function: Callable[..., Any]) -> type[Law]:
 
     Raises:
         ScenarioError: If it takes other arguments, or a setting has no default.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> @bp.law
+        ... def pd(t, x, reference, *, kp=6.0, kd=5.0):
+        ...     r = reference(t)
+        ...     goal = (kp * (r[0] - x[..., 0::4]) + kd * (r[1] - x[..., 1::4])) / 5.886
+        ...     return 100 * (goal * [1, -1] - x[..., 2::4]) - 20 * x[..., 3::4]
+        >>> pd(kp=8.0)
+        pd(kp=8.0, kd=5.0)
+        >>> bp.run("hold", ["plant.kind=lagrange"], controller=pd(kp=8.0), duration=0.1).outcome
+        'finished'
     """
     from controllers.interfaces import Law
 

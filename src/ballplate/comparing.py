@@ -43,6 +43,15 @@ class Comparison(Mapping[str, "Result"]):
         interrupted: Whether Ctrl-C ended it before all had run.
         folder: Where it was saved as the runs came; None for nowhere.
         logs: Which of them are logs, by label.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> settings = {"plant.kind": "lagrange", "duration": 0.5}
+        >>> found = bp.compare("circle", "sine", settings=settings)
+        >>> list(found), found["circle"].units["measured_x"]
+        (['circle', 'sine'], 'm')
+        >>> found["sine"].outcome
+        'finished'
     """
 
     runs: Mapping[str, Result]
@@ -185,6 +194,16 @@ def compare(
         TwinError: If there is no such scenario, run or log, or anything in it is unknown, out of
             range or cannot be assembled, or the folder cannot be written.
         KeyboardInterrupt: If the user interrupts before any has run.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> settings = {"plant.kind": "lagrange", "duration": 4}
+        >>> laws = {"controller.kind": ["afl", "lqr"]}
+        >>> found = bp.compare("circle", vary=laws, settings=settings)
+        >>> for label, metrics in found.metrics.items():
+        ...     print(f"{label}: tracking error {metrics['tracking_error_percent']:.0f} %")
+        controller.kind=afl: tracking error 30 %
+        controller.kind=lqr: tracking error 53 %
     """
     if not sources:
         raise ScenarioError("compare: name a scenario or give a result")
@@ -412,6 +431,12 @@ def load(path: str | Path) -> Result | Comparison | Log:
 
     Raises:
         TwinError: If it cannot be opened: what is wrong with it, or which column it lacks.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> folder = bp.run("hold", ["plant.kind=lagrange"], duration=0.1).save("kept")
+        >>> bp.load(folder)
+        <Result 'Hold on the centre (plant.kind=lagrange, duration=0.1)': finished>
     """
     from ballplate.results import Log, Result
     from twin.identify import logs

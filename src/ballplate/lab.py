@@ -1,4 +1,16 @@
-"""Labs from a program: an answer is judged as ``ballplate lab check`` does."""
+r"""Answers of labs are assessed from a program, as ``ballplate lab check`` does.
+
+Examples:
+    >>> from pathlib import Path
+    >>> import ballplate as bp
+    >>> file = Path("answer.toml")
+    >>> _ = file.write_text("[predictor]\ndelai = 0.05\n")  # misspelt
+    >>> found = bp.lab.check("deadtime", file, student="ann")
+    >>> found["score"], found["max_score"]
+    (0.0, 10.0)
+    >>> print(found["results"][0]["cause"]["rationale"])
+    answer.toml: predictor.delai: may not be set (allowed: predictor.delay, observer.poles)
+"""
 
 from __future__ import annotations
 

@@ -25,7 +25,17 @@ LINE_EVERY = 10.0
 
 
 class BallplateWarning(UserWarning):
-    """Something is allowed but not wise, as an unstable loop."""
+    """Something is allowed but not wise, as an unstable loop.
+
+    Examples:
+        >>> import warnings
+        >>> import ballplate as bp
+        >>> with warnings.catch_warnings(record=True) as caught:
+        ...     warnings.simplefilter("always", bp.BallplateWarning)
+        ...     done = bp.run("circle", ["plant.kind=lagrange", "reference.omega=5"], duration=1)
+        >>> print(caught[0].message)
+        reference: it asks for up to 3.99 m/s^2, a plate at 10 deg gives 1.02: no law can follow it
+    """
 
 
 class Advance(Protocol):
@@ -36,7 +46,17 @@ class Advance(Protocol):
 
 
 class Reporter:
-    """Shows no progress and passes warnings on to Python's; subclass it to show more."""
+    """Shows no progress and passes warnings on to Python's; subclass it to show more.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> class Printed(bp.Reporter):
+        ...     def warn(self, message):
+        ...         print("Warning:", message)
+        >>> settings = ["plant.kind=lagrange", "reference.omega=5"]
+        >>> done = bp.run("circle", settings, duration=1, reporter=Printed())
+        Warning: reference: it asks for up to 3.99 m/s^2, a plate at 10 deg gives 1.02: no law ...
+    """
 
     def progress(self, what: str, total: float, unit: str = "") -> AbstractContextManager[Advance]:
         """The progress of some work, shown within the context.

@@ -31,6 +31,16 @@ class Result(Run):
         label: What it ran on, as ``honest twin``; of an opened run its name.
         baseline: The same controller on the clean model; None if that did not run.
         beside: Further runs of its table and picture, by name.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> done = bp.run("circle", ["plant.kind=lagrange"], duration=2)
+        >>> done.outcome, done.ball.shape, done.units["measured_x"]
+        ('finished', (1000, 2), 'm')
+        >>> f"{done.metrics['phi_max_deg']:.1f} deg"
+        '0.3 deg'
+        >>> done.export("circle.csv").name
+        'circle.csv'
     """
 
     label: str
@@ -195,6 +205,13 @@ class Log(Signals):
         name: Its file's name.
         rows: Column name to values, shape (K,).
         units: Column name to unit.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> done = bp.run("hold", ["plant.kind=lagrange"], duration=0.1)
+        >>> log = bp.load(done.export("log.csv"))
+        >>> log.name, log["measured_x"].shape, log.units["measured_x"]
+        ('log.csv', (50,), 'm')
     """
 
     name: str
@@ -212,6 +229,14 @@ class Identified:
 
     Attributes:
         found: The fit with its intervals, checks on what was held out, and notes.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> done = bp.run("excite", ["plant.kind=lagrange"], duration=10)
+        >>> found = bp.identify(done, "rolling", hold_out=0.3)
+        >>> found.sentences[1]
+        'Identified: friction.rolling_mm.'
+        >>> again = bp.run("circle", found.settings, duration=0.1)
     """
 
     found: Identification
@@ -288,6 +313,13 @@ def identify(
 
     Raises:
         TwinError: If the log cannot be read, or nothing can be learned from it.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> done = bp.run("excite", ["plant.kind=lagrange"], duration=10)  # its arm is 0.18 mm
+        >>> (rolling,) = bp.identify(done, "rolling", hold_out=0.3).verdicts
+        >>> print(f"{rolling.value:.2f} {rolling.about.unit}, {rolling.word}")
+        0.18 mm, identified
     """
     from twin.identify.logs import ball_factor, ball_heights, read_any, wanted_columns
     from twin.identify.parameters import PLAIN_PARAMETERS, chosen

@@ -45,6 +45,17 @@ class Rig:
             ``controller.command(measurement).rate``, then ``controller.applied(applied)``.
         measurement: The newest: ``y`` = (x, phi, y, theta), shape (N, 4), m and rad.
         applied: Plate rates that were applied in the last step, rad/s, shape (N, 2).
+
+    Examples:
+        >>> import ballplate as bp
+        >>> with bp.rig("circle", ["plant.kind=lagrange"], duration=0.5) as rig:
+        ...     while not rig.done:  # the scenario's own controller, as in run
+        ...         rate = rig.controller.command(rig.measurement).rate
+        ...         _ = rig.step(rate)
+        ...         _ = rig.controller.applied(rig.applied)
+        >>> done = bp.run("circle", ["plant.kind=lagrange"], duration=0.5)
+        >>> bool((rig.result()["true_x"] == done["true_x"]).all())
+        True
     """
 
     measurement: Measurement
@@ -217,13 +228,6 @@ def rig(
 ) -> Rig:
     """Simulated rigs to step with a controller of one's own.
 
-    ::
-
-        with ballplate.rig("circle", count=16) as rig:
-            while not rig.done:
-                x, phi, y, theta = rig.measurement.y.T
-                rig.step(...)
-
     Args:
         scenario: A shipped scenario or a TOML file; or several, one per rig, which must agree in
             engine, step, control period and duration.
@@ -235,6 +239,15 @@ def rig(
     Raises:
         TwinError: If there is no such scenario, or anything in it is unknown, out of range or
             cannot be assembled.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> with bp.rig("hold", ["plant.kind=lagrange"], count=16, duration=0.2) as rig:
+        ...     while not rig.done:
+        ...         x, phi, y, theta = rig.measurement.y.T
+        ...         _ = rig.step(-8 * rig.measurement.y[:, 1::2])  # keeps the plates level
+        >>> rig.measurement.y.shape, rig.result(15).outcome
+        ((16, 4), 'finished')
     """
     names = [scenario] if isinstance(scenario, str | Path) else list(scenario or ())
     if not names:
@@ -288,6 +301,13 @@ def fmu(
     Raises:
         TwinError: If there is no such scenario, the exact equations cannot follow it, or the file
             cannot be written.
+
+    Examples:
+        >>> import zipfile
+        >>> import ballplate as bp
+        >>> file = bp.fmu("circle", "rig.fmu")
+        >>> "modelDescription.xml" in zipfile.ZipFile(file).namelist()
+        True
     """
     path = Path(file)
     if path.suffix != ".fmu":

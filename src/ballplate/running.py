@@ -79,6 +79,11 @@ def run(
     Raises:
         TwinError: If there is no such scenario, or anything in it is unknown, out of range or
             cannot be assembled: one line that says what, where, and what is allowed.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> bp.run("circle", ["plant.kind=lagrange"], controller={"kind": "lqr"}, duration=4)
+        <Result 'Circle ... (...controller.kind=lqr, duration=4)': finished, tracking error 53.4 %>
     """
     report = reporter or default()
     find(str(scenario))  # a wrong name is told before anything heavy is imported

@@ -77,6 +77,16 @@ class Symbolic:
         dead_time: Of the ball's position, as a controller of the scenario assumes it, s.
         period: Control period in s.
         width: Over which friction is smoothed, m/s.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> model = bp.symbolic("circle")
+        >>> model.names["u"], model.units["phi_acc"]
+        (('phi_acc', 'theta_acc'), 'rad/s^2')
+        >>> model.bounds["x"]
+        (-0.25, 0.25)
+        >>> model.delayed().periods  # the dead time of the screen, in control periods
+        21
     """
 
     x: Any
@@ -171,6 +181,14 @@ def symbolic(
     Raises:
         TwinError: If there is no such scenario, a number is out of range, CasADi is lacking, or the
             ball of the scenario has no free spin to be a state.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> model = bp.symbolic("circle", ["plant.friction.rolling_mm=0"])
+        >>> at_rest = [0, 0, 0.01, 0, 0, 0, 0, 0]  # the plate is tilted by phi = 0.01 rad
+        >>> rate = model.f(at_rest, [0, 0], model.nominal)
+        >>> round(float(rate[1]), 4)  # m/s^2 of the ball along x
+        0.0589
     """
     with extra("casadi", "symbolic"):
         import casadi as ca

@@ -44,6 +44,15 @@ class Sweep:
         keys: What was varied.
         points: The values of the keys, one tuple a run; of a table what tells it from the others.
         rows: The indicators of each run, as ``Result.summary``.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> settings = {"plant.kind": "lagrange", "duration": 1}
+        >>> found = bp.sweep("circle", {"reference.omega": [0.5, 0.75]}, settings=settings)
+        >>> found
+        <Sweep 'Circle of 150 mm ...' over reference.omega: 2 runs>
+        >>> found["outcome"]
+        ['finished', 'finished']
     """
 
     title: str
@@ -191,8 +200,6 @@ def sweep(
 ) -> Sweep:
     """Run a scenario for every combination of values; each run is that of ``run``.
 
-    ``sweep("circle", {"plant.friction.rolling_mm": np.linspace(0, 0.5, 6)}).plot()``
-
     Args:
         scenario: A shipped scenario, or a TOML file.
         vary: Dotted key, or a table as ``controller``, to the values that it takes; or texts
@@ -208,6 +215,13 @@ def sweep(
             cannot be assembled.
         KeyboardInterrupt: If the user interrupts before any run has ended; later, what has ended
             is kept.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> settings = {"plant.kind": "lagrange", "duration": 4}
+        >>> found = bp.sweep("circle", {"plant.friction.rolling_mm": [0, 0.2]}, settings=settings)
+        >>> [f"{error:.0f} %" for error in found["tracking_error_percent"]]
+        ['0 %', '32 %']
     """
     find(str(scenario))  # a wrong name is told before anything heavy is imported
     from twin.scenario.load import comparison, headings
@@ -262,6 +276,23 @@ class StudyResult:
         work: Its runs, with the study as it was asked.
         rows: Key, outcome, reason and indicators of every run, as an Arrow table.
         answers: Statistics, one per variant.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> from pathlib import Path
+        >>> file = Path("own.toml")
+        >>> _ = file.write_text('''
+        ... title = "Speed of the circle"
+        ... scenario = "circle"
+        ... set = ["plant.kind=lagrange", "baseline=false", "duration=1.0"]
+        ... method = "grid"
+        ... [parameters."reference.omega"]
+        ... values = [0.5, 1.0]
+        ... unit = "rad/s"
+        ... ''')
+        >>> found = bp.study(file, seeds=1, processes=1)
+        >>> found.title, len(found.to_pandas()), len(found.answers)
+        ('Speed of the circle', 2, 1)
     """
 
     work: Work
@@ -335,6 +366,23 @@ def study(
 
     Raises:
         TwinError: If there is no such study, or anything in it is unknown or out of range.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> from pathlib import Path
+        >>> file = Path("own.toml")
+        >>> _ = file.write_text('''
+        ... title = "Rolling friction"
+        ... scenario = "circle"
+        ... set = ["plant.kind=lagrange", "baseline=false", "duration=1.0"]
+        ... method = "grid"
+        ... [parameters."plant.friction.rolling_mm"]
+        ... values = [0.1, 0.2]
+        ... unit = "mm"
+        ... ''')
+        >>> rows = bp.study(file, seeds=1, processes=1).to_pandas()
+        >>> rows["outcome"].tolist()
+        ['finished', 'finished']
     """
     from twin.study.experiments import Store, carry, executors
     from twin.study.report import answers

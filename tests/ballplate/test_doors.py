@@ -1,4 +1,4 @@
-"""One circle through every door: the same commands move the ball along the same path.
+"""`ballplate`: One circle through every door: the same commands move the ball along the same path.
 
 A door is a function from a ``Circle`` to the path of its ball, and a row of ``DOORS``. That the
 command line writes the files of the package is in ``test_run.py``.

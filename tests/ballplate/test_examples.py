@@ -1,4 +1,4 @@
-"""The examples, and what docs/python.md shows of the package, run as they stand."""
+"""`ballplate`: The examples, and what docs/python.md shows of the package, run as they stand."""
 
 import re
 import subprocess

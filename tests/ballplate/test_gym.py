@@ -1,4 +1,6 @@
-"""Environments of Gymnasium: the rigs of a run, bit for bit, by the rules of Gymnasium."""
+"""`ballplate.gym`.
+
+Environments of Gymnasium: the rigs of a run, bit for bit, by the rules of Gymnasium."""
 
 import subprocess
 import sys

@@ -1,4 +1,6 @@
-"""What is told of a rig after its run, and what stays of one that is killed."""
+"""`ballplate.hardware`.
+
+What is told of a rig after its run, and what stays of one that is killed."""
 
 import multiprocessing
 import os

@@ -1,4 +1,6 @@
-"""A mistake in Python is the line of the command as an exception, before anything runs."""
+"""`ballplate.gym`.
+
+A mistake in Python is the line of the command as an exception, before anything runs."""
 
 from pathlib import Path
 

@@ -1,4 +1,6 @@
-"""What runs give: columns with units, tables, pictures, folders, and a look in a notebook."""
+"""`ballplate.results`.
+
+What runs give: columns with units, tables, pictures, folders, and a look in a notebook."""
 
 import re
 from html.parser import HTMLParser

@@ -1,4 +1,4 @@
-"""A rig stepped by hand does what a run does with the same controller."""
+"""`ballplate`: A rig stepped by hand does what a run does with the same controller."""
 
 import numpy as np
 import pytest

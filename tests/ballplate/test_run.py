@@ -1,4 +1,6 @@
-"""`ballplate.run` does what the command does, to the bit; what it changes is said in Python."""
+"""`ballplate`.
+
+`ballplate.run` does what the command does, to the bit; what it changes is said in Python."""
 
 import json
 import re

@@ -1,4 +1,6 @@
-"""The symbols of the equations, held against the numpy model that everything else uses."""
+"""`ballplate`.
+
+The symbols of the equations, held against the numpy model that everything else uses."""
 
 import math
 import sys

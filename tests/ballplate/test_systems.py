@@ -1,4 +1,6 @@
-"""The systems for python-control are the rig's: its figures come out of them from outside."""
+"""`ballplate.systems`.
+
+The systems for python-control are the rig's: its figures come out of them from outside."""
 
 import control
 import numpy as np

@@ -1,3 +1,5 @@
+"""Tests of `twin.base.data_file`."""
+
 import time
 
 import pytest

@@ -1,3 +1,5 @@
+"""Tests of `twin.base.jobs`."""
+
 import contextlib
 import multiprocessing
 import os

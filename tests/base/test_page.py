@@ -1,3 +1,5 @@
+"""Tests of `twin.base.page`."""
+
 import re
 from io import StringIO
 

@@ -1,3 +1,5 @@
+"""Tests of `twin.cli.understand`."""
+
 import json
 
 import numpy as np

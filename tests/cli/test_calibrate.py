@@ -1,4 +1,4 @@
-"""The commands that calibrate, as a person types them."""
+"""`twin.cli.rig`: The commands that calibrate, as a person types them."""
 
 import json
 

@@ -1,4 +1,6 @@
-"""The command line as a whole: how it begins, what it refuses, what it says meanwhile."""
+"""`twin.cli.output`.
+
+The command line as a whole: how it begins, what it refuses, what it says meanwhile."""
 
 import io
 import json

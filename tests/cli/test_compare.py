@@ -1,4 +1,6 @@
-"""The compare command: variants, scenarios, finished runs and logs side by side."""
+"""`twin.cli.output`.
+
+The compare command: variants, scenarios, finished runs and logs side by side."""
 
 import json
 from pathlib import Path

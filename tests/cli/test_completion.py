@@ -1,4 +1,4 @@
-"""What the Tab key offers, and that it comes fast."""
+"""`twin.cli.options`: What the Tab key offers, and that it comes fast."""
 
 import shutil
 import subprocess

@@ -1,4 +1,6 @@
-"""What is kept of a run, on a busy computer and where it is killed: whole, or it says so."""
+"""`twin.cli`.
+
+What is kept of a run, on a busy computer and where it is killed: whole, or it says so."""
 
 import multiprocessing
 import os

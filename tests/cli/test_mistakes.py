@@ -1,4 +1,6 @@
-"""What a command cannot do is one line and exit code 2; nothing is printed, run or written."""
+"""`twin.cli`.
+
+What a command cannot do is one line and exit code 2; nothing is printed, run or written."""
 
 from pathlib import Path
 

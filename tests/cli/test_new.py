@@ -1,4 +1,4 @@
-"""What `ballplate new` writes works, and a file of one's own is taken in."""
+"""`twin.cli.runs`: What `ballplate new` writes works, and a file of one's own is taken in."""
 
 import importlib
 import json

@@ -1,4 +1,4 @@
-"""What is finished stays, and what cannot be is told in one line."""
+"""`twin.cli`: What is finished stays, and what cannot be is told in one line."""
 
 import os
 import signal

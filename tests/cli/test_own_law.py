@@ -1,4 +1,6 @@
-"""A law of one's own is a law: its record says what it was, and opens where it is not."""
+"""`twin.cli`.
+
+A law of one's own is a law: its record says what it was, and opens where it is not."""
 
 import importlib
 import json

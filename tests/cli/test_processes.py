@@ -1,4 +1,4 @@
-"""Commands on one processor and on several, ended early and left to end."""
+"""`twin.cli`: Commands on one processor and on several, ended early and left to end."""
 
 import json
 import os

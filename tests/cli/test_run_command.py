@@ -1,4 +1,4 @@
-"""The run command: what it prints and what it leaves."""
+"""`twin.cli`: The run command: what it prints and what it leaves."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""A command starts fast: it imports nothing heavy before it needs it."""
+"""`twin.cli`: A command starts fast: it imports nothing heavy before it needs it."""
 
 import json
 import os

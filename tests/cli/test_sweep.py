@@ -1,3 +1,5 @@
+"""Tests of `twin.cli`."""
+
 import csv
 import json
 

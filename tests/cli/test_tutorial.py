@@ -1,4 +1,4 @@
-"""The pages for beginners: typed as they stand, they print what they say."""
+"""`twin.cli`: The pages for beginners: typed as they stand, they print what they say."""
 
 import os
 import re

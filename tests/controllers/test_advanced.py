@@ -1,4 +1,4 @@
-"""Laws beyond the thesis, each against its own equations."""
+"""`controllers.advanced`: Laws beyond the thesis, each against its own equations."""
 
 import math
 import sys

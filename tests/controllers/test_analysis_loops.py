@@ -1,3 +1,5 @@
+"""Tests of `controllers.analysis`."""
+
 import re
 from dataclasses import dataclass
 

@@ -1,3 +1,5 @@
+"""Tests of `controllers.classical`."""
+
 import math
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,3 +1,5 @@
+"""Tests of `controllers.ballplate`."""
+
 import math
 
 import casadi as ca

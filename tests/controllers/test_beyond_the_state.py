@@ -1,4 +1,6 @@
-"""What a law may know beyond the state: handed over, refused, recorded, the same in a batch."""
+"""`controllers.references`.
+
+What a law may know beyond the state: handed over, refused, recorded, the same in a batch."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,6 @@
-"""Files of users in controllers/ and laws of outside packages, whole and broken."""
+"""`controllers.catalog`.
+
+Files of users in controllers/ and laws of outside packages, whole and broken."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The laws of the thesis, each against its own equations."""
+"""`controllers.classical`: The laws of the thesis, each against its own equations."""
 
 from functools import cache
 

@@ -1,3 +1,5 @@
+"""Tests of `controllers.ballplate`."""
+
 import numpy as np
 import pytest
 

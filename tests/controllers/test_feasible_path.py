@@ -1,3 +1,5 @@
+"""Tests of `controllers.references`."""
+
 from itertools import accumulate
 
 import daqp

@@ -1,4 +1,6 @@
-"""Observers of a rolling ball's friction, and of its map, on balls that obey what they assume."""
+"""`controllers.observers.friction`.
+
+Observers of a rolling ball's friction, and of its map, on balls that obey what they assume."""
 
 import copy
 

@@ -1,4 +1,6 @@
-"""A law with a period of its own, against the sampled-data loop that python-control designs."""
+"""`controllers.controller`.
+
+A law with a period of its own, against the sampled-data loop that python-control designs."""
 
 from dataclasses import dataclass, field
 

@@ -1,3 +1,5 @@
+"""Tests of `controllers.classical`."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,4 +1,4 @@
-"""What holds for every observer."""
+"""`controllers.observers`: What holds for every observer."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""Joins and piecewise polynomials are scipy's, which takes long to import."""
+"""`controllers.references`.
+
+Joins and piecewise polynomials are scipy's, which takes long to import."""
 
 import numpy as np
 import pytest

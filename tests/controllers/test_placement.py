@@ -1,3 +1,5 @@
+"""Tests of `controllers.design`."""
+
 import numpy as np
 import pytest
 import scipy

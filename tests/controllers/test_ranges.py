@@ -1,4 +1,6 @@
-"""Every range holds: of laws, observers and references for objects and for scenarios alike."""
+"""`controllers`.
+
+Every range holds: of laws, observers and references for objects and for scenarios alike."""
 
 import math
 import re

@@ -1,3 +1,5 @@
+"""Tests of `controllers.references`."""
+
 import itertools
 import math
 

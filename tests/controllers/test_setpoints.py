@@ -1,4 +1,6 @@
-"""Goals one after the other: how smooth the path is, where it stays, and what is refused."""
+"""`controllers.references`.
+
+Goals one after the other: how smooth the path is, where it stays, and what is refused."""
 
 import numpy as np
 import pytest

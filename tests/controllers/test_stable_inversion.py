@@ -1,3 +1,5 @@
+"""Tests of `controllers.stable_inversion`."""
+
 import math
 
 import numpy as np

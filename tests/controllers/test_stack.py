@@ -1,3 +1,5 @@
+"""Tests of `controllers.controller`."""
+
 import numpy as np
 import pytest
 from observing import measured

@@ -1,4 +1,4 @@
-"""The observers of the thesis, each against its own equations."""
+"""`controllers.observers`: The observers of the thesis, each against its own equations."""
 
 import numpy as np
 import pytest

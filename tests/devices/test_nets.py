@@ -1,4 +1,6 @@
-"""Safety nets of a rig file: absurd values are refused by name, relaxed ones are told."""
+"""`twin.devices`.
+
+Safety nets of a rig file: absurd values are refused by name, relaxed ones are told."""
 
 import math
 import re

@@ -1,4 +1,6 @@
-"""Hardware of one's own: what fails in it is told and ends with the plate held."""
+"""`twin.devices.own`.
+
+Hardware of one's own: what fails in it is told and ends with the plate held."""
 
 import contextlib
 import json

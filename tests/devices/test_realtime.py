@@ -1,3 +1,5 @@
+"""Tests of `twin.devices.realtime`."""
+
 import ctypes
 import gc
 import os

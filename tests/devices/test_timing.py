@@ -1,3 +1,5 @@
+"""Tests of `twin.devices.realtime`."""
+
 import numpy as np
 import pytest
 from hypothesis import given

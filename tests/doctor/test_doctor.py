@@ -1,4 +1,6 @@
-"""The doctor on emulated devices: in bus time where it can, on the wire once."""
+"""`twin.doctor.drives`.
+
+The doctor on emulated devices: in bus time where it can, on the wire once."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The slow triangle on emulated drives, in bus time."""
+"""`twin.doctor.drives`: The slow triangle on emulated drives, in bus time."""
 
 import numpy as np
 import pytest

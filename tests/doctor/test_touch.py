@@ -1,4 +1,4 @@
-"""The doctor on the touch screen: port, panels, protocol, calibration."""
+"""`twin.doctor`: The doctor on the touch screen: port, panels, protocol, calibration."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""The emulated bus: what it does to frames, and what it makes of a computer that is late."""
+"""`twin.emulator.can_bus`.
+
+The emulated bus: what it does to frames, and what it makes of a computer that is late."""
 
 import subprocess
 import sys

@@ -1,4 +1,6 @@
-"""The trace of an emulated rig gives again what its run recorded, in words and as a log."""
+"""`twin.emulator.lockstep`.
+
+The trace of an emulated rig gives again what its run recorded, in words and as a log."""
 
 import json
 import re

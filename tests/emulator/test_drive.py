@@ -1,3 +1,5 @@
+"""Tests of `twin.emulator.drive`."""
+
 import math
 import struct
 

@@ -1,4 +1,6 @@
-"""Two readings of one drive, the host's object dictionary and the emulated drive's, side by side.
+"""`twin.emulator.drive_objects`.
+
+Two readings of one drive, the host's object dictionary and the emulated drive's, side by side.
 
 They were written apart. Either one with a wrong index or type must be noticed: by the comparison
 here, and by the bring-up where it uses the object.

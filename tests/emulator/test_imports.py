@@ -1,4 +1,6 @@
-"""What the emulator may know: nothing of the host's reading of the protocol, and no one system."""
+"""`twin.emulator`.
+
+What the emulator may know: nothing of the host's reading of the protocol, and no one system."""
 
 import ast
 import multiprocessing

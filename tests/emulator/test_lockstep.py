@@ -1,4 +1,6 @@
-"""The rig of the hardware on emulated devices in bus time: the same loop, every byte."""
+"""`twin.emulator.lockstep`.
+
+The rig of the hardware on emulated devices in bus time: the same loop, every byte."""
 
 from types import MethodType
 

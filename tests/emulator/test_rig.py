@@ -1,4 +1,4 @@
-"""Whole runs over the wire: real ports, real bytes, real processes.
+"""`twin.emulator.serve`: Whole runs over the wire: real ports, real bytes, real processes.
 
 The host's watches are relaxed here, as host and rig share a busy machine: how soon the host detects
 a fault with its own thresholds is judged in virtual time by tests/safety. What the drives do by

@@ -1,3 +1,5 @@
+"""Tests of `twin.emulator.screen`."""
+
 import time
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Tests of `twin.emulator`."""
+
 import os
 import random
 import re

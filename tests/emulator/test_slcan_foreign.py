@@ -1,4 +1,6 @@
-"""The emulated LAWICEL adapter with a host that is not ours: python-can's stock slcan bus."""
+"""`twin.emulator`.
+
+The emulated LAWICEL adapter with a host that is not ours: python-can's stock slcan bus."""
 
 import time
 

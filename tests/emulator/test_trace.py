@@ -1,4 +1,4 @@
-"""What an emulated rig truly does, seen from outside."""
+"""`twin.emulator`: What an emulated rig truly does, seen from outside."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""What can be done to what is said on the wires: bits, frames of others, lost power, lateness."""
+"""`twin.emulator`.
+
+What can be done to what is said on the wires: bits, frames of others, lost power, lateness."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The C rig under the twin's own loop, law and observer, for the whole circle."""
+"""`twin.fmu`: The C rig under the twin's own loop, law and observer, for the whole circle."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""A controller FMU of either version, compiled here, against the same feedback in Python."""
+"""`twin.fmu`.
+
+A controller FMU of either version, compiled here, against the same feedback in Python."""
 
 import inspect
 import re

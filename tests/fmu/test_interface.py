@@ -1,4 +1,6 @@
-"""An FMU as importers see it: valid, complete, simulated, saved, restored; what it refuses."""
+"""`twin.fmu.export`.
+
+An FMU as importers see it: valid, complete, simulated, saved, restored; what it refuses."""
 
 import ctypes
 import json

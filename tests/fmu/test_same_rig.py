@@ -1,4 +1,6 @@
-"""The C rig against the twin's exact plant, drives, sensors and supervisor, effect by effect."""
+"""`twin.fmu.export`.
+
+The C rig against the twin's exact plant, drives, sensors and supervisor, effect by effect."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""twin.hal.agreement: motors and plate turn together, or how they do not."""
+"""`twin.hal.agreement`: motors and plate turn together, or how they do not."""
 
 import numpy as np
 import pytest

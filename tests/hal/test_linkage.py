@@ -1,4 +1,6 @@
-"""Cranks and rods: closed forms against the closed loop in space, and what locks."""
+"""`twin.hal.linkage`.
+
+Cranks and rods: closed forms against the closed loop in space, and what locks."""
 
 import re
 

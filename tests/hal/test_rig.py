@@ -1,4 +1,4 @@
-"""The contract every rig behind the seam keeps."""
+"""`twin.hal.rig`: The contract every rig behind the seam keeps."""
 
 import numpy as np
 import pytest

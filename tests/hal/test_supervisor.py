@@ -1,4 +1,4 @@
-"""Any sequence of events, against the table read as sentences."""
+"""`twin.hal.supervisor`: Any sequence of events, against the table read as sentences."""
 
 import numpy as np
 import pytest

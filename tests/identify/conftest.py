@@ -1,15 +1,10 @@
 """Logs that tests write, break and read."""
 
 import csv
-import importlib
-import sys
-from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
-identify_coverage = importlib.import_module("identify_coverage")
-sys.path.pop(0)
+from docs import identify_coverage
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Logs of rigs that are none of ours: read, fitted, judged and refused."""
+"""`twin.identify.any_rig`: Logs of rigs that are none of ours: read, fitted, judged and refused."""
 
 from __future__ import annotations
 
@@ -736,12 +736,23 @@ def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not REAL.is_dir(), reason="the logs of other people's rigs are not here")
-def test_a_real_log_gives_the_gain_of_its_ball_and_says_what_it_is_worth():
-    log = read_any(REAL / "run_20260928T140759Z.csv", wanted_columns(REAL_COLUMNS))
+def test_a_log_with_a_camera_s_gaps_gives_the_gain_of_its_ball(axis_log, tmp_path):
+    """In the form of a rig with a camera: degrees, millisecond gaps, frames without a ball."""
+    gain, lost = 0.6 * 9.81, np.random.default_rng(3).random(4000) < 0.05
+    x, y = (
+        axis_log(seed, seconds=25, gain=gain, dead_time=0.14, lag=0.13, stiff=0.3, damped=0.3)
+        for seed in (1, 2)
+    )
+    file = tmp_path / "run.csv"
+    with file.open("w", encoding="utf-8") as out:
+        out.write("t_s,mode,detected,x_m,y_m,theta_x_ACTUATE_deg,theta_y_ACTUATE_deg\n")
+        for t, a, u, b, v, gap in zip(*x, *y[1:], lost, strict=False):
+            where = (0.0, 0.0) if gap else (a, b)
+            cells = (*where, np.degrees(u), -np.degrees(v))
+            out.write(f"{t:.4f},1,{int(not gap)},{','.join(f'{each:.5f}' for each in cells)}\n")
+    log = read_any(file, wanted_columns(REAL_COLUMNS))
     fit = fit_axis(log.axes["x"], ("gain", "dead_time", "lag", "level", "friction"), 2.5, (0, 0.5))
-    gain = fit.value("gain") / fit.problem.tilt.scale
-    assert gain == pytest.approx(0.6 * 9.81, rel=0.2)  # its README: 1.00 times
+    assert fit.value("gain") / fit.problem.tilt.scale == pytest.approx(gain, rel=0.2)
     assert fit.value("dead_time") + fit.value("lag") == pytest.approx(0.27, abs=0.08)
 
 

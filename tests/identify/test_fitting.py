@@ -1,4 +1,4 @@
-"""What a fit is made of: servo, replay, intervals and verdicts."""
+"""`twin.identify.prepare`: What a fit is made of: servo, replay, intervals and verdicts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Logs of other programs: the first bytes decide what a file is, and damaged rows are left out."""
+"""`twin.identify.logs`.
+
+Logs of other programs: the first bytes decide what a file is, and damaged rows are left out."""
 
 import gzip
 import io

@@ -1,4 +1,4 @@
-"""Identification finds what made a log and says what it cannot know."""
+"""`twin.identify.judged`: Identification finds what made a log and says what it cannot know."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""How often the intervals cover the truth, over runs whose parameters the fit does not know."""
+"""`twin.identify.judged`.
+
+How often the intervals cover the truth, over runs whose parameters the fit does not know."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What can be no log of the rig is refused in one line."""
+"""`twin.identify.logs`: What can be no log of the rig is refused in one line."""
 
 from __future__ import annotations
 

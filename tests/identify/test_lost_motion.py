@@ -1,4 +1,6 @@
-"""Lost motion is found with the number put in, by its shape, and none where there is none."""
+"""`twin.identify.plate_motion`.
+
+Lost motion is found with the number put in, by its shape, and none where there is none."""
 
 import numpy as np
 import pytest

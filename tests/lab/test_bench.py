@@ -1,4 +1,6 @@
-"""The public benchmark: how it scores, what it refuses, and that what differs is seen."""
+"""`twin.lab.bench`.
+
+The public benchmark: how it scores, what it refuses, and that what differs is seen."""
 
 import contextlib
 import hashlib

@@ -1,4 +1,6 @@
-"""A class's answers: mutants, mixtures and worse, graded, killed, gone on with; and their pages."""
+"""`twin.lab.grade`.
+
+A class's answers: mutants, mixtures and worse, graded, killed, gone on with; and their pages."""
 
 import csv
 import os

@@ -1,4 +1,6 @@
-"""What the system refuses an answer, tried by harmless calls; tests of twin.lab.confinement."""
+"""`twin.lab.confinement`.
+
+What the system refuses an answer, tried by harmless calls; tests of twin.lab.confinement."""
 
 import errno
 import os

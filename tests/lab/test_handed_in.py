@@ -1,4 +1,6 @@
-"""What a class hands in, file by file and name by name; tests of twin.lab.handed_in."""
+"""`twin.lab.handed_in`.
+
+What a class hands in, file by file and name by name; tests of twin.lab.handed_in."""
 
 import csv
 import io

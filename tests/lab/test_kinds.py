@@ -1,4 +1,6 @@
-"""Answers that are observers and functions: the same bits, one line for what goes wrong."""
+"""`twin.lab.process`.
+
+Answers that are observers and functions: the same bits, one line for what goes wrong."""
 
 import os
 import pwd

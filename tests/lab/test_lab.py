@@ -1,4 +1,4 @@
-"""A lab: what its files may say, whose rig is whose, and what an answer gets."""
+"""`twin.lab.grade`: A lab: what its files may say, whose rig is whose, and what an answer gets."""
 
 import hashlib
 import json

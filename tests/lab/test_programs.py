@@ -1,4 +1,6 @@
-"""Answers that are programs in any language: told numbers, say numbers, within the same limits."""
+"""`twin.lab.process`.
+
+Answers that are programs in any language: told numbers, say numbers, within the same limits."""
 
 import shutil
 import subprocess

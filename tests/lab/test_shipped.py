@@ -1,4 +1,6 @@
-"""The shipped labs: whole, their starters made from their solutions, and rigs that matter."""
+"""`twin.lab`.
+
+The shipped labs: whole, their starters made from their solutions, and rigs that matter."""
 
 import re
 from pathlib import Path

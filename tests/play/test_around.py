@@ -1,4 +1,6 @@
-"""What stands around a driven rig: who may ask, who drives, the clock, the sliders, the command."""
+"""`twin.play.serve`.
+
+What stands around a driven rig: who may ask, who drives, the clock, the sliders, the command."""
 
 import asyncio
 import logging

@@ -1,4 +1,6 @@
-"""The page in a real browser without a window: dragging, clicking, looking on, and who is refused.
+"""`twin.play`.
+
+The page in a real browser without a window: dragging, clicking, looking on, and who is refused.
 
 Needs Chromium at /usr/bin/chromium (Debian: apt-get install chromium); without it these fail.
 """
@@ -14,7 +16,6 @@ import urllib.error
 import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
-from runpy import run_path
 from threading import Thread
 
 import numpy as np
@@ -22,6 +23,7 @@ import psutil
 import pytest
 from playwright.sync_api import expect, sync_playwright
 
+from docs.play_picture import drag
 from twin.run.finished import open_run
 from twin.whatif.futures import moment_of
 
@@ -36,7 +38,6 @@ QUIET = (
     "--disable-component-update",
     "--disable-sync",
 )
-drag = run_path(str(Path(__file__).parents[2] / "docs" / "play_picture.py"))["drag"]
 CALL = (sys.executable, "-c", "from twin.cli import main; main()", "play")
 PATIENCE = 60.0
 """Seconds that a busy machine is given for what takes one or two."""

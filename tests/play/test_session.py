@@ -1,4 +1,6 @@
-"""A driven rig: events act at once, nothing else differs from a run, going back is exact."""
+"""`twin.play.session`.
+
+A driven rig: events act at once, nothing else differs from a run, going back is exact."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One builder: N scenarios make N rigs, and each is what it is alone."""
+"""`twin.run.assemble`: One builder: N scenarios make N rigs, and each is what it is alone."""
 
 from functools import cache
 

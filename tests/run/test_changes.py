@@ -1,4 +1,6 @@
-"""[[change]]: what a scenario changes of its rig while it runs, on both plants."""
+"""`twin.run`.
+
+[[change]]: what a scenario changes of its rig while it runs, on both plants."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""A law that takes its time: what that costs, told alike however long it is said to take."""
+"""`twin.run.loop`.
+
+A law that takes its time: what that costs, told alike however long it is said to take."""
 
 import time
 from dataclasses import dataclass

@@ -1,4 +1,6 @@
-"""What a real rig knows of its cams comes from its file or the package, never from a simulation."""
+"""`twin.run.connect`.
+
+What a real rig knows of its cams comes from its file or the package, never from a simulation."""
 
 import numpy as np
 import pytest

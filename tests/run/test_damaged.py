@@ -1,4 +1,6 @@
-"""Damaged and hostile records: each is noticed in one line, and none fills the memory."""
+"""`twin.run.files`.
+
+Damaged and hostile records: each is noticed in one line, and none fills the memory."""
 
 import time
 

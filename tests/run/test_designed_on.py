@@ -1,4 +1,6 @@
-"""The ball that law, observer and predictor are designed on is the one their designer knows."""
+"""`twin.run.assemble`.
+
+The ball that law, observer and predictor are designed on is the one their designer knows."""
 
 import json
 from types import SimpleNamespace

@@ -1,4 +1,6 @@
-"""Rigs that begin again while others go on: nobody's bits depend on who begins when beside him."""
+"""`twin.run.loop`.
+
+Rigs that begin again while others go on: nobody's bits depend on who begins when beside him."""
 
 import numpy as np
 import pytest

@@ -1,3 +1,5 @@
+"""Tests of `twin.run.files`."""
+
 import json
 import re
 import subprocess

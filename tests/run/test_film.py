@@ -1,4 +1,6 @@
-"""Moving pictures: what they show is what was recorded, and they are the same each time."""
+"""`twin.run.film`.
+
+Moving pictures: what they show is what was recorded, and they are the same each time."""
 
 import os
 import subprocess

@@ -1,3 +1,5 @@
+"""Tests of `twin.run.files`."""
+
 import os
 from pathlib import Path
 

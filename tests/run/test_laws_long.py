@@ -1,4 +1,6 @@
-"""The laws on the plants they were not designed on, and each on every observer's estimate."""
+"""`twin.run`.
+
+The laws on the plants they were not designed on, and each on every observer's estimate."""
 
 import numpy as np
 import pytest

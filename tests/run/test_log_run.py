@@ -1,4 +1,4 @@
-"""A log without a scenario of its own, laid over what the twin predicts."""
+"""`twin.run.finished`: A log without a scenario of its own, laid over what the twin predicts."""
 
 import csv
 

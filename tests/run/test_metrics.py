@@ -1,3 +1,5 @@
+"""Tests of `twin.run.metrics`."""
+
 import numpy as np
 import pytest
 from hypothesis import given

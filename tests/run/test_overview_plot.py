@@ -1,3 +1,5 @@
+"""Tests of `twin.run.picture`."""
+
 from dataclasses import replace
 from unittest import mock
 

@@ -1,3 +1,5 @@
+"""Tests of `twin.run.record`."""
+
 import json
 
 import numpy as np

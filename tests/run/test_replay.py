@@ -1,3 +1,5 @@
+"""Tests of `twin.run.finished`."""
+
 import json
 import shutil
 

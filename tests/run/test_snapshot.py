@@ -1,4 +1,6 @@
-"""Snapshots: what goes on after one is restored is the uninterrupted run, to the last bit."""
+"""`twin.run.assemble`.
+
+Snapshots: what goes on after one is restored is the uninterrupted run, to the last bit."""
 
 import numpy as np
 import pytest

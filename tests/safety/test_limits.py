@@ -1,4 +1,4 @@
-"""The limits of the fault matrix against motions computed here."""
+"""`twin.safety.faults`: The limits of the fault matrix against motions computed here."""
 
 import numpy as np
 import pytest

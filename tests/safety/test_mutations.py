@@ -1,4 +1,6 @@
-"""The fault matrix can fail: without what a row relies on it turns bad, and for that reason.
+"""`twin.safety`.
+
+The fault matrix can fail: without what a row relies on it turns bad, and for that reason.
 
 A row that stays good without what it relies on proves nothing: one line of defence after the other
 is taken away, and every row that relies on it must turn bad.

@@ -1,4 +1,4 @@
-"""Who stopped a rig and when it stood, from motions written down here."""
+"""`twin.safety.trial`: Who stopped a rig and when it stood, from motions written down here."""
 
 import numpy as np
 import pytest

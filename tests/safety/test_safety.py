@@ -1,4 +1,4 @@
-"""The fault matrix, row by row, and its document."""
+"""`twin.safety.faults`: The fault matrix, row by row, and its document."""
 
 import importlib
 import json
@@ -6,7 +6,6 @@ import pkgutil
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from runpy import run_path
 from types import SimpleNamespace
 
 import pytest
@@ -14,6 +13,8 @@ from click.testing import CliRunner
 
 import twin.devices
 import twin.hal
+from docs import own_faults, pages
+from docs import safety as safety_page
 from twin.cli.rig import safety
 from twin.devices.own import OWN_CONDITIONS
 from twin.hal.interface import Condition, Severity
@@ -26,10 +27,7 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "safety.md"
 
 def document(rows, own=()):
     """Both pages that ``docs/safety.py`` writes of rows, file name to text."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(DOCUMENT.parent)
-        text = run_path(str(DOCUMENT.with_suffix(".py")))["document"](rows, own)
-        return run_path(str(DOCUMENT.parent / "pages.py"))["parts"](DOCUMENT.name, text)
+    return pages.parts(DOCUMENT.name, safety_page.document(rows, own))
 
 
 MATRIX = "## Measured"
@@ -38,10 +36,8 @@ measured = cache(run_case)
 """A row of the matrix; virtual time makes it the same on every run."""
 
 
-OWN = run_path(str(DOCUMENT.with_name("own_faults.py")))
-"""The rows of hardware of one's own."""
-
-own_measured = cache(OWN["carried_out"])
+own_measured = cache(own_faults.carried_out)
+"""A row of the matrix of hardware of one's own."""
 
 
 def conditions():
@@ -110,7 +106,7 @@ def test_the_document_has_exactly_the_conditions_that_the_code_has():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("row", OWN["ROWS"], ids=lambda row: row.name)
+@pytest.mark.parametrize("row", own_faults.ROWS, ids=lambda row: row.name)
 def test_a_fault_of_hardware_of_ones_own_is_detected_in_time_and_ends_level(row):
     assert own_measured(row).good, own_measured(row)
 
@@ -129,16 +125,15 @@ def test_a_fault_of_hardware_of_ones_own_is_detected_in_time_and_ends_level(row)
     ],
 )
 def test_a_row_of_hardware_of_ones_own_is_bad_without_its_net(row, broken, failures, monkeypatch):
-    (chosen,) = (each for each in OWN["ROWS"] if each.name == row)
-    scope = OWN["carried_out"].__globals__
-    monkeypatch.setitem(scope, "CONFIG", replace(OWN["CONFIG"], **dict([broken])))
-    assert failures <= set(OWN["carried_out"](chosen).failures)
+    (chosen,) = (each for each in own_faults.ROWS if each.name == row)
+    monkeypatch.setattr(own_faults, "CONFIG", replace(own_faults.CONFIG, **dict([broken])))
+    assert failures <= set(own_faults.carried_out(chosen).failures)
 
 
 def test_every_condition_has_a_row_in_the_matrix():
     expected = {id(case.expected) for case in CASES}
     assert [each.name for each in conditions() if id(each) not in expected] == []
-    own = {row.expected.name for row in OWN["ROWS"] if row.expected}
+    own = {row.expected.name for row in own_faults.ROWS if row.expected}
     assert [each.name for each in OWN_CONDITIONS if each.name not in own] == []
 
 
@@ -157,7 +152,7 @@ def test_the_document_in_the_repository_has_the_states_and_conditions_of_the_cod
 @pytest.mark.long
 def test_the_document_in_the_repository_is_the_one_that_the_command_writes():
     rows = [measured(index) for index in range(len(CASES))]
-    for name, page in document(rows, [own_measured(row) for row in OWN["ROWS"]]).items():
+    for name, page in document(rows, [own_measured(row) for row in own_faults.ROWS]).items():
         assert DOCUMENT.with_name(name).read_text(encoding="utf-8") == page
 
 

@@ -1,4 +1,4 @@
-"""The clean model knows nothing of what a scenario says of its rig."""
+"""`twin.scenario.load`: The clean model knows nothing of what a scenario says of its rig."""
 
 import pytest
 from every_setting import OTHER

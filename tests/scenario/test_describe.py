@@ -1,11 +1,14 @@
+"""Tests of `twin.scenario.describe`."""
+
 import json
 import re
 from pathlib import Path
-from runpy import run_path
 
 import pytest
 from click.testing import CliRunner
 
+from docs import pages
+from docs import settings as settings_page
 from twin.base.errors import ScenarioError
 from twin.base.settings import value_of
 from twin.cli.runs import describe as command
@@ -112,12 +115,11 @@ def test_the_command_prints_words_or_json():
     assert "It has no settings." in told("ideal")
 
 
-def test_the_page_holds_every_key_and_kind_and_is_today_s(monkeypatch):
-    monkeypatch.syspath_prepend(PROJECT / "docs")
-    page = run_path(str(PROJECT / "docs" / "settings.py"))["page"]()
-    pages = run_path(str(PROJECT / "docs" / "pages.py"))["parts"]("settings.md", page)
-    assert len(pages) == 5
-    for name, text in pages.items():
+def test_the_page_holds_every_key_and_kind_and_is_today_s():
+    page = settings_page.page()
+    made = pages.parts("settings.md", page)
+    assert len(made) == 5
+    for name, text in made.items():
         assert text == (PROJECT / "docs" / name).read_text(encoding="utf-8")
     for key in EVERY:
         assert f"| `{key.key}` |" in page

@@ -1,4 +1,4 @@
-"""twin.scenario.passed: a configuration that the doctor has passed, and no other."""
+"""`twin.scenario.passed`: a configuration that the doctor has passed, and no other."""
 
 import json
 

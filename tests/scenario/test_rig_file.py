@@ -1,4 +1,4 @@
-"""Rig files with anything in them: a rig, or one line."""
+"""`twin.scenario.rig`: Rig files with anything in them: a rig, or one line."""
 
 import datetime
 from pathlib import Path

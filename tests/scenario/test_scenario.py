@@ -1,3 +1,5 @@
+"""Tests of `twin.scenario.load`."""
+
 from __future__ import annotations
 
 import pickle

@@ -1,4 +1,6 @@
-"""Every shipped scenario on every shipped rig, its reference as large as that rig has room for."""
+"""`twin.scenario`.
+
+Every shipped scenario on every shipped rig, its reference as large as that rig has room for."""
 
 from functools import cache
 

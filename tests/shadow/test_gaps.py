@@ -1,4 +1,4 @@
-"""What is missing or late in a log is shown, and is evidence of nothing."""
+"""`twin.shadow.evidence`: What is missing or late in a log is shown, and is evidence of nothing."""
 
 from __future__ import annotations
 

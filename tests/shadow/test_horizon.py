@@ -1,4 +1,6 @@
-"""How far a replay strays: the state it begins in, and what forces nobody knows make of it."""
+"""`twin.shadow.horizon`.
+
+How far a replay strays: the state it begins in, and what forces nobody knows make of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""The twin beside a run in progress: says what it says afterwards, and never disturbs the run."""
+"""`twin.shadow.follow`.
+
+The twin beside a run in progress: says what it says afterwards, and never disturbs the run."""
 
 from __future__ import annotations
 

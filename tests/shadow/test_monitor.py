@@ -1,4 +1,6 @@
-"""The sequential tests: what is learned, what adds up to an alarm, and what is none.
+"""`twin.shadow.alarms`.
+
+The sequential tests: what is learned, what adds up to an alarm, and what is none.
 
 Another dead time shows as many small signs: they add up, and a few large ones do not.
 """

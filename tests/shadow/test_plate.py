@@ -1,4 +1,6 @@
-"""The plate's angle as the twin expects it of what was commanded, however fast it is moved."""
+"""`twin.shadow`.
+
+The plate's angle as the twin expects it of what was commanded, however fast it is moved."""
 
 from __future__ import annotations
 

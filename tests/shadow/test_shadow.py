@@ -1,4 +1,6 @@
-"""The twin beside a log: calibrated on healthy rigs, alarmed by changed ones, honest otherwise."""
+"""`twin.shadow.alarms`.
+
+The twin beside a log: calibrated on healthy rigs, alarmed by changed ones, honest otherwise."""
 
 from __future__ import annotations
 

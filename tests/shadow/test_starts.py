@@ -1,4 +1,6 @@
-"""The ball's start is looked for in every window until it suits, and no longer."""
+"""`twin.shadow.evidence`.
+
+The ball's start is looked for in every window until it suits, and no longer."""
 
 from __future__ import annotations
 

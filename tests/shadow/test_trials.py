@@ -1,20 +1,14 @@
-"""The confusion matrix counts what was said of each rig."""
+"""`twin.shadow`: The confusion matrix counts what was said of each rig."""
 
 from __future__ import annotations
-
-import importlib
-import sys
-from pathlib import Path
 
 import pytest
 
 from controllers.catalog import catalog
 from controllers.interfaces import Law
+from docs import shadow_identified as identified
+from docs import shadow_trials as trials
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
-trials = importlib.import_module("shadow_trials")
-identified = importlib.import_module("shadow_identified")
-sys.path.pop(0)
 INJECTED, JUDGED = trials.INJECTED, trials.JUDGED
 HEALTHY, KINDS, LAWS, UNDER_LAWS = trials.HEALTHY, [*trials.KINDS], trials.LAWS, trials.UNDER_LAWS
 page, rig = trials.page, trials.rig

@@ -1,4 +1,4 @@
-"""The level from a log: a rig that stands askew, and the foot to raise."""
+"""`twin.sim`: The level from a log: a rig that stands askew, and the foot to raise."""
 
 import json
 import re

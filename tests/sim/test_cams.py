@@ -1,4 +1,6 @@
-"""Cam tables: against the geometry of discs and wheels, and against the mechanism itself."""
+"""`twin.hal.cams`.
+
+Cam tables: against the geometry of discs and wheels, and against the mechanism itself."""
 
 from __future__ import annotations
 

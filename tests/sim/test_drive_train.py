@@ -1,4 +1,4 @@
-"""What lies between commanded and made motor rates, against closed forms."""
+"""`twin.sim.rig`: What lies between commanded and made motor rates, against closed forms."""
 
 import math
 

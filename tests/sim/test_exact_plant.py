@@ -1,3 +1,5 @@
+"""Tests of `twin.sim.plant.exact`."""
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,4 +1,4 @@
-"""How to add an effect and a plant, done once: what docs/extending.md describes."""
+"""`twin.sim`: How to add an effect and a plant, done once: what docs/extending.md describes."""
 
 from dataclasses import dataclass
 

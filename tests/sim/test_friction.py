@@ -1,4 +1,6 @@
-"""The friction object and the surface map, against their own definitions."""
+"""`twin.sim.plant.friction`.
+
+The friction object and the surface map, against their own definitions."""
 
 from __future__ import annotations
 

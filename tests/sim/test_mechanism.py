@@ -1,4 +1,4 @@
-"""The MuJoCo plant: N mechanisms behind the plant interface."""
+"""`twin.sim.plant.mechanism`: The MuJoCo plant: N mechanisms behind the plant interface."""
 
 from __future__ import annotations
 

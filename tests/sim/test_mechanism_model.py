@@ -1,4 +1,6 @@
-"""The model file as a file: complete, quiet, named, and what its comments say."""
+"""`twin.sim.plant.model`.
+
+The model file as a file: complete, quiet, named, and what its comments say."""
 
 from __future__ import annotations
 

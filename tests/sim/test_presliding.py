@@ -1,4 +1,6 @@
-"""Friction that bends before it slides: Dahl's model against its closed form, on both plants."""
+"""`twin.sim.plant.friction`.
+
+Friction that bends before it slides: Dahl's model against its closed form, on both plants."""
 
 import numpy as np
 import pytest

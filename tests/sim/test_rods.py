@@ -1,4 +1,6 @@
-"""A plate on rods in MuJoCo against closed forms: its angles, torques, energy and its ball."""
+"""`twin.sim.plant.mechanism`.
+
+A plate on rods in MuJoCo against closed forms: its angles, torques, energy and its ball."""
 
 import mujoco
 import numpy as np

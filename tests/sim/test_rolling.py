@@ -1,4 +1,6 @@
-"""Friction as one object: the same closed forms hold on both plants that it drives."""
+"""`twin.sim.plant.friction`.
+
+Friction as one object: the same closed forms hold on both plants that it drives."""
 
 from __future__ import annotations
 

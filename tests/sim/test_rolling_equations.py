@@ -1,4 +1,6 @@
-"""The exact equations held against Newton and Euler of a sphere, in world coordinates."""
+"""`twin.sim.plant.exact`.
+
+The exact equations held against Newton and Euler of a sphere, in world coordinates."""
 
 from __future__ import annotations
 

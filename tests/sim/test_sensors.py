@@ -1,3 +1,5 @@
+"""Tests of `twin.sim.sensors`."""
+
 from dataclasses import replace
 
 import numpy as np

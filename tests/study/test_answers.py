@@ -1,4 +1,4 @@
-"""What a study says of functions whose sensitivity is known in closed form."""
+"""`twin.study.report`: What a study says of functions whose sensitivity is known in closed form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs that share a batch: each gives what it gives alone."""
+"""`twin.study`: Runs that share a batch: each gives what it gives alone."""
 
 from __future__ import annotations
 

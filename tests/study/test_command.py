@@ -1,4 +1,4 @@
-"""The command study as a user sees it."""
+"""`twin.study`: The command study as a user sees it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from runpy import run_path
 
 import pyarrow.parquet as pq
 import pytest
 from command_line import called
+
+from docs import study_page
 
 STUDY = """
 title = "Short study"
@@ -102,10 +103,7 @@ def test_a_summary_for_the_documentation_has_its_pictures_beside_it(
     study, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    docs = Path(__file__).parents[2] / "docs"
-    monkeypatch.syspath_prepend(docs)
-    write = run_path(str(docs / "study_page.py"))["write"]
-    write("short.toml", tmp_path / "pages")
+    study_page.write("short.toml", tmp_path / "pages")
     text = (tmp_path / "pages" / "short.md").read_text(encoding="utf-8")
     assert text.startswith("# Short study")
     assert "(short-curves.svg)" in text

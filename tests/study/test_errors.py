@@ -1,4 +1,6 @@
-"""What a user gets wrong about a study: one clear line, and nothing lost."""
+"""`twin.study.experiments`.
+
+What a user gets wrong about a study: one clear line, and nothing lost."""
 
 from __future__ import annotations
 

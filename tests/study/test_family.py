@@ -1,4 +1,6 @@
-"""The shipped family of uncertain rigs: what is drawn, and that a batch of them is exact."""
+"""`twin.study.schema`.
+
+The shipped family of uncertain rigs: what is drawn, and that a batch of them is exact."""
 
 import json
 

@@ -1,4 +1,6 @@
-"""Error over friction on the exact model, against what linear theory says of it."""
+"""`twin.study.experiments`.
+
+Error over friction on the exact model, against what linear theory says of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A finished run is used again if and only if nothing that it executes has changed."""
+"""`twin.study.work`.
+
+A finished run is used again if and only if nothing that it executes has changed."""
 
 import pytest
 from dependencies import PACKAGES, import_graph

@@ -1,4 +1,4 @@
-"""Studies on several processes and on a cluster, killed at any moment."""
+"""`twin.study.experiments`: Studies on several processes and on a cluster, killed at any moment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Runs kept in a table: interrupted, cut differently, changed, carried out elsewhere."""
+"""`twin.study.work`.
+
+Runs kept in a table: interrupted, cut differently, changed, carried out elsewhere."""
 
 from __future__ import annotations
 

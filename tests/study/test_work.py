@@ -1,4 +1,6 @@
-"""Scenarios of a study's points, and their physics step: 2 ms where that is known to hold."""
+"""`twin.study.work`.
+
+Scenarios of a study's points, and their physics step: 2 ms where that is known to hold."""
 
 from __future__ import annotations
 

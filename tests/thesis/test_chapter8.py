@@ -1,9 +1,9 @@
-"""Chapter 8: what was simulated, how a run is judged, and how cells are compared."""
+"""`twin.thesis.chapter8`.
+
+Chapter 8: what was simulated, how a run is judged, and how cells are compared."""
 
 import json
 from dataclasses import replace
-from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
+from docs import chapter8 as page
 from twin.cli.understand import reproduce
 from twin.run.assemble import build_controller
 from twin.run.metrics import Motion
@@ -190,18 +191,9 @@ def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
     assert all(c["deviation_percent"] is None for c in cells if c["column"] == "overshoot [%]")
 
 
-@pytest.fixture(scope="module")
-def page():
-    """The script of the pages of the chapter."""
-    script = Path(__file__).parents[2] / "docs" / "chapter8.py"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(script.parent)
-        return run_path(str(script))
-
-
-def test_the_page_has_its_tables_notes_and_figures(page, steps, tmp_path):
+def test_the_page_has_its_tables_notes_and_figures(steps, tmp_path):
     path = tmp_path / "docs" / "reproduction.md"
-    page["write_doc"](path, steps[0], compare(*steps), steps[1])
+    page.write_doc(path, steps[0], compare(*steps), steps[1])
     assert "](reproduction-8-1.md)" in path.read_text(encoding="utf-8")
     text = path.with_name("reproduction-8-1.md").read_text(encoding="utf-8")
     assert text.count("| phi_max [deg] |") == 3
@@ -304,7 +296,7 @@ INPUTS = arrays(float, (3, 2), elements=st.floats(-7, 7))
 
 
 @given(x=STATES, u=INPUTS)
-def test_main_and_neglected_terms_are_those_of_6_42_and_all_are_the_exact_acceleration(page, x, u):
+def test_main_and_neglected_terms_are_those_of_6_42_and_all_are_the_exact_acceleration(x, u):
     x1, x2, x3, x4, x5, x6, x7, x8 = x.T
     m, s, c, (u1, u2) = MODEL, np.sin(x3), np.cos(x3), u.T
     main = m.gravity * s, -m.gravity * np.sin(x7)
@@ -316,7 +308,7 @@ def test_main_and_neglected_terms_are_those_of_6_42_and_all_are_the_exact_accele
         m.gravity * s * (np.cos(x7) - 1) - m.c4 * u1 + x5 * s * u2,
         (-x1 * s + m.c4 * c) * u2,
     )
-    found = page["terms"](m, x, u)
+    found = page.terms(m, x, u)
     for part, expected in zip(found, (main, neglected, unlisted), strict=True):
         assert np.allclose(part, np.transpose(expected), atol=1e-12)
     assert np.allclose(sum(found), m.derivative(x, u)[:, [1, 5]] / m.c1, atol=1e-12)

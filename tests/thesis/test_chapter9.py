@@ -1,9 +1,8 @@
-"""Chapter 9: what was measured, how it is judged, and what the stored fit is."""
+"""`twin.thesis.chapter9`.
+
+Chapter 9: what was measured, how it is judged, and what the stored fit is."""
 
 import json
-from pathlib import Path
-from runpy import run_path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from click.testing import CliRunner
 
 from controllers.classical import AFL, LQR, AFLIntegral, Backstepping, SlidingMode
 from controllers.references import Circle, Step
+from docs import chapter9 as page
 from twin.cli.understand import reproduce as command
 from twin.run.assemble import build_controller
 from twin.scenario import load, shipped_scenarios
@@ -27,10 +27,6 @@ from twin.thesis.chapter9 import (
 )
 from twin.tune.cells import Runs, cells, read
 
-PAGE = Path(__file__).parents[2] / "docs" / "chapter9.py"
-with pytest.MonkeyPatch.context() as patch:
-    patch.syspath_prepend(PAGE.parent)
-    page = SimpleNamespace(**run_path(str(PAGE)))
 KEYS = {
     "table", "row", "column", "thesis", "predicted", "frictionless", "calibration", "note",
     "low", "high", "explained", "held_out",
@@ -199,7 +195,8 @@ def test_the_best_search_is_used_with_all_tables_and_without_each(monkeypatch):
         }
 
     both = {"searches": [search(122.0, 1.0, 99.0, 1.4), search(121.0, 2.0, 100.0, 1.65)]}
-    monkeypatch.setattr(chapter9, "read_stored", lambda _: both)
+    for module in (chapter9, page):
+        monkeypatch.setattr(module, "read_stored", lambda _: both)
     assert best() == (2.0,) * 4
     assert best("9.3") == (1.0,) * 4
     assert page.scatter() == pytest.approx({"a": 0.25})

@@ -1,6 +1,7 @@
-"""The page on chapters 5 and 6.2.1: what it derives, beside what the errata and the model say."""
+"""`twin.thesis`.
 
-import runpy
+The page on chapters 5 and 6.2.1: what it derives, beside what the errata and the model say."""
+
 from pathlib import Path
 
 import numpy as np
@@ -8,21 +9,14 @@ import pytest
 from scipy.linalg import eigvals
 
 from controllers.ballplate import BallPlate
+from docs import claims as page
 
-PAGE = Path(__file__).parents[2] / "docs" / "claims.py"
 pytestmark = pytest.mark.long
 
 
 @pytest.fixture(scope="module")
-def script():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(PAGE.parent)
-        return runpy.run_path(str(PAGE))
-
-
-@pytest.fixture(scope="module")
-def claims(script):
-    return script["claims"]()
+def claims():
+    return page.claims()
 
 
 @pytest.mark.parametrize(
@@ -46,8 +40,8 @@ def test_the_claims_disagree_with_the_thesis_where_the_errata_and_the_ranks_say(
     assert sum(row[4] is False for row in rows) == disagreements
 
 
-def test_the_committed_page_is_what_the_script_derives(script, claims):
-    assert script["page"](claims, script["costs"]()) == PAGE.with_suffix(".md").read_text(
+def test_the_committed_page_is_what_the_script_derives(claims):
+    assert page.page(claims, page.costs()) == Path(page.__file__).with_suffix(".md").read_text(
         encoding="utf-8"
     )
 

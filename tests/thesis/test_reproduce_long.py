@@ -1,4 +1,4 @@
-"""Every table of chapter 8, simulated as the command does."""
+"""`twin.thesis.chapter8`: Every table of chapter 8, simulated as the command does."""
 
 import numpy as np
 import pytest

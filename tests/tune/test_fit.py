@@ -1,4 +1,4 @@
-"""Fits of indicators. Runs are of a few seconds on the exact equations."""
+"""`twin.tune.fit`: Fits of indicators. Runs are of a few seconds on the exact equations."""
 
 import json
 import math

@@ -1,4 +1,6 @@
-"""The search on a formula instead of runs: it finds what is known, and keeps what it must."""
+"""`twin.tune.search`.
+
+The search on a formula instead of runs: it finds what is known, and keeps what it must."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tunes of real runs: small ones, on the exact equations."""
+"""`twin.tune.report`: Tunes of real runs: small ones, on the exact equations."""
 
 import json
 import math

@@ -1,4 +1,6 @@
-"""Lines can be seen on their ground, by the contrast that WCAG 2 asks of graphics: 3 to 1."""
+"""`twin.view`.
+
+Lines can be seen on their ground, by the contrast that WCAG 2 asks of graphics: 3 to 1."""
 
 import re
 from importlib.resources import files

@@ -1,4 +1,4 @@
-"""A run is judged only while it was driven, and only by what it shows."""
+"""`twin.view.summary`: A run is judged only while it was driven, and only by what it shows."""
 
 from dataclasses import replace
 from types import SimpleNamespace

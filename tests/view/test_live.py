@@ -1,16 +1,18 @@
+"""Tests of `twin.view.live_process`."""
+
 import os
 import signal
 import socket
 import time
 from contextlib import closing
 from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from docs.screenshots import headless
 from twin.base.errors import ViewError
 from twin.run.finished import open_run, record_run, run
 from twin.shadow import report
@@ -19,7 +21,6 @@ from twin.view.live_process import LiveProcess, SharedRingBuffer
 from twin.view.streams import TIMELINE_NAME
 
 SHORT = ("--plant", "lagrange", "--set", "duration=0.4", "--set", "metrics.start=0")
-headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
 
 
 def same(first, second):

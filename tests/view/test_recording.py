@@ -1,14 +1,15 @@
+"""Tests of `twin.view.recording`."""
+
 import os
 import re
 import subprocess
 import sys
-from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 import pytest
 from rerun.experimental import ViewerClient
 
+from docs.screenshots import headless
 from twin.base.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, record_run, run
 from twin.scenario import load
@@ -16,8 +17,6 @@ from twin.view import recording, viewer
 from twin.view.recording import blueprint, write
 from twin.view.streams import LINE_TABLES, PLOT_TABLES, TIMELINE_NAME, Batch, signals, telling
 from twin.view.viewer import program
-
-headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
 
 PROMISED = (
     "mechanism/base/base",

@@ -1,3 +1,5 @@
+"""Tests of `twin.view.summary`."""
+
 from dataclasses import replace
 from html.parser import HTMLParser
 

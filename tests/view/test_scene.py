@@ -1,3 +1,5 @@
+"""Tests of `twin.view.streams`."""
+
 import mujoco
 import numpy as np
 import pytest

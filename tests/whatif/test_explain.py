@@ -1,4 +1,6 @@
-"""What an effect costs: every switch works alone, and shares are what the error is made of."""
+"""`twin.whatif.attribution`.
+
+What an effect costs: every switch works alone, and shares are what the error is made of."""
 
 from __future__ import annotations
 

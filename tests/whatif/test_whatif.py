@@ -1,4 +1,6 @@
-"""whatif: another future goes on from a moment of a run as the run itself would have."""
+"""`twin.whatif.futures`.
+
+whatif: another future goes on from a moment of a run as the run itself would have."""
 
 import json
 from dataclasses import replace

@@ -19,7 +19,16 @@ from contextlib import contextmanager
 
 
 class TwinError(Exception):
-    """Base of all errors whose message is one line: what, where, what is allowed."""
+    """Base of all errors whose message is one line: what, where, what is allowed.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> try:
+        ...     bp.run("circle", duration=-1)
+        ... except bp.TwinError as error:
+        ...     print(error)
+        circle.toml: duration: must be greater than 0, got -1
+    """
 
 
 class ScenarioError(TwinError, ValueError):

@@ -414,6 +414,12 @@ class Signals(Mapping[str, "Array"]):
     Attributes:
         rows: Name to values.
         units: Name to unit, as ``m`` or ``rad/s``.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> done = bp.run("hold", ["plant.kind=lagrange"], duration=0.1)
+        >>> isinstance(done, bp.Signals), done["measured_x"].shape, done.units["measured_x"]
+        (True, (50,), 'm')
     """
 
     rows: Mapping[str, Array]

@@ -61,7 +61,7 @@ class Reaction:
     """What became of a rig between a fault and the end of the observation; times from the fault.
 
     Attributes:
-        stopped_by: Who stopped phi and theta.
+        stopped_by: Who stopped phi and theta: a ``Stopper``, or of other hardware its own word.
         state: The states that were reached: with torque where the plate was levelled or goes on,
             else the first without.
         standstill: From when on, in s, the plate stands (and is level if it must be); None if it
@@ -74,7 +74,7 @@ class Reaction:
         ball_later: The same over the whole observation.
     """
 
-    stopped_by: tuple[Stopper, Stopper]
+    stopped_by: tuple[str, str]
     state: tuple[str, str]
     standstill: float | None
     torque_off: float | None

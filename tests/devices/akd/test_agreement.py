@@ -1,4 +1,6 @@
-"""What a drive says against what else it says: velocity with position, heartbeats, SDO answers."""
+"""`twin.devices.akd.agreement`.
+
+What a drive says against what else it says: velocity with position, heartbeats, SDO answers."""
 
 import math
 

@@ -1,3 +1,5 @@
+"""Tests of `twin.devices.akd.bringup`."""
+
 import numpy as np
 import pytest
 from stepped import SteppedDrives, refused

@@ -1,3 +1,5 @@
+"""Tests of `twin.devices.akd.protocol`."""
+
 import inspect
 import itertools
 import re

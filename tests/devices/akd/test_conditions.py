@@ -1,3 +1,5 @@
+"""Tests of `twin.devices.akd.conditions`."""
+
 import ast
 import math
 import sys

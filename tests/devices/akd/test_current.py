@@ -1,4 +1,6 @@
-"""The current limit in the drives: enough for the plate, and of the motor that is there."""
+"""`twin.devices.akd.config`.
+
+The current limit in the drives: enough for the plate, and of the motor that is there."""
 
 import math
 

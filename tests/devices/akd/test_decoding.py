@@ -1,4 +1,6 @@
-"""What a trace says is what was said: canopen's own nodes and the standards' tables are asked."""
+"""`twin.devices.akd.decoding`.
+
+What a trace says is what was said: canopen's own nodes and the standards' tables are asked."""
 
 import math
 from pathlib import Path

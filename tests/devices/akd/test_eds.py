@@ -1,4 +1,6 @@
-"""Data sheets as they are met: what is at fault costs itself, and a DCF has the device's values."""
+"""`twin.devices.akd.eds`.
+
+Data sheets as they are met: what is at fault costs itself, and a DCF has the device's values."""
 
 import can
 import pytest

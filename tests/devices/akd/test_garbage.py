@@ -1,4 +1,6 @@
-"""Any frames at all between those of healthy drives: nothing is raised, and no motor runs away."""
+"""`twin.devices.akd.conditions`.
+
+Any frames at all between those of healthy drives: nothing is raised, and no motor runs away."""
 
 import can
 import pytest

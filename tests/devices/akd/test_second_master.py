@@ -1,4 +1,6 @@
-"""Another master on the bus, before the host starts and while it runs."""
+"""`twin.devices.akd`.
+
+Another master on the bus, before the host starts and while it runs."""
 
 import struct
 

@@ -1,4 +1,6 @@
-"""One conversation in the form of every program: the same frames come back, to its times."""
+"""`twin.devices.akd.trace_files`.
+
+One conversation in the form of every program: the same frames come back, to its times."""
 
 import gzip
 import re

@@ -1,4 +1,6 @@
-"""Traces are written and read again: every format, broken ones, ours and other people's."""
+"""`twin.devices.akd.traces`.
+
+Traces are written and read again: every format, broken ones, ours and other people's."""
 
 from itertools import pairwise
 

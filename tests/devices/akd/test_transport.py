@@ -1,4 +1,4 @@
-"""Frames between transport and adapter, on a pseudo-terminal.
+"""`twin.devices.akd.bus`: Frames between transport and adapter, on a pseudo-terminal.
 
 The host's own bus is given the lines that the maker's CAN232 manual (version 3) prints, and any
 bytes; of the emulated adapter it knows nothing.

@@ -1,4 +1,6 @@
-"""Units, limits and ramps: computed from what the drive says, or refused with the line to set."""
+"""`twin.devices.akd.config`.
+
+Units, limits and ramps: computed from what the drive says, or refused with the line to set."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,6 @@
-"""A wrong sign, scale or exchange on an emulated rig in bus time: what the plate truly does."""
+"""`twin.devices.akd.config`.
+
+A wrong sign, scale or exchange on an emulated rig in bus time: what the plate truly does."""
 
 from dataclasses import replace
 

@@ -1,4 +1,6 @@
-"""A calibration, what it says of the screen, the fit behind it, and its file."""
+"""`twin.devices.lumio.config`.
+
+A calibration, what it says of the screen, the fit behind it, and its file."""
 
 import math
 

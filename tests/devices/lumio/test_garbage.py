@@ -1,4 +1,6 @@
-"""Any bytes between those of a healthy screen: nothing is raised, and no ball that cannot be."""
+"""`twin.devices.lumio`.
+
+Any bytes between those of a healthy screen: nothing is raised, and no ball that cannot be."""
 
 import math
 

@@ -1,4 +1,6 @@
-"""Report descriptors: of real panels, made up from fields, damaged, and of random bytes."""
+"""`twin.devices.lumio.protocols`.
+
+Report descriptors: of real panels, made up from fields, damaged, and of random bytes."""
 
 import time
 

@@ -1,4 +1,6 @@
-"""Touch reports by the panel's own word, on the decoder and through a raw HID device."""
+"""`twin.devices.lumio`.
+
+Touch reports by the panel's own word, on the decoder and through a raw HID device."""
 
 import os
 

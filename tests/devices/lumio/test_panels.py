@@ -1,4 +1,6 @@
-"""The USB interfaces of a panel as Linux describes them, the rules that give access, the ports."""
+"""`twin.devices.lumio.config`.
+
+The USB interfaces of a panel as Linux describes them, the rules that give access, the ports."""
 
 import re
 import sys

@@ -1,4 +1,6 @@
-"""Bytes of a serial line as the manuals lay them out, and random bytes."""
+"""`twin.devices.lumio.protocols`.
+
+Bytes of a serial line as the manuals lay them out, and random bytes."""
 
 import pytest
 from hypothesis import given, settings

@@ -1,4 +1,6 @@
-"""Scan times: reports that are no new ones, and reports that come ever later."""
+"""`twin.devices.lumio.scan_time`.
+
+Scan times: reports that are no new ones, and reports that come ever later."""
 
 import math
 

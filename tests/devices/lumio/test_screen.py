@@ -1,4 +1,4 @@
-"""The screen over a pty: real bytes, a real thread, real time."""
+"""`twin.devices.lumio.screen`: The screen over a pty: real bytes, a real thread, real time."""
 
 import errno
 import math

@@ -1,4 +1,6 @@
-"""The screen as the loop asks it, in made-up time: what is felt, its age, what is reported."""
+"""`twin.devices.lumio.screen`.
+
+The screen as the loop asks it, in made-up time: what is felt, its age, what is reported."""
 
 import math
 

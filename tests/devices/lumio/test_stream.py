@@ -1,4 +1,6 @@
-"""Bytes at made-up times: what counts as the ball, and how soon each fault is noticed."""
+"""`twin.devices.lumio.screen`.
+
+Bytes at made-up times: what counts as the ball, and how soon each fault is noticed."""
 
 import math
 

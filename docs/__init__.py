@@ -1,0 +1,1 @@
+"""Makers of the generated pages of this folder, of their site and of their pictures."""

@@ -1,0 +1,26 @@
+"""`ballplate`: the examples in the docstrings of its public names run and give what they show."""
+
+import doctest
+import inspect
+
+import pytest
+
+import ballplate as bp
+
+DOCUMENTED = {"ballplate": bp} | {name: getattr(bp, name) for name in bp.__all__}
+"""The package and its public names, each with a docstring."""
+
+
+def examples_of(name):
+    """The doctest of a docstring: its lines after ``>>>``, and what each shows."""
+    text = inspect.cleandoc(DOCUMENTED[name].__doc__)
+    return doctest.DocTestParser().get_doctest(text, {"__name__": "__main__"}, name, None, None)
+
+
+@pytest.mark.parametrize("name", DOCUMENTED)
+def test_the_examples_of_a_public_name_give_what_its_docstring_shows(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found, lines = examples_of(name), []
+    assert any(each.want for each in found.examples), "an example with an output is needed"
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    assert runner.run(found, out=lines.append).failed == 0, "".join(lines)
