@@ -246,6 +246,12 @@ class LockstepScreen(LumioScreen):
         """Open the port."""
         self._begin()
 
+    def stop(self) -> None:
+        """Close the port."""
+        super().stop()
+        self._port.close()
+        self.connected = False
+
     def read(self) -> Touch:
         """The newest plausible position, after reading the port."""
         self.listen()
@@ -278,9 +284,9 @@ class LockstepRig(HardwareRig):
         self.now, self.sleep = self.lockstep.adapter.now, self.lockstep.adapter.sleep
         """Bus time in s; lets some s of it pass."""
         self.line = plant.screen_line(plant.ball, protocol)
-        chosen = touch or LumioConfig(port="emulated", protocol=str(protocol))
+        self.touch = touch or LumioConfig(port="emulated", protocol=str(protocol))
         self.port = LockstepScreenPort(self.line, self.now)
-        screen = LockstepScreen(chosen, self.now, port=self.port)
+        screen = LockstepScreen(self.touch, self.now, port=self.port)
         clock = RealTimeClock(self.lockstep.config.period, now=self.now, sleep=self.sleep, spin=0.0)
         super().__init__(
             servos=self.lockstep.servos,
