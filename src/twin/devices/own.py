@@ -683,6 +683,11 @@ class SeparateScreen(_OwnDriver):
         self._forget()
         self._connect()
 
+    def stop(self) -> None:
+        """Let the hardware stop; nothing is touched any more. Idempotent, never raises."""
+        super().stop()
+        self.reading = None
+
     def note_plate(self, plate: Array) -> None:
         """Take in the plate angles (phi, theta), rad, shape (1, 2)."""
         self._plate = np.asarray(plate, float).reshape(2)
