@@ -100,9 +100,9 @@ class PlantServos(ServoHardware):
 
     def wait(self, seconds):
         self.owed += seconds + 1e-9
+        self.now += seconds + 1e-9
         while self.owed >= self.STEP:
             self.owed -= self.STEP
-            self.now += self.STEP
             plate = self.plant.devices.state[:, 2::4]
             turned = plate + self.STEP * self.rates
             motor = self.plant.transmission.motor
