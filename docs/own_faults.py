@@ -20,7 +20,15 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices import own
-from twin.devices.own import OwnConfig, OwnScreen, OwnServos, Reading
+from twin.devices.own import (
+    OwnConfig,
+    OwnScreen,
+    OwnScreenConfig,
+    OwnServos,
+    OwnServosConfig,
+    Reading,
+    SeparateScreen,
+)
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
 from twin.hal import agreement, supervisor
@@ -54,7 +62,8 @@ def module_of(file: Path) -> Any:
     return found
 
 
-ARDUINO, BOARD = (module_of(EXAMPLE / f"{name}.py") for name in ("arduino", "board"))
+MODULES = ("arduino", "board", "camera", "servos")
+ARDUINO, BOARD, CAMERA, SERVOS = (module_of(EXAMPLE / f"{name}.py") for name in MODULES)
 
 
 class Line:
@@ -160,6 +169,29 @@ class Stepped(ARDUINO.Arduino):  # type: ignore[name-defined,misc]
         self.line.pass_time(seconds)
 
 
+class SteppedServos(SERVOS.Servos):  # type: ignore[name-defined,misc]
+    """The example's servos on such a line, whose camera is another class on the same one."""
+
+    def __init__(self) -> None:
+        super().__init__("emulated")
+        line = self.line = Line()
+        SERVOS.serial = CAMERA.serial = SimpleNamespace(Serial=lambda *_, **__: line)
+        self.levelled = True
+
+    def stop(self) -> None:
+        """Stop, and keep what was before."""
+        self.levelled = max(map(abs, self.line.board.goal)) < LEVEL
+        super().stop()
+
+    def time(self) -> float:
+        """Time of the line, s."""
+        return self.line.now
+
+    def wait(self, seconds: float) -> None:
+        """Let it pass."""
+        self.line.pass_time(seconds)
+
+
 class Rig(HardwareRig):
     """A rig whose time is virtual: none passes while a controller begins."""
 
@@ -181,6 +213,7 @@ class Row(NamedTuple):
         leaves: Whether the ball may leave its area before the condition is reported.
         at: When it is done, s.
         encoder: Whether the plate has an encoder.
+        apart: Whether servos and camera are two classes.
     """
 
     name: str
@@ -192,6 +225,7 @@ class Row(NamedTuple):
     leaves: bool = False
     at: float = BEGIN
     encoder: bool = False
+    apart: bool = False
 
 
 ENDED = {
@@ -319,6 +353,17 @@ ROWS = (
         encoder=True,
     ),
     Row("The plate has no encoder", sets(), own.LACKING, at=0.0),
+    Row(
+        *("A camera apart from the servos fails", sets(says=lambda _: "B 10")),
+        *(own.SCREEN_FAILED, SEEN),
+        apart=True,
+    ),
+    Row("A camera apart from the servos is restarted", reset, own.SCREEN_REPORTED, apart=True),
+    Row(
+        *("A camera apart from the servos says nothing any more", sets(says=lambda _: "")),
+        own.SILENT,
+        apart=True,
+    ),
 )
 """Every row."""
 
@@ -337,10 +382,10 @@ def way_to_level(by: str) -> float:
     return servos + {HOST: host, STOP: 2 * PERIOD, WATCHDOG: BOARD.WATCHDOG + PERIOD}.get(by, 0.0)
 
 
-def switched_on(row: Row, board: Any = None) -> tuple[Stepped, Rig]:
+def switched_on(row: Row, board: Any = None) -> tuple[Any, Rig]:
     """Hardware and rig of a row, on a board that has been there before if one is given."""
-    hardware = Stepped(encoder=row.encoder)
-    servos = OwnServos(hardware, CONFIG, LIMITS, PERIOD)
+    hardware: Any = SteppedServos() if row.apart else Stepped(encoder=row.encoder)
+    servos, screen = devices(hardware)
     start = hardware.start
 
     def opened() -> None:
@@ -355,7 +400,7 @@ def switched_on(row: Row, board: Any = None) -> tuple[Stepped, Rig]:
     hardware.start = opened
     rig = Rig(
         servos=servos,
-        screen=OwnScreen(servos),
+        screen=screen,
         clock=RealTimeClock(PERIOD, spin=0.0, now=hardware.time, sleep=hardware.wait),
         transmission=FixedRatio(),
         limits=LIMITS,
@@ -363,6 +408,18 @@ def switched_on(row: Row, board: Any = None) -> tuple[Stepped, Rig]:
         scheduling=lambda: nullcontext(Scheduling(False, False, ("virtual time",))),
     )
     return hardware, rig
+
+
+def devices(hardware: Any) -> tuple[OwnServos, OwnScreen | SeparateScreen]:
+    """Servos and screen of hardware, of which one class is both, or each one."""
+    if not isinstance(hardware, SteppedServos):
+        servos = OwnServos(hardware, CONFIG, LIMITS, PERIOD)
+        return servos, OwnScreen(servos)
+    half = OwnServosConfig(backend="", plate_lag=CONFIG.plate_lag)
+    camera = CAMERA.Camera("emulated")
+    camera.time = hardware.time
+    watched = OwnScreenConfig(backend="", steep_deg=CONFIG.steep_deg)
+    return OwnServos(hardware, half, LIMITS, PERIOD), SeparateScreen(camera, watched)
 
 
 def run(rig: Rig, duration: float, *observers: Any) -> tuple[Outcome, Recorder]:

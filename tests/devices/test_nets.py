@@ -132,8 +132,8 @@ def shipped_files():
         block for block in re.findall(r"```toml\n(.*?)```", page, re.S) if "backend" in block
     ]
     found = {f"docs/your-rig.md {n}": tomllib.loads(text) for n, text in enumerate(printed)}
-    own = ROOT / "examples" / "own_rig" / "rig.toml"
-    found["examples/own_rig/rig.toml"] = tomllib.loads(own.read_text(encoding="utf-8"))
+    for own in sorted((ROOT / "examples" / "own_rig").glob("*.toml")):
+        found[f"examples/own_rig/{own.name}"] = tomllib.loads(own.read_text(encoding="utf-8"))
     return found
 
 

@@ -1,7 +1,9 @@
-"""Hardware of one's own behind the seam: a class with a few methods in place of drives and screen.
+"""Hardware of one's own behind the seam: a class with a few methods in place of drives or screen.
 
-A rig file names it, ``backend = "my_rig.py:Arduino"``; ``ballplate.hardware`` is its door. What it
-does not do for itself, as a watchdog on the board, is told in every run.
+One class may be both, ``backend = "my_rig.py:Arduino"`` in a rig file, or one half only: servos,
+``[drives] kind = "own"``, or a screen, ``[touch] kind = "own"``, each with its ``backend``.
+``ballplate.hardware`` is its door. What it does not do for itself, as a watchdog on the board, is
+reported in every run.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from twin.hal.agreement import AXES, OPPOSITE
 from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
 
 Answer = TypeVar("Answer")
+Own = TypeVar("Own", bound="OwnDevice")
 
 
 class Reading(NamedTuple):
@@ -48,24 +51,58 @@ class Reading(NamedTuple):
     phi: float | None = None
     theta: float | None = None
 
+    @classmethod
+    def of_plate(cls, phi: float, theta: float, at: float) -> Self:
+        """What servos measure that see no ball: plate angles in rad, and when they arrived, s."""
+        return cls(math.nan, math.nan, at, phi, theta)
 
-class Hardware(ABC):
-    """A rig of one's own: derive from it, and write ``start``, ``measure``, ``command``, ``stop``.
+
+class OwnDevice(ABC):
+    """What servos and screens of one's own have in common."""
+
+    @abstractmethod
+    def start(self) -> None:
+        """Connect; may wait. Servos bring the plate level, with torque."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Disconnect; also called after any error. Servos stand still, then have no torque."""
+
+    @abstractmethod
+    def measure(self) -> Reading:
+        """The newest measurement, or the previous one if there is none; must not wait."""
+
+    def time(self) -> float:
+        """Monotonic time in s."""
+        return time.monotonic()
+
+    def faults(self) -> tuple[str, ...]:
+        """What the hardware reports of itself, in words; anything ends the run."""
+        return ()
+
+
+class ScreenHardware(OwnDevice):
+    """A screen or camera of one's own: derive from it, and write ``start``, ``measure``, ``stop``.
+
+    The loop calls ``measure`` once per control period from one thread. What is raised in it levels
+    the plate; the servos are other devices, and continue.
+    """
+
+
+class ServoHardware(OwnDevice):
+    """Servos of one's own: derive from it, and write ``start``, ``command``, ``stop``.
 
     The loop calls ``measure`` and ``command`` once per control period from one thread; neither may
-    wait. What is raised in any of them stops the rig.
+    wait. What is raised in any of them stops the rig. ``measure`` is for a plate with encoders:
+    ``Reading.of_plate(phi, theta, self.time())``.
     """
 
     watchdog = False
     """Whether the board itself holds the plate still when it hears nothing for a while."""
 
-    @abstractmethod
-    def start(self) -> None:
-        """Connect and bring the plate level, with torque; may wait."""
-
-    @abstractmethod
     def measure(self) -> Reading:
-        """The newest measurement, the one before again if there is none."""
+        """No encoder: nothing is measured."""
+        return Reading(math.nan, math.nan, self.time())
 
     @abstractmethod
     def command(self, rates: tuple[float, float], angles: tuple[float, float]) -> None:
@@ -77,47 +114,48 @@ class Hardware(ABC):
                 a position. The rates add up to them.
         """
 
-    @abstractmethod
-    def stop(self) -> None:
-        """Hold still, take the torque away, disconnect; also called after any error."""
-
-    def time(self) -> float:
-        """Monotonic time in s."""
-        return time.monotonic()
-
     def wait(self, seconds: float) -> None:
         """Let time pass."""
         time.sleep(seconds)
 
-    def faults(self) -> tuple[str, ...]:
-        """What the hardware reports of itself, in words; anything stops the rig."""
-        return ()
+
+class Hardware(ServoHardware, ScreenHardware):
+    """A rig of one's own: derive from it, and write ``start``, ``measure``, ``command``, ``stop``.
+
+    The loop calls ``measure`` and ``command`` once per control period from one thread; neither may
+    wait. What is raised in any of them stops the rig.
+    """
+
+    @abstractmethod
+    def measure(self) -> Reading:
+        """The newest measurement, the one before again if there is none."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class OwnConfig(Ranged):
-    """What the twin is to know of own hardware, and the thresholds that watch over it.
+class _OwnSettings(Ranged):
+    """What is to be known of own hardware of any kind.
 
     Attributes:
         options: What the class is made with.
-        plate_lag: Time constant in s with which the plate follows its command; the plate angle of a
-            rig without an encoder is computed with it.
         silent: Seconds without a new measurement after which the plate is levelled.
-        unseen: Seconds without a ball in the measurements after which it counts as not seen.
-        astray_deg: By how much the measured plate may differ from what it was told, deg.
-        rest: Seconds in which a ball is measured in one and the same place, on a plate tilted by
-            more than ``steep_deg``, after which the plate is levelled.
-        steep_deg: Tilt on which no ball rests, deg.
     """
 
-    keys = "own."
     options: Mapping[str, Any] = field(default_factory=dict)
-    plate_lag: float = ranged(0.0, 0, 2)
     silent: float = net(0.25, 0.01, 5)
-    unseen: float = net(0.1, 0, 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PlateThresholds(_OwnSettings):
+    """What is to be known of own servos.
+
+    Attributes:
+        plate_lag: Time constant in s with which the plate follows its command; the plate angle of a
+            rig without an encoder is computed with it.
+        astray_deg: By how much the measured plate may differ from its command, deg.
+    """
+
+    plate_lag: float = ranged(0.0, 0, 2)
     astray_deg: float = net(3.0, 0.1, 20)
-    rest: float = net(0.5, 0.05, 10)
-    steep_deg: float = net(2.0, 0.2, 20)
 
     @property
     def lost(self) -> float:
@@ -128,6 +166,53 @@ class OwnConfig(Ranged):
     def late(self) -> float:
         """Longest time in s from a command to the motion of the plate."""
         return 0.1 + 2 * self.plate_lag
+
+
+@dataclass(frozen=True, kw_only=True)
+class _BallThresholds(_OwnSettings):
+    """What is to be known of an own screen.
+
+    Attributes:
+        unseen: Seconds without a ball in the measurements after which it counts as not seen.
+        rest: Seconds in which a ball is measured in one and the same place, on a plate tilted by
+            more than ``steep_deg``, after which the plate is levelled.
+        steep_deg: Tilt on which no ball rests, deg.
+    """
+
+    unseen: float = net(0.1, 0, 2)
+    rest: float = net(0.5, 0.05, 10)
+    steep_deg: float = net(2.0, 0.2, 20)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnServosConfig(_PlateThresholds):
+    """The table ``[drives]`` of a rig file with ``kind = "own"``.
+
+    Attributes:
+        backend: File and class, ``my_servos.py:Feetech``.
+    """
+
+    keys = "drives."
+    backend: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnScreenConfig(_BallThresholds):
+    """The table ``[touch]`` of a rig file with ``kind = "own"``.
+
+    Attributes:
+        backend: File and class, ``my_camera.py:Camera``.
+    """
+
+    keys = "touch."
+    backend: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnConfig(_BallThresholds, _PlateThresholds):
+    """What the twin is to know of own hardware that is servos and screen, the table ``[own]``."""
+
+    keys = "own."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,11 +253,13 @@ ASTRAY_FOR = 0.3
 """Seconds for which a plate must be astray until it is a fault."""
 OWN_CONDITIONS = tuple(conditions("twin.devices").values())
 """Every condition that own hardware is watched for, from ``conditions.toml``."""
-FAILED, REPORTED, SILENT, ASTRAY, FROZEN, LACKING = OWN_CONDITIONS
+FAILED, REPORTED, SILENT, ASTRAY, FROZEN, LACKING, *_OF_SCREEN = OWN_CONDITIONS
+SCREEN_FAILED, SCREEN_REPORTED = _OF_SCREEN
+"""What a screen reports that is a device of its own, in place of ``FAILED`` and ``REPORTED``."""
 
 
 def load_backend(named: str, config: OwnConfig) -> Hardware:
-    """The hardware that a rig file names; nothing is opened.
+    """The hardware that a rig file names, servos and screen in one; nothing is opened.
 
     Args:
         named: File and class, ``my_rig.py:Arduino``.
@@ -181,19 +268,51 @@ def load_backend(named: str, config: OwnConfig) -> Hardware:
     Raises:
         ScenarioError: If there is no such class, or it cannot be made.
     """
+    return _load(named, config.options, Hardware, "backend")  # type: ignore[type-abstract]
+
+
+def load_servos(config: OwnServosConfig) -> ServoHardware:
+    """The servos that the table ``[drives]`` names; nothing is opened.
+
+    A class that is a screen as well serves as servos; nobody reads where it sees the ball.
+
+    Raises:
+        ScenarioError: If there is no such class, or it cannot be made.
+    """
+    return _load(config.backend, config.options, ServoHardware, "drives.backend")  # type: ignore[type-abstract]
+
+
+def load_screen(config: OwnScreenConfig) -> ScreenHardware:
+    """The screen that the table ``[touch]`` names; nothing is opened.
+
+    Raises:
+        ScenarioError: If there is no such class, it cannot be made, or it would move the plate.
+    """
+    key = "touch.backend"
+    made = _load(config.backend, config.options, ScreenHardware, key)  # type: ignore[type-abstract]
+    if isinstance(made, ServoHardware):
+        raise ScenarioError(
+            f"{key}: {config.backend} is servos as well, whose start would move the plate; a class "
+            "for both devices is named as backend, above the tables"
+        )
+    return made
+
+
+def _load(named: str, options: Mapping[str, Any], base: type[Own], key: str) -> Own:
+    """The object of a class that a key of a rig file names."""
     file, _, name = named.rpartition(":")
     if not file.endswith(".py") or not Path(file).is_file():
-        raise ScenarioError(f"backend: {named!r} must be FILE.py:CLASS; no file {file!r}")
+        raise ScenarioError(f"{key}: {named!r} must be FILE.py:CLASS; no file {file!r}")
     EXECUTES.info("runs %s, the hardware of the rig file", file)
     sys.path.append(str(Path(file).resolve().parent))  # what it imports may lie beside it
     try:
         kind = runpy.run_path(file).get(name)
-        if isinstance(kind, type) and issubclass(kind, Hardware):
-            return kind(**config.options)
+        if isinstance(kind, type) and issubclass(kind, base):
+            return kind(**options)
     except (Exception, SystemExit) as error:
-        raise ScenarioError(f"backend: {_describe_error(error, file)}") from error
+        raise ScenarioError(f"{key}: {_describe_error(error, file)}") from error
     raise ScenarioError(
-        f"backend: {file} has no class {name!r} derived from ballplate.hardware.Hardware"
+        f"{key}: {file} has no class {name!r} derived from ballplate.hardware.{base.__name__}"
     )
 
 
@@ -202,12 +321,141 @@ def _describe_error(error: BaseException, file: str) -> str:
     return failed_line(error, {file}) or error_words(error)
 
 
-class OwnServos:
-    """Own hardware as two servo axes; the methods are those of `AkdServos`.
+class _OwnDriver:
+    """Calls the methods of own hardware, and reports what fails in them; a FaultSource.
 
     Args:
         hardware: The hardware.
-        config: Its thresholds.
+        silent: Seconds without a new measurement that are a fault.
+        failed: What is reported where a method fails.
+        reported: What is reported where the hardware says that something is wrong.
+    """
+
+    def __init__(
+        self, hardware: OwnDevice, silent: float, failed: Condition, reported: Condition
+    ) -> None:
+        self.reading: Reading | None = None
+        """The newest measurement that is one."""
+        self.where = type(hardware).__name__
+        self.now = hardware.time
+        self._device = hardware
+        self._silent, self._failed, self._reported = silent, failed, reported
+        self._file = type(hardware).start.__code__.co_filename
+        self._started = False
+        self._reports = FaultReports(math.inf)
+
+    def _connect(self) -> None:
+        """Let the hardware connect, and read it once.
+
+        Raises:
+            RigError: If it cannot, or measures nothing that is a reading.
+        """
+        self._started = True
+        self._reports = FaultReports(math.inf)
+        try:
+            self._device.start()
+            self.reading = self._checked(self._device.measure())
+        except (Exception, SystemExit) as error:
+            self.stop()
+            raise RigError(f"{self.where}: {_describe_error(error, self._file)}") from error
+
+    def stop(self) -> None:
+        """Let the hardware stop; idempotent, never raises."""
+        if self._started:
+            self._started = False
+            self._asked(self._device.stop)
+
+    def receive(self) -> None:
+        """Take in the newest measurement; nothing of hardware that is stopped."""
+        if not self._started:
+            return
+        for words in self._asked(self._said) or ():
+            self._report(self._reported, str(words))
+        answer = self._asked(lambda: self._checked(self._device.measure()))
+        if answer is not None:
+            self.reading = answer
+        if self.reading is not None:
+            self._watch(self.reading, self.now())
+
+    def faults(self) -> tuple[Fault, ...]:
+        """Faults detected since the last call, oldest first."""
+        return self._reports.take()
+
+    def _watch(self, reading: Reading, now: float) -> None:
+        """Report what the newest measurement shows at a time in s."""
+        if not now - reading.at <= self._silent:
+            self._report(SILENT, f"none for {now - reading.at:.2f} s")
+
+    def _checked(self, reading: Any) -> Reading:
+        """A reading of finite time whose angles, if any, are finite; positions may be NaN.
+
+        Raises:
+            TypeError: If it is none.
+        """
+        if not isinstance(reading, Reading):
+            raise TypeError(f"measure must give a ballplate.hardware.Reading, not {reading!r}")
+        angles = [each for each in (reading.phi, reading.theta) if each is not None]
+        numbers = (reading.x, reading.y, reading.at, *angles)
+        if not all(isinstance(each, Real) for each in numbers):
+            raise TypeError(f"measure must give numbers, NaN for a ball not seen: {reading}")
+        if len(angles) == 1 or not all(map(math.isfinite, (*numbers[2:], self.now()))):
+            raise TypeError(f"measure must give a time, and two finite angles or none: {reading}")
+        if (ahead := reading.at - self.now()) > self._silent:
+            raise TypeError(f"at is {ahead:.3g} s ahead of time(): give self.time() as it arrived")
+        return reading
+
+    def _said(self) -> tuple[str, ...]:
+        """What the hardware reports, a text by itself or several."""
+        said = self._device.faults()
+        return (said,) if isinstance(said, str) else tuple(said or ())
+
+    def _asked(self, method: Callable[[], Answer]) -> Answer | None:
+        """What a method of the hardware gives; None, and a fault, where it fails."""
+        try:
+            return method()
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
+            self._report(self._failed, _describe_error(error, self._file))
+            return None
+
+    def _report(self, condition: Condition, detail: str) -> None:
+        self._reports.report(condition, self.where, detail, self.now())
+
+
+class _BallWatch:
+    """Notices pictures that never change: no ball rests on a steep plate.
+
+    Args:
+        config: ``rest`` and ``steep_deg``.
+    """
+
+    def __init__(self, config: _BallThresholds) -> None:
+        self._config = config
+        self._place, self._moved = (math.nan, math.nan), math.inf
+        """Where the ball was seen last, and since when it is seen there on a steep plate."""
+
+    def look(self, reading: Reading, now: float, plate: Array) -> str:
+        """What is wrong with a reading at a time in s, in words; empty for nothing.
+
+        Args:
+            reading: The newest.
+            now: Time in s.
+            plate: Plate angles in rad, shape (2,).
+        """
+        place = (reading.x, reading.y)
+        steep = np.degrees(np.abs(plate).max()) > self._config.steep_deg
+        if place != self._place or not steep or not all(map(math.isfinite, place)):
+            self._place, self._moved = place, now
+        elif now - self._moved > self._config.rest:
+            return f"the same for {now - self._moved:.2f} s on a tilted plate"
+        return ""
+
+
+class OwnServos(_OwnDriver):
+    """Own hardware as two servo axes: `PoweredServos`.
+
+    Args:
+        hardware: The hardware.
+        config: Its thresholds; those of `OwnConfig` watch over its ball as well.
         limits: What may be commanded.
         period: Control period in s.
     """
@@ -215,28 +463,28 @@ class OwnServos:
     round_trip: float | None = None
 
     def __init__(
-        self, hardware: Hardware, config: OwnConfig, limits: Limits, period: float
+        self,
+        hardware: ServoHardware,
+        config: OwnConfig | OwnServosConfig,
+        limits: Limits,
+        period: float,
     ) -> None:
+        super().__init__(hardware, config.silent, FAILED, REPORTED)
         self.config = config
-        self.reading: Reading | None = None
-        """The newest measurement that is one."""
+        self.lost, self.late = config.lost, config.late
+        """As of `PoweredServos`."""
         self.enabled = False
-        self.now = hardware.time
+        self.sleep = hardware.wait
         self._hardware = hardware
-        self._file = type(hardware).start.__code__.co_filename
-        self.where = type(hardware).__name__
         self._limit = float(np.max(limits.angle))
         self._period = period
         self._share = 1 - math.exp(-period / config.plate_lag) if config.plate_lag else 1.0
         self._rate, self._angle, self._model = np.zeros((3, 2))
-        self._started = False
         self._astray: float | None = None
         self._looks = 0
         self._motion: deque[tuple[float, ...]] = deque(maxlen=round(DIRECTION.memory / period))
         """Commanded, then measured plate angles of the last periods, rad."""
-        self._place, self._moved = (math.nan, math.nan), math.inf
-        """Where the ball was seen last, and since when it is seen there on a steep plate."""
-        self._reports = FaultReports(math.inf)
+        self._ball = _BallWatch(config) if isinstance(config, OwnConfig) else None
 
     def warnings(self) -> tuple[Fault, ...]:
         """Safety nets that such a rig does not have."""
@@ -251,21 +499,14 @@ class OwnServos:
         Raises:
             RigError: If it cannot, or measures nothing that is a reading.
         """
-        self._started = True
-        self._reports, self._astray = FaultReports(math.inf), None
+        self._astray = None
         self._motion.clear()
-        try:
-            self._hardware.start()
-            self.reading = self._checked(self._hardware.measure())
-        except (Exception, SystemExit) as error:
-            self.stop()
-            raise RigError(f"{self.where}: {_describe_error(error, self._file)}") from error
+        self._connect()
 
     def stop(self) -> None:
         """Let the hardware stop; idempotent, never raises."""
-        if self._started:
-            self._started = self.enabled = False
-            self._asked(self._hardware.stop)
+        self.enabled = False
+        super().stop()
 
     def enable(self) -> None:
         """The hardware has torque once it is started."""
@@ -274,15 +515,6 @@ class OwnServos:
     def quick_stop(self) -> None:
         """Hold still from now on."""
         self._rate = np.zeros(2)
-
-    def receive(self) -> None:
-        """Take in the newest measurement."""
-        for words in self._asked(self._said) or ():
-            self._report(REPORTED, str(words))
-        answer = self._asked(lambda: self._checked(self._hardware.measure()))
-        if answer is not None:
-            self.reading = answer
-        self._watch()
 
     def send(self) -> None:
         """Command what is to hold for the period that begins."""
@@ -303,6 +535,11 @@ class OwnServos:
     def command(self, motor_rate: Array) -> None:
         """Plate rates in rad/s, shape (1, 2), until the next command."""
         self._rate = np.asarray(motor_rate, float).reshape(2)
+
+    @property
+    def encoders(self) -> bool:
+        """Whether the newest measurement has plate angles."""
+        return self._measured is not None
 
     @property
     def _measured(self) -> Reading | None:
@@ -331,44 +568,11 @@ class OwnServos:
         """Declare where the plate stands, rad, shape (1, 2)."""
         self._angle = self._model = np.asarray(plate, float).reshape(2)
 
-    def faults(self) -> tuple[Fault, ...]:
-        """Faults detected since the last call, oldest first."""
-        return self._reports.take()
-
-    def _checked(self, reading: Any) -> Reading:
-        """A reading of finite time whose angles, if any, are finite; positions may be NaN.
-
-        Raises:
-            TypeError: If it is none.
-        """
-        if not isinstance(reading, Reading):
-            raise TypeError(f"measure must give a ballplate.hardware.Reading, not {reading!r}")
-        angles = [each for each in (reading.phi, reading.theta) if each is not None]
-        numbers = (reading.x, reading.y, reading.at, *angles)
-        if not all(isinstance(each, Real) for each in numbers):
-            raise TypeError(f"measure must give numbers, NaN for a ball not seen: {reading}")
-        if len(angles) == 1 or not all(map(math.isfinite, (*numbers[2:], self.now()))):
-            raise TypeError(f"measure must give a time, and two finite angles or none: {reading}")
-        if (ahead := reading.at - self.now()) > self.config.silent:
-            raise TypeError(f"at is {ahead:.3g} s ahead of time(): give self.time() as it arrived")
-        return reading
-
-    def _said(self) -> tuple[str, ...]:
-        """What the hardware reports, a text by itself or several."""
-        said = self._hardware.faults()
-        return (said,) if isinstance(said, str) else tuple(said or ())
-
-    def _watch(self) -> None:
-        reading, now = self.reading, self.now()
-        if reading is None:
-            return
-        if not now - reading.at <= self.config.silent:
-            self._report(SILENT, f"none for {now - reading.at:.2f} s")
-        plate, place = self.plate()[0], (reading.x, reading.y)
-        if place != self._place or np.degrees(np.abs(plate).max()) <= self.config.steep_deg:
-            self._place, self._moved = place, now
-        elif now - self._moved > self.config.rest:
-            self._report(FROZEN, f"the same for {now - self._moved:.2f} s on a tilted plate")
+    def _watch(self, reading: Reading, now: float) -> None:
+        super()._watch(reading, now)
+        plate = self.plate()[0]
+        if self._ball and (words := self._ball.look(reading, now, plate)):
+            self._report(FROZEN, words)
         if reading.phi is None:
             return
         self._motion.append((*self._model.tolist(), *plate.tolist()))
@@ -394,20 +598,30 @@ class OwnServos:
                 text = f"{name}: commanded {turned[0]:+.2f} deg, measured {turned[1]:+.2f} deg"
                 self._report(OPPOSITE, text)
 
-    def _asked(self, method: Callable[[], Answer]) -> Answer | None:
-        """What a method of the hardware gives; None, and a fault, where it fails."""
-        try:
-            return method()
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
-            self._report(FAILED, _describe_error(error, self._file))
-            return None
 
-    def _report(self, condition: Condition, detail: str) -> None:
-        self._reports.report(condition, self.where, detail, self.now())
+class _LastSeen:
+    """Where the ball was seen last.
+
+    Args:
+        unseen: Seconds without a ball in the measurements after which it counts as not seen.
+    """
+
+    def __init__(self, unseen: float) -> None:
+        self._unseen = unseen
+        self._position, self._seen = np.zeros((1, 2)), -math.inf
+
+    def touch(self, reading: Reading | None, now: float) -> Touch:
+        """The newest position seen, with its age at a time in s."""
+        if reading is not None and math.isfinite(reading.x) and math.isfinite(reading.y):
+            self._position, self._seen = np.array([[reading.x, reading.y]]), reading.at
+            touched = True
+        else:
+            touched = now - self._seen <= self._unseen
+        return Touch(self._position, np.array([max(0.0, now - self._seen)]), np.array([touched]))
 
 
 class OwnScreen:
-    """The ball as own hardware sees it; the methods are those of `LumioScreen`.
+    """The ball as own hardware sees it that is servos as well: `PoweredScreen`.
 
     Args:
         servos: Who reads it.
@@ -419,10 +633,14 @@ class OwnScreen:
 
     def start(self) -> None:
         """Know nothing of what was before."""
-        self._position, self._seen = np.zeros((1, 2)), -math.inf
+        config = self._servos.config
+        self._last = _LastSeen(config.unseen if isinstance(config, OwnConfig) else 0.0)
 
     def stop(self) -> None:
         """Nothing to close."""
+
+    def receive(self) -> None:
+        """Nothing: the servos take in what is measured."""
 
     def note_plate(self, plate: Array) -> None:
         """Not needed."""
@@ -433,10 +651,52 @@ class OwnScreen:
 
     def read(self) -> Touch:
         """The newest position seen, with its age."""
-        reading, now = self._servos.reading, self._servos.now()
-        if reading is not None and math.isfinite(reading.x) and math.isfinite(reading.y):
-            self._position, self._seen = np.array([[reading.x, reading.y]]), reading.at
-            touched = True
-        else:
-            touched = now - self._seen <= self._servos.config.unseen
-        return Touch(self._position, np.array([max(0.0, now - self._seen)]), np.array([touched]))
+        return self._last.touch(self._servos.reading, self._servos.now())
+
+
+class SeparateScreen(_OwnDriver):
+    """Own hardware that is a screen and nothing else: `PoweredScreen`.
+
+    Args:
+        hardware: The hardware; its ages and times are of its own clock.
+        config: Its thresholds.
+    """
+
+    def __init__(self, hardware: ScreenHardware, config: OwnScreenConfig) -> None:
+        super().__init__(hardware, config.silent, SCREEN_FAILED, SCREEN_REPORTED)
+        self.config = config
+        self._forget()
+
+    def _forget(self) -> None:
+        self.reading = None
+        self._plate = np.zeros(2)
+        self._last = _LastSeen(self.config.unseen)
+        self._ball = _BallWatch(self.config)
+
+    def start(self) -> None:
+        """Let the hardware connect, and read it once; what was before is not known any more.
+
+        Raises:
+            RigError: If it cannot, or measures nothing that is a reading.
+        """
+        self.stop()
+        self._forget()
+        self._connect()
+
+    def stop(self) -> None:
+        """Let the hardware stop; nothing is touched any more. Idempotent, never raises."""
+        super().stop()
+        self.reading = None
+
+    def note_plate(self, plate: Array) -> None:
+        """Take in the plate angles (phi, theta), rad, shape (1, 2)."""
+        self._plate = np.asarray(plate, float).reshape(2)
+
+    def read(self) -> Touch:
+        """The newest position seen, with its age."""
+        return self._last.touch(self.reading, self.now())
+
+    def _watch(self, reading: Reading, now: float) -> None:
+        super()._watch(reading, now)
+        if words := self._ball.look(reading, now, self._plate):
+            self._report(FROZEN, words)

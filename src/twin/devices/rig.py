@@ -1,8 +1,7 @@
 """A rig of real devices: powered servos on a bus, a touch screen on a port, a real-time clock.
 
-The servos are AKD drives or hardware of one's own (`devices/own.py`), and have the same methods.
-Within a period: ``receive``, then ``plate`` and ``motor``, then ``command``, ``send`` and, in the
-idle time that is left, ``settle``.
+Servos and screen are of any kind (`devices/kinds.py`); the rig knows them as `PoweredServos` and
+`PoweredScreen` only, whose descriptions say what is called when.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,14 +20,18 @@ from twin.base.errors import RigError
 from twin.devices.akd.conditions import RELAXED
 from twin.devices.realtime import RealTimeClock, Scheduling, TimingLog, real_time
 from twin.hal.agreement import AXES, Agreement, BallAgreement
-from twin.hal.interface import NOMINAL_PERIOD, Condition, Fault, Limits, Severity, Transmission
+from twin.hal.interface import (
+    NOMINAL_PERIOD,
+    Condition,
+    Fault,
+    Limits,
+    PoweredScreen,
+    PoweredServos,
+    Severity,
+    Transmission,
+)
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import BALL_LOST, State, Supervisor
-
-if TYPE_CHECKING:
-    from twin.devices.akd.servos import AkdServos
-    from twin.devices.lumio.screen import LumioScreen
-    from twin.devices.own import OwnScreen, OwnServos
 
 
 class StartRefusedError(RigError):
@@ -65,11 +68,11 @@ class MotorPlateWatch:
         period: Control period in s.
     """
 
-    def __init__(self, servos: AkdServos | OwnServos, period: float) -> None:
+    def __init__(self, servos: PoweredServos, period: float) -> None:
         self._servos = servos
         self._period = period
         self._agreement: Agreement | None = None
-        self.lost = servos.config.lost
+        self.lost = servos.lost
         """Plate angle in rad that may be lost between motor and plate."""
 
     def begin(self, transmission: Transmission) -> None:
@@ -100,7 +103,7 @@ class HardwareRig(Rig):
     and the ball is waited for. Within, nothing waits but ``wait``.
 
     Args:
-        servos: The drives.
+        servos: The servos, of any kind.
         screen: The touch screen.
         clock: Absolute deadlines of the period.
         transmission: Plate angles to motor angles.
@@ -126,8 +129,8 @@ class HardwareRig(Rig):
     def __init__(
         self,
         *,
-        servos: AkdServos | OwnServos,
-        screen: LumioScreen | OwnScreen,
+        servos: PoweredServos,
+        screen: PoweredScreen,
         clock: RealTimeClock,
         transmission: Transmission,
         limits: Limits,
@@ -149,7 +152,7 @@ class HardwareRig(Rig):
                 limits,
                 clock.period,
                 1,
-                late=servos.config.late + 2 * plate_lag,
+                late=servos.late + 2 * plate_lag,
             ),
             period=clock.period,
             fault_sources=(servos, screen, clock, self._motors),
@@ -285,6 +288,7 @@ class HardwareRig(Rig):
         self.clock.wait()
         self.clock.timing.begin()
         self.servos.receive()
+        self.screen.receive()
 
     def telemetry(self) -> dict[str, Array]:
         """How late the period began, the bus round trip before it, and the age of its angles."""
@@ -314,6 +318,7 @@ class HardwareRig(Rig):
         self.servos.settle(self.clock.left - self.MARGIN)
         self.clock.wait()
         self.servos.receive()
+        self.screen.receive()
 
     def _idle(self, done: Callable[[], bool], limit: float) -> None:
         """Exchange until something is done, at most for a time in s.

@@ -1,5 +1,8 @@
 """The whole examination, in the order of a bring-up: computer, screen, drives, or own hardware.
 
+A Lumio screen and AKD drives have checks that know them; devices of every other kind have those
+that need no more than `PoweredScreen` and `PoweredServos`.
+
 Of the computer and its installation: scheduling, timer, cam table, extras, ports.
 """
 
@@ -34,8 +37,10 @@ from twin.doctor.check import (
     warn_check,
 )
 from twin.doctor.drives import exchange
+from twin.hal.cams import FixedRatio
+from twin.hal.interface import FaultSource, Severity, Transmission
 from twin.hal.supervisor import LOST_AFTER
-from twin.run.connect import ComputingTime, cams_of, connect
+from twin.run.connect import ComputingTime, cams_of, connect, transmission_of
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
@@ -49,13 +54,13 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
     """Everything that can be checked without a device."""
     yield from _scheduling(scenario.rig.period)
     yield _law(scenario)
-    if rig.backend is None:
+    if rig.has_cams:
         yield _cams(rig)
     relaxed = ", ".join(rig.relaxed(scenario.rig.period))
     advice = "take these keys out of the rig file; every run is warned of them"
     seen = f"relaxed: {relaxed}" if relaxed else "as by default, or tighter"
     yield note_check("safety nets", seen, advice if relaxed else "")
-    if rig.backend is not None:
+    if not rig.has_akd:
         return
     yield warn_check(
         "settings of the drives",
@@ -128,12 +133,21 @@ def examine(
         check = own(scenario, rig, move=move)
         yield from report_errors(check, "backend", "mend its class (docs/your-rig.md)")
         return
-    screen = LumioScreen(rig.screen())
-    try:
-        yield from touch(screen, ask, rig.patience)
-    finally:
-        screen.stop()
-    yield check_calibration(rig, screen.stream.extent)
+    if rig.has_lumio:
+        screen = LumioScreen(rig.screen())
+        try:
+            yield from touch(screen, ask, rig.patience)
+        finally:
+            screen.stop()
+        yield check_calibration(rig, screen.stream.extent)
+    else:
+        ask("put")
+        check = any_screen(scenario, rig)
+        yield from report_errors(check, "touch screen", ANY_KIND_ADVICE)
+    if not rig.has_akd:
+        check = any_servos(scenario, rig, move=move, reset=reset)
+        yield from report_errors(check, "drives", ANY_KIND_ADVICE)
+        return
     servos = AkdServos(rig.servos(scenario.rig.period))
     try:
         with real_time():
@@ -256,6 +270,98 @@ def _lift(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
 
 OWN_CHECK_S, OWN_TILT_RAD = 2.0, math.radians(1.0)
 """Seconds that own hardware is watched for; how far it is tilted, rad."""
+ANY_KIND_ADVICE = "mend its class or its package (docs/your-rig.md)"
+
+
+def any_screen(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
+    """What can be checked of any screen: that it starts, how often it measures, where the ball is.
+
+    Args:
+        scenario: Its period and limits.
+        rig: Its file; the servos are left alone.
+    """
+    real = connect(scenario, rig)
+    screen, level, seen = real.screen, np.zeros((1, 2)), list[Reading]()
+    try:
+        screen.start()
+        kind = rig.kinds["touch"].name
+        yield pass_check("touch screen", f"{screen.where} of kind '{kind}' starts")
+        real.clock.start()
+        for _ in range(round(OWN_CHECK_S / real.period)):
+            real.clock.wait()
+            screen.receive()
+            screen.note_plate(level)
+            touch = screen.read()
+            _raise_fault(screen)
+            x, y = touch.position[0].tolist() if touch.touched[0] else (math.nan, math.nan)
+            at = real.servos.now() - float(touch.age[0])
+            if math.isfinite(at) and (not seen or at - seen[-1].at > real.period / 2):
+                seen.append(Reading(x, y, at))
+        yield from _measures(seen)
+    finally:
+        screen.stop()
+
+
+def any_servos(
+    scenario: Scenario, rig: RigFile, *, move: bool, reset: bool
+) -> Iterator[CheckResult]:
+    """What can be checked of any servos: that they start, and tilt the plate the right way.
+
+    Args:
+        scenario: Their period and limits.
+        rig: Their file; the screen is left alone.
+        move: Whether the plate may be tilted by a degree.
+        reset: Whether faults found in the drives are reset.
+    """
+    real, transmission = connect(scenario, rig), transmission_of(rig)
+    servos, level = real.servos, np.zeros((1, 2))
+    try:
+        servos.start(reset=reset)
+        real.clock.start()
+        yield pass_check("drives", f"of kind '{rig.kinds['drives'].name}' start")
+        for fault in servos.warnings():
+            yield warn_check("safety net", fault.detail, fault.condition.recovery)
+        if not move:
+            yield warn_check("tilt", "not tested", "hands off, then: ballplate doctor --move")
+            return
+        servos.enable()
+        for _ in range(round(HardwareRig.POWER_ON / real.period)):
+            if servos.enabled:
+                break
+            _exchange(real, np.zeros((1, 2)))
+        if not servos.enabled:
+            seen = f"none within {HardwareRig.POWER_ON:g} s of the request"
+            yield fail_check("torque", seen, "is their power on? does a fault stand in the drives?")
+            return
+        servos.home(level, transmission.motor(level))
+        yield from _tilts(real, transmission)
+    finally:
+        servos.stop()
+
+
+def _exchange(real: HardwareRig, motor_rate: Array) -> None:
+    """One period in which the motors turn at rates in rad/s, shape (1, 2).
+
+    Raises:
+        RigError: The servos report something.
+    """
+    real.servos.command(motor_rate)
+    real.servos.send()
+    real.servos.settle(real.clock.left - real.MARGIN)
+    real.clock.wait()
+    real.servos.receive()
+    _raise_fault(real.servos)
+
+
+def _raise_fault(device: FaultSource) -> None:
+    """Raise what a device reports, if it is more than a warning.
+
+    Raises:
+        RigError: The report.
+    """
+    for fault in device.faults():
+        if fault.condition.severity is not Severity.WARNING:
+            raise RigError(str(fault))
 
 
 def own(scenario: Scenario, rig: RigFile, *, move: bool) -> Iterator[CheckResult]:
@@ -283,23 +389,21 @@ def own(scenario: Scenario, rig: RigFile, *, move: bool) -> Iterator[CheckResult
         for fault in servos.warnings():
             yield warn_check("safety net", fault.detail, fault.condition.recovery)
         if move:
-            yield from _tilts(real, servos)
+            yield from _tilts(real, FixedRatio())
         else:
             yield warn_check("tilt", "not tested", "hands off, then: ballplate doctor --move")
     finally:
         servos.stop()
 
 
-def _collect_readings(
-    real: HardwareRig, servos: OwnServos, seconds: float, rates: Array | None = None
-) -> list[Reading]:
-    """Each new reading of a while in which the plate turns at rates (2,), rad/s.
+def _collect_readings(real: HardwareRig, servos: OwnServos, seconds: float) -> list[Reading]:
+    """Each new reading of a time in s in which the plate stands.
 
     Raises:
         RigError: The hardware failed or reports something.
     """
     found: dict[float, Reading] = {}
-    servos.command(np.zeros(2) if rates is None else rates)
+    servos.command(np.zeros(2))
     for _ in range(round(seconds / real.period)):
         servos.send()
         real.clock.wait()
@@ -330,15 +434,35 @@ def _measures(seen: list[Reading]) -> Iterator[CheckResult]:
     yield pass_check("ball", where)
 
 
-def _tilts(real: HardwareRig, servos: OwnServos) -> Iterator[CheckResult]:
-    """Whether each axis goes where it is told, and back."""
+def _tilts(real: HardwareRig, transmission: Transmission) -> Iterator[CheckResult]:
+    """Whether each axis of a level plate goes where it is commanded, and back.
+
+    Args:
+        real: The rig, its servos with torque.
+        transmission: Plate angles to motor angles.
+
+    Raises:
+        RigError: The servos report something.
+    """
+    servos, ticks = real.servos, round(0.5 / real.period)
+    goal = np.zeros((1, 2))
+
+    def turn(rates: Array) -> None:
+        nonlocal goal
+        for _ in range(ticks):
+            following = goal + real.period * rates
+            by = transmission.motor(following) - transmission.motor(goal)
+            _exchange(real, by / real.period)
+            goal = following
+
     for axis, (angle, look) in enumerate(drives.POSITIVE_ANGLE_HELP.items()):
         rates = OWN_TILT_RAD / 0.5 * (np.arange(2) == axis)
         before = servos.plate()[0, axis]
-        _collect_readings(real, servos, 0.5, rates), _collect_readings(real, servos, 0.5)
+        turn(rates)
+        turn(0 * rates)
         turned = float(np.degrees(servos.plate()[0, axis] - before))
-        _collect_readings(real, servos, 0.5, -rates)
-        if servos.reading is None or servos.reading.phi is None:
+        turn(-rates)
+        if not servos.encoders:
             yield warn_check(f"tilt of {angle}", "no encoder measures it", f"{look}: did it?")
         elif not abs(turned - 1) <= 0.4:
             advice = "check sign and scale of the command and of the encoder"

@@ -26,7 +26,7 @@ from twin.emulator.can_bus import DirectBus, EmulatedBus
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.screen import Protocol, ScreenLine
 from twin.emulator.serve import EmulatedPlant
-from twin.hal.interface import Touch
+from twin.hal.interface import PoweredScreen, Touch
 from twin.hal.supervisor import State
 from twin.run.assemble import build_limits
 from twin.scenario.schema import Scenario
@@ -246,6 +246,12 @@ class LockstepScreen(LumioScreen):
         """Open the port."""
         self._begin()
 
+    def stop(self) -> None:
+        """Close the port."""
+        super().stop()
+        self._port.close()
+        self.connected = False
+
     def read(self) -> Touch:
         """The newest plausible position, after reading the port."""
         self.listen()
@@ -262,6 +268,8 @@ class LockstepRig(HardwareRig):
         touch: The host's settings of the screen; the port in them is not used.
         protocol: What the screen speaks.
         relaxed: Safety nets that are wider than by default, in words.
+        other_screen: Makes a screen of another kind on the plant, in bus time; a Lumio screen that
+            speaks ``protocol`` by default.
     """
 
     def __init__(
@@ -272,15 +280,18 @@ class LockstepRig(HardwareRig):
         touch: LumioConfig | None = None,
         protocol: Protocol = Protocol.MICROTOUCH,
         relaxed: Sequence[str] = (),
+        other_screen: Callable[[EmulatedPlant, Callable[[], float]], PoweredScreen] | None = None,
     ) -> None:
         self.lockstep = LockstepDrives(config)
         self.plant = plant = EmulatedPlant(scenario)
         self.now, self.sleep = self.lockstep.adapter.now, self.lockstep.adapter.sleep
         """Bus time in s; lets some s of it pass."""
         self.line = plant.screen_line(plant.ball, protocol)
-        chosen = touch or LumioConfig(port="emulated", protocol=str(protocol))
+        self.touch = touch or LumioConfig(port="emulated", protocol=str(protocol))
         self.port = LockstepScreenPort(self.line, self.now)
-        screen = LockstepScreen(chosen, self.now, port=self.port)
+        screen: PoweredScreen = LockstepScreen(self.touch, self.now, port=self.port)
+        if other_screen is not None:
+            screen = other_screen(plant, self.now)
         clock = RealTimeClock(self.lockstep.config.period, now=self.now, sleep=self.sleep, spin=0.0)
         super().__init__(
             servos=self.lockstep.servos,

@@ -233,6 +233,117 @@ class TouchScreen(Protocol):
         """The newest sample."""
 
 
+class PoweredServos(Servos, FaultSource, Protocol):
+    """The servos of a real rig: brought up, driven period by period, shut down.
+
+    A rig calls, in this order: ``start``, then ``enable`` until ``enabled``, then ``home``. From
+    ``start`` on, once per period: ``receive`` when it begins, ``plate`` and ``motor``, ``command``,
+    ``send``, and ``settle`` in the idle time that is left. ``stop`` ends it, also after any error.
+    No method but ``start``, ``stop``, ``settle`` and ``sleep`` waits. What goes wrong after
+    ``start`` is a `Fault` in ``faults``, never an exception. Rates and angles of the motors are
+    those of the transmission that the rig was given: at the cam shafts, or of the plate itself.
+    """
+
+    @property
+    def lost(self) -> float:
+        """Plate angle in rad that may be lost between motor and plate."""
+
+    @property
+    def late(self) -> float:
+        """Longest time in s from a command to the motion of the plate."""
+
+    @property
+    def enabled(self) -> bool:
+        """Whether both axes follow their commands."""
+
+    @property
+    def encoders(self) -> bool:
+        """Whether ``plate`` is measured; False where it is computed from the commands."""
+
+    @property
+    def round_trip(self) -> float | None:
+        """Seconds from the last command to its last answer; None while or where there is none."""
+
+    def now(self) -> float:
+        """Monotonic time in s. The clock of a rig is that of its servos."""
+
+    def sleep(self, seconds: float) -> None:
+        """Let a time in s pass; ``time.sleep`` where ``now`` is real time."""
+
+    def start(self, *, reset: bool = False) -> None:
+        """Connect both axes, supervised and without motion; may wait.
+
+        Args:
+            reset: Whether faults that stand in the drives are reset, as a person requests.
+
+        Raises:
+            TwinError: If anything is not as it must be; all is disconnected again then.
+        """
+
+    def stop(self) -> None:
+        """Stand still, take the torque away, disconnect; idempotent, never raises."""
+
+    def enable(self) -> None:
+        """Request torque at zero rate; ``enabled`` shows when it is there.
+
+        Raises:
+            TwinError: If a fault stands that forbids it.
+        """
+
+    def quick_stop(self) -> None:
+        """Request standstill, then no torque; called in every period after a fault."""
+
+    def home(self, plate: Array, motor: Array) -> None:
+        """Declare the present angles of plate and motors, rad, shape (1, 2) each."""
+
+    def receive(self) -> None:
+        """Take in what has arrived."""
+
+    def send(self) -> None:
+        """Send the commands of the period that begins."""
+
+    def settle(self, limit: float) -> None:
+        """Wait for the answers to the last commands, at most for a time in s."""
+
+    def turned(self) -> tuple[Array, Array] | None:
+        """Plate and motor angles in rad, shape (2,) each, of one moment; None if none is known."""
+
+    def age(self) -> Array:
+        """Seconds since the plate angles were measured, shape (1, 2); 0 for computed ones."""
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """What every run is to be warned of from its start, as a safety net that is missing."""
+
+
+class PoweredScreen(TouchScreen, FaultSource, Protocol):
+    """The touch screen of a real rig: started, read period by period, stopped.
+
+    From ``start`` on, once per period: ``receive`` when it begins, ``note_plate``, ``read``,
+    ``faults``. No method but ``start`` and ``stop`` waits. What goes wrong after ``start`` is a
+    `Fault` in ``faults``, never an exception.
+    """
+
+    @property
+    def where(self) -> str:
+        """What messages call it."""
+
+    def start(self) -> None:
+        """Connect, and know nothing of what was before; may wait.
+
+        Raises:
+            TwinError: If it cannot; all is disconnected again then.
+        """
+
+    def stop(self) -> None:
+        """Disconnect; idempotent, never raises."""
+
+    def receive(self) -> None:
+        """Take in what has arrived."""
+
+    def note_plate(self, plate: Array) -> None:
+        """Take in the plate angles (phi, theta), rad, shape (1, 2): no ball rests on a tilt."""
+
+
 class Clock(Protocol):
     """Time as the loop sees it."""
 

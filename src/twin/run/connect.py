@@ -7,26 +7,24 @@ from a trace of its bus.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from math import radians
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from can import BusABC
 
 from controllers.arrays import Array
 from twin.base.errors import LogError
-from twin.devices.akd.bus import open_bus
-from twin.devices.akd.config import AkdConfig, BusConfig
+from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.servos import AkdServos
-from twin.devices.akd.traces import Hear, TracedBus
-from twin.devices.lumio.screen import LumioScreen
+from twin.devices.akd.traces import Hear
+from twin.devices.kinds import Surroundings, build_device
 from twin.devices.own import OwnScreen, OwnServos, load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time
 from twin.devices.rig import HardwareRig
 from twin.hal.cams import CamTable, FixedRatio
-from twin.hal.interface import Transmission
+from twin.hal.interface import PoweredScreen, PoweredServos, Transmission
 from twin.run.assemble import assemble, build_limits, own_errors
 from twin.run.logs import AXIS_NAMES, COLUMN_UNITS, read_csv
 from twin.scenario.passed import has_passed
@@ -70,31 +68,36 @@ def connect(
         "plate_lag": scenario.rig.plate_lag,
         "unchecked": "" if transmission is not None or has_passed(rig) else UNPASSED,
     }
-    if rig.backend is not None:
-        config = rig.own
-        hardware = load_backend(rig.backend, config)
-        own = OwnServos(hardware, config, limits, period)
-        return HardwareRig(
-            servos=own,
-            screen=OwnScreen(own),
-            clock=RealTimeClock(
-                period, allowed=allowed, spin=0.0, now=hardware.time, sleep=hardware.wait
-            ),
-            transmission=FixedRatio(),
-            **common,
-        )
-
-    def opened(config: BusConfig) -> BusABC:
-        bus = open_bus(config)
-        return bus if hear is None else TracedBus(bus, hear)
-
+    servos, screen = _devices(rig, Surroundings(period=period, limits=limits, hear=hear))
+    if servos.sleep is time.sleep:
+        clock = RealTimeClock(period, allowed=allowed, paused=paused, now=servos.now)
+    else:  # its time may pass only while it sleeps
+        clock = RealTimeClock(period, allowed=allowed, spin=0.0, now=servos.now, sleep=servos.sleep)
     return HardwareRig(
-        servos=AkdServos(rig.servos(period), opener=opened),
-        screen=LumioScreen(rig.screen()),
-        clock=RealTimeClock(period, allowed=allowed, paused=paused),
-        transmission=transmission or cams_of(rig),
+        servos=servos,
+        screen=screen,
+        clock=clock,
+        transmission=transmission or transmission_of(rig),
         **common,
     )
+
+
+def _devices(rig: RigFile, around: Surroundings) -> tuple[PoweredServos, PoweredScreen]:
+    """The devices of a rig file, of the kinds that it names; nothing is opened yet.
+
+    Raises:
+        TwinError: If the settings do not go together, or a device cannot be made.
+    """
+    if rig.backend is not None:
+        hardware = load_backend(rig.backend, rig.own)
+        own = OwnServos(hardware, rig.own, around.limits, around.period)
+        return own, OwnScreen(own)
+    servos = build_device(
+        "drives", rig.kinds["drives"], rig.settings("drives", around.period), around
+    )
+    around = replace(around, now=servos.now)
+    touch = rig.settings("touch", around.period)
+    return servos, build_device("touch", rig.kinds["touch"], touch, around)
 
 
 MAX_COMPUTING_SHARE = 0.8
@@ -182,6 +185,15 @@ def cams_of(rig: RigFile) -> CamTable:
         ModelError: If it cannot be used.
     """
     return CamTable.from_file(Path(rig.cams)) if rig.cams else CamTable.packaged()
+
+
+def transmission_of(rig: RigFile) -> Transmission:
+    """What is between the motors of a real rig, as they are commanded, and its plate.
+
+    Raises:
+        ModelError: If its cam table cannot be used.
+    """
+    return cams_of(rig) if rig.has_cams else FixedRatio()
 
 
 TOUCH_COLUMNS = {"time": "s", "measured_x": "m", "measured_y": "m"}

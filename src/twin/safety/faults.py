@@ -634,7 +634,7 @@ def off(rig: LockstepRig) -> bool:
 def late(rig: LockstepRig) -> bool:
     """Whether positions come later than the screen's driver allows."""
     since = rig.line.damage.lasting(rig.now(), ScreenFault.LATER)
-    return rig.line.damage.LATER * since > rig.screen.config.gate.late  # type: ignore[union-attr]
+    return rig.line.damage.LATER * since > rig.touch.gate.late
 
 
 @row_function

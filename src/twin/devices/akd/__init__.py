@@ -4,7 +4,7 @@ Bytes and states are in `protocol`: pure. `bringup` configures the drives over S
 `axis` judges every cycle and says what is sent next, `servos` is what a rig is given;
 `conditions` is the table of what can go wrong. `traces` keeps what is said on a bus, `trace_files`
 reads traces of other programs, `eds` data sheets, and `decoding` explains them. Servos on another
-wire are `twin.devices.own.Hardware`, or have the methods of `AkdServos`.
+wire are of another kind (`twin.devices.kinds`).
 """
 
 TRACE_FILE = "trace.log"

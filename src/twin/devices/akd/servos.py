@@ -117,6 +117,9 @@ class AkdServos:
         sleep: Waits for seconds; used by ``stop`` only.
     """
 
+    encoders = True
+    """The drives read the encoders of the plate."""
+
     def __init__(
         self,
         config: AkdConfig,
@@ -287,6 +290,16 @@ class AkdServos:
         for axis in self.axes:
             axis.target = 0.0
             axis.request = AxisRequest.ENABLE
+
+    @property
+    def lost(self) -> float:
+        """Plate angle in rad that may be lost between motor and plate."""
+        return self.config.lost
+
+    @property
+    def late(self) -> float:
+        """Longest time in s from a command to the motion of the plate."""
+        return self.config.late
 
     @property
     def enabled(self) -> bool:

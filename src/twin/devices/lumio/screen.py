@@ -477,6 +477,8 @@ class LumioScreen:
         """What is made of the bytes, and counted."""
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
+        self._watching = True
+        """Whether a ball that is missing is a fault: not after ``stop``."""
 
     def __enter__(self) -> Self:
         self.start()
@@ -509,14 +511,18 @@ class LumioScreen:
         except ScreenError:
             self._port.close()
             raise
-        self.connected = True
+        self.connected = self._watching = True
 
     def stop(self) -> None:
         """Stop listening and close the port; harmless if stopped already."""
+        self._watching = False
         if self._thread is not None:
             self._stop.set()
             self._thread.join()
             self._thread = None
+
+    def receive(self) -> None:
+        """Nothing: the thread takes in what arrives."""
 
     def read(self) -> Touch:
         """The newest plausible position; before the first one zeros of infinite age.
@@ -541,7 +547,8 @@ class LumioScreen:
 
     def faults(self) -> tuple[Fault, ...]:
         """What has been detected since the last call, oldest first; ask once per period."""
-        self.stream.tracker.watch(self._now())
+        if self._watching:
+            self.stream.tracker.watch(self._now())
         return tuple(self.stream.faults())
 
     @property
