@@ -187,7 +187,7 @@ def compare(
         processes: Processes to use; all processors by default.
         columns: Of logs of any rig, as ``identify`` takes them.
         separator: Between these.
-        reporter: Who is told progress and warnings.
+        reporter: Receives progress and warnings.
         changes: What is changed of all scenarios, by tables.
 
     Raises:
@@ -214,7 +214,7 @@ def compare(
         what = report.name_of("vary")
         raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
     for name in names:
-        find(name)  # a wrong name is told before anything heavy is imported
+        find(name)  # a wrong name is reported before anything heavy is imported
     from ballplate.results import Result, save_result
     from twin.run.finished import open_runs
     from twin.scenario.load import comparison
@@ -296,7 +296,7 @@ def runs_of_logs(
         finished: Runs beside them, whose reference it is without any.
         base: What is changed of the scenario.
         told: The columns of logs of any rig, None of other logs, and what separates these.
-        tell: Is told what was left out of them.
+        tell: Receives what was left out of them.
     """
     from twin.identify.logs import read_any, wanted_columns
     from twin.run.logs import fitting, log_run, read_log
@@ -385,7 +385,7 @@ def carried_out(
         work: What is done with each, a function of a module.
         scenarios: By label.
         processes: How many; all processors by default.
-        reporter: Who is told progress.
+        reporter: Receives progress.
         what: What the work is called there.
     """
     from twin.base import jobs

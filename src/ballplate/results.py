@@ -125,7 +125,7 @@ class Result(Run):
             file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` by the extra
                 ``mcap``; of a moving picture ``.webp``, ``.gif`` or ``.mp4`` (by the extra
                 ``video``).
-            reporter: Who is told progress; a notebook has its own.
+            reporter: Receives progress; a notebook has its own.
             cut: Of a moving picture, those of ``twin.run.film.Cut``: ``fps``, frames a second [20];
                 ``since`` and ``until``, times of the run at which it begins and ends, s [all];
                 ``seconds``, how long it lasts [as long as what it shows]; ``size``, its width in
@@ -309,7 +309,7 @@ def identify(
         ball_height: With ``columns``: metres from the axis about which the plate tilts up to the
             ball's centre, or ``"X,Y"`` of two axes. What the plate's acceleration does to the ball
             is held at it, else fitted.
-        reporter: Who is told progress; a notebook has its own.
+        reporter: Receives progress; a notebook has its own.
 
     Raises:
         TwinError: If the log cannot be read, or nothing can be learned from it.

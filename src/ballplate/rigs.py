@@ -292,7 +292,7 @@ def fmu(
         settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
         fmi: Version of the standard, 2 for FMI 2.0 or 3 for FMI 3.0.
         wished: Whether the scenario's reference is an output, too, with two derivatives.
-        reporter: Who is told why there is no binary in it.
+        reporter: Receives the reason why there is no binary in it.
         changes: What is changed of it, by tables: ``plant={"friction": {"rolling_mm": 0}}``.
 
     Returns:

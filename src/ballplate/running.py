@@ -73,7 +73,7 @@ def run(
         trace: Where all that is said on the CAN bus of a rig is kept, in a format of python-can
             by the file's ending; in the run's folder as ``trace.log`` by default.
         watch: Makes the context of the run, which is given the recorder to observe.
-        reporter: Who is told progress and warnings; a notebook has its own.
+        reporter: Receives progress and warnings; a notebook has its own.
         changes: What is changed of it, by tables: ``plant={"friction": {"rolling_mm": 0}}``.
 
     Raises:
@@ -86,7 +86,7 @@ def run(
         <Result 'Circle ... (...controller.kind=lqr, duration=4)': finished, tracking error 53.4 %>
     """
     report = reporter or default()
-    find(str(scenario))  # a wrong name is told before anything heavy is imported
+    find(str(scenario))  # a wrong name is reported before anything heavy is imported
     changed = changes_of(settings, changes)
     others = [beside] if isinstance(beside, str | Path) else beside
     for name in others:
@@ -269,7 +269,7 @@ def one_run(
     Args:
         scenario: What to run.
         label: What the progress calls it.
-        reporter: Who is told.
+        reporter: Receives progress and warnings.
         attach: Is given the recorder before the run.
         rig: A real rig; simulated by default.
         path: Whether to warn of a reference that the plate cannot give.
@@ -299,7 +299,7 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
 
     Args:
         scenario: What is to run.
-        reporter: Who is told.
+        reporter: Receives progress and warnings.
         label: Which of several runs it is.
     """
     from controllers.analysis import instability, slow_observer
@@ -332,7 +332,7 @@ def warn_of_path(scenario: Scenario, reporter: Reporter, label: str = "") -> Non
 
     Args:
         scenario: What is to run.
-        reporter: Who is told.
+        reporter: Receives progress and warnings.
         label: Which of several runs it is.
     """
     from twin.run.finished import out_of_reach
@@ -397,7 +397,7 @@ def rig_of(
     Args:
         on: Rig file or ``emulated``.
         scenario: What the virtual rig simulates.
-        reporter: Is told how far it lagged.
+        reporter: Receives by how much it lagged.
 
     Raises:
         TwinError: If there is no such rig, or its file is wrong.
@@ -429,7 +429,7 @@ def open_rig(
         on: Rig file, ``emulated`` or None.
         scenario: What is to run on it.
         keys: What is changed of the scenario.
-        reporter: Is told how far the virtual rig lagged.
+        reporter: Receives by how much the virtual rig lagged.
         reset: Whether faults found in the drives are reset.
         hear: Is given every frame on its CAN bus.
 

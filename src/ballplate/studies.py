@@ -207,7 +207,7 @@ def sweep(
         settings: What else is changed, by dotted keys or as texts ``KEY=VALUE``.
         out: Folder to save in; see ``Sweep.save`` for later.
         processes: Processes to use; all processors by default.
-        reporter: Who is told progress; a notebook has its own.
+        reporter: Receives progress; a notebook has its own.
         changes: What else is changed, by tables.
 
     Raises:
@@ -223,7 +223,7 @@ def sweep(
         >>> [f"{error:.0f} %" for error in found["tracking_error_percent"]]
         ['0 %', '32 %']
     """
-    find(str(scenario))  # a wrong name is told before anything heavy is imported
+    find(str(scenario))  # a wrong name is reported before anything heavy is imported
     from twin.scenario.load import comparison, headings
 
     base, varied = changes_of(settings, changes), varied_of(vary)
@@ -361,7 +361,7 @@ def study(
             there, a finished one answers at once. None keeps nothing.
         processes: Processes to use; all processors by default.
         scheduler: Address of a Dask scheduler on whose workers it runs.
-        reporter: Who is told progress; a notebook has its own.
+        reporter: Receives progress; a notebook has its own.
         keys: Keys in place of the study's own, as ``samples=8`` or ``seeds=2``.
 
     Raises:
