@@ -1,4 +1,4 @@
-"""What every kind of servos and every kind of screen keeps, by the kinds that are shipped.
+"""`twin.devices`: what every kind of servos and every kind of screen keeps.
 
 Truth is the simulated plant behind the devices, and the emulated drives' own power stages.
 """

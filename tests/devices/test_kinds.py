@@ -1,4 +1,4 @@
-"""Kinds of devices by name: those that are shipped, and those of installed packages."""
+"""`twin.devices.kinds`: shipped kinds of devices, and those of installed packages."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Rigs of two kinds of devices: what happens when one of them fails while the other continues.
+"""`twin.devices.rig`: rigs of two kinds of devices, of which one fails while the other continues.
 
 Truth is the simulated plant. Every row is done while the ball tracks a circle.
 """

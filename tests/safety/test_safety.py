@@ -5,6 +5,7 @@ import json
 import pkgutil
 from dataclasses import replace
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,10 +16,11 @@ import twin.devices
 import twin.hal
 from docs import own_faults, pages
 from docs import safety as safety_page
+from twin.base.data_file import read_packaged
 from twin.cli.rig import safety
 from twin.devices.own import OWN_CONDITIONS
 from twin.hal.interface import Condition, Severity
-from twin.safety.faults import CASES
+from twin.safety.faults import CASES, OF_DRIVES, OF_RIG, ROW_FUNCTIONS
 from twin.safety.trial import run_case
 
 NUMBER = {case.name: index for index, case in enumerate(CASES)}
@@ -76,6 +78,21 @@ def test_a_fault_is_detected_in_time_answered_safely_recorded_and_recovered_from
 
 def test_names_of_the_cases_are_all_different():
     assert len(NUMBER) == len(CASES)
+
+
+def named_by(given):
+    """Every cause and function that a row names, also within others."""
+    name, *arguments = [given] if isinstance(given, str) else given
+    inner = {"together": arguments, "in_turn": arguments, "then": arguments[1:]}.get(name, ())
+    return {name}.union(*map(named_by, inner))
+
+
+def test_every_cause_and_function_that_a_row_names_is_there():
+    rows = read_packaged("twin.safety", "cases.toml").values()
+    names = {each for row in chain(*rows) for key in ("act", "begins") if key in row
+             for each in named_by(row[key])}  # fmt: skip
+    assert "no_zero_rate" in names
+    assert names <= {*OF_DRIVES, *OF_RIG, *ROW_FUNCTIONS}
 
 
 def test_a_run_that_nothing_happens_to_would_fail_a_row(monkeypatch):

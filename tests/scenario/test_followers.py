@@ -1,4 +1,4 @@
-"""Who is stated to follow a setting does, to the bit; who is stated to leave it out does not."""
+"""`twin.base.followers`: who is stated to follow a setting does, to the bit; nobody else does."""
 
 import os
 import re

@@ -476,6 +476,7 @@ def ask(rig: LockstepRig, phi: float, theta: float) -> None:
     rig.asked = np.array([[phi, theta]])
 
 
+@row_function
 def no_zero_rate(rig: LockstepRig) -> None:
     """From now on every target arrives as the present one."""
     for drive in rig.lockstep.drives:
