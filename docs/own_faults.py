@@ -144,16 +144,18 @@ class Stepped(ARDUINO.Arduino):  # type: ignore[name-defined,misc]
         ARDUINO.serial = SimpleNamespace(Serial=Line)
         self.line = Line()
         self._encoder = encoder
+        self._angles = (-math.inf, 0.0, 0.0)
         self.levelled = True
         """Whether the plate had been told to be level before it was told to stop."""
 
     def measure(self) -> Reading:
-        """The newest measurement, with what an encoder says now if there is one."""
+        """The newest measurement, with the plate angles of its arrival if there is an encoder."""
         found = super().measure()
         if not self._encoder:
             return found
-        phi, theta = self.line.board.angle
-        return Reading(found.x, found.y, found.at, phi, theta)
+        if found.at != self._angles[0]:
+            self._angles = (found.at, *self.line.board.angle)
+        return Reading(found.x, found.y, *self._angles)
 
     def stop(self) -> None:
         """Stop, and keep what was before."""
@@ -316,6 +318,11 @@ def steep(trace: Array) -> Any:
 
 ROWS = (
     Row("The board says nothing any more", sets(says=lambda _: ""), own.SILENT),
+    Row(
+        *("The board says nothing any more, and the plate has an encoder", sets(says=lambda _: "")),
+        own.SILENT,
+        encoder=True,
+    ),
     Row("Of the board's bytes 3 % get lost", sets(lose=0.03)),
     Row("Lines without sense come between those of the board", sets(between=b"\xff\0*B 1\n")),
     Row("There are bytes without sense in every line", sets(between=b"\xffB 7"), own.SILENT),

@@ -480,6 +480,8 @@ class OwnServos(_OwnDriver):
         self._period = period
         self._share = 1 - math.exp(-period / config.plate_lag) if config.plate_lag else 1.0
         self._rate, self._angle, self._model = np.zeros((3, 2))
+        self._read_at, self._model_then = -math.inf, self._model
+        """Time in s of the newest measurement, and the modelled plate angles then, rad."""
         self._astray: float | None = None
         self._looks = 0
         self._motion: deque[tuple[float, ...]] = deque(maxlen=round(DIRECTION.memory / period))
@@ -501,6 +503,7 @@ class OwnServos(_OwnDriver):
         """
         self._astray = None
         self._motion.clear()
+        self._read_at = -math.inf
         self._connect()
 
     def stop(self) -> None:
@@ -547,9 +550,18 @@ class OwnServos(_OwnDriver):
         return self.reading if self.reading and self.reading.phi is not None else None
 
     def plate(self) -> Array:
-        """Measured plate angles, or where the plate is believed to be, rad, shape (1, 2)."""
+        """Measured plate angles, or where the plate is believed to be, rad, shape (1, 2).
+
+        Once measurements have ended, the plate is believed to follow its commands from the last
+        one, so that levelling ends where the plate is level.
+        """
         reading = self._measured
-        return np.array([reading[3:]]) if reading else self._model[None].copy()
+        if reading is None:
+            return self._model[None].copy()
+        measured = np.array([reading[3:]])
+        if self.now() - reading.at <= self._silent:
+            return measured
+        return np.asarray(measured + self._model - self._model_then)
 
     def motor(self) -> Array:
         """The commanded plate angles, rad, shape (1, 2)."""
@@ -570,6 +582,8 @@ class OwnServos(_OwnDriver):
 
     def _watch(self, reading: Reading, now: float) -> None:
         super()._watch(reading, now)
+        if reading.at != self._read_at:
+            self._read_at, self._model_then = reading.at, self._model
         plate = self.plate()[0]
         if self._ball and (words := self._ball.look(reading, now, plate)):
             self._report(FROZEN, words)
