@@ -102,7 +102,7 @@ def main() -> None:
         (what, much, [values[law][at] for law in plan["laws"]])
         for at, (what, much, _) in enumerate(wrong)
     ]
-    on = {law: each[len(wrong) :] for law, each in values.items()}
+    on = {law: each[-len(rigs) :] for law, each in values.items()}
     kept_by_others = [
         any(on[law][at] is not None for law in plan["laws"][1:]) for at in range(len(rigs))
     ]
