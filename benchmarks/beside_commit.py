@@ -40,14 +40,28 @@ simulate(batch)
 print(time.process_time() - begin)
 """
 """Read by the Python of either checkout, old ones too."""
+SWEPT = """
+import sys, time
+import ballplate
+name, rigs, *settings = sys.argv[1:]
+ballplate.sweep(name, {"seed": [0]}, settings=settings, processes=1)
+begin = time.process_time()
+ballplate.sweep(name, {"seed": [*range(int(rigs))]}, settings=settings, processes=1)
+print(time.process_time() - begin)
+"""
+"""The same as a sweep over seeds, on one process."""
+SWEEPS = {"sweep, afl, mechanism": ("circle", "plant.kind=mujoco")}
+"""Scenario and settings of each sweep."""
 
 
-def spent(checkout: Path, rigs: int, seconds: float, case: tuple[str, ...]) -> float:
-    """Processor time in us of a rig and control period, of so many rigs in a batch."""
+def spent(
+    checkout: Path, rigs: int, seconds: float, case: tuple[str, ...], program: str = SIMULATED
+) -> float:
+    """Processor time in us of a rig and control period, of so many rigs under a program."""
     fixed = (f"duration={seconds}", f"metrics.start={seconds / 2}", "baseline=false")
     python = checkout / ".venv" / "bin" / "python"
     done = subprocess.run(
-        (python, "-c", SIMULATED, case[0], str(rigs), *case[1:], *fixed),
+        (python, "-c", program, case[0], str(rigs), *case[1:], *fixed),
         cwd=checkout,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         capture_output=True,
@@ -60,8 +74,13 @@ def spent(checkout: Path, rigs: int, seconds: float, case: tuple[str, ...]) -> f
 def table(old: Path, rigs: int, seconds: float, rounds: int) -> str:
     """What either needs in every case, and the ratio, as Markdown."""
     here, rows = Path(sys.prefix).parent, []
-    for name, case in CASES.items():
-        turns = [[spent(each, rigs, seconds, case) for each in (old, here)] for _ in range(rounds)]
+    cases = [(*each, SIMULATED) for each in CASES.items()]
+    cases += [(*each, SWEPT) for each in SWEEPS.items()]
+    for name, case, program in cases:
+        turns = [
+            [spent(each, rigs, seconds, case, program) for each in (old, here)]
+            for _ in range(rounds)
+        ]
         before, now = map(min, zip(*turns, strict=True))
         rows.append((f"{rigs} rigs, {name}", f"{before:.1f}", f"{now:.1f}", f"{now / before:.2f}"))
     return markdown(("batch", "earlier commit [us]", "here [us]", "ratio"), rows)

@@ -117,6 +117,27 @@ def numbers(values: Array | Mask) -> Any:
     return values.item() if values.size == 1 else values.reshape(-1)
 
 
+def multiply_rows(rows: Array, matrix: Array) -> Array:
+    """The product of each row with a matrix, to the bit what it is for this row alone.
+
+    One product of all rows is rounded differently: BLAS adds a row's terms in another order when
+    it multiplies several at a time.
+
+    Args:
+        rows: Shape (..., n); the vectors of N rigs.
+        matrix: Shape (n, m).
+
+    Returns:
+        Shape (..., m).
+    """
+    if rows.size == len(matrix):  # one rig: the same product without the cost of a stack
+        return rows.dot(matrix)
+    if not matrix.flags.forc:  # a part of a larger one: ``dot`` multiplies with a copy
+        matrix = matrix.copy()
+    product: Array = (rows[..., np.newaxis, :] @ matrix)[..., 0, :]
+    return product
+
+
 def square_of(v: Array) -> Array:
     """|v|^2 of vectors of two, shape (..., 1)."""
     x, y = v[..., :1], v[..., 1:]

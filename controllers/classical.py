@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from annotated_types import Gt, Le, Len
 
-from controllers.arrays import Array, NotNegative, Positive
+from controllers.arrays import Array, NotNegative, Positive, multiply_rows
 from controllers.ballplate import TILT_SIGN, stack_reference
 from controllers.design import Pole, format_numbers, gains_from, require_stable, stable_poles
 from controllers.interfaces import Law, Reference
@@ -62,7 +62,7 @@ class _StateFeedback(Law):
         desired[..., 0::4] = r[0]
         if self.reference == "velocity":
             desired[..., 1::4] = r[1]
-        return (desired - x) @ self.K.T
+        return multiply_rows(desired - x, self.K.T)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,7 +237,7 @@ class Feedforward(Law):
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations u_ff + K (x* - x) in rad/s^2, shape (..., 2)."""
         desired, u = self.trajectory(reference(t))
-        return u + (desired - x) @ self.K.T
+        return u + multiply_rows(desired - x, self.K.T)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from annotated_types import Len
 
-from controllers.arrays import Array, Positive, every
+from controllers.arrays import Array, Positive, every, multiply_rows
 from controllers.ballplate import MEASURED_STATES, BallPlate
 from controllers.design import Pole, format_numbers, place_poles, sample, stable_poles
 from controllers.interfaces import Measurement, Observer
@@ -60,12 +60,12 @@ class LinearObserver(Observer):
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in a measurement; without a touch only the plate angles correct."""
-        self.x = self.x + innovation(measurement, self.x).dot(self.L.T)
+        self.x = self.x + multiply_rows(innovation(measurement, self.x), self.L.T)
         return self.x
 
     def predict(self, u: Array) -> None:
         """Carry the estimate one period ahead."""
-        self.x = self.x.dot(self.A.T) + u.dot(self.B.T)
+        self.x = multiply_rows(self.x, self.A.T) + multiply_rows(u, self.B.T)
 
 
 PLATE_RATE_SLICE = slice(3, None, 4)

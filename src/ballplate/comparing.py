@@ -373,7 +373,7 @@ def label_runs(finished: Sequence[Result]) -> dict[str, Result]:
 
 
 def carried_out(
-    work: Callable[[Scenario], Found],
+    work: Callable[[Sequence[Scenario]], Sequence[Found]],
     scenarios: Mapping[Label, Scenario],
     processes: int | None,
     reporter: Reporter,
@@ -382,7 +382,7 @@ def carried_out(
     """Label and result of every scenario, as they come; on several processes where that pays.
 
     Args:
-        work: What is done with each, a function of a module.
+        work: What is done with those of a batch, a function of a module; one result each.
         scenarios: By label.
         processes: How many; all processors by default.
         reporter: Receives progress.
@@ -396,27 +396,28 @@ def carried_out(
     count = min(processes or (jobs.cores() if long else 1), len(scenarios))
     if not all(map(importable, scenarios.values())):
         count = 1
+    from twin.run.together import group
+
+    chunks = group(scenarios, count)
+    given = ((number, [scenarios[each] for each in its]) for number, its in enumerate(chunks))
+    done = 0
     with reporter.progress(what, len(scenarios), "runs") as advance:
-        for number, done in enumerate(jobs.results(work, scenarios.items(), count), 1):
-            advance(number)
-            yield done
+        for number, found in jobs.results(work, given, min(count, len(chunks))):
+            done += len(found)
+            advance(done)
+            yield from zip(chunks[number], found, strict=True)
 
 
-def attempt(scenario: Scenario) -> Run | LawError:
-    """The run of a scenario, or how its law failed.
+def attempt(scenarios: Sequence[Scenario]) -> list[Run | LawError]:
+    """The runs of scenarios that share a batch, or how the law of each failed.
 
     Raises:
-        KeyboardInterrupt: If the user interrupts it.
+        KeyboardInterrupt: If the user interrupts them.
+        TwinError: If one cannot be assembled.
     """
-    from twin.run import finished
+    from twin.run.together import run_together
 
-    try:
-        done = finished.run(scenario)
-    except LawError as error:
-        return error
-    if done.interrupted:
-        raise KeyboardInterrupt
-    return done
+    return list(run_together(scenarios))
 
 
 def load(path: str | Path) -> Result | Comparison | Log:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, varied_of
-from ballplate.comparing import attempt, carried_out, cases_of
+from ballplate.comparing import carried_out, cases_of
 from ballplate.reporter import Reporter, default, png, showable, writable
 from twin.base.errors import LawError, ScenarioError, nearest
 from twin.base.page import Picture, Table, Text, fragment
@@ -236,7 +236,7 @@ def sweep(
     rows: dict[int, dict[str, Any]] = {}
     try:
         numbered = dict(enumerate(cases))
-        rows.update(carried_out(_evaluate_run, numbered, processes, report, "sweep"))
+        rows.update(carried_out(_evaluate_runs, numbered, processes, report, "sweep"))
     except KeyboardInterrupt:
         if not rows:
             raise
@@ -255,12 +255,14 @@ def sweep(
     return done
 
 
-def _evaluate_run(scenario: Scenario) -> dict[str, Any]:
-    """The indicators of a run; of one whose law raises an error none, but its line."""
-    done = attempt(scenario)
-    if isinstance(done, LawError):
-        return _none("failed") | {"reason": str(done)}
-    return done.summary()
+def _evaluate_runs(scenarios: Sequence[Scenario]) -> list[dict[str, Any]]:
+    """The indicators of each run; of one whose law raises an error none, but its line."""
+    from twin.run.together import run_together
+
+    return [
+        _none("failed") | {"reason": str(done)} if isinstance(done, LawError) else done.summary()
+        for done in run_together(scenarios)
+    ]
 
 
 def _none(outcome: str) -> dict[str, Any]:

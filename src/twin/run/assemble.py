@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -53,13 +53,22 @@ if TYPE_CHECKING:
     from mujoco import MjModel
 
 
-def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Plant, Transmission]:
+def build_plant(
+    scenarios: Sequence[Scenario], *, threads: int = 0, as_alone: bool = False
+) -> tuple[Plant, Transmission]:
     """The plant of N scenarios and the transmissions that its rigs believe in.
+
+    Args:
+        scenarios: One per rig.
+        threads: Threads of the engine; 0 for one per processor.
+        as_alone: Whether each rig gives the bits that it gives alone, where its kind has such a
+            way (``PlantKind.as_alone``).
 
     Raises:
         ModelError: If the mechanism or its cam table cannot be used.
     """
-    plant, known = PLANTS[scenarios[0].plant.kind].make(scenarios, threads)
+    kind = PLANTS[scenarios[0].plant.kind]
+    plant, known = ((as_alone and kind.as_alone) or kind.make)(scenarios, threads)
     return plant, with_calibration_error(known, scenarios)
 
 
@@ -143,7 +152,9 @@ def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
     }
 
 
-def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
+def _mechanism(
+    scenarios: Sequence[Scenario], threads: int, *, as_alone: bool = False
+) -> tuple[Plant, Transmission]:
     from twin.sim.plant.mechanism import Mechanism  # noqa: PLC0415  heavy: loaded when needed
 
     plant = Mechanism(
@@ -152,6 +163,7 @@ def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Tran
         threads=threads,
         friction=_friction(scenarios),
         parts=list(map(parts_of, scenarios)),
+        as_alone=as_alone,
     )
     return plant, _build_transmission(scenarios, plant.ratio)
 
@@ -184,6 +196,8 @@ class PlantKind(NamedTuple):
         change: Lets it go on as scenarios say; by default it cannot.
         rebuild: Lets rigs of some numbers be what the scenarios of all say.
         foresee: Does ahead of time what takes long of ``change``.
+        as_alone: As ``make``, but each rig gives the bits that it gives alone; None if no such way
+            is known.
     """
 
     make: Callable[[Sequence[Scenario], int], tuple[Plant, Transmission]]
@@ -192,6 +206,7 @@ class PlantKind(NamedTuple):
     change: Callable[[Any, Sequence[Scenario]], None] = _cannot_change
     rebuild: Callable[[Any, NDArray[np.integer], Sequence[Scenario]], None] = _cannot_change
     foresee: Callable[[Any, Sequence[Scenario]], None] = _cannot_change
+    as_alone: Callable[[Sequence[Scenario], int], tuple[Plant, Transmission]] | None = None
 
 
 PLANTS = {
@@ -202,6 +217,7 @@ PLANTS = {
         change=lambda plant, scenarios: plant.change(**_equations(scenarios)),
         rebuild=lambda plant, _, scenarios: plant.change(**_equations(scenarios)),
         foresee=lambda *_: None,
+        as_alone=_exact,
     ),
     "mujoco": PlantKind(
         _mechanism,
@@ -211,6 +227,7 @@ PLANTS = {
             rigs, [parts_of(scenarios[rig]) for rig in rigs], _friction(scenarios)
         ),
         foresee=lambda plant, scenarios: plant.foresee(list(map(parts_of, scenarios))),
+        as_alone=partial(_mechanism, as_alone=True),
     ),
 }
 """The plants by what ``plant.kind`` calls them."""
@@ -588,6 +605,7 @@ def assemble(
     anchor: float = Rig.ANCHOR,
     changeable: bool = False,
     unseen: bool = False,
+    as_alone: bool = False,
 ) -> Assembled:
     """N rigs and their controllers from N scenarios.
 
@@ -599,6 +617,7 @@ def assemble(
         anchor: Time in s from one look of the rig at its measured plate angle to the next.
         changeable: Whether it may be told of further changes while it runs (``Changes.follow``).
         unseen: Whether nobody sees how the plate is left, so that it need not be levelled.
+        as_alone: As for ``build_plant``.
 
     Raises:
         ScenarioError: If the parts do not fit together, or scenarios differ in what the rigs of a
@@ -609,7 +628,7 @@ def assemble(
     for other in each[1:]:
         agree(batch_keys(each[0]), batch_keys(other), "rigs that run side by side")
     controller = build_controllers(each)
-    plant, transmission = build_plant(each, threads=threads)
+    plant, transmission = build_plant(each, threads=threads, as_alone=as_alone)
     rig = build_rig(each, plant, transmission, seeds, anchor, changeable=changeable)
     if unseen:
         rig.LEVELLING_TIME = 0.0

@@ -5,7 +5,7 @@ It is run with all effects, without each and with each alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,16 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.base.data_file import read_packaged
-from twin.base.errors import ModelError, ScenarioError
+from twin.base.errors import LawError, ModelError, ScenarioError
 from twin.base.followers import DEFAULT, SHAPE
 from twin.base.jobs import cores, results
 from twin.base.settings import Setting
 from twin.base.writing import write_whole
 from twin.run.assemble import linkage_of
-from twin.run.finished import run
+from twin.run.finished import Run
 from twin.run.metrics import Ending
 from twin.run.picture import RUN_COLOURS, styled_figure
+from twin.run.together import group, run_together
 from twin.scenario.schema import CAMS_ONLY, LEFT_OUT, REGISTER, Scenario
 
 Overrides = Mapping[str, Any]
@@ -219,17 +220,32 @@ def explain(
     wanted = plan(scenario)
     different = {variant.model_dump_json(): variant for variant in wanted.values()}
     found: dict[str, EffectCase] = {}
-    count = min(processes or cores(), len(different))
-    for name, case in results(attempt, different.items(), count):
-        found[name] = case
+    chunks = group(different, processes or cores())
+    jobs = ((number, [different[name] for name in its]) for number, its in enumerate(chunks))
+    for number, some in results(attempt, jobs, min(processes or cores(), len(chunks))):
+        found |= zip(chunks[number], some, strict=True)
         progress(len(found))
     cases = {name: found[variant.model_dump_json()] for name, variant in wanted.items()}
     return attribute(scenario, cases)
 
 
-def attempt(scenario: Scenario) -> EffectCase:
-    """Run one case."""
-    done = run(scenario)
+def attempt(scenarios: Sequence[Scenario]) -> list[EffectCase]:
+    """Run cases that share a batch.
+
+    Raises:
+        TwinError: If one cannot be assembled, or its law fails.
+        KeyboardInterrupt: If the user interrupts.
+    """
+    cases = []
+    for scenario, done in zip(scenarios, run_together(scenarios), strict=True):
+        if isinstance(done, LawError):
+            raise done
+        cases.append(_case_of(scenario, done))
+    return cases
+
+
+def _case_of(scenario: Scenario, done: Run) -> EffectCase:
+    """What a run says of its case."""
     error = done.motion.error[done.motion.time >= scenario.metrics.start - 1e-9]
     whole = done.outcome == Ending.FINISHED
     reason = f": {done.metrics['reason']}" if done.metrics["reason"] else ""

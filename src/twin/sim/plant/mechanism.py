@@ -213,6 +213,8 @@ class Mechanism:
         threads: Threads to step on, 0 for one a processor; one rig needs only one.
         friction: Rolling resistance of the ball; None for the model's own.
         parts: What differs from the model file, one for all or one a rig.
+        as_alone: Whether each rig gives the bits that it gives alone, also where there are so many
+            that another way to see the balls is faster.
 
     Raises:
         ModelError: If the model cannot be used, or a number is out of range.
@@ -225,9 +227,11 @@ class Mechanism:
         threads: int = 0,
         friction: Friction | None = None,
         parts: Parts | Sequence[Parts] | None = None,
+        *,
+        as_alone: bool = False,
     ) -> None:
         self.rigs = rigs
-        self._sensing = rigs < _VECTORISED_FROM_RIGS
+        self._sensing = as_alone or rigs < _VECTORISED_FROM_RIGS
         one = Parts() if parts is None else parts
         disabled = _UNUSED_FEATURES | (0 if self._sensing else _ISLAND_FEATURE)
         self._models = RigModels(rigs, one, step, disabled)
