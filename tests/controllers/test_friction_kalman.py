@@ -10,7 +10,8 @@ from observing import measured, normalised, within
 from scipy.interpolate import RegularGridInterpolator
 
 from controllers.ballplate import BallPlate
-from controllers.observers import FrictionKalman, FrictionMapKalman, friction, late_ball
+from controllers.observers import FrictionKalman, FrictionMapKalman, late_ball
+from controllers.observers.friction import ImpactTest
 
 MODEL = BallPlate()
 T = 0.002
@@ -508,7 +509,7 @@ class Textbook:
         if v @ v < observer.learning_speed**2:
             change[6:], fall[6:, 6:] = 0.0, 0.0
         self.z, self.P = z + change, self.P - fall
-        bounds = friction.LARGEST_GAIN, friction.LARGEST_CAMBER
+        bounds = observer.bounds.tilt_gain_error, observer.bounds.camber_per_s2
         for part, bound in zip((slice(6, 8), slice(9 + self.points, None)), bounds, strict=True):
             self.z[part] = np.clip(self.z[part], -bound, bound)
         self.z[8] = np.clip(self.z[8], 0.0, observer.most_friction * self.believed)
@@ -588,26 +589,25 @@ def seen(observer, jump):
 
 
 @pytest.mark.parametrize("kind", [FrictionKalman, FrictionMapKalman])
-def test_a_ball_that_is_struck_has_its_new_velocity_within_hundredths_of_a_second(
-    kind, monkeypatch
-):
+def test_a_ball_that_is_struck_has_its_new_velocity_within_hundredths_of_a_second(kind):
     def struck(since):
         return STRUCK * max(since, 0.0)
 
     after = 250 + 20  # 40 ms
     assert np.abs(seen(kind(), struck)[after] - STRUCK).max() < 0.05
-    monkeypatch.setattr(friction, "IMPACT_VELOCITY_STD_M_S", 0.0)
-    assert np.abs(seen(kind(), struck)[after] - STRUCK).max() > 0.1
+    without = kind(impact_test=ImpactTest(velocity_std_m_s=0.0))
+    assert np.abs(seen(without, struck)[after] - STRUCK).max() > 0.1
 
 
-def test_two_samples_on_one_side_are_a_blow_and_neither_noise_nor_one_is(monkeypatch):
-    def wrong(samples):
-        return seen(FrictionKalman(), lambda since: 0.05 * (0 <= since < (samples - 0.5) * T))
+def test_two_samples_on_one_side_are_a_blow_and_neither_noise_nor_one_is():
+    def wrong(samples, **constants):
+        observer = FrictionKalman(**constants)
+        return seen(observer, lambda since: 0.05 * (0 <= since < (samples - 0.5) * T))
 
     one, two = wrong(1), wrong(2)
-    monkeypatch.setattr(friction, "IMPACT_VELOCITY_STD_M_S", 0.0)
-    np.testing.assert_array_equal(one, wrong(1))
-    assert np.abs(two - wrong(2)).max() > 0.01
+    without = {"impact_test": ImpactTest(velocity_std_m_s=0.0)}
+    np.testing.assert_array_equal(one, wrong(1, **without))
+    assert np.abs(two - wrong(2, **without)).max() > 0.01
 
 
 def test_a_modelled_plate_follows_a_commanded_rate_as_the_lag_says_whatever_is_measured():
