@@ -10,8 +10,10 @@ from observing import measured, normalised, within
 from scipy.interpolate import RegularGridInterpolator
 
 from controllers.ballplate import BallPlate
+from controllers.interfaces import catalog_settings
 from controllers.observers import FrictionKalman, FrictionMapKalman, late_ball
-from controllers.observers.friction import ImpactTest
+from controllers.observers.friction import EstimateBounds, ImpactTest
+from controllers.observers.late_ball import LagSearch
 
 MODEL = BallPlate()
 T = 0.002
@@ -725,3 +727,21 @@ def test_a_lag_that_is_found_is_in_the_estimate_for_a_law_alone_that_needs_it(ki
 def test_a_lag_that_is_told_is_kept_and_none_is_found_without_encoders(how):
     observer = FrictionKalman(**how)
     assert turned(observer, [0.02], 0.0, seconds=0.5) == observer.model.lag
+
+
+def test_constants_of_an_algorithm_are_arguments_and_no_settings_of_a_scenario():
+    strict = LagSearch(max_lag_s=0.0)
+    assert FrictionKalman(lag_search=strict).lag_search is strict
+    constants = {"swing_test", "lag_search", "rest_test", "impact_test", "bounds"}
+    names = {each.name for each in catalog_settings(FrictionMapKalman)}
+    assert names.isdisjoint(constants | {"model", "period", "delay", "needed"})
+    assert {"believed_mm", "plate", "camber_spread"} <= names
+
+
+def test_bounds_are_those_that_are_passed_in():
+    observer = FrictionKalman(bounds=EstimateBounds(tilt_gain_error=1e-6))
+    world = World(observer, rigs=2)
+    for _ in range(300):
+        observer.correct(world.measure())
+        observer.predict(world.advance())
+    assert np.abs(observer.s[:, 6:8]).max() == 1e-6
