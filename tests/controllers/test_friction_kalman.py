@@ -11,7 +11,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from controllers.ballplate import BallPlate
 from controllers.interfaces import catalog_settings
-from controllers.observers import FrictionKalman, FrictionMapKalman, late_ball
+from controllers.observers import FrictionKalman, FrictionMapKalman
 from controllers.observers.friction import EstimateBounds, ImpactTest
 from controllers.observers.late_ball import LagSearch
 
@@ -709,15 +709,14 @@ def test_the_lag_of_the_drives_is_found_beside_their_play_and_none_where_there_i
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", [FrictionKalman, FrictionMapKalman])
-def test_a_lag_that_is_found_is_in_the_estimate_for_a_law_alone_that_needs_it(kind, monkeypatch):
-    def estimated(*needed):
-        observer = kind(needed=needed)
+def test_a_lag_that_is_found_is_in_the_estimate_for_a_law_alone_that_needs_it(kind):
+    def estimated(*needed, **constants):
+        observer = kind(needed=needed, **constants)
         return turned(observer, [0.02], 0.0, own=OWN).item(), observer.x
 
     (found, counted), (left_out, others) = estimated("plate_lag"), estimated("friction")
     assert left_out == found == pytest.approx(0.02, abs=0.0025)  # recorded all the same
-    monkeypatch.setattr(late_ball, "LONGEST_LAG", 0.0)
-    none, without = estimated("plate_lag")
+    none, without = estimated("plate_lag", lag_search=LagSearch(max_lag_s=0.0))
     assert none == 0.0
     np.testing.assert_array_equal(others, without)
     assert (counted != without)[:, 3::4].all()
