@@ -1,6 +1,6 @@
 """Types of the project: arrays, and ranges of settings that are checked when an object is made.
 
-Besides how one rig is calculated as fast as a formula for many allows.
+The functions calculate one rig with plain numbers and many with arrays, by the same formula.
 """
 
 from __future__ import annotations
@@ -26,6 +26,23 @@ Mask = NDArray[np.bool_]
 """Yes or no, one per rig."""
 Number = float | Array
 """A number for all rigs, or one per rig, shape (N,)."""
+State = Array
+"""State x = (x, x', phi, phi', y, y', theta, theta') of (5.5), shape (..., 8).
+
+Positions x, y of the ball's centre in m and their rates in m/s, along the axes of the plate; the
+origin is the plate's centre. Plate angles phi, theta in rad and their rates in rad/s; the rotation
+from plate to world is Rx(theta) Ry(phi) (4.5). A positive phi accelerates the ball along +x, a
+positive theta along -y."""
+Output = Array
+"""Measured output y = (x, phi, y, theta) of (5.3), shape (..., 4).
+
+Ball in m, plate in rad, with the frames and signs of ``State``. A ``Measurement`` is an output
+with its time, age and touch."""
+Input = Array
+"""Input u = (phi'', theta'') of (5.8), plate accelerations in rad/s^2, shape (..., 2).
+
+Signs as in ``State``. Plate rates (phi', theta') in rad/s that are commanded have the same order
+but are no input."""
 
 
 def constant(value: Number) -> Array:

@@ -1,20 +1,56 @@
 """What a law, an observer, a reference and a measurement are; everything else builds on these.
 
 Every array ends in its vector axis and may have any number of leading axes, one entry a rig:
-states ``x`` are (..., 8) in the order of (5.5), measurements ``y`` (..., 4) in the order of (5.3),
-inputs ``u`` and plate rates (..., 2). SI units throughout.
+``State`` (..., 8), ``Output`` (..., 4), ``Input`` (..., 2); their docstrings in
+``controllers.arrays`` give order, units, signs and frames. SI units throughout.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import Field, dataclass, field, fields
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
-from controllers.arrays import Array, Mask, NotNegative, Positive, check
+from controllers.arrays import (
+    Array,
+    Input,
+    Mask,
+    NotNegative,
+    Output,
+    Positive,
+    State,
+    check,
+)
 from controllers.ballplate import BallPlate
+
+Constants = TypeVar("Constants")
+_NO_SETTING = "no_setting"
+"""Mark in the metadata of a field that no scenario may write."""
+
+
+def algorithm_constants(default: Constants) -> Constants:
+    """A field of a law or observer for the constants of an algorithm, a frozen dataclass.
+
+    Tests and studies pass other constants as an argument; no scenario may write them.
+    """
+    return field(default=default, repr=False, metadata={_NO_SETTING: True})
+
+
+def catalog_settings(cls: type) -> list[Field[Any]]:
+    """The fields of a law, observer or reference that a scenario may write."""
+    given = {
+        item.name
+        for base in (Law, Observer, DelayedObserver)
+        if issubclass(cls, base)
+        for item in fields(base)
+    }
+    return [
+        item
+        for item in fields(cls)
+        if item.init and item.name not in given and _NO_SETTING not in item.metadata
+    ]
 
 
 class Measurement(NamedTuple):
@@ -29,10 +65,10 @@ class Measurement(NamedTuple):
     """
 
     time: float
-    y: Array
+    y: Output
     age: Array
     touched: Mask
-    state: Array | None = None
+    state: State | None = None
 
 
 class Reference(ABC):
@@ -90,8 +126,8 @@ class Feedback(NamedTuple):
     """
 
     time: float
-    x: Array
-    equivalent: Array
+    x: State
+    equivalent: State
     needed: Array
     rate: Array
     requested: Array
@@ -132,7 +168,7 @@ class Law(ABC):
         """Check the ranges of the settings."""
         check(self)
 
-    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+    def control(self, t: float, x: State, reference: Reference, q: Array) -> Input:
         """Plate accelerations u = (phi'', theta'') in rad/s^2, shape (..., 2).
 
         A law that overrides ``command`` may leave it out; it then has no linearisation.
@@ -148,11 +184,11 @@ class Law(ABC):
         """
         raise NotImplementedError(f"law '{self.name}' acts by command alone")
 
-    def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+    def memory_rate(self, t: float, x: State, reference: Reference, q: Array) -> Array:
         """Time derivative of the memory q, shape (..., memory)."""
         return np.zeros_like(q)
 
-    def start(self, x: Array, reference: Reference, period: float) -> Any:
+    def start(self, x: State, reference: Reference, period: float) -> Any:
         """What is worked out before the run, as a plan; handed back with every ``Feedback``.
 
         A law has no state of its own, so that one may drive many runs: its plan is the run's.
@@ -164,7 +200,7 @@ class Law(ABC):
         """
         return None
 
-    def replanned(self, plan: Any, t: float, x: Array, reference: Reference, period: float) -> Any:
+    def replanned(self, plan: Any, t: float, x: State, reference: Reference, period: float) -> Any:
         """The plan of a law that takes over a run under way; by default that of its start.
 
         Args:
@@ -176,7 +212,7 @@ class Law(ABC):
         """
         return plan
 
-    def command(self, now: Feedback) -> Array:
+    def command(self, now: Feedback) -> Input:
         """Plate accelerations u in rad/s^2, shape (..., 2), from all there is to act on.
 
         By default ``control`` of the equivalent state.
@@ -214,16 +250,16 @@ class Observer(ABC):
         """Check the ranges of the settings."""
         check(self)
 
-    def start(self, x: Array) -> None:
+    def start(self, x: State) -> None:
         """Begin at the state x, shape (..., 8)."""
         self.x = np.array(x, dtype=float)
 
     @abstractmethod
-    def correct(self, measurement: Measurement) -> Array:
+    def correct(self, measurement: Measurement) -> State:
         """Take in a measurement and return the estimate at its time, shape (..., 8)."""
 
     @abstractmethod
-    def predict(self, u: Array) -> None:
+    def predict(self, u: Input) -> None:
         """Carry the estimate one period ahead under the applied input u, shape (..., 2)."""
 
     @property
@@ -232,7 +268,7 @@ class Observer(ABC):
         return self.x[..., :0]
 
     @property
-    def equivalent(self) -> Array:
+    def equivalent(self) -> State:
         """The estimate as ``Feedback.equivalent`` has it, shape (..., 8)."""
         return self.x
 

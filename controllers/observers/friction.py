@@ -21,13 +21,14 @@ from controllers.arrays import (
     Mask,
     NotNegative,
     Positive,
+    State,
     column,
     components,
     every,
     numbers,
     together,
 )
-from controllers.interfaces import Quantity
+from controllers.interfaces import Quantity, algorithm_constants
 from controllers.observers.late_ball import LAG_NAME, NOW, THERE, LateBall, LocalState, Tilt
 from controllers.observers.thesis import NOISE_VARIANCES
 
@@ -75,7 +76,7 @@ class DisturbanceObserver(LateBall):
         ticks = np.arange(1, MAX_SAMPLE_PERIODS + 1)
         self._gains = np.array([gains(self.pole, count * self.period) for count in ticks])
 
-    def start(self, x: Array) -> None:
+    def start(self, x: State) -> None:
         """Begin at the state x, shape (..., 8), with no disturbance."""
         self._begin_at(x, smooth=1.0, friction=0.0)
         self._waited: Any = numbers(np.zeros(self._rigs, int))
@@ -133,26 +134,62 @@ FRICTION_INDEX = 8
 """Where the friction stands in the filter's state."""
 LEARNT_IN_MOTION = slice(6, None)
 """Tilt gain and friction, which are learnt in motion alone."""
-REST_SPEED_M_S = 0.004
-"""Speed in m/s at which a ball counts as resting by a quarter: what noise leaves of rest."""
-LARGEST_CAMBER = 0.8
-"""Bound of the camber in 1/s^2: beyond what real plates were found to have. A ball that is seen
-later than is believed looks like one on a more and more cambered plate."""
-LARGEST_GAIN = 0.2
-"""Bound of the error of the tilt gain."""
-FREE_SPEED_M_S = 0.006
-"""Speed in m/s at which a ball that rested has come free by a half: beyond what noise leaves."""
-OUTLIER_SQUARED_DISTANCE = 36.0
-"""Square of a touch sample's distance from what is expected, in standard deviations: noise is so
-far away once in 10^8 samples. Two in a row on the same side, and the ball has been struck: after a
-wrong one the next is on the other side."""
-IMPACT_VELOCITY_STD_M_S = 0.3
-"""Standard deviation in m/s of the change of a ball's velocity by an impact."""
-IMPACT_AGE_S = 0.015
-"""Time in s since an impact, unseen, when it is detected."""
 PENDING_SAMPLES = 16
 """Touch samples that the covariance of a whole map takes in at once; one by one, each would go
 through all of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestTest:
+    """When a ball counts as resting, and when it has come free.
+
+    Attributes:
+        rest_speed_m_s: Speed at which the ball counts as resting by a quarter; noise alone makes
+            about as much of a ball at rest.
+        free_speed_m_s: Speed at which a ball that rested has come free by a half; more than noise
+            makes of a ball at rest.
+    """
+
+    rest_speed_m_s: float = 0.004
+    free_speed_m_s: float = 0.006
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpactTest:
+    """When an impact on the ball is detected, and what the filter then assumes.
+
+    Two outliers in succession on the same side are an impact. After a single wrong sample the next
+    one lies on the other side.
+
+    Attributes:
+        outlier_squared_distance: Square of a touch sample's distance from the expected position, in
+            standard deviations, above which it is an outlier; noise does so once in 10^8 samples.
+        velocity_std_m_s: Standard deviation of the change of the ball's velocity by an impact.
+        age_s: Time since the impact when it is detected.
+    """
+
+    outlier_squared_distance: float = 36.0
+    velocity_std_m_s: float = 0.3
+    age_s: float = 0.015
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateBounds:
+    """Largest magnitudes of estimates.
+
+    Attributes:
+        tilt_gain_error: Relative error of the tilt gain.
+        camber_per_s2: Camber in 1/s^2, more than any measured plate has. A ball seen later than the
+            filter assumes looks like one on a more and more cambered plate.
+    """
+
+    tilt_gain_error: float = 0.2
+    camber_per_s2: float = 0.8
+
+
+REST_TEST = RestTest()
+IMPACT_TEST = ImpactTest()
+ESTIMATE_BOUNDS = EstimateBounds()
 
 
 @dataclass(kw_only=True)
@@ -218,6 +255,13 @@ class FrictionKalman(LateBall):
     most_friction: Positive = 3.0
     """Largest friction estimated, as a multiple of the one believed at the start."""
 
+    rest_test: RestTest = algorithm_constants(REST_TEST)
+    """When a ball rests and comes free."""
+    impact_test: ImpactTest = algorithm_constants(IMPACT_TEST)
+    """When an impact is detected."""
+    bounds: EstimateBounds = algorithm_constants(ESTIMATE_BOUNDS)
+    """Bounds of tilt gain and camber."""
+
     def __post_init__(self) -> None:
         """Check the settings."""
         super().__post_init__()
@@ -233,7 +277,7 @@ class FrictionKalman(LateBall):
         d, F0, kappa = np.square(self.spread)
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
 
-    def start(self, x: Array) -> None:
+    def start(self, x: State) -> None:
         """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time."""
         self._begin_at(x, self.smooth, self._F)
         self._P = np.tile(self._begin, (self._rigs, 1, 1))
@@ -288,10 +332,10 @@ class FrictionKalman(LateBall):
         if self._at_rest:
             vx, vy = self._ball.velocity(self._s, then)
             square = vx * vx + vy * vy
-            rest = 1 / (1 + square / REST_SPEED_M_S**2) ** 2
+            rest = 1 / (1 + square / self.rest_test.rest_speed_m_s**2) ** 2
             Q = Q + column(rest) * self._Q_at_rest
             if self.forget_rest:
-                self._rest = 1 / (1 + (square / FREE_SPEED_M_S**2) ** 2)
+                self._rest = 1 / (1 + (square / self.rest_test.free_speed_m_s**2) ** 2)
                 kept = 1 - self.period / self.forget_rest * (1 - self._rest)
                 for axis, added in enumerate(self._added):
                     self._s[4 + axis] = self._s[4 + axis] - (1 - kept) * added
@@ -328,7 +372,8 @@ class FrictionKalman(LateBall):
         cross = -b / a * second
         W = together((first, 0.0 * first, cross, second), self._rigs).reshape(-1, 2, 2) @ hP
         told = first * ex, cross * ex + second * ey
-        unlikely = told[0] * told[0] + told[1] * told[1] > OUTLIER_SQUARED_DISTANCE
+        test, distance = self.impact_test, told[0] * told[0] + told[1] * told[1]
+        unlikely = distance > test.outlier_squared_distance
         far = told[0] * unlikely, told[1] * unlikely
         struck = far[0] * self._far[0] + far[1] * self._far[1] > 0.0
         self._far = tuple(by.where(new, *each) for each in zip(far, self._far, strict=True))
@@ -343,13 +388,13 @@ class FrictionKalman(LateBall):
             told_at_rest = zip(self._added, components(change[:, 4:6]), strict=True)
             self._added = [a + self._rest * d for a, d in told_at_rest]
         if by.any(struck):
-            passed = np.vstack((IMPACT_AGE_S * np.eye(2), np.eye(2)))  # by a blow, eta and eta'
-            self._P[np.reshape(struck, -1), :4, :4] += (
-                IMPACT_VELOCITY_STD_M_S**2 * passed @ passed.T
-            )
+            # change of eta and eta' by a unit change of the velocity an age ago
+            passed = np.vstack((test.age_s * np.eye(2), np.eye(2)))
+            self._P[np.reshape(struck, -1), :4, :4] += test.velocity_std_m_s**2 * passed @ passed.T
         least, most, (*_, kx, ky, friction) = by.least, by.most, self._s
-        self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
-        self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
+        bound = self.bounds.tilt_gain_error
+        self._s[6] = least(most(kx, -bound), bound)
+        self._s[7] = least(most(ky, -bound), bound)
         self._s[FRICTION_INDEX] = least(most(friction, 0.0), self.most_friction * self._F)
 
     def _reduce(self, W: Array, moving: Mask) -> None:
@@ -443,7 +488,7 @@ class FrictionMapKalman(FrictionKalman):
     """Standard deviation of the plate's camber in 1/s^2, before anything is known; 0 for a plate
     that is taken for flat."""
 
-    def start(self, x: Array) -> None:
+    def start(self, x: State) -> None:
         """Begin at the state x, shape (..., 8), with the same friction everywhere."""
         super().start(x)
         lines, prior = gaussian_field(
@@ -599,5 +644,6 @@ class FrictionMapKalman(FrictionKalman):
         self._m += change[:, 9:]
         if self.camber_spread:
             camber = self._m[:, self._points :]
-            np.minimum(camber, LARGEST_CAMBER, out=camber)
-            np.maximum(camber, -LARGEST_CAMBER, out=camber)
+            bound = self.bounds.camber_per_s2
+            np.minimum(camber, bound, out=camber)
+            np.maximum(camber, -bound, out=camber)

@@ -22,14 +22,16 @@ from controllers.arrays import (
     NUMBER_ARITHMETIC,
     Arithmetic,
     Array,
+    Input,
     NotNegative,
     Positive,
+    State,
     components,
     numbers,
     together,
 )
 from controllers.ballplate import LONGEST_LAG, TILT_SIGN, BallPlate
-from controllers.interfaces import DelayedObserver, Measurement
+from controllers.interfaces import DelayedObserver, Measurement, algorithm_constants
 
 MAX_SUBSTEP_S = 0.011
 """Longest time in s over which the friction's heading is taken as constant while carried."""
@@ -98,11 +100,11 @@ class RollingBall:
         smooth: Speed over which friction changes its sign, m/s.
         period: Control period in s.
         delay: Dead time in s.
-        x: States (5.5) to begin with, shape (N, 8).
+        x: States to begin with, shape (N, 8).
     """
 
     def __init__(
-        self, model: BallPlate, smooth: float, period: float, delay: float, x: Array
+        self, model: BallPlate, smooth: float, period: float, delay: float, x: State
     ) -> None:
         self._model, self._smooth, self._period = model, smooth * smooth, period
         one = len(x) == 1
@@ -134,7 +136,7 @@ class RollingBall:
         Args:
             angle: Measured angles (phi, theta), rad.
             rate: Commanded rates (phi', theta'), rad/s.
-            state: State (5.5) estimated last, for the terms of second order.
+            state: Components of the ``State`` estimated last, for the terms of second order.
         """
         T, (ax, ay), last = self._period, self._free, self._past[-1]
         u2 = (rate[1] - last.theta_rate) / T
@@ -233,7 +235,7 @@ class RollingBall:
 
         Args:
             s: The filter's state.
-            state: State (5.5) of now.
+            state: Components of the ``State`` of now.
         """
         _, vx, phi, phi_rate, _, vy, theta, theta_rate = state
         _, _, _, _, dx, dy, kx, ky, F = s
@@ -300,9 +302,22 @@ class SlowPlate:
         self.angle = self.angle + T * (before + self.commanded) / 2 + T * self.bias
 
 
-SWING, HALF_SWING, HALVES = 0.003, 0.14, 8
-"""Amplitude in rad, longest time in s of half a swing, and half swings after which the plate is
-found to swing."""
+@dataclass(frozen=True, kw_only=True)
+class SwingTest:
+    """When a plate is found to swing on its drive train.
+
+    Attributes:
+        amplitude_rad: Smallest amplitude of a swing.
+        max_half_swing_s: Longest time of half a swing.
+        half_swings: Consecutive half swings above which the plate is found to swing.
+    """
+
+    amplitude_rad: float = 0.003
+    max_half_swing_s: float = 0.14
+    half_swings: int = 8
+
+
+SWING_TEST = SwingTest()
 
 
 class SwingingPlate:
@@ -316,10 +331,13 @@ class SwingingPlate:
         period: Control period in s.
         none: 0 for each rig, a component.
         by: How components are calculated with.
+        test: Constants of the test.
     """
 
-    def __init__(self, period: float, none: Any, by: Arithmetic) -> None:
-        self._period, self._by = period, by
+    def __init__(
+        self, period: float, none: Any, by: Arithmetic, test: SwingTest = SWING_TEST
+    ) -> None:
+        self._period, self._by, self._test = period, by, test
         self._axes = [(none + 1.0, none, none)] * 2
         """Side of each axis, time since it was taken in s, half swings so far."""
         self.found = none > 0
@@ -327,15 +345,15 @@ class SwingingPlate:
 
     def correct(self, errors: Sequence[Any]) -> bool:
         """Take in measured angles less those expected, rad; whether more is found than before."""
-        by, found = self._by, self.found
+        by, found, test = self._by, self.found, self._test
         for axis, error in enumerate(errors):
             side, since, halves = self._axes[axis]
-            turned = error * side < -SWING
-            counted = by.where(since < HALF_SWING, halves + 1.0, 1.0)
+            turned = error * side < -test.amplitude_rad
+            counted = by.where(since < test.max_half_swing_s, halves + 1.0, 1.0)
             halves = by.where(turned, counted, halves)
             since = by.where(turned, 0.0, since + self._period)
             self._axes[axis] = by.where(turned, -side, side), since, halves
-            found = found | (halves > HALVES)
+            found = found | (halves > test.half_swings)
         more = bool(by.any(found != self.found))
         self.found = found
         return more
@@ -343,15 +361,36 @@ class SwingingPlate:
 
 LAG_NAME = "plate_lag"
 """What a law needs that counts the lag of the drives."""
-MAX_PLAY_RAD = 0.0052
-"""Way in rad after a reversal of a drive within which its play, at most 0.3 deg, may be crossed."""
-RATE_CHANGE_WINDOW_S = 0.03
-"""Time in s over which changes of the plate's rate are compared with its angle."""
-PLATE_LAG_S, PLATE_LAG_STD_S = 0.0025, 0.004
-"""Lag in s that a plate has by itself, and what beyond it may come of other causes."""
-MIN_RATE_CHANGE_SUM, MAX_RATE_CHANGE_SUM = 0.02, 4.0
-"""Sums of the squares of changes of the rate, (rad/s)^2, up to which a lag is drawn to none, and
-beyond which old ones are forgotten."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LagSearch:
+    """How the lag of the drives is found.
+
+    Attributes:
+        max_play_rad: Angle after a reversal of a drive within which its play, at most 0.3 deg, may
+            be crossed.
+        rate_change_window_s: Time over which changes of the plate's rate are compared with its
+            angle.
+        plate_lag_s: Lag that a plate has without any lag of its drives.
+        plate_lag_std_s: Lag beyond ``plate_lag_s`` that may have other causes; a lag found below it
+            counts as none, one above twice it counts in full.
+        min_rate_change_sum: Sum of the squares of changes of the rate, (rad/s)^2, that is added to
+            the denominator, so that little motion finds no lag.
+        max_rate_change_sum: Sum in (rad/s)^2 beyond which old changes are forgotten.
+        max_lag_s: Largest lag that is found.
+    """
+
+    max_play_rad: float = 0.0052
+    rate_change_window_s: float = 0.03
+    plate_lag_s: float = 0.0025
+    plate_lag_std_s: float = 0.004
+    min_rate_change_sum: float = 0.02
+    max_rate_change_sum: float = 4.0
+    max_lag_s: float = LONGEST_LAG
+
+
+LAG_SEARCH = LagSearch()
 
 
 class DriveLag:
@@ -360,16 +399,19 @@ class DriveLag:
     With a rate a' that follows the commanded w, a'' = (w - a') / T, the angle is behind the
     integral of w by T a' and a constant. T is found by least squares, from the changes of both over
     hundredths of a second along both axes, while the plate is turned one way beyond its play.
-    What mechanism and play leave is taken off: a lag below ``UNSURE`` is none.
+    The lag of the mechanism itself is subtracted, and a lag below ``plate_lag_std_s`` is none.
 
     Args:
         period: Control period in s.
-        state: State (5.5) to begin with, components.
+        state: Components of the ``State`` to begin with.
         by: How components are calculated with.
+        search: Constants of the search.
     """
 
-    def __init__(self, period: float, state: Sequence[Any], by: Arithmetic) -> None:
-        self._period, self._by = period, by
+    def __init__(
+        self, period: float, state: Sequence[Any], by: Arithmetic, search: LagSearch = LAG_SEARCH
+    ) -> None:
+        self._period, self._by, self._search = period, by, search
         none = 0.0 * state[2]
         self._sent = list(state[2::4])
         """Where drives without any lag would be, rad."""
@@ -388,20 +430,21 @@ class DriveLag:
 
     def correct(self, measured: Sequence[Any]) -> None:
         """Take in the measured angles in rad."""
-        by, share = self._by, self._period / RATE_CHANGE_WINDOW_S
+        by, search = self._by, self._search
+        share = self._period / search.rate_change_window_s
         squares, products = self._squares, self._products
         for axis, (turned, slow_behind, slow_rate) in enumerate(self._axes):
             r, behind = self._followed[axis], self._sent[axis] - measured[axis]
             way = by.where(turned * r < 0, 0.0, turned) + self._period * r
-            engaged = abs(way) > MAX_PLAY_RAD
+            engaged = abs(way) > search.max_play_rad
             b, c = engaged * (behind - slow_behind), engaged * (r - slow_rate)
             squares, products = squares + c * c, products + b * c
             self._axes[axis] = way, behind - (1 - share) * b, r - (1 - share) * c
-        forget = MAX_RATE_CHANGE_SUM / by.most(squares, MAX_RATE_CHANGE_SUM)
+        forget = search.max_rate_change_sum / by.most(squares, search.max_rate_change_sum)
         self._squares, self._products = squares, products = forget * squares, forget * products
-        found = products / (squares + MIN_RATE_CHANGE_SUM) - PLATE_LAG_S
-        sure = by.least(found, 2 * (found - PLATE_LAG_STD_S))
-        self.lag = lag = self._kept * by.least(by.most(sure, 0.0), LONGEST_LAG)
+        found = products / (squares + search.min_rate_change_sum) - search.plate_lag_s
+        sure = by.least(found, 2 * (found - search.plate_lag_std_s))
+        self.lag = lag = self._kept * by.least(by.most(sure, 0.0), search.max_lag_s)
         # exp(-period / lag) by what gives one rig the same bits as beside others
         self.left = (lag > self._period) * (2 * lag - self._period) / (2 * lag + self._period)
 
@@ -440,7 +483,12 @@ class LateBall(DelayedObserver):
     """Whether its angles are measured; modelled ones, for a rig without encoders, are what was
     commanded as drives with the lag that is known follow it."""
 
-    def _begin_at(self, x: Array, smooth: float, friction: float) -> None:
+    swing_test: SwingTest = algorithm_constants(SWING_TEST)
+    """When the plate is found to swing."""
+    lag_search: LagSearch = algorithm_constants(LAG_SEARCH)
+    """How the lag of the drives is found."""
+
+    def _begin_at(self, x: State, smooth: float, friction: float) -> None:
         """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time.
 
         Args:
@@ -460,8 +508,8 @@ class LateBall(DelayedObserver):
         known = self.model.lag or self.plate == "modelled" or LAG_NAME not in dict(self.knows)
         turn = math.radians(self.screen_deg)
         self._turned = math.cos(turn), math.sin(turn)
-        self._drives = None if known else DriveLag(self.period, state, self._by)
-        self._swing = SwingingPlate(self.period, 0.0 * state[2], self._by)
+        self._drives = None if known else DriveLag(self.period, state, self._by, self.lag_search)
+        self._swing = SwingingPlate(self.period, 0.0 * state[2], self._by, self.swing_test)
         c2 = self.model.c2
         s = np.zeros((self._rigs, 9))
         s[:, 0:2] = rows[:, 0::4] + c2 * TILT_SIGN * rows[:, 2::4]
@@ -471,7 +519,7 @@ class LateBall(DelayedObserver):
         self._age: Any = numbers(np.full(self._rigs, np.inf))
         self._there = self._now = LocalState(self._s)
 
-    def correct(self, measurement: Measurement) -> Array:
+    def correct(self, measurement: Measurement) -> State:
         """Take in plate angles of now and a ball position of a dead time ago."""
         x, phi, y, theta = components(measurement.y.reshape(-1, 4))
         if self.screen_deg:
@@ -517,7 +565,7 @@ class LateBall(DelayedObserver):
         self.x = together(self._state, self._rigs).reshape(*self._shape, 8)
         return self.x
 
-    def predict(self, u: Array) -> None:
+    def predict(self, u: Input) -> None:
         """Carry the plate one period ahead; the ball follows when the plate is measured."""
         for plate, acceleration in zip(self._plates, components(u.reshape(-1, 2)), strict=True):
             plate.predict(acceleration)
@@ -559,7 +607,7 @@ class LateBall(DelayedObserver):
         return together(self._s, self._rigs).reshape(*self._shape, 9)
 
     @property
-    def equivalent(self) -> Array:
+    def equivalent(self) -> State:
         """The estimate with friction and disturbance in the plate's angles, shape (..., 8)."""
         x, vx, *_, y, vy, _, _ = self._state
         phi, phi_rate, theta, theta_rate = self._ball.equivalent(self._now.s, self._state)

@@ -10,7 +10,10 @@ from observing import measured, normalised, within
 from scipy.interpolate import RegularGridInterpolator
 
 from controllers.ballplate import BallPlate
-from controllers.observers import FrictionKalman, FrictionMapKalman, friction, late_ball
+from controllers.interfaces import catalog_settings
+from controllers.observers import FrictionKalman, FrictionMapKalman
+from controllers.observers.friction import EstimateBounds, ImpactTest
+from controllers.observers.late_ball import LagSearch
 
 MODEL = BallPlate()
 T = 0.002
@@ -508,7 +511,7 @@ class Textbook:
         if v @ v < observer.learning_speed**2:
             change[6:], fall[6:, 6:] = 0.0, 0.0
         self.z, self.P = z + change, self.P - fall
-        bounds = friction.LARGEST_GAIN, friction.LARGEST_CAMBER
+        bounds = observer.bounds.tilt_gain_error, observer.bounds.camber_per_s2
         for part, bound in zip((slice(6, 8), slice(9 + self.points, None)), bounds, strict=True):
             self.z[part] = np.clip(self.z[part], -bound, bound)
         self.z[8] = np.clip(self.z[8], 0.0, observer.most_friction * self.believed)
@@ -588,26 +591,25 @@ def seen(observer, jump):
 
 
 @pytest.mark.parametrize("kind", [FrictionKalman, FrictionMapKalman])
-def test_a_ball_that_is_struck_has_its_new_velocity_within_hundredths_of_a_second(
-    kind, monkeypatch
-):
+def test_a_ball_that_is_struck_has_its_new_velocity_within_hundredths_of_a_second(kind):
     def struck(since):
         return STRUCK * max(since, 0.0)
 
     after = 250 + 20  # 40 ms
     assert np.abs(seen(kind(), struck)[after] - STRUCK).max() < 0.05
-    monkeypatch.setattr(friction, "IMPACT_VELOCITY_STD_M_S", 0.0)
-    assert np.abs(seen(kind(), struck)[after] - STRUCK).max() > 0.1
+    without = kind(impact_test=ImpactTest(velocity_std_m_s=0.0))
+    assert np.abs(seen(without, struck)[after] - STRUCK).max() > 0.1
 
 
-def test_two_samples_on_one_side_are_a_blow_and_neither_noise_nor_one_is(monkeypatch):
-    def wrong(samples):
-        return seen(FrictionKalman(), lambda since: 0.05 * (0 <= since < (samples - 0.5) * T))
+def test_two_samples_on_one_side_are_a_blow_and_neither_noise_nor_one_is():
+    def wrong(samples, **constants):
+        observer = FrictionKalman(**constants)
+        return seen(observer, lambda since: 0.05 * (0 <= since < (samples - 0.5) * T))
 
     one, two = wrong(1), wrong(2)
-    monkeypatch.setattr(friction, "IMPACT_VELOCITY_STD_M_S", 0.0)
-    np.testing.assert_array_equal(one, wrong(1))
-    assert np.abs(two - wrong(2)).max() > 0.01
+    without = {"impact_test": ImpactTest(velocity_std_m_s=0.0)}
+    np.testing.assert_array_equal(one, wrong(1, **without))
+    assert np.abs(two - wrong(2, **without)).max() > 0.01
 
 
 def test_a_modelled_plate_follows_a_commanded_rate_as_the_lag_says_whatever_is_measured():
@@ -707,15 +709,14 @@ def test_the_lag_of_the_drives_is_found_beside_their_play_and_none_where_there_i
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", [FrictionKalman, FrictionMapKalman])
-def test_a_lag_that_is_found_is_in_the_estimate_for_a_law_alone_that_needs_it(kind, monkeypatch):
-    def estimated(*needed):
-        observer = kind(needed=needed)
+def test_a_lag_that_is_found_is_in_the_estimate_for_a_law_alone_that_needs_it(kind):
+    def estimated(*needed, **constants):
+        observer = kind(needed=needed, **constants)
         return turned(observer, [0.02], 0.0, own=OWN).item(), observer.x
 
     (found, counted), (left_out, others) = estimated("plate_lag"), estimated("friction")
     assert left_out == found == pytest.approx(0.02, abs=0.0025)  # recorded all the same
-    monkeypatch.setattr(late_ball, "LONGEST_LAG", 0.0)
-    none, without = estimated("plate_lag")
+    none, without = estimated("plate_lag", lag_search=LagSearch(max_lag_s=0.0))
     assert none == 0.0
     np.testing.assert_array_equal(others, without)
     assert (counted != without)[:, 3::4].all()
@@ -725,3 +726,21 @@ def test_a_lag_that_is_found_is_in_the_estimate_for_a_law_alone_that_needs_it(ki
 def test_a_lag_that_is_told_is_kept_and_none_is_found_without_encoders(how):
     observer = FrictionKalman(**how)
     assert turned(observer, [0.02], 0.0, seconds=0.5) == observer.model.lag
+
+
+def test_constants_of_an_algorithm_are_arguments_and_no_settings_of_a_scenario():
+    strict = LagSearch(max_lag_s=0.0)
+    assert FrictionKalman(lag_search=strict).lag_search is strict
+    constants = {"swing_test", "lag_search", "rest_test", "impact_test", "bounds"}
+    names = {each.name for each in catalog_settings(FrictionMapKalman)}
+    assert names.isdisjoint(constants | {"model", "period", "delay", "needed"})
+    assert {"believed_mm", "plate", "camber_spread"} <= names
+
+
+def test_bounds_are_those_that_are_passed_in():
+    observer = FrictionKalman(bounds=EstimateBounds(tilt_gain_error=1e-6))
+    world = World(observer, rigs=2)
+    for _ in range(300):
+        observer.correct(world.measure())
+        observer.predict(world.advance())
+    assert np.abs(observer.s[:, 6:8]).max() == 1e-6

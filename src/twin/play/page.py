@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
 from time import monotonic
 from typing import Any, NamedTuple
 
 from nicegui import ui
 from nicegui.element import Element
 
-from controllers.interfaces import DelayedObserver, Law, Observer
+from controllers.interfaces import catalog_settings
 from twin.play.driven import drivable
 from twin.play.session import (
     PAGE_TABLES,
@@ -148,8 +147,8 @@ def complete(tables: Mapping[str, Any]) -> dict[str, Any]:
     """A scenario's tables in which law and observer have what they have by default, too."""
     own = {}
     for table in ("controller", "observer"):
-        known = fields(choices(table)[tables[table]["kind"]])
-        own[table] = {item.name: item.default for item in known if item.init} | tables[table]
+        known = catalog_settings(choices(table)[tables[table]["kind"]])
+        own[table] = {item.name: item.default for item in known} | tables[table]
     return {**tables, **own}
 
 
@@ -161,16 +160,15 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Slider]:
         table: ``controller`` or ``observer``.
     """
     present = tables[table]
-    given = {item.name for base in (Law, Observer, DelayedObserver) for item in fields(base)}
     meanings = {each.key: each.meaning for each in every_kind()[f"{table}.{present['kind']}"]}
     found: list[Slider] = []
-    for item in fields(choices(table)[present["kind"]]):
+    for item in catalog_settings(choices(table)[present["kind"]]):
         value = present.get(item.name)
         several = isinstance(value, list | tuple)
         numbers = list(value) if several else [value]
         replaced = item.name == "poles" and present.get("gains") is not None
         plain = all(type(n) in (int, float) and n for n in numbers)  # a slider multiplies
-        if item.name in given or replaced or not plain:
+        if replaced or not plain:
             continue
         key = f"{table}.{item.name}"
         for entry, number in enumerate(numbers):

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
-from controllers.interfaces import DelayedObserver, Law, Observer, Reference
+from controllers.interfaces import Law, Observer, Reference, catalog_settings
 from twin.base.errors import ModelError
 from twin.base.followers import FREE, GIVEN, PARTS, Effect, Followers
 from twin.base.settings import Setting, Unit, from_scenarios, settings_of, value_of
@@ -791,15 +791,8 @@ CATALOG_TABLES: dict[str, type[Law] | type[Observer] | type[Reference]] = {
 @cache
 def settings_model(cls: type) -> type[BaseModel]:
     """A strict model of the settings of a law, observer or reference: its dataclass fields."""
-    given = {
-        item.name
-        for base in (Law, Observer, DelayedObserver)
-        if issubclass(cls, base)
-        for item in dataclasses.fields(base)
-    }
     hints = typing.get_type_hints(cls, include_extras=True)
-    own = [item for item in dataclasses.fields(cls) if item.init and item.name not in given]
-    fields: Any = {item.name: (hints[item.name], item) for item in own}
+    fields: Any = {item.name: (hints[item.name], item) for item in catalog_settings(cls)}
     return pydantic.create_model(cls.__name__, __config__=STRICT_CONFIG, **fields)
 
 
