@@ -104,7 +104,7 @@ def test_of_a_law_that_was_changed_both_runs_are_kept_and_what_differs_is_told(b
     code, _, err = ballplate("whatif", RUN, "--at", "0.05")
     assert (code, err.count("\n")) == (2, 2)  # before it what is run
     assert "mine.py has changed since" in err
-    assert "was another: it stays" in ballplate("run", "circle", *SHORT)[1]
+    assert "was different: it stays" in ballplate("run", "circle", *SHORT)[1]
     other = RUN.with_name(f"{RUN.name}~2")
     plates = [about_law(each)["controller"]["settings"]["plate"] for each in (RUN, other)]
     assert plates == [[60.0, 14.0], [61.0, 14.0]]
