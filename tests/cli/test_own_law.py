@@ -81,7 +81,7 @@ def test_a_record_without_its_law_is_shown_and_that_is_said_but_nothing_goes_on_
         code, _, err = ballplate(*command)
         assert code == 0
         assert err.count("controller 'mine' (it was in mine.py): not here") == 1
-        assert "another version" not in err
+        assert "different version" not in err
     code, _, err = ballplate("whatif", RUN, "--at", "0.05")
     assert (code, err.count("\n")) == (2, 1)
     assert "what-if need it" in err
