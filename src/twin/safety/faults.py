@@ -97,7 +97,7 @@ class FaultCase:
         first: The condition that stops the rig, where it shows before the expected one.
         stopped_by: Who must stop phi and theta; empty for the condition's severity.
         states: The states that phi and theta must reach; empty for those of ``REACHED``.
-        says: Text that the person's line must contain.
+        says: Text required in the line that a person reads.
         wait: What passes in s before the device concerned is asked, when switching on.
         withheld: Whether the host is left with nothing but to end its heartbeat.
         hangs: Whether the host hangs: it detects nothing, so that the drives' detection counts.
