@@ -109,7 +109,7 @@ LINES = {
     "run hold --law twice.py": "the name 'afl' is taken by",
     "whatif made --at 9": "--at 9: made/run.parquet goes from 0 to 0.098 s",
     "whatif made --at -1": "--at -1: made/run.parquet goes from 0 to",
-    "whatif made --at 0.05 --scenario circle": "says itself what ran",
+    "whatif made --at 0.05 --scenario circle": "states itself what ran",
     "whatif log.csv --at 0.1": "give --scenario NAME",
     **{f"run circle --set {change}": words for change, words in CIRCLE.items()},
     **{f"whatif made --at 0.05 --set {change}": words for change, words in CHANGES.items()},

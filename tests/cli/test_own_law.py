@@ -81,7 +81,7 @@ def test_a_record_without_its_law_is_shown_and_that_is_said_but_nothing_goes_on_
         code, _, err = ballplate(*command)
         assert code == 0
         assert err.count("controller 'mine' (it was in mine.py): not here") == 1
-        assert "another version" not in err
+        assert "different version" not in err
     code, _, err = ballplate("whatif", RUN, "--at", "0.05")
     assert (code, err.count("\n")) == (2, 1)
     assert "what-if need it" in err
@@ -104,7 +104,7 @@ def test_of_a_law_that_was_changed_both_runs_are_kept_and_what_differs_is_told(b
     code, _, err = ballplate("whatif", RUN, "--at", "0.05")
     assert (code, err.count("\n")) == (2, 2)  # before it what is run
     assert "mine.py has changed since" in err
-    assert "was another: it stays" in ballplate("run", "circle", *SHORT)[1]
+    assert "was different: it stays" in ballplate("run", "circle", *SHORT)[1]
     other = RUN.with_name(f"{RUN.name}~2")
     plates = [about_law(each)["controller"]["settings"]["plate"] for each in (RUN, other)]
     assert plates == [[60.0, 14.0], [61.0, 14.0]]

@@ -147,7 +147,7 @@ def test_a_parameter_file_that_leads_to_itself_is_refused_in_one_line(named, tmp
     text = f"parameters = {named if named == 3 else repr(named)}\n"
     (tmp_path / "mine.toml").write_text(text)
     (tmp_path / "other.toml").write_text('parameters = "mine.toml"\n')
-    with pytest.raises(ScenarioError, match="must be the name of another file, got") as caught:
+    with pytest.raises(ScenarioError, match="must name a different file, got") as caught:
         load("circle", ["parameters=mine.toml"])
     assert "\n" not in str(caught.value)
 

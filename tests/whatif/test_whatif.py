@@ -296,7 +296,11 @@ def test_the_command_writes_a_picture_and_a_run_folder_for_each_future(run, tmp_
 
 def test_it_says_when_a_future_is_not_to_be_trusted(run):
     moment = moment_of(run, AT)
-    for before, says in ((0.3, "0.3 mm apart"), (9.0, "does not fit"), (None, "nothing says")):
+    for before, says in (
+        (0.3, "0.3 mm apart"),
+        (9.0, "does not fit"),
+        (None, "could not be checked"),
+    ):
         said = agreement(replace(moment, before_mm=before))
         assert says in said
         assert ("does not fit" in said) == (before == 9.0)

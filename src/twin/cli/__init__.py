@@ -31,7 +31,7 @@ COMMON_COMMANDS = ("run", "compare", "explain", "sweep", "new", "report", "view"
 """The commands that are used most, in this order: the help begins with an example of each."""
 
 LONGEST_LINE = 1000
-"""Characters of a message: what it quotes may be of any length."""
+"""Characters of a message: quoted text in it may be of any length."""
 
 
 def _command(name: str) -> Command:
@@ -40,7 +40,7 @@ def _command(name: str) -> Command:
 
 
 class Commands(click.Group):
-    """A group whose commands are imported when they are needed."""
+    """A group of commands that are imported when they are needed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands, in the order of use."""
@@ -130,7 +130,7 @@ _BROKEN_OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
-    """Whether an error came of Ctrl-C, as that of a compiled module in the middle of its import."""
+    """Whether Ctrl-C caused an error, as one of a compiled module in the middle of its import."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None

@@ -47,7 +47,7 @@ class Finite(click.FloatRange):
 
 
 class Command(click.Command):
-    """A command whose help begins with an example that works.
+    """A command with a help that begins with an example that works.
 
     Args:
         example: What is typed after ``ballplate``; other arguments are those of click.
@@ -89,7 +89,7 @@ command = functools.partial(click.command, cls=Command)
 
 
 class Group(Command, click.Group):
-    """A command of several, whose help begins with an example, too."""
+    """A group of commands; its help begins with an example, too."""
 
 
 COMPLETION_VARIABLE = "_BALLPLATE_COMPLETE"
@@ -159,7 +159,7 @@ def _complete_names(
 
 
 def _note(context: click.Context, option: click.Parameter, value: object) -> None:
-    """Keep what an option says for whoever looks for it, by its name."""
+    """Keep the value of an option for later readers, by its name."""
     context.meta[str(option.name)] = value
 
 
@@ -185,7 +185,7 @@ def _settings(
 
 
 def check_scenario_name(_: click.Context, __: click.Parameter, name: str) -> str:
-    """The name of a scenario; a wrong one is told before anything heavy is imported."""
+    """The name of a scenario; a wrong one is reported before anything heavy is imported."""
     find(name)
     return name
 
@@ -318,7 +318,7 @@ RESET = click.option(
 
 WEB_PORT = 9090
 TWIN_TIMEOUT_S = 60.0
-"""Most seconds that the twin is given for what it says last: it has the lowest priority."""
+"""Most seconds that the twin gets for its last report: it has the lowest priority."""
 
 SERVE = click.option(
     "--serve",
@@ -332,7 +332,7 @@ LEARN = click.option(
     "--learn", is_flag=True, help="Let the twin learn for 20 s before it judges: an unknown rig."
 )
 WATCHING = (
-    click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes."),
+    click.option("--shadow", is_flag=True, help="Run the twin along: alarms with causes."),
     LEARN,
     click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
     SERVE,
@@ -346,7 +346,7 @@ class Viewing:
     Args:
         window: In a viewer window.
         serve: In a browser, at this port.
-        shadow: Whether its twin runs beside it.
+        shadow: Whether its twin runs along.
         learn: Whether that learns at first what is not known of the rig.
 
     Raises:
@@ -363,7 +363,7 @@ class Viewing:
         if self.window and self.serve is not None:
             raise ScenarioError("--view and --serve: choose one")
         if self.learn and not self.shadow:
-            raise ScenarioError("--learn: only with --shadow, whose twin it is that learns")
+            raise ScenarioError("--learn: only with --shadow, which starts the twin that learns")
         self._opened: Opened | None = None
         self._url, self._recording = "", str(uuid4())
 
@@ -394,7 +394,7 @@ class Viewing:
                 warn(f"the view missed {shown.dropped} rows; the record has them all")
 
     def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
-        """Start the twin beside the run, drawn in the view if there is one."""
+        """Start the twin of the run, drawn in the view if there is one."""
         from twin.shadow import report
         from twin.view.live_process import LiveProcess
 

@@ -130,7 +130,7 @@ def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 OPTION_NAMES = {"on": "--rig"}
-"""Arguments of the package whose option has another name."""
+"""Arguments of the package that differ in name from their option."""
 
 
 class Terminal(Reporter):

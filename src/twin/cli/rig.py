@@ -88,15 +88,15 @@ def doctor(
             failed = any(each.status is CheckStatus.FAIL for each in found)
             note_result(file, passed=not failed)
     counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
-    told = ", ".join(f"{count} {status}" for status, count in counts.items())
+    counted = ", ".join(f"{count} {status}" for status, count in counts.items())
     on = click.get_current_context().meta.get("on")
-    shown = (told, next_step(found, f"{rig} --on {on}" if on else rig, move=move))
+    shown = (counted, next_step(found, f"{rig} --on {on}" if on else rig, move=move))
     show([each.as_dict() for each in found], shown)
     return 1 if counts[CheckStatus.FAIL] else 0
 
 
 def _print_results(results: Iterable[CheckResult]) -> list[CheckResult]:
-    """All results, each told when it comes unless JSON is wanted."""
+    """All results, each printed when it comes unless JSON is wanted."""
     found = []
     for result in results:
         found.append(result)
@@ -210,7 +210,7 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option("--channel", help="Which channel of the trace [the one with most frames].")
 @click.option("--replay", "again", is_flag=True, help="Say it again to emulated drives.")
 @click.option("--out", type=options.PATH, help="Also write the events there, a CSV file.")
-@click.option("--touch", type=options.PATH, help="What the touch screen said, a CSV file.")
+@click.option("--touch", type=options.PATH, help="The data of the touch screen, a CSV file.")
 @click.option("--log", type=options.PATH, help="With --rig and --touch: write a log there, .csv.")
 @options.JSON
 def trace(
@@ -224,12 +224,12 @@ def trace(
     *,
     again: bool,
 ) -> int:
-    """Say what the drives and their host said, from a trace of the CAN bus.
+    """Decode what the drives and their host sent, from a trace of the CAN bus.
 
     FILE is a trace of any program (candump, .asc, .blf, .trc, .csv, .pcap, also .gz), or the folder
-    of a run on the wire. Of PDOs only changes are told. --log makes a log of it, which
-    compare, identify and shadow take: encoders, motors and what was commanded, whoever drove.
-    --replay sends what the host said to emulated drives, and tells where they answer otherwise.
+    of a run on the wire. Of PDOs only changes are reported. --log makes a log of it, which
+    compare, identify and shadow take: encoders, motors and commands, whoever drove.
+    --replay sends the host's frames to emulated drives, and reports different answers.
     """
     from twin.devices.akd.decoding import Conversation, Names, TracedEvent, sync_period
     from twin.devices.akd.traces import read_trace
@@ -251,12 +251,12 @@ def trace(
     names = Names(eds)
     if again:
         return _replay(file, found, names, drives)
-    said = Conversation(found.frames, names, drives, timed=found.timed)
+    conversation = Conversation(found.frames, names, drives, timed=found.timed)
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
     summary["timed"] = found.timed
-    remarks = [*found.remarks, *names.sheet.remarks, *said.remarks()]
-    summary |= said.summary() | {"remarks": remarks}
-    events = [event._asdict() for event in said.events]
+    remarks = [*found.remarks, *names.sheet.remarks, *conversation.remarks()]
+    summary |= conversation.summary() | {"remarks": remarks}
+    events = [event._asdict() for event in conversation.events]
     written = [each for each in (out, log) if each is not None]
     if log and own and drives and touch:
         import numpy as np
@@ -264,10 +264,10 @@ def trace(
         from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
 
         home = np.radians(own.home_deg)
-        export(log, log_of_trace(said, drives, cams_of(own), home, touch), TRACE_UNITS)
-    rows = [(f"{each.time:.{6 * found.timed}f}", *each[1:]) for each in said.events]
+        export(log, log_of_trace(conversation, drives, cams_of(own), home, touch), TRACE_UNITS)
+    rows = [(f"{each.time:.{6 * found.timed}f}", *each[1:]) for each in conversation.events]
     when = "time [s]" if found.timed else "frame"
-    span = f" in {said.duration:.3f} s" if found.timed else ", without times"
+    span = f" in {conversation.duration:.3f} s" if found.timed else ", without times"
     if out is not None:
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([(when, *TracedEvent._fields[1:]), *rows])
@@ -288,7 +288,7 @@ def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) ->
 
     found = replay(trace.frames, names, drives)
     first, (place, rate) = found.difference, MOTOR_TOLERANCES.values()
-    told = (
+    compared_text = (
         f"{file}: {found.sent} frames of the host sent to emulated drives, {found.compared} frames "
         "of drives compared: states, transfers, emergencies, number of PDOs; "
         f"within {1e3 * MAX_TIME_SHIFT_S:g} ms and {MAX_PDO_SHIFT} PDOs, "
@@ -298,12 +298,12 @@ def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) ->
     shown = f"first difference, at {first.time:.6f} s, {first.who}: {first.text}" if first else same
     remarks = [*trace.remarks, *names.sheet.remarks, *found.remarks]
     numbers = {"trace": str(file), **found._asdict(), "remarks": remarks}
-    show(numbers | {"difference": first and first._asdict()}, (told, *remarks, shown))
+    show(numbers | {"difference": first and first._asdict()}, (compared_text, *remarks, shown))
     return int(first is not None)
 
 
 def _nodes(found: dict[str, Any]) -> list[Table]:
-    """What each node did, and what it carried, as tables."""
+    """The actions and the traffic of each node, as tables."""
     nodes = found["nodes"].values()
     heads = ("", "sent", "network", "drive", "SDO", "faults")
     did = [
@@ -377,7 +377,7 @@ def play(
     """Drive the rig yourself, in real time, in a browser window.
 
     Drag the goal, push the ball, move friction, dead time, level and gains by sliders, choose
-    another law or observer, pause, go back; the clean model goes beside. A saved run is a run
+    a different law or observer, pause, go back; the clean model runs along. A saved run is a run
     folder like any other. It ends with Ctrl-C, or when the page is closed; what was driven and not
     saved is saved then.
     """
@@ -411,7 +411,7 @@ def play(
 def _turn_plate(
     rig: str, scenario: Scenario, what: str, total: float
 ) -> Iterator[tuple[RigFile, AkdServos, Advance]]:
-    """A rig whose plate is turned in real time: its file, its servos, and progress."""
+    """A rig with its plate turned in real time: its file, its servos, and progress."""
     from twin.devices.akd.servos import AkdServos
     from twin.devices.realtime import real_time
 
@@ -447,12 +447,12 @@ def lost_motion(rig: str, overrides: tuple[str, ...], amplitude: float) -> None:
         moved = math.radians(amplitude)
         found = measure_lost_motion(servos, cams_of(file), amplitude=moved, progress=tell)
         tell(1.0)
-    told = []
+    lines = []
     for each in found:
-        told.append(f"{each.axis}: {each.words}")
+        lines.append(f"{each.axis}: {each.words}")
         if each.shape in PLAY_KEYS:
-            told.append(f"  in the twin: {PLAY_KEYS[each.shape]} = {each.width:.3f}")
-    show([each.as_dict() for each in found], told)
+            lines.append(f"  in the twin: {PLAY_KEYS[each.shape]} = {each.width:.3f}")
+    show([each.as_dict() for each in found], lines)
 
 
 @options.command(example="calibrate touch --out touch-of-rig.json")
@@ -538,13 +538,13 @@ def cams(rig: str, out: Path, reach: float, lines: int, overrides: tuple[str, ..
     ):
         found = measure_cams(servos, reach=math.radians(reach), lines=lines, progress=tell)
     write_whole(out, found.save)
-    told = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}
+    fit = {each: found.provenance[each] for each in ("points", "before_deg", "rms_deg")}
     words = (
-        f"{told['points']} points: the table of the model is off by up to {told['before_deg']:.3f} "
-        f"deg, the measured one by {told['rms_deg']:.3f} deg RMS",
+        f"{fit['points']} points: the table of the model errs by up to {fit['before_deg']:.3f} "
+        f"deg, the measured one by {fit['rms_deg']:.3f} deg RMS",
         f'written to {out}; name it in the rig file: cams = "{out}"',
     )
-    show({"table": str(out), **told}, words)
+    show({"table": str(out), **fit}, words)
 
 
 @calibrate.command(cls=options.Command, example="calibrate level runs/excite")
@@ -555,7 +555,7 @@ def level(log: Path) -> int:
 
     LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
     """
-    log = log_file(log)  # a wrong name is told before anything heavy is imported
+    log = log_file(log)  # a wrong name is reported before anything heavy is imported
     from twin.identify.judged import IDENTIFIED_VERDICT
     from twin.identify.logs import read
     from twin.identify.twin_model import identify
@@ -563,11 +563,11 @@ def level(log: Path) -> int:
     recorded = read(log)
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
         levels = identify(recorded, ("level",), 1.0, advance).verdicts[: len(TILT_DIRECTIONS)]
-    told = (
+    advice_lines = (
         f"{each.name}: {advice(each, foot)}"
         for each, foot in zip(levels, TILT_DIRECTIONS, strict=True)
     )
-    show([each.as_dict() for each in levels], told)
+    show([each.as_dict() for each in levels], advice_lines)
     return int(any(each.word != IDENTIFIED_VERDICT for each in levels))
 
 

@@ -53,7 +53,7 @@ def list_scenarios() -> None:
 @click.option(
     "--trace",
     type=options.PATH,
-    help="Of a rig: keep what is said on its CAN bus there: .blf, or .log, .asc, .trc, .csv, .gz "
+    help="Of a rig: keep the frames of its CAN bus there: .blf, or .log, .asc, .trc, .csv, .gz "
     "[trace.log in the run folder].",
 )
 @options.VIEWING
@@ -103,7 +103,7 @@ def run(
         {n: each.summary() for n, each in done.shown.items()}, everything=everything
     )
     if other:
-        shown.append(f"the law of the run in {named}/ was another: it stays")
+        shown.append(f"the law of the run in {named}/ was different: it stays")
     if model is not None:
         shown += reasons({CLEAN_LABEL: numbers["baseline"]})
         shown.append(
@@ -114,7 +114,7 @@ def run(
     files = "picture.png, metrics.json, run.parquet"
     spoken = folder / "trace.log" if trace is None else trace
     if rig is not None and spoken.is_file():  # own hardware has no CAN bus
-        shown.append(dim(f"what was said on the CAN bus: ballplate trace {spoken}"))
+        shown.append(dim(f"the frames of the CAN bus: ballplate trace {spoken}"))
     if examined is not None:
         from twin.shadow.report import sentences
 
@@ -130,11 +130,11 @@ def run(
 
 
 def _examine_run(folder: Path, *, learning: bool) -> Shadow | None:
-    """What the twin says of the run as a whole: the same as `ballplate shadow RUN`."""
+    """The twin's verdict on the run as a whole: the same as `ballplate shadow RUN`."""
     from twin.shadow.report import examine
 
     try:
-        with TERMINAL.progress("the twin beside the whole run", 1.0) as advance:
+        with TERMINAL.progress("the twin on the whole run", 1.0) as advance:
             return examine(folder, folder, learning=learning, progress=advance)
     except LogError as error:
         TERMINAL.warn(f"{error}; the run itself is in {folder}/")
@@ -163,8 +163,8 @@ def compare(
 ) -> int:
     """Run several scenarios, or variants of one, side by side: one table, one picture.
 
-    SOURCES are scenarios, finished runs (run folders, or `last`), and CSV logs, which are laid over
-    what the twin predicts for the scenario beside them.
+    SOURCES are scenarios, finished runs (run folders, or `last`), and CSV logs. A log is drawn over
+    the twin's prediction for the scenario given with it.
     """
     from ballplate.comparing import compare as compare_sources
 
@@ -211,7 +211,7 @@ def sweep(
     """Run a scenario over the values of a key: a table and a curve.
 
     KEY=0:0.5:6 takes 6 values from 0 to 0.5, KEY=[1, 2, 5] those of the list. --vary gives a curve
-    for each value of another key, as in controller.kind=[afl,lqr]. Of the runs the indicators are
+    for each value of a second key, as in controller.kind=[afl,lqr]. Of the runs the indicators are
     kept, in sweep.csv.
     """
     from ballplate.studies import sweep as run_sweep
@@ -363,7 +363,7 @@ def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None) -> int:
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
     opened = _open_runs(runs)
-    from twin.view.recording import write  # heavy: a wrong name was told
+    from twin.view.recording import write  # heavy: a wrong name was reported before
 
     if rrd is not None:
         write(rrd, opened)
@@ -408,7 +408,7 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     RUNS are run folders, folders of such, or `last`; the newest run if there is none.
     """
     opened = _open_runs(runs)
-    from twin.base.page import encode_figure  # heavy: a wrong name was told
+    from twin.base.page import encode_figure  # heavy: a wrong name was reported before
     from twin.devices.akd import TRACE_FILE
     from twin.devices.akd.traces import SEAL, altered
     from twin.view.html import details, html, overview
@@ -454,7 +454,7 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 @click.option(
     "--render",
     type=click.Choice(("plate", "mujoco")),
-    help="What it shows: the plate from above, or the mechanism in 3D by EGL or OSMesa [plate].",
+    help="Picture: the plate from above, or the mechanism in 3D by EGL or OSMesa [plate].",
 )
 def export(
     run: Path,

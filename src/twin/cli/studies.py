@@ -1,4 +1,4 @@
-"""The commands study, tune, bench and lab: many runs, and how they are judged."""
+"""The commands study, tune, bench and lab: many runs, and how they are evaluated."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int
     """
     if study is None:
         return print_shipped("studies")
-    chosen("study", study, shipped_in("studies"))  # told before anything heavy is imported
+    chosen("study", study, shipped_in("studies"))  # reported before anything heavy is imported
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
         work = work_of(study, {key: how.pop(key) for key in ("samples", "seeds")})
@@ -78,14 +78,16 @@ def _plan_study(work: Work, folder: Path, **how: Any) -> int:
         known, chunks = remaining(work.tasks, Store(folder), count)
     total = work.different
     left = total - known.num_rows
-    told = f"{total} runs, {left} of them left in {len(chunks)} batches on {count} processors"
+    summary_line = (
+        f"{total} runs, {left} of them left in {len(chunks)} batches on {count} processors"
+    )
     counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
-    show(counts | {"processes": count}, [told])
+    show(counts | {"processes": count}, [summary_line])
     return 0
 
 
 SUMMARY_COLUMNS = ("median", "low", "high", "runs", "failed")
-"""What is told of all runs of a variant."""
+"""Columns of the summary of all runs of a variant."""
 
 
 def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
@@ -133,13 +135,13 @@ def tune(tune: str | None, overrides: tuple[str, ...], out: Path | None, **how: 
     """Tune fields of a controller over a family of rigs: a shipped tune by name, or a TOML file.
 
     Without a name, list the shipped ones. The search is on one draw of the family, the certificate
-    on fresh rigs of another. Finished runs are kept: an interrupted tune continues where it
+    on fresh rigs of a second one. Finished runs are kept: an interrupted tune continues where it
     stopped. Writes report.html, tune.json and tuned.toml, which `--set parameters=FILE` lays over
     any scenario; exit code 1 if a constraint is not kept or a fresh rig is lost.
     """
     if tune is None:
         return print_shipped("tunes")
-    chosen("tune", tune, shipped_in("tunes"))  # told before anything heavy is imported
+    chosen("tune", tune, shipped_in("tunes"))  # reported before anything heavy is imported
     from twin.tune.trials import read
 
     budget = {key: how.pop(key) for key in ("candidates", "certificate")}
@@ -186,7 +188,7 @@ BENCHMARK_HEADINGS = (
     "effort",
 )
 BENCHMARK_NOTE = (
-    "error: beside that of the reference law on the same rig and noise, interquartile mean; "
+    "error: relative to the reference law on the same rig and noise, interquartile mean; "
     "effort: median of the RMS plate acceleration, rad/s^2"
 )
 
@@ -396,7 +398,7 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
 @lab.command(cls=Command, example="lab check signs answer.py")
 @click.argument("lab")
 @click.argument("answer", required=False, type=PATH)
-@click.option("--student", help="Whose rig, where no rig.toml beside the answer says so.")
+@click.option("--student", help="Owner of the rig, where no rig.toml next to the answer names one.")
 @KEY
 @click.option("--hidden", is_flag=True, help="Judge hidden checks, too, where they are.")
 @click.option("--as", "form", type=click.Choice(["json", "gradescope", "classroom50", "junit"]))
@@ -406,7 +408,7 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
 def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> int:
     """Judge an answer: what passed, why not, where to look; exit code 1 if a check did not pass.
 
-    The answer is a file, or a folder with it; by default that of this folder.
+    The answer is a file, or a folder with it; by default the current folder.
     """
     from ballplate.lab import check as judge
     from twin.base.writing import write_whole
@@ -427,7 +429,7 @@ def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> i
 def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> int:
     """Deal every student of a class a rig of their own, and write what each begins with.
 
-    The class is a CSV file whose first column names the students, below a heading.
+    The class is a CSV file; its first column names the students, below a heading.
     """
     from twin.lab.schema import hand_out
     from twin.lab.schema import students as named
@@ -449,9 +451,9 @@ def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> in
 def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) -> int:
     """Judge the answers of a class, a folder or a file a student, on the rigs the key deals.
 
-    Every result and its page are kept when they are finished, in a folder beside the marks: a
-    killed command goes on where it was, an unchanged answer is not judged again. A page beside the
-    marks has the class.
+    Every result and its page are kept when they are finished, in a folder next to the marks: a
+    killed command continues where it was, an unchanged answer is not evaluated again. A page next
+    to the marks has the class.
     """
     from twin.base.writing import write_whole, written_alone
     from twin.lab import grade as grades
@@ -507,7 +509,8 @@ def selftest(lab: Lab, starter: bool, processes: int | None) -> int:
 def calibrate(lab: Lab, rigs: int, processes: int | None) -> int:
     """Propose the limits of every check from what solution, starter and mutants reach.
 
-    Each is judged on so many rigs; exit code 1 where a mutant cannot be told from the solution.
+    Each is evaluated on so many rigs; exit code 1 where a mutant cannot be distinguished from the
+    solution.
     """
     from twin.lab import grade
 

@@ -1,4 +1,4 @@
-"""The commands explain, identify, fit, shadow, whatif, analyse and reproduce: what a run says."""
+"""The commands explain, identify, fit, shadow, whatif, analyse and reproduce: what a run shows."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _effects(found: Explanation) -> Iterator[Shown]:
     what = "tracking error e_tt [%]" if found.in_percent else "RMS distance [mm]"
     yield bold(f"{found.scenario.title}: {what}")
 
-    def told(case: EffectCase) -> str:
+    def size_text(case: EffectCase) -> str:
         value = found.size(case)
         return case.outcome.split(" at ", maxsplit=1)[0] if isnan(value) else f"{value:.2f}"
 
@@ -84,15 +84,15 @@ def _effects(found: Explanation) -> Iterator[Shown]:
         return "-" if share is None else f"{100 * share:z.1f} %"
 
     rows = [
-        (part.effect.label, told(part.without), told(part.alone), percentage(part.share))
+        (part.effect.label, size_text(part.without), size_text(part.alone), percentage(part.share))
         for part in found.contributions
     ]
     for label, share in (("effects on one another", found.rest), ("left with none", found.base)):
         if share is not None:
             rows.append((label, "", "", percentage(share)))
     yield Table("", ("effect", "all but this", "this alone", "share"), rows)
-    yield f"all effects: {told(found.whole)}"
-    yield f"none of them: {told(found.none)}"
+    yield f"all effects: {size_text(found.whole)}"
+    yield f"none of them: {size_text(found.none)}"
     has = present(found.scenario)
     lacking = [effect.label for effect in EFFECTS if effect not in has]
     if lacking:
@@ -138,7 +138,7 @@ def identify(
     identified.
     """
     if how["columns"] is None:
-        chosen_parameters(names)  # a wrong name is told before anything heavy is imported
+        chosen_parameters(names)  # a wrong name is reported before anything heavy is imported
     files = [log_file(log) for log in logs]
     hold_out = _held_out(held)
     from ballplate.results import identify as identify_log
@@ -184,7 +184,7 @@ def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) 
     """
     if table is None:
         return print_shipped("fits")
-    chosen("table", table, shipped_in("fits"))  # told before anything heavy is imported
+    chosen("table", table, shipped_in("fits"))  # reported before anything heavy is imported
     from twin.study.experiments import Store, executors
     from twin.tune.cells import Runs, read
     from twin.tune.fit import PARAMETER_HEADINGS, row, sentences, write
@@ -217,21 +217,21 @@ def fit(table: str | None, out: Path | None, *, no_leave_out: bool, **how: Any) 
 def shadow(
     log: Path, overrides: tuple[str, ...], out: Path | None, *, learn: bool, **how: Any
 ) -> int:
-    """Let the twin run beside a recorded run: is it still right, since when not, and why.
+    """Run the twin on a recorded run: is it still right, since when not, and why.
 
-    LOG is a run folder, a run.parquet, or a CSV file with named columns and what was commanded.
+    LOG is a run folder, a run.parquet, or a CSV file with named columns and the commands.
     The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
     identified ones: it learns then as with --learn). Writes shadow.html and shadow.json.
     Exit code 1 after an alarm.
     """
-    log = log_file(log)  # a wrong name is told before anything heavy is imported
+    log = log_file(log)  # a wrong name is reported before anything heavy is imported
     name = run_name(log)
     from twin.shadow.report import WRITTEN_FILES, examine, sentences
 
     folder = check_writable(
         out or (log.parent if is_record(log) else RUNS_FOLDER / f"shadow-{name}")
     )
-    with progress(f"the twin beside {name}", 1.0) as advance:
+    with progress(f"the twin of {name}", 1.0) as advance:
         found = examine(log, folder, overrides, learning=learn, progress=advance, **how)
     show(found.as_dict(), sentences(found), folder, WRITTEN_FILES)
     return int(bool(found.alarms))
@@ -270,23 +270,23 @@ def whatif(
 ) -> int:
     """Simulate other futures from a moment of a run: what would have happened.
 
-    RUN is a run folder or a CSV log. A simulated run is gone on with exactly, a real one from its
+    RUN is a run folder or a CSV log. A simulated run is continued exactly, a real one from its
     estimated state. Without --set and --branch nothing is changed.
     """
-    run = log_file(run)  # a wrong name is told before anything heavy is imported
+    run = log_file(run)  # a wrong name is reported before anything heavy is imported
     from twin.base.jobs import SecondProcess, cores
     from twin.run.finished import load_drawing
     from twin.whatif.futures import agreement, branches_of, futures, moment_of, summary, write
 
-    with SecondProcess(wanted=cores() > 1) as beside:
-        beside.begin(load_drawing)
+    with SecondProcess(wanted=cores() > 1) as drawing:
+        drawing.begin(load_drawing)
         rig = () if on is None else (f"parameters={on}",)
         moment = moment_of(run, at, settings=rig, **log)
         found = futures(moment, lasting, branches_of(settings, branches))
         if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none
         folder = check_writable(out or RUNS_FOLDER / f"whatif-{run_name(run)}")
-        write(moment, found, folder, beside)
+        write(moment, found, folder, drawing)
     for note in moment.notes:
         warn(note)
     apart = (
@@ -441,7 +441,7 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
 
 
 def _chapter9_tables(rows: list[Row]) -> Iterator[Shown]:
-    """The cells of chapter 9, thesis beside twin."""
+    """The cells of chapter 9, thesis next to twin."""
     from twin.thesis.chapter8 import THESIS_COLUMNS
 
     keys = ("thesis", "frictionless", "predicted", "explained", "held_out")

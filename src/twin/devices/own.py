@@ -222,7 +222,7 @@ class _DirectionTest:
     Attributes:
         memory: Duration in s of the motion that is looked at.
         delays: How many s later than its command the plate may move.
-        commanded: Range in rad through which the command must have gone.
+        commanded: Minimum range of the command in rad.
         slope: Measured angle per commanded one, at most, at every delay.
         every: Number of periods from one look to the next.
     """
@@ -238,11 +238,11 @@ class _DirectionTest:
         slopes = []
         for delay in self.delays:
             lag = round(delay / period)
-            told, seen = commanded[: len(commanded) - lag], measured[lag:]
-            if len(told) < 2 or not np.ptp(told) >= self.commanded:
+            asked, seen = commanded[: len(commanded) - lag], measured[lag:]
+            if len(asked) < 2 or not np.ptp(asked) >= self.commanded:
                 return False
-            told = told - told.mean()
-            slopes.append(float(told @ (seen - seen.mean())) / float(told @ told))
+            asked = asked - asked.mean()
+            slopes.append(float(asked @ (seen - seen.mean())) / float(asked @ asked))
         return max(slopes) <= self.slope
 
 
@@ -292,7 +292,7 @@ def load_screen(config: OwnScreenConfig) -> ScreenHardware:
     made = _load(config.backend, config.options, ScreenHardware, key)  # type: ignore[type-abstract]
     if isinstance(made, ServoHardware):
         raise ScenarioError(
-            f"{key}: {config.backend} is servos as well, whose start would move the plate; a class "
+            f"{key}: {config.backend} is servos as well; its start would move the plate; a class "
             "for both devices is named as backend, above the tables"
         )
     return made
@@ -304,7 +304,7 @@ def _load(named: str, options: Mapping[str, Any], base: type[Own], key: str) -> 
     if not file.endswith(".py") or not Path(file).is_file():
         raise ScenarioError(f"{key}: {named!r} must be FILE.py:CLASS; no file {file!r}")
     EXECUTES.info("runs %s, the hardware of the rig file", file)
-    sys.path.append(str(Path(file).resolve().parent))  # what it imports may lie beside it
+    sys.path.append(str(Path(file).resolve().parent))  # modules that it imports may lie there
     try:
         kind = runpy.run_path(file).get(name)
         if isinstance(kind, type) and issubclass(kind, base):
@@ -328,7 +328,7 @@ class _OwnDriver:
         hardware: The hardware.
         silent: Seconds without a new measurement that are a fault.
         failed: What is reported where a method fails.
-        reported: What is reported where the hardware says that something is wrong.
+        reported: What is reported where the hardware reports an error.
     """
 
     def __init__(
@@ -387,7 +387,7 @@ class _OwnDriver:
             self._report(SILENT, f"none for {now - reading.at:.2f} s")
 
     def _checked(self, reading: Any) -> Reading:
-        """A reading of finite time whose angles, if any, are finite; positions may be NaN.
+        """A reading of finite time; its angles, if any, are finite; positions may be NaN.
 
         Raises:
             TypeError: If it is none.
@@ -406,8 +406,8 @@ class _OwnDriver:
 
     def _said(self) -> tuple[str, ...]:
         """What the hardware reports, a text by itself or several."""
-        said = self._device.faults()
-        return (said,) if isinstance(said, str) else tuple(said or ())
+        texts = self._device.faults()
+        return (texts,) if isinstance(texts, str) else tuple(texts or ())
 
     def _asked(self, method: Callable[[], Answer]) -> Answer | None:
         """What a method of the hardware gives; None, and a fault, where it fails."""
@@ -606,9 +606,9 @@ class OwnServos(_OwnDriver):
         """Report an axis that is measured to turn against its commands."""
         commanded, measured = np.split(np.array(self._motion), 2, axis=1)
         for axis, name in enumerate(AXES):
-            told, seen = commanded[:, axis], measured[:, axis]
-            if test.opposite(told, seen, self._period):
-                turned = np.degrees((told[-1] - told[0], seen[-1] - seen[0]))
+            asked, seen = commanded[:, axis], measured[:, axis]
+            if test.opposite(asked, seen, self._period):
+                turned = np.degrees((asked[-1] - asked[0], seen[-1] - seen[0]))
                 text = f"{name}: commanded {turned[0]:+.2f} deg, measured {turned[1]:+.2f} deg"
                 self._report(OPPOSITE, text)
 

@@ -130,7 +130,7 @@ class BusFaults:
         self._add(cob_id, change=flipped, **when)
 
     def silence(self, node: int, **when: Any) -> None:
-        """Lose everything a node says."""
+        """Lose every frame of a node."""
         services = (0x080, 0x180, 0x280, 0x380, 0x480, 0x580, 0x700)
         when.setdefault("towards", Towards.HOST)
         self.drop([service + node for service in services], **when)
@@ -174,7 +174,7 @@ class EmulatedBus:
     def __init__(self, drives: Sequence[EmulatedDrive]) -> None:
         self.drives = list(drives)
         self.bitrate = 1_000_000
-        """What the drives are set to, bit/s; another adapter hears nothing."""
+        """Bit rate of the drives, bit/s; an adapter with a different one hears nothing."""
         self.faults = BusFaults()
         """The damage."""
         self.time = 0.0
@@ -185,7 +185,7 @@ class EmulatedBus:
         self.heard: Callable[[], None] = lambda: None
         """Called after each frame that the drives have taken in."""
         self.beside: list[tuple[Frame, float]] = []
-        """Frames that another master sends, and how often, in s."""
+        """Frames that a second master sends, and how often, in s."""
         self._order = count()
         self._later: list[tuple[float, int, Towards, Frame]] = []
         self._host: list[Frame] = []
@@ -198,7 +198,7 @@ class EmulatedBus:
         return True
 
     def from_other(self, frame: Frame) -> None:
-        """Take a frame of a third participant, as of another master: host and drives hear it."""
+        """Take a frame of a third participant, as of a second master: host and drives hear it."""
         self._carry(frame, Towards.HOST)
         self._carry(frame, Towards.DRIVES)
 
@@ -254,7 +254,7 @@ class DirectBus(can.BusABC):
     def __init__(self, bus: EmulatedBus, step: float = 0.0005) -> None:
         super().__init__(channel="emulated")
         self.plugged = True
-        """False: the adapter is gone."""
+        """False: the adapter is lost."""
         self.unreadable_lines = 0
         """Lines of text that are no frame, as of an adapter on a serial port."""
         self._bus = bus
@@ -280,7 +280,7 @@ class DirectBus(can.BusABC):
         """Put a frame on the bus at once; ``timeout`` is not needed.
 
         Raises:
-            CanOperationError: The adapter is gone.
+            CanOperationError: The adapter is lost.
         """
         self._check()
         self._bus.from_host(Frame(msg.arbitration_id, bytes(msg.data), msg.is_remote_frame))
@@ -294,7 +294,7 @@ class DirectBus(can.BusABC):
         The library's own would count the timeout in real time.
 
         Raises:
-            CanOperationError: The adapter is gone.
+            CanOperationError: The adapter is lost.
         """
         self._check()
         self._wait(timeout or 0.0, self._collected)
@@ -337,7 +337,7 @@ def message(
 
 
 class PseudoTerminal:
-    """A port that another program can open, and the end from which it is served; context manager.
+    """A port that a program can open, and the end from which it is served; context manager.
 
     It is for one thread at a time.
 
@@ -438,7 +438,7 @@ class SlcanAdapter:
     emulated: sending extended frames, filters and timestamps.
 
     Args:
-        bus: What it is on.
+        bus: The bus of the adapter.
     """
 
     def __init__(self, bus: EmulatedBus) -> None:
@@ -519,7 +519,7 @@ class SlcanPort(PseudoTerminal):
     """The adapter on a pseudo-terminal; nothing it does waits.
 
     Args:
-        bus: What it is on.
+        bus: The bus of the adapter.
 
     Raises:
         RigError: This system has no pseudo-terminals.
@@ -545,7 +545,7 @@ class SlcanPort(PseudoTerminal):
         """Pass on what has arrived either way; never waits.
 
         Args:
-            passing: Is told after each SYNC of those that have waited which share of them that was.
+            passing: Called after each of the SYNCs that have waited, with the share of them so far.
         """
         if self.handle < 0:
             self._bus.to_host()
@@ -566,7 +566,7 @@ class SlcanPort(PseudoTerminal):
 def _written(frame: Frame) -> bytes:
     """The line of a frame: t, r for a remote request, in capitals with eight digits of identifier.
 
-    A remote request asks for as many bytes as it says and has none.
+    A remote request asks for as many bytes as it states and has none.
     """
     kind = b"r" if frame.remote else b"t"
     digits = b"%08X" if frame.extended else b"%03X"
@@ -591,7 +591,7 @@ class BusServer:
     """Pumps a port and steps its bus in real time.
 
     Time that the computer took away is stepped later in whole steps, at most ``BACKLOG`` of it;
-    for what ``paused`` says of it the bus's time stands still.
+    for the time that ``paused`` returns, the bus's time stands still.
 
     Args:
         bus: What is emulated.
@@ -611,7 +611,7 @@ class BusServer:
         """How late the bus's time was at each round: an emulator that starves answers late."""
         self.paused: Paused = never
         self.beside: Passing = nothing
-        """Is called in every round with the time in s: another port that is served."""
+        """Called in every round with the time in s: a second port that is served."""
         self._step = step
         self._stop = threading.Event()
 
@@ -639,5 +639,5 @@ class BusServer:
                 self.beside(now)
 
     def stop(self) -> None:
-        """End ``run``, from another thread."""
+        """End ``run``, from a second thread."""
         self._stop.set()

@@ -1,7 +1,7 @@
 """An emulated AKD drive on CANopen: frames in, frames out, time in steps; no clock, no thread.
 
 It has CiA 402's power stage, ramps, faults and STO. Defaults are the documented ones: no heartbeat,
-nobody watched, so that it keeps turning when the master goes silent unless 1016h says otherwise;
+nobody watched, so that it keeps turning when the master goes silent unless 1016h is set;
 nothing exchanged before NMT start. Not emulated: event-driven transmit PDOs, which a host that
 leaves the defaults does not hear here, storing parameters, node guarding, homing and every mode but
 profile velocity (in which the drive turns), the PLL, and the bus's own timing.
@@ -28,7 +28,7 @@ RPM = math.pi / 30
 VELOCITY_UNIT = 0.001 * RPM
 """One count of 60FFh and 606Ch in rad/s."""
 PLATE_PER_MOTOR = 0.2
-"""How the second encoder turns with the motor where no plant says."""
+"""How the second encoder turns with the motor where no plant gives it."""
 COASTING_TIME_S = 0.2
 """Time constant in s with which the motor runs out without power."""
 STOP_RAMP = 1000.0
@@ -45,7 +45,7 @@ class Encoder:
 
     Args:
         turn: Counts per revolution.
-        start: What it shows at an angle of zero; near 2^31 it soon wraps.
+        start: Its reading at an angle of zero; near 2^31 it soon wraps.
     """
 
     def __init__(self, turn: int, start: int = 0) -> None:
@@ -54,7 +54,7 @@ class Encoder:
 
     @property
     def counts(self) -> int:
-        """What it shows, wrapped."""
+        """Its reading, wrapped."""
         return (self._shown + self._offset + (1 << 31)) % (1 << 32) - (1 << 31)
 
     def jump(self, counts: int) -> None:
@@ -154,8 +154,8 @@ _RESET = 0x80
 class PowerStage:
     """States of the power stage under control words, inputs and faults.
 
-    A fault whose cause is still there cannot be reset: open STO, missing DC link, and whatever
-    is in ``causes``.
+    A fault with a cause that is still present cannot be reset: open STO, missing DC link, and
+    whatever is in ``causes``.
     """
 
     def __init__(self) -> None:
@@ -165,7 +165,7 @@ class PowerStage:
         self.faults: list[int] = []
         """Numbers of the present faults, oldest first."""
         self.causes: set[int] = set()
-        """Faults whose cause is still there, apart from STO and DC link."""
+        """Faults with a cause that is still present, apart from STO and DC link."""
         self.refuse_reset = False
         self.option = 2
         """Quick stop option (605Ah): 2 ends in switch on disabled, 6 stays."""
@@ -225,13 +225,13 @@ class PowerStage:
 
     @property
     def standing(self) -> set[int]:
-        """Present faults whose cause is still there."""
-        gone = set(self.causes)
+        """Present faults with a cause that persists."""
+        persisting = set(self.causes)
         if not self.sto_closed:
-            gone.add(STO_FAULT)
+            persisting.add(STO_FAULT)
         if not self.dc_link:
-            gone |= {UNDERVOLTAGE_FAULT, NO_VOLTAGE}
-        return gone & set(self.faults)
+            persisting |= {UNDERVOLTAGE_FAULT, NO_VOLTAGE}
+        return persisting & set(self.faults)
 
     def fail(self, number: int, *, braked: bool = False) -> list[int]:
         """Go into fault; braked: with torque until standstill. The number, if it is new."""
@@ -376,9 +376,9 @@ class EmulatedDrive:
         self.remote = True
         """False: a tool has taken the drive over; control words and new targets are ignored."""
         self.mode_override: int | None = None
-        """Mode it shows and is in, whatever 6060h says."""
+        """Mode it shows and is in, whatever 6060h requests."""
         self.limit_active: bool | None = None
-        """Internal limit bit, None for what the velocity limit says."""
+        """Internal limit bit, None for the result of the velocity limit."""
         self.warning = self.sdo_silent = False
         self.sdo_aborts: dict[tuple[int, int], int] = {}
         """Objects that are refused, with the abort code."""
@@ -391,7 +391,7 @@ class EmulatedDrive:
         self._out.append(self._own(0x080, data[:2] if self.short_emergencies else data))
 
     def receive(self, frame: Frame) -> list[Frame]:
-        """Take in any frame on the bus; what it answers at once."""
+        """Take in any frame on the bus; return its immediate answers."""
         node, service, data = self.node, frame.cob_id, frame.data
         if frame.remote or frame.extended or self._off > 0:
             return []
@@ -411,7 +411,7 @@ class EmulatedDrive:
         return self._sent()
 
     def step(self, dt: float) -> list[Frame]:
-        """Let dt seconds pass; what it sends meanwhile."""
+        """Let dt seconds pass; return the frames sent meanwhile."""
         if self._off > 0:
             self._off -= dt
             self.motor.coast(dt)

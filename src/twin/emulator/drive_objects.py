@@ -1,6 +1,6 @@
-"""The objects of an emulated drive, and what it says of them: SDO answers, PDOs, heartbeats.
+"""The objects of an emulated drive, and its messages about them: SDO answers, PDOs, heartbeats.
 
-The object dictionary is the drive's own, of ``drive_objects.toml``; the host's is another.
+The object dictionary is the drive's own, of ``drive_objects.toml``; the host has its own.
 """
 
 from __future__ import annotations
@@ -340,7 +340,7 @@ class Pdos:
 
 
 class Heartbeats:
-    """Sends one as often as 1017h says, and misses those of another node as 1016h says.
+    """Sends one at the period of 1017h, and reports a missing one of the node that 1016h names.
 
     Args:
         store: The drive's objects.
@@ -365,7 +365,7 @@ class Heartbeats:
         return True
 
     def heard(self, node: int) -> None:
-        """Take in that of a node; monitoring begins with the first of the one to be watched."""
+        """Take in a node's heartbeat; monitoring begins with the first of the watched node."""
         watched = self._store.get(0x1016, 1)
         if watched & 0xFFFF and watched >> 16 & 0x7F == node:
             self._silence = 0.0

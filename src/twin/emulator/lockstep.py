@@ -1,6 +1,6 @@
 """Emulated rigs in virtual time, and what they truly do: the same on every run.
 
-No thread and no real time: the host's clock is that of the emulated bus, which advances when
+No thread and no real time: the host's clock is the clock of the emulated bus, which advances when
 the host waits.
 """
 
@@ -35,7 +35,7 @@ _PLATE_ANGLE_INDICES, _PLATE_RATE_INDICES, _BALL_INDICES = [2, 6], [3, 7], [0, 4
 
 
 class PowerChange(NamedTuple):
-    """A drive's power stage goes from one state to another.
+    """A drive's power stage changes its state.
 
     Attributes:
         time: Bus time in s.
@@ -93,7 +93,7 @@ class MotionTrace:
         return any(drive.power.live for drive in self._drives)
 
     def between(self, begin: float, end: float = np.inf) -> TrueMotion:
-        """The motion from one bus time to another, both in s."""
+        """The motion between two bus times, both in s."""
         rows = [(time, state) for time, state in self._rows if begin <= time <= end]
         state = np.array([state for _, state in rows]).reshape(len(rows), 8)
         time = np.array([time for time, _ in rows])
@@ -195,7 +195,7 @@ class LockstepDrives:
         return TracedBus(self.adapter, self.heard, lambda: self.bus.time)
 
     def add_drive(self, node: int) -> None:
-        """Put another drive with a node on the bus."""
+        """Put a further drive with a node on the bus."""
         self.bus.drives.append(EmulatedDrive(node))
 
 
@@ -268,7 +268,7 @@ class LockstepRig(HardwareRig):
         touch: The host's settings of the screen; the port in them is not used.
         protocol: What the screen speaks.
         relaxed: Safety nets that are wider than by default, in words.
-        other_screen: Makes a screen of another kind on the plant, in bus time; a Lumio screen that
+        other_screen: Makes a screen of a new kind on the plant, in bus time; a Lumio screen that
             speaks ``protocol`` by default.
     """
 

@@ -1,4 +1,4 @@
-"""An emulated Lumio screen: what it sends in each of its protocols and when, and faults on purpose.
+"""An emulated Lumio screen: its data and their times in each protocol, and faults on purpose.
 
 Written from the layouts alone, sharing no code with the decoders.
 """
@@ -287,12 +287,12 @@ Ball = Callable[[], Sequence[tuple[float, float]]]
 class ScreenLine:
     """Looks at the ball once per frame and sends what a screen would, a dead time later.
 
-    It has neither port nor thread: ``step`` says what is due.
+    It has neither port nor thread: ``step`` returns the data that are due.
 
     Attributes:
         ball: What touches the screen now, m in plate axes, empty for nothing; called once per
             frame.
-        protocol: What it speaks.
+        protocol: The protocol it sends.
         baud: Bits per second of a serial protocol, ten bits per byte.
         frame: Seconds between frames.
         dead_time: Seconds from looking to arrival.
@@ -329,7 +329,7 @@ class ScreenLine:
         self._byte = 10 / self.baud if serial else 0.0
         self._random = random.Random(f"frames of {self.seed}")
         self._early = 0.0
-        """Seconds by which the next frame is taken before its clock says so."""
+        """Seconds by which the next frame is taken before its clock's time."""
         self._calibration = self.calibration or Calibration.nominal()
         self._next: float | None = None
         self._queue: deque[tuple[float, bytes]] = deque()
@@ -360,7 +360,7 @@ class ScreenLine:
         return sent
 
     def _look(self, now: float) -> None:
-        """Take a frame and schedule what it makes the screen send."""
+        """Take a frame and schedule the packets that it makes the screen send."""
         shares = (self._calibration.screen(*place) for place in self.ball())
         seen = [
             Spot(x, y, name)
@@ -380,7 +380,7 @@ class ScreenLine:
             self._schedule(arrival, self.damage.noise(int(self.frame * rate)))
 
     def _packets(self, now: float, spots: Sequence[Spot]) -> list[bytes]:
-        """The packets of a frame; a scan time is that of when the contacts were looked at."""
+        """The packets of a frame; a scan time is the time at which the contacts were looked at."""
         if self.damage.active(now, ScreenFault.REPEAT):
             return self._sent
         if self.protocol is Protocol.HID_TIMED:

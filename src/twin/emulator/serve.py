@@ -1,4 +1,4 @@
-"""The virtual rig in real time: a plant behind emulated devices, whose ports a host opens.
+"""The virtual rig in real time: a plant behind emulated devices with ports that a host opens.
 
 It serves in a process of its own, which comes before every ordinary one.
 """
@@ -58,11 +58,11 @@ The stops of the rig, at 10 deg (thesis, chapter 3), would hide what the host do
 class Wiring(NamedTuple):
     """How motors and plate encoders are joined to the drives, and motors to the plate.
 
-    Each is a pair: for the drive of phi, then that of theta; of ``slip`` for the axes of the plate.
+    Each is a pair: for the drive of phi, then of theta; of ``slip`` for the axes of the plate.
 
     Attributes:
-        motors: Axis whose motor the drive turns, 0 for phi.
-        encoders: Axis whose plate encoder it reads.
+        motors: Axis of the motor that the drive turns, 0 for phi.
+        encoders: Axis of the plate encoder that it reads.
         motor_scale: Turn of the shaft per turn of the drive; -1 for the wrong way.
         encoder_scale: Angle that it reads per angle of the plate; -1 for the wrong way.
         slip: Share of the motor's turn that does not reach the plate.
@@ -82,7 +82,7 @@ class EmulatedPlant:
     are late and get lost as the scenario's, if that has some.
 
     Args:
-        scenario: Whose plant it is.
+        scenario: The owner of the plant.
 
     Raises:
         ModelError: The mechanism or its cam table cannot be used.
@@ -136,7 +136,7 @@ class EmulatedPlant:
 
     @property
     def kept_back(self) -> float:
-        """Motor angle in rad that its servos may not have turned of the one they were told."""
+        """Motor angle in rad by which its servos may stay behind the commanded one."""
         servo = from_scenarios(DriveModel, [self._scenario])
         plate = np.full((1, 2), servo.deadband + servo.resolution)
         turn = self.transmission.motor(plate) - self.transmission.motor(0 * plate)
@@ -148,7 +148,7 @@ class EmulatedPlant:
         self._sense()
 
     def screen_line(self, ball: Ball, protocol: Protocol) -> ScreenLine:
-        """What a screen on it sends, that speaks a protocol and senses where ``ball`` says."""
+        """The data of a screen on it that speaks a protocol and senses the places of ``ball``."""
         seen, frames = self._scenario.sensors.touch, {}
         if rate := seen.frame_rate:
             frames = {"frame": 1 / rate, "jitter": seen.jitter, "lost": seen.lost}
@@ -236,7 +236,7 @@ class VirtualRig:
     """Two drives on an adapter, a screen on a port, and the plant between them; a context manager.
 
     Args:
-        scenario: Whose plant it is.
+        scenario: The owner of the plant.
         protocol: What the screen speaks.
 
     Raises:
@@ -312,7 +312,7 @@ class VirtualRig:
         return text or f"known: {', '.join(known)}, touch X Y"
 
     def _touch(self, word: str) -> tuple[str, Callable[[], None]]:
-        """What ``touch X Y`` does; nothing if it says something else."""
+        """The effect of ``touch X Y``; none of any other text."""
         match word.split():
             case ["touch", x, y]:
                 with suppress(ValueError):
@@ -361,7 +361,7 @@ START_TIMEOUT_S = 60.0
 
 
 class PauseWatch:
-    """What two processes in real time know of one another, to tell when their computer paused.
+    """Shared times of two processes in real time, to find out when their computer paused.
 
     One that does not come round may have computed for long. Where the other did not come round
     either, the computer had no time for both. The host, side 0, waits for an emulator that has no
@@ -400,10 +400,10 @@ class PauseWatch:
         if not late:
             return 0.0
         seen, since, until = (cells[self._other + each] for each in range(3))
-        gone = max(0.0, min(end, until) - max(begin, since))  # what the other says it missed
+        lost = max(0.0, min(end, until) - max(begin, since))  # missed by the other's own report
         if seen and end - seen > self.LONG:
-            gone += end - max(begin, seen)
-        return gone
+            lost += end - max(begin, seen)
+        return lost
 
     def _waited(self, now: float) -> float:
         """The time in s when the other one has come round lately, or is waited for no longer."""
@@ -470,7 +470,7 @@ def _listen(pipe: Connection, rig: VirtualRig) -> None:
 
 
 class Emulator:
-    """A virtual rig in another process.
+    """A virtual rig in a process of its own.
 
     Args:
         pipe: The way to it.
@@ -482,7 +482,7 @@ class Emulator:
         self._pipe, self.tables, self.pauses = pipe, tables, pauses
 
     def tell(self, word: str) -> str:
-        """Do something to the rig, as ``VirtualRig.obey`` says; what was done.
+        """Pass a word to ``VirtualRig.obey``; return the effect.
 
         Raises:
             RigError: Its process has ended.

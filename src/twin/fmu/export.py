@@ -1,6 +1,6 @@
 """The rig of a scenario as an FMU: variables, description, C source, a binary, a reference.
 
-The description is that of FMI 2.0 and 3.0; a binary is made where there is a compiler.
+The description follows FMI 2.0 and 3.0; a binary is made where there is a compiler.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ PARAMETER_CLASSES: tuple[type, ...] = (
 )
 """Dataclasses in the order of the value references of their settings; all others come after."""
 NO_SUFFIX = {Unit.MM: "_mm", Unit.UM: "_um", Unit.DEG: "_deg", Unit.PERCENT: "_percent"}
-"""Units whose name ends a key; the parameter is in SI, so its name does without."""
+"""Units that end a key by their name; the parameter is in SI, so its name does without."""
 TUNABLE_PREFIXES = ("plant.friction.", "plant.servo.", "plant.level", "disturbance.", "rig.cam_")
 """How the names of parameters begin that may be set while it runs; so may variances."""
 VARIABLE_TABLES = read_packaged("twin.fmu", "variables.toml")
-"""What every FMU has besides these settings; the file says what is what."""
+"""The other variables and units of every FMU; the file explains its entries."""
 SEED_COUNT = 2**31
 """Number of seeds, which an integer of FMI 2.0 can be."""
 
@@ -64,7 +64,7 @@ class Variable(NamedTuple):
         name: Its name; ``[1]`` and ``[2]`` end those of a pair (x, y) or (phi, theta).
         causality: As FMI has it: independent, input, output, local or parameter.
         variability: continuous, discrete, fixed, tunable or constant.
-        meaning: What it is, in a sentence.
+        meaning: Its meaning, in a sentence.
         unit: SI unit; empty for none.
         type: Real, Integer or Boolean.
         start: Its value at the beginning; None for what is calculated.
@@ -84,7 +84,7 @@ class Variable(NamedTuple):
 
     @property
     def numbers(self) -> dict[str, str]:
-        """What a description says of its type: least, largest and first value, where there are."""
+        """Attributes of its type in a description: minimum, maximum and first value, if any."""
         limits = {"min": self.low, "max": self.high} if self.type != "Boolean" else {}
         found = {name: limit for name, limit in limits.items() if abs(limit) < MAX_REAL}
         found |= {} if self.start is None else {"start": self.start}
@@ -95,7 +95,7 @@ class Variable(NamedTuple):
 
     @property
     def settable(self) -> str:
-        """When it may be set, as the C source says it."""
+        """When it may be set, in the words of the C source."""
         when = {"tunable": "ALWAYS", "fixed": "AT_START"}.get(self.variability, "NEVER")
         return "ALWAYS" if self.causality == "input" else when
 
@@ -133,11 +133,11 @@ def variables(scenario: Scenario, phase: float, *, path: bool = False) -> list[V
 
 
 def parameters(scenario: Scenario, part: str = "source") -> Iterator[Variable]:
-    """The settings of a scenario whose values a part of the project leaves open, in SI.
+    """The settings of a scenario that a part of the project leaves open, in SI.
 
     Args:
         scenario: The scenario.
-        part: The C source of an FMU, or another one of ``twin.base.followers.PARTS``.
+        part: The C source of an FMU, or a different one of ``twin.base.followers.PARTS``.
     """
     for source in dict.fromkeys((*PARAMETER_CLASSES, *RIG_CLASSES)):
         for field, about in settings_of(source).items():
@@ -180,7 +180,7 @@ def model_description(
     """The descriptions of FMI 2.0 or 3.0 as XML, by the names of their files.
 
     Args:
-        scenario: Whose rig it is.
+        scenario: The owner of the rig.
         variables: In the order of their value references.
         fmi: 2 or 3.
         names: ``name`` of the model and its binaries; ``token``, by which FMU and description know
@@ -219,7 +219,7 @@ def c_source(
     """The two files that tell the C source of its scenario, by name.
 
     Args:
-        scenario: Whose rig it is.
+        scenario: The owner of the rig.
         variables: In the order of their value references.
         token: By which FMU and description know each other; hexadecimal.
         surface: Relative friction and slope along x and y over the screen, shape (n, m, 3).
@@ -271,7 +271,7 @@ def export(
     Args:
         path: The file.
         scenario: On the exact equations; of its controller only the reference is made.
-        quiet: The same without any noise, as an FMU is whose parameter ``noise`` is false.
+        quiet: The same without any noise, as an FMU with the parameter ``noise`` false.
         fmi: Version of the standard, 2 or 3.
         wished: Whether the reference is an output, too.
 
@@ -310,15 +310,15 @@ def frame_phase(scenario: Scenario) -> float:
 def sources(scenario: Scenario, held: Sequence[Variable], fmi: int) -> tuple[dict[str, str], str]:
     """The C source of a scenario's rig by the names of its files, and its token, a hash of it."""
     folder = files("twin.fmu") / "c"
-    said = {
+    written = {
         name: (folder / name).read_text(encoding="utf-8") for name in (*C_SOURCES, f"fmi{fmi}.c")
     }
     friction = build_friction([scenario])
     surface = None if friction is None or friction.map is None else friction.map.grids[0]
     path = path_of(scenario) if any(each.name == "reference_x" for each in held) else None
-    bare = said | c_source(scenario, held, 16 * "0", surface, path)
+    bare = written | c_source(scenario, held, 16 * "0", surface, path)
     token = hashlib.sha256(json.dumps(bare).encode()).hexdigest()[:32]
-    return said | c_source(scenario, held, token, surface, path), token
+    return written | c_source(scenario, held, token, surface, path), token
 
 
 def path_of(scenario: Scenario) -> Array:
@@ -373,7 +373,7 @@ def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[dict[
         command = [compiler, *COMPILER_FLAGS, "-o", "rig.so", *compiled, "-lm"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode:
-            line = (done.stderr.strip().splitlines() or ["it said nothing"])[0]
+            line = (done.stderr.strip().splitlines() or ["no message"])[0]
             return {}, f"{compiler} failed: {line}"
         return {place: Path(folder, "rig.so").read_bytes()}, ""
 

@@ -55,7 +55,7 @@ class Failure(str):
 
 
 class Simulation:
-    """A driven rig in another process, where time stands still until it is let go on.
+    """A driven rig in a separate process, in which time stands still until it is released.
 
     Args:
         scenario: What to begin with.
@@ -73,10 +73,10 @@ class Simulation:
         self._process = spawn(_work, self._ring.address, scenario, its, daemon=False)
         its.close()
         begun = monotonic()
-        said: list[Status] = []
+        statuses: list[Status] = []
         try:
-            while not said and self.failure is None:
-                said = self.news(wait=0.1)
+            while not statuses and self.failure is None:
+                statuses = self.news(wait=0.1)
                 if monotonic() - begun > START_TIMEOUT_S:
                     raise TwinError(f"the simulation does not start within {START_TIMEOUT_S:g} s")
             if self.failure is not None:
@@ -84,7 +84,7 @@ class Simulation:
         except BaseException:
             self.close()
             raise
-        self.first: Status = said[-1]
+        self.first: Status = statuses[-1]
         """How things are to begin with."""
 
     def send(self, event: Event) -> None:
@@ -99,16 +99,16 @@ class Simulation:
         return self._ring.take()
 
     def news(self, wait: float = 0.0) -> list[Status]:
-        """What is to be said since the last call, oldest first."""
+        """The messages since the last call, oldest first."""
         found: list[Status] = []
         try:
             while self._pipe.poll(wait):
-                said = self._pipe.recv()
+                message = self._pipe.recv()
                 wait = 0.0
-                if isinstance(said, Failure):
-                    self._fail(said)
+                if isinstance(message, Failure):
+                    self._fail(message)
                 else:
-                    found.append(said)
+                    found.append(message)
         except (EOFError, OSError):
             self._fail("the simulation's process was ended")
         return found
@@ -123,7 +123,7 @@ class Simulation:
             folder: Where what was driven since it was last saved is kept; None to drop it.
 
         Returns:
-            What it said last, if anything; how that saving went.
+            The last status, if there is one; the result of saving.
         """
         last: list[Status] = []
         if self._process.is_alive() and self.failure is None:
@@ -143,28 +143,28 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
     settle()
     ring = SharedRingBuffer(*address)
 
-    def tell(said: Status | Failure) -> None:
+    def tell(message: Status | Failure) -> None:
         with suppress(OSError):  # nobody is there any more: the next look for events ends it
-            pipe.send(said)
+            pipe.send(message)
 
     def show(numbers: tuple[float, ...]) -> None:
         ring.slot()[: len(PICTURE_COLUMNS)] = numbers
         ring.put()
 
-    told: SimpleQueue[Told] = SimpleQueue()
+    notes: SimpleQueue[Told] = SimpleQueue()
 
     def news() -> Sequence[Told]:
-        return [told.get() for _ in range(told.qsize())]
+        return [notes.get() for _ in range(notes.qsize())]
 
     try:
-        with SecondProcess(wanted=True) as beside, ThreadPoolExecutor() as writers:
+        with SecondProcess(wanted=True) as drawing, ThreadPoolExecutor() as writers:
 
             def saved(part: Part, folder: Path) -> None:
                 try:
-                    beside.begin(save_driven, part, folder)()
-                    told.put(Told(f"saved as {folder}/"))
+                    drawing.begin(save_driven, part, folder)()
+                    notes.put(Told(f"saved as {folder}/"))
                 except TwinError as error:
-                    told.put(Told(str(error), wrong=True))
+                    notes.put(Told(str(error), wrong=True))
 
             def inbox(wait: float) -> Sequence[Event]:
                 found: list[Event] = []
@@ -209,7 +209,7 @@ def is_loopback(host: str) -> bool:
 
 
 def require_token(app: App, token: str = "") -> App:
-    """An ASGI application that lets another one answer only those who may ask.
+    """An ASGI application that passes only permitted requests to the application it wraps.
 
     A page of another origin may not, whatever browser it runs in: neither open a connection nor,
     by a name that leads to this machine, read what is served.
@@ -262,7 +262,7 @@ class Audience:
     Args:
         clock: Seconds.
         patience: Seconds without anybody, once somebody was there, until all are taken to have
-            gone for good: a page that is loaded again is away for a moment.
+            have left for good: a page that is loaded again is away for a moment.
     """
 
     def __init__(self, clock: Callable[[], float], patience: float = 5.0) -> None:
@@ -290,15 +290,15 @@ class Audience:
 
     @property
     def gone(self) -> bool:
-        """Whether everybody has gone for good."""
+        """Whether everybody has left for good."""
         return self._left is not None and self._clock() - self._left > self._patience
 
 
 PICTURE_INTERVAL_S = 1 / 32
 """Seconds from one picture that is sent to the next."""
 RECONNECT_TIMEOUT_S = 15.0
-"""Seconds for which a browser that does not answer, on a busy machine, is waited for; one that is
-closed is gone at once."""
+"""Seconds to wait for a browser that does not answer, on a busy machine; a closed one counts as
+disconnected at once."""
 
 
 def library() -> None:
@@ -321,7 +321,7 @@ class Lines(logging.Handler):
     """What libraries log, each in one line and few of them.
 
     Args:
-        tell: Is told a line.
+        tell: Receives a line.
     """
 
     def __init__(self, tell: Callable[[str], None]) -> None:
@@ -347,10 +347,10 @@ class Lines(logging.Handler):
 
 @contextmanager
 def in_lines(tell: Callable[[str], None]) -> Iterator[None]:
-    """What the server's libraries log within is told in lines, without stacks of calls.
+    """Report each log message of the server's libraries as a line, without stacks of calls.
 
     Args:
-        tell: Is told a line.
+        tell: Receives a line.
     """
     lines, loggers = Lines(tell), [logging.getLogger(name) for name in LOGGERS]
     before = [(each, each.handlers[:], each.propagate) for each in loggers]
@@ -374,7 +374,7 @@ class Server:
         port: Port; 0 for a free one.
         seconds: After which it ends by itself; None for never.
 
-        warn: Is told, in a line, what a browser sends that is no event.
+        warn: Receives, as a line, whatever a browser sends that is no event.
 
     Attributes:
         url: Address of the page, with the token.

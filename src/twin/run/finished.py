@@ -1,4 +1,4 @@
-"""A run: from scenario to folder, what it is when finished, and opened again."""
+"""A run: from scenario to folder, its data when finished, and opened again."""
 
 from __future__ import annotations
 
@@ -67,10 +67,10 @@ class RecordedReference(Reference):
 
 @dataclass(eq=False, repr=False)
 class Run(files.Signals):
-    """A finished run of one rig: a mapping from column to values, and what can be said of them.
+    """A finished run of one rig: a mapping from column to values, and the figures of the run.
 
     Attributes:
-        name: What it is called in plots and tables.
+        name: Its name in plots and tables.
         scenario: What was asked for.
         rows: Column name to values, shape (K,).
         units: Column name to unit.
@@ -80,8 +80,8 @@ class Run(files.Signals):
         folder: Where it lies; None for a run that is not on disk.
         events: Conditions that were detected: time in s, severity, text.
         ledger: Of a run in real time, ``TimingLog.as_dict``; else empty.
-        branch: Of another future of a run, which run, when and what was changed; else empty.
-        driven: Of a run that a person drove, what they did beyond what the scenario says, see
+        branch: If the run is a branch of a run: which run, when and what was changed; else empty.
+        driven: Of a run that a person drove, what they did beyond the scenario, see
             ``controlled``; else empty.
         classes: What law, observer and reference were, see ``metadata.classes_of``; of records of
             earlier versions empty.
@@ -122,13 +122,13 @@ class Run(files.Signals):
         account: Mapping[str, Any] | None = None,
         **more: Any,
     ) -> Self:
-        """A run that was just made, judged from its scenario's start and band.
+        """A run that was just made, evaluated from its scenario's start and band.
 
         Args:
             scenario: What was asked for.
             record: All channels.
             outcome: How it ended.
-            reference: What it followed, as it was sampled; that of the scenario by default.
+            reference: The reference it followed, as sampled; by default the scenario's.
             journal: Every condition that was detected.
             account: Timing statistics of a rig in real time.
             more: Further attributes.
@@ -173,7 +173,7 @@ class Run(files.Signals):
 
     @property
     def judged_until(self) -> float:
-        """When it was stopped, if it was, s; what ball and plate did then is not judged."""
+        """When it was stopped, if it was, s; motion of ball and plate after it is not evaluated."""
         ended = self.metrics.get("outcome_time")
         return math.inf if ended is None or self.outcome == "finished" else float(ended)
 
@@ -189,9 +189,9 @@ class Run(files.Signals):
             speed = self.real_time_factor
             made = {"judged_from": self.scenario.metrics.start, "real_time_factor": speed}
         driven = {"driven": self.driven} if made and self.driven else {}
-        said = {"scenario": self.scenario.title, **self.metrics, **made}
+        numbers = {"scenario": self.scenario.title, **self.metrics, **made}
         lacks = {"incomplete": list(self.incomplete)} if self.incomplete else {}
-        return said | {"units": files.INDICATOR_UNITS, **self.account, **driven, **lacks}
+        return numbers | {"units": files.INDICATOR_UNITS, **self.account, **driven, **lacks}
 
     @cached_property
     def followed(self) -> Reference:
@@ -218,7 +218,7 @@ class Run(files.Signals):
 
     @property
     def lacking(self) -> str:
-        """What the record can be drawn without, but not gone on from; empty if all is here."""
+        """What is missing to continue the run, though the record can be drawn; empty if nothing."""
         for table, line in self.absent.items():
             kind = getattr(self.scenario, table).kind
             file = self.classes.get(table, {}).get("file", "")
@@ -231,10 +231,10 @@ class Run(files.Signals):
         return ""
 
     def require(self) -> None:
-        """Make sure that the run can be gone on with.
+        """Make sure that the run can be continued.
 
         Raises:
-            RecordError: If its law, observer or reference is not here, or is another than it was.
+            RecordError: If its law, observer or reference is not here, or differs from the run's.
         """
         if self.lacking:
             raise RecordError(self.lacking)
@@ -243,7 +243,7 @@ class Run(files.Signals):
             if was.get("sha256", "") != now[table].get("sha256", ""):
                 kind = getattr(self.scenario, table).kind
                 raise RecordError(
-                    f"{self.name}: {table} '{kind}' is another than in the run: "
+                    f"{self.name}: {table} '{kind}' differs from the one in the run: "
                     f"{was.get('file')} has changed since"
                 )
 
@@ -338,8 +338,8 @@ FAR = 0.02
 def out_of_reach(scenario: Scenario) -> str | None:
     """One line if the plate cannot give a scenario's reference, with the figures; else None.
 
-    Of a law that lays another path then: how far that is from the reference, if more than ``FAR``;
-    of any other: the acceleration that is asked for.
+    For a law that plans a path of its own: the distance of that path from the reference, if more
+    than ``FAR``; for any other: the requested acceleration.
 
     Raises:
         ScenarioError: If law or reference refuse their settings.
@@ -349,19 +349,19 @@ def out_of_reach(scenario: Scenario) -> str | None:
     if isinstance(law, HeldLaw):
         period, law = law.ticks * period, law.law
     count = math.ceil(scenario.duration / period)
-    wished = reference(period * np.arange(count))
-    asked, most = np.abs(wished[2]).max(), law.model.k1 * math.sin(math.radians(limits.angle_deg))
+    desired = reference(period * np.arange(count))
+    asked, most = np.abs(desired[2]).max(), law.model.k1 * math.sin(math.radians(limits.angle_deg))
     if not isinstance(law, AboutMotion):
         beyond = f"up to {asked:.3g} m/s^2, a plate at {limits.angle_deg:g} deg gives {most:.3g}"
         return f"reference: it asks for {beyond}: no law can follow it" if asked > most else None
     x = np.zeros(8)
     x[0::4] = start.x, start.y
     laid = law.laid(x, reference, period, count)
-    away = np.hypot(*(laid - wished[0]).T)
+    away = np.hypot(*(laid - desired[0]).T)
     far = 0.0 if np.isnan(away).all() else float(np.nanmax(away))
     if far < FAR:
         return None
-    speed, why = np.abs(wished[1, 0]).max(), []
+    speed, why = np.abs(desired[1, 0]).max(), []
     if speed > SPEED:
         why.append(f"{speed:.2g} m/s at the start, from rest")
     if asked > (given := law.model.k1 * law.slope):
@@ -370,27 +370,27 @@ def out_of_reach(scenario: Scenario) -> str | None:
     seconds = period * np.isfinite(away).sum()
     return (
         f"reference: the plate cannot give it{asks}: for {seconds:.2g} s the ball is led along "
-        f"another path, up to {1e3 * far:.0f} mm away"
+        f"a different path, up to {1e3 * far:.0f} mm away"
     )
 
 
 def _planned_path(
     scenario: Scenario, record: Recorder, reference: Reference | None
 ) -> Array | None:
-    """The channel of that name; None if the law laid what was wished, or lays nothing."""
+    """The channel of that name; None if the law planned the desired path, or plans none."""
     law = choices("controller")[scenario.controller.kind]
     if not (issubclass(law, AboutMotion) and record.length):
         return None
     built: Any = assemble.build_law(scenario)
     x, period, begin = np.zeros(8), scenario.rig.period, float(record.time[0])
     x[0::2] = record["measured"][0, 0]
-    if begin > 0:  # of a run that goes on from another one
+    if begin > 0:  # of a run that continues an earlier one
         x = record["estimate"][0, 0]
     if isinstance(built, HeldLaw):
         period, built = built.ticks * period, built.law
     ticks = (record.time / period + 1e-6).astype(int) - round(begin / period)
-    wished, count = reference or assemble.build_reference(scenario), int(ticks[-1]) + 1
-    path: Array = built.laid(x, wished, period, count, begin)[np.maximum(ticks, 0)]
+    desired, count = reference or assemble.build_reference(scenario), int(ticks[-1]) + 1
+    path: Array = built.laid(x, desired, period, count, begin)[np.maximum(ticks, 0)]
     return None if np.isnan(path).all() else path
 
 
@@ -410,7 +410,7 @@ def save(run: Run, folder: Path, shown: dict[str, Motion]) -> None:
 
 
 def save_record(run: Run, folder: Path) -> None:
-    """Write run.parquet and metrics.json of a run folder, in place of those of another run.
+    """Write run.parquet and metrics.json of a run folder, over those of an earlier run.
 
     Args:
         run: The run.
@@ -419,7 +419,8 @@ def save_record(run: Run, folder: Path) -> None:
     Raises:
         RecordError: If the folder cannot be written.
     """
-    for name in ("metrics.json", "picture.png"):  # of the run before: none is better than another's
+    # no file is better than the one of the run before
+    for name in ("metrics.json", "picture.png"):
         remove(folder / name)
     record_run(run, folder)
     write_json(folder / "metrics.json", run.summary())
@@ -540,10 +541,10 @@ def open_run(path: Path) -> list[Run]:
     try:
         scenario, absent = load_recorded(tables, str(file))
     except ScenarioError as error:
-        raise RecordError(f"{error}; was it recorded by another version?") from error
-    said = {key: metadata.get(key) or kind() for key, kind in METADATA_TYPES.items()}
+        raise RecordError(f"{error}; was it recorded by a different version?") from error
+    details = {key: metadata.get(key) or kind() for key, kind in METADATA_TYPES.items()}
     for key, kind in METADATA_TYPES.items():
-        if not isinstance(said[key], kind):
+        if not isinstance(details[key], kind):
             raise RecordError(f"{file}: metadata 'ballplate': {key}: is damaged")
     if "reference" in absent and "reference_x" not in values:
         raise RecordError(f"{absent['reference']}; where it led is not in the record")
@@ -555,7 +556,8 @@ def open_run(path: Path) -> list[Run]:
         units,
         folder=file.parent,
         absent=absent,
-        **said | {key: tuple(said[key]) for key, kind in METADATA_TYPES.items() if kind is list},
+        **details
+        | {key: tuple(details[key]) for key, kind in METADATA_TYPES.items() if kind is list},
     )
     if file.name != files.STREAM_FILE:
         return [run]
@@ -602,9 +604,9 @@ def open_runs(
 
     Args:
         paths: Run folders, Parquet files, and folders of run folders, as ``compare`` writes them.
-            Files of another kind beside them, as a pattern finds them, are passed over.
-        tell: Is told which of several runs is passed over because it cannot be opened, and which
-            is open without its law.
+            Files of a different kind among them, as a pattern finds them, are passed over.
+        tell: Receives a line for each of several runs that is passed over because it cannot be
+            opened, and for each that is open without its law.
 
     Raises:
         RecordError: If none can be opened.
@@ -623,12 +625,12 @@ def open_runs(
         raise failed[0]
     for each in failed:
         tell(f"{each}; passed over")
-    told: set[tuple[str, str]] = set()
+    reported: set[tuple[str, str]] = set()
     for run in runs:
-        new = {(table, getattr(run.scenario, table).kind) for table in run.absent} - told
+        new = {(table, getattr(run.scenario, table).kind) for table in run.absent} - reported
         if new:
             tell(run.lacking)
-        told |= new
+        reported |= new
     return runs
 
 
@@ -639,7 +641,7 @@ def holds_finished(folder: Path) -> bool:
 
 
 def incomplete_of(folder: Path) -> list[str]:
-    """What a folder's record says is missing of it or of its trace, a line each."""
+    """What a folder's record reports as missing of it or of its trace, a line each."""
     found = _metadata(folder).get("incomplete")
     return list(map(str, found)) if isinstance(found, list) else []
 
@@ -660,7 +662,7 @@ def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:
 
 
 def _metadata(folder: Path) -> Mapping[str, Any]:
-    """What lies beside the rows of a folder's record; empty if it cannot be read, or has none."""
+    """The metadata of a folder's record; empty if it cannot be read, or has none."""
     try:
         found = parse_json(read_metadata(files.record_in(folder)) or b"{}")
     except (RecordError, DataError):

@@ -5,8 +5,8 @@ fault begins: the time a stop takes follows from who has to stop the rig, the ti
 the ball follow from that time.
 
 Rows are written in ``cases.toml``. What is done to a rig that tracks a circle is a cause of
-``causes.toml`` or a function here; a row without a name of its own is called what its function's
-docstring says.
+``causes.toml`` or a function here; a row without a name of its own gets its name from the docstring
+of its function.
 """
 
 from __future__ import annotations
@@ -95,9 +95,9 @@ class FaultCase:
         stubborn: Whether a reset must be refused as long as the cause is there.
         of_screen: Whether it shows in the screen's bytes, a dead time and a frame later.
         first: The condition that stops the rig, where it shows before the expected one.
-        stopped_by: Who must stop phi and theta; empty for what the condition's severity says.
+        stopped_by: Who must stop phi and theta; empty for the condition's severity.
         states: The states that phi and theta must reach; empty for those of ``REACHED``.
-        says: What the line that a person reads must contain.
+        says: Text required in the line that a person reads.
         wait: What passes in s before the device concerned is asked, when switching on.
         withheld: Whether the host is left with nothing but to end its heartbeat.
         hangs: Whether the host hangs: it detects nothing, so that the drives' detection counts.
@@ -351,11 +351,11 @@ STEP_NAMES = {each.name: each for kind in (Power, Protocol, Towards) for each in
 
 
 class FaultCause(NamedTuple):
-    """Something that can go wrong; called with what it goes wrong with, it does.
+    """Something that can go wrong; a call makes it go wrong in the given way.
 
     Attributes:
         name: What rows call it.
-        words: What it is, in words.
+        words: Its description, in words.
         steps: How it comes about: each a way, and what is given there.
     """
 

@@ -1,6 +1,6 @@
-"""The fault matrix: each fault done to an emulated rig that tracks a circle, observed and judged.
+"""The fault matrix: each fault done to an emulated rig that tracks a circle, and its evaluation.
 
-What came of it is how the rig came to rest; a judged row says it in words. It runs in virtual time:
+The outcome is how the rig came to rest; a row states it in words. It runs in virtual time:
 the same on every machine.
 """
 
@@ -92,7 +92,7 @@ def reaction(
     Args:
         trace: What was seen.
         begin: Bus time of the fault, s.
-        end: Bus time to which it is judged, s.
+        end: Bus time up to which it is evaluated, s.
         within: Time in s from the fault to which the ball is followed in ``Reaction.ball``.
         ended: Whether a run was ended; else the states at the end are those reached, and nobody
             has levelled.
@@ -263,10 +263,10 @@ class FaultRow(Reaction):
         ball: Largest distances of the ball from the plate's centre after the fault, until the
             plate has to stand; on a plate that is left tilted it rolls on.
         ball_limit: Their limits.
-        ball_later: The same over the whole observation; not judged.
+        ball_later: The same over the whole observation; not evaluated.
         torque: Whether a drive has torque at the end of the observation.
         held: Whether the drives held the limits of torque and speed when the fault began.
-        says: Whether the line says what it must.
+        says: Whether the line contains the required text.
         failures: The keys that are not as they must be.
         good: Whether there are none.
     """
@@ -313,7 +313,7 @@ class FaultRow(Reaction):
     @property
     def failures(self) -> Names:
         """Keys of what is not as it must be."""
-        judged = {
+        right_by_key = {
             "detected": not self.condition or _within(self.detected, self.allowed),
             "reason": self.reason == self.reason_expected,
             "line": self.says,
@@ -321,7 +321,7 @@ class FaultRow(Reaction):
             "whole": self.whole,
             "recovered": self.recovered,
         }
-        return tuple(key for key, right in judged.items() if not right)
+        return tuple(key for key, right in right_by_key.items() if not right)
 
     @property
     def good(self) -> bool:

@@ -1,7 +1,7 @@
 """What may be set: every key with its type, unit, range, default and meaning.
 
 Types, ranges and defaults come from the models that check a scenario, meanings from the docstrings
-of the dataclasses and models whose fields the keys set; nothing is written here a second time.
+of the dataclasses and models with the fields that the keys set; nothing is written a second time.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ UNIT_PATTERN = re.compile(
 BOUND_SIGNS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 """Bounds of a range as JSON schema calls them, and in signs."""
 FOREIGN_PACKAGES = ("abc", "builtins", "pydantic", "typing")
-"""Packages whose classes have no settings."""
+"""Packages that define classes without settings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class Key:
         default: Its value where a scenario gives none; None for none.
         required: Whether every scenario must give it.
         allowed: Range or choices in words; empty for any.
-        meaning: What it sets, in a sentence.
+        meaning: The meaning of the key, in a sentence.
         plants: The plant that alone has it; empty for all.
         kind: The law, observer or reference that has it; empty for a key of every scenario.
     """
@@ -112,7 +112,7 @@ def find_keys(name: str = "") -> list[Key]:
         found = [key for key in every if f".{key.key}".endswith(f".{name}")]
         # one setting of a kind, as reference.path.points
         found += [key for key in kinds.get(full, ()) if key.key.endswith(f".{leaf}")]
-        # a table within another, as servo; then a word of a meaning, as vibration
+        # a table within a table, as servo; then a word of a meaning, as vibration
         found = found or [key for key in every if name in key.key.split(".")]
         found = found or [key for key in every if len(name) > 2 and word.search(key.meaning)]
     if not (found or called):
@@ -141,8 +141,8 @@ def about(kind: str) -> str:
     for table in CATALOG_TABLES:
         cls = choices(table).get(kind.rpartition(".")[2])
         if cls is not None:
-            said = str(parse_from_object(cls).short_description or "")
-            return "" if said.startswith(f"{cls.__name__}(") else said  # a dataclass says that
+            text = str(parse_from_object(cls).short_description or "")
+            return "" if text.startswith(f"{cls.__name__}(") else text  # a dataclass says that
     return ""
 
 
@@ -154,7 +154,7 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
         inner = _table(field.annotation)
         if name == "kind" and issubclass(model, Choice):
             table = prefix.rstrip(".")
-            meaning = f"The {table}; its own settings stand beside it."
+            meaning = f"The {table}; its own settings stand next to it."
             kind = _key(f"{table}.kind", properties[name], meaning)
             yield replace(kind, allowed=", ".join(choices(table)))
         elif inner is not None:
@@ -172,9 +172,9 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
 def _settings(table: str, kind: str) -> Iterator[Key]:
     """The settings of a law, observer or reference."""
     cls = choices(table)[kind]
-    said = meanings(cls)
+    texts = meanings(cls)
     for name, schema in _properties(settings_model(cls)).items():
-        yield replace(_key(f"{table}.{name}", schema, said.get(name, "")), kind=kind)
+        yield replace(_key(f"{table}.{name}", schema, texts.get(name, "")), kind=kind)
 
 
 def _key(key: str, schema: Mapping[str, Any], meaning: str, about: Setting | None = None) -> Key:

@@ -1,7 +1,7 @@
 """From a name and overrides to a checked scenario, or one clear line about what is wrong.
 
-Besides what is made of one: its clean model, what it is at a time where it changes while it runs,
-and variants of it with the shortest names that tell them apart.
+Also made of a scenario here: its clean model, its values at a time where it changes while it runs,
+and variants of it with the shortest names that distinguish them.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def _tuples(value: Any) -> Any:
 
 
 def _with(model: Any, key: str, value: Any) -> Any:
-    """A table with another value under a dotted key."""
+    """A table with a new value under a dotted key."""
     name, _, rest = key.partition(".")
     inner = _with(getattr(model, name), rest, value) if rest else value
     return model.model_copy(update={name: inner})
@@ -135,7 +135,7 @@ def clean(scenario: Scenario) -> Scenario:
     known = scenario.designed_on
     none = (0.0, 0.0)
     ball = {name: getattr(known, name) for name in ("mass", "radius", "inertia")}
-    said: dict[str, Any] = {
+    tables_of: dict[str, Any] = {
         "plant": {
             "kind": "lagrange",
             "ball_spin": "thesis",
@@ -156,7 +156,8 @@ def clean(scenario: Scenario) -> Scenario:
         "disturbance": {"variance": none},
     }
     tables = {
-        name: schema.SCENARIO_TABLES[name].model_validate(table) for name, table in said.items()
+        name: schema.SCENARIO_TABLES[name].model_validate(table)
+        for name, table in tables_of.items()
     }
     prompt = scenario.without_computing_time
     return prompt.model_copy(update={**tables, "predictor": None, "change": ()})
@@ -170,7 +171,7 @@ def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
 
     A key ``parameters`` names a shipped rig, or a file of identified parameters; they lie over the
     scenario's own keys and under the overrides. Where that leaves less room to the ball, reference
-    and start become smaller in proportion, and the title says so.
+    and start become smaller in proportion, and the title states it.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
@@ -205,12 +206,12 @@ def _parameters(file: str, source: str, *over: str) -> Tables:
     """
     path = Path(file) if Path(file).suffix else chosen("rig", file, shipped_in("rigs"))
     tables = read_tables(path, f"{source}: parameters: {file}")
-    tables.pop("title", None)  # its own; the scenario's says what runs
+    tables.pop("title", None)  # the rig file's; the scenario's title names the run
     under = tables.pop("parameters", None)
     if under is None:
         return tables
     if not isinstance(under, str) or under in (file, *over):
-        raise ScenarioError(f"{file}: parameters: must be the name of another file, got {under!r}")
+        raise ScenarioError(f"{file}: parameters: must name a different file, got {under!r}")
     return laid_over(_parameters(under, source, file, *over), tables)
 
 
@@ -220,7 +221,7 @@ def _merge_tables(
     """Tables with those of a parameter file and, over that, settings.
 
     Where the operating area is then smaller than the one that a scenario was made for, the lengths
-    of its reference, and where the ball starts, become smaller in proportion; the title says so.
+    of its reference, and where the ball starts, become smaller in proportion; the title states it.
     """
     merged = put(laid_over(tables, more), settings)
     try:
@@ -238,7 +239,7 @@ def _merge_tables(
         start = found.get("plant", {}).get("start", {})
         start.update({key: _times(start[key], share) for key in start.keys() & set("xy")})
     except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError):
-        return merged  # who checks them says what is wrong
+        return merged  # the check of the tables reports the mistake
     found = put(laid_over(found, more), settings)
     if found["reference"] != merged["reference"] and "title" not in dict(settings):
         found["title"] = f"{found.get('title')}, lengths x {share:.3g}"
@@ -256,13 +257,13 @@ def _times(value: Any, share: float) -> Any:
 def _judged_in_time(
     tables: Mapping[str, Any], merged: Tables, settings: Collection[tuple[str, Any]]
 ) -> Tables:
-    """Tables whose judging begins in time.
+    """Tables with an evaluation that begins in time.
 
-    A run that settings cut short of ``metrics.start`` is judged from the same share of it on,
-    unless they say from when.
+    A run that settings cut short of ``metrics.start`` is evaluated from the same share of it,
+    unless they set the start.
     """
-    judged = merged.get("metrics")
-    start = judged.get("start") if isinstance(judged, dict) else None
+    metrics = merged.get("metrics")
+    start = metrics.get("start") if isinstance(metrics, dict) else None
     match tables.get("duration"), merged.get("duration"), start:
         case (int() | float() as was, int() | float() as now, int() | float() as start) if (
             0 < now <= start < was and "metrics.start" not in dict(settings)
@@ -284,7 +285,7 @@ def read(name: str) -> tuple[Tables, str]:
 def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
     """Tables with those of more tables put in, key by key.
 
-    Another ``kind`` of controller, observer or reference drops the settings of the old.
+    A new ``kind`` of controller, observer or reference drops the settings of the old.
     """
     result = dict(tables)
     for key, value in more.items():
@@ -320,7 +321,7 @@ def setting(text: str) -> tuple[str, Any]:
 def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Tables:
     """The tables with the values of dotted keys put in.
 
-    Naming another ``kind`` of controller, observer or reference drops the settings of the old; the
+    Naming a new ``kind`` of controller, observer or reference drops the settings of the old; the
     ball that is known stays.
 
     Raises:
@@ -359,11 +360,11 @@ def check(tables: Mapping[str, Any], source: str) -> Scenario:
 
 
 def load_recorded(tables: Mapping[str, Any], source: str) -> tuple[Scenario, dict[str, str]]:
-    """The scenario that the tables describe, though this program may lack what it names.
+    """The scenario that the tables describe, though this program may lack the classes they name.
 
     Returns:
         The scenario; and of each of the tables controller, observer and reference that no class
-        here can be made of, one line that says why.
+        here can be made of, one line with the reason.
 
     Raises:
         ScenarioError: If anything else in them is unknown, of the wrong type, or out of range.
@@ -526,12 +527,12 @@ def comparison(what: str, keys: Iterable[str], changed: Sequence[str]) -> str:
     Args:
         what: Title of the scenario, or names of several.
         keys: What is varied.
-        changed: ``KEY=VALUE`` each; one of the title itself says nothing more.
+        changed: ``KEY=VALUE`` each; one of the title itself is left out.
     """
     varied_keys = ", ".join(keys)
     over = f" over {varied_keys}" if varied_keys else ""
-    said = [text for text in changed if text.partition("=")[0].strip() != "title"]
-    return f"{what}{over} ({', '.join(said)})" if said else f"{what}{over}"
+    shown = [text for text in changed if text.partition("=")[0].strip() != "title"]
+    return f"{what}{over} ({', '.join(shown)})" if shown else f"{what}{over}"
 
 
 def headings(values: Sequence[Any]) -> list[str]:

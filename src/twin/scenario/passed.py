@@ -1,7 +1,7 @@
 """The configurations of rigs that have passed ``doctor --move`` on this computer.
 
-A small file of the user: fingerprints of rig files (`RigFile.fingerprint`), the newest last. What
-is changed in a rig file, in its cam table or its backend has another fingerprint. It lies in
+A small file of the user: fingerprints of rig files (`RigFile.fingerprint`), the newest last. A
+change of a rig file, its cam table or its backend gives a new fingerprint. The file lies in
 ``$XDG_STATE_HOME/ballplate``, by default ``~/.local/state/ballplate``.
 """
 

@@ -38,9 +38,9 @@ class RigFile(Section):
     ``drives.kind``, ``touch.kind``: what the devices are, AKD drives and a Lumio screen by default;
     the other keys of these tables are those of the kind.
     ``backend``: file and class of hardware of one's own, in place of drives and touch screen.
-    ``own``: what it is made with, and the thresholds that watch over it.
+    ``own``: its settings, and the thresholds of its monitoring.
     ``home_deg``: plate angles (phi, theta) at which it stands when switched on.
-    ``cams``: file of its cam table; that of the model if it is not given.
+    ``cams``: file of its cam table; by default the model's.
     ``late_periods``: missed periods, not made up for by others in time, that level the plate.
     ``patience``: seconds that the ball is waited for.
     ``limits``: the narrower of these and the scenario's hold.
@@ -108,7 +108,7 @@ class RigFile(Section):
 
     @property
     def fingerprint(self) -> str:
-        """Hash of everything that the file says, and of the files of cams and backend it names.
+        """Hash of the whole content of the file, and of the files of cams and backend it names.
 
         A kind that is no default is part of it, with the version of the package that it is from.
         """
@@ -228,13 +228,13 @@ def read_rig(file: Path) -> RigFile:
     places += [(each, "backend") for each in halves if is_own(each)]
     for table, key in places:
         if isinstance(table, dict) and isinstance(named := table.get(key), str):
-            beside = file.parent / named
-            table[key] = str(beside if key == "backend" or beside.is_file() else named)
+            local = file.parent / named
+            table[key] = str(local if key == "backend" or local.is_file() else named)
     return check_rig(tables, file.name)
 
 
 def is_own(table: object) -> bool:
-    """Whether a table of a rig file is that of a device of one's own."""
+    """Whether a table of a rig file describes a device of one's own."""
     return isinstance(table, dict) and table.get("kind") == "own"
 
 

@@ -68,7 +68,7 @@ def _changing(how: str) -> tuple[str, ...]:
 RAMP_KEYS = _changing("ramp")
 """What may change at once or along a ramp."""
 JUMP_KEYS = _changing("jump")
-"""What changes at once: another ball of the same size, another screen, other drives."""
+"""Keys that change at once: a new ball of the same size, a new screen, new drives."""
 RAMP_STEP_S = 0.02
 """Time in s in whose steps a ramp is followed."""
 TIME_TOLERANCE_S = 1e-9
@@ -144,7 +144,7 @@ def tables(*classes: type, bases: Mapping[str, type[Section]], module: str) -> d
 
 
 def _hint(about: Setting) -> Any:
-    """The type of a key: that of its default, every number of it within the bounds."""
+    """The type of a key: the type of its default, every number of it within the bounds."""
     default = about.default
     if about.type is not None:
         return about.type if default is not None else about.type | None
@@ -159,7 +159,7 @@ def _hint(about: Setting) -> Any:
 
 
 PLANT_CLASSES = (Friction, SurfaceModel, DriveModel, Linkage, TiltTable, Parts, BallStart)
-"""Dataclasses whose settings are keys of ``plant``."""
+"""Dataclasses with settings that are keys of ``plant``."""
 PLANT_KINDS = ["mujoco", "lagrange"]
 """What ``kind`` may name; ``twin.run.assemble.register`` adds to it."""
 
@@ -171,7 +171,7 @@ def _check_plant_kind(kind: str) -> str:
 
 
 LEAST_ON_CAMS = 0.32
-"""Least side of a plate on cams in m: its wheels sit 0.16 m beside the cardan joint."""
+"""Least side of a plate on cams in m: its wheels sit 0.16 m from the cardan joint."""
 CAMS_DEG = 10.0
 """How far the cams tilt the plate either way, deg; thesis chapter 3."""
 LEAST_ROLLING_MM = 0.01
@@ -182,7 +182,7 @@ BALL_KINDS: dict[str, dict[str, dict[str, float]]] = {
     "steel": {
         # A solid sphere of 7850 kg/m^3 and the hollow ball's radius: 4/3 pi r^3 rho and 2/5 m r^2.
         "ball": {"mass": 0.263, "inertia": 4.208e-5},
-        # Assumed: Appendix E says only that its friction is less. It dents the screen less for its
+        # Assumed: Appendix E gives only that its friction is less. It dents the screen less for its
         # stiffness and more for its weight; a quarter to a third of the hollow ball's is plausible.
         "friction": {"rolling_mm": 0.05},
     },
@@ -281,7 +281,7 @@ class PlantKeys(Section):
     """Shape of the plate: a rectangle, or round with the diameter plant.size = [d, d]."""
     ball_spin: Annotated[BallSpin, SPIN_OF_BALL] = "free"
     """In the exact equations, the ball's spin about the plate's normal: free, locked to the plate,
-    or thesis for the equations (5.9), which lack a term of a ball whose spin is locked."""
+    or thesis for the equations (5.9), which lack a term of a ball with locked spin."""
 
     @model_validator(mode="after")
     def _kind_of_ball(self) -> PlantKeys:
@@ -362,8 +362,8 @@ def without_ball(plant: dict[str, Any], kind: Any) -> None:
 
 
 STUDY_STEP = 0.002
-"""Physics step in s of a study's mechanism; half the work of 1 ms. What it gets
-wrong, ``benchmarks/physics_step.py`` measures: docs/performance.md."""
+"""Physics step in s of a study's mechanism; half the work of 1 ms. ``benchmarks/physics_step.py``
+measures its error: docs/performance.md."""
 MAX_CAM_STIFFNESS_N_M = 5e5
 """Stiffness of wheel on cam in N/m up to which that was found to hold."""
 MOST_DAMPED = 0.3
@@ -371,7 +371,7 @@ MOST_DAMPED = 0.3
 
 
 def at_study_step(scenario: Scenario) -> Scenario:
-    """The scenario as one of many: at the step of studies unless it says its own.
+    """The scenario as one of many: at the step of studies unless it sets its own.
 
     Only the mechanism, on wheels not too hard or damped for the step, and at a control period that
     is a multiple of it; else the scenario as it is. The exact equations follow play worse at it.
@@ -398,7 +398,7 @@ MOST_PERIODS = 10_000_000
 
 
 class _Rig(Section):
-    """How often the rig is controlled, and what it knows of its cams or linkage."""
+    """How often the rig is controlled, and the controller's knowledge of its cams or linkage."""
 
     period: Positive = NOMINAL_PERIOD
     """Control period in s."""
@@ -430,7 +430,7 @@ class _Sensors(Section):
 
 
 RIG_CLASSES = (*PLANT_CLASSES, TouchModel, EncoderModel, TransmissionError, Limits)
-"""Dataclasses whose settings describe a rig."""
+"""Dataclasses with settings that describe a rig."""
 RIG_TABLES: dict[str, type[Section]] = {
     "plant": PlantKeys,
     "plant.ball": BallKeys,
@@ -443,7 +443,7 @@ RIG_TABLES: dict[str, type[Section]] = {
 }
 """What their tables have besides: keys that no dataclass's field is."""
 SCENARIO_TABLES = tables(*RIG_CLASSES, bases=RIG_TABLES, module=__name__)
-"""Tables by dotted name: what is said of plant, rig and sensors."""
+"""Tables by dotted name: the settings of plant, rig and sensors."""
 
 
 NOT_OF_A_RIG = {
@@ -531,17 +531,17 @@ else:  # a process to which a scenario is sent finds its classes by these names
 
 
 class MetricsTable(Section):
-    """How a run is judged."""
+    """How a run is evaluated."""
 
     start: NotNegative = 0.0
-    """Time in s from which on steady tracking is judged. A run that ``duration`` cuts short of it
-    is judged from the same share of itself on."""
+    """Time in s from which steady tracking is evaluated. A run that ``duration`` cuts short of it
+    is evaluated from the same share of itself."""
     band_percent: Annotated[float, Field(gt=0, lt=100)] = 5.0
     """Settling band in % of the way to a constant goal."""
 
 
 class Choice(BaseModel):
-    """A law, observer or reference by name, with its own settings beside it."""
+    """A law, observer or reference by name, with its own settings next to it."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -549,7 +549,7 @@ class Choice(BaseModel):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings written beside the name."""
+        """The settings written next to the name."""
         return dict(self.model_extra or {})
 
 
@@ -592,9 +592,9 @@ class ControllerChoice(Choice):
     """Control period of the law in s, a multiple of rig.period: its command is held between; that
     of the rig if none is given."""
     computing_time: NotNegative | Literal["measured"] = 0.0
-    """How long a command is computed in s, or "measured" for what it takes on this computer: what
-    takes longer than rig.period is applied so many periods later, the one before held meanwhile. A
-    real rig's time passes by itself: there it means nothing."""
+    """How long a command is computed in s, or "measured" for its time on this computer. A command
+    that takes longer than rig.period is applied that many periods later; the one before is held
+    meanwhile. A real rig's time passes by itself: there it means nothing."""
     model: KnownBall = KnownBall()
 
 
@@ -652,7 +652,7 @@ class Scenario(Section):
     baseline: bool = False
     """Whether `ballplate run` also runs the clean model, to compare with."""
     change: tuple[Change, ...] = ()
-    """What changes of the rig while it runs: each table says at which time (at), how long it takes
+    """Changes of the rig while it runs: each table gives the time (at), its duration
     (over, 0 for at once) and the new values by their quoted keys (set)."""
     plant: PlantTable = PlantTable()
     rig: RigTable = RigTable()
@@ -720,7 +720,7 @@ class Scenario(Section):
         servos, most = linkage.given or table.given, self.rig.limits.angle_deg
         yield from filter(None, (each.problem(math.radians(most)) for each in (linkage, table)))
         if table.given and linkage.given:
-            yield "plant.linkage: a table has no lengths beside it; leave out either"
+            yield "plant.linkage: a table has no lengths next to it; leave out either"
         for key in CAMS_ONLY if linkage.given else ():
             if value_of(self, key) is not None:
                 yield f"{key}: {REGISTER[key].followed_by.rods}"
@@ -735,7 +735,7 @@ class Scenario(Section):
     def designed_on(self) -> BallPlate:
         """Ball and plate as the designer of law, observer and predictor knows them.
 
-        That is what the scenario says of its ball, unless ``controller.model`` says otherwise. Who
+        That is the scenario's own ball, unless ``controller.model`` differs. Who
         makes a rig differ from what its designer knows leaves this alone: a ``[[change]]`` is no
         part of it, and a study writes what was known into ``controller.model``.
         """
@@ -785,7 +785,7 @@ CATALOG_TABLES: dict[str, type[Law] | type[Observer] | type[Reference]] = {
     "observer": Observer,
     "reference": Reference,
 }
-"""The tables whose settings belong to a class of the catalog."""
+"""The tables with settings that belong to a class of the catalog."""
 
 
 @cache

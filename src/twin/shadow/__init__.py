@@ -1,1 +1,1 @@
-"""The twin beside the rig: whether, when and why reality has left the model."""
+"""The twin that runs alongside the rig: whether, when and why reality has left the model."""

@@ -100,8 +100,8 @@ class DeadTimeTest:
 
     Attributes:
         windows_per_hour: Windows that show the dead time in an hour of ``excite``.
-        suspected_llr: Log-likelihood ratio above which another dead time is called possible, short
-            of an alarm. Healthy rigs with even screens exceeded it twice in 1.2 hours.
+        suspected_llr: Log-likelihood ratio above which a different dead time is reported as
+            possible, below an alarm. Healthy rigs with even screens exceeded it twice in 1.2 hours.
         max_llr_per_window: Largest ratio that one window may contribute alone.
         max_llr_increment: Largest ratio that a window may add to the sum of those before it.
         stopping_variability: Share of what else is expected to differ between windows in which the
@@ -118,7 +118,7 @@ class DeadTimeTest:
     def threshold_llr(self) -> float:
         """Log-likelihood ratio of an alarm: at most one false alarm in 24 hours.
 
-        Without a change a likelihood ratio whose size is integrated over its prior exceeds exp(h)
+        Without a change a likelihood ratio with its size integrated over its prior exceeds exp(h)
         after one given time of change with a probability of at most exp(-h) (Ville's inequality),
         and every window may be one. The bounds of a window lower the ratio, and so only lower this
         probability.
@@ -133,7 +133,7 @@ class CauseSearch:
     Attributes:
         laplace_iterations: Laplace expansions of the likelihood of a cause.
         prune_after: Expansions after which unlikely causes are dropped.
-        prune_llr: Log-likelihood below that of the best cause at which a cause is dropped.
+        prune_llr: Log-likelihood below the best cause at which a cause is dropped.
     """
 
     laplace_iterations: int = 3
@@ -391,7 +391,7 @@ def limit_dead_time_evidence(
 def dead_time_ratio(
     evidence: Evidence, belief: Belief, after: int = 0, test: DeadTimeTest = DEAD_TIME_TEST
 ) -> Array:
-    """After each window the largest log-likelihood ratio of another dead time so far, shape (W,).
+    """After each window the largest log-likelihood ratio of a different dead time, shape (W,).
 
     Args:
         evidence: Windows in the order of time, ``limited``.
@@ -424,7 +424,7 @@ class SequentialTests:
         dead_time: Those of the test of the dead time alone.
         soft: Windows of all kinds, as the test of all causes takes them.
         ratio: Its statistic after each.
-        delayed: That of the test for the dead time alone.
+        delayed: The same statistic of the test for the dead time alone.
         factors: On what the belief expects parameters to change by, see ``scatter``.
     """
 
@@ -467,7 +467,7 @@ class SequentialTests:
 
     @property
     def suspected(self) -> bool:
-        """Whether another dead time is possible, short of an alarm."""
+        """Whether a different dead time is possible, short of an alarm."""
         return bool(self.delayed.max(initial=0.0) > self.dead_time.suspected_llr)
 
     def forget(self) -> None:
@@ -503,7 +503,7 @@ def resolution(tests: SequentialTests) -> dict[str, float]:
 
     In SI units, rolling friction in m; causes of which no window showed anything are left out. It
     follows from what the last windows show, what may change on a healthy rig, and the thresholds.
-    With n the variance of a change that is none and c^2 that of one by its cause, the
+    With n the variance without a change and c^2 the variance of a change by its cause, the
     log-likelihood ratio of x is x^2 / 2 (1 / n - 1 / (n + c^2)) - log(1 + c^2 / n) / 2.
     """
     belief, found = tests.belief, dict[str, float]()
@@ -551,7 +551,7 @@ class Cause:
 
 
 def likely(causes: Sequence[Cause]) -> list[Cause]:
-    """Those that cannot be ruled out; of more than one it is not told which it is."""
+    """Causes that cannot be ruled out; where there are several, the log does not separate them."""
     return [each for each in causes if each.probability >= MIN_CAUSE_PROBABILITY]
 
 
@@ -561,7 +561,7 @@ def in_words(causes: Sequence[Cause]) -> str:
     if len(left) == 1:
         return f"{left[0].name} ({left[0].change})"
     names = [f"{each.name} ({each.change}; {100 * each.probability:.0f} %)" for each in left]
-    return f"not told apart: {', '.join(names[:-1])} or {names[-1]}"
+    return f"not distinguishable: {', '.join(names[:-1])} or {names[-1]}"
 
 
 def words_of(name: str, moved: Array, belief: Belief) -> str:

@@ -46,7 +46,7 @@ FRICTION_FIELDS = {
 }
 """Parameters that are settings of the friction, by their names there."""
 BELIEF_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
-"""What is known of parameters and causes beforehand; the file says what is what."""
+"""What is known of parameters and causes in advance; the file explains its entries."""
 TWIN_ERROR_STD, ROLLING_SCATTER_STD, STOPPING_SCATTER_STD, DRIFT_STD = (
     {name: float(about[kind]) for name, about in BELIEF_TABLES["parameters"].items()}
     for kind in ("constant", "changing", "stopping", "drift")
@@ -60,8 +60,8 @@ OPEN_STD = np.array([BELIEF_TABLES["parameters"][name]["open"] for name in WATCH
 CAUSE_SIZES: dict[str, dict[str, float]] = BELIEF_TABLES["causes"]
 """What each may change, by how much (standard deviation, rolling friction relative, else SI)."""
 UNEVEN_DELAY, UNEVEN_GAIN = 0.05, 0.15
-"""Seconds by which the dead time, and share by which the tilt gain, seem others on a screen as
-uneven as its friction is large: the drives answer what it does to the ball, a dead time later."""
+"""Apparent change of the dead time in s, and of the tilt gain as a share, on a screen as uneven as
+its friction is large: the drives answer the screen's effect on the ball one dead time later."""
 MIN_UNEVENNESS = 0.001
 """Share of the rolling friction that differs from place to place where it is held to be even."""
 
@@ -117,7 +117,7 @@ class Belief:
 
         Args:
             scenario: The belief.
-            log: Gives what of the plant is known by its kind alone; another twin of it does, too.
+            log: Gives what of the plant follows from its kind alone; so does a different twin.
         """
         friction = from_scenarios(Friction, [scenario])
         touch, encoders = (
@@ -214,7 +214,7 @@ class Belief:
         return np.array([[self.values[name] for name in self.names]])
 
     def problem(self, windows: Windows) -> Problem:
-        """Replays of windows with this twin, whose plate may be cambered."""
+        """Replays of windows with this twin; its plate may be cambered."""
         field, camber = windows.field, np.array(self.scenario.plant.camber)[:, None, None]
         own = field.own + camber * field.normal[:, None] / self.model.gravity
         bowed = replace(windows, field=field._replace(own=own))
@@ -225,12 +225,12 @@ def belief_of(log: Log, overrides: Sequence[str] = ()) -> Belief:
     """The twin of a log: what its run was simulated with or believed, and over that the overrides.
 
     Args:
-        log: A run of this program tells its scenario; another log is taken to be of the rig as
-            the project describes it.
+        log: A run of this program contains its scenario; any other log is taken to be of the rig
+            as the project describes it.
         overrides: ``KEY=VALUE`` each; ``parameters=FILE`` among them.
 
     Raises:
-        ScenarioError: If a key or value is wrong, or the log's scenario is of another version.
+        ScenarioError: If a key or value is wrong, or the log's scenario is of a different version.
     """
     tables: Mapping[str, Any] = log.scenario or read("circle")[0]
     tables = {key: value for key, value in tables.items() if key != "change"}
@@ -241,7 +241,7 @@ def belief_of(log: Log, overrides: Sequence[str] = ()) -> Belief:
 
 
 MAX_DEAD_TIME_S = 0.1
-"""Longest dead time in s of the twin beside a log of any rig: what is more is the plate's."""
+"""Longest dead time in s of the twin of a log of any rig: any excess is attributed to the plate."""
 
 
 def beside(log: AnyLog, overrides: Sequence[str] = ()) -> tuple[Log, Belief]:
@@ -288,7 +288,7 @@ def logs(pairs: Sequence[tuple[Scenario, Scenario]]) -> list[Log]:
 
 
 def check_commands(log: Log) -> None:
-    """Make sure that a log says what was commanded.
+    """Make sure that a log contains the commands.
 
     Raises:
         LogError: If it does not.
@@ -296,7 +296,7 @@ def check_commands(log: Log) -> None:
     if log.command is None:
         raise LogError(
             f"{log.source}: no columns applied_phi_acc and applied_theta_acc (or applied_..._rate):"
-            " a twin beside a rig needs what was commanded of it"
+            " the twin of a rig needs the rig's commands"
         )
 
 

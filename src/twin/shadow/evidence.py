@@ -183,9 +183,9 @@ def _times(matrix: Array, vector: Array) -> Array:
 NO_EVIDENCE = Evidence.of((), np.zeros((0, 2)), np.zeros((0, 0, 0)), np.zeros((0, 0)))
 """No window at all."""
 GAP_PERIODS = 1.5
-"""Periods from one row to the next from which on there is a gap."""
+"""Periods between two rows above which there is a gap."""
 LATE_ROW_SHARE = 0.5
-"""Share of a period from which on a row was taken too late: what it holds is of another time."""
+"""Share of a period above which a row was taken too late: its values are of a different time."""
 
 
 def gaps(log: Log, period: float) -> Array:
@@ -234,7 +234,7 @@ def without_gaps(parts: Iterable[Evidence], gaps: Array, after: float = 0.0) -> 
 PLATE_WINDOW_S = 2.0
 """Length in s of a window of the plate or of the screen."""
 MIN_SCREEN_SAMPLES = 30
-"""Samples below which a window of the screen says nothing."""
+"""Samples below which a window of the screen shows nothing."""
 # The second differences of white noise are correlated: so many of them count as one.
 _ALIKE = 35 / 18
 
@@ -349,13 +349,13 @@ def _expand(windows: Windows, belief: Belief, theta: Array) -> Evidence:
     stopping = windows.resting | (last - LOOKBACK_S < MAX_WINDOW_S - 2 * SAMPLE_BIN_S)
     wide = np.maximum(belief.constant[: len(BALL_PARAMETERS)], 1e-9) * MAX_EXPLAINING_STDS
     prior = np.diag(wide**2)
-    # twice the log-likelihood that some deviation gains is what it takes off the squares
+    # twice the log-likelihood that some deviation gains is the reduction of the squares
     gained = 2 * log_evidence(information, score, prior)
     gained += np.linalg.slogdet(np.eye(len(BALL_PARAMETERS)) + information @ prior)[1]
     left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL_PARAMETERS), 1)
     left = np.maximum(left, 1.0)
-    said = {"height": height, "stopping": stopping, "dispersion": left}
-    return Evidence.of(BALL_PARAMETERS, spans, information, score, **said)
+    parts = {"height": height, "stopping": stopping, "dispersion": left}
+    return Evidence.of(BALL_PARAMETERS, spans, information, score, **parts)
 
 
 def _without_start(

@@ -1,14 +1,15 @@
-"""The twin beside a run: how good it is, when reality left it, and why.
+"""The twin of a run: how good it is, when reality left it, and why.
 
 A recorded run is looked at as a whole. Of a run in progress the rows of late are looked at every
 few seconds as a whole log would be, and what lies far enough from their end is kept. Its scores
 differ from those of the whole log by what only that tells: the noise of the screen, estimated from
 the rows so far, at most those of the last minute.
 
-What an identification left open is learned from the beginning of a log before it is judged: a log
-shows friction, dead time, level and drives with some error, and of the screen's patches, play and
-cams nothing. The first seconds are held against the twin with so much room; it is put where they
-put it, expanded again there, and its screen is taken as uneven as their residuals ask for.
+An identification leaves some parameters open: they are learned from the beginning of a log, before
+it is evaluated. A log shows friction, dead time, level and drives with some error, and
+nothing of the screen's patches, play and cams. The first seconds are compared with the twin with
+so much room; it is put where they put it, expanded again there, and its screen is taken as uneven
+as their residuals require.
 """
 
 from __future__ import annotations
@@ -53,15 +54,15 @@ from twin.shadow.evidence import (
 from twin.shadow.horizon import CHI_SQUARE_95, HORIZON_S, FrictionMap, Replays, replays
 
 LEAST_TOLD = 5.0
-"""Seconds of motion without which nothing is said of the rig's health."""
+"""Minimum motion in s for a verdict on the rig's health."""
 STRIDE_S = 5.0
 """Seconds of a run after which its twin is asked again."""
 PENDING_S = 1.0
-"""Seconds at the end of what has been recorded that are not judged yet."""
+"""Seconds at the end of the recorded rows that are not evaluated yet."""
 LEAD_IN = 4.0
-"""Seconds before what is judged anew: filters of the plate's angle have settled by then."""
+"""Seconds before what is evaluated again: filters of the plate's angle have settled by then."""
 MAX_LOOKBACK_S = 10.0
-"""Seconds that are gone back at most for a window in which the ball moves."""
+"""Longest look back in s for a window in which the ball moves."""
 NOISE_HISTORY_S = 60.0
 """Seconds of rows from which noise is estimated."""
 DIAGNOSIS_WINDOWS = 2 * CHANGE_TEST.lookback_windows[-1]
@@ -84,7 +85,7 @@ UNEVENNESS_PERCENT = (10.0, 20.0, 5.0, 2.0, 0.0)
 
 @dataclass
 class Shadow:
-    """What the twin says of a run, or has said of it so far.
+    """What the twin reports of a run, or has reported of it so far.
 
     Attributes:
         tests: The sequential tests.
@@ -94,7 +95,7 @@ class Shadow:
         told: Seconds in which the ball moved.
         source: What the log is called.
         length: Usable seconds of what was looked at last.
-        taught: What the twin learned before it judged, in a sentence.
+        taught: What the twin learned before it evaluated the log, in a sentence.
         notes: What had to be left out of it, in words.
         gaps: Begin and end in s of what is missing or late in it, shape (G, 2).
     """
@@ -152,13 +153,13 @@ class Shadow:
 
 
 def shadow(log: Log, belief: Belief, *, learning: bool = False, replaying: bool = True) -> Shadow:
-    """Let the twin run beside a log.
+    """Run the twin on a log.
 
     Args:
         log: What was recorded.
         belief: The twin.
         learning: Whether it was identified from a log, so that it learns from the beginning of
-            this one what that left open; what is said is of the rest.
+            this one what that left open; the verdict is on the remainder.
         replaying: Whether replays are made. They show how far the twin strays; alarms need none.
 
     Raises:
@@ -166,10 +167,10 @@ def shadow(log: Log, belief: Belief, *, learning: bool = False, replaying: bool 
     """
     follower = Follower(belief, learning=learning, replaying=replaying)
     follower.judge(log, whole=True)
-    said = follower.said
-    if not len(said.tests.soft) and not len(said.gaps):
-        raise LogError(f"{log.source}: too short: {said.length:.1f} s; 3 s in a row are needed")
-    return said
+    result = follower.said
+    if not len(result.tests.soft) and not len(result.gaps):
+        raise LogError(f"{log.source}: too short: {result.length:.1f} s; 3 s in a row are needed")
+    return result
 
 
 class Follower:
@@ -192,7 +193,7 @@ class Follower:
         self._since = {"replays": begin, "ball": begin, "plate": begin, "screen": begin}
 
     def judge(self, log: Log, *, whole: bool) -> list[Alarm]:
-        """What the twin says of a log up to now: alarms whose causes are told.
+        """What the twin finds in a log up to now: the alarms with their causes.
 
         An alarm is in ``said`` as soon as it is raised, without causes until enough has been seen.
 
@@ -206,9 +207,9 @@ class Follower:
         now = float(log.time[-1])
         usable = self._of_late(prepare(replace(log, model=self._belief.model)), now)
         until = np.inf if whole else now - PENDING_S
-        said = self.said
-        said.source, said.length, said.notes = usable.source, usable.length, usable.notes
-        said.gaps = gaps(log, usable.period)
+        result = self.said
+        result.source, result.length, result.notes = usable.source, usable.length, usable.notes
+        result.gaps = gaps(log, usable.period)
         if self._learning:
             self._learn(usable, now)
         if self._replaying:
@@ -217,7 +218,7 @@ class Follower:
         return self._alarms(first, now, whole=whole)
 
     def _learn(self, log: PreparedLog, now: float) -> None:
-        """Have the twin learn from the beginning, which is not judged."""
+        """Have the twin learn from the beginning, which is not evaluated."""
         until = float(log.segments[0].time[0]) + LEARNING_S
         if now < until + PENDING_S:
             raise LogError(f"{log.source}: the twin still learns, for {LEARNING_S:g} s")
@@ -244,30 +245,32 @@ class Follower:
         return replace(log, segments=tuple(parts))
 
     def _replay(self, log: PreparedLog, until: float) -> None:
-        said, since = self.said, self._since["replays"]
+        result, since = self.said, self._since["replays"]
         self._screen = self._screen or FrictionMap(self._belief)
-        found = replays(log, self._belief, said.gaps, HORIZON_S, since, until, self._screen)
+        found = replays(log, self._belief, result.gaps, HORIZON_S, since, until, self._screen)
         if found is not None:
             self._since["replays"] = float(found.time[-1]) + HORIZON_S
-            said.replays = found if said.replays is None else Replays.join([said.replays, found])
+            result.replays = (
+                found if result.replays is None else Replays.join([result.replays, found])
+            )
 
     def _add(self, log: PreparedLog, until: float) -> int:
         """Add the evidence of new windows; return how many there were before."""
-        said, belief = self.said, self._belief
+        result, belief = self.said, self._belief
         other = [
-            plate_evidence(log, belief, said.gaps, self._since["plate"]),
-            noise_evidence(log, belief, said.gaps, self._since["screen"]),
+            plate_evidence(log, belief, result.gaps, self._since["plate"]),
+            noise_evidence(log, belief, result.gaps, self._since["screen"]),
         ]
         done = [each.take(each.end <= until) for each in other]
         for name, part in zip(("plate", "screen"), done, strict=True):
             if len(part):
                 self._since[name] = float(part.end[-1])
-        # the new windows after the old, also if one ends before an old one: none is told twice
+        # new windows come after the old, also if one ends before an old one: none is reported twice
         new = Evidence.join([self._moving(log, until), *done])
         self._other = Evidence.beside([self._other, Evidence.join(done)])
-        count = len(said.tests.ratio)
+        count = len(result.tests.ratio)
         if len(new):
-            said.tests.add(new)
+            result.tests.add(new)
         return count
 
     def _moving(self, log: PreparedLog, until: float) -> Evidence:
@@ -292,21 +295,21 @@ class Follower:
         return ball.tempered(ball.dispersion)
 
     def _alarms(self, first: int, now: float, *, whole: bool) -> list[Alarm]:
-        said = self.said
+        result = self.said
         if not len(self._other):
             return []
-        for window in said.tests.crossings:
+        for window in result.tests.crossings:
             if window >= first:
-                end = float(said.tests.soft.end[window])
-                self._unsettled[window] = len(said.alarms)
-                said.alarms.append(Alarm(end, end, said.tests.crossed(window), ()))
-        told = []
+                end = float(result.tests.soft.end[window])
+                self._unsettled[window] = len(result.alarms)
+                result.alarms.append(Alarm(end, end, result.tests.crossed(window), ()))
+        explained = []
         for window, place in list(self._unsettled.items()):
-            if whole or now - PENDING_S >= said.alarms[place].time + DIAGNOSIS_S:
-                said.alarms[place] = self._alarm(window)
-                told.append(said.alarms[place])
+            if whole or now - PENDING_S >= result.alarms[place].time + DIAGNOSIS_S:
+                result.alarms[place] = self._alarm(window)
+                explained.append(result.alarms[place])
                 del self._unsettled[window]
-        return told
+        return explained
 
     def _alarm(self, crossing: int) -> Alarm:
         """The alarm after a window: since when, and why."""
@@ -338,7 +341,7 @@ class LiveFollower(Follower):
     """Takes the rows of a run as they come.
 
     Args:
-        scenario: What is run; the twin believes it, but for what it says will change.
+        scenario: What is run; the twin assumes it, except for the changes that it contains.
         source: What the run is called.
         learning: Whether the twin learns at first what is not known of the rig.
     """
@@ -364,7 +367,7 @@ class LiveFollower(Follower):
         time = rows["time"]
         if not len(time):
             return False
-        # a log's acceleration is added up from its first row on; here from that of the run on
+        # a log's acceleration is summed from its first row; here from the first row of the run
         new = {name: rows[name] for name in LOG_COLUMN_UNITS if name in rows}
         for axis, name in enumerate(("phi", "theta")):
             steps = self.period * np.nan_to_num(new.pop(f"applied_{name}_acc"))
@@ -376,7 +379,7 @@ class LiveFollower(Follower):
         return float(time[-1]) >= self._judged + STRIDE_S
 
     def ask(self, *, whole: bool = False) -> list[Alarm]:
-        """What ``judge`` says of the rows taken in; nothing where it can say nothing.
+        """The result of ``judge`` for the rows taken in; nothing where there is none.
 
         Args:
             whole: Whether no further row comes.
@@ -453,7 +456,7 @@ def taught(before: Belief, after: Belief) -> str:
         f"friction {100 * (new['rolling'] / old['rolling'] - 1):+.0f} %, dead time "
         f"{1000 * (new['delay'] - old['delay']):+.0f} ms, level {level[0]:+.2f} and "
         f"{level[1]:+.2f} deg, tilt gain {100 * (new['gain'] / old['gain'] - 1):+.0f} %, a screen "
-        f"uneven by {after.scenario.plant.surface.spread_percent:g} %); the rest is judged."
+        f"uneven by {after.scenario.plant.surface.spread_percent:g} %); the remainder is evaluated."
     )
 
 

@@ -56,7 +56,7 @@ MAX_STRETCH_MISFIT = 4.0
 """Mean square by which a way moves the friction of its stretches, over its expected variance: more
 is nothing that a screen does."""
 MAP_FORGETTING_S = 3600.0
-"""Time in s after which a screen is another one, as dust and wear have it."""
+"""Time in s after which a screen's friction has changed, by dust and wear."""
 MAP_QUERY_STEPS = 5
 """Steps of a replay from one place at which a map is asked to the next."""
 MAP_LEARNING_INTERVAL_S = 1.0
@@ -67,14 +67,14 @@ counted twice."""
 class FrictionMap:
     """Relative deviation m of the rolling friction at the points of a grid, straight between them.
 
-    They are a Gaussian field that slowly becomes another,
+    They are a Gaussian field that slowly changes,
 
         E m(p, t) m(q, t + h) = s^2 exp(-|p - q|^2 / (2 l^2)) exp(-|h| / T),
 
     and what is learnt of them adds up (Kalman).
 
     Args:
-        belief: Says how uneven the screen is, and the size of its patches.
+        belief: States how uneven the screen is, and the size of its patches.
     """
 
     def __init__(self, belief: Belief) -> None:
@@ -144,7 +144,7 @@ def smooth(windows: Windows, belief: Belief, screen: FrictionMap, whole: Mask) -
     """What windows say of the parameters, the ball's state when they are over, and the friction.
 
     Unknown are the parameters of ``BALL``, the ball's state where a window begins, the forces that
-    nobody knows, and by how much the friction is another on each stretch of the way: all are
+    nobody knows, and by how much the friction differs on each stretch of the way: all are
     estimated along (a smoother), so that where the ball is at the end does not rest on how it came
     there.
 
@@ -311,13 +311,13 @@ def _replay(
     off = drawn - middle
     noise = 1 / np.maximum(windows.weight[rows, sample], 1e-12) ** 2
     spread = np.einsum("c,cwi,cwj->wij", weights, off, off) + noise[..., None] * np.eye(2)
-    # the smoothed state is that at the begin of the windows, LOOKBACK before the start
-    first, gone = round(LOOKBACK_S / REPLAY_STEP_S), LOOKBACK_S + HORIZON_S
-    steps = round(gone / REPLAY_STEP_S) + 1
+    # the smoothed state is at the begin of the windows, LOOKBACK before the start
+    first, elapsed = round(LOOKBACK_S / REPLAY_STEP_S), LOOKBACK_S + HORIZON_S
+    steps = round(elapsed / REPLAY_STEP_S) + 1
     way, going = (np.einsum("c,nicw->niw", weights, each[:steps]) for each in (places, speeds))
     unsure = stretches(before.unsure(np.moveaxis(way[:-1], 1, -1))[0]).T
     braked = np.sqrt(unsure)[..., None, None] * braking(belief, going)
-    spread += unforeseen(forces(belief, going), gone) + unforeseen(braked, gone)
+    spread += unforeseen(forces(belief, going), elapsed) + unforeseen(braked, elapsed)
     error = np.where(near[:, None], windows.ball[rows, sample] - middle, np.nan)
     return error, spread, np.moveaxis(way[first:], -1, 0)
 
@@ -354,7 +354,7 @@ class Replays(NamedTuple):
         time: When each was started, s, shape (W,).
         error: Measured ball minus replay at the horizon, m, shape (W, 2); NaN without a sample.
         spread: Predicted covariance of it, m^2, shape (W, 2, 2).
-        told: Whether the ball moved, so that the replay can tell anything, shape (W,).
+        told: Whether the ball moved, so that the replay shows anything, shape (W,).
         path: Where the twin's ball is from the start on, every ``DRAWN`` steps, m, shape (W, N, 2).
     """
 
@@ -442,13 +442,13 @@ def replays(
         found = smooth(before.take(part), belief, screen, whole[part])
         parts.append(_replay(found, after.take(part), belief, log.sample_period))
     error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))
-    told = _moving(log, start) & clear(start - LEAD_S - LOOKBACK_S, start + HORIZON_S, gaps)
-    return Replays(start, error, spread, told, path[:, ::PATH_STEPS])
+    moved = _moving(log, start) & clear(start - LEAD_S - LOOKBACK_S, start + HORIZON_S, gaps)
+    return Replays(start, error, spread, moved, path[:, ::PATH_STEPS])
 
 
 def _moving(log: PreparedLog, start: Array) -> Mask:
     """Whether the ball rolls at all from each start to its horizon."""
-    told = np.zeros(len(start), bool)
+    moved = np.zeros(len(start), bool)
     for segment in log.segments:
         fast = np.concatenate(
             ([0], np.cumsum(speed(segment.time, segment.even_ball) > ROLL_SPEED_M_S))
@@ -458,5 +458,5 @@ def _moving(log: PreparedLog, start: Array) -> Mask:
         last = np.searchsorted(
             segment.time, np.minimum(start[inside] + HORIZON_S, segment.time[-1])
         )
-        told[inside] = fast[last] > fast[first]
-    return told
+        moved[inside] = fast[last] > fast[first]
+    return moved

@@ -1,4 +1,4 @@
-"""What is told of a shadow: beside a run in progress, in the viewer, in words, as a page."""
+"""How a shadow is reported: during a run, in the viewer, in words, as a page."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
 
 
 class Shown(NamedTuple):
-    """Where the twin is drawn beside the run: the viewer, its recording, the run's name there."""
+    """Where the twin is drawn next to the run: the viewer, its recording, the run's name there."""
 
     url: str
     recording: str
@@ -81,15 +81,17 @@ class TwinStream:
         yield f"{self.root}/twin_score/as_predicted", line(BLACK, 1.2, "as predicted")
         yield f"{self.root}/twin_error_mm/band", line(PINK, 1.2, "95 % band")
 
-    def batches(self, said: Replays | None, events: Sequence[tuple[float, str]]) -> Iterator[Batch]:
+    def batches(
+        self, found: Replays | None, events: Sequence[tuple[float, str]]
+    ) -> Iterator[Batch]:
         """What is new, as columns for the viewer.
 
         Args:
-            said: Of replays; None for nothing.
+            found: Replays; None for nothing.
             events: Time in s and text of what happened.
         """
-        if said is not None and len(said.time):
-            run, end = said.take(said.counted), said.time[said.counted] + HORIZON_S
+        if found is not None and len(found.time):
+            run, end = found.take(found.counted), found.time[found.counted] + HORIZON_S
             for entity, values in (
                 ("twin_score/score", run.score),
                 ("twin_score/as_predicted", np.ones(len(end))),
@@ -97,9 +99,9 @@ class TwinStream:
                 ("twin_error_mm/band", 1000 * run.band),
             ):
                 yield Batch(f"{self.root}/{entity}", end, rr.Scalars.columns(scalars=values))
-            steps = PATH_STEPS * REPLAY_STEP_S * np.arange(said.path.shape[1])
-            time = (said.time[:, None] + steps).ravel()
-            ball = said.path.reshape(-1, 2)
+            steps = PATH_STEPS * REPLAY_STEP_S * np.arange(found.path.shape[1])
+            time = (found.time[:, None] + steps).ravel()
+            ball = found.path.reshape(-1, 2)
             high = np.full(len(ball), self._scene.surface + self._scene.radius)
             place = rr.Transform3D.columns(translation=np.column_stack((ball, high)))
             yield Batch(self._ball, time, place)
@@ -109,7 +111,7 @@ class TwinStream:
 
 
 def drawing(scenario: Scenario, shown: Shown) -> Tell:
-    """What draws the twin of a run, told what is new."""
+    """What draws the twin of a run; it receives what is new."""
     twin = TwinStream(shown.name, scenario)
     stream = new_stream(shown.name, shown.recording)
     stream.connect_grpc(shown.url)
@@ -146,9 +148,9 @@ def _score(panel: Axes, found: Shadow) -> None:
     panel.axhline(1, color="0.4", lw=1)
     if run is None:
         return
-    told, silent = run.counted, ~run.counted
+    moving, silent = run.counted, ~run.counted
     end = run.time + HORIZON_S
-    panel.semilogy(end[told], np.maximum(run.score[told], 0.02), ".", color=RUN_COLOURS[0])
+    panel.semilogy(end[moving], np.maximum(run.score[moving], 0.02), ".", color=RUN_COLOURS[0])
     if silent.any():
         label = "cannot tell: the ball rests, or was not seen"
         panel.plot(end[silent], np.full(silent.sum(), 0.02), "x", color="0.6", ms=4, label=label)
@@ -183,21 +185,21 @@ def _test(panel: Axes, found: Shadow) -> None:
 
 def sentences(found: Shadow) -> list[str]:
     """The verdict in words."""
-    told, length = found.told, found.length
+    moved_s, length = found.told, found.length
     words = []
     if found.verdict == "healthy":
         words.append(
-            f"Healthy as far as the log tells: in the {told:.0f} of {length:.0f} s in which the "
+            f"Healthy as far as the log shows: in the {moved_s:.0f} of {length:.0f} s in which the "
             "ball moved, nothing but the twin is needed to explain it."
         )
     elif found.verdict == "cannot tell" and len(found.gaps):
         words.append(
-            f"Cannot tell: gaps cut the log up, and only {told:.0f} of {length:.0f} s are long "
+            f"Cannot tell: gaps cut the log up, and only {moved_s:.0f} of {length:.0f} s are long "
             "enough without one and have a ball that moves. That is no sign of health."
         )
     elif found.verdict == "cannot tell":
         words.append(
-            f"Cannot tell: the ball moved for {told:.0f} of {length:.0f} s, and a ball at rest "
+            f"Cannot tell: the ball moved for {moved_s:.0f} of {length:.0f} s, and a ball at rest "
             "shows neither friction nor level nor dead time. That is no sign of health."
         )
     if found.verdict == "healthy":
@@ -230,11 +232,11 @@ def indistinguishable(found: Shadow) -> list[str]:
             for cause, value in least.items()
             if cause in RESOLVED
         ]
-        words.append(f"Cannot be told from healthy: a change of {', of '.join(sizes)}.")
+        words.append(f"Not distinguishable from healthy: a change of {', of '.join(sizes)}.")
     if found.tests.suspected:
         ratio = float(found.tests.delayed.max())
         words.append(
-            f"Another dead time is possible: its log likelihood ratio was {ratio:.1f}, where "
+            f"A different dead time is possible: its log likelihood ratio was {ratio:.1f}, where "
             f"{DEAD_TIME_TEST.threshold_llr:.1f} is an alarm and healthy rigs exceed "
             f"{DEAD_TIME_TEST.suspected_llr:g} about twice an hour."
         )
@@ -248,7 +250,7 @@ RESOLVED = {
     "level": "the level",
     "tilt gain": "the tilt gain",
 }
-"""Causes whose smallest change that would be seen is said, in words."""
+"""Causes with a reported smallest change that would be seen, in words."""
 
 
 def _size(cause: str, value: float, belief: Belief) -> str:
@@ -268,16 +270,16 @@ def page(found: Shadow) -> str:
             picture(found),
             "Every replay begins in the smoothed state of the log and follows the recorded "
             "commands, the plate as its encoders correct it. Grey crosses: the ball rested, "
-            "nothing can be told. Vertical lines: an alarm, and (dotted) when it most likely "
+            "nothing can be concluded. Vertical lines: an alarm, and (dotted) when it most likely "
             "began. An alarm is raised where the logarithm of the likelihood ratio passes "
-            f"{CHANGE_TEST.threshold_llr:g}; that of another dead time has a test of its own and "
-            f"{DEAD_TIME_TEST.threshold_llr:.3g}. All causes count as equally likely beforehand; "
+            f"{CHANGE_TEST.threshold_llr:g}; the dead time has a test of its own with "
+            f"{DEAD_TIME_TEST.threshold_llr:.3g}. All causes count as equally likely a priori; "
             "those below 5 % are not named.",
         ),
     ]
     if found.notes:
         blocks.append(Text(found.notes, "The log"))
-    return html(f"The twin beside {found.source}", blocks)
+    return html(f"The twin of {found.source}", blocks)
 
 
 WRITTEN_FILES = "shadow.html, shadow.json"
@@ -304,7 +306,7 @@ def examine(
     learning: bool = False,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Shadow:
-    """Let the twin run beside a recorded run, and write what it says.
+    """Run the twin on a recorded run, and write its report.
 
     Args:
         log: Run folder, ``run.parquet`` or CSV file.
@@ -312,16 +314,16 @@ def examine(
         overrides: ``KEY=VALUE`` each, over what the run was simulated with or believed.
         columns: Of a log of any rig, as ``identify`` takes them.
         separator: Between these.
-        learning: Whether the twin learns what is not known of the rig before it judges; it does of
-            one given by identified parameters, and beside a log of any rig.
+        learning: Whether the twin learns what is not known of the rig before it evaluates; it does
+            of one given by identified parameters, and on a log of any rig.
         progress: Called with the share of the work done.
 
     Raises:
         TwinError: If the log cannot be used, an override is wrong, or a file cannot be written.
     """
     if columns is not None:
-        told = read_any(log, wanted_columns(columns), separator)
-        recorded, belief = beside(told, overrides)
+        logged = read_any(log, wanted_columns(columns), separator)
+        recorded, belief = beside(logged, overrides)
     else:
         recorded = replace(read(log), source=run_name(log))
         check_ranges(recorded)
@@ -343,7 +345,7 @@ SCORE_EVERY = 10.0
 
 
 def work(buffer: Address, scenario: Scenario, shown: Shown | None, learning: bool = False) -> None:
-    """Ask the twin until the writer has ended, or is gone; the body of the process.
+    """Ask the twin until the writer has ended or died; the body of the process.
 
     Args:
         buffer: Where the rows come from.
@@ -381,7 +383,7 @@ class Commentary:
 
         Args:
             rows: Columns of the record, shape (K,) each.
-            tell: Is told what is new.
+            tell: Receives what is new.
         """
         period = self._follower.period
         every = max(1, round(1.0 / period))
@@ -391,10 +393,10 @@ class Commentary:
                 self._say(self._follower.ask(), tell)
 
     def end(self, tell: Tell, dropped: int) -> None:
-        """Say what is left to be said.
+        """Report what is left.
 
         Args:
-            tell: Is told what is new.
+            tell: Receives what is new.
             dropped: Rows that were missed.
         """
         self._say(self._follower.ask(whole=True), tell)
@@ -403,12 +405,12 @@ class Commentary:
             self._line(f"twin: missed {dropped} rows of the run; its page has them all")
 
     def _say(self, explained: list[Alarm], tell: Tell) -> None:
-        said = self._follower.said
-        if said.taught != self._taught:
-            self._taught = said.taught
-            self._line(f"twin: {said.taught}")
+        found = self._follower.said
+        if found.taught != self._taught:
+            self._taught = found.taught
+            self._line(f"twin: {found.taught}")
         events = []
-        for alarm in said.alarms[self._alarms :]:
+        for alarm in found.alarms[self._alarms :]:
             left = (
                 "" if alarm.causes else f"; causes at {alarm.time + DIAGNOSIS_S + PENDING_S:.0f} s"
             )
@@ -416,14 +418,14 @@ class Commentary:
                 (alarm.time, f"alarm at {alarm.time:.1f} s: reality has left the model{left}")
             )
         events += [(alarm.time, f"alarm at {alarm.words}") for alarm in explained]
-        self._alarms = len(said.alarms)
+        self._alarms = len(found.alarms)
         for _, text in events:
             self._line(f"twin: {text}")
         new = None
-        if said.replays is not None:
-            which = np.arange(len(said.replays.time)) >= self._replays
+        if found.replays is not None:
+            which = np.arange(len(found.replays.time)) >= self._replays
             self._replays = len(which)
-            new = said.replays.take(which)
+            new = found.replays.take(which)
         self._score(SCORE_EVERY)
         tell(new, events)
 

@@ -1,4 +1,4 @@
-"""Tables 8.1 to 8.21, which the thesis simulated: run again, and every cell laid beside.
+"""Tables 8.1 to 8.21, which the thesis simulated: run again, with every cell next to the thesis's.
 
 A row is a scenario: what the data files say is laid over ``IDEAL``. *sampled* runs it on the
 equations (5.9), *mujoco* on the mechanism without rolling friction, both at 2 ms through the seam.
@@ -130,7 +130,7 @@ class SimulatedTable:
 
     Attributes:
         id: Its number.
-        title: What it compares.
+        title: Its subject.
         group: The data file it stands in.
         bound: Deviation in % that a value may have.
         shared: How all tables of the group were made, as far as that was found out.
@@ -184,10 +184,10 @@ def _row(about: Mapping[str, Any], setup: Mapping[str, Any]) -> SimulatedRow:
 
 @cache
 def read_stored(chapter: str) -> dict[str, Any]:
-    """What was computed once for a chapter and is kept beside its tables.
+    """Results computed once for a chapter and kept next to its tables.
 
     ``chapter_8``: table, row and column to the values under continuous control, one, or with its
-    range; ``fitted`` of a row is what another reading of the thesis gives, in words. ``chapter_9``:
+    range; ``fitted`` of a row is a second reading of the thesis, in words. ``chapter_9``:
     what ``ballplate fit chapter_9`` found: parameters, correlation, of every search its end with
     all tables and without each, and what docs/chapter9.py finds of its goals.
     """
@@ -199,9 +199,9 @@ class ThesisColumn:
     """A column of the thesis's tables.
 
     Attributes:
-        label: What it shows, as the thesis calls it.
+        label: Its quantity, as the thesis calls it.
         unit: Its unit.
-        judged: "value" against the bound, "reading" against what was read by eye from a figure,
+        judged: "value" against the bound, "reading" against a value read by eye from a figure,
             "noise" against the range of the seeds.
         zero: Absolute bound where the thesis prints 0.
         metric: The indicator of ``twin.run.metrics`` that it is; empty for one of its own.
@@ -237,7 +237,7 @@ def judge(row: SimulatedRow, motion: Motion, off: Array, start: float) -> dict[s
         row: The row.
         motion: What the run did.
         off: State less estimate, shape (K, 8).
-        start: Time in s from which steady tracking is judged.
+        start: Time in s from which steady tracking is evaluated.
     """
     last = float(motion.time[-1])
     found = [
@@ -445,7 +445,7 @@ class Value(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ThesisCell:
-    """A numeric cell of the thesis and what it came to here.
+    """A numeric cell of the thesis and its value here.
 
     Attributes:
         table: The table's number.
@@ -620,7 +620,7 @@ def lines(cells: Iterable[ThesisCell]) -> tuple[list[tuple[str, ...]], list[str]
 def summary(cells: Sequence[ThesisCell]) -> dict[str, Any]:
     """How many cells agree how well.
 
-    Those with noise are judged by the range of the seeds; the worst is sought among the others
+    Cells with noise are evaluated by the range of the seeds; the worst is sought among the others
     that agree.
     """
     plain = [

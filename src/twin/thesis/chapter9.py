@@ -1,6 +1,6 @@
 """Tables 9.1 to 9.9, measured on the rig: predicted from one number, explained by four, held out.
 
-What was measured is the shipped table ``chapter_9`` of ``ballplate fit``; every column is judged
+The measurements are the shipped table ``chapter_9`` of ``ballplate fit``; columns are evaluated
 alike, as the rig's computer sees its runs.
 """
 
@@ -28,7 +28,7 @@ ROLLING_FRICTION_MM, ROLLING_LOW_MM, ROLLING_HIGH_MM = 0.17649, 0.16693, 0.18605
 ``ballplate fit friction_of_table_9_3`` finds it, and its 95 % interval by Student's t. The
 scenarios ``thesis/9_*`` have it."""
 CALIBRATION_TABLE = "9.3"
-"""The table whose three tracking errors the prediction knows."""
+"""The table with the three tracking errors that the prediction knows."""
 
 Row = dict[str, Any]
 """A cell: table, row, column, thesis; predicted, frictionless, low, high by one number, low and

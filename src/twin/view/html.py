@@ -75,9 +75,9 @@ def html(runs: Sequence[Run]) -> str:
         lines = [f"{run.name}: {verdict(run, its)}" for run, its in zip(runs, found, strict=True)]
         blocks.append(Verdict(lines, all(good)))
     else:
-        told = map(summary, runs, found)
+        summaries = map(summary, runs, found)
         titles = names if several else [""]
-        blocks += map(Verdict, told, good, titles)
+        blocks += map(Verdict, summaries, good, titles)
     blocks += [
         indicators("Numbers", {run.name: run.metrics for run in runs}, note=INDICATOR_NOTE),
         Picture("Motion", overview(runs)),
@@ -101,8 +101,8 @@ def html(runs: Sequence[Run]) -> str:
         what = "Settings that differ; the others are those of the first run, below"
         blocks.append(Table(what, ("key", *names), differ, words=range(1 + len(runs))))
     blocks += [
-        Code(file or "Typed at a prompt", text, f"Of {whose}." if several else "")
-        for whose, file, text in _sources(runs)
+        Code(file or "Typed at a prompt", text, f"Of {owner}." if several else "")
+        for owner, file, text in _sources(runs)
     ]
     settings = [*in_json(runs[0].settings).items()]
     folded = f"all {len(settings)}"

@@ -1,4 +1,4 @@
-"""A run observed from another process: the loop only leaves rows, and never waits."""
+"""A run observed from a second process: the loop only leaves rows, and never waits."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class SharedRingBuffer:
 
     @property
     def address(self) -> tuple[int, int, str]:
-        """What another process needs to open it."""
+        """The values with which a second process opens it."""
         return (*self._rows.shape, self._memory.name)
 
     def name(self, columns: Sequence[str]) -> None:
@@ -96,7 +96,7 @@ class SharedRingBuffer:
         return rows
 
     def blocks(self, every: float, most: int | None = None) -> Iterator[dict[str, Array]]:
-        """Column to new values, shape (K,) each, until the writer has ended or its process is gone.
+        """Column to new values, shape (K,) each, until the writer or its process has ended.
 
         Nothing while no column is named, and K may be 0.
 
@@ -186,7 +186,7 @@ def step_back(niceness: int = VIEW_NICENESS) -> None:
 
 
 class LiveProcess:
-    """Hands the rows of a run to another process, which may hang, die or fall behind.
+    """Passes the rows of a run to a second process, which may hang, die or fall behind.
 
     It costs the loop one copy of a row per period and never makes it wait.
 

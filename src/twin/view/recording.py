@@ -75,7 +75,7 @@ def _plots(
 
 
 EYE_POSITION_M = np.array([-0.75, 0.63, 0.32])
-"""From where the mechanism is seen, m; from nearer or farther if its plate has another size."""
+"""Viewpoint of the mechanism, m; nearer or farther if its plate differs in size."""
 
 
 def _world(root: str, several: bool, size: tuple[float, float]) -> rrb.Spatial3DView:
@@ -109,7 +109,7 @@ APPLICATION_ID = "ballplate"
 
 
 def new_stream(name: str, recording: str | None = None) -> rr.RecordingStream:
-    """A stream of our application; what it is connected to is the caller's choice.
+    """A stream of our application; the caller connects it.
 
     Args:
         name: What the recording is called.
@@ -179,14 +179,14 @@ MAX_ROWS_AT_ONCE = 2000
 def work(
     buffer: Address, scenario: Scenario, name: str, url: str, recording: str | None, twin: bool
 ) -> None:
-    """Show a run live: send rows until the writer has ended, or is gone; the body of the process.
+    """Show a run live: send rows until the writer has ended or died; the body of the process.
 
     Args:
         buffer: Where the rows come from.
         scenario: What is run.
         name: What the run is called.
         url: Address of the viewer, or of the server of a page.
-        recording: Identity of the recording, if another process adds to it.
+        recording: Identity of the recording, if a second process adds to it.
         twin: Whether that is the run's twin, which then has plots.
     """
     step_back()
@@ -200,7 +200,7 @@ def work(
             if not begun:
                 plan = _plan([run], [block], TWIN_PLOTS if twin else ())
                 stream.connect_grpc(url, default_blueprint=plan)
-                if twin:  # whose process may have come first, and the viewer made its own plan
+                if twin:  # its process may have come first, and the viewer made its own plan
                     stream.send_blueprint(plan, make_active=True, make_default=True)
                 fix(stream, (*run.fixed(), *run.styles(block)))
                 begun = True

@@ -174,7 +174,7 @@ class Scene:
         return {entity: places[:, sites] for entity, sites in self._lines.items()}
 
 
-# Okabe and Ito's colours: told apart with any colour vision; black is white on the dark ground.
+# Okabe and Ito's colours: distinct with any colour vision; black is white on the dark ground.
 BLUE, VERMILION, GREEN, PINK = (0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167)
 ORANGE, SKY, GREY, BLACK = (230, 159, 0), (86, 180, 233), (150, 150, 150), (235, 235, 235)
 
@@ -215,7 +215,7 @@ PLOT_TABLES: dict[str, dict[str, str]] = read_packaged("twin.view", "plots.toml"
 """Entity of each plot and its title with the unit, by the tab it stands in."""
 
 LINE_TABLES = read_packaged("twin.view", "lines.toml")
-"""Plots and the columns that are their lines; the file says how."""
+"""Plots and the columns that are their lines; the file defines both."""
 
 
 def signals(
@@ -269,7 +269,7 @@ class RunStream:
         name: The run's name, the root of its entities.
         scenario: What is run.
         among: Which of the runs shown together it is, from 0; None if it is alone.
-        reference: Where the ball is to be; that of the scenario by default.
+        reference: Desired position of the ball; by default the scenario's reference.
 
     Raises:
         TwinError: If the scenario cannot be assembled.

@@ -16,7 +16,7 @@ from twin.run.finished import Run, columns
 from twin.run.metrics import Motion
 
 ROUND = 0.99 * 2 * math.pi
-"""Turning of a reference in rad from which on delay and scale of a path can be told apart."""
+"""Turning of a reference in rad above which delay and scale of a path can be separated."""
 RESTING = 1e-3
 """Speed of a reference in m/s below which it rests."""
 LONGEST_LAG = 1.5
@@ -125,9 +125,9 @@ def _stuck(motion: Motion) -> float | None:
 def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | None, float | None]:
     """Delay and scale of the reference that fit the ball best, and the error that is left.
 
-    Nothing if the best delay is the first or last of those tried, up to half the time that is
-    judged, or if the reference neither turns once round in that time nor goes from rest to rest: a
-    part of its way can be delayed, scaled or not yet reached, which nobody can tell apart.
+    Nothing if the best delay is the first or last of those tried, up to half the evaluated time, or
+    if the reference neither turns once round in that time nor goes from rest to rest: a part of its
+    way can be delayed, scaled or not yet reached, which nobody can distinguish.
     """
     reference = run.followed
     if len(time) < 10 or np.ptp(reference(time)[0], axis=0).max() < 1e-3:
@@ -193,35 +193,35 @@ ENDING_TEXTS = read_packaged("twin.view", "endings.toml")
 
 
 MIN_REPORTED_DISTANCE_M = 1e-6
-"""Distance in m below which a number of it says nothing."""
+"""Distance in m below which its number means nothing."""
 SMALL_ERROR_M = 1e-4
-"""Error in m, less than the screen can tell, of which nothing needs to be said."""
+"""Error in m, less than the screen resolves, that needs no sentence."""
 MIN_CUT_SHARE = 0.001
-"""Share of time in which a limit cut the effort from which on it is said."""
+"""Share of time in which a limit cut the effort above which it is reported."""
 FREE = "no limit was in the way"
 STEEP = 0.95
-"""Share of the angle limit from which on the plate is said to have reached it."""
+"""Share of the angle limit above which the plate counts as having reached it."""
 
 
 def summary(run: Run, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
-    told = [
+    sentences = [
         _ending(run),
         *(f"Not whole: {line}." for line in run.incomplete),
         f"{_size(run, found)}.",
     ]
     if found.held:
         share = f"{found.held:.1%} of the whole run's time"
-        told.append(f"Friction held the ball at rest {share} (shaded).")
-    told += [f"{fact[0].upper()}{fact[1:]}." for fact in _limits(run, found)]
+        sentences.append(f"Friction held the ball at rest {share} (shaded).")
+    sentences += [f"{fact[0].upper()}{fact[1:]}." for fact in _limits(run, found)]
     if (off := found.estimation) is not None and off >= MIN_REPORTED_DISTANCE_M:
         size = "large" if off > 0.5 * found.rms else "small"
-        told.append(
+        sentences.append(
             f"The observer's position of the ball was off by {1000 * off:.2g} mm (RMS), a {size} "
             "part of it."
         )
     remarks = () if "controller" in run.absent else build_law(run.scenario).remarks
-    return [*told, *remarks]
+    return [*sentences, *remarks]
 
 
 def describe_run(run: Run, clean: float | None = None) -> str:
@@ -249,12 +249,12 @@ def verdict(run: Run, found: Diagnosis, clean: float | None = None) -> str:
 def _size(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     """How large the error was; arguments as for ``verdict``."""
     percent = run.metrics.get("tracking_error_percent")
-    beside = f" ({clean:.3g} % on the clean model)" if clean is not None else ""
-    told = percent is not None and not _is_goal_still(run)
-    share = f"Tracking error e_tt {percent:.3g} %{beside}, " if told else ""
+    clean_text = f" ({clean:.3g} % on the clean model)" if clean is not None else ""
+    reported = percent is not None and not _is_goal_still(run)
+    share = f"Tracking error e_tt {percent:.3g} %{clean_text}, " if reported else ""
     start = run.scenario.metrics.start
-    judged = 0 < start < (run.metrics.get("outcome_time") or run.scenario.duration)
-    since = f" from {start:.4g} s on" if judged else ""
+    partial = 0 < start < (run.metrics.get("outcome_time") or run.scenario.duration)
+    since = f" from {start:.4g} s on" if partial else ""
     return f"{share}{_mm(found.rms)} RMS over x and y{since}"
 
 
@@ -313,7 +313,7 @@ def _limits(run: Run, found: Diagnosis) -> list[str]:
 
 
 def _describe_shaped_reference(run: Run) -> list[str]:
-    """A reference that the plate cannot give, if the law laid another path for that reason."""
+    """A reference that the plate cannot give, if the law planned its own path for that reason."""
     if "laid_x" not in run.rows:
         return []
     laid, time = np.stack((run.rows["laid_x"], run.rows["laid_y"]), axis=1), run.rows["time"]
@@ -330,9 +330,9 @@ def _ending(run: Run) -> str:
     end = float(run.metrics.get("outcome_time", run.rows["time"][-1]))
     reason = run.metrics.get("reason")
     ending = ENDING_TEXTS.get(outcome, "The run ended")
-    told = f"{ending} after {end:.4g} s{f': {reason}' if reason else ''}."
+    ending_text = f"{ending} after {end:.4g} s{f': {reason}' if reason else ''}."
     late = describe_lateness(run.ledger) if outcome == "fault" and run.ledger else ""
-    return f"{late[0].upper()}{late[1:]}. {told}" if late else told
+    return f"{late[0].upper()}{late[1:]}. {ending_text}" if late else ending_text
 
 
 def _mm(distance: float) -> str:

@@ -211,7 +211,7 @@ def _simulated_again(scenario: Scenario, at: float) -> tuple[Snapshot, Array, Ar
 
 
 UNSEEN = 0.1
-"""Time in s between two touches from which on a log has a gap; of a slow camera so many ``FRAMES``
+"""Time in s between two touches above which a log has a gap; of a slow camera so many ``FRAMES``
 frames. A loop that is late for less leaves the last command in force, which is known."""
 
 
@@ -241,7 +241,7 @@ class Usable(Log):
         return (f"{self.source}: gaps, which nothing is put into: {spans}",)
 
     def unbroken_since(self, at: float) -> float:
-        """Time in s from which on there is no gap before a moment."""
+        """Time in s after which there is no gap before a moment."""
         ends = [end for _, end in self.gaps if end <= at]
         return max([float(self.time[0]), *ends])
 
@@ -267,7 +267,7 @@ def judge(log: Log, scenario: Scenario, at: float) -> Usable:
 
     Raises:
         RecordError: If it has no commands, or does not know the moment.
-        LogError: If it is of another rig, or in another unit.
+        LogError: If it is of a different rig, or in a wrong unit.
     """
     if log.command is None:
         raise RecordError(
@@ -434,8 +434,8 @@ CONTROL = ("controller.", "observer.", "predictor.", "reference.")
 def branch(scenario: Scenario, at: float, end: float, settings: Sequence[str]) -> Scenario:
     """The scenario of a future in which something is changed at a moment.
 
-    What belongs to the controller is another one from the beginning; what belongs to the plant
-    changes at the moment, as ``[[change]]`` does.
+    Settings of the controller are new from the beginning; settings of the plant change at the
+    moment, as ``[[change]]`` does.
 
     Args:
         scenario: Of the run.
@@ -483,7 +483,7 @@ class Future:
 
     @property
     def label(self) -> str:
-        """What it is called in pictures and tables."""
+        """Its name in pictures and tables."""
         return ", ".join(self.settings) or "unchanged"
 
     @property
@@ -507,7 +507,7 @@ def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Fut
     Args:
         moment: The moment.
         scenario: Of the branch.
-        settings: What it changes.
+        settings: Its changes.
 
     Raises:
         TwinError: If the branch cannot be assembled.
@@ -552,7 +552,7 @@ def agreement(moment: Moment) -> str:
     begins = f"{moment.name} from {moment.at:g} s on, {state}"
     before = moment.before_mm
     if before is None:
-        return f"{begins}; nothing says whether the twin is right: no whole {LOOK_BACK:g} s before"
+        return f"{begins}; the twin could not be checked: no whole {LOOK_BACK:g} s before"
     poor = ": the twin does not fit, and a future is no better" if before > POOR else ""
     return f"{begins}; twin and record are {before:.2g} mm apart at most in the second before{poor}"
 
@@ -606,10 +606,10 @@ def moment_of(
         else:
             log = read_any(path, wanted_columns(columns), separator).on(chosen)
         return estimate_moment(path.stem, judge(log, chosen, at), chosen, at)
-    told = {"scenario": scenario, "on": settings, "columns": columns}
-    if given := [name for name, value in told.items() if value]:
+    options = {"scenario": scenario, "on": settings, "columns": columns}
+    if given := [name for name, value in options.items() if value]:
         raise RecordError(
-            f"--{given[0]}: {path} is a record and says itself what ran; leave it out"
+            f"--{given[0]}: {path} is a record and states itself what ran; leave it out"
         )
     (run,) = open_run(path)
     file = record_of(path)
@@ -631,7 +631,7 @@ def moment_of(
         check_ranges(whole)
         log = judge(whole, run.scenario, at)
         moment = estimate_moment(run.name, log, run.scenario, at)
-        note = f"recorded with {', '.join(other)}: gone on with from its estimated state"
+        note = f"recorded with {', '.join(other)}: continued from its estimated state"
         return replace(moment, notes=(*moment.notes, note)) if other else moment
     first, last = run.rows["time"][[0, -1]]
     if not first - 1e-9 <= at <= last + 1e-9:

@@ -616,5 +616,5 @@ def test_frames_that_are_no_canopen_are_counted(tmp_path, capsys):
     (tmp_path / "a.log").write_text(text)
     code, shown, _ = called(capsys, "trace", tmp_path / "a.log")
     assert code == 0
-    assert "not told: 1 frames with 29-bit identifiers, no CANopen (705h)" in shown
-    assert "not told: 1 frames of no known service (7E5h)" in shown
+    assert "not decoded: 1 frames with 29-bit identifiers, no CANopen (705h)" in shown
+    assert "not decoded: 1 frames of no known service (7E5h)" in shown

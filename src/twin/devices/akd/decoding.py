@@ -29,14 +29,14 @@ from twin.hal.interface import NOMINAL_PERIOD
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 _ERROR_CODE, _FAULTS, _PROFILE, _VENDOR = 0x603F, 0x2001, (0x1000, 0), (0x1018, 1)
 _TOLD = {CONTROL, STATUS, 0x6060, 0x6061, _ERROR_CODE, 0x1001, 0x60FD}
-"""Objects whose every change in a PDO is told."""
+"""Objects of which every change in a PDO is reported."""
 _POSITIONS = (0x6062, PLACE, 0x607A, 0x60F4)
-"""In the units of the user, of which the feed (6092h) says how many a turn of the shaft has."""
+"""In units of the user; the feed (6092h) gives their number in a turn of the shaft."""
 _INCREMENTS = (0x6063, 0x60FC)
-"""In increments of the encoder, of which its resolution (608Fh) says how many a turn has."""
+"""In increments of the encoder; its resolution (608Fh) gives their number in a turn."""
 _VELOCITIES = (0x606B, SPEED, TARGET)
 AKD = 0x6A
-"""Vendor whose drives count velocities in 0.001 rpm."""
+"""Vendor of the drives that count velocities in 0.001 rpm."""
 _DRIVES = {402, 0xFFFF}
 """Profiles (low word of 1000h) of drives, and of devices of several profiles."""
 _VENDORS_OBJECTS, _PROFILES_OBJECTS = range(0x2000, 0x6000), range(0x6000, 0xA000)
@@ -50,13 +50,13 @@ _IRREGULAR = 0.05
 _LONG = 1.6
 """Times the usual pause from which one is a gap."""
 _FEW, _MOST = 10, 20
-"""Fewest frames in which a rhythm is seen; most gaps of one kind that are told, the longest."""
+"""Fewest frames in which a rhythm is seen; most gaps of one kind that are reported, the longest."""
 _ENDED, _ENDED_FOR = 5, 0.05
 """Times the usual pause, and s, from which something has ended before the trace does."""
 _SEGMENT, _DOWNLOAD, _UPLOAD, _ABORT, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD = 0, 1, 2, 4, 5, 6
 """Command specifiers of SDO: reading is an upload, writing a download."""
 _SIZED, _EXPEDITED = 1, 2
-"""Bits of the specifier that begins a transfer: its size is told; all data are in this frame."""
+"""Bits of the specifier that begins a transfer: its size is stated; all data are in this frame."""
 _BLOCKS, _WRITING = (_BLOCK_UPLOAD, _BLOCK_DOWNLOAD), (_DOWNLOAD, _BLOCK_DOWNLOAD)
 _UNANSWERED = "unanswered", "no answer"
 HOST = "host"
@@ -72,11 +72,11 @@ def sync_period(frames: Sequence[can.Message]) -> float:
 
 
 class TracedEvent(NamedTuple):
-    """Something that was said.
+    """An event on the bus.
 
     Attributes:
         time: Seconds since the first frame.
-        who: Who said it.
+        who: The sender.
         kind: NMT, SDO, PDO, EMCY, heartbeat, SYNC or bus.
         text: What, in words.
     """
@@ -91,7 +91,7 @@ class Pdo(NamedTuple):
     """What a PDO carries.
 
     Attributes:
-        node: Whose it is.
+        node: The sending or receiving node.
         name: ``TPDO1``, ``RPDO2``, ...
         entries: Its objects and their bits, in order.
     """
@@ -115,7 +115,7 @@ class Names:
         standard = [Object(*each) for each in table()["standard"]]
         self._known = {(each.index, each.sub): each for each in standard} | protocol.objects()
         self.sheet = read_data_sheet(eds) if eds is not None else DataSheet()
-        """What the file says."""
+        """The content of the file."""
 
     def describe(self, key: Key, *, akd: bool, drive: bool, sheet: bool) -> Object:
         """An object of a node; of one that nobody knows, name and type are empty.
@@ -124,7 +124,7 @@ class Names:
             key: Index and subindex.
             akd: Whether the node is an AKD.
             drive: Whether it may be a drive of CiA 402.
-            sheet: Whether the file may be that of the node.
+            sheet: Whether the file may describe the node.
         """
         blank = Object(*key, "", "U0")
         if sheet and key in self.sheet.objects:
@@ -156,12 +156,12 @@ class Node:
     """What a node did.
 
     Attributes:
-        name: What it is called.
+        name: Its name.
         frames: How many it sent, by kind.
         states: Its NMT states, in order.
         drive: The states of its power stage, in order; of a drive of several axes the first's.
         axes: Those of its further axes, by their number.
-        faults: What it reported: ``time`` in s and ``text``.
+        faults: The faults it reported: ``time`` in s and ``text``.
         transfers: SDO transfers by how they ended.
     """
 
@@ -185,7 +185,7 @@ class Series(NamedTuple):
 
 
 class _Entry(NamedTuple):
-    """An object in a PDO: its key, type, first bit, bits, and whether its changes are told."""
+    """An object in a PDO: its key, type, first bit, bits, and whether its changes are reported."""
 
     key: Key
     type: str
@@ -199,7 +199,7 @@ class _Entry(NamedTuple):
 class _Transfer:
     """An SDO transfer under way: since when, its object, whether it writes, what has come.
 
-    ``more`` says that data are still to come.
+    ``more`` means that data are still to come.
     """
 
     since: float
@@ -227,7 +227,7 @@ class Conversation:
     Args:
         heard: The frames, in the order of their times.
         names: What objects are called.
-        rig: Whose drives they are, for names, scales and mappings that the trace does not show.
+        rig: The owner of the drives, for names, scales and mappings that the trace does not show.
         timed: Whether the frames have times; where they have none, nothing is late or missing.
     """
 
@@ -240,7 +240,7 @@ class Conversation:
         timed: bool = True,
     ) -> None:
         self.events: list[TracedEvent] = []
-        """What was said, in order; of PDOs the changes."""
+        """The events, in order; of PDOs the changes."""
         self.nodes: dict[int, Node] = {}
         """Nodes that sent something, by number."""
         self.series: dict[tuple[int, Key], Series] = {}
@@ -292,7 +292,7 @@ class Conversation:
         return known
 
     def _is_of_sheet(self, node: int) -> bool:
-        """Whether the EDS file may be a node's: not if the trace shows another vendor."""
+        """Whether the EDS file may describe a node: not if the trace shows a different vendor."""
         vendor = self._identities.get((node, _VENDOR))
         return vendor is None or self._names.sheet.vendor in (None, vendor)
 
@@ -302,7 +302,7 @@ class Conversation:
         return node in self._axes or vendor == AKD
 
     def _is_drive(self, node: int) -> bool:
-        """Whether a node may be a drive: unless the trace, or its file, shows another profile."""
+        """Whether a node may be a drive: unless the trace or its file shows a different profile."""
         default = self._names.sheet.defaults.get(_PROFILE) if self._is_of_sheet(node) else None
         profile = self._identities.get((node, _PROFILE), default.number if default else None)
         return node in self._axes or profile is None or profile & 0xFFFF in _DRIVES
@@ -320,7 +320,7 @@ class Conversation:
         return found
 
     def _is_told(self, node: int, key: Key) -> bool:
-        """Whether every change of an object is told."""
+        """Whether every change of an object is reported."""
         index = axis_of(key[0])[0]
         if index == _FAULTS:
             return self.is_akd(node)
@@ -383,30 +383,30 @@ class Conversation:
         index, sub = axis_of(key[0])[0], key[1]
         factor, unit = self.scale(node, key)
         of_pdo, maps = index in protocol.PDOS, bool(index & 0x200)
-        said = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & _mask(value):X}h)"
+        text = f"{value}" if abs(value) < 1 << 16 else f"{value} ({value & _mask(value):X}h)"
         drive = self._is_drive(node)
         if index == STATUS and drive:
             served = 0xFFFF if self.is_akd(node) else self._served[node, key[0]]
-            said = f"{protocol.status_words(value, served)} ({value:04X}h)"
+            text = f"{protocol.status_words(value, served)} ({value:04X}h)"
         elif index == CONTROL and drive:
-            said = f"{protocol.control_words(value)} ({value:04X}h)"
+            text = f"{protocol.control_words(value)} ({value:04X}h)"
         elif index in {0x6060, 0x6061} and drive:
-            said = table()["modes"].get(f"{value}", f"mode {value}")
+            text = table()["modes"].get(f"{value}", f"mode {value}")
         elif index == _ERROR_CODE and drive and value:
             words = protocol.error_words(value, akd=self.is_akd(node))
-            said = f"{value:04X}h {words}".strip()
+            text = f"{value:04X}h {words}".strip()
         elif index == 0x1016 and sub and value:
-            said = f"node {value >> 16 & 0x7F} within {value & 0xFFFF} ms"
+            text = f"node {value >> 16 & 0x7F} within {value & 0xFFFF} ms"
         elif of_pdo and not maps and sub == 1:
-            said = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
+            text = f"{value & 0x7FF:03X}h{' off' if value & protocol.PDO_INVALID else ''}"
         elif of_pdo and maps and sub and value:
             carried, bits = _split_mapping(value)
-            said = f"{self.object_name(node, carried)}, {bits} bits"
+            text = f"{self.object_name(node, carried)}, {bits} bits"
         elif index == _FAULTS and sub and value and self.is_akd(node):
-            said = protocol.fault_words([value])
+            text = protocol.fault_words([value])
         elif unit:
-            said = f"{value * factor:.6g} {unit}"
-        return said
+            text = f"{value * factor:.6g} {unit}"
+        return text
 
     def summary(self) -> dict[str, Any]:
         """What ``--json`` prints, but for the events."""
@@ -432,23 +432,23 @@ class Conversation:
         }
 
     def remarks(self) -> list[str]:
-        """What is told nowhere else: frames that are no CANopen, a file of another vendor."""
-        said = []
+        """Facts reported nowhere else: frames that are no CANopen, a file of a different vendor."""
+        remarks = []
         others = self.strangers - self._long
         kinds = {"with 29-bit identifiers, no CANopen": self._long, "of no known service": others}
         for kind, counts in kinds.items():
             if counts:
                 some = [f"{each:X}h" for each in counts][:3] + ["..."] * (len(counts) > 3)
                 shown = ", ".join(some)
-                said.append(f"not told: {counts.total()} frames {kind} ({shown})")
+                remarks.append(f"not decoded: {counts.total()} frames {kind} ({shown})")
         for node in sorted(self.nodes) if self._names.sheet.objects else ():
             if not self._is_of_sheet(node):
                 vendors = self._names.sheet.vendor or 0, self._identities[node, _VENDOR]
-                said.append(
+                remarks.append(
                     f"{self.called(node)}: the EDS file is not used: it is of vendor "
                     f"{vendors[0]:X}h, the node of {vendors[1]:X}h"
                 )
-        return said
+        return remarks
 
     def object_name(self, node: int, key: Key) -> str:
         """What an object of a node is called."""
@@ -590,7 +590,7 @@ class Conversation:
             self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {known}")
 
     def _unpack(self, at: float, who: str, pdo: Pdo, data: bytes) -> bool:
-        """Take in the values of a PDO; False if it has another length."""
+        """Take in the values of a PDO; False if its length is different."""
         length, entries = self._layouts.get(pdo[:2]) or (sum(bits for _, bits in pdo.entries), None)
         if 8 * len(data) != length:
             return False
@@ -615,15 +615,15 @@ class Conversation:
                 real = kind[0] == "F" and kind[1:] == f"{bits}"
                 code = "d" if real else "q" if kind[0] == "I" else "Q"
                 series = self.series.setdefault((pdo.node, key), Series(array("d"), array(code)))
-                told = self._is_told(pdo.node, key)
+                reports = self._is_told(pdo.node, key)
                 if series.counts.typecode == code:  # carried in another length before: not by this
-                    found.append(_Entry(key, kind, first, bits, told, series))
+                    found.append(_Entry(key, kind, first, bits, reports, series))
             first += bits
         self._layouts[pdo[:2]] = first, found
         return found
 
     def _changed(self, at: float, who: str, pdo: Pdo, key: Key, value: int) -> None:
-        """Tell what a PDO says that is not what it said before."""
+        """Report a value of a PDO that differs from the one before."""
         if axis_of(key[0])[0] == STATUS:
             self._power(at, pdo.node, key, value)
         words = self.words(pdo.node, key, value)
@@ -668,33 +668,33 @@ class Conversation:
         key, data = transfer.key, transfer.data
         value = decode_value(self._object(number, key).type, data)
         if transfer.block:
-            said = "a block, not decoded"
+            value_text = "a block, not decoded"
         elif isinstance(value, str):
-            said = f'"{value}"'
+            value_text = f'"{value}"'
         elif isinstance(value, bytes):
-            said = value.hex(" ") or "nothing"
+            value_text = value.hex(" ") or "nothing"
         elif isinstance(value, float):
-            said = self.words(number, key, value)
+            value_text = self.words(number, key, value)
         else:
             self.values[number][key] = value
             index = axis_of(key[0])[0]
             if index == STATUS and self._is_drive(number):
                 self._power(at, number, key, value)
-            said = self.words(number, key, value)
+            value_text = self.words(number, key, value)
             if index in protocol.PDOS:
                 if not index & 0x200 and key[1] == 1:
                     self._identified.add((number, index))
                 self._assign(number, index & ~0x200)
             elif index == _FAULTS and key[1] and value and self.is_akd(number):
-                self._node(number).faults.append({"time": at, "text": said})
-        self._ended(number, transfer, "writes" if transfer.writes else "reads", said)
+                self._node(number).faults.append({"time": at, "text": value_text})
+        self._ended(number, transfer, "writes" if transfer.writes else "reads", value_text)
 
-    def _ended(self, number: int, transfer: _Transfer, how: str, said: str) -> None:
+    def _ended(self, number: int, transfer: _Transfer, how: str, value_text: str) -> None:
         """Tell a transfer; what is read back as it was just written is part of that."""
         node, what = self._node(number), self.object_name(number, transfer.key)
         node.transfers[how] += 1
-        written = f"writes {what} to {node.name}: {said}"
-        text = written if transfer.writes else f"reads {what} of {node.name}: {said}"
+        written = f"writes {what} to {node.name}: {value_text}"
+        text = written if transfer.writes else f"reads {what} of {node.name}: {value_text}"
         if how == "reads" and self.events and self.events[-1].text == written:
             self.events[-1] = self.events[-1]._replace(text=f"{written}; read back")
         else:
@@ -704,7 +704,7 @@ class Conversation:
         """Take note of the identifier and mapping of a PDO, as far as they are known now.
 
         An identifier that a PDO has left is its no more. One that a node receives may be one that
-        another node sends.
+        a different node sends.
         """
         cob_id, its = self._cob_id(number, parameters), self._assigned(number, parameters)
         if cob_id is None:
@@ -725,7 +725,7 @@ class Conversation:
             self._receivers[cob_id][there[:2]], self.pdos[cob_id] = there, its
 
     def _sender(self, cob_id: int, number: int) -> Pdo | None:
-        """The PDO that another node, which is there, sends by an identifier."""
+        """The PDO that a different node, which is there, sends by an identifier."""
         other = cob_id & protocol.NODE_MASK
         if other == number or other not in self._there:
             return None
@@ -831,7 +831,7 @@ def _introduced(heard: Iterable[can.Message]) -> tuple[set[int], dict[tuple[int,
 
 
 def _error_words(identifier: int, data: bytes) -> str:
-    """What an error frame says; the number of its classes and its bytes if these are not known.
+    """An error frame in words; the number of its classes and its bytes if these are not known.
 
     Classes and bytes are those of SocketCAN.
     """

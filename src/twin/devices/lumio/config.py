@@ -31,7 +31,7 @@ from twin.hal.interface import SCREEN_SIZE_M
 
 VENDOR_ID = 0x202E
 HID_PANELS = ("hid-0006", "hid-0007", "hid-timed")
-"""Protocols of the panels whose report descriptors are in ``panels.toml``."""
+"""Protocols of the panels with report descriptors in ``panels.toml``."""
 HIDRAW_CLASS = Path("/sys/class/hidraw")
 """Where Linux describes raw HID devices; anyone may read it."""
 UDEV_RULES = Path(__file__).with_name("70-ballplate-touch.rules")
@@ -48,10 +48,10 @@ def touch_screens(root: Path = HIDRAW_CLASS) -> list[str]:
     """
     found = []
     for folder in sorted(root.glob("hidraw*"), key=lambda path: (len(path.name), path.name)):
-        with suppress(OSError, KeyError, ValueError):  # it has gone, or is of another kind
+        with suppress(OSError, KeyError, ValueError):  # unplugged, or of a different kind
             text = (folder / "device" / "uevent").read_text(encoding="utf-8")
-            told = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
-            if int(told["HID_ID"].split(":")[1], 16) == VENDOR_ID and _layout(folder):
+            event = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
+            if int(event["HID_ID"].split(":")[1], 16) == VENDOR_ID and _layout(folder):
                 found.append(f"/dev/{folder.name}")
     return found
 
@@ -61,7 +61,7 @@ def _layout(folder: Path) -> TouchLayout | None:
 
 
 class ScreenError(TwinError, OSError):
-    """A touch screen's port cannot be opened or has gone."""
+    """A touch screen's port cannot be opened or is lost."""
 
 
 class Transport(ABC):
@@ -86,7 +86,7 @@ class Transport(ABC):
         """Open the port and drop what has waited in it.
 
         Raises:
-            ScreenError: Absent, not permitted, busy or of another kind; or no POSIX system.
+            ScreenError: Absent, not permitted, busy or of a wrong kind; or no POSIX system.
         """
         try:
             self._handle = self._open()
@@ -105,7 +105,7 @@ class Transport(ABC):
         """What has arrived, or nothing after a timeout in s.
 
         Raises:
-            ScreenError: The port has gone.
+            ScreenError: The port is lost.
         """
         try:
             if not self._ready(timeout):
@@ -123,14 +123,14 @@ class Transport(ABC):
         """The decoder that the open port itself asks for; None if it does not say.
 
         Raises:
-            ScreenError: It says that it is no touch screen.
+            ScreenError: Its report descriptor is not of a touch screen.
         """
         return None
 
     def close(self) -> None:
         """Close the port; never raises."""
         self._handle = -1
-        with suppress(Exception):  # of whatever kind: the port may have gone
+        with suppress(Exception):  # of whatever kind: the port may be lost
             self._opened.close()
 
     @abstractmethod
@@ -167,7 +167,7 @@ class SerialPort(Transport):
 
 
 class HidrawDevice(Transport):
-    """A raw HID device: one report per read, laid out as the device itself says."""
+    """A raw HID device: one report per read, laid out as its descriptor states."""
 
     PERMISSION = "a udev rule must give it to the user; `ballplate doctor --udev` prints one"
 
@@ -275,7 +275,7 @@ def read_calibration(path: Path) -> Calibration:
 
 @dataclass(frozen=True)
 class CalibrationFit:
-    """A calibration, and what it leaves.
+    """A calibration, and its residuals.
 
     Attributes:
         calibration: Screen units to plate axes.
@@ -299,11 +299,11 @@ class CalibrationFit:
 
     @property
     def mounting(self) -> Mounting:
-        """What it says of the screen."""
+        """The screen's mounting by the calibration."""
         return Mounting.of(self.calibration)
 
     def as_dict(self) -> dict[str, Any]:
-        """What it says and leaves, for ``--json``."""
+        """Calibration and residuals, for ``--json``."""
         pairs = zip((1e3 * self.points).tolist(), (1e3 * self.left).tolist(), strict=True)
         return {
             **asdict(self.mounting),
@@ -324,7 +324,7 @@ def fit(screen: ArrayLike, plate: ArrayLike) -> CalibrationFit:
     """The calibration that suits known points best, by least squares.
 
     Args:
-        screen: What the screen said, screen units, shape (K, 2), K at least 3.
+        screen: Readings of the screen, screen units, shape (K, 2), K at least 3.
         plate: Where the points are, m in plate axes, shape (K, 2).
 
     Raises:
@@ -346,7 +346,7 @@ def _system(points: Array) -> Array:
 
 @dataclass(frozen=True)
 class Mounting:
-    """What a calibration says of the screen.
+    """The screen's mounting by a calibration.
 
     Attributes:
         size_m: Sides of the sensing area along the plate's x and y, m.
@@ -414,7 +414,7 @@ def _wrap_angle(angle: float) -> float:
 class PlausibilityLimits(Ranged):
     """Limits of a plausible ball position, and of one that is stale, lost or frozen.
 
-    Each is a `net`: relaxed, it is told in every run; beyond its range it is refused.
+    Each is a `net`: relaxed, it is reported in every run; beyond its range it is refused.
 
     Attributes:
         speed: Fastest ball, m/s; a run down the whole plate at 10 deg ends at 1.2 m/s.
@@ -455,10 +455,10 @@ class LumioConfig(Ranged):
         transport: ``serial`` or ``hidraw``.
         protocol: ``auto``, ``microtouch``, ``elo``, ``hid-0006``, ``hid-0007`` or ``hid-timed``. A
             raw HID device is read by its own report descriptor, whatever is given here; a port that
-            shows none by that of the panel named.
+            shows none by the descriptor of the panel named.
         baud: Bits per second of a serial line; eight data bits, no parity, one stop bit.
         calibration: Screen units to plate axes; None for a screen mounted square and centred, of
-            the size that it says, else of the size of the model's.
+            the size that it reports, else of the size of the model's.
         calibration_file: What `ballplate calibrate touch` wrote, instead of ``calibration``; who
             opens the screen has read it.
         gate: What is plausible.
@@ -489,7 +489,7 @@ class LumioConfig(Ranged):
     def capacity(self) -> float:
         """Bytes per second from which the line counts as flooded.
 
-        A serial line: nine tenths of what it can carry, ten bits per byte. USB: several times four
+        A serial line: nine tenths of its capacity, ten bits per byte. USB: several times four
         contacts at 60 reports per second.
         """
         return 0.09 * self.baud if self.transport == "serial" else 10_000.0
