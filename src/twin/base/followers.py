@@ -38,7 +38,7 @@ DEFAULT, SHAPE = Off.DEFAULT, Off.SHAPE
 
 @dataclass(frozen=True)
 class Effect:
-    """Which effect of ``explain`` a setting belongs to.
+    """The effect of ``explain`` to which a setting belongs.
 
     Attributes:
         name: Its name in ``twin/whatif/effects.toml``.

@@ -1,4 +1,4 @@
-"""Which drives and touch screens a rig file may name: shipped kinds, and those of other packages.
+"""Kinds of drives and touch screens that a rig file may name: shipped ones, and those of packages.
 
 A rig file says ``[drives] kind = "akd"`` or ``[touch] kind = "own"``. An installed package adds a
 kind by an entry point of the group ``ballplate.devices`` that is called ``drives.NAME`` or
@@ -151,12 +151,12 @@ def find_kind(role: Role, name: object) -> Found:
             a shipped one, or the package cannot be loaded: one line.
     """
     key, shipped = f"{role}.kind = {name!r}", SHIPPED[role]
-    added = _added(role)
+    added = _find_entry_points(role)
     claims = added.get(name, []) if isinstance(name, str) else []
     if isinstance(name, str) and name in shipped:
         if claims:
             raise ScenarioError(
-                f"{key}: {_called(claims[0])} takes the name of a kind that is shipped; uninstall "
+                f"{key}: {_cite(claims[0])} takes the name of a kind that is shipped; uninstall "
                 "it, or let its author choose another name"
             )
         return Found(name, shipped[name])
@@ -164,12 +164,12 @@ def find_kind(role: Role, name: object) -> Found:
         known = [*shipped, *(each for each in sorted(added) if each not in shipped)]
         raise ScenarioError(f"{key}: no such kind{nearest(name, known)}")
     if len(claims) > 1:
-        packages = " and ".join(map(_called, claims))
+        packages = " and ".join(map(_cite, claims))
         raise ScenarioError(f"{key}: {packages} both have that name; uninstall one of them")
     return Found(name, _load(role, key, claims[0]), _package(claims[0]))
 
 
-def _added(role: Role) -> dict[str, list[EntryPoint]]:
+def _find_entry_points(role: Role) -> dict[str, list[EntryPoint]]:
     """The entry points of other packages for a device, by the name of the kind."""
     found: dict[str, list[EntryPoint]] = {}
     for each in entry_points(group=ENTRY_POINT_GROUP):
@@ -184,7 +184,7 @@ def _package(point: EntryPoint) -> str:
     return f"{point.dist.name} {point.dist.version}" if point.dist else point.value
 
 
-def _called(point: EntryPoint) -> str:
+def _cite(point: EntryPoint) -> str:
     return f"the package {_package(point)}"
 
 
@@ -198,16 +198,16 @@ def _load(role: Role, key: str, point: EntryPoint) -> ServosKind | ScreenKind:
         found = point.load()
     except (Exception, SystemExit) as error:
         raise ScenarioError(
-            f"{key}: {_called(point)} cannot be loaded ({point.value}): {error_words(error)}"
+            f"{key}: {_cite(point)} cannot be loaded ({point.value}): {error_words(error)}"
         ) from error
     wanted = _CLASSES[role]
     if not isinstance(found, ServosKind | ScreenKind) or not isinstance(found, wanted):
         raise ScenarioError(
-            f"{key}: {_called(point)}: {point.value} must be a ballplate.hardware."
+            f"{key}: {_cite(point)}: {point.value} must be a ballplate.hardware."
             f"{wanted.__name__}, not {type(found).__name__}"
         )
     if not (isinstance(found.settings, type) and dataclasses.is_dataclass(found.settings)):
-        raise ScenarioError(f"{key}: {_called(point)}: its settings must be a dataclass")
+        raise ScenarioError(f"{key}: {_cite(point)}: its settings must be a dataclass")
     return found
 
 
