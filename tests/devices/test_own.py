@@ -132,6 +132,18 @@ FAULTS = {
 }  # fmt: skip
 
 
+def test_a_plate_last_measured_before_it_was_homed_is_believed_where_it_was_measured(scenario):
+    hardware = VirtualBoard()
+    hardware.measure = lambda: Reading(0.0, 0.0, 0.0, 0.03, -0.02)
+    servos = own_rig(hardware, scenario()).servos
+    servos.start()
+    servos.receive()
+    servos.home(np.array([[0.03, -0.02]]), np.zeros((1, 2)))
+    hardware.wait(1.0)
+    servos.receive()
+    assert servos.plate() == pytest.approx(np.array([[0.03, -0.02]]))
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_told_within_its_time_and_the_hardware_is_stopped_once(fault, scenario):
     change, state, words, within, condition = FAULTS[fault]

@@ -578,7 +578,7 @@ class OwnServos(_OwnDriver):
 
     def home(self, plate: Array, motor: Array) -> None:
         """Declare where the plate stands, rad, shape (1, 2)."""
-        self._angle = self._model = np.asarray(plate, float).reshape(2)
+        self._angle = self._model = self._model_then = np.asarray(plate, float).reshape(2)
 
     def _watch(self, reading: Reading, now: float) -> None:
         super()._watch(reading, now)
