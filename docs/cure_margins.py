@@ -68,28 +68,24 @@ def calibrate_screen(rig: FamilyRig, finger_mm: float) -> dict[str, Any]:
 def found(plan: dict[str, Any]) -> dict[str, list[float | None]]:
     """Of each law e_tt in % with one thing wrong after the other, then on the family's rigs.
 
-    Of the cure also, as ``calibrated``, on the same rigs with calibrated screens. None for a lost
+    ``calibrated`` is the cure on the same rigs after their screens were calibrated. None for a lost
     ball; all of a law as one batch.
     """
     about, build, values = plan["family"], Builder(CURE["scenario"]), {}
     rigs = draw_rigs(read_family(about["name"]), about["draw"], about["rigs"])
-    for name in plan["laws"]:
-        fixed = [*plan["set"], *LAWS[name]]
-        runs = [build([*fixed, *keys, "seed=1"], {}) for _, _, keys in cases(plan)]
-        runs += [build([*fixed, f"seed={rig.seed}"], rig.point) for rig in rigs]
-        if name == "the cure":
-            points = [calibrate_screen(rig, about["finger_mm"]) for rig in rigs]
-            runs += [
-                build([*fixed, f"seed={rig.seed}"], point)
-                for rig, point in zip(rigs, points, strict=True)
-            ]
-        values[name] = known(runs)
-        if name == "the cure":
-            values[name], values["calibrated"] = (
-                values[name][: -len(rigs)],
-                values[name][-len(rigs) :],
-            )
-        click.echo(f"{name}: {values[name].count(None)} of {len(runs)} lost")
+
+    def on_rigs(law: str, points: list[dict[str, Any]]) -> list[Any]:
+        fixed = [*plan["set"], *LAWS[law]]
+        pairs = zip(rigs, points, strict=True)
+        return [build([*fixed, f"seed={rig.seed}"], point) for rig, point in pairs]
+
+    for law in plan["laws"]:
+        fixed = [*plan["set"], *LAWS[law], "seed=1"]
+        runs = [build([*fixed, *keys], {}) for _, _, keys in cases(plan)]
+        values[law] = known(runs + on_rigs(law, [rig.point for rig in rigs]))
+        click.echo(f"{law}: {values[law].count(None)} of {len(values[law])} lost")
+    calibrated = [calibrate_screen(rig, about["finger_mm"]) for rig in rigs]
+    values["calibrated"] = known(on_rigs("the cure", calibrated))
     return values
 
 

@@ -136,8 +136,29 @@ class Line:
         """Nothing to close."""
 
 
-class Stepped(ARDUINO.Arduino):  # type: ignore[name-defined,misc]
-    """The example's class on such a line."""
+class OnLine:
+    """An example's class on such a line, by its time."""
+
+    line: Line
+    levelled = True
+    """Whether the plate had been told to be level before it was told to stop."""
+
+    def stop(self) -> None:
+        """Stop, and keep what was before."""
+        self.levelled = max(map(abs, self.line.board.goal)) < LEVEL
+        super().stop()  # type: ignore[misc]  # of the example's class
+
+    def time(self) -> float:
+        """Time of the line, s."""
+        return self.line.now
+
+    def wait(self, seconds: float) -> None:
+        """Let it pass."""
+        self.line.pass_time(seconds)
+
+
+class Stepped(OnLine, ARDUINO.Arduino):  # type: ignore[name-defined,misc]
+    """The example's class for both devices."""
 
     def __init__(self, *, encoder: bool) -> None:
         super().__init__("emulated")
@@ -145,8 +166,6 @@ class Stepped(ARDUINO.Arduino):  # type: ignore[name-defined,misc]
         self.line = Line()
         self._encoder = encoder
         self._angles = (-math.inf, 0.0, 0.0)
-        self.levelled = True
-        """Whether the plate had been told to be level before it was told to stop."""
 
     def measure(self) -> Reading:
         """The newest measurement, with the plate angles of its arrival if there is an encoder."""
@@ -157,41 +176,14 @@ class Stepped(ARDUINO.Arduino):  # type: ignore[name-defined,misc]
             self._angles = (found.at, *self.line.board.angle)
         return Reading(found.x, found.y, *self._angles)
 
-    def stop(self) -> None:
-        """Stop, and keep what was before."""
-        self.levelled = max(map(abs, self.line.board.goal)) < LEVEL
-        super().stop()
 
-    def time(self) -> float:
-        """Time of the line, s."""
-        return self.line.now
-
-    def wait(self, seconds: float) -> None:
-        """Let it pass."""
-        self.line.pass_time(seconds)
-
-
-class SteppedServos(SERVOS.Servos):  # type: ignore[name-defined,misc]
-    """The example's servos on such a line, whose camera is another class on the same one."""
+class SteppedServos(OnLine, SERVOS.Servos):  # type: ignore[name-defined,misc]
+    """The example's servos; their camera is a different class on the same line."""
 
     def __init__(self) -> None:
         super().__init__("emulated")
         line = self.line = Line()
         SERVOS.serial = CAMERA.serial = SimpleNamespace(Serial=lambda *_, **__: line)
-        self.levelled = True
-
-    def stop(self) -> None:
-        """Stop, and keep what was before."""
-        self.levelled = max(map(abs, self.line.board.goal)) < LEVEL
-        super().stop()
-
-    def time(self) -> float:
-        """Time of the line, s."""
-        return self.line.now
-
-    def wait(self, seconds: float) -> None:
-        """Let it pass."""
-        self.line.pass_time(seconds)
 
 
 class Rig(HardwareRig):

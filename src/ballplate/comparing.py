@@ -396,16 +396,14 @@ def carried_out(
     count = min(processes or (jobs.cores() if long else 1), len(scenarios))
     if not all(map(importable, scenarios.values())):
         count = 1
-    from twin.run.together import group
+    from twin.run.together import work_in_batches
 
-    chunks = group(scenarios, count)
-    given = ((number, [scenarios[each] for each in its]) for number, its in enumerate(chunks))
     done = 0
     with reporter.progress(what, len(scenarios), "runs") as advance:
-        for number, found in jobs.results(work, given, min(count, len(chunks))):
+        for found in work_in_batches(work, scenarios, count):
             done += len(found)
             advance(done)
-            yield from zip(chunks[number], found, strict=True)
+            yield from found
 
 
 def attempt(scenarios: Sequence[Scenario]) -> list[Run | LawError]:

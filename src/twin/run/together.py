@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from controllers.catalog import origin
 from controllers.controller import PerRigReference
 from twin.base.errors import LawError, TwinError
+from twin.base.jobs import results
 from twin.run import assemble
 from twin.run.finished import Run, run
 from twin.run.loop import alike, drive
@@ -19,7 +20,11 @@ from twin.run.metrics import Ending
 from twin.run.record import Recorder
 from twin.scenario.schema import CATALOG_TABLES, Scenario, choices
 
+if TYPE_CHECKING:
+    from controllers.interfaces import Law
+
 Label = TypeVar("Label", bound=Hashable)
+Found = TypeVar("Found")
 
 MAX_BATCH_RIGS = 64
 """Most rigs of a batch: more are hardly faster, and 8 s of 64 rigs take 0.1 GB."""
@@ -63,12 +68,27 @@ def batch_key(scenario: Scenario) -> str | None:
     for table in CATALOG_TABLES:
         if origin(choices(table)[getattr(scenario, table).kind]) is not None:
             return None
-    try:
-        with assemble.own_errors():
-            known = {**alike(scenario), "needs": assemble.build_law(scenario).needs}
-    except TwinError:
-        return None  # its own run reports it
+    law = cast("type[Law]", choices("controller")[choice.kind])
+    known = {**alike(scenario), "needs": law.needs}
     return json.dumps(known, sort_keys=True, default=str)
+
+
+def work_in_batches(
+    work: Callable[[Sequence[Scenario]], Sequence[Found]],
+    scenarios: Mapping[Label, Scenario],
+    processes: int,
+) -> Iterator[list[tuple[Label, Found]]]:
+    """Labels and results of the scenarios of one batch after the other, as they come.
+
+    Args:
+        work: What is done with the scenarios of a batch, a function of a module; a result each.
+        scenarios: By label.
+        processes: Number of processes that work side by side.
+    """
+    batches = group(scenarios, processes)
+    jobs = ((number, [scenarios[each] for each in its]) for number, its in enumerate(batches))
+    for number, found in results(work, jobs, min(processes, len(batches))):
+        yield list(zip(batches[number], found, strict=True))
 
 
 def run_together(scenarios: Sequence[Scenario]) -> Iterator[Run | LawError]:

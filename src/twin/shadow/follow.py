@@ -317,7 +317,7 @@ class Follower:
         soft = tests.soft
         end = float(soft.end[crossing]) + DIAGNOSIS_S
         last = int(np.searchsorted(soft.end, end, side="right")) - 1
-        since = onset(soft, belief, crossing, last)
+        since = onset(soft, belief, crossing, last, tests.change)
         begin = float(soft.begin[since])
 
         def between(part: Evidence) -> Mask:
@@ -331,7 +331,7 @@ class Follower:
             self._ball.take(chosen),
             self._windows.take(chosen) if self._windows is not None and chosen.any() else None,
             self._other.take(between(self._other)),
-            baseline(soft, belief, since),
+            baseline(soft, belief, since, tests.change),
             replace(belief, changing=belief.changing * tests.factors[since]),
         )
         return Alarm(float(soft.end[crossing]), begin, tests.crossed(crossing), tuple(causes))

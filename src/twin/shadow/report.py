@@ -23,7 +23,7 @@ from twin.run.assemble import drawn_mechanism
 from twin.run.files import run_name
 from twin.run.picture import RUN_COLOURS, styled_figure
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import CHANGE_TEST, DEAD_TIME_TEST, Alarm, resolution
+from twin.shadow.alarms import Alarm, resolution
 from twin.shadow.belief import BELIEF_TABLES, CAUSE_SIZES, Belief, belief_of, beside, check_commands
 from twin.shadow.follow import DIAGNOSIS_S, LEARNING_S, PENDING_S, LiveFollower, Shadow, shadow
 from twin.shadow.horizon import HORIZON_S, PATH_STEPS, Replays
@@ -177,7 +177,7 @@ def _test(panel: Axes, found: Shadow) -> None:
     every, late = np.maximum(tests.ratio, 0.1), np.maximum(tests.delayed, 0.1)
     panel.semilogy(time, every, color=RUN_COLOURS[0], lw=1.2, label="all causes")
     panel.semilogy(time, late, color=RUN_COLOURS[1], lw=1, label="dead time alone")
-    for threshold in (CHANGE_TEST.threshold_llr, DEAD_TIME_TEST.threshold_llr):
+    for threshold in (tests.change.threshold_llr, tests.dead_time.threshold_llr):
         panel.axhline(threshold, color=ALARM_COLOUR, lw=1, ls="--")
     panel.legend(fontsize=7, loc="upper left")
     panel.set(ylabel="log likelihood ratio", title="A change against none; dashed: alarm")
@@ -234,11 +234,11 @@ def indistinguishable(found: Shadow) -> list[str]:
         ]
         words.append(f"Not distinguishable from healthy: a change of {', of '.join(sizes)}.")
     if found.tests.suspected:
-        ratio = float(found.tests.delayed.max())
+        ratio, test = float(found.tests.delayed.max()), found.tests.dead_time
         words.append(
             f"A different dead time is possible: its log likelihood ratio was {ratio:.1f}, where "
-            f"{DEAD_TIME_TEST.threshold_llr:.1f} is an alarm and healthy rigs exceed "
-            f"{DEAD_TIME_TEST.suspected_llr:g} about twice an hour."
+            f"{test.threshold_llr:.1f} is an alarm and healthy rigs exceed "
+            f"{test.suspected_llr:g} about twice an hour."
         )
     return words
 
@@ -272,9 +272,9 @@ def page(found: Shadow) -> str:
             "commands, the plate as its encoders correct it. Grey crosses: the ball rested, "
             "nothing can be concluded. Vertical lines: an alarm, and (dotted) when it most likely "
             "began. An alarm is raised where the logarithm of the likelihood ratio passes "
-            f"{CHANGE_TEST.threshold_llr:g}; the dead time has a test of its own with "
-            f"{DEAD_TIME_TEST.threshold_llr:.3g}. All causes count as equally likely a priori; "
-            "those below 5 % are not named.",
+            f"{found.tests.change.threshold_llr:g}; the dead time has a test of its own with "
+            f"{found.tests.dead_time.threshold_llr:.3g}. All causes count as equally likely a "
+            "priori; those below 5 % are not named.",
         ),
     ]
     if found.notes:

@@ -16,14 +16,14 @@ from controllers.arrays import Array
 from twin.base.data_file import read_packaged
 from twin.base.errors import LawError, ModelError, ScenarioError
 from twin.base.followers import DEFAULT, SHAPE
-from twin.base.jobs import cores, results
+from twin.base.jobs import cores
 from twin.base.settings import Setting
 from twin.base.writing import write_whole
 from twin.run.assemble import linkage_of
 from twin.run.finished import Run
 from twin.run.metrics import Ending
 from twin.run.picture import RUN_COLOURS, styled_figure
-from twin.run.together import group, run_together
+from twin.run.together import run_together, work_in_batches
 from twin.scenario.schema import CAMS_ONLY, LEFT_OUT, REGISTER, Scenario
 
 Overrides = Mapping[str, Any]
@@ -220,10 +220,8 @@ def explain(
     wanted = plan(scenario)
     different = {variant.model_dump_json(): variant for variant in wanted.values()}
     found: dict[str, EffectCase] = {}
-    chunks = group(different, processes or cores())
-    jobs = ((number, [different[name] for name in its]) for number, its in enumerate(chunks))
-    for number, some in results(attempt, jobs, min(processes or cores(), len(chunks))):
-        found |= zip(chunks[number], some, strict=True)
+    for some in work_in_batches(attempt, different, processes or cores()):
+        found |= some
         progress(len(found))
     cases = {name: found[variant.model_dump_json()] for name, variant in wanted.items()}
     return attribute(scenario, cases)
