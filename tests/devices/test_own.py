@@ -375,8 +375,8 @@ def board(folder, *options):
         served.communicate()
 
 
-def ballplate(folder, *words):
-    """Exit code and output of a command."""
+def run_command(folder, *words):
+    """A finished command, with its exit code and what it wrote."""
     done = subprocess.run(
         [sys.executable, "-c", "from twin.cli import main; main()", *map(str, words)],
         cwd=folder,
@@ -385,6 +385,12 @@ def ballplate(folder, *words):
         check=False,
     )
     assert "Traceback" not in done.stderr
+    return done
+
+
+def ballplate(folder, *words):
+    """Exit code and output of a command."""
+    done = run_command(folder, *words)
     return done.returncode, done.stdout + done.stderr
 
 
@@ -414,9 +420,10 @@ def test_the_example_runs_on_its_emulated_board(options, code, words, tmp_path):
 @pytest.mark.real_time
 def test_the_doctor_examines_own_hardware(tmp_path):
     with board(tmp_path) as rig:
-        code, said = ballplate(tmp_path, "doctor", "--rig", rig, "--move", "--json")
-    found = {each["what"]: each for each in json.loads(said)}
-    assert code == 0, said
+        done = run_command(tmp_path, "doctor", "--rig", rig, "--move", "--json")
+    found = {each["what"]: each for each in json.loads(done.stdout)}
+    assert done.returncode == 0, done.stdout
+    assert "the hardware of the rig file" in done.stderr
     assert found["backend"]["verdict"] == found["ball"]["verdict"] == "pass"
     x = float(re.match(r"x ([+\d.]+)", found["ball"]["seen"])[1])
     assert x == pytest.approx(30, abs=0.5)  # mm; a pixel of its camera is 0.5
