@@ -70,9 +70,9 @@ def by_periods(circle):
 
 
 def by_differential_equations(circle):
-    """python-control's integration of x' = f(x) + g(x) u, u being held for each period."""
-    plant, t, u = bp.systems.equations(), circle.done.time, commands(circle)
-    x = np.zeros((len(t), 8))
+    """python-control's integration with the spin as a state, u being held for each period."""
+    plant, t, u = bp.systems.equations(spin=True), circle.done.time, commands(circle)
+    x = np.zeros((len(t), 9))
     for k in range(len(t) - 1):
         found = control.input_output_response(
             plant, t[k : k + 2], np.repeat(u[:, [k]], 2, axis=1), x[k],
