@@ -28,6 +28,7 @@ from twin.devices.own import (
     LACKING,
     OWN_CONDITIONS,
     REPORTED,
+    SCALE,
     SCREEN_FAILED,
     SCREEN_REPORTED,
     SILENT,
@@ -35,7 +36,7 @@ from twin.devices.own import (
     Reading,
     load_backend,
 )
-from twin.hal.agreement import OPPOSITE
+from twin.hal.agreement import OPPOSITE, WRONG_RATIO
 from twin.hal.cams import FixedRatio
 from twin.hal.supervisor import BALL_LOST, State
 from twin.run.assemble import assemble
@@ -201,6 +202,46 @@ def test_an_encoder_that_counts_the_wrong_way_stops_own_hardware_within_its_limi
         assert np.degrees(tilt) < 10.5
         turned(rig, 0.5, 0.3)
         assert np.degrees(np.abs(hardware.board.angle).max()) < 10.5
+
+
+@pytest.mark.parametrize(
+    ("scales", "named", "words"),
+    [
+        ((2.0, 1.0), WRONG_RATIO, "phi: measured 2.0 times what is commanded"),
+        ((1.0, 1.5), WRONG_RATIO, "theta: measured 1.5 times what is commanded"),
+        ((1.5, 1.5), WRONG_RATIO, "measured 1.5 times what is commanded"),
+        ((0.5, 1.0), ASTRAY, "phi is measured to turn 0.5 times what is commanded: check"),
+    ],
+)
+def test_an_encoder_on_another_scale_is_named_and_the_plate_keeps_its_limit(
+    scales, named, words, scenario
+):
+    hardware = with_signs(VirtualBoard(), *scales)
+    tilt = 0.0
+    with own_rig(hardware, scenario()) as rig:
+        rig.start()
+        while rig.supervisor.state[0] != State.FAULT and hardware.now < 2:
+            turned(rig, rig.period, 0.3)
+            tilt = max(tilt, np.abs(hardware.board.angle).max())
+        assert named.name in rig.supervisor.reason[0]
+        assert words in rig.supervisor.reason[0]
+    assert np.degrees(tilt) < 10.5
+
+
+@pytest.mark.parametrize(
+    ("gain", "delay", "lag"), [(2.0, 0.0, 0.1), (0.6, 0.2, 0.0), (1.0, 0.1, 0.2)]
+)
+def test_a_scale_is_found_behind_delay_and_lag(gain, delay, lag):
+    omega, period = 2 * np.pi * 1.5, 0.002
+    time = period * np.arange(-1000, 300)
+    commanded = np.radians(5.0) * np.sin(omega * time)
+    behind = np.sin(omega * (time - delay) - np.arctan(omega * lag)) / np.hypot(1, omega * lag)
+    measured = gain * np.radians(5.0) * behind
+    found = SCALE.gain(commanded[-300:], measured[-300:], period)
+    assert found == pytest.approx(gain, rel=0.12)
+    noise = np.radians(3.0) * np.random.default_rng(1).standard_normal(300)
+    assert SCALE.gain(commanded[-300:], noise, period) is None
+    assert SCALE.gain(0.1 * commanded[-300:], measured[-300:], period) is None
 
 
 @pytest.mark.parametrize(("lag", "late"), [(0.004, 0.0), (0.08, 0.0), (0.04, 0.1)])

@@ -26,7 +26,7 @@ from controllers.arrays import Array
 from controllers.catalog import EXECUTES, error_words, failed_line
 from twin.base.errors import RigError, ScenarioError
 from twin.devices.common import FaultReports, Ranged, net, ranged
-from twin.hal.agreement import AXES, OPPOSITE
+from twin.hal.agreement import AXES, OPPOSITE, WRONG_RATIO
 from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
 
 Answer = TypeVar("Answer")
@@ -246,6 +246,65 @@ class _DirectionTest:
         return max(slopes) <= self.slope
 
 
+@dataclass(frozen=True, kw_only=True)
+class _ScaleTest:
+    """When a plate that is not where it was commanded counts on another scale.
+
+    The measured angle is explained by the commanded one, delayed and behind a first-order lag:
+    measured = gain * lagged(commanded, delay) + constant, by least squares, with an unknown start
+    of the lag.
+
+    Attributes:
+        delays: How many s later than its command the plate may move.
+        lags: Time constants in s with which it may follow.
+        commanded: Minimum range of the command in rad.
+        unexplained: Share of the motion, as root of the mean square, that may be left.
+        too_far: Gain from which no lag and no slow servo explains the motion.
+        too_near: Gain below which the plate is reported to turn too little.
+    """
+
+    delays: tuple[float, ...] = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)
+    lags: tuple[float, ...] = (0.0, 0.05, 0.1, 0.2)
+    commanded: float = math.radians(2.0)
+    unexplained: float = 0.1
+    too_far: float = 1.3
+    too_near: float = 0.75
+
+    def gain(self, commanded: Array, measured: Array, period: float) -> float | None:
+        """Measured per commanded angle, both in rad period by period, (n,).
+
+        None where the command moves too little, or where no delay and lag explains the motion.
+        """
+        best: tuple[float, float] | None = None
+        time = period * np.arange(len(commanded))
+        for lag in self.lags:
+            followed = _follow(commanded, 1 - math.exp(-period / lag)) if lag else commanded
+            unknown = np.ones((len(time), 1))  # where the encoder has its zero, and the start
+            if lag:
+                unknown = np.column_stack((unknown, np.exp(-time / lag)))
+            for delay in self.delays:
+                late = round(delay / period)
+                asked, seen = followed[: max(0, len(followed) - late)], measured[late:]
+                if len(asked) < 2 or not np.ptp(asked) >= self.commanded:
+                    continue
+                known = np.column_stack((asked, unknown[: len(asked)]))
+                fitted = np.linalg.lstsq(known, seen, rcond=None)[0]
+                left = float(np.square(seen - known @ fitted).sum() / max(np.var(seen), 1e-12))
+                if best is None or left / len(seen) < best[0]:
+                    best = left / len(seen), float(fitted[0])
+        return best[1] if best and best[0] <= self.unexplained**2 else None
+
+
+def _follow(angle: Array, share: float) -> Array:
+    """An angle in rad, (n,), behind a first-order lag that takes in a share each period."""
+    followed, now = np.empty_like(angle), angle[0]
+    for index, each in enumerate(angle):
+        now += share * (each - now)
+        followed[index] = now
+    return followed
+
+
+SCALE = _ScaleTest()
 DIRECTION = _DirectionTest()
 AT_ONCE = _DirectionTest(delays=(0.0,))
 """The same for a plate that is known not to be where it should be, to tell in which way."""
@@ -593,14 +652,18 @@ class OwnServos(_OwnDriver):
         self._looks += 1
         if self._looks % DIRECTION.every == 0:
             self._watch_direction(DIRECTION)
-        off = float(np.degrees(np.abs(plate - self._model).max()))
-        if off <= self.config.astray_deg:
+        off = np.degrees(np.abs(plate - self._model))
+        astray = off.max() > self.config.astray_deg
+        if astray and self._looks % DIRECTION.every == 0:
+            self._watch_scale(int(off.argmax()))
+        if not astray:
             self._astray = None
         elif self._astray is None:
             self._astray = now
         elif now - self._astray > ASTRAY_FOR:
             self._watch_direction(AT_ONCE)
-            self._report(ASTRAY, f"{off:.1f} deg off for {now - self._astray:.1f} s")
+            text = f"{off.max():.1f} deg off for {now - self._astray:.1f} s"
+            self._report(ASTRAY, f"{text}{self._describe_scale(int(off.argmax()))}")
 
     def _watch_direction(self, test: _DirectionTest) -> None:
         """Report an axis that is measured to turn against its commands."""
@@ -611,6 +674,26 @@ class OwnServos(_OwnDriver):
                 turned = np.degrees((asked[-1] - asked[0], seen[-1] - seen[0]))
                 text = f"{name}: commanded {turned[0]:+.2f} deg, measured {turned[1]:+.2f} deg"
                 self._report(OPPOSITE, text)
+
+    def _scale(self, axis: int) -> float | None:
+        """Measured per commanded angle of an axis; None where it does not explain the motion."""
+        commanded, measured = np.split(np.array(self._motion), 2, axis=1)
+        return SCALE.gain(commanded[:, axis], measured[:, axis], self._period)
+
+    def _watch_scale(self, axis: int) -> None:
+        """Report an axis that is measured to turn farther than commanded."""
+        gain = self._scale(axis)
+        if gain is not None and gain >= SCALE.too_far:
+            text = f"{AXES[axis]}: measured {gain:.1f} times what is commanded"
+            self._report(WRONG_RATIO, text)
+
+    def _describe_scale(self, axis: int) -> str:
+        """What is to be checked of an axis that turns less than commanded; empty if unknown."""
+        gain = self._scale(axis)
+        if gain is None or gain > SCALE.too_near:
+            return ""
+        seen = f"{AXES[axis]} is measured to turn {gain:.1f} times what is commanded"
+        return f"; {seen}: check its scale, and whether the servos are fast enough"
 
 
 class _LastSeen:
