@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from twin.devices.akd.conditions import CONTRADICTION
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.rig import SLOW, UNCHECKED
 from twin.emulator.drive import EmulatedDrive
@@ -49,6 +50,13 @@ def turned(rig, rate, seconds=0.6):
     return trace.between(0.0).tilt.max(), stopped[0].condition if stopped else None
 
 
+def stop_text(rig):
+    """The first condition that stopped a rig, in words."""
+    return next(
+        each.note.text for each in rig.journal if each.note.condition.severity == Severity.STOP
+    )
+
+
 SIGNS = [
     (axis, wrong, OPPOSITE)
     for axis in (0, 1, None)
@@ -81,6 +89,16 @@ def test_a_wrong_setting_is_named_and_the_plate_stays_near_its_limit(
     assert tilt < float(np.radians(12.0))
     if condition is OPPOSITE:
         assert tilt < np.radians(1.0)
+
+
+@pytest.mark.parametrize(("axis", "factor", "words"), [(0, 2.0, "0.5"), (1, 0.5, "2.0")])
+def test_a_wrong_velocity_unit_is_named_by_its_ratio(axis, factor, words, scenario):
+    unit = factor * AxisConfig(name="phi", node=1).velocity_unit
+    rig = LockstepRig(scenario(*PLANT), config=configured(0.002, axis, velocity_unit=unit))
+    tilt, stopped = turned(rig, (0.5, 0.5), 1.0)
+    assert stopped is CONTRADICTION
+    assert f"turns {words} times as far as the velocity: check velocity_unit" in stop_text(rig)
+    assert tilt < np.radians(12.0)
 
 
 WIRES = {

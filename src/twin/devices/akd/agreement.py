@@ -31,6 +31,8 @@ class MotionAgreement:
         self._slack = slack
         self._samples: deque[tuple[float, float, float, float, float]] = deque()
         """Time in s, position in rad, velocity in rad/s and added up in rad, its size likewise."""
+        self.ratio = 1.0
+        """How far the position turned within the window, per velocity added up; NaN if unknown."""
 
     def restart(self) -> None:
         """Forget what was before."""
@@ -56,7 +58,9 @@ class MotionAgreement:
         while sampled - self._samples[0][0] > self.WINDOW:
             self._samples.popleft()
         _, first, rate_before, turned_before, way_before = self._samples[0]
-        off = abs((angle - first) - (turned - turned_before))
+        by_position, by_velocity = angle - first, turned - turned_before
+        self.ratio = by_position / by_velocity if abs(by_velocity) > self._slack else math.nan
+        off = abs(by_position - by_velocity)
         allowed = self.SHARE * (way - way_before) + self.LAG * abs(rate - rate_before)
         return off - self._slack - allowed
 

@@ -409,6 +409,9 @@ class Axis:
             off = self._agreement.take(self.plate.sampled, self.motor.angle, self.rate)
             if off > 0:
                 detail = f"off by {off:.3f} rad more than allowed, at {self.rate:.2f} rad/s"
+                if (ratio := self._agreement.ratio) > 0:  # neither unknown nor turned over
+                    turns = f"the position turns {ratio:.1f} times as far as the velocity"
+                    detail = f"{detail}; {turns}: check velocity_unit and gear"
                 self._report(c.CONTRADICTION, detail, at)
         for counter, rate, most, condition, whose in (
             (self.motor, self.sent, limits.travel, c.FROZEN, "commanded"),
