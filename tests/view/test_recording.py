@@ -46,6 +46,11 @@ PROMISED = (
     "delay_ms/age",
     "wheel_force_N/wheel_phi",
     "torque_Nm/torque_theta",
+    "states/supervisor",
+    "states/ball",
+    "states/screen",
+    "states/effort",
+    "states/wheels",
     "events",
 )
 
@@ -61,15 +66,7 @@ def folder(tmp_path_factory):
     return place
 
 
-def printed(path, *options):
-    command = [str(program()), "rrd", "print", *options, str(path)]
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=True, env=viewer.environment()
-    )
-    return done.stdout
-
-
-def numbers(path, entity, part):
+def numbers(printed, path, entity, part):
     """The numbers of the only component of an entity that is called so."""
     text = printed(path, "-vvv", "--entity", entity)
     cells = [line.split("┆") for line in text.splitlines() if re.search("RowId|row_", line)]
@@ -77,7 +74,7 @@ def numbers(path, entity, part):
     return [float(each) for each in re.findall(r"-?[\d.]+", found)]
 
 
-def test_a_recording_holds_everything_promised_on_one_time_line(folder, tmp_path):
+def test_a_recording_holds_everything_promised_on_one_time_line(folder, tmp_path, printed):
     write(tmp_path / "view.rrd", open_run(folder))
     text = printed(tmp_path / "view.rrd")
     missing = [entity for entity in PROMISED if f"/circle/{entity}" not in text]
@@ -90,7 +87,7 @@ def test_a_recording_holds_everything_promised_on_one_time_line(folder, tmp_path
 
 
 @pytest.fixture
-def drawn(tmp_path):
+def drawn(tmp_path, printed):
     """Draws a moment of a circle: all that is printed of it, its root, numbers of its entities."""
 
     def draw(*settings):
@@ -98,7 +95,7 @@ def drawn(tmp_path):
         write(path, [run(load("circle", about))])
         text = printed(path)
         (root,) = set(re.findall(r"(/\S+)/mechanism/base/base", text))
-        return text, root, lambda entity, part: numbers(path, f"{root}/{entity}", part)
+        return text, root, lambda entity, part: numbers(printed, path, f"{root}/{entity}", part)
 
     return draw
 
@@ -148,7 +145,7 @@ def test_a_round_plate_is_drawn_round(drawn, rig, thick):
     assert np.hypot(*rim.T) == pytest.approx(np.full(len(rim), 150), abs=1e-3)
 
 
-def test_several_runs_stand_side_by_side_under_names_of_their_own(folder, tmp_path):
+def test_several_runs_stand_side_by_side_under_names_of_their_own(folder, tmp_path, printed):
     runs = open_runs((folder, folder / "run.parquet"))
     assert [each.name for each in runs] == ["circle", "circle~2"]
     write(tmp_path / "view.rrd", runs)
@@ -220,7 +217,7 @@ def test_the_viewer_opens_a_recording_without_a_warning_of_our_making(folder, tm
     assert os.path.getsize(tmp_path / "view.png") > 10_000  # noqa: PTH202
 
 
-NO_LINES = ("TextLogView",)
+NO_LINES = ("TextLogView", "StateTimelineView")
 """Views that show words in the colours of the viewer's own theme."""
 
 

@@ -6,7 +6,7 @@ import keyword
 import re
 import tempfile
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -360,19 +360,50 @@ def _open_runs(paths: tuple[Path, ...]) -> list[Run]:
 def view(runs: tuple[Path, ...], rrd: Path | None, serve: int | None) -> int:
     """Open run folders in the Rerun viewer, several side by side on one time line.
 
-    RUNS are run folders, folders of such, or `last`; the newest run if there is none.
+    RUNS are run folders, folders of such, or `last`; the newest run if there is none. A trace of a
+    CAN bus, as trace.log, is shown by its states, signals and events.
     """
-    opened = _open_runs(runs)
-    from twin.view.recording import write  # heavy: a wrong name was reported before
+    write = _writer_of_trace(runs[0]) if len(runs) == 1 and _is_trace(runs[0]) else None
+    if write is None:
+        opened = _open_runs(runs)
+        from twin.view.recording import write as write_runs  # heavy: wrong names come first
+
+        def write(path: Path) -> None:
+            write_runs(path, opened)
 
     if rrd is not None:
-        write(rrd, opened)
+        write(rrd)
         say(f"written to {rrd}")
         return 0
     with tempfile.TemporaryDirectory(prefix="ballplate-") as folder:
         recording = Path(folder) / "view.rrd"
-        write(recording, opened)
+        write(recording)
         return _show(recording, serve)
+
+
+def _is_trace(path: Path) -> bool:
+    """Whether a path is a file that may be a trace of a CAN bus: neither a record nor a table."""
+    from twin.run.files import is_record
+
+    return path.is_file() and not is_record(path) and path.suffix not in {".csv", ".toml"}
+
+
+def _writer_of_trace(path: Path) -> Callable[[Path], None]:
+    """Writes a recording of a trace of a CAN bus.
+
+    Raises:
+        LogError: If nothing in it can be read.
+    """
+    from twin.devices.akd.decoding import Conversation
+    from twin.devices.akd.traces import read_trace
+
+    found = read_trace(path, None)
+    for remark in found.remarks:
+        TERMINAL.warn(remark)
+    conversation = Conversation(found.frames, timed=found.timed)
+    from twin.view.bus import write_bus
+
+    return lambda target: write_bus(target, conversation, path.name)
 
 
 def _show(recording: Path, serve: int | None) -> int:

@@ -17,7 +17,15 @@ from twin.hal.interface import SCREEN_SIZE_M
 from twin.run.finished import Run
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, SharedRingBuffer, step_back
-from twin.view.streams import PLOT_TABLES, TIMELINE_NAME, TWIN_PLOTS, TWIN_RANGE, Batch, RunStream
+from twin.view.streams import (
+    LANES,
+    PLOT_TABLES,
+    TIMELINE_NAME,
+    TWIN_PLOTS,
+    TWIN_RANGE,
+    Batch,
+    RunStream,
+)
 from twin.view.viewer import environment
 
 PLOT_GROUND, MECHANISM_GROUND = (16, 18, 22), (30, 33, 38)
@@ -43,7 +51,12 @@ def blueprint(
             rrb.TextLogView(contents=[f"+ {root}/events" for root in roots], name="events"),
             column_shares=[2, 1],
         ),
-        row_shares=[3, 2],
+        rrb.StateTimelineView(
+            origin=f"{roots[0]}/{LANES}" if len(roots) == 1 else "/",
+            contents=[f"+ {root}/{LANES}/**" for root in roots],
+            name="states",
+        ),
+        row_shares=[7, 5, 5],
     )
     tabs: dict[str, list[rrb.View]] = {
         name: [*_plots(roots, groups, titles)] for name, titles in PLOT_TABLES.items()
@@ -126,12 +139,14 @@ def fix(stream: rr.RecordingStream, shapes: Iterable[tuple[str, rr.AsComponents]
         stream.log(entity, shape, static=True)
 
 
-def send(stream: rr.RecordingStream, batches: Iterable[Batch]) -> None:
-    """Send batches of columns."""
+def send(
+    stream: rr.RecordingStream, batches: Iterable[Batch], timeline: str = TIMELINE_NAME
+) -> None:
+    """Send batches of columns on a time line."""
     for batch in batches:
         # Rerun rounds the times of rows, but cuts those of columns
         whole = np.round(1e9 * batch.time).astype("timedelta64[ns]")
-        time = rr.TimeColumn(TIMELINE_NAME, duration=whole)
+        time = rr.TimeColumn(timeline, duration=whole)
         rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
 
 

@@ -20,6 +20,7 @@ from twin.run.assemble import build_reference, drawn_mechanism, parts_of
 from twin.run.finished import columns, states_of
 from twin.scenario.schema import Scenario
 from twin.sim.plant.model import screen_of
+from twin.view.lanes import STATE_COLOURS, RunLanes, lane_columns, looks
 
 Colour = tuple[int, int, int]
 
@@ -247,6 +248,8 @@ def signals(
     return found
 
 
+LANES = "states"
+"""Group of the lanes of states."""
 TIMELINE_NAME = "simulated time [s]"
 POSES_PER_SECOND = 50.0
 """Poses and trails per second; the plots have every period."""
@@ -295,6 +298,7 @@ class RunStream:
         self._trail = np.empty((0, 3))
         self._next_frame = -1.0
         self._state = -1
+        self._lanes = RunLanes(scenario)
         self._marks: dict[str, bool] = {}
 
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
@@ -303,6 +307,8 @@ class RunStream:
         times = np.linspace(0, self.scenario.duration, 2000)
         path = self._reference(times)[0]
         yield from self._top_view(path)
+        for name in STATE_COLOURS:
+            yield f"{self.root}/{LANES}/{name}", looks(name)
         lifted = np.column_stack((path, np.full(len(path), self.scene.surface + 0.001)))
         yield (
             f"{self.scene.plate}/reference_path",
@@ -361,6 +367,8 @@ class RunStream:
             for name, values in plot.items():
                 shown = rr.Scalars.columns(scalars=values)
                 yield Batch(f"{self.root}/{group}/{name}", time, shown)
+        for name, lane in self._lanes.take(rows):
+            yield Batch(f"{self.root}/{LANES}/{name}", lane.time, lane_columns(lane.states))
         yield from self._states_and_events(rows)
         keep = self._frames(time)
         if len(keep):
