@@ -50,7 +50,7 @@ class Changes(TypedDict, total=False):
     seed: int
     """Seed of the noise."""
     baseline: bool
-    """Whether the clean model runs beside it."""
+    """Whether the clean model runs as well."""
     plant: Table
     """What is simulated: ball, friction, surface, drives, start."""
     rig: Table
@@ -68,7 +68,7 @@ class Changes(TypedDict, total=False):
     reference: Table | str | Reference | type[Reference]
     """The path of the ball and its settings."""
     metrics: Table
-    """From when steady tracking is judged, and the settling band."""
+    """From when steady tracking is evaluated, and the settling band."""
     parameters: str
     """File of identified parameters that lie over the scenario's own."""
 
@@ -122,7 +122,7 @@ def scenario_of(name: str | Path, changed: Sequence[KeyChange], *, titled: bool 
     Args:
         name: A shipped scenario, or a TOML file.
         changed: What is changed of it.
-        titled: Whether its title says so, and with that what ran.
+        titled: Whether its title states it.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
@@ -322,7 +322,7 @@ def model(
 
     Args:
         scenario: Whose ball it has, on which the scenario's controller is designed unless
-            ``controller.model`` says otherwise; the nominal one by default.
+            ``controller.model`` is set; the nominal one by default.
         settings: What is changed of that scenario, by dotted keys or as texts ``KEY=VALUE``.
         changes: What is changed of that scenario, by tables.
 

@@ -64,7 +64,7 @@ class Comparison(Mapping[str, "Result"]):
     logs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Call a run what it is called, or by its label."""
+        """Name of a run, or its label."""
         self.names = {label: self.names.get(label, label) for label in self.runs}
 
     def __getitem__(self, label: str) -> Result:
@@ -171,11 +171,11 @@ def compare(
     reporter: Reporter | None = None,
     **changes: Unpack[Changes],
 ) -> Comparison:
-    """Run several scenarios, or variants of one, side by side, beside what was recorded before.
+    """Run several scenarios, or variants of one, side by side, together with finished runs.
 
     ``compare("circle", vary={"controller.kind": ["afl", "lqr"]})``, or two laws with gains of
     their own: ``vary={"controller": [{"kind": "afl"}, {"kind": "lqr", "rho": 100}]}``. Finished
-    runs stand beside them as they are, logs over what the twin predicts for the first scenario.
+    runs are shown as they are, logs over what the twin predicts for the first scenario.
 
     Args:
         sources: Scenarios by name or TOML file, run folders, CSV logs, results of ``run`` or
@@ -285,7 +285,7 @@ def runs_of_logs(
     names: Sequence[str],
     finished: Sequence[Run],
     base: Sequence[KeyChange],
-    told: tuple[str | None, str | None],
+    columns_and_separator: tuple[str | None, str | None],
     tell: Callable[[str], None],
 ) -> tuple[list[Run], list[KeyChange]]:
     """Logs as runs, and what their prediction is to be changed to.
@@ -293,9 +293,9 @@ def runs_of_logs(
     Args:
         logs: Files.
         names: Of scenarios; the first one's reference is the logs'.
-        finished: Runs beside them, whose reference it is without any.
+        finished: Finished runs; without scenarios, the first gives the reference.
         base: What is changed of the scenario.
-        told: The columns of logs of any rig, None of other logs, and what separates these.
+        columns_and_separator: The columns of logs of any rig, None of other logs; their separator.
         tell: Receives what was left out of them.
     """
     from twin.identify.logs import read_any, wanted_columns
@@ -303,7 +303,7 @@ def runs_of_logs(
 
     runs: list[Run] = []
     fitted: list[KeyChange] = []
-    columns, separator = told
+    columns, separator = columns_and_separator
     if columns is not None and not logs:
         raise ScenarioError("columns: are of a log; name one, as in run.csv")
     for path in logs:
@@ -342,7 +342,7 @@ def cases_of(
         names: Scenarios.
         base: What is changed of all of them.
         varied: Key to plain values.
-        alone: Whether nothing else stands beside them.
+        alone: Whether nothing else is shown.
 
     Raises:
         ScenarioError: If anything in them is unknown or out of range.

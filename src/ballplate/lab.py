@@ -36,10 +36,10 @@ def check(
     Args:
         lab: Name of a shipped lab, or the folder of any.
         answer: The file; by default what the lab calls it, in the current folder. A ``rig.toml``
-            beside it says whose rig it is for.
-        student: Whose rig it is for, where no ``rig.toml`` says so.
+            next to it names the student.
+        student: The student, where no ``rig.toml`` names one.
         key: The course's key; without one, what is hidden of a rig is a value to practise on.
-        hidden: Whether hidden checks are judged, too.
+        hidden: Whether hidden checks are graded, too.
         page: HTML file to write with the result and a picture of the run that lost most points.
 
     Raises:

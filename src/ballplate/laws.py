@@ -15,7 +15,7 @@ Examples:
 """
 
 from controllers import advanced, classical
-from controllers.advanced import *  # noqa: F403  what it says that it has
+from controllers.advanced import *  # noqa: F403  its __all__
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.classical import *  # noqa: F403

@@ -15,7 +15,7 @@ from controllers import observers as _shipped
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from controllers.interfaces import DelayedObserver, Measurement, Observer, Quantity
-from controllers.observers import *  # noqa: F403  what it says that it has
+from controllers.observers import *  # noqa: F403  its __all__
 
 __all__ = ["Array", "BallPlate", "DelayedObserver", "Mask", "Measurement", "Observer", "Quantity"]
 __all__ += _shipped.__all__

@@ -14,7 +14,7 @@ SOURCE_FOLDER = Path(__file__).resolve().parents[1]
 
 
 def _take_twin() -> None:
-    """Import ``twin`` from beside this package; it finds all others there.
+    """Import ``twin`` from the folder of this package; it finds all others there.
 
     Raises:
         ImportError: If something else is called so already.
@@ -25,7 +25,7 @@ def _take_twin() -> None:
     finally:
         sys.path.remove(str(SOURCE_FOLDER))
     if found.parent != SOURCE_FOLDER / "twin":
-        raise ImportError(f"another module called twin was imported before ballplate: {found}")
+        raise ImportError(f"a different module called twin was imported before ballplate: {found}")
 
 
 _take_twin()

@@ -16,7 +16,7 @@ Examples:
 from controllers import references as _shipped
 from controllers.arrays import Array
 from controllers.interfaces import Reference
-from controllers.references import *  # noqa: F403  what it says that it has
+from controllers.references import *  # noqa: F403  its __all__
 
 __all__ = ["Array", "Reference"]
 __all__ += _shipped.__all__

@@ -1,4 +1,4 @@
-"""Who is told of progress and dangers, and how results show themselves in a notebook."""
+"""Who receives progress and warnings, and how results show themselves in a notebook."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 OWN_PACKAGES = ("ballplate", "twin", "contextlib")
-"""Packages whose lines a warning is not about."""
+"""Packages that a warning is not attributed to."""
 LINE_EVERY = 10.0
 """Seconds between two lines of progress where there is no terminal."""
 
@@ -90,7 +90,7 @@ class Notebook(Reporter):
 
 
 def now_and_then(what: str, total: float, unit: str, say: Callable[[str], object]) -> Advance:
-    """Progress that is said in a line every ``LINE_EVERY`` seconds; what, total and unit as there.
+    """Progress, printed in a line every ``LINE_EVERY`` seconds; what, total and unit as there.
 
     Args:
         what: Label of the work.

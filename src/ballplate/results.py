@@ -49,7 +49,7 @@ class Result(Run):
 
     @classmethod
     def from_run(cls, run: Run, name: str = "", label: str = "") -> Result:
-        """That of a run which was just made or opened, under another name if one is given."""
+        """The result of a run that was just made or opened, under a name of its own if given."""
         found = cls.__new__(cls)
         name = name or run.name
         vars(found).update(vars(run), name=name, label=label or name, baseline=None, beside={})
@@ -82,7 +82,7 @@ class Result(Run):
 
     @property
     def shown(self) -> dict[str, Result]:
-        """The runs of its picture by label: itself, the clean model, those beside it."""
+        """The runs of its picture by label: itself, the clean model, further runs."""
         clean = {} if self.baseline is None else {self.baseline.label: self.baseline}
         return {self.label: self, **clean, **self.beside}
 
@@ -122,13 +122,13 @@ class Result(Run):
         """Write the signals for other programs, or the runs of its picture as one that moves.
 
         Args:
-            file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` by the extra
+            file: Format by its ending: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` by the extra
                 ``mcap``; of a moving picture ``.webp``, ``.gif`` or ``.mp4`` (by the extra
                 ``video``).
             reporter: Receives progress; a notebook has its own.
             cut: Of a moving picture, those of ``twin.run.film.Cut``: ``fps``, frames a second [20];
                 ``since`` and ``until``, times of the run at which it begins and ends, s [all];
-                ``seconds``, how long it lasts [as long as what it shows]; ``size``, its width in
+                ``seconds``, its duration [that of the run]; ``size``, its width in
                 pixels [600]; ``render``, ``plate`` from above or ``mujoco`` for the mechanism in
                 3D, which needs EGL or OSMesa.
 
@@ -150,7 +150,7 @@ class Result(Run):
 
         Args:
             folder: Where; ``runs/NAME`` by default, or the next free name if the law of the run
-                there was another.
+                there was a different one.
 
         Raises:
             RecordError: If it cannot be written, or the run is one that was opened.
@@ -160,7 +160,7 @@ class Result(Run):
             if folder is None:
                 place = free(place)
             else:
-                default().warn(f"{place}: replaces a run whose law was another")
+                default().warn(f"{place}: replaces a run of a different law")
         return save_result(self, place).folder or place
 
     def _repr_html_(self) -> str:
@@ -169,8 +169,8 @@ class Result(Run):
 
     def __repr__(self) -> str:
         error = self.metrics.get("tracking_error_percent")
-        said = "" if error is None else f", tracking error {error:.3g} %"
-        return f"<{type(self).__name__} {self.title!r}: {self.outcome}{said}>"
+        words = "" if error is None else f", tracking error {error:.3g} %"
+        return f"<{type(self).__name__} {self.title!r}: {self.outcome}{words}>"
 
 
 def save_result(result: Result, folder: Path) -> Result:
@@ -299,7 +299,7 @@ def identify(
         log: Run folder, ``run.parquet`` or CSV file with named columns, or a result; preferably
             recorded with the scenario ``excite``. With ``columns`` one or more logs of any rig.
         parameters: Names of those to fit, as ``rolling`` or ``dead_time``; the usual ones if none.
-        hold_out: Share of the log held out from the fit, 0 to 0.8; with ``columns`` also another
+        hold_out: Share of the log held out from the fit, 0 to 0.8; with ``columns`` also a second
             log, or some.
         columns: Of a log of any rig, ``"time=t:ms,measured_x=X:mm,command_phi=u:deg"``.
         separator: Between its columns; found if None.
@@ -357,7 +357,7 @@ def identify(
         if others:
             raise ScenarioError("log: give one; several are taken with columns only")
     if not isinstance(hold_out, float | int):
-        raise ScenarioError("hold_out: must be 0 to 0.8; another log is taken with columns only")
+        raise ScenarioError("hold_out: must be 0 to 0.8; a second log is taken with columns only")
     wanted_names = chosen(",".join(names) or None)
     recorded = _read_recorded(log)
     if factor is not None:

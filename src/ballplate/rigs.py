@@ -75,7 +75,7 @@ class Rig:
         self._ended: list[Outcome] | None = None
         self._over = False
         self._since = -1
-        """The period from whose measurement comes what is applied."""
+        """The period that was measured for the applied command."""
         self._computing: list[tuple[float, float]] = []
 
     def __enter__(self) -> Self:
@@ -141,7 +141,7 @@ class Rig:
             What the sensors say then.
 
         Raises:
-            TwinError: If the rig is not entered, the run is over, or a shape is another.
+            TwinError: If the rig is not entered, the run is over, or a shape is wrong.
         """
         if not hasattr(self, "_begin") or self._ended is not None:
             raise TwinError("a rig is stepped within its context: with ballplate.rig(...) as rig:")
@@ -205,7 +205,7 @@ def as_shape(what: str, given: ArrayLike, *shapes: tuple[int, ...]) -> Array:
     """Numbers of one of some shapes.
 
     Raises:
-        TwinError: If they are no numbers, or of another shape, which it names.
+        TwinError: If they are no numbers, or of a wrong shape, which it names.
     """
     try:
         found = np.asarray(given, float)
@@ -313,10 +313,10 @@ def fmu(
     if path.suffix != ".fmu":
         raise RecordError(f"{path}: an FMU's file must end in .fmu")
     find(str(scenario))
-    said = [*changes_of(settings, changes), *changes_of(EXACT_PLANT, {})]
-    chosen = scenario_of(scenario, said)
+    given = [*changes_of(settings, changes), *changes_of(EXACT_PLANT, {})]
+    chosen = scenario_of(scenario, given)
     still = NO_NOISE | ({"plant.servo.vibration": 0} if chosen.plant.servo.vibration_wander else {})
-    quiet = scenario_of(scenario, [*said, *changes_of(still, {})])
+    quiet = scenario_of(scenario, [*given, *changes_of(still, {})])
     from twin.fmu.export import export
 
     if lacking := export(path, chosen, quiet, fmi=fmi, wished=wished):

@@ -1,4 +1,4 @@
-"""One scenario run: on its plant, or on a real or emulated rig, with the clean model beside it."""
+"""One scenario run: on its plant, or a real or emulated rig, with the clean model as well."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def run(
     reporter: Reporter | None = None,
     **changes: Unpack[Changes],
 ) -> Result:
-    """Run a scenario, the clean model beside it if the scenario compares with it.
+    """Run a scenario, and the clean model as well if the scenario compares with it.
 
     ``run("circle", controller={"kind": "lqr"}, duration=12)`` and ``ballplate run circle --set
     controller.kind=lqr --set duration=12`` give the same record, bit for bit. Ctrl-C ends the run
@@ -70,7 +70,7 @@ def run(
             name.
         on: Rig file, or ``emulated`` for the virtual rig; simulated by default.
         reset: Whether faults found in the drives of a rig are reset when switching on.
-        trace: Where all that is said on the CAN bus of a rig is kept, in a format of python-can
+        trace: Where all frames of the CAN bus of a rig is kept, in a format of python-can
             by the file's ending; in the run's folder as ``trace.log`` by default.
         watch: Makes the context of the run, which is given the recorder to observe.
         reporter: Receives progress and warnings; a notebook has its own.
@@ -78,7 +78,7 @@ def run(
 
     Raises:
         TwinError: If there is no such scenario, or anything in it is unknown, out of range or
-            cannot be assembled: one line that says what, where, and what is allowed.
+            cannot be assembled: one line with what, where, and what is allowed.
 
     Examples:
         >>> import ballplate as bp
@@ -159,7 +159,7 @@ def _run_others(
 
 @contextmanager
 def _keep_rig_outcome(reporter: Reporter, rig: Rig | None) -> Iterator[None]:
-    """Only tell what a law raises beside what a rig did, which is to be kept."""
+    """Only report an error of a law: the record of the rig is kept."""
     try:
         yield
     except LawError as error:
@@ -202,10 +202,10 @@ def write_trace(
     bounded: bool,
     incomplete: list[str] | None = None,
 ) -> Iterator[Callable[[Any], None] | None]:
-    """Have the frames of a bus written by another process; what is given one never waits.
+    """Have the frames of a bus written by a second process; handing one over never waits.
 
     The end of the context waits for that process for as long as it makes progress. An error of the
-    run within says where the trace lies.
+    run within knows where the trace lies.
 
     Args:
         file: Where; None for nowhere.
@@ -228,12 +228,12 @@ def write_trace(
         except TwinError as error:
             live.finish(EVIDENCE_PATIENCE)
             if live.written:
-                error.args = (f"{error}; what was said on the bus: ballplate trace {file}",)
+                error.args = (f"{error}; the frames of the bus: ballplate trace {file}",)
             raise
         ended = live.finish(EVIDENCE_PATIENCE)
         if not live.written:
             if not bounded:
-                reporter.warn(f"{file}: not written, for nothing was said on a CAN bus")
+                reporter.warn(f"{file}: not written: there was no frame on a CAN bus")
             return
         if live.missing or not ended:
             lost = "its last frames may be missing"
@@ -290,12 +290,12 @@ LATER_WARNING = (
     "drives and dead time are {:.0f} ms later than rig.plate_lag and predictor.delay say",
     30,
 )
-EARLIER_WARNING = "the dead time is {:.0f} ms shorter than predictor.delay says", 15
-"""How a rig may differ from what the cure is told, and from how many ms on its error may double."""
+EARLIER_WARNING = "the dead time is {:.0f} ms shorter than predictor.delay", 15
+"""How a rig may differ from what the cure assumes, and from how many ms on its error may double."""
 
 
 def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
-    """Warn of an unstable loop, a slow observer, or a rig that is not as late as the cure is told.
+    """Warn of an unstable loop, a slow observer, or a rig whose delay the cure does not assume.
 
     Args:
         scenario: What is to run.
@@ -312,16 +312,17 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
     dangers = [instability(controller.law, controller.observer, dead_time=late, lag=lag)]
     dangers.append(slow_observer(controller.law, controller.observer))
     dead = scenario.sensors.touch.dead_time - (knows.delay if knows else 0.0)
-    told, encoders = scenario.rig.plate_lag, getattr(scenario.observer, "plate", "") != "modelled"
-    unknown = lag - told if told or not encoders else max(0.0, lag - LONGEST_LAG)
-    drives = scenario.plant.servo.dead_time  # beside encoders nothing told has it in it
+    assumed = scenario.rig.plate_lag
+    encoders = getattr(scenario.observer, "plate", "") != "modelled"
+    unknown = lag - assumed if assumed or not encoders else max(0.0, lag - LONGEST_LAG)
+    drives = scenario.plant.servo.dead_time  # no assumed value contains it where there are encoders
     dead, unknown = (dead, unknown + drives) if encoders else (dead + drives, unknown)
-    for (said, most), by in (
+    for (message, most), by in (
         (LATER_WARNING, 1000 * (dead + unknown)),
         (EARLIER_WARNING, -1000 * dead),
     ):
         if scenario.controller.kind == "stable_inversion" and by > most:
-            dangers.append(f"{said.format(by)}: from {most} ms on the cure may err twice as much")
+            dangers.append(f"{message.format(by)}: above {most} ms the cure may err twice as much")
     for danger in dangers:
         if danger:
             reporter.warn(f"{label}: {danger}" if label else danger)
@@ -342,7 +343,7 @@ def warn_of_path(scenario: Scenario, reporter: Reporter, label: str = "") -> Non
 
 
 def importable(scenario: Scenario) -> bool:
-    """Whether another process knows the scenario's law, observer and reference, too."""
+    """Whether a second process knows the scenario's law, observer and reference, too."""
     from controllers.catalog import registered_names
 
     kinds = (scenario.controller.kind, scenario.observer.kind, scenario.reference.kind)
@@ -509,9 +510,9 @@ def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:
 
 @contextmanager
 def stream_record(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attach]:
-    """Have what a run records written by another process while it lasts.
+    """Have what a run records written by a second process while it lasts.
 
-    Where the run is killed, or cannot be kept, that remains; else it is gone.
+    Where the run is killed, or cannot be kept, that remains; else it is removed.
 
     Args:
         scenario: What is run.
@@ -547,7 +548,7 @@ def stream_record(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[
 
 
 def _write(buffer: tuple[int, int, str], into: Callable[..., Any], *more: Any) -> None:
-    """Write what is handed over until the run has ended, or its process is gone.
+    """Write what is handed over until the run has ended, or its process has ended.
 
     Args:
         buffer: Where it is handed over.

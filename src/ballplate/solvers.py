@@ -53,7 +53,7 @@ class Symbolic:
     ``symbolic(..., spin=True)`` it is free, as in runs, and a ninth state; with
     ``plant.ball_spin = "thesis"`` the equations are (5.9).
 
-    Friction is that of runs with one change. There a resting ball starts only when pushed hard
+    Friction is as in runs with one change. There a resting ball starts only when pushed hard
     enough, which is no differential equation; here rolling resistance takes the share
     v / sqrt(v^2 + w^2) of itself at the speed v, w being ``width``: 71 % at w, 98 % at 5 w. So a
     ball never rests on a slope: where the twin's stays, this one creeps, at s w / sqrt(1 - s^2)
@@ -129,7 +129,7 @@ class Symbolic:
         """The continuous model of do-mpc, set up; names of p with ``_`` for dots and brackets.
 
         Args:
-            path: Names of what is told anew for every step, as where the ball is to be.
+            path: Names of the values given anew for every step, as where the ball is to be.
         """
         import casadi as ca
         from do_mpc.model import Model
@@ -173,7 +173,7 @@ def symbolic(
     Args:
         scenario: A shipped scenario or a TOML file.
         settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
-        period: Control period in s; that of the scenario's law by default.
+        period: Control period in s; the scenario's law's by default.
         width: Speed in m/s over which friction is smoothed, see ``Symbolic``.
         spin: Whether the ball's spin about the plate's normal is a ninth state.
         changes: What is changed of it, by tables.

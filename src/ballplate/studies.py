@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 DRAWN_INDICATORS = ("tracking_error_percent", "rms_error")
-"""The first of these indicators that applies is drawn unless another is named."""
+"""The first of these indicators that applies is drawn unless one is named."""
 TITLE_WIDTH = 80
 """Characters in a line of the title."""
 
@@ -198,7 +198,7 @@ def sweep(
     reporter: Reporter | None = None,
     **changes: Unpack[Changes],
 ) -> Sweep:
-    """Run a scenario for every combination of values; each run is that of ``run``.
+    """Run a scenario for every combination of values; each run is as by ``run``.
 
     Args:
         scenario: A shipped scenario, or a TOML file.
@@ -256,7 +256,7 @@ def sweep(
 
 
 def _evaluate_runs(scenarios: Sequence[Scenario]) -> list[dict[str, Any]]:
-    """The indicators of each run; of one whose law raises an error none, but its line."""
+    """The indicators of each run; for a law that raises an error its line instead."""
     from twin.run.together import run_together
 
     return [
@@ -362,7 +362,7 @@ def study(
         out: Folder for its report, where finished runs are kept, too: an interrupted study goes on
             there, a finished one answers at once. None keeps nothing.
         processes: Processes to use; all processors by default.
-        scheduler: Address of a Dask scheduler on whose workers it runs.
+        scheduler: Address of a Dask scheduler that has the workers.
         reporter: Receives progress; a notebook has its own.
         keys: Keys in place of the study's own, as ``samples=8`` or ``seeds=2``.
 

@@ -187,7 +187,7 @@ def test_an_error_on_the_wire_ends_with_where_the_trace_lies(tmp_path):
         fail()
     assert caught.value is error
     assert str(error) == (
-        "drive phi (node 1): does not answer; what was said on the bus: ballplate trace "
+        "drive phi (node 1): does not answer; the frames of the bus: ballplate trace "
         f"{tmp_path}/trace.log"
     )
     assert not told.lines

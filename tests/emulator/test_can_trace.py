@@ -128,7 +128,7 @@ def test_angles_and_rates_of_the_record_come_back_within_a_count(wired, said):
     [
         ("none.csv", None, "--touch none.csv: cannot be read: No such file"),
         ("back.csv", "2,1,1\n1,1,1\n", "back.csv: time goes back"),
-        ("nan.csv", "nan,1,1\ninf,1,1\n", "nan.csv: says nothing of the time"),
+        ("nan.csv", "nan,1,1\ninf,1,1\n", "nan.csv: has no row from the time"),
     ],
 )
 def test_a_touch_file_at_fault_is_one_line_and_leaves_no_log(wired, said, name, rows, words):

@@ -107,8 +107,8 @@ class Task:
         self._one = one = self._build(self._fixed, {})
         self.period = one.rig.period
         self.ticks = round(one.duration / self.period)
-        said = math.radians(one.rig.limits.rate_deg) if rate is None else rate
-        self.rate = float(said) if isinstance(said, SupportsFloat) else math.nan
+        given = math.radians(one.rig.limits.rate_deg) if rate is None else rate
+        self.rate = float(given) if isinstance(given, SupportsFloat) else math.nan
         if not (0 < self.rate < math.inf):
             raise ScenarioError(f"rate: must be more than 0 rad/s, got {rate}")
         if hold not in range(1, self.ticks + 1) or self.ticks % hold:
@@ -209,13 +209,13 @@ class Rigs:
         self._followed = distinct[0] if len(distinct) == 1 else None
 
     def step(self, actions: ArrayLike) -> tuple[Array, Mask, Mask]:
-        """Hold actions, shape (N, 2), for a step; rigs whose episode is over get nothing more.
+        """Hold actions, shape (N, 2), for a step; rigs with a finished episode get nothing more.
 
         Returns:
             Reward, whether terminated, whether truncated, each shape (N,).
 
         Raises:
-            TwinError: If they are of another shape.
+            TwinError: If they are of a wrong shape.
         """
         hold, episodes = self.task.hold, self.episodes
         before = episodes.ticks
@@ -260,14 +260,14 @@ class Rigs:
 
     def _goal(self, ticks: NDArray[np.integer]) -> Array:
         """Goal (x, y) in m at ticks of each rig, shape (..., N), as (..., N, 2)."""
-        last = self._paths.shape[1] - 1  # rigs whose episode is over are past it
+        last = self._paths.shape[1] - 1  # rigs with a finished episode are past it
         return self._paths[self._which, np.minimum(ticks, last)]
 
 
 class RigEnv(gymnasium.Env[Array, Array]):
     """One rig, as ``ballplate.gym.environments`` tells.
 
-    ``reset(seed=n)`` begins the episode of seed n, that of ``ballplate run SCENARIO --set seed=n``;
+    ``reset(seed=n)`` begins the episode of seed n, as by ``ballplate run SCENARIO --set seed=n``;
     ``reset()`` draws the next seed.
 
     Args:
@@ -322,17 +322,17 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
 
     Seeds are those of ``SyncVectorEnv``: ``reset(seed=n)`` gives rig i the episodes of an
     environment that is reset with n + i. ``reset(options={"reset_mask": mask})`` begins the
-    episodes of some rigs; the others do not notice, to the last bit. From 16 rigs on the engine's
-    are seen in another way than fewer, as in studies, so that the last bits of the mechanism differ
-    from those of one rig; and see ``twin.run.loop.Episodes`` on episodes that begin at moments
-    that are no multiple of 40 ms.
+    episodes of some rigs; the others do not notice, to the last bit. The engine computes 16 rigs
+    or more in a different way than fewer, as in studies, so that the last bits of the mechanism
+    differ from those of one rig; and see ``twin.run.loop.Episodes`` on episodes that begin at
+    moments that are no multiple of 40 ms.
 
     Args:
         of_task: Arguments of ``Task``: scenario, settings, family, hold, rate, preview,
             computing_time.
         num_envs: How many rigs.
-        autoreset_mode: Whether a rig whose episode is over begins the next one in the next step, or
-            when it is reset; until then it gets nothing.
+        autoreset_mode: Whether a rig whose episode is over begins the next one in the next step,
+            or when it is reset; until then it gets nothing.
         threads: Threads of the engine; 0 for one per processor. Bits do not depend on them.
         render_mode: None are known.
         more: Those of ``Task`` that are named.
@@ -429,12 +429,12 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         """Why episodes were terminated, for those that were."""
         if not terminated.any():
             return {}
-        told = np.full(self.num_envs, None, dtype=object)
-        told[terminated] = self.rigs.episodes.reasons(np.flatnonzero(terminated))
-        return {"reason": told, "_reason": terminated.copy()}
+        reasons = np.full(self.num_envs, None, dtype=object)
+        reasons[terminated] = self.rigs.episodes.reasons(np.flatnonzero(terminated))
+        return {"reason": reasons, "_reason": terminated.copy()}
 
     @staticmethod
     def _told(about: dict[str, Any], which: Mask) -> dict[str, Any]:
-        """Infos of some rigs as Gymnasium has them: each beside a mask of whose there are."""
+        """Infos of some rigs as Gymnasium has them: each with a mask of the rigs that have it."""
         own = {name: put(values, np.flatnonzero(~which), 0) for name, values in about.items()}
         return own | {f"_{name}": which.copy() for name in about}

@@ -155,7 +155,7 @@ def mechanism(
     ``servo_phi``, ``servo_theta`` in rad, and the ball's own turning ``ball_turn_x``,
     ``ball_turn_y`` in rad/s.
 
-    In: what ``plant`` says of ball, wheels, spring or linkage, servos' limits and plate;
+    In: ``plant``'s ball, wheels, spring or linkage, servos' limits and plate;
     ``plant.step``, ``rig.period``, ``sensors.touch.dead_time``. Out: friction of ball and joints,
     surface and camber, a tilted base, what drives and sensors do besides, limits, and that the rig
     compares its plate angle with the encoders every 20 ms.
@@ -231,7 +231,7 @@ def without_state(ball_spin: BallSpin, *, spin: bool) -> BallSpin:
     """What the spin does in equations in which it is a state or not.
 
     Args:
-        ball_spin: What a scenario says.
+        ball_spin: As in a scenario.
         spin: Whether it is to be a state.
 
     Raises:

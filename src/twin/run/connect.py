@@ -50,7 +50,7 @@ def connect(
         scenario: Period and limits.
         rig: What is connected where.
         reset: Whether faults found in the drives are reset when they are switched on.
-        transmission: Of a virtual rig that has another; that of the rig file by default.
+        transmission: Of a virtual rig; the rig file's by default.
         paused: Tells how long this computer paused, for which a virtual rig's time stands still.
         hear: Is given every frame on the bus of the drives; must not wait.
 
@@ -197,7 +197,7 @@ def transmission_of(rig: RigFile) -> Transmission:
 
 
 TOUCH_COLUMNS = {"time": "s", "measured_x": "m", "measured_y": "m"}
-"""Columns of a file of what a touch screen said."""
+"""Columns of a file of touch screen data."""
 TOUCH_TIMEOUT_S = 0.1
 """Silence of a screen in s after which nothing touches it."""
 TRACE_COLUMNS = {"motor_{}": "rad", "motor_{}_rate": "rad/s", "applied_{}_rate": "rad/s"}
@@ -208,19 +208,19 @@ TRACE_UNITS = COLUMN_UNITS | {
 
 
 def log_of_trace(
-    said: Conversation, drives: AkdConfig, cams: Transmission, home: Array, touch: Path
+    conversation: Conversation, drives: AkdConfig, cams: Transmission, home: Array, touch: Path
 ) -> dict[str, Array]:
-    """A log of a rig that any program drove, from a trace of its drives and what its screen said.
+    """A log of a rig that any program drove, from a trace of its drives and its touch data.
 
-    One row for each SYNC while both drives have torque: what encoders and screen had said by then,
+    One row for each SYNC while both drives have torque: the newest values of encoders and screen,
     and what is commanded with it. The plate stands at ``home`` in the first row.
 
     Args:
-        said: The trace.
+        conversation: The trace.
         drives: Nodes, scales and signs.
         cams: Plate angles to motor angles.
         home: Plate angles (phi, theta) in rad, shape (2,).
-        touch: CSV file with ``time``, ``measured_x`` and ``measured_y``; its time is that of the
+        touch: CSV file with ``time``, ``measured_x`` and ``measured_y``; its clock is that of the
             trace, or counts from the first frame.
 
     Returns:
@@ -239,17 +239,17 @@ def log_of_trace(
         side: Literal["left", "right"] = "right" if commanded else "left"
         for axis in drives.axes:
             key = axis.plate_object if index is None else (index, 0)
-            series = said.series.get((axis.node, key))
+            series = conversation.series.get((axis.node, key))
             if series is None:
                 raise LogError(
-                    f"{said.called(axis.node)}: no PDO in the trace carries {key[0]:04X}h"
+                    f"{conversation.called(axis.node)}: no PDO in the trace carries {key[0]:04X}h"
                 )
             newest = np.searchsorted(series.time, sync, side) - 1
             counts = np.unwrap(np.asarray(series.counts, float), period=2.0**32)
-            both.append(counts[np.maximum(newest, 0)] * said.scale(axis.node, key)[0])
+            both.append(counts[np.maximum(newest, 0)] * conversation.scale(axis.node, key)[0])
         return np.stack(both, axis=1)
 
-    sync = np.asarray(said.sync)
+    sync = np.asarray(conversation.sync)
     torque = np.flatnonzero((carried(0x6041).astype(int) & 0x6F == 0x27).all(axis=1))
     if len(torque) < 2:
         raise LogError("at no two SYNCs of the trace both drives have torque")
@@ -283,13 +283,13 @@ def log_of_trace(
     when = seen["time"]
     if (np.diff(when) < 0).any():
         raise LogError(f"{touch.name}: time goes back: from one row to the next it must not")
-    if len(when) and abs(when[0] - said.begin) < abs(when[0]):
-        when = when - said.begin
+    if len(when) and abs(when[0] - conversation.begin) < abs(when[0]):
+        when = when - conversation.begin
     newest = np.searchsorted(when, sync, side="right") - 1
     age = sync - when[newest] if len(when) else np.full(len(sync), np.inf)
     there = (newest >= 0) & (age < TOUCH_TIMEOUT_S)
     if not there.any():
-        raise LogError(f"{touch.name}: says nothing of the time in which the drives have torque")
+        raise LogError(f"{touch.name}: has no row from the time in which the drives have torque")
     for name in tuple(TOUCH_COLUMNS)[1:]:
         rows[name] = np.where(there, seen[name][newest], np.nan)
     return {"time": sync - sync[0], "age": np.where(there, age, 0.0), **rows}

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 RUNS_FOLDER = Path("runs")
-"""Folder of the working folder in which every run has its own, unless it is told another."""
+"""Folder of the working folder in which every run has its own, unless another one is given."""
 NEWEST_RUN = "last"
 """The word that stands for the newest run wherever a run folder is asked for."""
 STREAM_FILE = "run.arrows"
@@ -56,7 +56,7 @@ def run_folder(name: str, overrides: Sequence[str] = ()) -> Path:
 
 
 def short_key(key: str) -> str:
-    """The last two parts of a dotted key; of a kind, what it is the kind of."""
+    """The last two parts of a dotted key; ``controller.kind`` gives ``controller``."""
     return ".".join(key.strip().removesuffix(".kind").split(".")[-2:])
 
 
@@ -181,7 +181,7 @@ def _records(folder: Path) -> Iterator[Path]:
 TEXT_SUFFIXES = {".csv", ".txt", ".tsv", ".dat", ".log"}
 """What logs are called."""
 IGNORED_SUFFIXES = {".png", ".json", ".html", ".pdf", ".tex", ".rrd", ".svg", ".md"}
-"""Endings of files that lie beside runs, as a pattern finds them."""
+"""Endings of files that lie next to runs, as a pattern finds them."""
 
 
 class Sources(NamedTuple):
@@ -272,9 +272,9 @@ MOTION_INDICATORS = tuple(
     for name in INDICATORS
     if name not in {"outcome", "outcome_time", "judged_from", "real_time_factor"}
 )
-"""Those that a motion is judged by."""
+"""Those that evaluate a motion."""
 LOST_ENDINGS = ("fell", "lost", "diverged")
-"""Endings after which no error is told: that of a ball that is gone would flatter its run."""
+"""Endings after which no error is shown: a lost ball has none."""
 
 
 Units = Mapping[str, str]
@@ -287,7 +287,7 @@ FILM_SUFFIXES = (".webp", ".gif", ".mp4")
 
 
 def export(path: Path, columns: Columns, units: Units, about: About | None = None) -> None:
-    """Write columns of one length into a file; its ending says how.
+    """Write columns of one length into a file in the format of its ending.
 
     Args:
         path: ``.csv``: a header ``name [unit]``, as ``identify`` reads it, numbers with all their
@@ -306,7 +306,7 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
     if write is None:
         known, moves = ", ".join(WRITERS), ", ".join(FILM_SUFFIXES)
         raise RecordError(
-            f"{path}: the ending says what is written; known: {known}, moving pictures: {moves}"
+            f"{path}: the format follows the ending; known: {known}, moving pictures: {moves}"
         )
     write_whole(path, lambda target: write(target, columns, units, about or {}))
 
@@ -352,7 +352,7 @@ UPRIGHT = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 
 
 def _mcap(path: Path, columns: Columns, units: Units, about: About) -> None:
-    """Each period is a message of each topic whose columns are there; time is that of the run."""
+    """Each period is a message of each topic of which the columns exist; time is the run's."""
     try:
         from mcap_ros2.writer import Writer  # noqa: PLC0415  of an extra
     except ImportError as error:
@@ -467,7 +467,7 @@ class Signals(Mapping[str, "Array"]):
         """Write the columns for other programs, with their units; returns the file.
 
         Args:
-            file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` for ROS 2,
+            file: Format by its ending: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` for ROS 2,
                 Foxglove and Rerun, by the extra ``mcap``.
 
         Raises:

@@ -126,7 +126,7 @@ class Act:
         goal: Its reference in m, shape (N, 2).
         tilt: Plate angles phi, theta in rad, shape (N, 2).
         error: Distance from the reference in mm, shape (N,).
-        gone: Where the ball was last seen, from when on it has left the plate, in m, shape (N, 2).
+        lost: Where the ball was last seen, from when on it has left the plate, in m, shape (N, 2).
     """
 
     def __init__(self, run: Run, times: Array) -> None:
@@ -144,10 +144,10 @@ class Act:
             each[:, TRAIL_FRAMES:].T for each in (self.way, at(motion.reference), at(motion.plate))
         )
         self.error = 1000 * np.hypot(*(self.goal - self.ball).T)
-        self.gone = np.full_like(self.ball, np.nan)
+        self.lost = np.full_like(self.ball, np.nan)
         seen = motion.ball[np.isfinite(motion.ball).all(axis=1)]
         if run.outcome in LOST_ENDINGS and len(seen):
-            self.gone[over[TRAIL_FRAMES:]] = run.scenario.dimensions.within(seen[-1], 0.013)
+            self.lost[over[TRAIL_FRAMES:]] = run.scenario.dimensions.within(seen[-1], 0.013)
 
 
 class Stage:
@@ -231,7 +231,7 @@ def _offscreen(model: Any, size: tuple[int, int]) -> Any:
 
     why = []
     for name in ("egl", "osmesa"):
-        try:  # in place of what MUJOCO_GL said when mujoco was imported
+        try:  # in place of MUJOCO_GL as it was when mujoco was imported
             gl_context.GLContext = import_module(f"mujoco.{name}").GLContext
             return renderer.Renderer(model, size[1], size[0])
         except Exception as error:  # noqa: BLE001  whatever a missing driver raises
@@ -260,7 +260,7 @@ class Film:
 
     def __init__(self, runs: Mapping[str, Run], cut: Cut) -> None:
         if len(runs) > len(RUN_COLOURS):
-            raise RecordError(f"{len(runs)} runs: at most {len(RUN_COLOURS)} can be told apart")
+            raise RecordError(f"{len(runs)} runs: at most {len(RUN_COLOURS)} can be distinguished")
         spans = [run.motion.time[[0, -1]].tolist() for run in runs.values()]
         self.times = cut.times(min(first for first, _ in spans), max(last for _, last in spans))
         self.count, self.fps = len(self.times), cut.fps
@@ -345,8 +345,8 @@ class Film:
             self._moves("plate", rod.__getitem__, color=colour, linewidth=1, zorder=4.5)
         look = {"color": colour, "linewidth": thick, "zorder": 5 + index / 10}
         self._moves("plate", lambda k: act.ball[k, :, None] + radius * UNIT_CIRCLE, **look)
-        gone = {"marker": "X", "ms": 11, "mew": 0}
-        self._moves("plate", act.gone[..., None].__getitem__, color=colour, zorder=5, **gone)
+        lost = {"marker": "X", "ms": 11, "mew": 0}
+        self._moves("plate", act.lost[..., None].__getitem__, color=colour, zorder=5, **lost)
         for long, thick, ink in ((9.5, 3.2, "white"), (8.6, 1.4, DARK)):
             look = {"marker": "+", "ms": long, "mew": thick, "color": ink}
             self._moves("plate", act.goal[..., None].__getitem__, zorder=6, **look)
@@ -426,7 +426,7 @@ def _profile(side: int, along: Array, above: float, tilt: Array) -> Array:
     """Points of a view of the plate from one side in m, shape (N, 2, P).
 
     Args:
-        side: 0 from the front, below the plate; 1 from the right, beside it.
+        side: 0 from the front, below the plate; 1 from the right, next to it.
         along: Where on the plate, along x or y in m, shape (P,) or (N, P).
         above: How far above it in m, as drawn.
         tilt: Plate angle phi or theta in rad, shape (N, 1); the first lowers the right end, the
@@ -460,7 +460,7 @@ def _palette(own: tuple[str, ...]) -> Image.Image:
 
 
 def _legend_entry(label: str, run: Run) -> str:
-    """A run's entry in the legend: its error, what it is called, and its law."""
+    """A run's entry in the legend: its error, its label, and its law."""
     percent, law = run.metrics.get("tracking_error_percent"), run.scenario.controller.kind
     distance = run.metrics.get("rms_distance")
     score = run.outcome
@@ -476,7 +476,7 @@ WRITER_OPTIONS: dict[str, dict[str, Any]] = {
     ".webp": {"lossless": True, "quality": 20, "method": 2, "kmin": 9999, "kmax": 10000},
     ".gif": {},
 }
-"""How Pillow writes each kind of moving picture; ``.mp4`` is another's."""
+"""How Pillow writes each kind of moving picture; PyAV writes ``.mp4``."""
 
 
 def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _: None) -> None:
@@ -485,7 +485,7 @@ def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _:
     Args:
         path: ``.webp``, ``.gif`` or ``.mp4`` (by the extra ``video``).
         film: Its frames.
-        progress: Is told how many of them are drawn.
+        progress: Receives the number of drawn frames.
 
     Raises:
         RecordError: If nothing can be written there.

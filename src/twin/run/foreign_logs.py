@@ -62,7 +62,7 @@ class ForeignTable(NamedTuple):
     Attributes:
         columns: Name to numbers, shape (K,) each, NaN where there is none, or to texts.
         units: Name to unit; of those that the file gives one.
-        metadata: What the file says of the run; empty for a file of another program.
+        metadata: The run's metadata; empty for a file of a different program.
     """
 
     columns: dict[str, Array | list[str]]
@@ -176,8 +176,8 @@ def _mcap_table(path: Path) -> ForeignTable:
         raise LogError(f"{path.name}: cannot be read: {one_line(error)}") from error
     if not rows:
         raise LogError(
-            f"{path.name}: is an MCAP file of another program: it has no topic {SIGNALS}; write "
-            "what it holds as CSV"
+            f"{path.name}: an MCAP file of a different program: it has no topic {SIGNALS}; write "
+            "its content as CSV"
         )
     return ForeignTable(dict(columns), units, metadata)
 

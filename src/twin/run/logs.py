@@ -112,7 +112,7 @@ def read_columns(
         needed: Names that have to be there.
 
     Raises:
-        LogError: If it cannot be read, lacks a column, or holds another unit or no numbers.
+        LogError: If it cannot be read, lacks a column, or has a different unit or no numbers.
     """
     try:
         if path.suffix == ".parquet" or is_record(path):
@@ -167,7 +167,7 @@ def _read_table(
     try:
         return columns, json.loads((schema.metadata or {}).get(b"ballplate", b"{}"))
     except (ValueError, RecursionError):
-        raise LogError(f"{path.name}: its metadata is not that of a run") from None
+        raise LogError(f"{path.name}: its metadata is of no run") from None
 
 
 def scale(name: str, unit: str | None, known: str, source: str) -> float:
@@ -229,7 +229,7 @@ MAX_MEASURED = {
 }
 """Where the screen and the plate's travel end, with a margin, m and rad."""
 START_TOLERANCE_M = 1e-3
-"""Distance in m up to which a ball starts where its scenario says."""
+"""Distance in m up to which a ball starts at the place of its scenario."""
 
 
 def read_log(path: Path) -> dict[str, Array]:
@@ -269,7 +269,7 @@ def check_reach(source: str, name: str, values: Array) -> None:
         COLUMN_UNITS[name],
     )
     if reach > most:
-        lengths = {100: "millimetres", 4: "centimetres", 0: "another unit"}
+        lengths = {100: "millimetres", 4: "centimetres", 0: "a different unit"}
         like = next(word for factor, word in lengths.items() if reach > factor * most)
         raise LogError(
             f"{source}: {name}: reaches {reach:.3g} where {most:.3g} {unit} is the end: "
@@ -286,7 +286,7 @@ def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Run:
 
     Args:
         rows: As ``read_log`` gives them.
-        scenario: Whose reference it was to follow, in the log's own time, and how it is judged.
+        scenario: Its reference, in the log's own time, and its indicators are used.
         name: What it is called.
     """
     late = scenario.sensors.touch.dead_time + np.nan_to_num(rows.get("age", 0 * rows["time"]))
@@ -349,7 +349,7 @@ def distances(logs: Mapping[str, Run], motions: Mapping[str, Motion]) -> list[st
     """How far logs and other runs are apart, in a sentence each.
 
     Args:
-        logs: Name to those whose positions were measured.
+        logs: Logs with measured positions, by name.
         motions: Name to motion of all runs; those of the logs are among them.
     """
     return [

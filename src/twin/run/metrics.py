@@ -1,4 +1,4 @@
-"""How a run ended, and its performance indicators, each named for what it is.
+"""How a run ended, and its performance indicators, each named for its quantity.
 
 The thesis (Appendix C) judges single axes on x; so do the indicators below that say "on x".
 Its "average tracking error" is a root mean square (rms_error here), not the mean of (C.4).
@@ -32,7 +32,7 @@ class Ending(StrEnum):
 INTERRUPTED_REASON = "interrupted"
 """The reason of a run that Ctrl-C ended."""
 KILLED_REASON = "killed before its end; the record goes as far as it was written"
-"""The reason of a run whose process or computer ended without a word."""
+"""The reason of a run whose process or computer ended without writing one."""
 RAN_AWAY = "the simulation's numbers ran away"
 """The reason of a run that diverged."""
 
@@ -144,7 +144,7 @@ def measure(
     Args:
         motion: What the run did.
         outcome: How it ended.
-        start: Time in s from which steady tracking is judged.
+        start: Time in s from which steady tracking is evaluated.
         band_percent: Settling band in % of the way to a constant goal.
 
     Returns:
@@ -156,16 +156,16 @@ def measure(
         angles, also after a stop, its largest applied accelerations ``u1_max`` and ``u2_max``, and
         their RMS.
     """
-    judged = outcome_only(outcome)
+    ending = outcome_only(outcome)
     if len(motion.time) == 0:
-        return judged
+        return ending
     found: dict[str, Any] = {
         "phi_max_deg": float(np.degrees(np.abs(motion.plate[:, 0]).max())),
         "theta_max_deg": float(np.degrees(np.abs(motion.plate[:, 1]).max())),
     }
     motion = motion.until(outcome.time)  # what a stopped rig does then is no tracking
     if len(motion.time) == 0:
-        return judged | _finite(found)
+        return ending | _finite(found)
     error = motion.error
     steady = motion.time >= start - 1e-9
     found |= {
@@ -176,16 +176,16 @@ def measure(
     if motion.lateness is not None:
         found["late_percent"] = 100 * float((motion.lateness > 0).mean())
     if outcome.ending.value in LOST_ENDINGS:
-        return judged | _finite(found)
+        return ending | _finite(found)
     along = error[:, 0]
     found |= {"rms_error": _rms(along), "mean_error": float(np.abs(along).mean())}
     if steady.any():
         found["tracking_error_percent"] = tracking_error(error[steady], motion.reference[steady])
-        if start > 0:  # from the beginning on, it would be that of the transient
+        if start > 0:  # from the beginning on, it would be of the transient
             found["max_steady_error"] = float(np.abs(error[steady, 0]).max())
         found["rms_distance"] = float(np.sqrt((error[steady] ** 2).sum(axis=-1).mean()))
     found |= _approach(motion, band_percent)
-    return judged | _finite(found)
+    return ending | _finite(found)
 
 
 def outcome_only(outcome: Outcome) -> dict[str, Any]:

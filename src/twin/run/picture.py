@@ -1,4 +1,4 @@
-"""The picture of one or several runs: where the ball went, and what it took."""
+"""The picture of one or several runs: where the ball went, and the effort."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Seque
         panels["plate"].fill_between([], [], [], label=words, facecolor=GREY, **STRIP_STYLE)
 
 
-# Okabe and Ito's colours, told apart with any colour vision; their orange darker and indigo for
+# Okabe and Ito's colours, distinct with any colour vision; their orange darker and indigo for
 # their light blue, which are hard to see as lines on white.
 RUN_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B57D00", "#4B2E83")
 LINE_STYLES = ("-", "--", "-.", ":")
@@ -157,22 +157,22 @@ def _arrange_panels(runs: Mapping[str, Motion], title: str, plate: Dimensions) -
     }
     _outline(panels["plate"], plate)
     # seen last at the edge of the screen: it left the plate
-    gone = [
+    lost = [
         bool((plate.within(m.ball[-1], EDGE_DISTANCE_M) != m.ball[-1]).any()) for m in runs.values()
     ]
     for index, (label, motion) in enumerate(runs.items()):
-        _add(panels, motion, label, index, gone=gone[index])
+        _add(panels, motion, label, index, lost=lost[index])
     _refer(panels, runs)
     _label(panels)
     shade(panels, runs, RUN_COLOURS)
-    if any(gone):
+    if any(lost):
         panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
     _place(figure, panels, _legend(figure, panels["plate"], len(runs)), title)
     return figure
 
 
 def _legend(figure: Figure, panel: Axes, runs: int) -> Legend:
-    """What the curves are, as far as they can be told apart."""
+    """What the curves are, as far as they can be distinguished."""
     entries = list(zip(*panel.get_legend_handles_labels(), strict=True))
     entries = [*entries[: min(runs, LOOK_COUNT)], *entries[runs:]]
     columns = max(
@@ -227,7 +227,7 @@ def _refer(panels: Mapping[str, Axes], runs: Mapping[str, Motion]) -> None:
 
 
 def _same_reference(motion: Motion, longest: Motion) -> bool:
-    """Whether two references, each at the instants of its own run, can not be told apart."""
+    """Whether two references, each at the instants of its own run, cannot be distinguished."""
     other = [np.interp(motion.time, longest.time, axis) for axis in longest.reference.T]
     return np.allclose(motion.reference, np.stack(other, axis=1), rtol=0, atol=SAME_REFERENCE_M)
 
@@ -247,18 +247,18 @@ def _outline(panel: Axes, plate: Dimensions) -> None:
     panel.grid(visible=False)
 
 
-def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, gone: bool) -> None:
+def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, lost: bool) -> None:
     look: dict[str, Any] = {**style(index), "linewidth": 1.2}
     colour = look["color"]
     ball = 1000 * motion.ball
     panels["plate"].plot(*ball.T, label=label, **look)
     panels["plate"].plot(*ball[0], "o", color=colour, ms=5)
-    end: dict[str, Any] = {"color": colour, "marker": "X" if gone else "s", "ms": 9 if gone else 5}
+    end: dict[str, Any] = {"color": colour, "marker": "X" if lost else "s", "ms": 9 if lost else 5}
     panels["plate"].plot(*ball[-1], **end)
     distance = 1000 * np.hypot(*motion.error.T)
     for name, values in (("x", ball[:, 0]), ("y", ball[:, 1]), ("error", distance)):
         panels[name].plot(motion.time, values, **look)
-        if gone:
+        if lost:
             panels[name].plot(motion.time[-1], values[-1], **{**end, "ms": 7})
     plate = np.degrees(motion.plate)
     other: dict[str, Any] = {**look, "alpha": 0.55, "linestyle": (0, (4, 1.5))}

@@ -49,10 +49,10 @@ CHANNELS = {
     for name, columns in read_toml(Path(__file__).with_name("channels.toml")).items()
 }
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
-``computing`` of those whose law has a computing time: that of a command that was begun, else NaN,
+``computing`` of those whose law has a computing time: of a command that was begun, else NaN,
 and how much older the measurement behind what is applied is than the law's period explains;
 ``reference`` of those whose reference is not part of this program, ``laid`` where the law laid
-another path because the plate cannot give it: of these times, else NaN."""
+a different path because the plate cannot give it: of these times, else NaN."""
 
 
 @dataclass
@@ -67,7 +67,7 @@ class Recorder:
         further: What the observer estimates beyond the state: the channel ``further``.
         keep: Channels that are kept; none for all.
         every: Control periods from one recorded instant to the next. Between two, the applied
-            acceleration that is kept is the largest by amount; the rest is that of the instant.
+            acceleration that is kept is the largest by amount; the rest is of the instant.
         length: Periods recorded so far.
         data: Channel name to values, shape (ticks, N) or (ticks, N, columns); what is known at the
             end only, shape (length, N, columns).
@@ -273,7 +273,7 @@ def _arrow(values: NDArray[Any]) -> pa.Array:
 
 CHECKSUM = b"ballplate.checksum"
 """Key of a SHA-256: in a Parquet file of the metadata, names, units and values of all columns; in a
-stream of the metadata, names and units, and with each batch that of the one before and its values.
+stream of the metadata, names and units, and with each batch the previous batch's and its values.
 It is with the file, so that a table that is read, changed and written again has none.
 Records of earlier versions have none."""
 
@@ -286,16 +286,16 @@ def _sealed(units: Mapping[str, str], metadata: Mapping[str, Any]) -> tuple[pa.S
     """The schema of a record, and the checksum of what is in it."""
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
-    said = json.dumps(metadata, sort_keys=True).encode()
-    schema = pa.schema(arrow_fields(units), metadata={b"ballplate": said})
+    about = json.dumps(metadata, sort_keys=True).encode()
+    schema = pa.schema(arrow_fields(units), metadata={b"ballplate": about})
     return schema, _seal_of(schema)
 
 
 def _seal_of(schema: pa.Schema) -> bytes:
     """The checksum of metadata, names, types and units of columns."""
     units = [[each.name, str(each.type), _unit(each)] for each in schema]
-    said = (schema.metadata or {}).get(b"ballplate", b"")
-    return _digest(b"", (said, json.dumps(units).encode()))
+    about = (schema.metadata or {}).get(b"ballplate", b"")
+    return _digest(b"", (about, json.dumps(units).encode()))
 
 
 def _digest(before: bytes, parts: Iterable[bytes | memoryview]) -> bytes:
@@ -358,7 +358,7 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
 
 
 TORN = b"ballplate.torn"
-"""Key of what is said of a stream whose last rows are left out; of no file."""
+"""Metadata key of a stream without its last rows; no file has it."""
 MOST_ROWS = MOST_PERIODS
 """Rows of a record that is read."""
 MOST_COLUMNS = 1000
@@ -472,7 +472,7 @@ def _streamed(file: Path, wanted: Callable[[pa.Schema], list[str]]) -> pa.Table:
 
 
 ENDED = b"\xff\xff\xff\xff\0\0\0\0"
-"""The end of a stream whose writer came to its end."""
+"""Last bytes of a stream that was closed by its writer."""
 
 
 def _is_ended(file: Path) -> bool:
