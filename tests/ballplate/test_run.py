@@ -168,7 +168,7 @@ def test_of_a_reference_that_the_plate_can_give_nothing_is_said(scenario):
 HOBBY = "cure parameters=hobby"  # a lag of 60 ms and 30 ms of dead time
 SLOW = "cure plant.servo.bandwidth_hz=8.0 sensors.touch.dead_time=0.055"  # 20 ms and 13 ms
 BLIND = "observer.plate=modelled"
-SHORTER = "the dead time is 16 ms shorter than predictor.delay: from 15 ms"
+SHORTER = "the dead time is 16 ms shorter than predictor.delay: above 15 ms"
 BELIEVED = {
     f"{HOBBY} rig.plate_lag=0.031": None,
     f"{HOBBY} rig.plate_lag=0.029": "drives and dead time are 31 ms later",
