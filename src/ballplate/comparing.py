@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import os
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from twin.scenario.schema import Dimensions, Scenario
 
 
+LONGEST_NAME = 60
+"""Most letters of a variant's name: it stands in legends, tables and folders."""
 Label = TypeVar("Label")
 Found = TypeVar("Found")
 
@@ -130,6 +133,11 @@ class Comparison(Mapping[str, "Result"]):
         content = {
             "folders": list(self.folders.values()),
             "names": [self.names[label] for label in self.folders],
+            "linked": [
+                {"position": position, "run": link_to(each.folder, place)}
+                for position, (label, each) in enumerate(self.runs.items())
+                if label not in self.folders and each.folder is not None
+            ],
             "runs": self.summaries(),
         }
         write_json(place / MANIFEST_FILE, content)
@@ -148,20 +156,31 @@ class Comparison(Mapping[str, "Result"]):
         return overview(self.title, runs, self.plot())
 
 
+def link_to(folder: Path, place: Path) -> str:
+    """The path of a folder from a place; the whole path where there is none, as across drives."""
+    try:
+        return Path(os.path.relpath(folder.resolve(), place.resolve())).as_posix()
+    except ValueError:
+        return str(folder.resolve())
+
+
 class Case(NamedTuple):
     """A run of a comparison.
 
     Attributes:
         scenario: What is run.
         name: What tables and pictures call it.
+        source: Name or file of the scenario that it is a variant of.
     """
 
     scenario: Scenario
     name: str
+    source: str
 
 
 def compare(
     *sources: str | Path | Result,
+    variants: Mapping[str, Settings] | Sequence[str] = (),
     vary: Vary | None = None,
     settings: Settings = (),
     out: str | Path | None = None,
@@ -173,13 +192,16 @@ def compare(
 ) -> Comparison:
     """Run several scenarios, or variants of one, side by side, together with finished runs.
 
-    ``compare("circle", vary={"controller.kind": ["afl", "lqr"]})``, or two laws with gains of
-    their own: ``vary={"controller": [{"kind": "afl"}, {"kind": "lqr", "rho": 100}]}``. Finished
-    runs are shown as they are, logs over what the twin predicts for the first scenario.
+    ``compare("circle", variants={"PID": {"controller.kind": "pid"}, "LQR": {"controller.kind":
+    "lqr"}})`` runs these two, under their names; ``vary={"controller.kind": ["afl", "lqr"]}`` all
+    combinations of values. Finished runs are shown as they are, logs over what the twin predicts
+    for the first scenario. The order is that of the sources.
 
     Args:
         sources: Scenarios by name or TOML file, run folders, CSV logs, results of ``run`` or
             ``load``.
+        variants: Name to changes of the first scenario, which runs once for each and not as it
+            is; or texts ``NAME=KEY=VALUE; KEY=VALUE``.
         vary: What is varied, all combinations of it, as a table or texts ``KEY=[A, B, ...]``; of
             scenarios, not of what is finished.
         settings: What is changed of all scenarios.
@@ -215,11 +237,17 @@ def compare(
         raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
     for name in names:
         find(name)  # a wrong name is reported before anything heavy is imported
-    from ballplate.results import Result, save_result
+    from ballplate.results import Result
     from twin.run.finished import open_runs
     from twin.scenario.load import comparison
 
     base, varied = changes_of(settings, changes), varied_of(vary or {})
+    chosen = variants_of(variants, names, report) if variants else {}
+    if chosen and varied:
+        what = " and ".join(map(report.name_of, ("variants", "vary")))
+        raise ScenarioError(
+            f"{what}: give one of them; the names of variants hold for one run each"
+        )
     found = open_runs(folders, tell=report.warn) if folders else []
     results = [each for each in sources if not isinstance(each, str | Path)]
     for each in results:
@@ -227,24 +255,65 @@ def compare(
             raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
     opened = [*map(Result.from_run, found), *results]
     recorded, fitted = runs_of_logs(logs, names, opened, base, (columns, separator), report.warn)
-    finished = label_runs([*map(Result.from_run, recorded), *opened])
-    cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
-    listed = ", ".join((*names, *finished))
+    shown = [*map(Result.from_run, recorded), *opened]
+    cases = cases_of(names, [*fitted, *base], varied, chosen, alone=not shown)
+    finished = label_runs(shown, cases)
+    listed = ", ".join((*chosen, *names[bool(chosen) :], *finished))
     named = any(each.key == "title" for each in base) or (len(names) == 1 and not finished)
     what = next(iter(cases.values())).scenario.title if cases and named else listed
-    title = comparison(what, varied, [each.text for each in base])
     folder = writable(out, report)
     if folder is not None:
         forget(folder)
+    runs = _run_cases(cases, processes, folder, report, needed=not finished)
+    positions = _positions(
+        sources, cases, dict(zip(finished, [*logs, *found, *results], strict=True))
+    )
+    done = Comparison(
+        dict(sorted((finished | runs).items(), key=lambda each: positions[each[0]])),
+        comparison(what, varied, [each.text for each in base]),
+        {label: cases[label].name for label in runs},
+        folders={label: slug(cases[label].name) for label in runs},
+        interrupted=len(runs) < len(cases),
+        folder=folder,
+        logs=tuple(each.name for each in recorded),
+    )
+    if folder is not None:
+        done.draw(folder)
+    return done
+
+
+def _run_cases(
+    cases: Mapping[str, Case],
+    processes: int | None,
+    folder: Path | None,
+    reporter: Reporter,
+    *,
+    needed: bool,
+) -> dict[str, Result]:
+    """Run the scenarios of a comparison; their results by label, in its order.
+
+    Args:
+        cases: By label.
+        processes: Processes to use; all processors by default.
+        folder: Where each run is saved as it comes; None for nowhere.
+        reporter: Receives progress, warnings and the errors of laws.
+        needed: Whether at least one of them must run.
+
+    Raises:
+        LawError: If a run is needed and every law failed.
+        KeyboardInterrupt: If the user interrupts before any has run.
+    """
+    from ballplate.results import Result, save_result
+
     runs: dict[str, Result] = {}
     failed: list[LawError] = []
     scenarios = {label: case.scenario for label, case in cases.items()}
-    _warn(scenarios, report)
+    _warn(scenarios, reporter)
     try:
-        for label, came in carried_out(attempt, scenarios, processes, report, "comparison"):
+        for label, came in carried_out(attempt, scenarios, processes, reporter, "comparison"):
             if isinstance(came, LawError):
                 failed.append(came)
-                report.warn(f"{label}: {came}")
+                reporter.warn(f"{label}: {came}")
                 continue
             run = Result.from_run(came, label)
             runs[label] = (
@@ -253,22 +322,10 @@ def compare(
     except KeyboardInterrupt:
         if not runs:
             raise
-        report.warn("interrupted: what had not ended is not in the table")
-    if failed and not (runs or finished):
+        reporter.warn("interrupted: what had not ended is not in the table")
+    if failed and needed and not runs:
         raise failed[0]
-    ordered = {label: runs[label] for label in cases if label in runs}
-    done = Comparison(
-        {**finished, **ordered},
-        title,
-        {label: cases[label].name for label in ordered},
-        folders={label: slug(cases[label].name) for label in ordered},
-        interrupted=len(runs) < len(cases),
-        folder=folder,
-        logs=tuple(each.name for each in recorded),
-    )
-    if folder is not None:
-        done.draw(folder)
-    return done
+    return {label: runs[label] for label in cases if label in runs}
 
 
 def _warn(scenarios: Mapping[str, Scenario], reporter: Reporter) -> None:
@@ -333,6 +390,7 @@ def cases_of(
     names: Sequence[str],
     base: Sequence[KeyChange],
     varied: Mapping[str, Sequence[Any]],
+    chosen: Mapping[str, Sequence[KeyChange]] | None = None,
     *,
     alone: bool = True,
 ) -> dict[str, Case]:
@@ -342,6 +400,7 @@ def cases_of(
         names: Scenarios.
         base: What is changed of all of them.
         varied: Key to plain values.
+        chosen: Changes of the first scenario by the name of the variant, in place of that scenario.
         alone: Whether nothing else is shown.
 
     Raises:
@@ -350,7 +409,10 @@ def cases_of(
     from twin.scenario.load import variants
 
     cases: dict[str, Case] = {}
-    for name in names:
+    for called, changed in (chosen or {}).items():
+        scenario = scenario_of(names[0], [*base, *changed], titled=False)
+        cases[called] = Case(scenario, called, names[0])
+    for name in names[1:] if chosen else names:
         named = (name,) if len(names) > 1 or not varied or not alone else ()
         for variant in variants(varied):
             label, called = (
@@ -358,17 +420,92 @@ def cases_of(
             )
             changed = changes_of((), dict(variant.settings))
             scenario = scenario_of(name, [*base, *changed], titled=False)
-            cases[label] = Case(scenario, called)
+            cases[label] = Case(scenario, called, name)
     return cases
 
 
-def label_runs(finished: Sequence[Result]) -> dict[str, Result]:
-    """Finished runs by their names, or, where those are the same, by their titles."""
+def variants_of(
+    variants: Mapping[str, Settings] | Sequence[str], names: Sequence[str], reporter: Reporter
+) -> dict[str, list[KeyChange]]:
+    """The changes of each named variant.
+
+    Args:
+        variants: Name to settings, or texts ``NAME=KEY=VALUE; KEY=VALUE``.
+        names: Scenarios, of which the first has variants.
+        reporter: Knows what the argument is called.
+
+    Raises:
+        ScenarioError: If there is no scenario, or a name is empty, too long or there twice.
+    """
+    what = reporter.name_of("variants")
+    if not names:
+        raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
+    pairs: list[tuple[str, Settings]] = []
+    if isinstance(variants, Mapping):
+        pairs += variants.items()
+    for text in () if isinstance(variants, Mapping) else variants:
+        name, equals, rest = text.partition("=")
+        if not equals:
+            raise ScenarioError(f"{what} '{text:.80}': write NAME='KEY=VALUE; KEY=VALUE'")
+        pairs.append((name, [part.strip() for part in rest.split(";") if part.strip()]))
+    found: dict[str, list[KeyChange]] = {}
+    for given, settings in pairs:
+        name = given.strip()
+        if not name or len(name) > LONGEST_NAME or not name.isprintable():
+            raise ScenarioError(f"{what} '{name:.80}': a name has 1 to {LONGEST_NAME} letters")
+        if name in found:
+            raise ScenarioError(f"{what} '{name}': two variants have this name")
+        found[name] = changes_of(settings, {})
+    return found
+
+
+def label_runs(finished: Sequence[Result], taken: Collection[str] = ()) -> dict[str, Result]:
+    """Finished runs by their names, or, where those are the same, by their titles.
+
+    Args:
+        finished: The runs.
+        taken: Labels of runs that are shown with them; a run of that name is called by its folder.
+    """
     names = [each.name for each in finished]
     found: dict[str, Result] = {}
     for each in finished:
         label = each.name if names.count(each.name) == 1 else each.title
-        found[number_name(label, found)] = each
+        if label in taken and each.folder is not None:
+            label = each.folder.as_posix()
+        found[number_name(label, [*taken, *found])] = each
+    return found
+
+
+def _positions(
+    sources: Sequence[str | Path | Result],
+    cases: Mapping[str, Case],
+    finished: Mapping[str, Path | Run],
+) -> dict[str, int]:
+    """The position of the source of each run, by label.
+
+    Args:
+        sources: As they were given.
+        cases: The scenarios.
+        finished: Finished runs and, of a log, its file.
+    """
+    from twin.run.files import is_last, last, run_folders
+
+    found: dict[str, int] = {}
+    given: dict[str, int] = {}
+    for position, source in reversed(list(enumerate(sources))):
+        if not isinstance(source, str | Path):
+            found |= {label: position for label, each in finished.items() if each is source}
+            continue
+        path = last() if is_last(Path(source)) else Path(source)
+        folders = run_folders(path) if path.is_dir() else [path, path.parent]
+        given |= {os.path.realpath(each): position for each in folders}
+        given[str(source)] = position
+    for label, case in cases.items():
+        found[label] = given[case.source]
+    for label, each in finished.items():
+        if label not in found:
+            place = each if isinstance(each, Path) else each.folder
+            found[label] = given.get(os.path.realpath(place or ""), len(sources))
     return found
 
 

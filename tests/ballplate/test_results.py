@@ -183,7 +183,7 @@ def test_runs_and_logs_stand_beside_scenarios_as_on_the_command_line(done, tmp_p
         done.export(tmp_path / place / "log.csv")
     logs = [tmp_path / place / "log.csv" for place in ("a", "b")]
     found = ballplate.compare(tmp_path / "run", *logs, "circle", baseline=False, **QUICK)
-    assert list(found) == ["log", "log~2", "run", "circle"]
+    assert list(found) == ["run", "log", "log~2", "circle"]  # as given
     assert found.logs == ("log", "log~2")
     assert np.array_equal(found["circle"].ball, done.ball)
 

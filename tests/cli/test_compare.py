@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from twin.cli import output
+from twin.run.finished import open_runs
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
@@ -107,3 +108,66 @@ def test_columns_of_several_scenarios_and_variants_name_both(ballplate):
         "step rho=100.0 x=0.0",
         "step rho=100.0 x=0.1",
     ]
+
+
+def test_named_variants_stand_in_the_place_of_their_scenario_in_the_order_typed(
+    ballplate, tmp_path
+):
+    ballplate("run", "hold", *QUICK, "--set", "baseline=false", "--out", "runs/X")
+    named = ("--with", "my PID=controller.kind=pid", "--with", "AFL=controller.kind=afl; seed=3")
+    code, out, err = ballplate(
+        "compare", "runs/X", "step", "hold", *named, *QUICK, "--json", "--out", "made"
+    )
+    assert (code, err.count("Traceback")) == (0, 0)
+    assert list(json.loads(out)) == ["X", "my PID", "AFL", "hold"]
+    manifest = json.loads((tmp_path / "made" / "compare.json").read_text())
+    assert manifest["names"] == ["my PID", "AFL", "hold"]
+    assert manifest["linked"] == [{"position": 0, "run": "../runs/X"}]
+    opened = open_runs((tmp_path / "made",))
+    assert [each.name for each in opened] == ["X", "my PID", "AFL", "hold"]
+    assert [each.scenario.controller.kind for each in opened] == ["lqr", "pid", "afl", "lqr"]
+    assert opened[2].scenario.seed == 3
+    code, _, err = ballplate("report", "made", "--out", "page.html")
+    assert code == 0, err
+    assert all(name in Path("page.html").read_text() for name in ("X", "my PID", "AFL", "hold"))
+
+
+def test_a_comparison_forgets_its_own_runs_and_never_those_it_links_to(ballplate, tmp_path):
+    ballplate("run", "hold", *QUICK, "--set", "baseline=false", "--out", "runs/X")
+    for _ in range(2):
+        code, _, _ = ballplate("compare", "runs/X", "hold", *QUICK, "--json", "--out", "made")
+        assert code == 0
+    assert (tmp_path / "runs/X/run.parquet").is_file()
+    (tmp_path / "runs/X/run.parquet").unlink()
+    code, _, err = ballplate("compare", "made", "--json", "--out", "again")
+    assert code == 0
+    assert "passed over" in err  # what a comparison has lost is reported
+
+
+def test_a_finished_run_of_a_scenario_s_name_is_called_by_its_folder(ballplate):
+    ballplate("run", "hold", *QUICK, "--set", "baseline=false", "--out", "runs/hold")
+    _, out, _ = ballplate("compare", "hold", "runs/hold", *QUICK, "--json")
+    assert list(json.loads(out)) == ["hold", "runs/hold"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [
+        (("--with", "PID"), "--with 'PID': write NAME='KEY=VALUE; KEY=VALUE'"),
+        (("--with", "=seed=1"), "--with '': a name has 1 to 60 letters"),
+        (("--with", f"{'x' * 61}=seed=1"), "a name has 1 to 60 letters"),
+        (("--with", "A=seed=1", "--with", "A=seed=2"), "--with 'A': two variants have this name"),
+        (("--with", "A=sead=1"), "sead: unknown key; did you mean 'seed'?"),
+        (("--with", "A=seed=1", "--vary", "seed=[1,2]"), "--with and --vary: give one of them"),
+    ],
+)
+def test_a_variant_that_cannot_be_named_is_one_line(ballplate, typed, words):
+    code, _, err = ballplate("compare", "hold", *QUICK, *typed)
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert words in err
+
+
+def test_variants_of_nothing_are_one_line(ballplate):
+    ballplate("run", "hold", *QUICK, "--set", "baseline=false", "--out", "runs/X")
+    code, _, err = ballplate("compare", "runs/X", "--with", "A=seed=1")
+    assert (code, err) == (2, "ballplate: --with: nothing to run; name a scenario, as in circle\n")

@@ -253,6 +253,13 @@ VARY = click.option(
     shell_complete=settings,
     help="Run once for each value of a key; repeat the option for all combinations.",
 )
+WITH = click.option(
+    "--with",
+    "variants",
+    multiple=True,
+    metavar="NAME='KEY=VALUE; ...'",
+    help="Run the first scenario with these changes, under this name; repeatable.",
+)
 SCHEDULER = click.option(
     "--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler."
 )

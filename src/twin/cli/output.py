@@ -129,7 +129,7 @@ def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
     ]
 
 
-OPTION_NAMES = {"on": "--rig"}
+OPTION_NAMES = {"on": "--rig", "variants": "--with"}
 """Arguments of the package that differ in name from their option."""
 
 

@@ -146,6 +146,7 @@ def _examine_run(folder: Path, *, learning: bool) -> Shadow | None:
 @options.LAW
 @options.SETTING
 @options.PLANT
+@options.WITH
 @options.VARY
 @click.option("--out", type=options.PATH, help="Folder [runs/compare-SOURCES-CHANGES].")
 @options.PROCESSES
@@ -156,6 +157,7 @@ def compare(
     sources: tuple[str, ...],
     overrides: tuple[str, ...],
     vary: tuple[str, ...],
+    variants: tuple[str, ...],
     out: Path | None,
     *,
     everything: bool,
@@ -164,14 +166,22 @@ def compare(
     """Run several scenarios, or variants of one, side by side: one table, one picture.
 
     SOURCES are scenarios, finished runs (run folders, or `last`), and CSV logs. A log is drawn over
-    the twin's prediction for the scenario given with it.
+    the twin's prediction for the scenario given with it. --with runs the first scenario once for
+    each name, with these changes, in its place: my PID, LQR and the cure are `compare circle cure
+    --with PID=controller.kind=pid --with LQR=controller.kind=lqr`.
     """
     from ballplate.comparing import compare as compare_sources
 
     stems = (Path(name).stem if name.endswith(".toml") else Path(name).name for name in sources)
-    named = run_folder(f"compare-{'-'.join(stems)}", (*vary, *overrides))
+    named = run_folder(f"compare-{'-'.join(stems)}", (*variants, *vary, *overrides))
     found = compare_sources(
-        *sources, vary=vary, settings=overrides, out=out or named, reporter=TERMINAL, **how
+        *sources,
+        variants=variants,
+        vary=vary,
+        settings=overrides,
+        out=out or named,
+        reporter=TERMINAL,
+        **how,
     )
     from twin.run.logs import distances
 

@@ -124,6 +124,16 @@ def read_manifest(folder: Path, manifest: str = MANIFEST_FILE) -> dict[str, str]
         return {}
 
 
+def read_links(folder: Path, manifest: str = MANIFEST_FILE) -> list[tuple[int, Path]]:
+    """The finished runs that a comparison has shown and that lie elsewhere: position and folder."""
+    try:
+        found = parse_json((folder / manifest).read_bytes()).get("linked", [])
+        links = [(int(each["position"]), folder / str(each["run"])) for each in found]
+    except (OSError, DataError, KeyError, TypeError, ValueError, AttributeError):
+        return []
+    return sorted(links)
+
+
 def is_last(path: Path) -> bool:
     """Whether a path is the word that stands for the newest run."""
     return path == Path(NEWEST_RUN) and not path.exists()
@@ -164,10 +174,16 @@ def run_name(path: Path) -> str:
 
 
 def run_folders(folder: Path) -> list[Path]:
-    """The run folders that a folder is or holds, those that were made together in their order."""
+    """The run folders that a folder is, holds or links to.
+
+    Those that were made together are in their order, and each linked one at its position.
+    """
     order = [*read_manifest(folder), *read_manifest(folder, WHATIF_FILE)]
     found = sorted(file.parent for file in _records(folder))
-    return sorted(found, key=lambda run: order.index(run.name) if run.name in order else len(order))
+    found.sort(key=lambda run: order.index(run.name) if run.name in order else len(order))
+    for position, run in read_links(folder):
+        found.insert(position, run)
+    return found
 
 
 def _records(folder: Path) -> Iterator[Path]:
