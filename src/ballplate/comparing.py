@@ -100,11 +100,12 @@ class Comparison(Mapping[str, "Result"]):
         """The indicators of each run, as ``Result.summary``."""
         return {label: each.summary() for label, each in self.runs.items()}
 
-    def plot(self) -> Figure:
-        """All runs in one picture."""
-        from twin.run.picture import picture
+    def plot(self, panel: str | None = None, width_mm: float = 88.0) -> Figure:
+        """All runs in one picture, or in one panel of it; arguments as for ``Result.plot``."""
+        from ballplate.results import draw_motions
 
-        return showable(picture(self.motions, self.title, self._plate))
+        scenario = next(iter(self.runs.values())).scenario
+        return showable(draw_motions(self.motions, self.title, scenario, panel, width_mm))
 
     def save(self, folder: str | Path = "runs/compare") -> Path:
         """Write a folder per run and compare.png into a folder; returns it.

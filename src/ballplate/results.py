@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from twin.identify import logs
     from twin.identify.judged import Identification, ParameterVerdict
     from twin.run.metrics import Motion
+    from twin.scenario.schema import Scenario
 
 
 class Result(Run):
@@ -99,11 +100,20 @@ class Result(Run):
         clean = None if self.baseline is None else self.baseline.metrics["tracking_error_percent"]
         return describe_run(self, clean)
 
-    def plot(self) -> Figure:
-        """The picture: path of the ball, error, plate angles and effort."""
-        from twin.run.picture import picture
+    def plot(self, panel: str | None = None, width_mm: float = 88.0) -> Figure:
+        """The picture: path of the ball, error, plate angles and effort; or one panel of it.
 
-        return showable(picture(self.motions, self.title, self.scenario.dimensions))
+        ``result.plot("error", width_mm=88).savefig("error.pdf")`` has the width of a column and
+        text as text, in TrueType fonts.
+
+        Args:
+            panel: ``plate``, ``error``, ``x``, ``y``, ``angle`` or ``effort``; all by default.
+            width_mm: Width of a single panel in mm, 30 to 400.
+
+        Raises:
+            ScenarioError: If there is no such panel, or the width is out of range.
+        """
+        return showable(draw_motions(self.motions, self.title, self.scenario, panel, width_mm))
 
     def report(self, file: str | Path) -> Path:
         """Write the report of ``ballplate report``, one page that needs nothing else."""
@@ -171,6 +181,22 @@ class Result(Run):
         error = self.metrics.get("tracking_error_percent")
         words = "" if error is None else f", tracking error {error:.3g} %"
         return f"<{type(self).__name__} {self.title!r}: {self.outcome}{words}>"
+
+
+def draw_motions(
+    motions: Mapping[str, Motion],
+    title: str,
+    scenario: Scenario,
+    panel: str | None,
+    width_mm: float,
+) -> Figure:
+    """The picture of motions by label, or one panel of it; arguments as for ``Result.plot``."""
+    from twin.run.picture import PaperFigure, picture
+    from twin.run.picture import panel as draw_panel
+
+    if panel is None:
+        return picture(motions, title, scenario.dimensions, PaperFigure)
+    return draw_panel(motions, panel, scenario.dimensions, width_mm)
 
 
 def save_result(result: Result, folder: Path) -> Result:

@@ -1,6 +1,8 @@
 """Tests of `twin.run.picture`."""
 
+import math
 from dataclasses import replace
+from io import BytesIO
 from unittest import mock
 
 import numpy as np
@@ -9,13 +11,17 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
+from twin.base.errors import ScenarioError
+from twin.run import picture as pictures
 from twin.run.metrics import Motion
 from twin.run.picture import (
     LEAST_ERROR,
     LOOK_COUNT,
+    PANEL_PLACES,
     REFERENCE_STYLE,
     RUN_COLOURS,
     STRIP_HEIGHT,
+    PaperFigure,
     picture,
 )
 from twin.scenario.schema import Dimensions
@@ -184,3 +190,54 @@ def test_from_a_round_plate_a_ball_has_gone_beyond_its_circle():
     patches = panels["Ball on the plate, from above"].patches
     (rim,) = (each for each in patches if isinstance(each, Ellipse))
     assert (rim.width, rim.height, *rim.center) == (300, 300, 0, 0)
+
+
+@pytest.mark.parametrize("name", PANEL_PLACES)
+def test_a_single_panel_has_the_width_asked_for_its_lines_and_their_legend(name):
+    figure = pictures.panel({"one": motion(), "two": motion(0.05)}, name, PLATE, 88)
+    (axes,) = figure.axes
+    assert figure.get_figwidth() == pytest.approx(88 / 25.4)
+    assert axes.get_title() == ""
+    assert "[" in axes.get_ylabel()
+    assert axes.get_xlabel() == ("x [mm]" if name == "plate" else "time [s]")
+    (legend,) = figure.legends
+    labels = [each.get_text() for each in legend.get_texts()]
+    assert labels[:2] == ["one", "two"]
+    assert ("reference" in labels) == (name in ("plate", "x", "y"))
+    assert ("θ" in labels) == (name in ("angle", "effort"))
+
+
+def test_a_single_panel_shows_what_the_picture_shows():
+    runs = {"one": motion(), "two": motion(0.05)}
+    _, panels = drawn(**runs)
+    (axes,) = pictures.panel(runs, "error", PLATE, 120).axes
+    for mine, whole in zip(axes.lines, panels["Tracking error"].lines, strict=True):
+        assert np.array_equal(mine.get_xydata(), whole.get_xydata())
+
+
+def saved(figure, kind):
+    content = BytesIO()
+    figure.savefig(content, format=kind)
+    return content.getvalue()
+
+
+def test_text_of_a_saved_figure_is_text_in_fonts_that_journals_accept():
+    for figure in (
+        pictures.panel({"one": motion()}, "error", PLATE, 88),
+        picture({"one": motion()}, "", PLATE, PaperFigure),
+    ):
+        assert b">error [mm]<" in saved(figure, "svg") or b"Tracking error" in saved(figure, "svg")
+        assert b"/Type3" not in saved(figure, "pdf")
+    with mock.patch.dict("twin.run.picture.TEXT_AS_TEXT", {"svg.fonttype": "path"}):
+        assert b">error [mm]<" not in saved(
+            pictures.panel({"one": motion()}, "error", PLATE, 88), "svg"
+        )
+
+
+def test_a_panel_that_is_none_and_a_width_of_no_page_are_one_line():
+    runs = {"one": motion()}
+    with pytest.raises(ScenarioError, match=r"panel 'err': unknown; did you mean 'error'\?"):
+        pictures.panel(runs, "err", PLATE, 88)
+    for width in (math.nan, 0, 401):
+        with pytest.raises(ScenarioError, match="width_mm: must be 30 to 400"):
+            pictures.panel(runs, "error", PLATE, width)

@@ -235,7 +235,7 @@ def test_the_same_runs_give_the_same_page(page, runs):
 @pytest.mark.long
 def test_every_format_is_written_beside_the_run(scenario, tmp_path):
     record_run(run(scenario()), tmp_path)
-    ran = CliRunner().invoke(command, [str(tmp_path), "--format", "html,png,pdf"])
+    ran = CliRunner().invoke(command, [str(tmp_path), "--format", "html,png,pdf,svg"])
     assert ran.exit_code == 0, ran.output
     starts = {
         "report.html": b"<!DOCTYPE html>",
@@ -243,6 +243,7 @@ def test_every_format_is_written_beside_the_run(scenario, tmp_path):
         "report-details.png": b"\x89PNG",
         "report.pdf": b"%PDF",
         "report-details.pdf": b"%PDF",
+        "report.svg": b"<?xml",
     }
     for name, start in starts.items():
         assert (tmp_path / name).read_bytes().startswith(start), name
@@ -279,7 +280,7 @@ def test_where_nobody_knows_the_truth_no_error_of_the_estimate_is_drawn(runs):
 def test_an_unknown_format_names_the_known_ones(tmp_path):
     ran = CliRunner().invoke(command, [str(tmp_path), "--format", "docx"])
     assert ran.exit_code == 2
-    assert "no format 'docx' (known: html, png, pdf)" in ran.output
+    assert "no format 'docx' (known: html, png, pdf, svg)" in ran.output
 
 
 @pytest.mark.long

@@ -138,21 +138,39 @@ def _template() -> Template:
     return pages.get_template("page.html.j2")
 
 
-def encode_figure(figure: Figure, kind: str, dpi: float | Literal["figure"] = "figure") -> bytes:
-    """A figure as a file's content; the same figure gives the same bytes."""
+TEXT_AS_TEXT: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
+"""TrueType fonts, which journals accept, and text in SVG files that can be edited."""
+
+
+def encode_figure(
+    figure: Figure,
+    kind: str,
+    dpi: float | Literal["figure"] = "figure",
+    *,
+    text_as_paths: bool = False,
+) -> bytes:
+    """A figure as a file's content; the same figure gives the same bytes.
+
+    Args:
+        figure: The figure.
+        kind: ``png``, ``pdf`` or ``svg``.
+        dpi: Pixels per inch of what is no vector.
+        text_as_paths: Whether text looks the same where its font is missing, as within a page.
+    """
     import matplotlib as mpl  # noqa: PLC0415  heavy: a page may show no figure
 
     store = io.BytesIO()
     left_out = {"svg": ("Date", "Creator", "Format", "Type"), "pdf": ("CreationDate",)}
     fixed = dict.fromkeys(left_out.get(kind, ()))
-    with mpl.rc_context({"svg.hashsalt": "ballplate", "svg.fonttype": "path"}):
+    text = TEXT_AS_TEXT | ({"svg.fonttype": "path"} if text_as_paths else {})
+    with mpl.rc_context({"svg.hashsalt": "ballplate", **text}):
         figure.savefig(store, format=kind, dpi=dpi, metadata=fixed or None)
     return store.getvalue()
 
 
 def inline(figure: Figure) -> Markup:
     """A figure as SVG to stand within a page."""
-    text = encode_figure(figure, "svg").decode()
+    text = encode_figure(figure, "svg", text_as_paths=True).decode()
     return Markup(text[text.index("<svg") :])  # matplotlib's own output needs no escaping
 
 

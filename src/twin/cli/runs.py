@@ -428,7 +428,7 @@ def _show(recording: Path, serve: int | None) -> int:
     return 0
 
 
-REPORT_FORMATS = ("html", "png", "pdf")
+REPORT_FORMATS = ("html", "png", "pdf", "svg")
 
 
 def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
@@ -441,7 +441,7 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
 
 @options.command(example="report runs/circle --format html,png", reads=True)
 @click.argument("runs", nargs=-1, type=options.PATH, shell_complete=options.runs)
-@click.option("--format", "formats", callback=_formats, default="html", metavar="html,png,pdf")
+@click.option("--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,svg")
 @click.option("--out", type=options.PATH, help="File without ending [RUN/report].")
 def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
     """Report on one run folder, or compare several: a page, pictures.

@@ -11,14 +11,19 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch, Rectangle
 from matplotlib.transforms import offset_copy
 
 from twin.base.data_file import read_toml
+from twin.base.errors import ScenarioError, nearest
+from twin.base.page import TEXT_AS_TEXT
 from twin.run.metrics import Motion
 from twin.scenario.schema import Dimensions
 
@@ -70,6 +75,8 @@ REFERENCE_STYLE: dict[str, Any] = {
     "linestyle": (0, (1, 1.5)),
     "zorder": 5,
 }
+SECOND_AXIS_STYLE: dict[str, Any] = {"alpha": 0.55, "linestyle": (0, (4, 1.5))}
+"""Of theta, drawn with phi in one panel."""
 TITLE_WIDTH = 100
 """Characters in a line of the title."""
 LEGEND_WIDTH = 150
@@ -90,9 +97,21 @@ ROOM_BELOW_PT, ROOM_ABOVE_PT = 39.0, 22.0
 LABEL_OFFSET_PT = -44.0
 """From a panel to the label of its vertical axis: past a tick of five digits and a sign."""
 _PANEL_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
-PANEL_PLACES = {name: about["place"] for name, about in _PANEL_TABLES.items()}
+PANEL_PLACES: dict[str, list[float]] = {
+    name: about["place"] for name, about in _PANEL_TABLES.items()
+}
 """Left, bottom, width and height of each panel. To have matplotlib find them costs half as much
 again as the whole picture: it draws every text to see how large it is."""
+
+REFERENCE_LABEL = "reference"
+HAVE_NO_REFERENCE = ("error", "angle", "effort")
+"""Panels that do not draw the reference."""
+MM_PER_INCH = 25.4
+MIN_WIDTH_MM, MAX_WIDTH_MM = 30.0, 400.0
+"""Widths that a single panel may have."""
+PAPER_FONT_PT = 8
+LEAST_SHAPE = 0.6
+"""Height of a single panel over time, legend included, as a share of its width, at least."""
 
 
 def style(index: int) -> dict[str, Any]:
@@ -127,18 +146,86 @@ def png(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> bytes:
     return content.getvalue()
 
 
-def picture(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figure:
-    """The picture of runs over their reference; arguments as for ``png``."""
+def picture(
+    runs: Mapping[str, Motion], title: str, plate: Dimensions, kind: type[Figure] = Figure
+) -> Figure:
+    """The picture of runs over their reference, a figure of a kind; others as for ``png``."""
     with mpl.rc_context(RC_PARAMETERS):
-        figure = _arrange_panels(runs, title, plate)
+        figure = _arrange_panels(runs, title, plate, kind)
         # ticks are made when drawn: now, while these settings hold
         figure.draw_without_rendering()
     return figure
 
 
-def _arrange_panels(runs: Mapping[str, Motion], title: str, plate: Dimensions) -> Figure:
+class PaperFigure(Figure):
+    """A figure whose PDF, PS and SVG files have text as text, in fonts that journals accept."""
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        """Write it, as ``Figure.savefig`` does."""
+        with mpl.rc_context(TEXT_AS_TEXT):
+            super().savefig(fname, **options)
+
+
+def panel(runs: Mapping[str, Motion], name: str, plate: Dimensions, width_mm: float) -> PaperFigure:
+    """One panel of the picture by itself, for a paper or a thesis.
+
+    Args:
+        runs: Label to motion, as for ``png``.
+        name: Which: a key of ``PANEL_PLACES``.
+        plate: Screen and operating area.
+        width_mm: Width of the figure in mm; its height follows the panel's shape.
+
+    Raises:
+        ScenarioError: If there is no such panel, or the width is not 30 to 400 mm.
+    """
+    if name not in PANEL_PLACES:
+        raise ScenarioError(f"panel '{name:.40}': unknown{nearest(name, PANEL_PLACES)}")
+    if not MIN_WIDTH_MM <= width_mm <= MAX_WIDTH_MM:
+        limits = f"{MIN_WIDTH_MM:g} to {MAX_WIDTH_MM:g}"
+        raise ScenarioError(f"width_mm: must be {limits}, got {width_mm!r}")
+    *_, wide, high = PANEL_PLACES[name]
+    with mpl.rc_context({**RC_PARAMETERS, "font.size": PAPER_FONT_PT}):
+        width = width_mm / MM_PER_INCH
+        shape = high / wide if name == "plate" else max(high / wide, LEAST_SHAPE)
+        figure = PaperFigure(figsize=(width, width * shape), dpi=PICTURE_DPI, layout="constrained")
+        FigureCanvasAgg(figure)
+        panels = {each: figure.add_subplot() for each in PANEL_PLACES}
+        _draw(panels, runs, plate)
+        entries = _panel_legend(panels["plate"], name)
+        for each in PANEL_PLACES.keys() - {name}:
+            panels[each].remove()
+        for words in panels[name].texts:
+            words.remove()  # too large for it: plate and area are outlines that everybody knows
+        panels[name].set(title="", xlabel="x [mm]" if name == "plate" else "time [s]")
+        panels[name].tick_params(labelbottom=True)
+        if name == "error":
+            panels[name].set_ylabel("error [mm]")
+        if len(entries) > 1:
+            figure.legend(*zip(*entries, strict=True), loc="outside lower center", ncols=3)
+        figure.draw_without_rendering()
+    return figure
+
+
+def _panel_legend(plate: Axes, name: str) -> list[tuple[Artist, str]]:
+    """The entries of the legend of a single panel, from those of the whole picture."""
+    entries: list[tuple[Artist, str]] = []
+    for handle, label in zip(*plate.get_legend_handles_labels(), strict=True):
+        if isinstance(handle, FillBetweenPolyCollection):
+            if name in MARKED_PANELS:
+                entries.append((handle, "held by friction"))
+        elif label != REFERENCE_LABEL or name not in HAVE_NO_REFERENCE:
+            entries.append((handle, label))
+    if name in ("angle", "effort"):
+        entries.append((Line2D([], [], color="black"), "φ"))
+        entries.append((Line2D([], [], color="black", **SECOND_AXIS_STYLE), "θ"))
+    return entries
+
+
+def _arrange_panels(
+    runs: Mapping[str, Motion], title: str, plate: Dimensions, kind: type[Figure] = Figure
+) -> Figure:
     """The picture laid out, for the settings in force."""
-    figure = Figure(
+    figure = kind(
         dpi=PICTURE_DPI,
         figsize=(PICTURE_WIDTH_PT / POINTS_PER_INCH, PANELS_HEIGHT_PT / POINTS_PER_INCH),
     )
@@ -155,6 +242,13 @@ def _arrange_panels(runs: Mapping[str, Motion], title: str, plate: Dimensions) -
         )
         for name, (left, low, wide, high) in PANEL_PLACES.items()
     }
+    _draw(panels, runs, plate)
+    _place(figure, panels, _legend(figure, panels["plate"], len(runs)), title)
+    return figure
+
+
+def _draw(panels: Mapping[str, Axes], runs: Mapping[str, Motion], plate: Dimensions) -> None:
+    """Draw runs into the panels."""
     _outline(panels["plate"], plate)
     # seen last at the edge of the screen: it left the plate
     lost = [
@@ -167,8 +261,6 @@ def _arrange_panels(runs: Mapping[str, Motion], title: str, plate: Dimensions) -
     shade(panels, runs, RUN_COLOURS)
     if any(lost):
         panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
-    _place(figure, panels, _legend(figure, panels["plate"], len(runs)), title)
-    return figure
 
 
 def _legend(figure: Figure, panel: Axes, runs: int) -> Legend:
@@ -223,7 +315,7 @@ def _refer(panels: Mapping[str, Axes], runs: Mapping[str, Motion]) -> None:
         panels["plate"].plot(*desired.T, **REFERENCE_STYLE)
         for name, axis in (("x", 0), ("y", 1)):
             panels[name].plot(motion.time, desired[:, axis], **REFERENCE_STYLE)
-    panels["plate"].plot([], [], label="reference", **REFERENCE_STYLE)
+    panels["plate"].plot([], [], label=REFERENCE_LABEL, **REFERENCE_STYLE)
 
 
 def _same_reference(motion: Motion, longest: Motion) -> bool:
@@ -261,7 +353,7 @@ def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, 
         if lost:
             panels[name].plot(motion.time[-1], values[-1], **{**end, "ms": 7})
     plate = np.degrees(motion.plate)
-    other: dict[str, Any] = {**look, "alpha": 0.55, "linestyle": (0, (4, 1.5))}
+    other: dict[str, Any] = {**look, **SECOND_AXIS_STYLE}
     panels["angle"].plot(motion.time, plate[:, 0], **look)
     panels["angle"].plot(motion.time, plate[:, 1], **other)
     panels["effort"].plot(motion.time, motion.u[:, 0], **{**look, "linewidth": 0.8})
