@@ -2,14 +2,12 @@
 
     import gymnasium as gym
 
-    env = gym.make("ballplate:ballplate/Track-v0")
-    envs = gym.make_vec("ballplate:ballplate/Track-v0", num_envs=256, family="uncertain")
+    env = gym.make("ballplate.gym:ballplate/Track-v0")
+    envs = gym.make_vec("ballplate.gym:ballplate/Track-v0", num_envs=256, family="uncertain")
 
-Importing this module registers them. ``import ballplate`` does so only where gymnasium is loaded
-already, as it always is when ``gym.make`` imports what stands before the colon; so nobody waits for
-gymnasium who does not use it, and nothing is hooked into Python's imports. Who imports
-``ballplate`` first and gymnasium later names this module: ``import ballplate.gym``, or
-``gym.make("ballplate.gym:ballplate/Track-v0")``, which works in any order.
+Importing this module registers them; gymnasium 1.4 imports what stands before the colon, and reads
+no entry points. ``import ballplate`` registers them only where gymnasium is loaded already, so that
+a program without gymnasium does not wait for it.
 
 An environment is a rig of ``ballplate run``: same plant, sensors, limits and noise, so that the
 same commands give the same ball path, to the last bit. ``ballplate.gym.environments`` has
