@@ -1,11 +1,11 @@
 """A digital twin of a cam-driven ball-and-plate rig, for scripts and notebooks.
 
 Runs: ``run``, ``compare``, ``sweep``, ``study``; they do what the commands of these names do, bit
-for bit. What was recorded: ``load``, ``identify``. A rig to step with a controller of one's own:
-``rig``; a control law out of a function: ``law``. The model behind it: ``model``, and the classes
-of ``laws``, ``observers``, ``references``; plants and controllers for python-control: ``systems``;
-a rig for Simulink and others: ``fmu``; the equations as CasADi symbols: ``symbolic``.
-What there is to run and to set: ``scenarios``, ``describe``.
+for bit. Rigs drawn from a family: ``family``. What was recorded: ``load``, ``identify``. A rig to
+step with a controller of one's own: ``rig``; a control law out of a function: ``law``. The model
+behind it: ``model``, and the classes of ``laws``, ``observers``, ``references``; plants and
+controllers for python-control: ``systems``; a rig for Simulink and others: ``fmu``; the equations
+as CasADi symbols: ``symbolic``. What there is to run and to set: ``scenarios``, ``describe``.
 
 SI units; the last axis of an array is the vector, all leading axes are rigs or instants. A mistake
 is a ``TwinError`` of one line: what, where, and what is allowed. Importing this package loads no
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ballplate.results import Identified, Log, Result, identify
     from ballplate.rigs import Rig, fmu, rig
     from ballplate.solvers import Symbolic, symbolic
-    from ballplate.studies import StudyResult, Sweep, study, sweep
+    from ballplate.studies import StudyResult, Sweep, family, study, sweep
 
 __all__ = [
     "BallplateWarning",
@@ -59,6 +59,7 @@ __all__ = [
     "TwinError",
     "compare",
     "describe",
+    "family",
     "fmu",
     "identify",
     "lab",
@@ -84,7 +85,7 @@ _LAZY_NAMES = {
     "results": ("Identified", "Log", "Result", "identify"),
     "rigs": ("Rig", "fmu", "rig"),
     "solvers": ("Symbolic", "symbolic"),
-    "studies": ("StudyResult", "Sweep", "study", "sweep"),
+    "studies": ("StudyResult", "Sweep", "family", "study", "sweep"),
 }
 """Modules that not every program needs, and what is in them."""
 

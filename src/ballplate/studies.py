@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 DRAWN_INDICATORS = ("tracking_error_percent", "rms_error")
 """The first of these indicators that applies is drawn unless one is named."""
+MOST_RIGS = 100_000
+"""Largest number of rigs, and of a draw, that may be asked for."""
 TITLE_WIDTH = 80
 """Characters in a line of the title."""
 
@@ -347,7 +349,7 @@ class StudyResult:
 
 
 def study(
-    name: str | Path,
+    name: str | Path | Mapping[str, Any],
     *,
     out: str | Path | None = None,
     processes: int | None = None,
@@ -355,10 +357,11 @@ def study(
     reporter: Reporter | None = None,
     **keys: Any,
 ) -> StudyResult:
-    """Run a study: a shipped one by name, or a TOML file.
+    """Run a study: a shipped one by name, a TOML file, or a dictionary with its keys.
 
     Args:
-        name: Its name or file.
+        name: Its name or file, or its tables, as ``{"title": ..., "scenario": "circle",
+            "parameters": {...}, ...}``.
         out: Folder for its report, where finished runs are kept, too: an interrupted study goes on
             there, a finished one answers at once. None keeps nothing.
         processes: Processes to use; all processors by default.
@@ -371,18 +374,14 @@ def study(
 
     Examples:
         >>> import ballplate as bp
-        >>> from pathlib import Path
-        >>> file = Path("own.toml")
-        >>> _ = file.write_text('''
-        ... title = "Rolling friction"
-        ... scenario = "circle"
-        ... set = ["plant.kind=lagrange", "baseline=false", "duration=1.0"]
-        ... method = "grid"
-        ... [parameters."plant.friction.rolling_mm"]
-        ... values = [0.1, 0.2]
-        ... unit = "mm"
-        ... ''')
-        >>> rows = bp.study(file, seeds=1, processes=1).to_pandas()
+        >>> friction = {
+        ...     "title": "Rolling friction",
+        ...     "scenario": "circle",
+        ...     "set": ["plant.kind=lagrange", "baseline=false", "duration=1.0"],
+        ...     "method": "grid",
+        ...     "parameters": {"plant.friction.rolling_mm": {"values": [0.1, 0.2], "unit": "mm"}},
+        ... }
+        >>> rows = bp.study(friction, seeds=1, processes=1).to_pandas()
         >>> rows["outcome"].tolist()
         ['finished', 'finished']
     """
@@ -390,7 +389,7 @@ def study(
     from twin.study.report import answers
 
     report = reporter or default()
-    work = work_of(str(name), keys)
+    work = work_of(name if isinstance(name, Mapping) else str(name), keys)
     folder = writable(out, report)
     store = Store(folder)
     with (
@@ -410,11 +409,56 @@ def study(
     return found
 
 
-def work_of(name: str, keys: Mapping[str, Any]) -> Work:
+def family(
+    source: str | Path | Mapping[str, Any],
+    count: int,
+    *,
+    draw: int = 0,
+    scenario: str | Path = "circle",
+) -> list[dict[str, Any]]:
+    """Draw rigs of a family: settings of each, as ``run(..., settings=...)`` takes them.
+
+    Args:
+        source: Name of a shipped family, a TOML file, or its tables.
+        count: Number of rigs, 1 to 100,000.
+        draw: Number of the draw, 0 or more; no two draws have a rig in common, and the first rigs
+            of a draw are the same however many are drawn.
+        scenario: Name or file of the scenario of which factors are taken, and entries of a list
+            that are not drawn.
+
+    Raises:
+        ScenarioError: If there is no such family or scenario, or anything in it, the number of
+            rigs or that of the draw is unknown or out of range.
+
+    Examples:
+        >>> import ballplate as bp
+        >>> rigs = bp.family("uncertain", 2, draw=1)
+        >>> [round(rig["plant.friction.rolling_mm"], 3) for rig in rigs]
+        [0.219, 0.181]
+        >>> bp.run("circle", settings=rigs[0], duration=0.1).outcome
+        'finished'
+    """
+    from twin.study.schema import draw_rigs, read_family
+    from twin.study.work import Builder
+
+    for name, value, low in (("count", count, 1), ("draw", draw, 0)):
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= MOST_RIGS:
+            what = f"a whole number from {low} to {MOST_RIGS}"
+            raise ScenarioError(f"family: {name} must be {what}, got {value!r:.40}")
+    found = read_family(source if isinstance(source, Mapping) else str(source))
+    relative = {key for key, parameter in found.parameters.items() if parameter.relative}
+    builder = Builder(str(scenario))
+    return [
+        {**builder.whole_keys((), rig.point, relative), "seed": rig.seed}
+        for rig in draw_rigs(found, draw, count)
+    ]
+
+
+def work_of(name: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Work:
     """The runs of a study, each of them checked.
 
     Args:
-        name: Name or file of the study.
+        name: Name, file or tables of the study.
         keys: Keys in place of the study's own; None for those that are not.
 
     Raises:
@@ -430,4 +474,5 @@ def work_of(name: str, keys: Mapping[str, Any]) -> Work:
         with in_files_only():
             return Work(about)
     except ScenarioError as error:  # it names the scenario
-        raise ScenarioError(f"study {name}: {error}") from error
+        called = about.title if isinstance(name, Mapping) else name
+        raise ScenarioError(f"study {called}: {error}") from error

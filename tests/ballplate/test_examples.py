@@ -23,11 +23,12 @@ def test_an_example_is_a_text_notebook_of_few_lines_of_code(path):
     assert sum(bool(line) and not line.startswith("#") for line in lines) <= most
 
 
-PACKAGE, ENVIRONMENTS = re.findall(r"```py\n(.*?)```", PYTHON, re.DOTALL)
+PACKAGE, OWN_LAW, ENVIRONMENTS = re.findall(r"```py\n(.*?)```", PYTHON, re.DOTALL)
 PROGRAMS = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES if path != PAGE}
 for solver in ("nmpc", "nmpc_acados", "nmpc_do_mpc"):
     PROGRAMS[solver] = re.sub(r"(STEP\S*( TOOK)?) = 8.0", r"\1 = 3.0", PROGRAMS[solver])
 PROGRAMS["package of the page"] = PACKAGE
+PROGRAMS["an own law, of the page"] = f"import ballplate as bp\n{OWN_LAW}"
 PROGRAMS["environments of the page"] = f"{ENVIRONMENTS}\nenv.reset(seed=1), envs.reset(seed=1)"
 
 

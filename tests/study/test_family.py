@@ -9,9 +9,12 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
+import ballplate as bp
+from ballplate.changes import changes_of, scenario_of
 from twin.base.errors import ScenarioError
 from twin.cli.studies import study as command
 from twin.run.loop import alike, simulate
+from twin.scenario.load import load
 from twin.study.schema import Parameter, Study, draw_rigs, read_family
 from twin.study.work import Builder, points
 
@@ -122,3 +125,52 @@ def test_a_mistake_in_a_family_is_one_line(tmp_path, text, message):
     with pytest.raises(ScenarioError) as caught:
         read_family(str(file))
     assert message in str(caught.value)
+
+
+def test_rigs_from_python_are_those_of_a_draw_as_settings_of_a_run():
+    family = read_family("uncertain")
+    drawn = draw_rigs(family, 5, 3)
+    rigs = bp.family("uncertain", 3, draw=5)
+    for rig, settings in zip(drawn, rigs, strict=True):
+        assert settings["seed"] == rig.seed
+        assert settings["plant.level_deg"] == [
+            rig.point["plant.level_deg.0"],
+            rig.point["plant.level_deg.1"],
+        ]
+        chosen = scenario_of("circle", changes_of(settings, {}))
+        assert chosen.plant.level_deg == tuple(settings["plant.level_deg"])
+        assert chosen.plant.friction.rolling_mm == rig.point["plant.friction.rolling_mm"]
+    assert bp.family("uncertain", 1, draw=5) == rigs[:1]
+    assert bp.family("uncertain", 1, draw=6) != rigs[:1]
+
+
+def test_an_entry_that_is_not_drawn_is_the_default_s_and_tables_serve_as_a_family():
+    tables = {"title": "tilted", "parameters": {"plant.level_deg.1": {"values": [0.25]}}}
+    (rig,) = bp.family(tables, 1)
+    assert rig["plant.level_deg"] == [0.0, 0.25]
+
+
+def test_factors_of_a_family_are_multiplied_out_by_the_scenario():
+    tables = {
+        "title": "heavy",
+        "parameters": {"plant.ball.mass": {"values": [2.0], "relative": True}},
+    }
+    (rig,) = bp.family(tables, 1)
+    assert rig["plant.ball.mass"] == pytest.approx(2 * load("circle").plant.ball.mass)
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        (("uncertai", 1), "family 'uncertai': not found; did you mean 'uncertain'?"),
+        (("uncertain", 0), "family: count must be a whole number from 1 to 100000, got 0"),
+        (("uncertain", 1, -1), "family: draw must be a whole number from 0 to 100000, got -1"),
+        (("uncertain", 1.0), "family: count must be a whole number"),
+        (({"title": "x"}, 1), "family: parameters: missing"),
+    ],
+)
+def test_a_family_that_cannot_be_drawn_is_one_line(how, words):
+    with pytest.raises(bp.TwinError) as caught:
+        bp.family(*how[:2], draw=how[2] if len(how) > 2 else 0)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)

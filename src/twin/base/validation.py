@@ -40,11 +40,28 @@ def read_model(model: type[Model], path: Path, *, regular: bool = False, **given
     Raises:
         ScenarioError: If it cannot be read, or anything in it is unknown or out of range.
     """
+    return check_model(model, read_tables(path, regular=regular), path.name, **given)
+
+
+def check_model(
+    model: type[Model], tables: Mapping[str, Any], source: str, /, **given: Any
+) -> Model:
+    """The model that tables describe.
+
+    Args:
+        model: What it must be.
+        tables: As a TOML file has them.
+        source: What a message calls them.
+        given: Keys in place of their own; None for those that are not.
+
+    Raises:
+        ScenarioError: If anything in them is unknown or out of range.
+    """
     instead = {key: value for key, value in given.items() if value is not None}
     try:
-        return model.model_validate(read_tables(path, regular=regular) | instead)
+        return model.model_validate({**tables, **instead})
     except ValidationError as error:
-        raise ScenarioError(f"{path.name}: {one_line(model, error)}") from None
+        raise ScenarioError(f"{source}: {one_line(model, error)}") from None
 
 
 def read_tables(path: Path, called: str = "", *, regular: bool = False) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy import stats
 from controllers.arrays import Array
 from twin.base.errors import nearest
 from twin.base.shipped import chosen, shipped_in
-from twin.base.validation import Checked, check_named_once, read_model
+from twin.base.validation import Checked, check_model, check_named_once, read_model
 from twin.run.files import MOTION_INDICATORS
 
 
@@ -159,12 +159,14 @@ def draw_rigs(family: Family, draw: int, count: int) -> list[FamilyRig]:
     ]
 
 
-def read_family(name: str) -> Family:
-    """The family of a shipped name or a TOML file.
+def read_family(name: str | Mapping[str, Any]) -> Family:
+    """The family of a shipped name, a TOML file, or tables as such a file has them.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
+    if isinstance(name, Mapping):
+        return check_model(Family, name, "family")
     return read_model(Family, chosen("family", name, shipped_in("families")))
 
 
@@ -246,14 +248,16 @@ class Study(Checked):
         return self.variants or (Variant(name=self.scenario),)
 
 
-def read(name: str, **given: Any) -> Study:
-    """The study of a shipped name or a TOML file.
+def read(name: str | Mapping[str, Any], **given: Any) -> Study:
+    """The study of a shipped name, a TOML file, or tables as such a file has them.
 
     Args:
-        name: Its name or file.
+        name: Its name, file or tables.
         given: Keys in place of the study's own; None for those that are not.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
+    if isinstance(name, Mapping):
+        return check_model(Study, name, "study", **given)
     return read_model(Study, chosen("study", name, shipped_in("studies")), **given)

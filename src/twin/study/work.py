@@ -152,6 +152,17 @@ class Builder:
         if any(key.startswith(("plant.ball.", "plant.plate.height")) for key in point):
             known = self._built([*map(self._setting, fixed)]).designed_on
             given["controller.model"] = {key: getattr(known, key) for key in KNOWN_BALL_FIELDS}
+        given |= self.whole_keys(fixed, point, relative)
+        return self._built([*map(self._setting, fixed), *given.items()])
+
+    def whole_keys(
+        self, fixed: Sequence[str], point: Point, relative: Collection[str] = ()
+    ) -> dict[str, Any]:
+        """A point by the keys of a scenario: lists are whole, factors are multiplied out.
+
+        Args and errors are those of the call.
+        """
+        given: dict[str, Any] = {}
         for key, value in point.items():
             name, at = place_of(key)
             if at is None and key not in relative:
@@ -159,7 +170,7 @@ class Builder:
                 continue
             whole = given[name] if name in given else self._now(fixed, name)
             given[name] = self._changed(key, whole, at, value, relative=key in relative)
-        return self._built([*map(self._setting, fixed), *given.items()])
+        return given
 
     def value(self, fixed: Sequence[str], key: str) -> Any:
         """What the scenario says of a key, ``key.0`` the first number of a list, or its default.
