@@ -1,5 +1,6 @@
 """`twin.safety.faults`: The fault matrix, row by row, and its document."""
 
+import csv
 import importlib
 import json
 import pkgutil
@@ -9,6 +10,7 @@ from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -17,10 +19,11 @@ import twin.hal
 from docs import own_faults, pages
 from docs import safety as safety_page
 from twin.base.data_file import read_packaged
+from twin.base.errors import ScenarioError
 from twin.cli.rig import safety
 from twin.devices.own import OWN_CONDITIONS
 from twin.hal.interface import Condition, Severity
-from twin.safety.faults import CASES, OF_DRIVES, OF_RIG, ROW_FUNCTIONS
+from twin.safety.faults import CASES, OF_DRIVES, OF_RIG, ROW_FUNCTIONS, choose_cases
 from twin.safety.trial import run_case
 
 NUMBER = {case.name: index for index, case in enumerate(CASES)}
@@ -176,8 +179,42 @@ def test_the_document_in_the_repository_is_the_one_that_the_command_writes():
 @pytest.mark.parametrize("good", [False, True])
 def test_the_command_exits_with_1_if_a_row_is_bad(monkeypatch, good):
     row = SimpleNamespace(good=good, as_dict=lambda: {"good": good})
-    monkeypatch.setattr("twin.safety.trial.run_all", lambda processes, progress: [row])
+    monkeypatch.setattr("twin.safety.trial.run_all", lambda *_: [row])
     monkeypatch.setattr("twin.cli.rig._table", lambda rows: "")
     done = CliRunner(catch_exceptions=False).invoke(safety, ["--json"], standalone_mode=False)
     assert json.loads(done.stdout) == [{"good": good}]
     assert done.return_value == int(not good)
+
+
+def test_cases_are_chosen_by_words_of_their_names_and_conditions():
+    names = [CASES[index].name for index in choose_cases(["wrong WAY", "axes exch"])]
+    assert "The plate encoder of phi counts the wrong way" in names
+    assert "The plate encoders are exchanged" in names  # by its condition
+    assert len(names) < 20
+    assert choose_cases([]) == list(range(len(CASES)))
+    assert not any("sends" in CASES[index].name for index in choose_cases(["counts"]))
+    for words in ("no such fault", " "):
+        with pytest.raises(ScenarioError, match="no fault or condition has these words"):
+            choose_cases([words])
+
+
+def test_chosen_faults_are_listed_or_injected_and_written_as_a_sheet(tmp_path):
+    chosen = ("--only", "encoder of phi counts the wrong way")
+    listed = CliRunner().invoke(safety, [*chosen, "--list", "--json"])
+    assert json.loads(listed.stdout) == [
+        {
+            "name": "The plate encoder of phi counts the wrong way",
+            "condition": "plate turns against its motor",
+        }
+    ]
+    sheet = tmp_path / "fmea.csv"
+    ran = CliRunner().invoke(safety, [*chosen, "--out", str(sheet), "--json", "-j", "1"])
+    assert ran.exit_code == 0, ran.output
+    (row,) = json.loads(ran.stdout)
+    (line,) = csv.DictReader(sheet.read_text(encoding="utf-8").splitlines())
+    assert line["fault"] == row["name"]
+    assert line["detection: condition"] == "plate turns against its motor"
+    assert float(line["detection: time [s]"]) == pytest.approx(row["detected"], abs=1e-4)
+    tilt = np.radians(float(line["effect: largest tilt [deg]"]))
+    assert tilt == pytest.approx(row["tilt"], abs=1e-4)
+    assert line["verdict"] == "good"

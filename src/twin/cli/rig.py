@@ -175,20 +175,46 @@ def _listen(rig: VirtualRig) -> None:
             console.print(rig.obey(line.strip()))
 
 
-@options.command(example="safety --json")
+@options.command(example="safety --only heartbeat")
+@click.option("--list", "only_list", is_flag=True, help="List the faults and run none.")
+@click.option(
+    "--only",
+    "words",
+    multiple=True,
+    metavar="WORDS",
+    help="Inject only faults whose name or condition has these words; repeatable.",
+)
+@click.option("--out", type=options.PATH, help="Also write a failure mode sheet, .csv.")
 @options.PROCESSES
 @options.JSON
-def safety(processes: int | None) -> int:
-    """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
-    from twin.safety.faults import CASES
-    from twin.safety.trial import run_all
+def safety(
+    words: tuple[str, ...], out: Path | None, processes: int | None, *, only_list: bool
+) -> int:
+    """Inject faults into a rig on emulated devices, and evaluate detection and reaction."""
+    from twin.safety.faults import CASES, choose_cases
+    from twin.safety.trial import failure_sheet, run_all
 
-    with progress("fault matrix", len(CASES)) as advance:
-        rows = run_all(processes or cores(), advance)
+    cases = choose_cases(words)
+    if only_list:
+        listed = [
+            {"name": each.name, "condition": each.expected.name if each.expected else ""}
+            for each in (CASES[index] for index in cases)
+        ]
+        rows_shown = [(each["name"], each["condition"] or "none") for each in listed]
+        show(listed, (Table("", ("fault", "condition reported"), rows_shown, words=(0, 1)),))
+        return 0
+    with progress("fault matrix", len(cases)) as advance:
+        rows = run_all(processes or cores(), advance, cases)
+    if out is not None:
+        headings, lines = failure_sheet(rows)
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([headings, *lines])
+        write_whole(out, text.getvalue())
     good = sum(row.good for row in rows)
     shown = [
         _table(rows),
         f"{good} of {len(rows)} faults were detected in time, safe, and recovered",
+        *((f"written to {out}",) if out is not None else ()),
     ]
     show([row.as_dict() for row in rows], shown)
     return int(good < len(rows))

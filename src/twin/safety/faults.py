@@ -12,8 +12,9 @@ of its function.
 from __future__ import annotations
 
 import math
+import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from enum import StrEnum
 from itertools import chain
@@ -24,6 +25,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.data_file import read_packaged
+from twin.base.errors import ScenarioError
 from twin.devices import realtime
 from twin.devices import rig as hardware
 from twin.devices.akd import conditions as akd
@@ -734,3 +736,34 @@ CASE_GROUPS = {name: tuple(map(_case, rows)) for name, rows in _CASE_TABLES.item
 """The rows by what they are about."""
 CASES = tuple(chain(*CASE_GROUPS.values()))
 """Every row of the matrix."""
+
+
+def choose_cases(words: Sequence[str]) -> list[int]:
+    """Indices of the cases whose name or condition has all words of a text; all without a text.
+
+    The beginning of a word is enough, in capital or small letters.
+
+    Raises:
+        ScenarioError: If no case has the words of a text.
+    """
+    if not words:
+        return list(range(len(CASES)))
+    chosen: set[int] = set()
+    for text in words:
+        wanted = text.lower().split()
+        found = {
+            index
+            for index, case in enumerate(CASES)
+            if all(re.search(rf"\b{re.escape(word)}", _searched(case)) for word in wanted)
+        }
+        if not found or not wanted:
+            raise ScenarioError(
+                f"only '{text:.80}': no fault or condition has these words; see safety --list"
+            )
+        chosen |= found
+    return sorted(chosen)
+
+
+def _searched(case: FaultCase) -> str:
+    """The text of a case that words are looked up in, in small letters."""
+    return f"{case.name} {case.expected.name if case.expected else 'none'}".lower()

@@ -188,6 +188,41 @@ TABLE_HEADINGS = (
 """What the cells of a row are; a value is followed by its limit."""
 
 
+def failure_sheet(rows: Sequence[FaultRow]) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
+    """Headings and rows of a failure mode and effects sheet; times in s, angles in deg, ways in m.
+
+    The effect of a fault is what it did to plate and ball until the rig stood still.
+    """
+    headings = (
+        *("fault", "effect: largest tilt [deg]", "effect: way of the ball x [m]"),
+        *("effect: way of the ball y [m]", "detection: condition", "detection: time [s]"),
+        *("detection: limit [s]", "reaction: severity", "reaction: stopped by", "reaction: state"),
+        *("reaction: standstill [s]", "end of the run", "verdict"),
+    )
+    lines = [
+        (
+            row.name,
+            round(math.degrees(row.tilt), 3),
+            *(round(way, 5) for way in row.ball),
+            row.condition or "none",
+            _seconds(row.detected),
+            _seconds(row.allowed) if row.condition else None,
+            row.severity,
+            both(row.stopped_by),
+            both(row.state),
+            _seconds(row.standstill),
+            row.ending,
+            "good" if row.good else f"BAD: {', '.join(row.failures)}",
+        )
+        for row in rows
+    ]
+    return headings, lines
+
+
+def _seconds(value: float | None) -> float | None:
+    return None if value is None else round(value, 4)
+
+
 def cells(row: FaultRow) -> tuple[str, ...]:
     """The cells of a row."""
     reported = row.condition or "none"
@@ -582,15 +617,18 @@ def run_case(index: int) -> FaultRow:
     return Trial(CASES[index]).row()
 
 
-def run_all(processes: int, progress: Callable[[float], None]) -> list[FaultRow]:
-    """Carry out every case.
+def run_all(
+    processes: int, progress: Callable[[float], None], indices: Sequence[int] = range(len(CASES))
+) -> list[FaultRow]:
+    """Carry out cases, in their order.
 
     Args:
         processes: How many to run at the same time.
         progress: Called with the number of cases done.
+        indices: Of ``CASES``; all by default.
     """
     rows: dict[int, FaultRow] = {}
-    for index, row in results(run_case, enumerate(range(len(CASES))), processes):
+    for index, row in results(run_case, zip(indices, indices, strict=True), processes):
         rows[index] = row
         progress(len(rows))
-    return [rows[index] for index in range(len(CASES))]
+    return [rows[index] for index in indices]
