@@ -321,8 +321,23 @@ class StudyResult:
 
         return label_rows(self.work.labels, self.rows).to_pandas()
 
+    def pairs(self) -> pd.DataFrame:
+        """A row per pair of variants: mean difference of the first metric, first minus second.
+
+        ``half`` is the half-width of its 95 % interval, ``better`` and ``worse`` count the runs in
+        which the first has the smaller value, or alone finished. Both met the same points and
+        noises.
+        """
+        import pandas as pd
+
+        from twin.study.report import pairs_of
+
+        columns = ["first", "second", "mean", "half", "better", "worse", "both_failed"]
+        found = pairs_of(self.work.study, self.answers)
+        return pd.DataFrame([vars(each) for each in found], columns=columns)
+
     def plot(self) -> dict[str, Figure]:
-        """Its figures by name: ``curves`` or ``indices``, as the method has."""
+        """Its figures by name: ``curves``, ``indices`` or ``scatter``, as the method has."""
         from twin.study.report import figures
 
         found = figures(self.work.study, self.answers)

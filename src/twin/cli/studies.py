@@ -54,7 +54,13 @@ def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int
         check_writable(folder)
         return _plan_study(work, folder, **how)
     done = run_study(study, out=folder, reporter=TERMINAL, **how)
-    from twin.study.report import compare_variants, endings, grids
+    from twin.study.report import (
+        compare_pairs,
+        compare_variants,
+        drawn_figures,
+        endings,
+        grids,
+    )
 
     about, found = done.work.study, done.answers
     early = endings(done.work, done.rows)
@@ -62,10 +68,11 @@ def study(study: str | None, out: Path | None, *, plan: bool, **how: Any) -> int
         bold(f"{done.title}: {about.metrics[0]}"),
         *grids(about, found),
         compare_variants(about, found),
+        *compare_pairs(about, found),
         *done.sentences,
         *early,
     )
-    drawn = "figures/, " if any(each.curves or each.indices for each in found) else ""
+    drawn = "figures/, " if drawn_figures(about, found) else ""
     files = f"report.html, {drawn}rows.parquet, rows.csv"
     show(_numbers(about, found) | {"endings": early}, shown, folder, files)
     return 0

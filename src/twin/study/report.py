@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from scipy import stats
 
 from controllers.arrays import Array, Mask
@@ -27,6 +28,7 @@ from twin.base.writing import write_whole
 from twin.run.picture import style, styled_figure
 from twin.run.tables import LABELS
 from twin.study.experiments import label_rows
+from twin.study.paired import PairedDifference, paired_differences, student_half_width
 from twin.study.schema import Point, Study
 from twin.study.work import Design, Work, sobol_designs
 
@@ -112,6 +114,8 @@ class Answer:
         curves: For grid studies.
         notes: What was left out, in words.
         values: The metric of each run, NaN for runs that failed, shape (K,).
+        points: Number of the point of each run, shape (K,).
+        inputs: Value of each parameter in each run, shape (K,), by key.
     """
 
     variant: str
@@ -120,6 +124,8 @@ class Answer:
     curves: tuple[Curve, ...] = ()
     notes: tuple[str, ...] = ()
     values: Array = field(default_factory=lambda: np.zeros(0))
+    points: NDArray[np.integer] = field(default_factory=lambda: np.zeros(0, int))
+    inputs: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def answers(work: Work, rows: pa.Table) -> list[Answer]:
@@ -148,7 +154,8 @@ def answers(work: Work, rows: pa.Table) -> list[Answer]:
         if study.method == "sobol":  # the other rows of a block share its two points
             failing = failing.reshape(-1, len(study.parameters) + 2)[:, [0, -1]].ravel()
         whole = spread(values, failing)
-        found.append(Answer(variant.name, whole, indices, curves, tuple(notes), values))
+        more = {"values": values, "points": at, "inputs": design[at].columns}
+        found.append(Answer(variant.name, whole, indices, curves, tuple(notes), **more))
     return found
 
 
@@ -232,17 +239,6 @@ def sobol_indices(designs: Sequence[Array]) -> tuple[Array, Array, Array]:
     return first.mean(axis=0) / whole, value, student_half_width((total - value * variance) / whole)
 
 
-def student_half_width(estimates: Array) -> Array:
-    """Half-width of the 95 % interval of a mean of independent estimates, shape (...).
-
-    Args:
-        estimates: Shape (R, ...), R at least 2.
-    """
-    count = len(estimates)
-    factor = stats.t.ppf(0.975, count - 1) / np.sqrt(count)
-    return np.asarray(factor * estimates.std(axis=0, ddof=1))
-
-
 def _ranks(design: Design, mean: Array) -> tuple[SensitivityIndex, ...]:
     found = []
     good = np.isfinite(mean)
@@ -291,18 +287,26 @@ def _curve(study: Study, key: str, where: Point, at: Design, values: Array) -> C
 REPORT_WORDS = read_toml(Path(__file__).with_name("words.toml"))
 """What figures and indices are called."""
 FAILED_COLOUR = "#B00000"
+MAX_SCATTER_PANELS = 12
+"""Parameters over each of which the metric is drawn."""
 MIN_QUANTILE_RUNS = 20
 """Runs from which on there is a 5 % quantile, and a chance to fail worth a number."""
 
 
+def drawn_figures(study: Study, found: Sequence[Answer]) -> list[str]:
+    """Names of the figures that a study has by its method."""
+    there = {
+        "scatter": study.method in ("montecarlo", "lhs") and bool(_numeric_inputs(found)),
+        "curves": any(answer.curves for answer in found),
+        "indices": any(answer.indices for answer in found),
+    }
+    return [name for name, is_there in there.items() if is_there]
+
+
 def figures(study: Study, found: Sequence[Answer]) -> dict[str, Figure]:
-    """Figures by name, as the method has them: indices, curves."""
-    out = {}
-    if any(answer.curves for answer in found):
-        out["curves"] = _draw_curves(study, found)
-    if any(answer.indices for answer in found):
-        out["indices"] = _draw_indices(study, found)
-    return out
+    """Figures by name: indices, curves, the metric over each parameter."""
+    draw = {"scatter": _draw_scatter, "curves": _draw_curves, "indices": _draw_indices}
+    return {name: draw[name](study, found) for name in drawn_figures(study, found)}
 
 
 def metric_label(study: Study) -> str:
@@ -395,6 +399,44 @@ def _draw_curves(study: Study, found: Sequence[Answer]) -> Figure:
         return figure
 
 
+def _numeric_inputs(found: Sequence[Answer]) -> list[str]:
+    """The parameters that a metric can be drawn over, at most ``MAX_SCATTER_PANELS``."""
+    keys = [
+        key
+        for key, values in found[0].inputs.items()
+        if all(isinstance(value, int | float) for value in values.tolist())
+    ]
+    return keys[:MAX_SCATTER_PANELS]
+
+
+def _draw_scatter(study: Study, found: Sequence[Answer]) -> Figure:
+    """Each run of each variant over each parameter; failed runs on the axis."""
+    keys = _numeric_inputs(found)
+    columns = min(len(keys), 4)
+    rows = math.ceil(len(keys) / columns)
+    with styled_figure(max(6.5, 3.2 * columns), 0.6 + 2.9 * rows) as figure:
+        panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
+        for panel in panels.ravel()[len(keys) :]:
+            panel.remove()
+        for number, (key, panel) in enumerate(zip(keys, panels.ravel(), strict=False)):
+            for k, answer in enumerate(found):
+                failed = ~np.isfinite(answer.values)
+                x, label = answer.inputs[key].astype(float), answer.variant if not number else None
+                look = {"color": style(k)["color"], "s": 9, "alpha": 0.6, "linewidths": 0}
+                panel.scatter(x[~failed], answer.values[~failed], label=label, **look)
+                if failed.any():
+                    foot = np.zeros(failed.sum())
+                    panel.plot(x[failed], foot, "x", color=FAILED_COLOUR, ms=5, clip_on=False)
+            panel.set(xlabel=parameter_label(study, key))
+        for panel in panels[:, 0]:
+            panel.set(ylabel=metric_label(study))
+        if any(answer.whole.failed for answer in found):
+            panels[0, 0].plot([], [], "x", color=FAILED_COLOUR, label="run failed")
+        if len(panels[0, 0].get_legend_handles_labels()[0]) > 1:
+            figure.legend(loc="outside lower center", ncols=4, fontsize=8)
+        return figure
+
+
 def _draw_curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
     numeric = all(isinstance(value, int | float) for value in curve.values)
     x = np.array(curve.values if numeric else range(len(curve.values)), float)
@@ -414,6 +456,8 @@ def _draw_curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
         panel.set_xticks(x, [str(value) for value in curve.values])
 
 
+MAX_PAIRS = 45
+"""Pairs that the report lists: those of the ten best variants or so."""
 MAX_NAMED_VARIANTS = 5
 """Variants that a sentence ranks; of more, the table does."""
 NEGLIGIBLE_INDEX = 0.01
@@ -490,6 +534,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
     blocks: list[Block] = [
         Verdict(sentences(study, found), good),
         compare_variants(study, found),
+        *compare_pairs(study, found),
         *grids(study, found),
         *(Picture(REPORT_WORDS["figures"][name], picture) for name, picture in pictures.items()),
     ]
@@ -577,6 +622,35 @@ def compare_variants(study: Study, found: Sequence[Answer]) -> Table:
         "probability to fail, 95 %",
     )
     return Table("Compared, best first" if len(found) > 1 else "In all", heads, rows)
+
+
+def pairs_of(study: Study, found: Sequence[Answer]) -> list[PairedDifference]:
+    """The difference of the metric between every two variants, the best first."""
+    values = [(each.variant, each.values) for each in in_order(found)]
+    if len(values) < 2:
+        return []
+    return list(
+        paired_differences(values, found[0].points, study.method, len(study.parameters) + 2)
+    )
+
+
+def compare_pairs(study: Study, found: Sequence[Answer]) -> list[Table]:
+    """A row per pair of variants that met the same points and noises; no table of one variant."""
+    rows = []
+    for pair in pairs_of(study, found)[:MAX_PAIRS]:
+        runs = pair.better + pair.worse
+        half = "-" if math.isnan(pair.half) else digits(pair.half, places=2)
+        rows.append(
+            (
+                f"{pair.first} minus {pair.second}",
+                digits(pair.mean, places=3),
+                half,
+                f"{pair.better} of {runs}",
+                str(pair.both_failed),
+            )
+        )
+    heads = ("pair", f"{metric_label(study)}, mean", "± 95 %", "better on", "both failed")
+    return [Table("Pair by pair, the same points and noises", heads, rows)] if rows else []
 
 
 def _index_rows(answer: Answer) -> list[tuple[Any, ...]]:
