@@ -101,7 +101,12 @@ class EmulatedNode(ABC):
     def emergency(self, code: int, register: int = 0, extra: bytes = b"") -> None:
         """Send an emergency message."""
         data = _EMERGENCY.pack(code, register) + extra.ljust(5, b"\0")
-        self._out.append(self._own(0x080, data[:2] if self.short_emergencies else data))
+        self._out.append(Frame(self.emergency_id, data[:2] if self.short_emergencies else data))
+
+    @property
+    def emergency_id(self) -> int:
+        """Identifier of its emergency messages."""
+        return 0x080 + self.node
 
     def receive(self, frame: Frame) -> list[Frame]:
         """Take in any frame on the bus; return its immediate answers."""
