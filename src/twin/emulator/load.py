@@ -63,14 +63,14 @@ class InertiaLoad:
         """Control the shaft for dt s: a cascade with feed-forward.
 
         Args:
-            angle: Demanded angle in rad, None where only the rate is controlled.
+            angle: Demanded angle in rad after dt, None where only the rate is controlled.
             rate: Demanded rate in rad/s.
             acceleration: Demanded acceleration in rad/s^2.
             most: Largest torque in N m.
             dt: Time in s.
         """
         gains, inertia = self._gains, self.body.inertia
-        lag = 0.0 if angle is None else angle - self.angle
+        lag = 0.0 if angle is None else angle - rate * dt - self.angle
         error = rate + gains.angle * lag - self.rate
         integral = self._integral + gains.integral * error * dt
         wanted = inertia * (acceleration + gains.rate * error + integral)
@@ -123,14 +123,15 @@ class ShaftLoad:
         """Demand a rate of the plant for dt s.
 
         Args:
-            angle: Demanded angle in rad, None where only the rate is controlled.
+            angle: Demanded angle in rad after dt, None where only the rate is controlled.
             rate: Demanded rate in rad/s.
             acceleration: Not needed.
             most: Not needed.
-            dt: Not needed.
+            dt: Time in s.
         """
-        del acceleration, most, dt
-        self.rate = rate + self._gain * (0.0 if angle is None else angle - self.angle)
+        del acceleration, most
+        lag = 0.0 if angle is None else angle - rate * dt - self.angle
+        self.rate = rate + self._gain * lag
 
     def coast(self, dt: float) -> None:
         """Run out without torque for dt s."""

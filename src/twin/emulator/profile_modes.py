@@ -285,7 +285,9 @@ class ModesOfOperation:
         self._homing_failed = not self._is_still
         self.homed = self._is_still
         if self.homed:
-            self._home(float(self._get(0x607C, 0)))
+            offset = float(self._get(0x607C, 0))
+            self._home(offset)
+            self.follow(Motion(offset))
 
     def set_target(self, index: int) -> None:
         """Take a target that was written: 607Ah is the next point in cyclic position mode."""
