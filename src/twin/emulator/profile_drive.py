@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from functools import partial
+from typing import Generic, TypeVar
 
 from twin.emulator.drive_objects import AbortError, Frame, Heartbeats, Key
 from twin.emulator.load import Inertia, InertiaLoad, ShaftLoad
@@ -52,7 +53,11 @@ _REMAINS, _ENDS = 6, 2
 """Quick stop options as the power stage has them: the state stays, or ends at standstill."""
 
 
-class ProfileDrive(EmulatedNode):
+Turned = TypeVar("Turned", InertiaLoad, ShaftLoad)
+"""What a drive turns."""
+
+
+class ProfileDrive(EmulatedNode, Generic[Turned]):
     """One plain CiA 402 drive with what it turns.
 
     Args:
@@ -63,8 +68,8 @@ class ProfileDrive(EmulatedNode):
     store: ProfileObjects
     pdos: EventPdos
 
-    def __init__(self, node: int, load: InertiaLoad | ShaftLoad) -> None:
-        self.motor = load
+    def __init__(self, node: int, load: Turned) -> None:
+        self.motor: Turned = load
         self._stored: dict[Key, int] = {}
         super().__init__(node)
 
