@@ -19,8 +19,8 @@ from twin.emulator.profile_drive import ProfileDrive
 from twin.emulator.virtual_bus import VirtualBus
 
 NODE = 7
-GROUP = f"239.74.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
-"""A multicast group of this process, as others may run these tests on the same machine."""
+GROUP, PORT = "239.74.163.2", 20000 + os.getpid() % 40000
+"""A multicast group with a port of this process, as others may run these tests here, too."""
 
 
 @pytest.mark.parametrize(
@@ -30,11 +30,12 @@ GROUP = f"239.74.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
         ("can1", ("socketcan", "can1")),
         ("udp_multicast", ("udp_multicast", "")),
         ("udp_multicast:ff15::1", ("udp_multicast", "ff15::1")),
+        ("udp_multicast:239.1.2.3@43000", ("udp_multicast", "239.1.2.3", 43000)),
         ("slcan:/dev/ttyACM0", ("slcan", "/dev/ttyACM0")),
     ],
 )
 def test_a_bus_has_a_name(text, name):
-    assert parse_bus(text) == name
+    assert parse_bus(text) == BusName(*name)
 
 
 @pytest.mark.parametrize(
@@ -44,6 +45,7 @@ def test_a_bus_has_a_name(text, name):
         ("", "unknown CAN interface"),
         ("udp_multicast:10.0.0.1", "not an IP multicast address"),
         ("udp_multicast:here", "not an IP multicast address"),
+        ("udp_multicast:239.1.2.3@80", "port must be 1024 to 65535"),
     ],
 )
 def test_a_bus_that_cannot_be_is_refused_in_one_line(text, words):
@@ -137,7 +139,9 @@ def test_canopen_moves_a_drive_by_pdos_on_a_virtual_bus():
 def multicast_refusal():
     """Why a multicast on this machine does not arrive; None where it does."""
     try:
-        sender, hearer = (can.Bus(interface="udp_multicast", channel=GROUP) for _ in range(2))
+        sender, hearer = (
+            can.Bus(interface="udp_multicast", channel=GROUP, port=PORT) for _ in range(2)
+        )
     except Exception as error:  # noqa: BLE001  sandboxes refuse in many ways
         return f"udp_multicast cannot be opened: {error}"
     with sender, hearer:
@@ -153,8 +157,8 @@ def test_canopen_moves_a_drive_by_pdos_over_sockets():
     if refusal := multicast_refusal():
         pytest.skip(refusal)
     with (
-        served(BusName("udp_multicast", GROUP)) as rig,
-        connected(interface="udp_multicast", channel=GROUP, fd=False) as node,
+        served(BusName("udp_multicast", GROUP, PORT)) as rig,
+        connected(interface="udp_multicast", channel=GROUP, port=PORT, fd=False) as node,
     ):
         drive_by_pdos(node)
         assert rig.drives[0].enabled

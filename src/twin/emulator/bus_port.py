@@ -30,17 +30,23 @@ class BusName(NamedTuple):
     Attributes:
         interface: Its interface, as ``socketcan``.
         channel: Its channel; empty for the interface's own.
+        port: IP port of ``udp_multicast``; None for its own.
     """
 
     interface: str
     channel: str = ""
+    port: int | None = None
 
     def __str__(self) -> str:
-        return f"{self.interface}:{self.channel}" if self.channel else self.interface
+        port = "" if self.port is None else f"@{self.port}"
+        return f"{self.interface}:{self.channel}{port}" if self.channel else self.interface
 
 
 def parse_bus(text: str) -> BusName:
     """The bus of a text: ``INTERFACE:CHANNEL``, an interface alone, or ``vcan0``.
+
+    The channel of ``udp_multicast`` is an address, or an address and a port, ``ADDRESS@PORT``:
+    on one computer groups of the same port hear each other.
 
     Raises:
         RigError: python-can has no such interface, or the channel cannot be one of it.
@@ -51,9 +57,14 @@ def parse_bus(text: str) -> BusName:
     if interface not in can.VALID_INTERFACES:
         near = nearest(interface, sorted(can.VALID_INTERFACES))
         raise RigError(f"--bus {text}: unknown CAN interface {interface!r}{near}")
-    if interface == "udp_multicast" and channel and not _is_multicast(channel):
+    if interface != "udp_multicast" or not channel:
+        return BusName(interface, channel)
+    group, at, port = channel.partition("@")
+    if not _is_multicast(group):
         raise RigError(f"--bus {text}: not an IP multicast address; one is 239.74.163.2")
-    return BusName(interface, channel)
+    if at and not (port.isdecimal() and 1024 <= int(port) <= 65535):
+        raise RigError(f"--bus {text}: the port must be 1024 to 65535")
+    return BusName(interface, group, int(port) if at else None)
 
 
 def _is_multicast(text: str) -> bool:
@@ -71,13 +82,17 @@ def open_bus(name: BusName) -> can.BusABC:
     """
     options: dict[str, Any] = {"channel": name.channel} if name.channel else {}
     if name.interface == "udp_multicast":
-        options["fd"] = False
+        options |= {"fd": False} if name.port is None else {"fd": False, "port": name.port}
     elif name.interface not in {"socketcan", "virtual"}:
         options["bitrate"] = 1_000_000
     try:
         return can.Bus(interface=name.interface, **options)
     except Exception as error:
         why = in_words("bus", _errno(error), channel=name.channel) or one_line(error)
+        if name.interface == "udp_multicast" and isinstance(
+            error, can.CanInterfaceNotImplementedError
+        ):
+            why = f"{why}; pip install 'python-can[multicast]'"
         raise RigError(f"--bus {name}: cannot be opened: {why}") from error
 
 
