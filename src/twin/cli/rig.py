@@ -205,9 +205,9 @@ def emulate(
         write_whole(eds, eds_text())
         say(f"written to {eds}")
         return 0
-    served = _virtual_bus(scenario, overrides, kind, mechanism, bus, nodes, protocol)
     if file is not None and kind != "akd":
         raise RigError("--write: a rig file is for AKD drives; leave it out with --drive cia402")
+    served = _virtual_bus(scenario, overrides, kind, mechanism, bus, nodes, protocol)
     with ExitStack() as opened:
         rig = opened.enter_context(served)
         if control is not None:
