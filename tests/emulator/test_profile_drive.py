@@ -143,8 +143,31 @@ def test_a_set_point_at_once_replaces_the_one_under_way(master):
     master.run(0.3)
     assert master.get(0x6064) > TURN
     master.move(TURN, AT_ONCE)
+    master.run(0.15)  # it brakes 10 turns/s in 0.1 s, and is on its way back
+    assert master.get(0x606C) < 0
     master.arrive()
     assert master.get(0x6064) == pytest.approx(TURN, abs=64)
+
+
+def test_a_set_point_is_under_way_from_the_moment_it_is_accepted(master):
+    master.start("PROFILED POSITION")
+    master.run(0.1)
+    drive = master.drive
+    assert drive.status & REACHED
+    drive.store.set(0x607A, 0, TURN)
+    drive.receive(Frame(0x600 + NODE, struct.pack("<BHBI", 0x2B, 0x6040, 0, ON | SET_POINT)))
+    assert not drive.status & REACHED
+
+
+def test_a_bit_4_left_from_homing_starts_no_move(master):
+    master.start("HOMING")
+    master.control(ON | SET_POINT)
+    master.node.op_mode = "PROFILED POSITION"
+    master.set(0x607A, TURN)
+    master.control(ON | SET_POINT)
+    assert not master.status & BIT_12
+    master.run(0.2)
+    assert master.get(0x6064) == pytest.approx(0, abs=64)
 
 
 def test_a_relative_set_point_counts_from_the_target_before(master):
@@ -168,6 +191,18 @@ def test_halt_interrupts_a_move_which_goes_on_afterwards(master):
     master.control(ON)
     master.arrive()
     assert master.get(0x6064) == pytest.approx(10 * TURN, abs=64)
+
+
+@pytest.mark.parametrize(("option", "ramp"), [(1, 100), (2, 300)])
+def test_halt_brakes_on_the_ramp_of_its_option(master, option, ramp):
+    master.set(0x605D, option)
+    master.start("PROFILED VELOCITY")
+    master.set(0x60FF, 20 * TURN)
+    master.run(0.5)
+    master.control(ON | HALT)
+    master.run(10 / ramp - 0.001)
+    assert master.drive.rate / (2 * math.pi) == pytest.approx(10, abs=0.5)
+    assert master.drive.enabled
 
 
 def test_a_goal_beyond_the_software_limits_is_cut_and_reported(master):
@@ -210,8 +245,28 @@ def test_a_motor_that_turns_on_and_on_counts_round(master):
     master.drive._set_position(2**31 - TURN)
     master.set(0x60FF, 10 * TURN)
     master.run(0.5)
-    assert -(2**31) <= master.get(0x6064) < -(2**31) + 5 * TURN
+    place = master.get(0x6064)
+    assert -(2**31) <= place < -(2**31) + 5 * TURN
     assert master.get(0x606C) / TURN == pytest.approx(10, abs=0.05)
+    master.set(0x60FF, 0)
+    master.run(0.2)
+    master.node.op_mode = "PROFILED POSITION"
+    master.move(place + 5 * TURN)
+    assert master.arrive() < 2.0
+
+
+def test_a_motor_held_fast_in_a_velocity_mode_leaves_no_way_to_make_up_for(master):
+    master.start("PROFILED VELOCITY")
+    master.drive.motor.jammed = True
+    master.set(0x60FF, 5 * TURN)
+    master.run(0.5)
+    assert master.get(0x6062) == master.get(0x6064) == 0
+    master.set(0x60FF, 0)
+    master.run(0.2)
+    master.node.op_mode = "PROFILED POSITION"
+    master.drive.motor.jammed = False
+    master.run(0.2)
+    assert master.get(0x6064) == pytest.approx(0, abs=64)
 
 
 @pytest.mark.parametrize("method", [35, 37])

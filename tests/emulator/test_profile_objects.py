@@ -189,10 +189,8 @@ ABORT = struct.pack("<BHBI", 0x80, 0x1008, 0, 0)
         ([BEGIN_UPLOAD, b"\x00" + bytes(7)], 0x05040001),  # a segment the other way
         ([BEGIN_UPLOAD, ABORT, b"\x60" + bytes(7)], 0x05040001),
         ([struct.pack("<BHBI", 0xA0, 0x1008, 0, 0)], 0x05040001),  # a block transfer
-        (
-            [struct.pack("<BHBI", 0x20, 0x607A, 0, 0), b"\0" * 8],
-            LENGTH,
-        ),  # seven bytes, more to come
+        ([struct.pack("<BHBI", 0x21, 0x607A, 0, 6)], LENGTH),  # announces six bytes
+        ([struct.pack("<BHBI", 0x20, 0x607A, 0, 0), bytes(8)], LENGTH),  # seven bytes and more
     ],
 )
 def test_a_broken_transfer_is_aborted(network, requests, code):
@@ -227,6 +225,12 @@ def test_a_mapping_changes_only_while_its_pdo_is_off(network):
     assert download(network, (0x1A00, 0), b"\3") == 0x06040042  # 80 bits
     assert download(network, (0x1A00, 0), b"\2") == 0
     assert download(network, (0x1800, 1), struct.pack("<I", 0x180 + NODE)) == 0
+
+
+def test_an_inhibit_time_changes_only_while_its_pdo_is_off(network):
+    assert download(network, (0x1800, 3), struct.pack("<H", 50)) == NOT_NOW
+    assert download(network, (0x1800, 1), struct.pack("<I", INVALID | 0x180 + NODE)) == 0
+    assert download(network, (0x1800, 3), struct.pack("<H", 50)) == 0
 
 
 def sent(network, cob_id):

@@ -234,8 +234,6 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
         if before is Power.FAULT and power.state is not Power.FAULT:
             self._following_failed = False
             self.emergency(0)
-        if self.enabled and before not in {Power.OPERATION_ENABLED, Power.QUICK_STOP}:
-            self.modes.follow(self._actual())
         self.modes.set_control(word, enabled=self.enabled)
 
     def _lose_master(self) -> None:

@@ -338,8 +338,8 @@ class ModesOfOperation:
     def _ramp_to_target(self, dt: float) -> None:
         target, now = self._limit(self._get(0x60FF, 0)), self.demand.velocity
         faster = abs(target) > abs(now) and target * now >= 0
-        aim = target if target * now >= 0 else 0.0  # by way of standstill
-        self.demand = ramp_velocity(self.demand, aim, self._ramp(0x6083 if faster else 0x6084), dt)
+        ramp = self._ramp(0x6083 if faster else 0x6084)
+        self.demand = ramp_velocity(self.demand, target, ramp, dt)
 
     def _interpolate(self, dt: float) -> None:
         """Move on the straight line to the newest point, where it is after its period (60C2h)."""
