@@ -63,6 +63,7 @@ def test_the_state_is_json(obey):
         ("sto 2", "release 2", lambda drive: not drive.power.sto_closed),
         ("voltage 2 off", "voltage 2 on", lambda drive: not drive.power.dc_link),
         ("jam 2", "free 2", lambda drive: drive.motor.jammed),
+        ("jam 2", "restore 2", lambda drive: drive.motor.jammed),
         ("torque 2 0.5", "torque 2 0", lambda drive: drive.motor.external == 0.5),
         ("sdo 2 silent", "sdo 2 answers", lambda drive: drive.sdo_silent),
         ("abort 2 0x6064 0x08000000", "restore 2", lambda drive: drive.sdo_aborts),

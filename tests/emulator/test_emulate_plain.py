@@ -71,7 +71,8 @@ def test_the_file_of_a_rig_on_another_bus_names_it_and_its_nodes(scenario):
         ("--node 3", "name two nodes"),
         ("--mechanism inertia", "needs --drive cia402"),
         ("--mechanism inertia --drive cia402 --set duration=3", "--set: changes"),
-        ("--drive cia402 --write x.toml", "--write: a rig file is for AKD drives"),
+        ("--drive cia402 --write x.toml", "--write: this program's host drives AKD only"),
+        ("--bus udp_multicast --write x.toml", "and not over udp_multicast"),
         ("--drive cia402 --mechanism inertia --bus virtual:a --control /no/x", "cannot be made"),
     ],
 )
@@ -109,7 +110,7 @@ def test_a_foreign_master_drives_the_command_over_its_pty_and_a_socket_brings_fa
     ) as process:
         try:
             line = process.stdout.readline()
-            assert line.startswith("CiA 402 drives, node 9, on slcan:")
+            assert line.startswith("cia402 drives, node 9, on slcan:")
             channel = line.split("slcan:")[1].split(";")[0]
             network = canopen.Network()
             network.connect(

@@ -205,21 +205,23 @@ def emulate(
         write_whole(eds, eds_text())
         say(f"written to {eds}")
         return 0
-    if file is not None and kind != "akd":
-        raise RigError("--write: a rig file is for AKD drives; leave it out with --drive cia402")
+    own_host = kind == "akd" and not bus.startswith("udp_multicast")
+    if file is not None and not own_host:
+        raise RigError("--write: this program's host drives AKD only, and not over udp_multicast")
     served = _virtual_bus(scenario, overrides, kind, mechanism, bus, nodes, protocol)
     with ExitStack() as opened:
         rig = opened.enter_context(served)
         if control is not None:
             opened.enter_context(control_socket(control, rig.control))
-        if isinstance(rig, VirtualRig) and kind == "akd":
+        if isinstance(rig, VirtualRig) and own_host:
             text, file = rig.rig_file(), file or Path("emulated.toml")
             write_whole(file, text)
             console.print(text, markup=False)
             say(f"written to {file}; use it with: ballplate run circle --rig {file}")
         else:
             listed = " and ".join(str(drive.node) for drive in rig.drives)
-            say(f"CiA 402 drives, node {listed}, on {rig.place}; their EDS: --eds FILE")
+            hint = "; their EDS: --eds FILE" if kind == "cia402" else ""
+            say(f"{kind} drives, node {listed}, on {rig.place}{hint}")
             if isinstance(rig, VirtualRig):
                 say(f"touch screen ({protocol}) on {rig.screen.path}")
         come_forward()

@@ -1,8 +1,8 @@
 """An emulated plain CiA 402 drive on CANopen: frames in, frames out, time in steps.
 
 It has the modes of ``profile_modes.py``, the objects of ``profile_objects.toml`` and an EDS of
-just these. Not emulated: gear and feed other than 1, limit switches, brakes, LSS, node guarding,
-and the bus's own timing.
+just these. Not emulated: gear and feed other than 1, limit switches, searches for home (so that
+6099h and 609Ah have no effect), brakes, LSS, node guarding, and the bus's own timing.
 """
 
 from __future__ import annotations
@@ -133,6 +133,12 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
     def reboot(self) -> None:
         """Lose the power of the electronics for a moment; the motor keeps its rate."""
         self.power_on()
+
+    def _let_alone(self) -> None:
+        """Do nothing more to it, apart from what is in its power stage and objects."""
+        super()._let_alone()
+        if isinstance(self.motor, InertiaLoad):
+            self.motor.jammed, self.motor.external = False, 0.0
 
     def _actual(self) -> Motion:
         motor = self.motor

@@ -283,16 +283,13 @@ class VirtualRig(VirtualBus):
     def rig_file(self) -> str:
         """The text of the rig file that a host needs to find it."""
         serial = self.line.protocol in {ScreenProtocol.MICROTOUCH, ScreenProtocol.ELO}
-        interface, channel, port = self.place
-        options = "{}" if port is None else f"{{ port = {port} }}"
-        if interface == "slcan":
-            options = "{ sleep_after_open = 0.0 }"
+        interface, channel, _ = self.place
         return Template((files("twin.emulator") / "rig.toml").read_text("utf-8")).substitute(
             phi=self.drives[0].node,
             theta=self.drives[1].node,
             interface=interface,
             channel=channel,
-            options=options,
+            options="{ sleep_after_open = 0.0 }" if interface == "slcan" else "{}",
             screen=self.screen.path,
             transport="serial" if serial else "hidraw",
             protocol=self.line.protocol,
