@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.emulator.drive import EmulatedDrive, Power, PowerStage
+from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import Frame
+from twin.emulator.power_stage import Power, PowerStage
 
 NODE = 5
 HOST = 127

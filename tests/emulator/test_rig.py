@@ -22,7 +22,7 @@ from serving import serving
 from twin.base.jobs import wait_until
 from twin.cli.runs import export, report
 from twin.devices.akd.traces import read_trace
-from twin.emulator.drive import MASTER_SILENT
+from twin.emulator.power_stage import MASTER_SILENT
 from twin.emulator.screen import Protocol
 from twin.emulator.serve import MAX_PLANT_STEP_S, VirtualRig, serve_rig
 from twin.run.finished import open_run

@@ -20,8 +20,9 @@ from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.servos import AkdServos
 from twin.emulator import can_bus
 from twin.emulator.can_bus import BusServer, EmulatedBus, SlcanAdapter, SlcanPort, message, nothing
-from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import Frame
+from twin.emulator.power_stage import Power
 
 
 def drives():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from twin.emulator.drive import Power
 from twin.emulator.lockstep import LockstepRig, MotionTrace
+from twin.emulator.power_stage import Power
 
 
 @pytest.fixture

@@ -5,8 +5,9 @@ What can be done to what is said on the wires: bits, frames of others, lost powe
 import pytest
 
 from twin.emulator.can_bus import EmulatedBus, SlcanAdapter, Towards
-from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import Frame
+from twin.emulator.power_stage import Power
 from twin.emulator.screen import Damage, Protocol, ScreenFault, ScreenLine
 
 READ = bytes.fromhex("4000100000000000")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from twin.emulator.drive import MASTER_SILENT, STO_FAULT, UNDERVOLTAGE_FAULT, Power
 from twin.emulator.lockstep import PowerChange, TrueMotion
+from twin.emulator.power_stage import MASTER_SILENT, STO_FAULT, UNDERVOLTAGE_FAULT, Power
 from twin.safety.faults import LEVEL_RAD, Stopper
 from twin.safety.trial import reaction
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballplate.running import EMULATED_RIG, rig_of
-from twin.base.errors import LogError
+from twin.base.errors import LogError, RigError
 from twin.base.jobs import cores
 from twin.base.page import Table, digits
 from twin.base.writing import check_writable, write_whole
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from twin.devices.akd.traces import Trace
     from twin.devices.lumio.config import CalibrationFit
     from twin.doctor.check import Ask, CheckResult
-    from twin.emulator.serve import VirtualRig
+    from twin.emulator.virtual_bus import VirtualBus
     from twin.identify.judged import ParameterVerdict
     from twin.safety.trial import FaultRow
     from twin.scenario import Scenario
@@ -133,6 +133,35 @@ def request(word: str) -> str:
 @options.SCENARIO(default="circle")
 @options.SETTING
 @click.option(
+    "--drive",
+    "kind",
+    type=click.Choice(["akd", "cia402"]),
+    default="akd",
+    help="Drives: AKD, or plain drives of CiA 402 with an EDS of their own [akd].",
+)
+@click.option(
+    "--mechanism",
+    type=click.Choice(["plate", "inertia"]),
+    default="plate",
+    help="What they turn: the scenario's plate, or an inertia with friction each [plate].",
+)
+@click.option(
+    "--bus",
+    default="slcan",
+    metavar="NAME",
+    help="Bus they are on: an slcan adapter on a pty, or a bus of python-can as vcan0, "
+    "udp_multicast, slcan:/dev/ttyACM0 [slcan].",
+)
+@click.option(
+    "--node",
+    "nodes",
+    type=click.IntRange(1, 127),
+    multiple=True,
+    help="CANopen node of a drive, once for each drive [1 and 2; with an inertia 1].",
+)
+@click.option("--control", type=options.PATH, help="Obey lines of a Unix socket there.")
+@click.option("--eds", type=options.PATH, help="Only write the EDS of the cia402 drives there.")
+@click.option(
     "--protocol",
     type=click.Choice([str(protocol) for protocol in Protocol]),
     default=str(Protocol.MICROTOUCH),
@@ -142,24 +171,59 @@ def request(word: str) -> str:
     "--write",
     "file",
     type=options.PATH,
-    default=Path("emulated.toml"),
-    help="Where to write the rig file [emulated.toml].",
+    help="Where to write the rig file of AKD drives [emulated.toml].",
 )
-def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path) -> int:
-    """Serve a virtual rig: two AKD drives on a USB-CAN adapter and a touch screen, both on ptys.
+def emulate(
+    scenario: str,
+    overrides: tuple[str, ...],
+    kind: str,
+    mechanism: str,
+    bus: str,
+    nodes: tuple[int, ...],
+    control: Path | None,
+    eds: Path | None,
+    protocol: str,
+    file: Path | None,
+) -> int:
+    """Serve emulated drives on a CAN bus and, with a plate, its touch screen on a pty.
 
-    It simulates a scenario's plant in real time. Type sto and release for its STO button, lift
-    and put for the ball, touch X Y (mm) for a finger, unplug and plug for the screen, lag for how
-    far it is behind the clock; Ctrl-C ends it.
+    The drives are two AKD on a USB-CAN adapter, also on a pty, unless an option says otherwise.
+
+    It simulates what they turn in real time. Lines that are typed, or sent to the socket of
+    --control, do something to it: sto and release for the STO button, lift and put for the ball,
+    touch X Y (mm) for a finger, unplug and plug for the screen, lag for how far it is behind the
+    clock; faults of drives and frames: an unknown word lists them. Ctrl-C ends it.
     """
-    from twin.emulator.serve import VirtualRig, come_forward
-    from twin.scenario import load
+    from contextlib import ExitStack
 
-    with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
-        text = rig.rig_file()
-        write_whole(file, text)
-        console.print(text, markup=False)
-        say(f"written to {file}; use it with: ballplate run circle --rig {file}")
+    from twin.emulator.control import control_socket
+    from twin.emulator.serve import VirtualRig, come_forward
+
+    if eds is not None:
+        from twin.emulator.profile_eds import eds_text
+
+        write_whole(eds, eds_text())
+        say(f"written to {eds}")
+        return 0
+    own_host = kind == "akd" and not bus.startswith("udp_multicast")
+    if file is not None and not own_host:
+        raise RigError("--write: this program's host drives AKD only, and not over udp_multicast")
+    served = _virtual_bus(scenario, overrides, kind, mechanism, bus, nodes, protocol)
+    with ExitStack() as opened:
+        rig = opened.enter_context(served)
+        if control is not None:
+            opened.enter_context(control_socket(control, rig.control))
+        if isinstance(rig, VirtualRig) and own_host:
+            text, file = rig.rig_file(), file or Path("emulated.toml")
+            write_whole(file, text)
+            console.print(text, markup=False)
+            say(f"written to {file}; use it with: ballplate run circle --rig {file}")
+        else:
+            listed = " and ".join(str(drive.node) for drive in rig.drives)
+            hint = "; their EDS: --eds FILE" if kind == "cia402" else ""
+            say(f"{kind} drives, node {listed}, on {rig.place}{hint}")
+            if isinstance(rig, VirtualRig):
+                say(f"touch screen ({protocol}) on {rig.screen.path}")
         come_forward()
         threading.Thread(target=_listen, args=(rig,), daemon=True).start()
         try:
@@ -169,10 +233,50 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
     return 0
 
 
-def _listen(rig: VirtualRig) -> None:
+def _virtual_bus(
+    scenario: str,
+    overrides: tuple[str, ...],
+    kind: str,
+    mechanism: str,
+    bus: str,
+    nodes: tuple[int, ...],
+    protocol: str,
+) -> VirtualBus:
+    """What `emulate` serves, by its options.
+
+    Raises:
+        RigError: Options that do not go together, or a bus that cannot be opened.
+    """
+    from twin.emulator.bus_port import PSEUDO_TERMINAL, parse_bus
+    from twin.emulator.load import InertiaLoad, ShaftLoad
+    from twin.emulator.profile_drive import ProfileDrive
+    from twin.emulator.virtual_bus import VirtualBus
+
+    name = None if bus == PSEUDO_TERMINAL else parse_bus(bus)
+    if len(set(nodes)) < len(nodes):
+        raise RigError("--node: each drive needs a node of its own")
+    if mechanism == "inertia":
+        if kind == "akd":
+            raise RigError("--mechanism inertia: needs --drive cia402; AKD drives turn the plate")
+        if overrides:
+            raise RigError("--set: changes the scenario of a plate; --mechanism inertia has none")
+        return VirtualBus([ProfileDrive(node, InertiaLoad()) for node in nodes or (1,)], name)
+    from twin.emulator.drive import EmulatedDrive
+    from twin.emulator.serve import VirtualRig
+    from twin.scenario import load
+
+    nodes = nodes or (1, 2)
+    if len(nodes) != 2:
+        raise RigError("--node: a plate has two drives, of phi and theta; name two nodes")
+    plain = [ProfileDrive(node, ShaftLoad()) for node in nodes]
+    drives = plain if kind == "cia402" else [EmulatedDrive(node) for node in nodes]
+    return VirtualRig(load(scenario, overrides), Protocol(protocol), drives, name)
+
+
+def _listen(rig: VirtualBus) -> None:
     for line in sys.stdin:
         if line.strip():
-            console.print(rig.obey(line.strip()))
+            console.print(rig.obey(line.strip()), markup=False)
 
 
 @options.command(example="safety --only heartbeat")

@@ -22,15 +22,15 @@ from dataclasses import dataclass
 from enum import Flag, auto
 from itertools import count
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import can
 from can.exceptions import CanOperationError
 
 from twin.base.errors import RigError
 from twin.devices.realtime import LatencyHistogram, Paused, never
-from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import Frame
+from twin.emulator.node import EmulatedNode
 
 Bytes = Callable[[bytes], bytes]
 Ids = int | Iterable[int] | None
@@ -171,7 +171,7 @@ class EmulatedBus:
         drives: Who is on it; two with one node are allowed, as on a real bus.
     """
 
-    def __init__(self, drives: Sequence[EmulatedDrive]) -> None:
+    def __init__(self, drives: Sequence[EmulatedNode]) -> None:
         self.drives = list(drives)
         self.bitrate = 1_000_000
         """Bit rate of the drives, bit/s; an adapter with a different one hears nothing."""
@@ -587,6 +587,20 @@ def _read(line: bytes) -> Frame | None:
     return Frame(cob_id, data, remote)
 
 
+class Port(Protocol):
+    """Where hosts reach an emulated bus."""
+
+    def wait(self, seconds: float) -> None:
+        """Wait until a host sends something, at most for a time in s."""
+
+    def pump(self, passing: Passing = nothing) -> None:
+        """Pass on what has arrived either way; never waits.
+
+        Args:
+            passing: Called after each of the SYNCs that have waited, with the share of them so far.
+        """
+
+
 class BusServer:
     """Pumps a port and steps its bus in real time.
 
@@ -595,14 +609,14 @@ class BusServer:
 
     Args:
         bus: What is emulated.
-        port: Where the host's adapter is.
+        port: Where hosts reach it.
         step: Step in s.
     """
 
     BACKLOG = 0.1
     """Longest lag in s that is made up for."""
 
-    def __init__(self, bus: EmulatedBus, port: SlcanPort, *, step: float = 0.0005) -> None:
+    def __init__(self, bus: EmulatedBus, port: Port, *, step: float = 0.0005) -> None:
         self.bus = bus
         self.port = port
         self.lock = threading.Lock()

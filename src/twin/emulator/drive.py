@@ -10,18 +10,11 @@ profile velocity (in which the drive turns), the PLL, and the bus's own timing.
 from __future__ import annotations
 
 import math
-import struct
-from enum import IntEnum
 from functools import partial
 
-from twin.emulator.drive_objects import (
-    Frame,
-    Heartbeats,
-    ObjectStore,
-    Pdos,
-    emergency_code,
-    sdo_answer,
-)
+from twin.emulator.drive_objects import ObjectStore, Pdos, emergency_code, sdo_answer
+from twin.emulator.node import EmulatedNode
+from twin.emulator.power_stage import Power
 from twin.sim.sensors import ENCODER_COUNTS_PER_TURN
 
 RPM = math.pi / 30
@@ -124,141 +117,6 @@ MotionLimits = tuple[float, float]
 """Lowest and highest rate in rad/s."""
 
 
-class Power(IntEnum):
-    """States; the values are the status word's bits 0 to 3, 5 and 6."""
-
-    NOT_READY = 0x00
-    SWITCH_ON_DISABLED = 0x40
-    READY = 0x21
-    SWITCHED_ON = 0x23
-    OPERATION_ENABLED = 0x27
-    QUICK_STOP = 0x07
-    FAULT_REACTION = 0x0F
-    FAULT = 0x08
-
-
-STO_FAULT = 602
-UNDERVOLTAGE_FAULT = 502
-NO_VOLTAGE = 247
-MASTER_SILENT = 129
-
-_TORQUE_STATES = {
-    Power.SWITCHED_ON,
-    Power.OPERATION_ENABLED,
-    Power.QUICK_STOP,
-    Power.FAULT_REACTION,
-}
-_RESET = 0x80
-
-
-class PowerStage:
-    """States of the power stage under control words, inputs and faults.
-
-    A fault with a cause that is still present cannot be reset: open STO, missing DC link, and
-    whatever is in ``causes``.
-    """
-
-    def __init__(self) -> None:
-        self.state = Power.SWITCH_ON_DISABLED
-        self.sto_closed = True
-        self.dc_link = True
-        self.faults: list[int] = []
-        """Numbers of the present faults, oldest first."""
-        self.causes: set[int] = set()
-        """Faults with a cause that is still present, apart from STO and DC link."""
-        self.refuse_reset = False
-        self.option = 2
-        """Quick stop option (605Ah): 2 ends in switch on disabled, 6 stays."""
-        self._control = 0
-
-    @property
-    def live(self) -> bool:
-        """Whether the motor has torque or would have it in a moment."""
-        return self.state in _TORQUE_STATES
-
-    def control(self, word: int) -> list[int]:
-        """Obey a control word, one transition at most; numbers of faults that come of it."""
-        rising = word & _RESET and not self._control & _RESET
-        self._control = word
-        if self.state is Power.FAULT:
-            if rising and not self.refuse_reset and not self.standing:
-                self.faults.clear()
-                self.state = Power.SWITCH_ON_DISABLED
-            return []
-        if self.state is Power.FAULT_REACTION:
-            return []
-        voltage, running = word & 0x02, word & 0x04
-        if not voltage:
-            self.state = Power.SWITCH_ON_DISABLED
-        elif not running:
-            if self.state is Power.OPERATION_ENABLED:
-                self.state = Power.QUICK_STOP
-            elif self.state is not Power.QUICK_STOP:
-                self.state = Power.SWITCH_ON_DISABLED
-        elif self.state is Power.QUICK_STOP:
-            if word & 0x0F == 0x0F and self.option >= 5:
-                self.state = Power.OPERATION_ENABLED
-        else:
-            return self._step(word & 0x0F)
-        return []
-
-    def _step(self, word: int) -> list[int]:
-        if word & 0x07 == 0x06:
-            self.state = Power.READY
-        elif self.state is Power.READY:
-            return self._switch_on()
-        elif self.state in {Power.SWITCHED_ON, Power.OPERATION_ENABLED}:
-            self.state = Power.OPERATION_ENABLED if word == 0x0F else Power.SWITCHED_ON
-        return []
-
-    def _switch_on(self) -> list[int]:
-        if not self.sto_closed:
-            return self.fail(STO_FAULT)
-        if not self.dc_link:
-            return self.fail(NO_VOLTAGE)
-        self.state = Power.SWITCHED_ON
-        return []
-
-    def fault(self, place: int) -> int:
-        """Number of the present fault at a place, 0 being the oldest's; 0 if there is none."""
-        return self.faults[place] if place < len(self.faults) else 0
-
-    @property
-    def standing(self) -> set[int]:
-        """Present faults with a cause that persists."""
-        persisting = set(self.causes)
-        if not self.sto_closed:
-            persisting.add(STO_FAULT)
-        if not self.dc_link:
-            persisting |= {UNDERVOLTAGE_FAULT, NO_VOLTAGE}
-        return persisting & set(self.faults)
-
-    def fail(self, number: int, *, braked: bool = False) -> list[int]:
-        """Go into fault; braked: with torque until standstill. The number, if it is new."""
-        if number in self.faults:
-            return []
-        self.faults.append(number)
-        if self.state is not Power.FAULT:
-            self.state = Power.FAULT_REACTION if braked and self.live else Power.FAULT
-        return [number]
-
-    def inputs(self) -> list[int]:
-        """Look at STO and DC link; numbers of faults that come of it."""
-        if self.live and not self.sto_closed:
-            return self.fail(STO_FAULT)
-        if self.live and not self.dc_link:
-            return self.fail(UNDERVOLTAGE_FAULT)
-        return []
-
-    def still(self) -> None:
-        """The motor stands: a stop that was under way is done."""
-        if self.state is Power.FAULT_REACTION:
-            self.state = Power.FAULT
-        elif self.state is Power.QUICK_STOP and self.option == 2:
-            self.state = Power.SWITCH_ON_DISABLED
-
-
-PRE_OPERATIONAL, OPERATIONAL, STOPPED = 127, 5, 4
 PROFILE_VELOCITY = 3
 
 _STANDSTILL_RAD_S = 1e-3
@@ -266,11 +124,10 @@ _MODE_REST = 0.01
 """Rate in rad/s above which the mode may not change; assumed."""
 _HALT = 1 << 8
 _VENDOR_ID = 0x6A
-_CODE = struct.Struct("<HB")
 
 
-class EmulatedDrive:
-    """One drive with its motor.
+class EmulatedDrive(EmulatedNode):
+    """One AKD with its motor.
 
     What can be done to it is an attribute or a method of its own.
 
@@ -281,25 +138,19 @@ class EmulatedDrive:
             (365Fh, 3659h) are emulated.
     """
 
+    store: ObjectStore
+
     def __init__(self, node: int, *, start_counts: int = 0, parameter_count: float = 0.001) -> None:
-        self.node = node
         self.parameter_count = parameter_count
         self._start_counts = start_counts
-        self._off = 0.0
-        self.power_on()
-        self._let_alone()
+        super().__init__(node)
 
     def power_on(self) -> None:
         """Begin as after power-up: defaults, counters at their start, boot-up message next."""
-        self.store = ObjectStore(self.node)
-        self.power = PowerStage()
+        store = ObjectStore(self.node)
+        self._boot(store, Pdos(store, self._written))
         self.motor = Motor(self._start_counts)
-        self.pdos = Pdos(self.store, self._written)
-        self.heartbeats = Heartbeats(self.store)
-        self.nmt = PRE_OPERATIONAL
-        self._out: list[Frame] = [self._own(0x700, b"\0")]
         self._target = 0.0
-        store = self.store
         store.turning = lambda: abs(self.motor.rate) >= _MODE_REST
         store.set(0x608F, 1, MOTOR_COUNTS)
         store.live(0x1001, 0, lambda: int(bool(self.power.faults)))
@@ -319,16 +170,6 @@ class EmulatedDrive:
         return self.motor.rate
 
     @property
-    def enabled(self) -> bool:
-        """Whether it follows its commands."""
-        return self.power.state is Power.OPERATION_ENABLED
-
-    @property
-    def state(self) -> Power:
-        """State of the power stage."""
-        return self.power.state
-
-    @property
     def mode(self) -> int:
         """Mode of operation it is in."""
         return self.store.get(0x6060) if self.mode_override is None else self.mode_override
@@ -346,105 +187,28 @@ class EmulatedDrive:
         self.power_on()
         self.motor.rate = rate
 
-    def lose_power(self, seconds: float) -> None:
-        """Lose the power of the electronics (24 V) for a time in s; then as after power-up."""
-        self._off = seconds
-        self.power.state = Power.SWITCH_ON_DISABLED
-
-    def open_sto(self) -> None:
-        """Open the safe torque off input, as an emergency stop button does."""
-        self.power.sto_closed = False
-
-    def fail(self, number: int, *, lasting: bool = False) -> None:
-        """Have a fault; lasting: its cause stays until ``restore``."""
-        if lasting:
-            self.power.causes.add(number)
-        self._failed(self.power.fail(number, braked=True))
-
     def restore(self) -> None:
         """Remove whatever has been done to it; faults that came of it stay until they are reset."""
-        self.power.causes.clear()
-        self.power.sto_closed = self.power.dc_link = True
-        self.power.refuse_reset = False
+        super().restore()
         self.motor.encoder.frozen = self.motor.plate.frozen = False
         self.store.set(0x1018, 1, _VENDOR_ID)
-        self.store.stuck.clear()
-        self._let_alone()
 
     def _let_alone(self) -> None:
         """Do nothing more to it, apart from what is in its power stage, motor and objects."""
+        super()._let_alone()
         self.remote = True
         """False: a tool has taken the drive over; control words and new targets are ignored."""
         self.mode_override: int | None = None
         """Mode it shows and is in, whatever 6060h requests."""
         self.limit_active: bool | None = None
         """Internal limit bit, None for the result of the velocity limit."""
-        self.warning = self.sdo_silent = False
-        self.sdo_aborts: dict[tuple[int, int], int] = {}
-        """Objects that are refused, with the abort code."""
-        self.short_emergencies = False
-        """Sends two bytes of every emergency instead of eight."""
+        self.warning = False
 
-    def emergency(self, code: int, register: int = 0, extra: bytes = b"") -> None:
-        """Send an emergency message."""
-        data = _CODE.pack(code, register) + extra.ljust(5, b"\0")
-        self._out.append(self._own(0x080, data[:2] if self.short_emergencies else data))
+    def _sdo(self, request: bytes) -> bytes | None:
+        return sdo_answer(self.store, request, self.sdo_aborts, self._written)
 
-    def receive(self, frame: Frame) -> list[Frame]:
-        """Take in any frame on the bus; return its immediate answers."""
-        node, service, data = self.node, frame.cob_id, frame.data
-        if frame.remote or frame.extended or self._off > 0:
-            return []
-        if service == 0x000 and len(data) == 2 and data[1] in {0, node}:
-            self._command(data[0])
-        elif service == self.store.get(0x1005) & 0x7FF and self.nmt == OPERATIONAL:
-            self._out += self.pdos.sync()
-        elif service == 0x600 + node and self.nmt != STOPPED and not self.sdo_silent:
-            reply = sdo_answer(self.store, data, self.sdo_aborts, self._written)
-            self._out += [] if reply is None else [self._own(0x580, reply)]
-        elif service & ~0x7F == 0x700:
-            self.heartbeats.heard(service & 0x7F)
-        elif self.nmt == OPERATIONAL:
-            code = self.pdos.receive(frame)
-            if code is not None:
-                self.emergency(code, 0x10)
-        return self._sent()
-
-    def step(self, dt: float) -> list[Frame]:
-        """Let dt seconds pass; return the frames sent meanwhile."""
-        if self._off > 0:
-            self._off -= dt
-            self.motor.coast(dt)
-            if self._off <= 0:
-                self.reboot()
-            return []
-        self._failed(self.power.inputs())
-        if self.heartbeats.missed(dt):
-            self._failed(self.power.fail(MASTER_SILENT, braked=True))
-        self._move(dt)
-        if abs(self.motor.rate) < _STANDSTILL_RAD_S:
-            self.power.still()
-        if self.heartbeats.due(dt):
-            self._out.append(self._own(0x700, bytes((self.nmt,))))
-        return self._sent()
-
-    def _own(self, service: int, data: bytes) -> Frame:
-        return Frame(service + self.node, data)
-
-    def _sent(self) -> list[Frame]:
-        out, self._out = self._out, []
-        return out
-
-    def _command(self, command: int) -> None:
-        if command == 1:
-            self.nmt = OPERATIONAL
-            self.pdos.forget()
-        elif command == 2:
-            self.nmt = STOPPED
-        elif command == 128:
-            self.nmt = PRE_OPERATIONAL
-        elif command in {129, 130}:
-            self.reboot()
+    def _coast(self, dt: float) -> None:
+        self.motor.coast(dt)
 
     def _written(self, index: int, sub: int) -> None:
         if index == 0x1017:
@@ -475,3 +239,5 @@ class EmulatedDrive:
             motor.follow(0.0, (STOP_RAMP, STOP_RAMP), (0.0, 0.0), dt)
         else:
             motor.coast(dt)
+        if abs(motor.rate) < _STANDSTILL_RAD_S:
+            self.power.still()

@@ -1,12 +1,13 @@
-"""The objects of an emulated drive, and its messages about them: SDO answers, PDOs, heartbeats.
+"""The objects of emulated drives, and their messages about them: SDO answers, PDOs, heartbeats.
 
-The object dictionary is the drive's own, of ``drive_objects.toml``; the host has its own.
+An object dictionary is a table in TOML. That of an AKD is ``drive_objects.toml``; the host has its
+own.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -60,25 +61,38 @@ class AbortError(Exception):
         super().__init__(f"{code:08X}h")
 
 
+Key = tuple[int, int]
+"""Index and subindex of an object."""
+
+
 class DriveObject(NamedTuple):
-    """One object of the drive.
+    """One object of a drive.
 
     Attributes:
-        type: U or I and the bits.
+        type: U or I and the bits; S for a text.
         access: const, ro, rw or rww; see ``drive_objects.toml``.
         pdo: Whether a PDO may carry it.
-        default: Value at power-up.
+        default: Value at power-up; of a text 0.
+        text: Its name or the source of its default; of type S the text that it holds is in
+            ``content``.
+        low: Smallest value that may be written, None for that of its type.
+        high: Largest value that may be written, None for that of its type.
+        content: The text of an object of type S.
     """
 
     type: str
     access: str
     pdo: bool
     default: int
+    text: str = ""
+    low: int | None = None
+    high: int | None = None
+    content: str = ""
 
     @property
     def size(self) -> int:
         """Bytes."""
-        return int(self.type[1:]) // 8
+        return len(self.content) if self.type == "S" else int(self.type[1:]) // 8
 
     @property
     def signed(self) -> bool:
@@ -86,20 +100,37 @@ class DriveObject(NamedTuple):
         return self.type[0] == "I"
 
 
-def drive_objects(node: int) -> dict[tuple[int, int], DriveObject]:
-    """All objects of a drive with this node, by index and subindex."""
+def read_objects(table: Mapping[str, Mapping[str, Any]], node: int) -> dict[Key, DriveObject]:
+    """The objects of a table, by index and subindex.
+
+    Args:
+        table: ``objects`` and ``mappings``; ``drive_objects.toml`` describes both.
+        node: Node of the drive, for the defaults that depend on it.
+    """
     found = {}
-    for key, (kind, access, pdo, default, _) in _table()["objects"].items():
+    for key, (kind, access, pdo, default, text, *limits) in table["objects"].items():
         index, _, sub = key.partition(":")
-        value = node + int(default[5:], 16) if isinstance(default, str) else default
-        found[int(index, 16), int(sub)] = DriveObject(kind, access, pdo, value)
-    for key, entries in _table()["mappings"].items():
+        content, value = "", default
+        if kind == "S":
+            content, value = default, 0
+        elif isinstance(default, str):
+            value = node + int(default[5:], 16)
+        low, high = limits or (None, None)
+        each = DriveObject(kind, access, pdo, value, text, low, high, content)
+        found[int(index, 16), int(sub)] = each
+    for key, entries in table["mappings"].items():
         record = int(key, 16)
-        found[record, 0] = DriveObject("U8", "rw", False, len(entries))
+        count = DriveObject("U8", "rw", False, len(entries), "Number of entries")
+        found[record, 0] = count
         for at in range(PDO_ENTRIES):
             entry = entries[at] if at < len(entries) else 0
-            found[record, at + 1] = DriveObject("U32", "rw", False, entry)
+            found[record, at + 1] = DriveObject("U32", "rw", False, entry, f"Entry {at + 1}")
     return found
+
+
+def drive_objects(node: int) -> dict[Key, DriveObject]:
+    """All objects of an AKD with this node, by index and subindex."""
+    return read_objects(_table(), node)
 
 
 def emergency_code(fault: int) -> int:
@@ -112,22 +143,20 @@ def _table() -> dict[str, dict[str, Any]]:
     return read_packaged("twin.emulator", "drive_objects.toml")
 
 
-class ObjectStore:
+class ObjectDictionary:
     """All objects of a drive, as bytes on the wire and as integers inside.
 
     Args:
-        node: The drive's node, for its default COB-IDs.
+        objects: The objects.
     """
 
-    def __init__(self, node: int) -> None:
-        self._objects = drive_objects(node)
+    def __init__(self, objects: dict[Key, DriveObject]) -> None:
+        self._objects = objects
         self._indices = {index for index, _ in self._objects}
         self._values = {key: each.default for key, each in self._objects.items()}
-        self._live: dict[tuple[int, int], Callable[[], int]] = {}
-        self.stuck: set[tuple[int, int]] = set()
+        self._live: dict[Key, Callable[[], int]] = {}
+        self.stuck: set[Key] = set()
         """Objects that acknowledge what is written and keep what they have."""
-        self.turning: Callable[[], bool] = lambda: False
-        """Whether the motor turns: its mode cannot be changed then."""
 
     def live(self, index: int, sub: int, value: Callable[[], int]) -> None:
         """Let an object always be what a function gives."""
@@ -159,7 +188,10 @@ class ObjectStore:
         Raises:
             AbortError: If it does not exist.
         """
-        size = self.find(index, sub).size
+        known = self.find(index, sub)
+        if known.type == "S":
+            return known.content.encode()
+        size = known.size
         return (self.get(index, sub) & ((1 << 8 * size) - 1)).to_bytes(size, "little")
 
     def write(self, index: int, sub: int, data: bytes) -> None:
@@ -179,14 +211,21 @@ class ObjectStore:
         if len(data) != known.size:
             raise AbortError(WRONG_LENGTH)
         value = int.from_bytes(data, "little", signed=known.signed)
-        if index == 0x6060:
-            if value not in AKD_MODES:
-                raise AbortError(OUT_OF_RANGE)
-            if value != self.get(0x6060) and self.turning():
-                raise AbortError(NOT_NOW)
+        if known.low is not None and value < known.low:
+            raise AbortError(OUT_OF_RANGE)
+        if known.high is not None and value > known.high:
+            raise AbortError(OUT_OF_RANGE)
+        self.check(index, sub, value)
         self._check_pdo(index, sub, value)
         if (index, sub) not in self.stuck:
             self._values[index, sub] = value
+
+    def check(self, index: int, sub: int, value: int) -> None:
+        """Refuse a value that an object cannot have, or not now; any is accepted here.
+
+        Raises:
+            AbortError: The reason.
+        """
 
     def _check_pdo(self, index: int, sub: int, value: int) -> None:
         """CiA 301's order: switch the PDO off, count to 0, entries, count, switch it on."""
@@ -216,6 +255,31 @@ class ObjectStore:
             raise AbortError(NOT_MAPPABLE)
 
 
+class ObjectStore(ObjectDictionary):
+    """All objects of an AKD.
+
+    Args:
+        node: The drive's node, for its default COB-IDs.
+    """
+
+    def __init__(self, node: int) -> None:
+        super().__init__(drive_objects(node))
+        self.turning: Callable[[], bool] = lambda: False
+        """Whether the motor turns: its mode cannot be changed then."""
+
+    def check(self, index: int, sub: int, value: int) -> None:
+        """Refuse a mode (6060h) that the drive does not have, and a change of it in motion.
+
+        Raises:
+            AbortError: The reason.
+        """
+        if index == 0x6060:
+            if value not in AKD_MODES:
+                raise AbortError(OUT_OF_RANGE)
+            if value != self.get(0x6060) and self.turning():
+                raise AbortError(NOT_NOW)
+
+
 _HEAD = struct.Struct("<BHB")
 _UNKNOWN_COMMAND = 0x05040001
 
@@ -224,7 +288,7 @@ _SYNCHRONOUS = 240
 
 
 def sdo_answer(
-    store: ObjectStore,
+    store: ObjectDictionary,
     request: bytes,
     aborts: dict[tuple[int, int], int],
     written: Callable[[int, int], None],
@@ -271,7 +335,7 @@ class Pdos:
         written: Called with index and subindex of what a PDO wrote.
     """
 
-    def __init__(self, store: ObjectStore, written: Callable[[int, int], None]) -> None:
+    def __init__(self, store: ObjectDictionary, written: Callable[[int, int], None]) -> None:
         self._store = store
         self._written = written
         self.forget()
@@ -307,13 +371,16 @@ class Pdos:
             self._counts[number] += 1
             if self._counts[number] >= kind:
                 self._counts[number] = 0
-                entries = self._entries(0x1A00 + number)
-                packed = (self._store.read(index, sub) for index, sub, _ in entries)
-                sent.append(Frame(cob_id, b"".join(packed)))
+                sent.append(Frame(cob_id, self._sample(number)))
         for number, data in self._pending.items():
             self._apply(number, data)
         self._pending.clear()
         return sent
+
+    def _sample(self, number: int) -> bytes:
+        """The present data of a transmit PDO."""
+        entries = self._entries(0x1A00 + number)
+        return b"".join(self._store.read(index, sub) for index, sub, _ in entries)
 
     def _parameters(self, index: int) -> tuple[int | None, int]:
         """Identifier of a PDO, None if it is off, and its transmission type."""
@@ -346,7 +413,7 @@ class Heartbeats:
         store: The drive's objects.
     """
 
-    def __init__(self, store: ObjectStore) -> None:
+    def __init__(self, store: ObjectDictionary) -> None:
         self._store = store
         self._beat = 0.0
         self._silence: float | None = None

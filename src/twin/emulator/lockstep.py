@@ -23,7 +23,8 @@ from twin.devices.lumio.screen import LumioScreen
 from twin.devices.realtime import RealTimeClock, Scheduling
 from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import DirectBus, EmulatedBus
-from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.power_stage import Power
 from twin.emulator.screen import Protocol, ScreenLine
 from twin.emulator.serve import EmulatedPlant
 from twin.hal.interface import PoweredScreen, Touch

@@ -5,7 +5,6 @@ It serves in a process of its own, which comes before every ordinary one.
 
 from __future__ import annotations
 
-import gc
 import multiprocessing
 import os
 import signal
@@ -21,7 +20,7 @@ from importlib.resources import files
 from multiprocessing.connection import Connection
 from multiprocessing.sharedctypes import RawArray
 from string import Template
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -29,15 +28,18 @@ from controllers.arrays import Array
 from twin.base.errors import RigError
 from twin.base.jobs import let_go, spawn
 from twin.base.settings import from_scenarios
+from twin.emulator.bus_port import BusName
 from twin.emulator.can_bus import (
-    BusServer,
-    EmulatedBus,
     PseudoTerminal,
-    SlcanPort,
     check_pseudo_terminals,
 )
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.screen import Ball, Protocol, ScreenLine
+from twin.emulator.control import ControlError
+from twin.emulator.drive import EmulatedDrive, Motor
+from twin.emulator.load import ShaftLoad
+from twin.emulator.profile_drive import ProfileDrive
+from twin.emulator.screen import Ball, ScreenLine
+from twin.emulator.screen import Protocol as ScreenProtocol
+from twin.emulator.virtual_bus import VirtualBus
 from twin.hal.interface import Touch, Transmission
 from twin.run.assemble import build_devices, build_plant, start_plant
 from twin.scenario.load import Tables
@@ -73,6 +75,22 @@ class Wiring(NamedTuple):
     motor_scale: tuple[float, float] = (1.0, 1.0)
     encoder_scale: tuple[float, float] = (1.0, 1.0)
     slip: tuple[float, float] = (0.0, 0.0)
+
+
+class Turning(Protocol):
+    """A drive that turns a shaft of a plant."""
+
+    @property
+    def rate(self) -> float:
+        """Rate in rad/s with which it turns the shaft."""
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it follows its commands."""
+
+    @property
+    def motor(self) -> Motor | ShaftLoad:
+        """Its shaft."""
 
 
 class EmulatedPlant:
@@ -115,7 +133,7 @@ class EmulatedPlant:
         self._shown = np.zeros((2, 2))
         """What is added to shaft and plate angle of each drive in rad, so that none has jumped."""
         self._owed = 0.0
-        self._drives: Sequence[EmulatedDrive] = ()
+        self._drives: Sequence[Turning] = ()
 
     transmission: Transmission
     """Plate angles to motor angles, as the scenario's rig knows them."""
@@ -142,12 +160,12 @@ class EmulatedPlant:
         turn = self.transmission.motor(plate) - self.transmission.motor(0 * plate)
         return float(np.abs(turn).max())
 
-    def attach(self, drives: Sequence[EmulatedDrive]) -> None:
+    def attach(self, drives: Sequence[Turning]) -> None:
         """Let the drives, phi then theta, move the plant and read its encoders."""
         self._drives = drives[:2]
         self._sense()
 
-    def screen_line(self, ball: Ball, protocol: Protocol) -> ScreenLine:
+    def screen_line(self, ball: Ball, protocol: ScreenProtocol) -> ScreenLine:
         """The data of a screen on it that speaks a protocol and senses the places of ``ball``."""
         seen, frames = self._scenario.sensors.touch, {}
         if rate := seen.frame_rate:
@@ -228,54 +246,50 @@ class EmulatedPlant:
         self._sense()
 
 
-STARVED_LAG_S = 0.001
-"""Lag in s of every hundredth round from which the emulator is too slow for periods of 2 ms."""
-
-
-class VirtualRig:
-    """Two drives on an adapter, a screen on a port, and the plant between them; a context manager.
+class VirtualRig(VirtualBus):
+    """Two drives on a bus, a screen on a port, and the plant between them; a context manager.
 
     Args:
         scenario: The owner of the plant.
         protocol: What the screen speaks.
+        drives: The drives of phi and theta; two AKD drives, nodes 1 and 2, by default.
+        name: A bus of python-can that hosts use; None for an adapter on a pseudo-terminal.
 
     Raises:
         ModelError: The mechanism or its cam table cannot be used.
-        RigError: This system has no pseudo-terminals.
+        RigError: The bus cannot be opened, or this system has no pseudo-terminals.
     """
 
-    def __init__(self, scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        protocol: ScreenProtocol = ScreenProtocol.MICROTOUCH,
+        drives: Sequence[EmulatedDrive | ProfileDrive[ShaftLoad]] | None = None,
+        name: BusName | None = None,
+    ) -> None:
         self.plant = EmulatedPlant(scenario)
-        self.drives = [EmulatedDrive(node) for node in (1, 2)]
-        self.bus = EmulatedBus(self.drives)
-        self.adapter = SlcanPort(self.bus)
-        self.server = BusServer(self.bus, self.adapter, step=MAX_PLANT_STEP_S)
+        turning = drives or [EmulatedDrive(node) for node in (1, 2)]
+        super().__init__(turning, name, MAX_PLANT_STEP_S)
         self.line = self.plant.screen_line(self._ball, protocol)
         self.screen = PseudoTerminal("lumio")
         self.server.beside = self._show
         self._finger: tuple[float, float] | None = None
-        self.plant.attach(self.drives)
+        self.plant.attach(turning)
         self.bus.moved = self.plant.advance
-        self._open = ExitStack()
 
-    def __enter__(self) -> VirtualRig:
-        with ExitStack() as opened:
-            opened.enter_context(self.adapter)
-            opened.enter_context(self.screen).plug()
-            self._open = opened.pop_all()
-        gc.collect()
-        gc.freeze()  # a collection of everything takes longer than a period
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._open.close()
-        gc.unfreeze()
+    def _enter(self, opened: ExitStack) -> None:
+        opened.enter_context(self.screen).plug()
 
     def rig_file(self) -> str:
         """The text of the rig file that a host needs to find it."""
-        serial = self.line.protocol in {Protocol.MICROTOUCH, Protocol.ELO}
+        serial = self.line.protocol in {ScreenProtocol.MICROTOUCH, ScreenProtocol.ELO}
+        interface, channel, _ = self.place
         return Template((files("twin.emulator") / "rig.toml").read_text("utf-8")).substitute(
-            adapter=self.adapter.path,
+            phi=self.drives[0].node,
+            theta=self.drives[1].node,
+            interface=interface,
+            channel=channel,
+            options="{ sleep_after_open = 0.0 }" if interface == "slcan" else "{}",
             screen=self.screen.path,
             transport="serial" if serial else "hidraw",
             protocol=self.line.protocol,
@@ -287,17 +301,19 @@ class VirtualRig:
         """The tables of that file."""
         return tomllib.loads(self.rig_file())
 
-    def obey(self, word: str) -> str:
+    def control(self, line: str) -> str:
         """Do something to it while it runs: press its STO button, take the ball away, ...
 
         Args:
-            word: sto, release, lift, put, unplug, plug, or touch and where, in mm; lag.
+            line: sto, release, lift, put, unplug, plug, or touch and where, in mm; lag; or a line
+                of `twin.emulator.control`.
 
         Returns:
-            What was done or seen, or for an unknown word what can be.
+            What was done or seen.
+
+        Raises:
+            ControlError: The line cannot be obeyed.
         """
-        if word == "lag":
-            return self.lag
         known: dict[str, tuple[str, Callable[[], None]]] = {
             "sto": ("STO open: both drives without torque", partial(self._close_sto, False)),
             "release": ("STO closed; reset the faults to go on", partial(self._close_sto, True)),
@@ -306,10 +322,15 @@ class VirtualRig:
             "unplug": ("touch screen unplugged", self.screen.unplug),
             "plug": ("touch screen plugged in", self.screen.plug),
         }
-        text, act = known.get(word) or self._touch(word)
-        with self.server.lock:
-            act()
-        return text or f"known: {', '.join(known)}, touch X Y"
+        text, act = known.get(line) or self._touch(line)
+        if text:
+            with self.server.lock:
+                act()
+            return text
+        try:
+            return super().control(line)
+        except ControlError as error:
+            raise ControlError(f"{error}; {', '.join(known)}, touch X Y, lag") from None
 
     def _touch(self, word: str) -> tuple[str, Callable[[], None]]:
         """The effect of ``touch X Y``; none of any other text."""
@@ -319,15 +340,6 @@ class VirtualRig:
                     place = float(x) / 1e3, float(y) / 1e3
                     return f"touched at x {x}, y {y} mm", partial(self._put, False, place)
         return "", lambda: None
-
-    @property
-    def lag(self) -> str:
-        """How far the emulated bus was behind the clock, in words."""
-        with self.server.lock:
-            late = self.server.lag.as_dict()
-        p99, longest = late["p99_us"] / 1e3, late["max_us"] / 1e3
-        starved = "; it starved, so answers came late" if p99 > 1e3 * STARVED_LAG_S else ""
-        return f"emulated rig behind the clock: p99 {p99:.2f} ms, at most {longest:.1f} ms{starved}"
 
     def _close_sto(self, closed: bool) -> None:
         for drive in self.drives:

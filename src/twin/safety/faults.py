@@ -35,9 +35,10 @@ from twin.devices.lumio import conditions as lumio
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.rig import HardwareRig
 from twin.emulator.can_bus import Towards
-from twin.emulator.drive import COASTING_TIME_S, STOP_RAMP, VELOCITY_UNIT, Power
+from twin.emulator.drive import COASTING_TIME_S, STOP_RAMP, VELOCITY_UNIT
 from twin.emulator.drive_objects import Frame
 from twin.emulator.lockstep import BALL_TIMEOUT_S, LockstepRig
+from twin.emulator.power_stage import Power
 from twin.emulator.screen import Protocol, ScreenFault
 from twin.emulator.serve import Wiring
 from twin.hal import agreement, supervisor

@@ -24,15 +24,15 @@ from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.conditions import UNPLUGGED
 from twin.devices.lumio.config import HID_PANELS, LumioConfig, ScreenError
 from twin.devices.rig import StartRefusedError
-from twin.emulator.drive import (
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.lockstep import LockstepRig, MotionTrace, PowerChange
+from twin.emulator.power_stage import (
     MASTER_SILENT,
     NO_VOLTAGE,
     STO_FAULT,
     UNDERVOLTAGE_FAULT,
-    EmulatedDrive,
     Power,
 )
-from twin.emulator.lockstep import LockstepRig, MotionTrace, PowerChange
 from twin.emulator.screen import DEAD_TIME, FRAME_INTERVAL_S
 from twin.emulator.serve import Wiring
 from twin.hal.interface import Severity

@@ -16,7 +16,8 @@ from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.emulator.can_bus import Towards
-from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.power_stage import Power
 from twin.safety.faults import OF_DRIVES
 
 ROOMS = ("twin.devices.akd", "twin.devices.lumio")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from stepped import SteppedDrives
 
 from twin.devices.akd.conditions import CONDITIONS, DriveError
-from twin.emulator.drive import Power
+from twin.emulator.power_stage import Power
 from twin.hal.interface import Severity
 
 OURS = [

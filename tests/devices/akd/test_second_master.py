@@ -12,8 +12,8 @@ from twin.devices.akd import conditions as c
 from twin.devices.akd.bus import CanTransport
 from twin.devices.akd.conditions import DriveError
 from twin.devices.common import FaultReports
-from twin.emulator.drive import Power
 from twin.emulator.drive_objects import Frame
+from twin.emulator.power_stage import Power
 
 RATE = struct.Struct("<Hi").pack(0x0F, round(1.2 * 9549.297))
 """RPDO1: enabled, 1.2 rad/s."""
