@@ -250,6 +250,33 @@ def test_an_option_decides_whether_a_quick_stop_can_be_left(drive, option, state
     assert pair.node.get("status_word") & 0x6F == pair.twin.status & 0x6F == stopped
 
 
+def test_two_drives_and_a_host_on_one_bus_are_those_of_the_emulator(drive):
+    """Drive 6 monitors drive 5, whose heartbeat ends with its reset: it stops with F129."""
+    nodes = {each: BusNode(drive, node=each) for each in (NODE, NODE + 1)}
+    twins = {each: EmulatedDrive(each) for each in nodes}
+    sent = {each: frames_of(node.begin()[23:]) for each, node in nodes.items()}
+    assert sent == {each: twin.receive(Frame(0x123)) for each, twin in twins.items()}
+    script = {
+        1: [write(0x1017, 0, 5, 2)],
+        3: [write(0x1016, 1, NODE << 16 | 8, 4)._replace(cob_id=0x606)],
+        20: [each._replace(cob_id=0x606) for each in ENABLE],
+        60: [network(129)],
+    }
+    seen = []
+    for tick in range(100):
+        host = script.get(tick, [])
+        received = {me: [*host, *sent[NODE + NODE + 1 - me]] for me in nodes}
+        for me, frames in received.items():
+            sent[me] = frames_of(nodes[me].exchange(b"".join(map(transmit, frames)), STEP_S))
+            expected = [answer for frame in frames for answer in twins[me].receive(frame)]
+            assert sent[me] == expected + twins[me].step(STEP_S)
+            seen += sent[me]
+        enabled = nodes[NODE + 1].get("status_word") & 0x6F == Power.OPERATION_ENABLED
+        if not 68 <= tick <= 70:  # 8 ms after the boot-up that follows the reset
+            assert enabled == (20 <= tick < 68)
+    assert Frame(0x086, bytes.fromhex("3081014631323900")) in seen
+
+
 NEXT_WORDS = {
     Power.SWITCH_ON_DISABLED: (6,),
     Power.READY: (7,),
@@ -635,6 +662,13 @@ def test_the_modes_of_the_c_source_are_those_of_the_emulator(drive):
     pair = Pair(drive)
     for mode in range(-128, 128):
         assert (pair.write(0x6060, 0, mode, 1) == 0) == (mode in AKD_MODES)
+
+
+def test_every_variable_is_on_the_page_about_it(drive):
+    page = (HERE.parents[1] / "docs" / "bus-node.md").read_text(encoding="utf-8")
+    table = page[page.index("The terminal `can`") : page.index("## What the importer does")]
+    named = set(re.findall(r"`([a-z_.]+(?:[RT]x_\w+)?)`", table))
+    assert named == BusNode(drive).variables.keys() - {"time"} | {"can"}
 
 
 @pytest.mark.parametrize(
