@@ -619,6 +619,12 @@ def test_every_function_of_the_header_is_there(drive):
     assert [name for name in declared if not hasattr(loaded, name)] == []
 
 
+def test_the_sources_that_are_listed_are_all(drive):
+    source = drive.parents[2] / "sources"
+    listed = re.findall(r'name="(\w+\.c)"', (source / "buildDescription.xml").read_text())
+    assert sorted(listed) == sorted(path.name for path in source.glob("*.c"))
+
+
 def test_the_terminal_has_the_four_members_that_the_standard_requires(drive):
     folder = drive.parents[2]
     root = ElementTree.parse(folder / "terminalsAndIcons" / "terminalsAndIcons.xml").getroot()

@@ -52,13 +52,8 @@ ACCESS_NAMES = {
     "rww": "PDO_WRITE_ACCESS",
 }
 """What the C source calls the access of an object."""
-FAULT_NUMBERS = (
-    drive.MASTER_SILENT,
-    drive.NO_VOLTAGE,
-    drive.UNDERVOLTAGE_FAULT,
-    drive.STO_FAULT,
-)
-"""Faults that the node can have."""
+FAULT_NUMBERS = (129, 247, 502, 602)
+"""Faults that the node can have: a silent master, no voltage, lost voltage, open STO."""
 UNKNOWN_FAULT = 0
 """Number that no fault has: its emergency code is that of all faults without one of their own."""
 MANIFEST_FOLDER = "extra/org.fmi-standard.fmi-ls-bus"
