@@ -472,7 +472,7 @@ def test_what_comes_without_its_clock_is_not_received(drive):
     node.put(transmit(request(0x40, 0x1000, 0)))
     assert node.exchange(b"", STEP_S) == b""
     node.activate()
-    assert node.exchange(b"", STEP_S) == b""  # the bytes of the last event are gone
+    assert node.exchange(b"", STEP_S) == b""  # an event forgets its bytes
 
 
 def test_an_answer_comes_after_the_next_step_and_once(drive):

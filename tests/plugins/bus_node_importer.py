@@ -48,7 +48,7 @@ def frames_of(data):
 
 
 def make_library(folder):
-    """The drive as an FMU, unpacked beside it; its library."""
+    """The drive as an FMU, and unpacked in the same folder; its library."""
     path = drive_fmu("akd", folder / "drive.fmu")
     with zipfile.ZipFile(path) as archive:
         archive.extractall(folder / "drive")
