@@ -33,10 +33,10 @@ SHOWING = (
 """The pages whose commands change scenarios."""
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 WRITTEN = {
-    "can-trace.md", "explained.md", "extending.md", "fit.md", "from-matlab.md", "glossary.md",
-    "index.md", "installation.md", "labs.md", "law.md", "own-rig.md", "python.md", "run.md",
-    "see.md", "simulink.md", "solvers.md", "studies.md", "thesis.md", "tune.md", "tutorial.md",
-    "whatif.md", "wire.md", "your-rig.md",
+    "bus-node.md", "can-trace.md", "explained.md", "extending.md", "fit.md", "from-matlab.md",
+    "glossary.md", "index.md", "installation.md", "labs.md", "law.md", "own-rig.md", "python.md",
+    "run.md", "see.md", "simulink.md", "solvers.md", "studies.md", "thesis.md", "tune.md",
+    "tutorial.md", "whatif.md", "wire.md", "your-rig.md",
 }  # fmt: skip
 """Pages without a template that nothing makes."""
 SMOOTH = "plant.friction.rolling_mm=0"

@@ -4,8 +4,9 @@ Runs: ``run``, ``compare``, ``sweep``, ``study``; they do what the commands of t
 for bit. Rigs drawn from a family: ``family``. What was recorded: ``load``, ``identify``. A rig to
 step with a controller of one's own: ``rig``; a control law out of a function: ``law``. The model
 behind it: ``model``, and the classes of ``laws``, ``observers``, ``references``; plants and
-controllers for python-control: ``systems``; a rig for Simulink and others: ``fmu``; the equations
-as CasADi symbols: ``symbolic``. What there is to run and to set: ``scenarios``, ``describe``.
+controllers for python-control: ``systems``; a rig for Simulink and others: ``fmu``; a drive for
+simulated CAN buses: ``drive_fmu``; the equations as CasADi symbols: ``symbolic``. What there is to
+run and to set: ``scenarios``, ``describe``.
 
 SI units; the last axis of an array is the vector, all leading axes are rigs or instants. A mistake
 is a ``TwinError`` of one line: what, where, and what is allowed. Importing this package loads no
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from ballplate import lab, laws, observers, references, systems
     from ballplate.comparing import Comparison, compare, load
     from ballplate.results import Identified, Log, Result, identify
-    from ballplate.rigs import Rig, fmu, rig
+    from ballplate.rigs import Rig, drive_fmu, fmu, rig
     from ballplate.solvers import Symbolic, symbolic
     from ballplate.studies import StudyResult, Sweep, family, study, sweep
 
@@ -59,6 +60,7 @@ __all__ = [
     "TwinError",
     "compare",
     "describe",
+    "drive_fmu",
     "family",
     "fmu",
     "identify",
@@ -83,7 +85,7 @@ _LAZY_MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 _LAZY_NAMES = {
     "comparing": ("Comparison", "compare", "load"),
     "results": ("Identified", "Log", "Result", "identify"),
-    "rigs": ("Rig", "fmu", "rig"),
+    "rigs": ("Rig", "drive_fmu", "fmu", "rig"),
     "solvers": ("Symbolic", "symbolic"),
     "studies": ("StudyResult", "Sweep", "family", "study", "sweep"),
 }

@@ -309,9 +309,7 @@ def fmu(
         >>> "modelDescription.xml" in zipfile.ZipFile(file).namelist()
         True
     """
-    path = Path(file)
-    if path.suffix != ".fmu":
-        raise RecordError(f"{path}: an FMU's file must end in .fmu")
+    path = _check_ending(file)
     find(str(scenario))
     given = [*changes_of(settings, changes), *changes_of(EXACT_PLANT, {})]
     chosen = scenario_of(scenario, given)
@@ -321,4 +319,44 @@ def fmu(
 
     if lacking := export(path, chosen, quiet, fmi=fmi, wished=wished):
         (reporter or default()).warn(f"{path}: source only, without a binary: {lacking}")
+    return path
+
+
+def drive_fmu(kind: str, file: str | Path, *, reporter: Reporter | None = None) -> Path:
+    """Write an emulated drive as an FMU that is a node of a simulated CAN bus.
+
+    It is FMI 3.0 with FMI-LS-BUS 1.0 (low cut): C source, and a binary for Linux. The drive
+    answers over the bus as the emulated one of ``ballplate emulate`` does.
+    ``ballplate export akd drive.fmu --bus`` does the same.
+
+    Args:
+        kind: The drive: ``akd``.
+        file: The file, its ending ``.fmu``.
+        reporter: Receives the reason why there is no binary in it.
+
+    Returns:
+        The file.
+
+    Raises:
+        TwinError: If there is no such drive, or the file cannot be written.
+
+    Examples:
+        >>> import zipfile
+        >>> import ballplate as bp
+        >>> file = bp.drive_fmu("akd", "drive.fmu")
+        >>> "terminalsAndIcons/terminalsAndIcons.xml" in zipfile.ZipFile(file).namelist()
+        True
+    """
+    path = _check_ending(file)
+    from twin.fmu.bus_node import export_drive
+
+    if lacking := export_drive(path, kind):
+        (reporter or default()).warn(f"{path}: source only, without a binary: {lacking}")
+    return path
+
+
+def _check_ending(file: str | Path) -> Path:
+    path = Path(file)
+    if path.suffix != ".fmu":
+        raise RecordError(f"{path}: an FMU's file must end in .fmu")
     return path

@@ -17,7 +17,7 @@ from twin.scenario import load
 ROOT = Path(__file__).parents[2]
 PAGES = {
     name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
-    for name in ("tutorial", "from-matlab", "simulink")
+    for name in ("bus-node", "tutorial", "from-matlab", "simulink")
 }
 BEFORE = ["pip install uv", "uv sync", "source .venv/bin/activate"]
 """What the tutorial has typed in a shell before the first command."""
@@ -171,6 +171,12 @@ def test_the_page_about_simulink_does_what_it_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     walked(PAGES["simulink"])
     assert {path.name for path in Path().glob("*.fmu")} == {"rig.fmu", "rig3.fmu", "quiet.fmu"}
+
+
+@pytest.mark.long
+def test_the_page_about_a_drive_on_a_simulated_bus_does_what_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    walked(PAGES["bus-node"])
 
 
 @pytest.mark.long

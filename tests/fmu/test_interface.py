@@ -241,6 +241,7 @@ def test_exponents_are_those_of_the_unit():
     assert exponents("kg m^2") == {"kg": 1, "m": 2}
     assert exponents("rad/s^2") == {"rad": 1, "s": -2}
     assert exponents("Hz") == {"s": -1}
+    assert exponents("N m s/rad") == {"kg": 1, "m": 2, "s": -1, "rad": -1}
 
 
 def test_every_name_on_the_page_about_simulink_is_one_of_the_fmu(fmu):
@@ -342,7 +343,7 @@ def test_the_sanitizers_find_nothing(library, tmp_path):
     source = library.parents[2] / "sources"
     shell = HERE.parents[1] / "src/twin/fmu/c/fmi2.c"
     program = tmp_path / "exercise"
-    names = ("rig.c", "instance.c", "fmi3.c", "scenario.c")
+    names = ("rig.c", "instance.c", "fmi3.c", "fmi3_absent.c", "scenario.c")
     files = [HERE / "exercise.c", *(source / name for name in names), shell]
     flags = "-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wno-unused-parameter -Werror -g -O1"
     flags += " -fsanitize=address,undefined -fno-sanitize-recover=all"

@@ -491,6 +491,7 @@ def report(runs: tuple[Path, ...], formats: list[str], out: Path | None) -> int:
 @click.option("--size", type=int, help="Its width in pixels [600].")
 @click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
 @click.option("--reference", "wished", is_flag=True, help="Of a rig: its reference is an output.")
+@click.option("--bus", is_flag=True, help="A drive, akd, as a node of a simulated CAN bus.")
 @options.SETTING
 @click.option(
     "--render",
@@ -503,6 +504,7 @@ def export(
     beside: tuple[Path, ...],
     fmi: str | None,
     wished: bool,
+    bus: bool,
     overrides: tuple[str, ...],
     **cut: Any,
 ) -> int:
@@ -513,7 +515,17 @@ def export(
 
     In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
     ballplate export circle rig.fmu --fmi 3 --set plant.friction.rolling_mm=0.1
+
+    Or a drive, as a node of a simulated CAN bus (FMI 3.0 with FMI-LS-BUS 1.0):
+    ballplate export akd drive.fmu --bus
     """
+    if bus:
+        if fmi or wished or overrides or beside or any(a is not None for a in cut.values()):
+            raise RecordError(f"{file}: a drive, --bus, is exported without any other option")
+        from ballplate.rigs import drive_fmu
+
+        say(f"written to {drive_fmu(str(run), file, reporter=TERMINAL)}")
+        return 0
     if file.suffix == ".fmu":
         if beside or any(a is not None for a in cut.values()):
             raise RecordError(

@@ -1,1 +1,1 @@
-"""The rig of a scenario as an FMU: one C source, described for FMI 2.0 and 3.0."""
+"""The rig of a scenario as an FMU, and a drive as a node of a simulated bus: C, described."""

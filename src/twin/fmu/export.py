@@ -174,19 +174,34 @@ MIN_TOUCH_MEMORY_S = 0.25
 TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 
 
+class Bus(NamedTuple):
+    """A terminal of FMI-LS-BUS in a model description.
+
+    Attributes:
+        name: Name of the network.
+        mime_type: Type of the operations that go over it.
+        max_bytes: The most bytes of operations that go in or out at one event.
+    """
+
+    name: str
+    mime_type: str
+    max_bytes: int
+
+
 def model_description(
-    scenario: Scenario, variables: Sequence[Variable], *, fmi: int, **names: Any
+    variables: Sequence[Variable], *, fmi: int, bus: Bus | None = None, **about: Any
 ) -> dict[str, str]:
     """The descriptions of FMI 2.0 or 3.0 as XML, by the names of their files.
 
     Args:
-        scenario: The owner of the rig.
-        variables: In the order of their value references.
+        variables: In the order of their value references; those of a bus come after them.
         fmi: 2 or 3.
-        names: ``name`` of the model and its binaries; ``token``, by which FMU and description know
-            each other; ``compiled``, the source files.
+        bus: The bus that the FMU is a node of; of FMI 3.0 only.
+        about: ``name`` of the model and its binaries; ``token``, by which FMU and description know
+            each other; ``compiled``, the source files; ``description`` in words; ``step`` and
+            ``duration`` in s of a default experiment.
     """
-    given = {"scenario": scenario, "variables": variables, "fmi": fmi, **names}
+    given = {"variables": variables, "fmi": fmi, "bus": bus, **about}
     given |= {"version": version("ballplate"), "exponents": exponents}
     files = {"modelDescription.xml": "", "buildDescription.xml": "sources/"}
     return {
@@ -195,10 +210,13 @@ def model_description(
     }
 
 
+DERIVED_UNITS = {"Hz": "/s", "N m": "kg m^2/s^2", "N m s/rad": "kg m^2/s/rad"}
+"""Units with a derived one in them, by base units."""
+
+
 def exponents(unit: str) -> dict[str, int]:
     """Those of the base units in an SI unit, as ``kg m^2`` or ``rad/s^2``; all factors are 1."""
-    if unit == "Hz":
-        return {"s": -1}
+    unit = DERIVED_UNITS.get(unit, unit)
     found = re.findall(r"(/?)([a-z]+)\^?(\d?)", unit)
     return {base: int(power or 1) * (-1 if over else 1) for over, base, power in found}
 
@@ -253,8 +271,12 @@ def c_source(
     return {name: render_template(TEMPLATE_FOLDER / f"{name}.j2", **given) for name in names}
 
 
-C_SOURCES = ("rig.c", "rig.h", "instance.c", "instance.h")
-"""The C source that both versions share; ``fmi2.c`` or ``fmi3.c`` goes with it."""
+C_SOURCES = ("rig.c", "rig.h", "instance.c", "instance.h", "fmi.h")
+"""The C source that both versions share."""
+FMI_SOURCES = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3.h", "fmi3_absent.c")}
+"""What goes with it, by the version of the standard."""
+RIG_PARTS = "Exact equations, drives, touch screen, encoders and limits; without the mechanism."
+"""What of a rig is in the FMU, for its description."""
 COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
 """How the binary is compiled: without fused operations, so that every processor rounds alike."""
 REFERENCE_FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
@@ -294,10 +316,14 @@ def export(
     compiled = [name for name in source if name.endswith(".c")]
     name = "ballplate_" + re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     content: dict[str, str | bytes] = {f"sources/{file}": source[file] for file in source}
-    content |= model_description(scenario, held, fmi=fmi, name=name, token=token, compiled=compiled)
+    about = f"Rig of: {scenario.title}. {RIG_PARTS}"
+    names: dict[str, Any] = {"name": name, "token": token, "compiled": compiled}
+    names["description"] = about
+    times = {"step": scenario.rig.period, "duration": scenario.duration}
+    content |= model_description(held, fmi=fmi, **names, **times)
     content |= {f"{REFERENCE_FOLDER}/{file}": text for file, text in reference(quiet).items()}
-    binary, lacking = _binary(source, name, fmi)
-    write_whole(path, lambda temporary: _pack(temporary, content | binary))
+    binary, lacking = compile_binary(source, name, fmi)
+    write_whole(path, lambda temporary: write_archive(temporary, content | binary))
     return lacking
 
 
@@ -309,16 +335,19 @@ def frame_phase(scenario: Scenario) -> float:
 
 def sources(scenario: Scenario, held: Sequence[Variable], fmi: int) -> tuple[dict[str, str], str]:
     """The C source of a scenario's rig by the names of its files, and its token, a hash of it."""
-    folder = files("twin.fmu") / "c"
-    written = {
-        name: (folder / name).read_text(encoding="utf-8") for name in (*C_SOURCES, f"fmi{fmi}.c")
-    }
+    written = read_sources(*C_SOURCES, *FMI_SOURCES[fmi])
     friction = build_friction([scenario])
     surface = None if friction is None or friction.map is None else friction.map.grids[0]
     path = path_of(scenario) if any(each.name == "reference_x" for each in held) else None
     bare = written | c_source(scenario, held, 16 * "0", surface, path)
     token = hashlib.sha256(json.dumps(bare).encode()).hexdigest()[:32]
     return written | c_source(scenario, held, token, surface, path), token
+
+
+def read_sources(*names: str) -> dict[str, str]:
+    """C source that stands in this package, by the names of its files."""
+    folder = files("twin.fmu") / "c"
+    return {name: (folder / name).read_text(encoding="utf-8") for name in names}
 
 
 def path_of(scenario: Scenario) -> Array:
@@ -357,8 +386,16 @@ def reference(scenario: Scenario) -> dict[str, str]:
     return tables | {manifest: (TEMPLATE_FOLDER / manifest).read_text(encoding="utf-8")}
 
 
-def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[dict[str, bytes], str]:
-    """A binary for this machine by its place; else why there is none."""
+def compile_binary(
+    source: Mapping[str, str], identifier: str, fmi: int
+) -> tuple[dict[str, bytes], str]:
+    """A binary for this machine by its place in the archive; else why there is none.
+
+    Args:
+        source: The C source by the names of its files.
+        identifier: Name of the binary.
+        fmi: 2 or 3.
+    """
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     machine = platform.machine()
     if not sys.platform.startswith("linux") or (fmi == 2 and machine != "x86_64"):
@@ -378,7 +415,7 @@ def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[dict[
         return {place: Path(folder, "rig.so").read_bytes()}, ""
 
 
-def _pack(path: Path, content: Mapping[str, str | bytes]) -> None:
+def write_archive(path: Path, content: Mapping[str, str | bytes]) -> None:
     """Write the archive; equal contents give equal bytes."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in sorted(content.items()):

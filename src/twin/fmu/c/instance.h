@@ -8,12 +8,6 @@
 
 #include "rig.h"
 
-#if defined _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
 enum Phase { MADE, BEGINNING, STEPPING, ENDED };
 
 typedef struct {

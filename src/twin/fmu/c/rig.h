@@ -9,18 +9,10 @@
 
 #include <stdint.h>
 
+#include "fmi.h"
 #include "scenario.h" /* written with each FMU: VARIABLES by name, PERIOD, RING, SURFACE, ... */
 
 enum BallSpin { FREE, LOCKED, THESIS };
-enum Type { NOTHING, REAL, INTEGER, BOOLEAN };
-enum Set { NEVER, AT_START, ALWAYS };
-
-/* What is known of a variable: of which type, when it may be set, to what. */
-typedef struct {
-    const char *name;
-    int type, set;
-    double start, lowest, highest;
-} Kind;
 
 extern const Kind KINDS[VARIABLES];
 extern const double CURVE[CURVE_ROWS + 1][3]; /* angles of servo and plate, slope */
