@@ -22,7 +22,7 @@ from typing import BinaryIO, cast
 import can
 
 from twin.base.foreign import HEAD, encoding_of, file_kind, with_article
-from twin.devices.akd.trace_files import packed, tables, text
+from twin.devices.akd.trace_files import candump, packed, tables, text
 from twin.devices.akd.trace_files.frames import Notes
 from twin.devices.common import one_line
 
@@ -76,10 +76,16 @@ def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[can.Message]:
 
 
 def _until_broken(lines: Iterable[str], notes: Notes) -> Iterator[str]:
-    """The lines of a text without colours, up to where what is packed is broken or cut."""
+    """The lines of a text without colours, up to where it is cut or what is packed is broken.
+
+    A last line without its end is left out: a part of a line may look like a whole one.
+    """
     number = 0
     try:
-        for number, line in enumerate(lines, 1):  # noqa: B007
+        for number, line in enumerate(lines, 1):
+            if not line.endswith("\n") and line.strip():
+                notes.remarks.append(f"ends within line {number}, which is left out")
+                return
             yield _COLOURS.sub("", line)
     except (EOFError, OSError, zlib.error) as error:
         notes.remarks.append(f"cannot be read on after line {number}: {one_line(error)}")
@@ -106,7 +112,7 @@ _PACKED: dict[str, tuple[str, _Packed]] = {
 }
 """Readers of packed files by what their first bytes say."""
 _FORMS: dict[str, tuple[Callable[[str], object], _Text]] = {
-    "candump -L": (text.LOG_LINE.match, text.read_candump_log),
+    "candump -L": (candump.LOG_LINE.match, candump.read_candump_log),
     "BUSMASTER": (re.compile(r"\*\*\*BUSMASTER").match, text.read_busmaster),
     "PCAN-View": (re.compile(r";\$FILEVERSION|\s*\d+\)\s+\d").match, text.read_trc),
     "Vector's ASC": (
@@ -114,7 +120,7 @@ _FORMS: dict[str, tuple[Callable[[str], object], _Text]] = {
         text.read_asc,
     ),
     "CanKing": (re.compile(r"\s*Chn\s+Identifier\s+Flg", re.I).match, tables.read_kvaser),
-    "candump on a terminal": (text.TERMINAL_LINE.match, text.read_candump_terminal),
+    "candump on a terminal": (candump.TERMINAL_LINE.match, candump.read_candump_terminal),
     "a table of frames": (tables.is_table, tables.read_table),
 }
 """Forms of text: how one of their first lines is known, and their readers."""

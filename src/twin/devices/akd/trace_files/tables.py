@@ -20,12 +20,15 @@ _COLUMNS = {
     "error": r"er(ror)?",
     "way": r"dir(ection)?|rxtx|tx",
     "channel": r"bus|chan(nel)?|chn|can(bus|channel)?|network",
+    "flags": r"flags",
     "length": r"len(gth)?|dlc",
     "data": r"data(bytes)?(hex)?|payload",
 }
 """Columns of a table of frames, by their names in small letters without signs and spaces."""
 _BYTE = re.compile(r"(?:d|b|data|byte)(\d)")
 _TRUE = {"1", "true", "yes", "x", "t"}
+_KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR = 0x01, 0x04, 0x20
+"""Flags of a frame of Kvaser's CANlib, a number in the column of flags."""
 _SCALES = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 """Units of times in the name of their column, in s."""
 
@@ -97,24 +100,27 @@ def _table_row(
     def cell(role: str) -> str:
         return row[places[role]].strip().lower() if role in places else ""
 
+    flags = int(cell("flags")) if cell("flags").isdecimal() else 0
+    error = cell("error") in _TRUE or bool(flags & _KVASER_ERROR)
+    remote = cell("remote") in _TRUE or bool(flags & _KVASER_REMOTE)
+    extended = cell("extended") in _TRUE or bool(flags & _KVASER_EXTENDED)
     if packed:
         data = b64decode(row[places["data"]], validate=True)
     elif single:
         given = sum(1 for k in single if row[k : k + 1] not in ([], [""]))
         count = int(cell("length")) if "length" in places else given
         data = bytes(int(row[k], bases[1]) for k in single[:count] if row[k])
-        if len(data) != count and cell("remote") not in _TRUE:
+        if len(data) != count and not remote:
             return None
     else:
         data = bytes.fromhex(re.sub(r"0x|[|,]", "", cell("data")))
     text = cell("identifier").removesuffix("h")
     identifier = int(text.rstrip("x"), bases[0])
-    error, remote = cell("error") in _TRUE, cell("remote") in _TRUE
     return classic_frame(
         scale * _number_of(row[places["time"]]),
         identifier & ((1 << 29) - 1),
         b"" if remote else data,
-        extended=cell("extended") in _TRUE or identifier > LARGEST_STANDARD,
+        extended=extended or identifier > LARGEST_STANDARD,
         remote=int(cell("length") or 0) if remote else None,
         error=error,
         sent=cell("way")[:1] == "t",
