@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import can
 
@@ -10,6 +11,20 @@ ERROR_FLAG, REMOTE_FLAG, EXTENDED_FLAG = 1 << 29, 1 << 30, 1 << 31
 """Flags above an identifier, as SocketCAN has them."""
 LARGEST_STANDARD = 0x7FF
 """Largest identifier of 11 bits."""
+
+
+class BusFrame(Protocol):
+    """A frame as whoever decodes it sees it: one of a trace, or a message of python-can."""
+
+    timestamp: float
+    arbitration_id: int
+    is_extended_id: bool
+    is_remote_frame: bool
+    is_error_frame: bool
+
+    @property
+    def data(self) -> bytes | bytearray:
+        """Its bytes."""
 
 
 @dataclass
