@@ -27,7 +27,8 @@ from trace_dialects import (
 
 from twin.base.errors import LogError
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.traces import TraceWriter, read_trace
+from twin.devices.akd.recording import TraceWriter
+from twin.devices.akd.traces import read_trace
 
 BEGIN = 1_700_000_000.0
 

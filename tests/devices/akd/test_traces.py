@@ -11,16 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.base.errors import LogError
-from twin.devices.akd.traces import (
-    WRITTEN,
-    TracedBus,
-    TraceWriter,
-    check_ending,
-    from_row,
-    parts,
-    read_trace,
-    to_row,
-)
+from twin.devices.akd.recording import TracedBus, TraceWriter, from_row, to_row
+from twin.devices.akd.traces import WRITTEN, check_ending, parts, read_trace
 
 MESSAGES = st.builds(
     can.Message,

@@ -9,9 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import BinaryIO, NamedTuple
-
-import can
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from twin.devices.akd.trace_files.frames import (
     ERROR_FLAG,
@@ -19,8 +17,12 @@ from twin.devices.akd.trace_files.frames import (
     LARGEST_STANDARD,
     REMOTE_FLAG,
     Notes,
+    TracedFrame,
     classic_frame,
 )
+
+if TYPE_CHECKING:
+    import can
 
 _SOCKETCAN = 227
 """Kind of link that has frames of CAN alone."""
@@ -41,7 +43,7 @@ class _Packet(NamedTuple):
     content: bytes
 
 
-def read_capture(raw: BinaryIO, _: Path, notes: Notes) -> Iterator[can.Message | None]:
+def read_capture(raw: BinaryIO, _: Path, notes: Notes) -> Iterator[TracedFrame | None]:
     """What Wireshark and tcpdump keep of SocketCAN (.pcap, .pcapng).
 
     Identifier and flags are big-endian, but in captures of any device they are in the byte order of
@@ -67,7 +69,7 @@ def read_capture(raw: BinaryIO, _: Path, notes: Notes) -> Iterator[can.Message |
             yield _socketcan_frame(packet.time, mark, frame[4], frame[8:])
 
 
-def _socketcan_frame(time: float, mark: int, length: int, data: bytes) -> can.Message | None:
+def _socketcan_frame(time: float, mark: int, length: int, data: bytes) -> TracedFrame | None:
     """A frame by its identifier with flags; None if it has not so many bytes of data."""
     remote, error = bool(mark & REMOTE_FLAG), bool(mark & ERROR_FLAG)
     if not remote and len(data) < length:
@@ -134,30 +136,52 @@ def _resolution(options: bytes, order: str) -> float:
     return 1e-6
 
 
-def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[can.Message]:
+def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | None]:
     """What Vector's tools pack (.blf)."""
+    import can  # noqa: PLC0415  takes 0.2 s
+
     number = 0
     with can.BLFReader(raw) as reader:
         for number, message in enumerate(reader, 1):  # noqa: B007
-            yield message
+            yield _of_message(message)
         if file.suffix.lower() != ".gz" and reader.file_size > file.stat().st_size:
             notes.remarks.append(f"cut off, ends after frame {number}")  # as its head says
 
 
-def read_database(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[can.Message]:
+def read_database(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | None]:
     """What python-can keeps in a database (.db)."""
+    import can  # noqa: PLC0415  takes 0.2 s
+
     notes.remarks.append(
         "python-can's writer of .db drops the frames that wait when it is stopped: the last frames "
         "of the bus may be missing"
     )
     with _unpacked(raw, file) as plain, can.SqliteReader(plain) as reader:
-        yield from reader
+        yield from map(_of_message, reader)
 
 
-def read_mf4(raw: BinaryIO, file: Path, _: Notes) -> Iterator[can.Message]:
+def read_mf4(raw: BinaryIO, file: Path, _: Notes) -> Iterator[TracedFrame | None]:
     """Measurement files (.mf4), where asammdf is installed."""
+    import can  # noqa: PLC0415  takes 0.2 s
+
     with _unpacked(raw, file) as plain, can.MF4Reader(plain) as reader:
-        yield from reader
+        yield from map(_of_message, reader)
+
+
+def _of_message(message: can.Message) -> TracedFrame | None:
+    """The classic frame that python-can read; None for one of CAN FD."""
+    if message.is_fd or len(message.data) > message.dlc:
+        return None
+    return classic_frame(
+        message.timestamp,
+        message.arbitration_id,
+        bytes(message.data),
+        extended=message.is_extended_id,
+        remote=message.dlc if message.is_remote_frame else None,
+        error=message.is_error_frame,
+        sent=not message.is_rx,
+        channel=None if message.channel is None else str(message.channel),
+    )
 
 
 @contextmanager

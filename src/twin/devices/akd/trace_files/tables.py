@@ -8,9 +8,7 @@ from binascii import Error as Base64Error
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 
-import can
-
-from twin.devices.akd.trace_files.frames import LARGEST_STANDARD, Notes, classic_frame
+from twin.devices.akd.trace_files.frames import LARGEST_STANDARD, Notes, TracedFrame, classic_frame
 
 _COLUMNS = {
     "time": r"(abs)?time(stamp)?s?(s|ms|us|µs|ns|sec|seconds|abs|rel)?",
@@ -52,7 +50,7 @@ def is_table(line: str) -> bool:
     return {"time", "identifier"} <= set(found) and ("data" in found or bool(single))
 
 
-def read_table(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+def read_table(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """A table with a header: python-can's, SavvyCAN's (GVRET), Kvaser's, and others like them."""
     rows = iter(lines)
     header = next((line for line in rows if is_table(line)), "")
@@ -96,7 +94,7 @@ def _table_row(
     bases: tuple[int, int],
     *,
     packed: bool,
-) -> can.Message | None:
+) -> TracedFrame | None:
     def cell(role: str) -> str:
         return row[places[role]].strip().lower() if role in places else ""
 
@@ -161,7 +159,7 @@ def _base(identifiers: list[str], header: str, of_data: int = 16) -> int:
     return 10 if as_hex > LARGEST_STANDARD >= max((int(each) for each in digits), default=0) else 16
 
 
-def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
+def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:
     """What Kvaser's CanKing prints: channel, identifier, flag, length, data, time, direction."""
     rows = [line.split() for line in lines if re.match(r"\s*\d+\s", line)]
     base = _base([row[1] for row in rows if len(row) > 1], "")

@@ -6,9 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator
 
-import can
-
-from twin.devices.akd.trace_files.frames import Notes, classic_frame
+from twin.devices.akd.trace_files.frames import Notes, TracedFrame, classic_frame
 
 BUS_OFF, BUS_ERROR, CONTROLLER = 0x040, 0x080, 0x004
 """Classes of error frames, as SocketCAN has them."""
@@ -18,7 +16,7 @@ _DAYS_TO_1970 = 25569
 """Days from the beginning of PCAN's calendar to that of Unix."""
 
 
-def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """What Vector's tools write (.asc), with times from the start or from event to event."""
     base, relative, passed = 16, False, 0.0
     for line in lines:
@@ -47,7 +45,7 @@ def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]
             yield None
 
 
-def _asc_status(time: float, channel: str, line: str) -> Iterator[can.Message | None]:
+def _asc_status(time: float, channel: str, line: str) -> Iterator[TracedFrame | None]:
     """A line of the controller's state, as an error frame if it is no longer error active."""
     state = line.rpartition("chip status")[2].lower().replace(" ", "")
     if not state.startswith("erroractive"):
@@ -60,7 +58,7 @@ def _asc_identifier(text: str, base: int) -> tuple[int, bool]:
     return int(text[:-1] if extended else text, base), extended
 
 
-def _asc_short(time: float, parts: list[str], base: int) -> Iterator[can.Message | None]:
+def _asc_short(time: float, parts: list[str], base: int) -> Iterator[TracedFrame | None]:
     """A line of a classic frame: channel, identifier, direction, d or r, length, data."""
     channel = f"{int(parts[0]) - 1}"
     if parts[1].lower() == "errorframe":
@@ -84,7 +82,7 @@ def _asc_short(time: float, parts: list[str], base: int) -> Iterator[can.Message
             )
 
 
-def _asc_long(time: float, parts: list[str], base: int) -> can.Message | None:
+def _asc_long(time: float, parts: list[str], base: int) -> TracedFrame | None:
     """A line of the longer form (CANFD), which classic frames may have as well.
 
     Channel, direction, identifier, a name that may be missing, BRS, ESI, DLC, length, data; then
@@ -117,7 +115,7 @@ _TRC_DATA = {"Rx", "Tx", "DT", "RR"}
 _TRC_ERRORS = {"Warng", "Error", "ST", "ER"}
 
 
-def read_trc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+def read_trc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """What PCAN-View writes (.trc), of any version, with its rows of errors and warnings."""
     version, places, begin = "1.0", _TRC_PLACES["1.0"], 0.0
     for line in lines:
@@ -154,7 +152,7 @@ def _trc_begin(text: str, notes: Notes) -> float:
 
 def _trc_row(
     parts: list[str], places: dict[str, int], begin: float
-) -> Iterator[can.Message | None]:
+) -> Iterator[TracedFrame | None]:
     time = begin + float(parts[places.get("O", 1)].replace(",", ".")) / 1000
     kind = parts[places["T"]] if "T" in places else "Rx"
     channel = parts[places["B"]] if "B" in places else "1"
@@ -199,7 +197,7 @@ _BUSMASTER_LINE = re.compile(
 )
 
 
-def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """What BUSMASTER writes (.log); parts of a second may lack their leading zeros."""
     base, relative = 16, False
     rows: list[re.Match[str] | None] = []
