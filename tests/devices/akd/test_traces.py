@@ -97,7 +97,7 @@ def test_of_several_channels_one_is_told_and_the_others_are_named(tmp_path):
     file.write_text(file.read_text() + other)
     found = read_trace(file)
     assert len(found.frames) == len(HEARD)
-    assert found.remarks == ["channel can0 is told (4 frames); others: vcan7 (1)"]
+    assert found.remarks == ["channel can0 is shown (4 frames); others: vcan7 (1)"]
     assert len(read_trace(file, "vcan7").frames) == 1
     with pytest.raises(LogError, match="can0, vcan7"):
         read_trace(file, "can5")

@@ -29,7 +29,7 @@ WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
 _DISORDER = 0.01
 """Time in s by which frames of two clocks may lie in a wrong order."""
 _CLOCK_STEPS = 3
-"""How often a clock may be set back in a trace; more often its times are none."""
+"""How often a clock may be set back in a trace; more often its times are unreliable."""
 
 
 def _format(file: Path) -> str:
@@ -100,10 +100,10 @@ class Trace:
     """The frames of one channel, in the order of their times.
 
     Attributes:
-        channel: What it is called.
+        channel: Its name.
         frames: Each with its time in s.
-        remarks: What could not be read, or was left out, in a line each.
-        timed: Whether the file has times; if not, the frames' numbers stand in their place.
+        remarks: Parts that are unreadable, left out or changed, in a line each.
+        timed: Whether the file has times; if not, frames have their numbers instead.
     """
 
     channel: str
@@ -146,7 +146,7 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
         raise LogError(f"--channel {chosen}: not in {path}; there are {', '.join(counts)}")
     if len(counts) > 1:
         others = ", ".join(f"{name} ({n})" for name, n in counts.items() if name != chosen)
-        remarks.append(f"channel {chosen} is told ({counts[chosen]} frames); others: {others}")
+        remarks.append(f"channel {chosen} is shown ({counts[chosen]} frames); others: {others}")
         frames = [each for each in frames if _name(each) == chosen]
     if timed:
         _set_in_order(frames, remarks, alone=len(files) == 1)
@@ -154,17 +154,17 @@ def read_trace(path: Path, channel: str | None = None) -> Trace:
 
 
 def _set_in_order(frames: list[TracedFrame], remarks: list[str], *, alone: bool) -> None:
-    """Set frames in the order of their times, where these may be believed.
+    """Set frames in the order of their times, as far as these are reliable.
 
     Frames of two clocks may be a little out of order, and whole parts of a file as well: they are
-    sorted. Where times go back into what was already there, the order of the lines is the better
-    witness: after a clock that steps back the later frames are moved on, and times that go back
-    again and again do not go on for as long.
+    sorted. Where times go back into a part that came before, the order of the lines is more
+    reliable: after a clock that steps back the later frames are moved on by the step, and where
+    times go back again and again, each frame has at least the time of those before it.
 
     Args:
         frames: The frames of one channel; changed in place.
-        remarks: Is given a line of what was done.
-        alone: Whether they are of one file, whose order says anything.
+        remarks: Is given a line on each change.
+        alone: Whether all are of one file, so that their order means something.
     """
     times = [each.timestamp for each in frames]
     steps = [k for k in range(1, len(times)) if times[k - 1] - times[k] > _DISORDER]
@@ -176,9 +176,7 @@ def _set_in_order(frames: list[TracedFrame], remarks: list[str], *, alone: bool)
     if not steps or apart or not alone:
         if steps and alone:
             back = max(times[k - 1] - times[k] for k in steps)
-            remarks.append(
-                f"time goes back, by up to {back:.3g} s; frames are told in order of time"
-            )
+            remarks.append(f"time goes back, by up to {back:.3g} s: frames are sorted by time")
         frames.sort(key=lambda each: each.timestamp)
         return
     back, most = max(times[k - 1] - times[k] for k in steps), max(times)
@@ -192,7 +190,7 @@ def _set_in_order(frames: list[TracedFrame], remarks: list[str], *, alone: bool)
         newest = times[0]
         for each in frames:
             each.timestamp = newest = max(newest, each.timestamp)
-        how = "frames are told in the order of their lines, and their times are not to be believed"
+        how = "frames stay in the order of their lines, and their times are unreliable"
     often = "once" if len(steps) == 1 else f"{len(steps)} times"
     remarks.append(
         f"time goes back {often}, by up to {back:.3g} s of {most - min(times):.3g}: {how}"

@@ -9,6 +9,8 @@ ERROR_FLAG, REMOTE_FLAG, EXTENDED_FLAG = 1 << 29, 1 << 30, 1 << 31
 """Flags above an identifier, as SocketCAN has them."""
 LARGEST_STANDARD = 0x7FF
 """Largest identifier of 11 bits."""
+LOOKAHEAD = 20_000
+"""Lines by which a reader finds out what the file does not state, as the base of its numbers."""
 
 
 class BusFrame(Protocol):

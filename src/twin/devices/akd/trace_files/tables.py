@@ -7,8 +7,15 @@ from base64 import b64decode
 from binascii import Error as Base64Error
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
+from itertools import chain, islice
 
-from twin.devices.akd.trace_files.frames import LARGEST_STANDARD, Notes, TracedFrame, classic_frame
+from twin.devices.akd.trace_files.frames import (
+    LARGEST_STANDARD,
+    LOOKAHEAD,
+    Notes,
+    TracedFrame,
+    classic_frame,
+)
 
 _COLUMNS = {
     "time": r"(abs)?time(stamp)?s?(s|ms|us|µs|ns|sec|seconds|abs|rel)?",
@@ -58,11 +65,12 @@ def read_table(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | Non
     if not header:
         notes.remarks.append("has no header that names time, identifier and data")
         return
-    cells = [
+    split = (
         [cell.strip().strip('"') for cell in line.rstrip("\r\n").split(separator)]
         for line in rows
         if line.strip()
-    ]
+    )
+    cells = list(islice(split, LOOKAHEAD))
     name = header.split(separator)[places["time"]].lower()
     packed = "arbitration_id" in header  # python-can, whose bytes are in base64
     if packed:
@@ -79,7 +87,7 @@ def read_table(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | Non
     base = 16 if packed else _base([row[at] for row in cells if len(row) > at], header, data_base)
     if base == 10 and not _looks_hexadecimal(given):
         data_base = 10
-    for row in cells:
+    for row in chain(cells, split):
         try:
             yield _table_row(row, places, single, scale, (base, data_base), packed=packed)
         except (IndexError, ValueError, Base64Error):
@@ -161,9 +169,10 @@ def _base(identifiers: list[str], header: str, of_data: int = 16) -> int:
 
 def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:
     """What Kvaser's CanKing prints: channel, identifier, flag, length, data, time, direction."""
-    rows = [line.split() for line in lines if re.match(r"\s*\d+\s", line)]
-    base = _base([row[1] for row in rows if len(row) > 1], "")
-    for row in rows:
+    rows = (line.split() for line in lines if re.match(r"\s*\d+\s", line))
+    first = list(islice(rows, LOOKAHEAD))
+    base = _base([row[1] for row in first if len(row) > 1], "")
+    for row in chain(first, rows):
         try:
             flag = "" if row[2].isdecimal() else row[2].upper()
             rest = row[3 if flag else 2 :]

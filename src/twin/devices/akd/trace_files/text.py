@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator
+from itertools import chain, islice
 
-from twin.devices.akd.trace_files.frames import Notes, TracedFrame, classic_frame
+from twin.devices.akd.trace_files.frames import LOOKAHEAD, Notes, TracedFrame, classic_frame
 
 BUS_OFF, BUS_ERROR, CONTROLLER = 0x040, 0x080, 0x004
 """Classes of error frames, as SocketCAN has them."""
@@ -199,22 +200,23 @@ _BUSMASTER_LINE = re.compile(
 
 def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """What BUSMASTER writes (.log); parts of a second may lack their leading zeros."""
-    base, relative = 16, False
-    rows: list[re.Match[str] | None] = []
-    for line in lines:
+    rest = iter(lines)
+    first = list(islice(rest, LOOKAHEAD))
+    digits = [len(row[4]) for line in first if (row := _BUSMASTER_LINE.match(line))]
+    parts = 10 ** max(digits, default=0)
+    base, relative, passed, last = 16, False, 0.0, None
+    for line in chain(first, rest):
         if line.startswith("***"):
             word = line.strip("* \r\n").upper()
             base = {"HEX": 16, "DEC": 10}.get(word, base)
-            relative |= word == "RELATIVE MODE"
-        elif line.strip():
-            rows.append(_BUSMASTER_LINE.match(line))
-    if relative:
-        notes.remarks.append("has times from frame to frame: they are added up")
-    parts = 10 ** max((len(row[4]) for row in rows if row), default=0)
-    passed, last = 0.0, None
-    for row in rows:
+            if word == "RELATIVE MODE" and not relative:
+                relative = True
+                notes.remarks.append("has times from frame to frame: they are added up")
+            continue
+        row = _BUSMASTER_LINE.match(line)
         if row is None:
-            yield None
+            if line.strip():
+                yield None
             continue
         hour, minute, second, part, way, channel, text, kind, length, data = row.groups()
         time = 3600 * int(hour) + 60 * int(minute) + int(second) + int(part) / parts
