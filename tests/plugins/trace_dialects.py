@@ -282,7 +282,9 @@ def pcap(order="<", magic=0xA1B2C3D4, link=SOCKETCAN, unit=1e-6):
     return made
 
 
-def pcapng(order="<", power=None, link=SOCKETCAN):
+def pcapng(order="<", power=None, link=SOCKETCAN, names=("",)):
+    """Frames of interfaces that take turns; those with a name have it as an option."""
+
     def block(kind, body):
         body += bytes(-len(body) % 4)
         size = struct.pack(f"{order}I", len(body) + 12)
@@ -290,13 +292,16 @@ def pcapng(order="<", power=None, link=SOCKETCAN):
 
     def made(frames):
         found = block(0x0A0D0D0A, struct.pack(f"{order}IHHq", 0x1A2B3C4D, 1, 0, -1))
-        option = struct.pack(f"{order}HHBxxxI", 9, 1, power, 0) if power is not None else b""
-        found += block(1, struct.pack(f"{order}HHI", link, 0, 0) + option)
-        for each in frames:
+        unit = struct.pack(f"{order}HHBxxx", 9, 1, power) if power is not None else b""
+        for name in names:
+            text = name.encode().ljust((len(name) + 3) // 4 * 4, b"\0")
+            named = struct.pack(f"{order}HH", 2, len(name)) + text if name else b""
+            found += block(1, struct.pack(f"{order}HHI", link, 0, 0) + named + unit + bytes(4))
+        for number, each in enumerate(frames):
             body = packet(each, link, order)
             count = round(each.timestamp * 10 ** (6 if power is None else power))
-            head = struct.pack(f"{order}5I", 0, count >> 32, count & 0xFFFFFFFF, *[len(body)] * 2)
-            found += block(6, head + body)
+            numbers = number % len(names), count >> 32, count & 0xFFFFFFFF, len(body), len(body)
+            found += block(6, struct.pack(f"{order}5I", *numbers) + body)
         return found
 
     return made

@@ -119,7 +119,7 @@ CUT = (
     ".asc, relative", ".trc 1.0", ".trc 1.3", ".trc 2.1", "BUSMASTER", "SavvyCAN",
     "pcap", "pcapng of any device", "python-can .csv",
 )  # fmt: skip
-"""Formats in which each frame has its own bytes, and a beginning says what the whole is."""
+"""Formats in which each frame has its own bytes, and whose first line identifies them."""
 
 
 @pytest.fixture(scope="session")

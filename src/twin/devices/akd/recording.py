@@ -1,4 +1,4 @@
-"""Frames of a CAN bus in use: passed on as they come and go, and written into files.
+"""Frames of a CAN bus in use: passed on as they are sent and received, and written into files.
 
 The formats are those of python-can by the file's ending, and candump's text (`.log`) in parts of
 bounded size. `traces` reads them.
@@ -65,7 +65,7 @@ _SENT = 1 << 32
 """Flag of a frame that was sent, above those of SocketCAN."""
 
 COLUMNS = ("time", "identifier", "length", "low", "high")
-"""What ``to_row`` makes of a frame."""
+"""The numbers that ``to_row`` returns."""
 
 
 def to_row(message: can.Message) -> tuple[float, float, float, float, float]:
@@ -117,7 +117,7 @@ class TraceWriter:
         for message in messages:
             message.channel = self._channel
             if message.is_error_frame and isinstance(self._logger, can.CanutilsLogWriter):
-                # python-can would write each as a bus error, also one that says bus-off
+                # python-can would write each as a bus error, also one of bus-off
                 mark, data = ERROR_FLAG | message.arbitration_id, message.data.hex().upper()
                 line = f"({message.timestamp:f}) {self._channel} {mark:08X}#{data}\n"
                 self._logger.file.write(line)

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from twin.base.foreign import HEAD, encoding_of, file_kind, with_article
-from twin.devices.akd.trace_files import packed, tables, text
+from twin.devices.akd.trace_files import captures, packed, tables, text
 from twin.devices.akd.trace_files.candump import (
     LOG_LINE,
     TERMINAL_LINE,
@@ -114,8 +114,8 @@ _PACKED: dict[str, tuple[str, _Packed]] = {
     "CAN trace of Vector (.blf)": ("BLF", packed.read_blf),
     "SQLite database": ("python-can's database", packed.read_database),
     "measurement file (.mf4)": ("MF4", packed.read_mf4),
-    "pcapng capture": ("pcapng", packed.read_capture),
-    "pcap capture": ("pcap", packed.read_capture),
+    "pcapng capture": ("pcapng", captures.read_capture),
+    "pcap capture": ("pcap", captures.read_capture),
 }
 """Readers of packed files by what their first bytes say."""
 _FORMS: dict[str, tuple[Callable[[str], object], _Text]] = {

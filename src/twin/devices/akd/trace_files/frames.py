@@ -10,11 +10,11 @@ ERROR_FLAG, REMOTE_FLAG, EXTENDED_FLAG = 1 << 29, 1 << 30, 1 << 31
 LARGEST_STANDARD = 0x7FF
 """Largest identifier of 11 bits."""
 LOOKAHEAD = 20_000
-"""Lines by which a reader finds out what the file does not state, as the base of its numbers."""
+"""Lines by which a reader infers what the file does not state, as the base of its numbers."""
 
 
 class BusFrame(Protocol):
-    """A frame as whoever decodes it sees it: one of a trace, or a message of python-can."""
+    """The attributes of a frame that decoding needs: one of a trace, or a message of python-can."""
 
     timestamp: float
     arbitration_id: int
