@@ -21,6 +21,8 @@ class BusFrame(Protocol):
     is_extended_id: bool
     is_remote_frame: bool
     is_error_frame: bool
+    is_rx: bool
+    dlc: int
 
     @property
     def data(self) -> bytes | bytearray:
