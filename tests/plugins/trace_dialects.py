@@ -236,7 +236,7 @@ def kvaser_table(base):
         for k, (time, each) in enumerate(zip(since_first(frames), frames, strict=True)):
             digits = {16: "02X", 10: "d"}[base]
             data = [f"{byte:{digits}}" for byte in each.data] + [""] * (8 - len(each.data))
-            flags = 4 if each.is_extended_id else 2
+            flags = (4 if each.is_extended_id else 2) | (0 if each.is_rx else 0x40)
             mark = f"{each.arbitration_id:{digits}}"
             found += f"{time:.6f},1,{mark},{flags},{len(each.data)},{','.join(data)},{k}\n"
         return found

@@ -59,6 +59,10 @@ HEARD = [
 ]
 
 
+UNDIRECTED = re.compile(r"candump(?!.* -x)|\.trc 1\.0|SavvyCAN, older|pcap|python-can \.(csv|db)")
+"""Formats that do not state whether a frame was sent or received."""
+
+
 def passed(each):
     return each.timestamp - BEGIN
 
@@ -73,6 +77,8 @@ def test_every_form_gives_the_same_frames(tmp_path, name):
     assert [each.arbitration_id for each in found.frames] == [x.arbitration_id for x in HEARD]
     assert [bytes(each.data) for each in found.frames] == [bytes(each.data) for each in HEARD]
     assert [each.is_extended_id for each in found.frames] == [x.is_extended_id for x in HEARD]
+    directed = not UNDIRECTED.match(name)
+    assert [each.is_rx for each in found.frames] == [x.is_rx or not directed for x in HEARD]
     if found.timed:
         begin = found.frames[0].timestamp
         times = [each.timestamp - begin for each in found.frames]

@@ -32,7 +32,7 @@ _COLUMNS = {
 """Columns of a table of frames, by their names in small letters without signs and spaces."""
 _BYTE = re.compile(r"(?:d|b|data|byte)(\d)")
 _TRUE = {"1", "true", "yes", "x", "t"}
-_KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR = 0x01, 0x04, 0x20
+_KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR, _KVASER_SENT = 0x01, 0x04, 0x20, 0xC0
 """Flags of a frame of Kvaser's CANlib, a number in the column of flags."""
 _SCALES = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 """Units of times in the name of their column, in s."""
@@ -129,7 +129,7 @@ def _table_row(
         extended=extended or identifier > LARGEST_STANDARD,
         remote=int(cell("length") or 0) if remote else None,
         error=error,
-        sent=cell("way")[:1] == "t",
+        sent=cell("way")[:1] == "t" or bool(flags & _KVASER_SENT),
         channel=cell("channel") or None,
     )
 
