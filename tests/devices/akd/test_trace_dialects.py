@@ -2,6 +2,7 @@
 
 One run on an emulated rig, as every program writes it: the same events come back."""
 
+import json
 import re
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from trace_dialects import DIALECTS, pack, write_dialect
+from trace_dialects import DIALECTS, candump_log, pack, write_dialect
 
 from twin.base.errors import LogError
 from twin.devices.akd.decoding import Conversation
@@ -226,3 +227,41 @@ def test_a_log_is_read_and_decoded_without_the_imports_that_cost(tmp_path, frame
         [sys.executable, "-c", READ, file], capture_output=True, text=True, check=True
     )
     assert done.stdout == f"{len(events[True])}\n\n"
+
+
+TRACE = """
+import resource, sys
+from pathlib import Path
+from twin.cli import main
+try:
+    main()
+except SystemExit as ended:
+    assert not ended.code
+used = resource.getrusage(resource.RUSAGE_SELF)
+(line,) = (each for each in Path("/proc/self/status").open() if each.startswith("VmHWM"))
+print(used.ru_utime + used.ru_stime, int(line.split()[1]) / 1024, file=sys.stderr)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_million_frames_take_at_most_40_s_and_500_mib(tmp_path, frames):
+    begin, part = frames[:-300], frames[-300:]
+    span = part[-1].timestamp - part[0].timestamp + 0.002
+    with (tmp_path / "a.log").open("w") as file:
+        file.write(candump_log()(begin))
+        for number in range((1_000_000 - len(begin)) // len(part)):
+            moved = [copy(each) for each in part]
+            for each in moved:
+                each.timestamp += number * span
+            file.write(candump_log()(moved))
+    done = subprocess.run(
+        [sys.executable, "-c", TRACE, "trace", tmp_path / "a.log", "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert 999_000 < json.loads(done.stdout)["frames"] <= 1_000_000
+    seconds, mebibytes = map(float, done.stderr.split())
+    assert seconds < 40
+    assert mebibytes < 500
