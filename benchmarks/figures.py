@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from benchmarks import closed_loop, exact_plant, start_up, study_speed
+from benchmarks import closed_loop, exact_plant, start_up, study_speed, traces
 from twin.base.writing import write_whole
 from twin.run.finished import run
 from twin.run.picture import png
@@ -53,6 +53,9 @@ GOALS: dict[str, Goal | None] = {
     "run circle, from the shell to the last file, times import numpy": Goal(28),
     # half of 4.6 at commit 95b7a20: 0.88 s and 0.19 s on one machine
     "picture of a run, times import numpy": Goal(2.3),
+    # 6.4 and 1.0 when frames of traces were messages of python-can
+    "ballplate trace of 16,000 frames, times import numpy": Goal(4),
+    "reading a log of candump, times python-can's reader": Goal(0.8),
     # set when it was 5.9 to 6.8
     "closed loop of one rig, sine, times bare mj_step, least": Goal(4.2),
     "closed loop of one rig, sine, times bare mj_step, median": Goal(4.2),
@@ -94,6 +97,14 @@ def whole_run(_: int) -> Iterator[Figure]:
     yield Figure("picture of a run, times import numpy", min(times) / numpy, note)
 
 
+def trace(rounds: int) -> Iterator[Figure]:
+    """A trace of the CAN bus: decoded from the shell to the end, and only read."""
+    numpy, whole, reading = traces.ratios(rounds)
+    note = f"{whole * numpy:.2f} s"
+    yield Figure("ballplate trace of 16,000 frames, times import numpy", whole, note)
+    yield Figure("reading a log of candump, times python-can's reader", reading)
+
+
 def loop(rounds: int) -> Iterator[Figure]:
     """One rig in closed loop."""
     for scenario in closed_loop.SECONDS:
@@ -128,6 +139,7 @@ def study(rounds: int) -> Iterator[Figure]:
 GROUPS: dict[str, Callable[[int], Iterator[Figure]]] = {
     "commands": commands,
     "run": whole_run,
+    "trace": trace,
     "loop": loop,
     "exact": exact,
     "study": study,

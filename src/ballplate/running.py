@@ -216,7 +216,8 @@ def write_trace(
     if file is None:
         yield None
         return
-    from twin.devices.akd.traces import COLUMNS, PART, append_trace, seal, to_row
+    from twin.devices.akd.recording import COLUMNS, append_trace, to_row
+    from twin.devices.akd.traces import PART, seal
     from twin.view.live_process import EVIDENCE_PATIENCE, LiveProcess
 
     more = append_trace, file, PART if bounded else None

@@ -18,7 +18,8 @@ import pytest
 import ballplate as bp
 from ballplate import running
 from ballplate.reporter import Reporter
-from twin.devices.akd.traces import TraceWriter, parts, read_trace, seal
+from twin.devices.akd.recording import TraceWriter
+from twin.devices.akd.traces import parts, read_trace, seal
 from twin.emulator.lockstep import LockstepRig
 from twin.run.files import STREAM_FILE
 from twin.run.finished import open_run

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from command_line import called
 
-from twin.devices.akd.traces import TraceWriter, read_trace
+from twin.devices.akd.recording import TraceWriter
+from twin.devices.akd.traces import read_trace
 from twin.emulator.lockstep import LockstepRig
 from twin.identify.logs import read
 from twin.run.finished import run, save
@@ -303,9 +304,9 @@ def test_what_a_drive_had_before_the_trace_is_no_difference(wired, said):
         (its,) = (
             each
             for each in frames
-            if each.arbitration_id == 0x581 and bytes(each.data[1:4]) == b"\x8e\x35\x00"
+            if each.arbitration_id == 0x581 and each.data[1:4] == b"\x8e\x35\x00"
         )
-        its.data[4] ^= 1
+        its.data = its.data[:4] + bytes([its.data[4] ^ 1]) + its.data[5:]
         return frames
 
     code, found, _ = again(wired[0], said, current)
@@ -317,8 +318,8 @@ def test_drives_of_others_are_not_replayed_and_named(wired, said):
     def vendor(node):
         def changed(frames):
             for each in frames:
-                if each.arbitration_id == 0x580 + node and bytes(each.data[1:4]) == b"\x18\x10\x01":
-                    each.data[4] = 0x1A
+                if each.arbitration_id == 0x580 + node and each.data[1:4] == b"\x18\x10\x01":
+                    each.data = each.data[:4] + b"\x1a" + each.data[5:]
             return frames
 
         return changed

@@ -100,8 +100,8 @@ class Found(NamedTuple):
 
 def _build_akd(settings: AkdConfig, around: Surroundings) -> PoweredServos:
     from twin.devices.akd.bus import open_bus  # noqa: PLC0415  loads python-can
+    from twin.devices.akd.recording import TracedBus  # noqa: PLC0415
     from twin.devices.akd.servos import AkdServos  # noqa: PLC0415
-    from twin.devices.akd.traces import TracedBus  # noqa: PLC0415
 
     hear = around.hear
     if hear is None:

@@ -13,7 +13,6 @@ from contextlib import suppress
 from itertools import zip_longest
 from typing import NamedTuple
 
-import can
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
@@ -30,6 +29,7 @@ from twin.devices.akd.decoding import (
     Series,
     TracedEvent,
 )
+from twin.devices.akd.trace_files.frames import BusFrame
 from twin.emulator.can_bus import EmulatedBus, message
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_objects import AbortError, Frame
@@ -67,7 +67,7 @@ class Replay(NamedTuple):
     difference: TracedEvent | None
 
 
-def replay(frames: Sequence[can.Message], names: Names, rig: AkdConfig | None) -> Replay:
+def replay(frames: Sequence[BusFrame], names: Names, rig: AkdConfig | None) -> Replay:
     """Send what a host sent to emulated drives, in its order and time, and compare the answers.
 
     Of PDOs the states and changes are compared, what they say of the motor, and their number.
@@ -104,7 +104,7 @@ def replay(frames: Sequence[can.Message], names: Names, rig: AkdConfig | None) -
     return Replay(len(sent), compared, remarks, min(found, default=None))
 
 
-def _prepare(drives: dict[int, EmulatedDrive], frames: Sequence[can.Message]) -> None:
+def _prepare(drives: dict[int, EmulatedDrive], frames: Sequence[BusFrame]) -> None:
     """Let drives hold what they are first read to hold, unless it was written before."""
     known = set[tuple[int, int, int]]()
     for frame in frames:
@@ -122,13 +122,13 @@ def _prepare(drives: dict[int, EmulatedDrive], frames: Sequence[can.Message]) ->
 
 
 def _replay_answers(
-    drives: dict[int, EmulatedDrive], sent: Sequence[can.Message], begin: float
-) -> list[can.Message]:
+    drives: dict[int, EmulatedDrive], sent: Sequence[BusFrame], begin: float
+) -> list[BusFrame]:
     """What the host sent, and what emulated drives answer, which are on already."""
     bus = EmulatedBus(list(drives.values()))
     bus.step(MAX_DRIVE_STEP_S)
     bus.to_host()
-    heard, off = list[can.Message](), begin - bus.time
+    heard, off = list[BusFrame](), begin - bus.time
 
     def take() -> None:
         for each in bus.to_host():

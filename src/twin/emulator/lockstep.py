@@ -16,8 +16,8 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd.config import AkdConfig, BusConfig
+from twin.devices.akd.recording import Hear, TracedBus
 from twin.devices.akd.servos import AkdServos
-from twin.devices.akd.traces import Hear, TracedBus
 from twin.devices.lumio.config import LumioConfig, ScreenError, Transport
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.realtime import RealTimeClock, Scheduling

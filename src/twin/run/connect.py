@@ -18,7 +18,7 @@ from controllers.arrays import Array
 from twin.base.errors import LogError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.traces import Hear
+from twin.devices.akd.recording import Hear
 from twin.devices.kinds import Surroundings, build_device
 from twin.devices.own import OwnScreen, OwnServos, load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never, real_time

@@ -11,10 +11,26 @@ from itertools import pairwise
 import can
 import pytest
 from command_line import called
+from trace_dialects import (
+    DIALECTS,
+    SLL2,
+    asc,
+    busmaster,
+    candump_log,
+    candump_terminal,
+    hexadecimal,
+    identifier,
+    packet,
+    pcap,
+    pcapng,
+    trc,
+    write_dialect,
+)
 
 from twin.base.errors import LogError
 from twin.devices.akd.decoding import Conversation
-from twin.devices.akd.traces import TraceWriter, read_trace
+from twin.devices.akd.recording import TraceWriter
+from twin.devices.akd.traces import read_trace
 
 BEGIN = 1_700_000_000.0
 
@@ -43,263 +59,36 @@ HEARD = [
 ]
 
 
-def lines(text):
-    """Makes a writer of one that gives a frame's line."""
-    return lambda frames: "".join(f"{text(each)}\n" for each in frames)
-
-
-def hexadecimal(each, separator=" "):
-    return separator.join(f"{byte:02X}" for byte in each.data)
-
-
-def name(each):
-    return f"{each.arbitration_id:08X}" if each.is_extended_id else f"{each.arbitration_id:03X}"
+UNDIRECTED = re.compile(r"candump(?!.* -x)|\.trc 1\.0|SavvyCAN, older|pcap|python-can \.(csv|db)")
+"""Formats that do not state whether a frame was sent or received."""
 
 
 def passed(each):
     return each.timestamp - BEGIN
 
 
-def candump_log(frames):
-    return "".join(
-        f"({each.timestamp:.6f}) can0 {name(each)}#{hexadecimal(each, '')}\n" for each in frames
-    )
+def written(tmp_path, name, frames=HEARD):
+    return write_dialect(DIALECTS[name], tmp_path, frames)
 
 
-def terminal(time, way=""):
-    def text(frames):
-        last, found = frames[0].timestamp, ""
-        for each in frames:
-            stamp = time(each, each.timestamp - last)
-            last = each.timestamp
-            rest = f"{way}{name(each):>8}   [{len(each.data)}]  {hexadecimal(each)}"
-            found += f" {stamp} can0  {rest}\n"
-        return found
-
-    return text
-
-
-def local(each, _):
-    return f"({datetime.fromtimestamp(each.timestamp).isoformat(' ', 'microseconds')})"
-
-
-def asc(base="hex", relative=False, long=False, day="Mon Nov 13 22:13:20.000 2023"):
-    def text(frames):
-        word = "relative" if relative else "absolute"
-        found = f"date {day}\nbase {base}  timestamps {word}\nno internal events logged\n"
-        found += f"// version 9.0.0\nBegin Triggerblock {day}\n   0.000000 Start of measurement\n"
-        last = 0.0
-        for each in frames:
-            at = passed(each) - (last if relative else 0.0)
-            last = passed(each)
-            digits = "d" if base == "dec" else "X"
-            mark = f"{each.arbitration_id:{digits}}{'x' if each.is_extended_id else ''}"
-            way = "Rx" if each.is_rx else "Tx"
-            data = " ".join(f"{byte:{'d' if base == 'dec' else '02X'}}" for byte in each.data)
-            if long:
-                found += (
-                    f"{at:11.6f} CANFD   1 {way}   {mark:>8}                                   0 0 "
-                    f"{len(each.data):x} {len(each.data):2d} {data}   102203  133   200000  4E5D"
-                    " 0 0 0 0\n"
-                )
-            else:
-                found += f"{at:11.6f} 1  {mark:<15} {way}   d {len(each.data)} {data}\n"
-        return found + "End TriggerBlock\n"
-
-    return text
-
-
-def trc(version):
-    def text(frames):
-        found = f";$FILEVERSION={version}\n;$STARTTIME={BEGIN / 86400 + 25569:.10f}\n"
-        found = "" if version == "1.0" else found
-        if version[0] == "2":
-            columns = {"2.0": "N,O,T,I,d,L,D", "2.1": "N,O,T,B,I,d,R,L,D"}[version]
-            found += f";$COLUMNS={columns}\n"
-        found += ";   Message Number\n"
-        for k, each in enumerate(frames, 1):
-            way, count = "Rx" if each.is_rx else "Tx", len(each.data)
-            mark = f"{each.arbitration_id:0{8 if each.is_extended_id else 4}X}"
-            at = f"{1e3 * passed(each):.3f}"
-            data = hexadecimal(each)
-            found += {
-                "1.0": f"{k:6d}) {at} {mark} {count} {data}\n",
-                "1.1": f"{k:6d}) {at} {way} {mark} {count} {data}\n",
-                "1.2": f"{k:6d}) {at} 1 {way} {mark} {count} {data}\n",
-                "1.3": f"{k:6d}) {at} 1 {way} {mark} - {count} {data}\n",
-                "2.0": f"{k:6d} {at} DT {mark} {way} {count} {data}\n",
-                "2.1": f"{k:6d} {at} DT 1 {mark} {way} - {count} {data}\n",
-            }[version]
-        return found
-
-    return text
-
-
-def busmaster(base="HEX", mode="SYSTEM MODE"):
-    def text(frames):
-        found = f"***BUSMASTER Ver 3.2.2***\n***PROTOCOL CAN***\n***{base}***\n***{mode}***\n"
-        found += "***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***\n"
-        last = 0.0
-        for each in frames:
-            at = passed(each) - (last if mode == "RELATIVE MODE" else -86399.9)
-            last = passed(each)
-            tenths = round(1e4 * at) % (864000000)
-            clock = f"{tenths // 36000000:02d}:{tenths // 600000 % 60:02d}:"
-            clock += f"{tenths // 10000 % 60:02d}:{tenths % 10000:04d}"
-            kind, way = "x" if each.is_extended_id else "s", "Rx" if each.is_rx else "Tx"
-            mark = f"0x{name(each)}" if base == "HEX" else f"{each.arbitration_id}"
-            data = hexadecimal(each) if base == "HEX" else " ".join(map(str, each.data))
-            found += f"{clock} {way} 1 {mark} {kind} {len(each.data)} {data} \n"
-        return found + "***END DATE AND TIME 13:11:2023 22:13:20:000***\n"
-
-    return text
-
-
-def savvycan(frames, *, way=True):
-    head = f"Time Stamp,ID,Extended,{'Dir,' if way else ''}Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n"
-    for each in frames:
-        cells = [
-            f"{round(1e6 * passed(each))}", f"{each.arbitration_id:08X}",
-            str(each.is_extended_id).lower(),
-            *(["Rx" if each.is_rx else "Tx"] if way else []), "0", f"{len(each.data)}",
-            *(f"{byte:02X}" for byte in bytes(each.data).ljust(8, bytes(1))), "",
-        ]  # fmt: skip
-        head += ",".join(cells) + "\n"
-    return head
-
-
-def kvaser_table(base):
-    def text(frames):
-        found = (
-            "Time,Channel,ID,Flags,DLC,Data0,Data1,Data2,Data3,Data4,Data5,Data6,Data7,Counter\n"
-        )
-        for k, each in enumerate(frames):
-            digits = {16: "02X", 10: "d"}[base]
-            data = [f"{byte:{digits}}" for byte in each.data] + [""] * (8 - len(each.data))
-            mark = f"{each.arbitration_id:{digits}}"
-            found += f"{passed(each):.6f},1,{mark},2,{len(each.data)},{','.join(data)},{k}\n"
-        return found
-
-    return text
-
-
-def canking(frames):
-    found = "Chn Identifier Flg   DLC  D0...1...2...3...4...5...6..D7       Time     Dir\n"
-    for each in frames:
-        flag, way = "X" if each.is_extended_id else " ", "R" if each.is_rx else "T"
-        found += f" 0    {name(each):>8} {flag}       {len(each.data)}  {hexadecimal(each, '  ')}"
-        found += f"     {passed(each):.6f} {way}\n"
-    return found + "Logging stopped.\n"
-
-
-def raw(each):
-    flags = each.is_extended_id << 31 | each.is_error_frame << 29 | each.is_remote_frame << 30
-    return struct.pack(">IBxxx", each.arbitration_id | flags, each.dlc) + bytes(each.data)
-
-
-def pcap(order, magic, link, unit):
-    def made(frames):
-        found = struct.pack(f"{order}IHHiIII", magic, 2, 4, 0, 0, 65535, link)
-        for each in frames:
-            body = (struct.pack(">HHHQH", 4, 280, 0, 0, 12) if link == 113 else b"") + raw(each)
-            seconds = int(each.timestamp)
-            parts = round((each.timestamp - seconds) / unit)
-            found += struct.pack(f"{order}4I", seconds, parts, len(body), len(body)) + body
-        return found
-
-    return made
-
-
-def pcapng(order, power=None):
-    def block(kind, body):
-        body += bytes(-len(body) % 4)
-        size = struct.pack(f"{order}I", len(body) + 12)
-        return struct.pack(f"{order}I", kind) + size + body + size
-
-    def made(frames):
-        found = block(0x0A0D0D0A, struct.pack(f"{order}IHHq", 0x1A2B3C4D, 1, 0, -1))
-        option = struct.pack(f"{order}HHBxxxI", 9, 1, power, 0) if power is not None else b""
-        found += block(1, struct.pack(f"{order}HHI", 227, 0, 0) + option)
-        for each in frames:
-            body, count = raw(each), round(each.timestamp * 10 ** (6 if power is None else power))
-            head = struct.pack(f"{order}5I", 0, count >> 32, count & 0xFFFFFFFF, *[len(body)] * 2)
-            found += block(6, head + body)
-        return found
-
-    return made
-
-
-FORMS = {
-    "candump -L": ("a.log", candump_log, 2e-6),
-    "candump -L without ending": ("trace", candump_log, 2e-6),
-    "candump -ta": ("a.log", terminal(lambda each, _: f"({each.timestamp:.6f})"), 2e-6),
-    "candump -td": ("a.log", terminal(lambda _, since: f"({since:010.6f})"), 5e-5),
-    "candump -tz": ("a.log", terminal(lambda each, _: f"({passed(each):010.6f})"), 2e-6),
-    "candump -tA": ("a.txt", terminal(local), 2e-6),
-    "candump -x": ("a.log", terminal(lambda each, _: f"({each.timestamp:.6f})", "RX - -  "), 2e-6),
-    ".asc": ("a.asc", asc(), 2e-6),
-    ".asc, decimal": ("a.asc", asc("dec"), 2e-6),
-    ".asc, relative": ("a.asc", asc(relative=True), 5e-5),
-    ".asc, relative and decimal": ("a.asc", asc("dec", relative=True), 5e-5),
-    ".asc, German": ("a.asc", asc(day="Mo Mär 13 22:13:20.000 2023"), 2e-6),
-    ".asc, long lines": ("a.asc", asc(long=True), 2e-6),
-    ".asc, long lines, relative": ("a.asc", asc(long=True, relative=True), 5e-5),
-    ".asc without its ending": ("a.txt", asc(), 2e-6),
-    **{f".trc {version}": ("a.trc", trc(version), 2e-5) for version in ("1.0", "1.1", "1.2")},
-    **{f".trc {version}": ("a.trc", trc(version), 2e-5) for version in ("1.3", "2.0", "2.1")},
-    "BUSMASTER": ("a.log", busmaster(), 2e-4),
-    "BUSMASTER, decimal": ("a.log", busmaster("DEC"), 2e-4),
-    "BUSMASTER, relative": ("a.log", busmaster(mode="RELATIVE MODE"), 5e-3),
-    "SavvyCAN": ("a.csv", savvycan, 2e-6),
-    "SavvyCAN, older": ("a.csv", lambda frames: savvycan(frames, way=False), 2e-6),
-    "Kvaser": ("a.csv", kvaser_table(16), 2e-6),
-    "Kvaser, decimal": ("a.csv", kvaser_table(10), 2e-6),
-    "CanKing": ("a.txt", canking, 2e-6),
-    "pcap": ("a.pcap", pcap("<", 0xA1B2C3D4, 227, 1e-6), 2e-6),
-    "pcap, other order, ns": ("a.pcap", pcap(">", 0xA1B23C4D, 227, 1e-9), 1e-6),
-    "pcap of any device": ("a.pcap", pcap("<", 0xA1B2C3D4, 113, 1e-6), 2e-6),
-    "pcapng": ("a.pcapng", pcapng("<"), 2e-6),
-    "pcapng, other order, ns": ("a.pcapng", pcapng(">", 9), 1e-6),
-}
-"""A file's name, what writes it, and how near its times come back, s."""
-
-
-def written(tmp_path, form, frames=HEARD):
-    file, write, near = FORMS[form]
-    content = write(frames)
-    if isinstance(content, bytes):
-        (tmp_path / file).write_bytes(content)
-    else:
-        (tmp_path / file).write_text(content, encoding="utf-8")
-    return tmp_path / file, near
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_every_form_gives_the_same_frames(tmp_path, form):
-    file, near = written(tmp_path, form)
-    found = read_trace(file)
+@pytest.mark.parametrize("name", [each for each in DIALECTS if not each.endswith(".mf4")])
+def test_every_form_gives_the_same_frames(tmp_path, name):
+    found = read_trace(written(tmp_path, name))
     assert [each.arbitration_id for each in found.frames] == [x.arbitration_id for x in HEARD]
     assert [bytes(each.data) for each in found.frames] == [bytes(each.data) for each in HEARD]
     assert [each.is_extended_id for each in found.frames] == [x.is_extended_id for x in HEARD]
-    begin = found.frames[0].timestamp
-    times = [each.timestamp - begin for each in found.frames]
-    assert times == pytest.approx([passed(each) for each in HEARD], abs=near)
-    assert found.timed
-    added = ["added up"] if "relative" in form or form == "candump -td" else []
-    assert [each.rpartition(" are ")[2] for each in found.remarks] == added
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_every_form_tells_the_same(tmp_path, form):
-    file, _ = written(tmp_path, form)
-    one, other = (Conversation(frames) for frames in (read_trace(file).frames, HEARD))
-    assert [each.text for each in one.events] == [each.text for each in other.events]
-    assert one.nodes == other.nodes
+    directed = not UNDIRECTED.match(name)
+    assert [each.is_rx for each in found.frames] == [x.is_rx or not directed for x in HEARD]
+    if found.timed:
+        begin = found.frames[0].timestamp
+        times = [each.timestamp - begin for each in found.frames]
+        near = 1.1 * DIALECTS[name].resolution + 1e-6
+        assert times == pytest.approx([passed(each) for each in HEARD], abs=near)
 
 
 @pytest.mark.parametrize("form", ["candump -L", ".asc", ".trc 1.1", "SavvyCAN", "BUSMASTER"])
 def test_a_line_at_fault_costs_itself(tmp_path, form):
-    file, _ = written(tmp_path, form)
+    file = written(tmp_path, form)
     text = file.read_text()
     whole = text.splitlines()
     k = next(i for i, line in enumerate(whole) if "37" in line and "02" in line)
@@ -312,7 +101,7 @@ def test_a_line_at_fault_costs_itself(tmp_path, form):
 
 
 def test_a_terminal_without_times_numbers_the_frames(tmp_path):
-    (tmp_path / "a.log").write_text(terminal(lambda *_: "")(HEARD))
+    (tmp_path / "a.log").write_text(candump_terminal()(HEARD))
     found = read_trace(tmp_path / "a.log")
     assert not found.timed
     assert [each.timestamp for each in found.frames] == list(range(len(HEARD)))
@@ -320,7 +109,7 @@ def test_a_terminal_without_times_numbers_the_frames(tmp_path):
 
 
 def test_without_times_none_is_told(tmp_path, capsys):
-    (tmp_path / "a.log").write_text(terminal(lambda *_: "")(HEARD))
+    (tmp_path / "a.log").write_text(candump_terminal()(HEARD))
     _, out, _ = called(capsys, "trace", str(tmp_path / "a.log"))
     assert f"{len(HEARD)} frames on can0, without times" in " ".join(out.split())
     assert "time [s]" not in out
@@ -331,7 +120,7 @@ def test_without_times_none_is_told(tmp_path, capsys):
 
 def test_differences_of_time_that_are_all_the_same_are_added_up(tmp_path):
     even = [frame(0.002 * k, 0x185, f"3702{k:02x}") for k in range(30)]
-    (tmp_path / "a.log").write_text(terminal(lambda _, since: f"({since:010.6f})")(even))
+    (tmp_path / "a.log").write_text(candump_terminal("d")(even))
     found = read_trace(tmp_path / "a.log").frames
     assert found[-1].timestamp - found[0].timestamp == pytest.approx(0.058)
 
@@ -395,10 +184,14 @@ def test_the_class_of_an_error_frame_is_kept_in_a_trace_of_ours(tmp_path):
         ("1.1", "  9) 12.5 Error 0008 4 00 19 08 08", "bus error"),
         ("1.1", "  9) 12.5 Warng FFFFFFFF 4 00 00 00 10 BUSOFF", "bus off"),
         ("1.1", "  9) 12.5 Warng FFFFFFFF 4 00 00 00 08 BUSHEAVY", "controller"),
-        ("1.0", "  9) 12.5 FFFFFFFF 4 00 00 00 10 BUSOFF", "bus off"),
+        ("1.0", "  9) 12 FFFFFFFF 4 00 00 00 10 BUSOFF", "bus off"),
+        ("1.0", "  9) 12 0008 4 ERROR 00 19 08 08", "bus error"),
         ("1.3", "  9) 12.5 1 Error 0008 - 4 00 19 08 08", "bus error"),
         ("2.0", "  9 12.5 ER - Rx 4 00 19 08 08", "bus error"),
         ("2.0", "  9 12.5 ST - Rx 4 00 00 00 10", "bus off"),
+        ("2.0", "  9 12.5 ER          Rx    04 00 02 00 00", "bus error"),
+        ("2.0", "  9 12.5 ST          Rx    00 00 00 10", "bus off"),
+        ("2.1", "  9 12.5 ER 1         - Rx -  5    04 00 02 00 00", "bus error"),
     ],
 )
 def test_rows_of_errors_of_pcan_are_told(tmp_path, version, row, words):
@@ -410,6 +203,91 @@ def test_rows_of_errors_of_pcan_are_told(tmp_path, version, row, words):
 def test_an_error_frame_of_asc_is_told(tmp_path):
     (tmp_path / "a.asc").write_text(asc()(HEARD) + "   0.300000 1  ErrorFrame\n")
     assert sum(Conversation(read_trace(tmp_path / "a.asc").frames).errors.values()) == 1
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        ("error active", []),
+        ("error passive - TxErr: 132 RxErr: 0", ["controller"]),
+        ("busoff", ["bus off"]),
+        ("bus off - TxErr: 248 RxErr: 0", ["bus off"]),
+    ],
+)
+def test_the_state_of_the_controller_in_asc_is_an_event(tmp_path, state, words):
+    line = f"   0.300000 CAN 1 Status:chip status {state}\n"
+    (tmp_path / "a.asc").write_text(asc()(HEARD).replace("End", line + "End"))
+    assert [*Conversation(read_trace(tmp_path / "a.asc").frames).errors] == words
+
+
+def test_flags_of_kvaser_are_read(tmp_path):
+    text = "Time,Channel,ID,Flags,DLC,Data0,Data1,Data2,Data3,Data4,Data5,Data6,Data7,Counter\n"
+    text += "0.1,1,1797,2,1,5,,,,,,,,1\n0.2,1,385,4,1,255,,,,,,,,2\n"
+    text += "0.3,1,386,3,2,,,,,,,,,3\n0.4,1,0,32,0,,,,,,,,,4\n"
+    (tmp_path / "a.csv").write_text(text)
+    found = read_trace(tmp_path / "a.csv")
+    assert not found.remarks
+    assert [each.arbitration_id for each in found.frames] == [0x705, 0x181, 0x182, 0]
+    assert [each.is_extended_id for each in found.frames] == [False, True, False, False]
+    assert [each.is_remote_frame for each in found.frames] == [False, False, True, False]
+    assert [each.is_error_frame for each in found.frames] == [False, False, False, True]
+
+
+@pytest.mark.parametrize("name", ["candump -L", "candump -td"])
+def test_frames_that_candump_dropped_are_reported(tmp_path, name):
+    file = written(tmp_path, name)
+    line = "DROPCOUNT: dropped {} CAN frame{} on 'can0' socket (total drops {})\n"
+    first, rest = file.read_text().split("\n", 1)
+    text = line.format(1, "", 1) + f"{first}\n" + line.format(4, "s", 5) + rest
+    file.write_text(text)
+    found = read_trace(file)
+    assert len(found.frames) == len(HEARD)
+    assert found.remarks[-1] == "a.log: candump reports 5 dropped frames (DROPCOUNT)"
+
+
+@pytest.mark.parametrize(
+    ("data", "shown"),
+    [
+        ("01020304", "[4]  04`03`02`01"),
+        ("0102", "[2]  00000001 00000010"),
+        ("0F", "[1]  0F"),
+        ("0102030405060708", "{B}  01 02 03 04 05 06 07 08"),
+        ("", "{0}"),
+    ],
+)
+def test_bytes_on_a_terminal_may_be_binary_or_swapped(tmp_path, data, shown):
+    (tmp_path / "a.log").write_text(f" (1.0)  can0  185   {shown}\n (1.1)  can0  185   [2]  1 2\n")
+    found = read_trace(tmp_path / "a.log")
+    assert [each.data.hex().upper() for each in found.frames] == [data]
+    assert found.remarks == [
+        "a.log: left out: 1 lines that are no classic frame of candump on a terminal"
+    ]
+
+
+@pytest.mark.parametrize("name", ["candump -L", ".asc", ".trc 2.1", "SavvyCAN", "BUSMASTER"])
+def test_a_last_line_without_its_end_is_left_out(tmp_path, name):
+    text = written(tmp_path, name).read_text()
+    last = text.rindex("705") if "BUS" not in name else text.rindex("0x705")
+    file = tmp_path / DIALECTS[name].file
+    file.write_text(text[: text.index("\n", last) - 2].rstrip())
+    found = read_trace(file)
+    assert len(found.frames) == len(HEARD) - 1
+    assert len(found.remarks) == 1
+    assert re.fullmatch(rf"{file.name}: ends within line \d+, which is left out", found.remarks[0])
+
+
+def test_packets_of_can_fd_and_xl_are_left_out(tmp_path):
+    short = bytearray(packet(HEARD[1]))
+    short[5] = 0x04
+    large = bytearray(packet(HEARD[1]))
+    large[4] = 0x81
+    others = [bytes(short), packet(HEARD[1]).ljust(72, b"\0"), bytes(large)]
+    head = pcap()(HEARD)
+    head += b"".join(struct.pack("<4I", 1, 0, len(each), len(each)) + each for each in others)
+    (tmp_path / "a.pcap").write_bytes(head)
+    found = read_trace(tmp_path / "a.pcap")
+    assert len(found.frames) == len(HEARD)
+    assert found.remarks == ["a.pcap: left out: 3 lines that are no classic frame of pcap"]
 
 
 def moved(frames, changes):
@@ -425,7 +303,7 @@ def moved(frames, changes):
 
 
 def test_a_clock_that_steps_back_does_not_mix_the_frames(tmp_path):
-    (tmp_path / "a.log").write_text(candump_log(moved(HEARD, {20: -0.03})))
+    (tmp_path / "a.log").write_text(candump_log()(moved(HEARD, {20: -0.03})))
     found = read_trace(tmp_path / "a.log")
     assert [bytes(each.data) for each in found.frames] == [bytes(each.data) for each in HEARD]
     begin = found.frames[0].timestamp
@@ -437,7 +315,7 @@ def test_a_clock_that_steps_back_does_not_mix_the_frames(tmp_path):
 
 def test_times_that_go_back_again_and_again_do_not_order_the_frames(tmp_path):
     again = moved(HEARD, dict.fromkeys(range(5, 45, 5), -0.02))
-    (tmp_path / "a.log").write_text(candump_log(again))
+    (tmp_path / "a.log").write_text(candump_log()(again))
     found = read_trace(tmp_path / "a.log")
     assert [bytes(each.data) for each in found.frames] == [bytes(each.data) for each in HEARD]
     assert all(b.timestamp >= a.timestamp for a, b in pairwise(found.frames))
@@ -467,9 +345,34 @@ def test_what_is_no_trace_is_named(tmp_path, content, words, name):
 
 
 def test_a_capture_of_another_link_is_named(tmp_path):
-    (tmp_path / "a.pcap").write_bytes(pcap("<", 0xA1B2C3D4, 1, 1e-6)(HEARD))
-    with pytest.raises(LogError, match=r"another kind of link \(1\) than CAN"):
+    (tmp_path / "a.pcap").write_bytes(pcap(link=1)(HEARD))
+    with pytest.raises(LogError, match=r"kind of link \(1\) that is not CAN"):
         read_trace(tmp_path / "a.pcap")
+
+
+def test_interfaces_of_a_capture_are_channels(tmp_path):
+    (tmp_path / "a.pcapng").write_bytes(pcapng(names=("can0", "", "can0"))(HEARD))
+    found = read_trace(tmp_path / "a.pcapng")
+    assert found.channel == "can0"
+    own = [each for k, each in enumerate(HEARD) if k % 3 != 1]
+    assert [bytes(each.data) for each in found.frames] == [bytes(each.data) for each in own]
+    remark = f"channel can0 is shown ({len(own)} frames); others: interface 1 "
+    assert found.remarks == [f"{remark}({len(HEARD) - len(own)})"]
+
+    content = bytearray(pcap(link=SLL2)(HEARD))
+    content[24 + 16 + 7] = 9  # of the first packet
+    (tmp_path / "a.pcap").write_bytes(content)
+    found = read_trace(tmp_path / "a.pcap")
+    assert found.channel == "interface 3"
+    assert len(found.frames) == len(HEARD) - 1
+
+
+def test_a_block_of_no_size_ends_a_capture(tmp_path):
+    content = pcapng()(HEARD[:3])
+    (tmp_path / "a.pcapng").write_bytes(content + bytes(64))
+    found = read_trace(tmp_path / "a.pcapng")
+    assert len(found.frames) == 3
+    assert found.remarks == ["a.pcapng: ends within a block, which is left out"]
 
 
 def test_of_python_cans_database_what_may_be_missing_is_said(tmp_path):
@@ -479,13 +382,13 @@ def test_of_python_cans_database_what_may_be_missing_is_said(tmp_path):
     writer.stop()
     found = read_trace(tmp_path / "a.db")
     assert found.frames
-    assert "the end of what was heard may be missing" in found.remarks[0]
+    assert "the last frames of the bus may be missing" in found.remarks[0]
 
 
 @pytest.mark.parametrize("cut", [1, 9, 20, 300])
-@pytest.mark.parametrize("form", ["pcap", "pcapng", ".asc, long lines", "SavvyCAN", ".trc 2.1"])
+@pytest.mark.parametrize("form", ["pcap", "pcapng", ".asc, CANFD", "SavvyCAN", ".trc 2.1"])
 def test_of_a_cut_file_what_is_left_is_read(tmp_path, form, cut):
-    file, _ = written(tmp_path, form)
+    file = written(tmp_path, form)
     file.write_bytes(file.read_bytes()[:-cut])
     found = read_trace(file).frames
     assert len(found) >= len(HEARD) - (8 if cut < 300 else 14)
@@ -504,12 +407,12 @@ def test_frames_of_can_fd_are_left_out(tmp_path):
 
 
 def test_the_day_of_pcan_is_kept(tmp_path):
-    file, _ = written(tmp_path, ".trc 1.1")
+    file = written(tmp_path, ".trc 1.1")
     begin = datetime.fromtimestamp(read_trace(file).frames[0].timestamp, UTC)
     assert begin.isoformat(timespec="seconds")[:16] == "2023-11-14T22:13"
 
 
-def rows(start="", end="", time="{:.6f}", data=hexadecimal, identifier=name, between=";"):
+def rows(start="", end="", time="{:.6f}", data=hexadecimal, identifier=identifier, between=";"):
     """Lines of a frame each, of the 11-bit frames of ``HEARD``."""
     return "".join(
         start + between.join((time.format(passed(each)), identifier(each), data(each))) + end + "\n"
@@ -521,7 +424,7 @@ def rows(start="", end="", time="{:.6f}", data=hexadecimal, identifier=name, bet
 def seconds(text, separator=";"):
     return "\n".join(
         separator.join((cells[0].replace(".", ","), *cells[1:]))
-        for cells in (line.split(separator) for line in text.splitlines())
+        for cells in (line.split(separator) for line in f"{text}\n".split("\n")[:-1])
     )
 
 
@@ -533,7 +436,7 @@ def seconds(text, separator=";"):
         '"Time";"Identifier (hex)";"Data (hex)"\n' + rows(start="00:00:0"),
         "timestamp_ns;id;data\n"
         + "".join(
-            f"{passed(each) * 1e9:.0f};{name(each)};{hexadecimal(each)}\n"
+            f"{passed(each) * 1e9:.0f};{identifier(each)};{hexadecimal(each)}\n"
             for each in HEARD
             if not each.is_extended_id
         ),
@@ -589,21 +492,21 @@ def test_a_beginning_that_is_no_day_costs_itself(tmp_path, start):
 
 
 def test_of_a_small_packed_trace_that_is_cut_what_is_left_is_read(tmp_path):
-    (tmp_path / "a.log.gz").write_bytes(gzip.compress(candump_log(HEARD[:8]).encode())[:-30])
+    (tmp_path / "a.log.gz").write_bytes(gzip.compress(candump_log()(HEARD[:8]).encode())[:-30])
     found = read_trace(tmp_path / "a.log.gz")
     assert 2 < len(found.frames) < 8
     assert "cannot be read on after line" in found.remarks[0]
 
 
 def test_colours_of_a_terminal_are_no_part_of_a_line(tmp_path):
-    plain = terminal(lambda each, _: f"({each.timestamp:.6f})")(HEARD)
+    plain = candump_terminal("a")(HEARD)
     (tmp_path / "a.txt").write_text(re.sub("^(.*)$", "\x1b[31m\\1\x1b[0m", plain, flags=re.M))
     assert len(read_trace(tmp_path / "a.txt").frames) == len(HEARD)
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(b"", "it is empty"), (b"\n\r\r\n" + b"\xff" * 60, "it has none")],
+    [(b"", "it is empty"), (b"\n\r\n \n", "it has none")],
 )
 def test_why_nothing_can_be_read_is_said(tmp_path, content, words):
     (tmp_path / "a.log").write_bytes(content)

@@ -11,16 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.base.errors import LogError
-from twin.devices.akd.traces import (
-    WRITTEN,
-    TracedBus,
-    TraceWriter,
-    check_ending,
-    from_row,
-    parts,
-    read_trace,
-    to_row,
-)
+from twin.devices.akd.recording import TracedBus, TraceWriter, from_row, to_row
+from twin.devices.akd.traces import WRITTEN, check_ending, parts, read_trace
 
 MESSAGES = st.builds(
     can.Message,
@@ -76,7 +68,7 @@ def test_a_broken_line_costs_one_frame(tmp_path):
     file = written(tmp_path / "a.log")
     lines = file.read_text().splitlines()
     lines[1] = lines[1][:-4] + "0 R"
-    file.write_text("\n".join([*lines, "(1.76) can0 0", "", "(1.8) can0 081##10102"]))
+    file.write_text("\n".join([*lines, "(1.76) can0 0", "", "(1.8) can0 081##10102", ""]))
     found = read_trace(file)
     assert [each.arbitration_id for each in found.frames] == [0x000, 0x185, 0x080]
     assert found.remarks == ["a.log: left out: 3 lines that are no classic frame of candump -L"]
@@ -105,7 +97,7 @@ def test_of_several_channels_one_is_told_and_the_others_are_named(tmp_path):
     file.write_text(file.read_text() + other)
     found = read_trace(file)
     assert len(found.frames) == len(HEARD)
-    assert found.remarks == ["channel can0 is told (4 frames); others: vcan7 (1)"]
+    assert found.remarks == ["channel can0 is shown (4 frames); others: vcan7 (1)"]
     assert len(read_trace(file, "vcan7").frames) == 1
     with pytest.raises(LogError, match="can0, vcan7"):
         read_trace(file, "can5")

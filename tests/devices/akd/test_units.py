@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from stepped import SteppedDrives, refused
 
 from twin.devices.akd.bringup import DriveQuantity
-from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
+from twin.devices.akd.config import AkdConfig, AxisConfig
+from twin.devices.akd.protocol import RPM
 from twin.emulator.drive import EmulatedDrive
 
 SPEED, RAMP = 6000, 30_000

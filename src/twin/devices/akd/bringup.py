@@ -27,8 +27,8 @@ from twin.devices.akd import protocol
 from twin.devices.akd.axis import difference
 from twin.devices.akd.bus import BUS_ERRORS
 from twin.devices.akd.conditions import DriveError
-from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
-from twin.devices.akd.protocol import PDO_INVALID, DriveState, Object, table
+from twin.devices.akd.config import AkdConfig, AxisConfig
+from twin.devices.akd.protocol import PDO_INVALID, RPM, DriveState, Object, table
 
 AT_EVERY_SYNC = 1
 """Transmission type of a PDO that is exchanged at every SYNC."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 from twin.base.errors import ScenarioError
+from twin.devices.akd.protocol import RPM, TURN_RAD
 from twin.devices.common import Ranged, net, ranged
 from twin.hal.interface import NOMINAL_PERIOD
 
@@ -60,9 +61,6 @@ class MonitorConfig(Ranged):
     repeat: float = ranged(1.0, 0.1, 60)
 
 
-TURN_RAD = 2 * math.pi
-RPM = TURN_RAD / 60
-"""One revolution per minute in rad/s."""
 INT32_MIN, INT32_MAX = -(1 << 31), (1 << 31) - 1
 
 

@@ -14,17 +14,18 @@ from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import can
-import numpy as np
+from statistics import median
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.devices.akd import protocol
-from twin.devices.akd.config import RPM, TURN_RAD, AkdConfig
 from twin.devices.akd.eds import DataSheet, read_data_sheet
-from twin.devices.akd.protocol import Key, Object, mappings, table
-from twin.hal.interface import NOMINAL_PERIOD
+from twin.devices.akd.protocol import RPM, TURN_RAD, Key, Object, mappings, table
+
+if TYPE_CHECKING:
+    from twin.devices.akd.config import AkdConfig
+    from twin.devices.akd.trace_files.frames import BusFrame
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 _ERROR_CODE, _FAULTS, _PROFILE, _VENDOR = 0x603F, 0x2001, (0x1000, 0), (0x1018, 1)
@@ -63,12 +64,14 @@ HOST = "host"
 """Who sends what only a master sends."""
 
 
-def sync_period(frames: Sequence[can.Message]) -> float:
+def sync_period(frames: Sequence[BusFrame]) -> float:
     """The period in s, in whole ms, of the SYNCs of a trace; the nominal one if there are few."""
     times = [each.timestamp for each in frames if each.arbitration_id == protocol.SYNC]
     if len(times) <= _FEW:
+        from twin.hal.interface import NOMINAL_PERIOD  # noqa: PLC0415  loads numpy
+
         return NOMINAL_PERIOD
-    return max(1, round(1e3 * float(np.median(np.diff(times))))) / 1e3
+    return max(1, round(1e3 * median(after - before for before, after in pairwise(times)))) / 1e3
 
 
 class TracedEvent(NamedTuple):
@@ -233,7 +236,7 @@ class Conversation:
 
     def __init__(
         self,
-        heard: Sequence[can.Message],
+        heard: Sequence[BusFrame],
         names: Names | None = None,
         rig: AkdConfig | None = None,
         *,
@@ -469,7 +472,7 @@ class Conversation:
     def _say(self, at: float, who: str, kind: str, text: str) -> None:
         self.events.append(TracedEvent(at, who, kind, text))
 
-    def _take(self, message: can.Message, at: float) -> None:
+    def _take(self, message: BusFrame, at: float) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
         if message.is_error_frame:
             what = _error_words(identifier, data)
@@ -737,17 +740,15 @@ class Conversation:
         """Find where what comes regularly did not; of PDOs only where SYNC came."""
         missing: list[tuple[float, float]] = []
         for stream in sorted(self._times, key=lambda each: each != "SYNC"):
-            times = np.asarray(self._times[stream])
+            times = self._times[stream]
             if len(times) < _FEW:
                 continue
-            pauses = np.diff(times)
-            usual, last = float(np.median(pauses)), float(times[-1])
-            gaps = np.flatnonzero(pauses > _LONG * usual)
-            if len(gaps) > _IRREGULAR * len(pauses):
+            usual, last = median(after - before for before, after in pairwise(times)), times[-1]
+            found = [(a, b) for a, b in pairwise(times) if b - a > _LONG * usual]
+            if len(found) > _IRREGULAR * (len(times) - 1):
                 continue
-            longest = float(pauses[gaps].max(initial=0.0))
-            self.pauses[stream] = {"usual": usual, "gaps": len(gaps), "longest": longest}
-            found = list(zip(times[gaps].tolist(), times[gaps + 1].tolist(), strict=True))
+            longest = max((b - a for a, b in found), default=0.0)
+            self.pauses[stream] = {"usual": usual, "gaps": len(found), "longest": longest}
             if stream == "SYNC":
                 missing = found
             elif not stream.startswith("heartbeat"):
@@ -814,7 +815,7 @@ def _mask(value: int) -> int:
     return 0xFFFFFFFF if -(1 << 31) <= value < 1 << 32 else (1 << 64) - 1
 
 
-def _introduced(heard: Iterable[can.Message]) -> tuple[set[int], dict[tuple[int, Key], int]]:
+def _introduced(heard: Iterable[BusFrame]) -> tuple[set[int], dict[tuple[int, Key], int]]:
     """Nodes that say anything of themselves; profiles and vendors, by node and object."""
     there, found = set[int](), dict[tuple[int, Key], int]()
     for message in heard:

@@ -6,6 +6,7 @@ any bytes and never raise: what they cannot read is None.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,9 @@ PDOS = range(0x1400, 0x1C00)
 """Their parameters, and 200h above these their mappings."""
 Key = tuple[int, int]
 """Index and subindex."""
+TURN_RAD = 2 * math.pi
+RPM = TURN_RAD / 60
+"""One revolution per minute in rad/s."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@
 its name decides only where they say nothing. A line that is no frame costs itself. Formats in
 packed bytes are read by python-can, but for captures. Text is read here: python-can takes both
 kinds of times of an ``.asc`` for absolute, has no reader for some of these forms, and gives up at
-the first line that it does not know.
+the first line that it does not know. Nothing here imports python-can before it is needed.
 """
 
 from __future__ import annotations
@@ -19,22 +19,24 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import BinaryIO, cast
 
-import can
-
 from twin.base.foreign import HEAD, encoding_of, file_kind, with_article
-from twin.devices.akd.trace_files import packed, tables, text
-from twin.devices.akd.trace_files.frames import Notes
-from twin.devices.common import one_line
+from twin.devices.akd.trace_files import captures, packed, tables, text
+from twin.devices.akd.trace_files.candump import (
+    LOG_LINE,
+    TERMINAL_LINE,
+    read_candump_log,
+    read_candump_terminal,
+    without_colours,
+)
+from twin.devices.akd.trace_files.frames import Notes, TracedFrame
 
-__all__ = ["Notes", "read_frames"]
+__all__ = ["Notes", "TracedFrame", "read_frames"]
 
-_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
-"""What colours a line on a terminal (candump -c)."""
 _BEGINNING = 60
 """Lines at the beginning of a text by which its form is known."""
 
 
-def read_frames(file: Path, notes: Notes) -> Iterator[can.Message]:
+def read_frames(file: Path, notes: Notes) -> Iterator[TracedFrame]:
     """The classic frames of a file, in its order.
 
     Args:
@@ -48,7 +50,13 @@ def read_frames(file: Path, notes: Notes) -> Iterator[can.Message]:
                 number += 1
                 yield message
     except Exception as error:  # noqa: BLE001  readers raise whatever a broken file makes them
-        notes.remarks.append(f"cannot be read on after frame {number}: {one_line(error)}")
+        notes.remarks.append(f"cannot be read on after frame {number}: {_words(error)}")
+
+
+def _words(error: Exception) -> str:
+    from twin.devices.common import one_line  # noqa: PLC0415  loads numpy
+
+    return one_line(error)
 
 
 def _opened(file: Path) -> BinaryIO:
@@ -57,7 +65,7 @@ def _opened(file: Path) -> BinaryIO:
     return cast("BinaryIO", gzip.open(file)) if packed else file.open("rb")
 
 
-def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[can.Message]:
+def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[TracedFrame]:
     head = cast("io.BufferedReader", raw).read1(HEAD + 16)  # of a cut file what there is
     raw.seek(0)
     kind = file_kind(head)
@@ -76,37 +84,42 @@ def _frames(file: Path, raw: BinaryIO, notes: Notes) -> Iterator[can.Message]:
 
 
 def _until_broken(lines: Iterable[str], notes: Notes) -> Iterator[str]:
-    """The lines of a text without colours, up to where what is packed is broken or cut."""
+    """The lines of a text, up to where it is cut or what is packed is broken.
+
+    A last line without its end is left out: a part of a line may look like a whole one.
+    """
     number = 0
     try:
-        for number, line in enumerate(lines, 1):  # noqa: B007
-            yield _COLOURS.sub("", line)
+        for number, line in enumerate(lines, 1):
+            if not line.endswith("\n") and line.strip():
+                notes.remarks.append(f"ends within line {number}, which is left out")
+                return
+            yield line
     except (EOFError, OSError, zlib.error) as error:
-        notes.remarks.append(f"cannot be read on after line {number}: {one_line(error)}")
+        notes.remarks.append(f"cannot be read on after line {number}: {_words(error)}")
 
 
-def _classic(frames: Iterable[can.Message | None], notes: Notes) -> Iterator[can.Message]:
-    """Only the classic frames; others, and lines that are none (None), are counted."""
-    for message in frames:
-        classic = message is not None and not message.is_fd and len(message.data) <= message.dlc
-        if message is None or not classic or not math.isfinite(message.timestamp):
+def _classic(frames: Iterable[TracedFrame | None], notes: Notes) -> Iterator[TracedFrame]:
+    """Only the frames at a finite time; others, and lines that are none (None), are counted."""
+    for frame in frames:
+        if frame is None or not math.isfinite(frame.timestamp):
             notes.left_out += 1
         else:
-            yield message
+            yield frame
 
 
-_Packed = Callable[[BinaryIO, Path, Notes], Iterator[can.Message | None]]
-_Text = Callable[[Iterable[str], Notes], Iterator[can.Message | None]]
+_Packed = Callable[[BinaryIO, Path, Notes], Iterator[TracedFrame | None]]
+_Text = Callable[[Iterable[str], Notes], Iterator[TracedFrame | None]]
 _PACKED: dict[str, tuple[str, _Packed]] = {
     "CAN trace of Vector (.blf)": ("BLF", packed.read_blf),
     "SQLite database": ("python-can's database", packed.read_database),
     "measurement file (.mf4)": ("MF4", packed.read_mf4),
-    "pcapng capture": ("pcapng", packed.read_capture),
-    "pcap capture": ("pcap", packed.read_capture),
+    "pcapng capture": ("pcapng", captures.read_capture),
+    "pcap capture": ("pcap", captures.read_capture),
 }
 """Readers of packed files by what their first bytes say."""
 _FORMS: dict[str, tuple[Callable[[str], object], _Text]] = {
-    "candump -L": (text.LOG_LINE.match, text.read_candump_log),
+    "candump -L": (LOG_LINE.match, read_candump_log),
     "BUSMASTER": (re.compile(r"\*\*\*BUSMASTER").match, text.read_busmaster),
     "PCAN-View": (re.compile(r";\$FILEVERSION|\s*\d+\)\s+\d").match, text.read_trc),
     "Vector's ASC": (
@@ -114,7 +127,7 @@ _FORMS: dict[str, tuple[Callable[[str], object], _Text]] = {
         text.read_asc,
     ),
     "CanKing": (re.compile(r"\s*Chn\s+Identifier\s+Flg", re.I).match, tables.read_kvaser),
-    "candump on a terminal": (text.TERMINAL_LINE.match, text.read_candump_terminal),
+    "candump on a terminal": (TERMINAL_LINE.match, read_candump_terminal),
     "a table of frames": (tables.is_table, tables.read_table),
 }
 """Forms of text: how one of their first lines is known, and their readers."""
@@ -123,8 +136,9 @@ _BY_ENDING = {".asc": "Vector's ASC", ".trc": "PCAN-View", ".csv": "a table of f
 
 def _form(beginning: list[str], ending: str) -> tuple[str, _Text]:
     """The form that a text has by its first lines, else by the ending of its name."""
+    plain = [without_colours(line) for line in beginning]
     for form, (known, reader) in _FORMS.items():
-        if any(known(line) for line in beginning):
+        if any(known(line) for line in plain):
             return form, reader
     form = _BY_ENDING.get(ending, "candump -L")
     return form, _FORMS[form][1]

@@ -1,118 +1,77 @@
-"""Readers of traces in packed bytes: captures here, what python-can reads by python-can."""
+"""Readers of traces in packed bytes that python-can reads."""
 
 from __future__ import annotations
 
-import struct
+import gzip
+import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, BinaryIO
 
-import can
+from twin.devices.akd.trace_files.frames import Notes, TracedFrame, classic_frame
 
-from twin.devices.akd.trace_files.frames import (
-    ERROR_FLAG,
-    EXTENDED_FLAG,
-    LARGEST_STANDARD,
-    REMOTE_FLAG,
-    Notes,
-    classic_frame,
-)
-
-_SOCKETCAN, _COOKED, _CAN_PROTOCOL = 227, 113, 0x000C
-"""Kinds of links: CAN alone, and any device, where a number says that it is CAN."""
+if TYPE_CHECKING:
+    import can
 
 
-def read_capture(raw: BinaryIO, _: Path, notes: Notes) -> Iterator[can.Message | None]:
-    """What Wireshark and tcpdump keep of SocketCAN (.pcap, .pcapng)."""
-    for time, link, packet in _packets(raw):
-        at = 16 if link == _COOKED else 0
-        is_can = link == _SOCKETCAN or (
-            link == _COOKED and struct.unpack(">H", packet[14:16])[0] == _CAN_PROTOCOL
-        )
-        if not is_can or len(packet) < at + 8:
-            if not is_can and not notes.remarks:
-                notes.remarks.append(f"has packets of another kind of link ({link}) than CAN")
-            yield None
-            continue
-        mark, length = struct.unpack(">IB", packet[at : at + 5])
-        if len(packet) > at + 16 and length > 8:
-            yield None  # a frame of CAN FD
-            continue
-        remote, error = bool(mark & REMOTE_FLAG), bool(mark & ERROR_FLAG)
-        if not remote and len(packet) < at + 8 + length:
-            yield None  # cut off
-            continue
-        extended = bool(mark & EXTENDED_FLAG)
-        yield classic_frame(
-            time,
-            mark & (ERROR_FLAG - 1) if extended or error else mark & LARGEST_STANDARD,
-            b"" if remote else packet[at + 8 : at + 8 + length],
-            extended=extended,
-            remote=length if remote else None,
-            error=error,
-        )
-
-
-def _packets(raw: BinaryIO) -> Iterator[tuple[float, int, bytes]]:
-    """Time in s, kind of link and bytes of each packet of a capture."""
-    magic = raw.read(4)
-    if magic != b"\x0a\x0d\x0d\x0a":
-        order = "<" if magic[0] in {0xD4, 0x4D} else ">"
-        unit = 1e-9 if b"\x3c" in magic[1:3] else 1e-6
-        link = struct.unpack(f"{order}16xI", raw.read(20))[0] & 0xFFFF
-        while len(head := raw.read(16)) == 16:
-            seconds, parts, length, _ = struct.unpack(f"{order}4I", head)
-            yield seconds + unit * parts, link, raw.read(length)
-        return
-    order, links, block = "<", list[tuple[int, float]](), magic + raw.read(8)
-    while len(block) == 12:
-        kind = struct.unpack(f"{order}I", block[:4])[0]
-        if block[:4] == b"\x0a\x0d\x0d\x0a":
-            order, links = "<" if block[8:12] == b"\x4d\x3c\x2b\x1a" else ">", []
-        size = struct.unpack(f"{order}I", block[4:8])[0]
-        body = block[8:] + raw.read(size - 12)
-        if kind == 1:
-            links.append((struct.unpack(f"{order}H", body[:2])[0], _resolution(body[8:-4], order)))
-        elif kind == 6:
-            number, high, low, length, _ = struct.unpack(f"{order}5I", body[:20])
-            link, unit = links[number]
-            yield unit * (high << 32 | low), link, body[20 : 20 + length]
-        block = raw.read(12)
-
-
-def _resolution(options: bytes, order: str) -> float:
-    """Unit of time in s, by option 9 of an interface; microseconds without it."""
-    at = 0
-    while len(options) >= at + 5:
-        code, length = struct.unpack(f"{order}HH", options[at : at + 4])
-        if code == 9:
-            power = options[at + 4]
-            return float(2.0 ** -(power & 0x7F) if power & 0x80 else 10.0**-power)
-        at += 4 + (length + 3) // 4 * 4
-    return 1e-6
-
-
-def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[can.Message]:
+def read_blf(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | None]:
     """What Vector's tools pack (.blf)."""
+    import can  # noqa: PLC0415  takes 0.2 s
+
     number = 0
     with can.BLFReader(raw) as reader:
         for number, message in enumerate(reader, 1):  # noqa: B007
-            yield message
+            yield _of_message(message)
         if file.suffix.lower() != ".gz" and reader.file_size > file.stat().st_size:
             notes.remarks.append(f"cut off, ends after frame {number}")  # as its head says
 
 
-def read_database(_: BinaryIO, file: Path, notes: Notes) -> Iterator[can.Message]:
+def read_database(raw: BinaryIO, file: Path, notes: Notes) -> Iterator[TracedFrame | None]:
     """What python-can keeps in a database (.db)."""
+    import can  # noqa: PLC0415  takes 0.2 s
+
     notes.remarks.append(
-        "python-can's writer of .db drops the frames that wait when it is stopped: the end of what "
-        "was heard may be missing"
+        "python-can's writer of .db drops the frames that wait when it is stopped: the last frames "
+        "of the bus may be missing"
     )
-    with can.SqliteReader(file) as reader:
-        yield from reader
+    with _unpacked(raw, file) as plain, can.SqliteReader(plain) as reader:
+        yield from map(_of_message, reader)
 
 
-def read_mf4(_: BinaryIO, file: Path, __: Notes) -> Iterator[can.Message]:
+def read_mf4(raw: BinaryIO, file: Path, _: Notes) -> Iterator[TracedFrame | None]:
     """Measurement files (.mf4), where asammdf is installed."""
-    with can.MF4Reader(file) as reader:
-        yield from reader
+    import can  # noqa: PLC0415  takes 0.2 s
+
+    with _unpacked(raw, file) as plain, can.MF4Reader(plain) as reader:
+        yield from map(_of_message, reader)
+
+
+def _of_message(message: can.Message) -> TracedFrame | None:
+    """The classic frame that python-can read; None for one of CAN FD."""
+    if message.is_fd or len(message.data) > message.dlc:
+        return None
+    return classic_frame(
+        message.timestamp,
+        message.arbitration_id,
+        bytes(message.data),
+        extended=message.is_extended_id,
+        remote=message.dlc if message.is_remote_frame else None,
+        error=message.is_error_frame,
+        sent=not message.is_rx,
+        channel=None if message.channel is None else str(message.channel),
+    )
+
+
+@contextmanager
+def _unpacked(raw: BinaryIO, file: Path) -> Iterator[Path]:
+    """A file for readers that open it themselves; of one packed by gzip, a copy of its content."""
+    if not isinstance(raw, gzip.GzipFile):
+        yield file
+        return
+    with TemporaryDirectory() as folder:
+        plain = Path(folder) / file.stem
+        with plain.open("wb") as copy:
+            shutil.copyfileobj(raw, copy)
+        yield plain

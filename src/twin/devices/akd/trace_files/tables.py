@@ -7,10 +7,15 @@ from base64 import b64decode
 from binascii import Error as Base64Error
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
+from itertools import chain, islice
 
-import can
-
-from twin.devices.akd.trace_files.frames import LARGEST_STANDARD, Notes, classic_frame
+from twin.devices.akd.trace_files.frames import (
+    LARGEST_STANDARD,
+    LOOKAHEAD,
+    Notes,
+    TracedFrame,
+    classic_frame,
+)
 
 _COLUMNS = {
     "time": r"(abs)?time(stamp)?s?(s|ms|us|µs|ns|sec|seconds|abs|rel)?",
@@ -20,12 +25,15 @@ _COLUMNS = {
     "error": r"er(ror)?",
     "way": r"dir(ection)?|rxtx|tx",
     "channel": r"bus|chan(nel)?|chn|can(bus|channel)?|network",
+    "flags": r"flags",
     "length": r"len(gth)?|dlc",
     "data": r"data(bytes)?(hex)?|payload",
 }
 """Columns of a table of frames, by their names in small letters without signs and spaces."""
 _BYTE = re.compile(r"(?:d|b|data|byte)(\d)")
 _TRUE = {"1", "true", "yes", "x", "t"}
+_KVASER_REMOTE, _KVASER_EXTENDED, _KVASER_ERROR, _KVASER_SENT = 0x01, 0x04, 0x20, 0xC0
+"""Flags of a frame of Kvaser's CANlib, a number in the column of flags."""
 _SCALES = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 """Units of times in the name of their column, in s."""
 
@@ -49,7 +57,7 @@ def is_table(line: str) -> bool:
     return {"time", "identifier"} <= set(found) and ("data" in found or bool(single))
 
 
-def read_table(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+def read_table(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """A table with a header: python-can's, SavvyCAN's (GVRET), Kvaser's, and others like them."""
     rows = iter(lines)
     header = next((line for line in rows if is_table(line)), "")
@@ -57,11 +65,12 @@ def read_table(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | Non
     if not header:
         notes.remarks.append("has no header that names time, identifier and data")
         return
-    cells = [
+    split = (
         [cell.strip().strip('"') for cell in line.rstrip("\r\n").split(separator)]
         for line in rows
         if line.strip()
-    ]
+    )
+    cells = list(islice(split, LOOKAHEAD))
     name = header.split(separator)[places["time"]].lower()
     packed = "arbitration_id" in header  # python-can, whose bytes are in base64
     if packed:
@@ -78,7 +87,7 @@ def read_table(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | Non
     base = 16 if packed else _base([row[at] for row in cells if len(row) > at], header, data_base)
     if base == 10 and not _looks_hexadecimal(given):
         data_base = 10
-    for row in cells:
+    for row in chain(cells, split):
         try:
             yield _table_row(row, places, single, scale, (base, data_base), packed=packed)
         except (IndexError, ValueError, Base64Error):
@@ -93,31 +102,34 @@ def _table_row(
     bases: tuple[int, int],
     *,
     packed: bool,
-) -> can.Message | None:
+) -> TracedFrame | None:
     def cell(role: str) -> str:
         return row[places[role]].strip().lower() if role in places else ""
 
+    flags = int(cell("flags")) if cell("flags").isdecimal() else 0
+    error = cell("error") in _TRUE or bool(flags & _KVASER_ERROR)
+    remote = cell("remote") in _TRUE or bool(flags & _KVASER_REMOTE)
+    extended = cell("extended") in _TRUE or bool(flags & _KVASER_EXTENDED)
     if packed:
         data = b64decode(row[places["data"]], validate=True)
     elif single:
         given = sum(1 for k in single if row[k : k + 1] not in ([], [""]))
         count = int(cell("length")) if "length" in places else given
         data = bytes(int(row[k], bases[1]) for k in single[:count] if row[k])
-        if len(data) != count and cell("remote") not in _TRUE:
+        if len(data) != count and not remote:
             return None
     else:
         data = bytes.fromhex(re.sub(r"0x|[|,]", "", cell("data")))
     text = cell("identifier").removesuffix("h")
     identifier = int(text.rstrip("x"), bases[0])
-    error, remote = cell("error") in _TRUE, cell("remote") in _TRUE
     return classic_frame(
         scale * _number_of(row[places["time"]]),
         identifier & ((1 << 29) - 1),
         b"" if remote else data,
-        extended=cell("extended") in _TRUE or identifier > LARGEST_STANDARD,
+        extended=extended or identifier > LARGEST_STANDARD,
         remote=int(cell("length") or 0) if remote else None,
         error=error,
-        sent=cell("way")[:1] == "t",
+        sent=cell("way")[:1] == "t" or bool(flags & _KVASER_SENT),
         channel=cell("channel") or None,
     )
 
@@ -155,11 +167,12 @@ def _base(identifiers: list[str], header: str, of_data: int = 16) -> int:
     return 10 if as_hex > LARGEST_STANDARD >= max((int(each) for each in digits), default=0) else 16
 
 
-def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
+def read_kvaser(lines: Iterable[str], _: Notes) -> Iterator[TracedFrame | None]:
     """What Kvaser's CanKing prints: channel, identifier, flag, length, data, time, direction."""
-    rows = [line.split() for line in lines if re.match(r"\s*\d+\s", line)]
-    base = _base([row[1] for row in rows if len(row) > 1], "")
-    for row in rows:
+    rows = (line.split() for line in lines if re.match(r"\s*\d+\s", line))
+    first = list(islice(rows, LOOKAHEAD))
+    base = _base([row[1] for row in first if len(row) > 1], "")
+    for row in chain(first, rows):
         try:
             flag = "" if row[2].isdecimal() else row[2].upper()
             rest = row[3 if flag else 2 :]

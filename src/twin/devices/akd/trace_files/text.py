@@ -1,16 +1,13 @@
-"""Readers of traces in text, a frame a line: candump, Vector's .asc, PCAN-View, BUSMASTER."""
+"""Readers of traces in text, a frame a line: Vector's .asc, PCAN-View, BUSMASTER."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterable, Iterator
-from datetime import datetime
-from itertools import pairwise
+from itertools import chain, islice
 
-import can
-
-from twin.devices.akd.trace_files.frames import ERROR_FLAG, Notes, classic_frame
+from twin.devices.akd.trace_files.frames import LOOKAHEAD, Notes, TracedFrame, classic_frame
 
 BUS_OFF, BUS_ERROR, CONTROLLER = 0x040, 0x080, 0x004
 """Classes of error frames, as SocketCAN has them."""
@@ -19,97 +16,8 @@ _DAY = 86400.0
 _DAYS_TO_1970 = 25569
 """Days from the beginning of PCAN's calendar to that of Unix."""
 
-LOG_LINE = re.compile(
-    r"\s*\((-?\d+\.?\d*)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
-    r"(?:([Rr])(\d?)|((?:[0-9A-Fa-f]{2}){0,8}))(?:_[0-9A-Fa-f])?(?:\s+([RrTt]))?\s*$"
-)
 
-
-def read_candump_log(lines: Iterable[str], _: Notes) -> Iterator[can.Message | None]:
-    """What ``candump -L`` writes: ``(1.5) can0 701#05 R``."""
-    for line in lines:
-        if not line.strip():
-            continue
-        match = LOG_LINE.match(line)
-        if match is None:
-            yield None
-            continue
-        time, channel, identifier, remote, asked, data, way = match.groups()
-        number = int(identifier, 16)
-        error = len(identifier) == 8 and bool(number & ERROR_FLAG)
-        yield classic_frame(
-            float(time),
-            number & (ERROR_FLAG - 1),
-            bytes.fromhex(data or ""),
-            extended=len(identifier) == 8 and not error,
-            remote=int(asked or 0) if remote else None,
-            error=error,
-            sent=way in {"T", "t"},
-            channel=channel,
-        )
-
-
-TERMINAL_LINE = re.compile(
-    r"\s*(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.\d+))\)\s+)?(\S+)\s+"
-    r"(?:([RT]X)\s\S\s\S\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+\[(\d)\]\s*(.*)$"
-)
-
-
-def read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
-    """What candump prints on a terminal: ``(1.5)  can0  RX - -  701   [1]  05``.
-
-    Its times may be those of day (-ta, -tA), since the first frame (-tz), from frame to frame (-td,
-    which are added up), or missing: then frames are numbered.
-    """
-    # a line with a tab before it (candump -e) explains the error frame above
-    frames = (line for line in lines if line.strip() and not line.startswith("\t"))
-    rows = [TERMINAL_LINE.match(line) for line in frames]
-    times = [_terminal_time(row) for row in rows if row]
-    if None in times:
-        notes.timed = False
-        notes.remarks.append("has no times: frames are numbered in their place")
-    known = [time for time in times if time is not None]
-    back = sum(after < before for before, after in pairwise(known))
-    alike = sum(after == before > 0.0 for before, after in pairwise(known))
-    often = back > len(known) / 10 or alike > len(known) / 2
-    if differences := bool(known and known[0] == 0.0 and often):
-        notes.remarks.append("has times from frame to frame (candump -td): they are added up")
-    passed = 0.0
-    for number, row in enumerate(rows):
-        if row is None:
-            yield None
-            continue
-        time = _terminal_time(row) if notes.timed else float(number)
-        passed = passed + (time or 0.0) if differences and notes.timed else time or 0.0
-        *_, channel, way, identifier, length, rest = row.groups()
-        bytes_ = re.match(r"(?:[0-9A-Fa-f]{2}\s*){0,8}", rest)
-        value, size = int(identifier, 16), int(length)
-        error = len(identifier) == 8 and bool(value & ERROR_FLAG)
-        remote = size if "remote request" in rest else None
-        data = b"" if remote is not None or bytes_ is None else bytes.fromhex(bytes_[0])[:size]
-        yield (
-            None
-            if remote is None and len(data) != size
-            else classic_frame(
-                passed,
-                value & (ERROR_FLAG - 1),
-                data,
-                extended=len(identifier) == 8 and not error,
-                remote=remote,
-                error=error,
-                sent=way == "TX",
-                channel=channel,
-            )
-        )
-
-
-def _terminal_time(row: re.Match[str]) -> float | None:
-    if row[1]:
-        return datetime.fromisoformat(row[1]).timestamp()
-    return float(row[2]) if row[2] else None
-
-
-def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """What Vector's tools write (.asc), with times from the start or from event to event."""
     base, relative, passed = 16, False, 0.0
     for line in lines:
@@ -132,8 +40,18 @@ def read_asc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]
                 yield _asc_long(passed, parts[2:], base)
             elif len(parts) > 2 and parts[1].isdecimal():
                 yield from _asc_short(passed, parts[1:], base)
+            elif "chip status" in line:
+                yield from _asc_status(passed, parts[2], line)
         except (IndexError, ValueError):
             yield None
+
+
+def _asc_status(time: float, channel: str, line: str) -> Iterator[TracedFrame | None]:
+    """A line of the controller's state, as an error frame if it is no longer error active."""
+    state = line.rpartition("chip status")[2].lower().replace(" ", "")
+    if not state.startswith("erroractive"):
+        what = BUS_OFF if state.startswith("busoff") else CONTROLLER
+        yield classic_frame(time, what, b"", error=True, channel=f"{int(channel) - 1}")
 
 
 def _asc_identifier(text: str, base: int) -> tuple[int, bool]:
@@ -141,7 +59,7 @@ def _asc_identifier(text: str, base: int) -> tuple[int, bool]:
     return int(text[:-1] if extended else text, base), extended
 
 
-def _asc_short(time: float, parts: list[str], base: int) -> Iterator[can.Message | None]:
+def _asc_short(time: float, parts: list[str], base: int) -> Iterator[TracedFrame | None]:
     """A line of a classic frame: channel, identifier, direction, d or r, length, data."""
     channel = f"{int(parts[0]) - 1}"
     if parts[1].lower() == "errorframe":
@@ -165,7 +83,7 @@ def _asc_short(time: float, parts: list[str], base: int) -> Iterator[can.Message
             )
 
 
-def _asc_long(time: float, parts: list[str], base: int) -> can.Message | None:
+def _asc_long(time: float, parts: list[str], base: int) -> TracedFrame | None:
     """A line of the longer form (CANFD), which classic frames may have as well.
 
     Channel, direction, identifier, a name that may be missing, BRS, ESI, DLC, length, data; then
@@ -198,7 +116,7 @@ _TRC_DATA = {"Rx", "Tx", "DT", "RR"}
 _TRC_ERRORS = {"Warng", "Error", "ST", "ER"}
 
 
-def read_trc(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+def read_trc(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """What PCAN-View writes (.trc), of any version, with its rows of errors and warnings."""
     version, places, begin = "1.0", _TRC_PLACES["1.0"], 0.0
     for line in lines:
@@ -235,10 +153,12 @@ def _trc_begin(text: str, notes: Notes) -> float:
 
 def _trc_row(
     parts: list[str], places: dict[str, int], begin: float
-) -> Iterator[can.Message | None]:
+) -> Iterator[TracedFrame | None]:
     time = begin + float(parts[places.get("O", 1)].replace(",", ".")) / 1000
     kind = parts[places["T"]] if "T" in places else "Rx"
     channel = parts[places["B"]] if "B" in places else "1"
+    if "T" not in places and "ERROR" in parts:
+        kind = "Error"
     if kind in _TRC_ERRORS or (kind == "Rx" and parts[places["I"]] == "FFFFFFFF"):
         tail = re.findall(r"\b[0-9A-Fa-f]{2}\b", " ".join(parts[places["I"] + 1 :]))
         status = int("".join(tail[:4]) or "0", 16)
@@ -278,24 +198,25 @@ _BUSMASTER_LINE = re.compile(
 )
 
 
-def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[can.Message | None]:
+def read_busmaster(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
     """What BUSMASTER writes (.log); parts of a second may lack their leading zeros."""
-    base, relative = 16, False
-    rows: list[re.Match[str] | None] = []
-    for line in lines:
+    rest = iter(lines)
+    first = list(islice(rest, LOOKAHEAD))
+    digits = [len(row[4]) for line in first if (row := _BUSMASTER_LINE.match(line))]
+    parts = 10 ** max(digits, default=0)
+    base, relative, passed, last = 16, False, 0.0, None
+    for line in chain(first, rest):
         if line.startswith("***"):
             word = line.strip("* \r\n").upper()
             base = {"HEX": 16, "DEC": 10}.get(word, base)
-            relative |= word == "RELATIVE MODE"
-        elif line.strip():
-            rows.append(_BUSMASTER_LINE.match(line))
-    if relative:
-        notes.remarks.append("has times from frame to frame: they are added up")
-    parts = 10 ** max((len(row[4]) for row in rows if row), default=0)
-    passed, last = 0.0, None
-    for row in rows:
+            if word == "RELATIVE MODE" and not relative:
+                relative = True
+                notes.remarks.append("has times from frame to frame: they are added up")
+            continue
+        row = _BUSMASTER_LINE.match(line)
         if row is None:
-            yield None
+            if line.strip():
+                yield None
             continue
         hour, minute, second, part, way, channel, text, kind, length, data = row.groups()
         time = 3600 * int(hour) + 60 * int(minute) + int(second) + int(part) / parts

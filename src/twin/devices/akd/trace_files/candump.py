@@ -1,0 +1,221 @@
+"""Readers of the two forms of candump: the log (-L, -l) and the lines on a terminal.
+
+python-can reads the log alone, and of it error frames as data frames with a 29-bit identifier.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from datetime import datetime
+
+from twin.devices.akd.trace_files.frames import (
+    ERROR_FLAG,
+    LARGEST_STANDARD,
+    Notes,
+    TracedFrame,
+    classic_frame,
+)
+
+LOG_LINE = re.compile(
+    r"\s*\((-?\d+\.?\d*)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
+    r"(?:([Rr])(\d?)|((?:[0-9A-Fa-f]{2}){0,8}))(?:_[0-9A-Fa-f])?(?:\s+([RrTt]))?\s*$"
+)
+_DROPPED = re.compile(r"DROPCOUNT: dropped (\d+) CAN frame")
+"""A line of ``candump -d``: frames that the socket lost."""
+_MIN_SMALL_SHARE, _MIN_LARGEST_SHARE = 0.1, 0.5
+"""Least share of small times, and of times that equal the largest, among differences of time."""
+
+
+class _Dropped:
+    """Counts the frames that candump reports as dropped."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def is_in(self, line: str) -> bool:
+        """Whether a line is such a report; it is then counted."""
+        match = _DROPPED.match(line)
+        self.count += int(match[1]) if match else 0
+        return match is not None
+
+    def note(self, notes: Notes) -> None:
+        """Add a remark if there were any."""
+        if self.count:
+            notes.remarks.append(f"candump reports {self.count} dropped frames (DROPCOUNT)")
+
+
+_PLAIN_TIME = re.compile(r"\(\d+\.\d{6}")
+_PLAIN_HEAD = re.compile(r" +(\S+) ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})")
+"""The beginning of a line of a log as candump prints it, and what then stands before the data."""
+_RECEIVED = {"": True, "R": True, "T": False}
+"""Whether a frame was received, by what stands behind its data."""
+
+
+def read_candump_log(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
+    """What ``candump -L`` writes: ``(1.5) can0 701#05 R``.
+
+    Data frames in the form that candump itself prints are read without a regular expression for the
+    whole line, in half the time.
+    """
+    dropped = _Dropped()
+    heads = dict[str, tuple[str, int, bool, bool] | None]()
+    for line in lines:
+        before, _, after = line.partition("#")
+        time, _, head = before.partition(")")
+        text, _, way = after.rstrip().partition(" ")
+        known = heads[head] if head in heads else heads.setdefault(head, _read_head(head))
+        data = _read_bytes(text)
+        if known and data is not None and way in _RECEIVED and _PLAIN_TIME.fullmatch(time):
+            channel, number, extended, error = known
+            received = _RECEIVED[way]
+            yield TracedFrame(
+                float(time[1:]), number, data, extended, False, error, received, len(data), channel
+            )
+        elif match := LOG_LINE.match(line):
+            yield _log_frame(match)
+        elif line.strip() and not dropped.is_in(line):
+            yield None
+    dropped.note(notes)
+
+
+def _read_head(text: str) -> tuple[str, int, bool, bool] | None:
+    """Channel and identifier, as ``_read_identifier`` has it; None if a text is anything else."""
+    match = _PLAIN_HEAD.fullmatch(text)
+    if match is None:
+        return None
+    number, extended, error = _read_identifier(match[2])
+    valid = extended or error or number <= LARGEST_STANDARD
+    return (match[1], number, extended, error) if valid else None
+
+
+def _read_bytes(text: str) -> bytes | None:
+    """At most eight bytes of pairs of hexadecimal digits; None if a text is anything else."""
+    try:
+        found = bytes.fromhex(text)
+    except ValueError:
+        return None
+    return found if 2 * len(found) == len(text) <= 16 else None
+
+
+def _read_identifier(text: str) -> tuple[int, bool, bool]:
+    """An identifier of three or eight digits: number, whether of 29 bits, whether of an error."""
+    number, long = int(text, 16), len(text) == 8
+    error = long and bool(number & ERROR_FLAG)
+    return number & (ERROR_FLAG - 1), long and not error, error
+
+
+def _log_frame(match: re.Match[str]) -> TracedFrame | None:
+    """The frame of a line of any form that python-can or candump write."""
+    time, channel, text, remote, asked, data, way = match.groups()
+    number, extended, error = _read_identifier(text)
+    return classic_frame(
+        float(time),
+        number,
+        bytes.fromhex(data or ""),
+        extended=extended,
+        remote=int(asked or 0) if remote else None,
+        error=error,
+        sent=way in {"T", "t"},
+        channel=channel,
+    )
+
+
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+"""What colours a line on a terminal (candump -c)."""
+
+
+def without_colours(line: str) -> str:
+    """A line without the marks that colour it on a terminal."""
+    return _COLOURS.sub("", line)
+
+
+TERMINAL_LINE = re.compile(
+    r"\s*(?:\((?:(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+)|(-?\d+\.\d+))\)\s+)?(\S+)\s+"
+    r"(?:([RT]X)\s\S\s\S\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+[\[{]([0-9A-F])[\]}]\s*(.*)$"
+)
+
+
+def read_candump_terminal(lines: Iterable[str], notes: Notes) -> Iterator[TracedFrame | None]:
+    """What candump prints on a terminal: ``(1.5)  can0  RX - -  701   [1]  05``.
+
+    Its times may be absolute (-ta, -tA), since the first frame (-tz), from frame to frame (-td,
+    which are added up), or missing: then frames are numbered.
+    """
+    frames, dropped, numbered = list[TracedFrame | None](), _Dropped(), False
+    for line in lines:
+        # a line with a tab before it (candump -e) explains the error frame above
+        if not line.strip() or line.startswith("\t") or dropped.is_in(line):
+            continue
+        row = TERMINAL_LINE.match(without_colours(line))
+        numbered |= row is not None and row[1] is None and row[2] is None
+        frames.append(row and _terminal_frame(row))
+    if numbered:
+        notes.timed = False
+        notes.remarks.append("has no times: frames are numbered in their place")
+        for number, each in enumerate(frames):
+            if each is not None:
+                each.timestamp = float(number)
+    elif _are_differences([each.timestamp for each in frames if each is not None]):
+        notes.remarks.append("has times from frame to frame (candump -td): they are added up")
+        passed = 0.0
+        for each in frames:
+            if each is not None:
+                each.timestamp = passed = passed + each.timestamp
+    dropped.note(notes)
+    yield from frames
+
+
+def _are_differences(times: list[float]) -> bool:
+    """Whether times count from the frame before, not from the first.
+
+    Both begin with 0. Times from the first frame grow: hardly any is smaller than the one before or
+    than half of the largest so far, and few are the largest. Differences are so often.
+    """
+    before, largest, small = 0.0, 0.0, 0
+    for time in times:
+        small += time < before or time < 0.5 * largest
+        before, largest = time, max(largest, time)
+    many = small > _MIN_SMALL_SHARE * len(times)
+    even = largest > 0.0 and times.count(largest) > _MIN_LARGEST_SHARE * len(times)
+    return times[:1] == [0.0] and (many or even)
+
+
+def _terminal_frame(row: re.Match[str]) -> TracedFrame | None:
+    """The frame of a line, with the time that it has."""
+    day, seconds, channel, way, identifier, length, rest = row.groups()
+    time = datetime.fromisoformat(day).timestamp() if day else float(seconds or 0.0)
+    number, extended, error = _read_identifier(identifier)
+    size = min(8, int(length, 16))  # {9} and more: candump -8
+    remote = size if "remote request" in rest else None
+    data = b"" if remote is not None else _terminal_bytes(rest, size)
+    if data is None:
+        return None
+    return classic_frame(
+        time,
+        number,
+        data,
+        extended=extended,
+        remote=remote,
+        error=error,
+        sent=way == "TX",
+        channel=channel,
+    )
+
+
+def _terminal_bytes(text: str, size: int) -> bytes | None:
+    """So many bytes at the beginning of a text; None if there are fewer.
+
+    They are hexadecimal, binary (candump -i), or hexadecimal with the last one first (candump -S).
+    """
+    words = text.split(maxsplit=size)[:size]
+    if size > 1 and words and words[0].count("`") == size - 1:
+        words = words[0].split("`")[::-1]
+    try:
+        if words and len(words[0]) == 8:
+            data = bytes(int(word, 2) for word in words)
+        else:
+            data = bytes.fromhex(" ".join(words))
+    except ValueError:
+        return None
+    return data if len(data) == size else None
