@@ -10,6 +10,7 @@ import ballplate as bp
 from twin.study.paired import paired_differences
 
 NAN = math.nan
+SHORT = ("plant.kind=lagrange", "baseline=false", "duration=0.5", "metrics.start=0")
 
 
 def differences(one, other, points=None, method="montecarlo", per_block=3):
@@ -80,8 +81,7 @@ def test_a_study_has_its_pairs_in_report_and_table(tmp_path):
     friction = {
         "title": "Two laws",
         "scenario": "circle",
-        "set": ["plant.kind=lagrange", "baseline=false", "duration=0.5", "metrics.start=0"]
-        + ["plant.start.x_rate=0.05"],
+        "set": [*SHORT, "plant.start.x_rate=0.05"],
         "method": "montecarlo",
         "samples": 6,
         "metrics": ["rms_distance"],
