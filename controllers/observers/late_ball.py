@@ -281,9 +281,9 @@ class SlowPlate:
         self.error: Any = 0 * angle
         """What was measured last less the angle expected then, rad."""
         self._period = period
-        self.be(pole)
+        self.set_pole(pole)
 
-    def be(self, pole: Any) -> None:
+    def set_pole(self, pole: Any) -> None:
         """Have both poles of the error there from now on, as a rate in 1/s."""
         self._gain = 2 * pole * self._period, pole * pole * self._period
 
@@ -533,8 +533,8 @@ class LateBall(DelayedObserver):
         theta, theta_rate = across.correct(theta)
         if self.swinging_pole and self._swing.correct((along.error, across.error)):
             pole = self._by.where(self._swing.found, self.swinging_pole, self.plate_pole)
-            along.be(pole)
-            across.be(pole)
+            along.set_pole(pole)
+            across.set_pole(pole)
             if self._drives is not None:
                 self._drives.give_up(self._swing.found)
         commanded = along.commanded, across.commanded

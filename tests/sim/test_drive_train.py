@@ -99,7 +99,7 @@ def test_a_motor_is_ahead_of_its_shaft_by_what_the_play_holds_back():
 def test_a_random_vibration_has_the_size_of_the_steady_one_about_its_frequency():
     amplitude, f, wander, count = 0.7, 1.4, 0.5, 60_000
     part = Vibration(0.01, streams(2))
-    part.be(column(amplitude, amplitude), column(f, f), column(wander, 0.0))
+    part.set_parameters(column(amplitude, amplitude), column(f, f), column(wander, 0.0))
     rates = np.array([part.rate() for _ in range(count)])
     steady = amplitude * np.sin(2 * np.pi * f * 0.01 * np.arange(1, count + 1))
     assert rates[:, 1, 0] == pytest.approx(steady)

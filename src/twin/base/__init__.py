@@ -1,1 +1,1 @@
-"""What knows nothing of a ball: errors, files, checked data, settings, processes, pages."""
+"""Domain-independent support: errors, files, checked data, settings, processes, pages."""

@@ -24,7 +24,7 @@ from twin.base.followers import Followers
 
 Model = TypeVar("Model")
 KEY_DEFAULT = object()
-"""Stands for: the field has the default of its key."""
+"""Sentinel: the field has the default of its key."""
 
 
 class Unit(Enum):

@@ -161,7 +161,7 @@ class BusFaults:
 _ERROR_REPORTS = ((0x040, bytes(8)), (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0))))
 """How SocketCAN's error frames say that an adapter is off the bus, and that it is error passive."""
 _TIME_RESOLUTION_S = 1e-9
-"""Seconds that count as no time."""
+"""Time resolution of the bus, s."""
 
 
 class EmulatedBus:

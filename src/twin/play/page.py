@@ -61,7 +61,7 @@ class Plate(Drawn, component="plate.js"):
         self.on("push", lambda event: _pass_pair(push, event.args))
 
     def let_drive(self, drives: bool) -> None:
-        """Whether who looks may drag."""
+        """Enable or disable dragging."""
         self.props["drives"] = drives
         self.update()
 
@@ -310,7 +310,7 @@ class Page:
         return bar, text
 
     def _set(self, slider: Slider, bar: Any, text: Any) -> None:
-        """Let a slider show what is."""
+        """Update a slider."""
         bar.value = shown_by(self._tables, slider)
         text.text = _number(bar.value, slider.unit)
 

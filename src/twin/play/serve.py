@@ -29,11 +29,11 @@ from twin.play.session import (
     End,
     Errors,
     Event,
+    Notification,
     Pause,
     Save,
     Session,
     Status,
-    Told,
 )
 from twin.run.files import free
 from twin.scenario.schema import Scenario
@@ -151,9 +151,9 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
         ring.slot()[: len(PICTURE_COLUMNS)] = numbers
         ring.put()
 
-    notes: SimpleQueue[Told] = SimpleQueue()
+    notes: SimpleQueue[Notification] = SimpleQueue()
 
-    def news() -> Sequence[Told]:
+    def news() -> Sequence[Notification]:
         return [notes.get() for _ in range(notes.qsize())]
 
     try:
@@ -162,9 +162,9 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
             def saved(part: Part, folder: Path) -> None:
                 try:
                     drawing.begin(save_driven, part, folder)()
-                    notes.put(Told(f"saved as {folder}/"))
+                    notes.put(Notification(f"saved as {folder}/"))
                 except TwinError as error:
-                    notes.put(Told(str(error), wrong=True))
+                    notes.put(Notification(str(error), wrong=True))
 
             def inbox(wait: float) -> Sequence[Event]:
                 found: list[Event] = []

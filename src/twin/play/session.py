@@ -60,8 +60,8 @@ class Save(NamedTuple):
     folder: Path
 
 
-class Told(NamedTuple):
-    """No person's: something that was begun elsewhere is done, or failed; said in words."""
+class Notification(NamedTuple):
+    """The end of a background job, as saving a run: a message, and whether it failed."""
 
     message: str
     wrong: bool = False
@@ -73,7 +73,7 @@ class End(NamedTuple):
     folder: Path | None = None
 
 
-Event = Goal | Push | Settings | Pause | Back | Save | Told | End
+Event = Goal | Push | Settings | Pause | Back | Save | Notification | End
 Inbox = Callable[[float], Sequence[Event]]
 """Waits for events, at most a time in s, and gives those that have come, oldest first."""
 
@@ -183,7 +183,7 @@ IDLE_WAIT_S = 0.05
 """Seconds after which a simulation that stands still looks about."""
 
 
-class _Again(Exception):  # noqa: N818  no error: a stretch of the run is over
+class _RestartLoop(Exception):  # noqa: N818  no error: a stretch of the run is over
     """The loop is left and entered again, with another state, controller or record."""
 
 
@@ -246,7 +246,7 @@ class Session:
                     rig, controller, MAX_DRIVEN_S, self.record, begin=begin, keep=self._turn
                 )
                 self._stand()
-            except _Again:
+            except _RestartLoop:
                 begin = self._begin
 
     def _begin(self, _: Measurement) -> Measurement:
@@ -284,7 +284,7 @@ class Session:
         self._say(time)
         if self._again:
             self._again = False
-            raise _Again
+            raise _RestartLoop
 
     def _do(self, event: Event, measurement: Measurement) -> None:
         time = measurement.time
@@ -312,7 +312,7 @@ class Session:
                 self._go_back(time - seconds)
             case Save(folder):
                 self._save(folder)
-            case Told(message, wrong):
+            case Notification(message, wrong):
                 self._note(message, wrong=wrong)
             case End(folder):
                 if folder is not None and self._unsaved:

@@ -133,10 +133,10 @@ class Vibration:
         self._begun = np.zeros((len(seeds), 1), int)
         self._noise = Noise(np.full(4, 0.5), [s.spawn(1)[0] for s in seeds])
         self._sizes: Array = np.zeros((len(seeds), 4))
-        self.be(*np.zeros((3, len(seeds), 1)))
+        self.set_parameters(*np.zeros((3, len(seeds), 1)))
 
-    def be(self, amplitude: Array, frequency: Array, wander: Array) -> None:
-        """Swing so from now on.
+    def set_parameters(self, amplitude: Array, frequency: Array, wander: Array) -> None:
+        """Set amplitude, frequency and wandering of the swinging from now on.
 
         Args:
             amplitude: Of the steady rates in rad/s, shape (N, 1); the rms of both kinds is this by
@@ -539,7 +539,7 @@ class SimulatedDrives:
         mean = [-math.expm1(-share) / share if share else 0.0 for share in shares]
         self._left, self._mean = np.array(left)[:, None], np.array(mean)[:, None]
         omega = 2 * math.pi * each(model.vibration_frequency)
-        self._vibration.be(
+        self._vibration.set_parameters(
             ratio * each(model.vibration) / omega,
             each(model.vibration_frequency),
             each(model.vibration_wander),

@@ -26,7 +26,7 @@ from twin.sim.plant.interface import Parts, tilted_gravity
 AXIS_NAMES = ("phi", "theta")
 
 _SENSOR_FEATURE = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
-"""Nobody looks while a mechanism comes to rest."""
+"""Sensors are disabled while the static equilibrium is computed."""
 
 _NEVER_LEVEL = "mechanism: these parts do not come to rest level"
 
