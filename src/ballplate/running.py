@@ -50,6 +50,7 @@ def run(
     out: str | Path | None = None,
     on: str | None = None,
     reset: bool = False,
+    faults: Sequence[str] = (),
     trace: str | Path | None = None,
     watch: Callable[[Scenario], AbstractContextManager[Attach]] | None = None,
     reporter: Reporter | None = None,
@@ -70,7 +71,9 @@ def run(
             name.
         on: Rig file, or ``emulated`` for the virtual rig; simulated by default.
         reset: Whether faults found in the drives of a rig are reset when switching on.
-        trace: Where all frames of the CAN bus of a rig is kept, in a format of python-can
+        faults: Faults that the virtual rig does to itself, ``SECONDS LINE`` each, as ``3 unplug``;
+            the lines are those of ``ballplate emulate``.
+        trace: Where all frames of the CAN bus of a rig are kept, in a format of python-can
             by the file's ending; in the run's folder as ``trace.log`` by default.
         watch: Makes the context of the run, which is given the recorder to observe.
         reporter: Receives progress and warnings; a notebook has its own.
@@ -113,7 +116,7 @@ def run(
     with alone, parallel as second, ExitStack() as written:
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
         with write_trace(file, report, bounded=trace is None, incomplete=incomplete) as heard:
-            rig = open_rig(on, chosen, keys, report, reset=reset, hear=heard)
+            rig = open_rig(on, chosen, keys, report, reset=reset, faults=faults, hear=heard)
             with rig as (real, chosen), attached as attach:
                 baseline = _begin_clean_run(chosen, second, report) if compared else None
                 observed = attach
@@ -423,6 +426,7 @@ def open_rig(
     reporter: Reporter,
     *,
     reset: bool,
+    faults: Sequence[str] = (),
     hear: Callable[[Any], None] | None = None,
 ) -> Iterator[tuple[HardwareRig | None, Scenario]]:
     """The requested rig, not switched on, or None for the simulation; the scenario in its limits.
@@ -433,21 +437,29 @@ def open_rig(
         keys: What is changed of the scenario.
         reporter: Receives by how much the virtual rig lagged.
         reset: Whether faults found in the drives are reset.
+        faults: Faults of the virtual rig, ``SECONDS LINE`` each.
         hear: Is given every frame on its CAN bus.
 
     Raises:
         TwinError: If there is no such rig, or its file is wrong.
     """
     name = reporter.name_of("on")
+    if faults and on != EMULATED_RIG:
+        what = reporter.name_of("faults")
+        raise ScenarioError(
+            f"{what}: only the virtual rig has faults on demand; it needs {name} {EMULATED_RIG}"
+        )
     if on is None:
         if reset:
             what = reporter.name_of("reset")
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None, scenario
         return
+    from twin.emulator.injection import inject, plan_faults
     from twin.run.assemble import assumed_transmission, build_reference
     from twin.run.connect import connect
 
+    planned = plan_faults(faults, scenario.duration, reporter.name_of("faults"))
     if scenario.sensors.ideal:
         raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")
     if scenario.change:
@@ -473,7 +485,8 @@ def open_rig(
         # what a virtual rig knows of its cams is part of its scenario
         known, paused = assumed_transmission(scenario), virtual.pauses.paused
         real = connect(scenario, file, reset=reset, transmission=known, paused=paused, hear=hear)
-        yield real, scenario
+        with inject(planned, virtual.tell, real):
+            yield real, scenario
 
 
 def _judge_computer(where: str, scenario: Scenario, reporter: Reporter) -> None:

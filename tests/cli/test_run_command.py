@@ -111,3 +111,11 @@ def test_the_tracking_error_comes_first_in_a_table(ballplate):
     assert every[:3] == [*first, "outcome"]
     assert len(every) > 10
     assert len(set(every)) == len(every)
+
+
+def test_faults_on_demand_need_the_virtual_rig(ballplate):
+    code, _, err = ballplate("run", "hold", "--fault", "1 sto")
+    assert (code, err) == (
+        2,
+        "ballplate: --fault: only the virtual rig has faults on demand; it needs --rig emulated\n",
+    )

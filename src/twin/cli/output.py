@@ -129,7 +129,7 @@ def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
     ]
 
 
-OPTION_NAMES = {"on": "--rig", "variants": "--with"}
+OPTION_NAMES = {"on": "--rig", "variants": "--with", "faults": "--fault"}
 """Arguments of the package that differ in name from their option."""
 
 

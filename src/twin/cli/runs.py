@@ -51,6 +51,14 @@ def list_scenarios() -> None:
 @options.RIG
 @options.RESET
 @click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="'SECONDS LINE'",
+    help="With --rig emulated: do this to it then, as '3.0 unplug' or '2 drop 0x080 0.1'; see "
+    "ballplate emulate; repeatable.",
+)
+@click.option(
     "--trace",
     type=options.PATH,
     help="Of a rig: keep the frames of its CAN bus there: .blf, or .log, .asc, .trc, .csv, .gz "
@@ -65,6 +73,7 @@ def run(
     out: Path | None,
     beside: tuple[str, ...],
     rig: str | None,
+    faults: tuple[str, ...],
     trace: Path | None,
     *,
     reset: bool,
@@ -87,6 +96,7 @@ def run(
         out=folder,
         on=rig,
         reset=reset,
+        faults=faults,
         trace=trace,
         watch=lambda chosen: viewing.of(chosen, folder),
         reporter=TERMINAL,

@@ -25,6 +25,7 @@ from twin.view.streams import (
     TWIN_RANGE,
     Batch,
     RunStream,
+    event_texts,
 )
 from twin.view.viewer import environment
 
@@ -180,11 +181,20 @@ def write(path: Path, runs: Sequence[Run]) -> None:
     for each, run in zip(streams, runs, strict=True):
         fix(stream, (*each.fixed(), *each.styles(run.rows)))
         send(stream, each.batches(run.rows))
+        for severity, level in EVENT_LEVELS.items():
+            events = [
+                (float(event["time"]), str(event["text"]))
+                for event in run.events
+                if event["severity"] == severity
+            ]
+            send(stream, event_texts(each.root, events, level))
     stream.flush()
     write_whole(path, memory.drain_as_bytes())
     stream.disconnect()
 
 
+EVENT_LEVELS = {"warning": "WARN", "level": "ERROR", "stop": "ERROR"}
+"""Level of the log line of a recorded condition by its severity."""
 POLL_INTERVAL_S = 0.08
 """Seconds between two looks for new rows."""
 MAX_ROWS_AT_ONCE = 2000

@@ -1,0 +1,101 @@
+"""Faults done to the virtual rig at given times of a run, and noted in its record."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from twin.base.errors import ScenarioError, nearest
+from twin.devices.rig import HardwareRig
+from twin.emulator.control import WORDS
+from twin.hal.interface import Condition, Severity
+from twin.hal.rig import Entry
+from twin.hal.supervisor import Note, State
+
+INJECTED = Condition("fault injected", Severity.WARNING, 0.0, "noted", "run without it")
+"""How an injected fault stands among the events of a run."""
+RIG_WORDS = ("sto", "release", "lift", "put", "unplug", "plug", "touch")
+"""First words of a line about the whole virtual rig."""
+LOOK_INTERVAL_S = 0.001
+"""Time in s between two looks at the run's clock."""
+
+
+class PlannedFault(NamedTuple):
+    """A line that the virtual rig obeys at a time of the run.
+
+    Attributes:
+        time: Seconds since the run has begun.
+        line: A line of `VirtualRig.control`.
+    """
+
+    time: float
+    line: str
+
+
+def plan_faults(texts: Sequence[str], duration: float, option: str) -> list[PlannedFault]:
+    """The faults that texts ``SECONDS LINE`` describe, in the order of their times.
+
+    Args:
+        texts: As ``3.0 unplug`` or ``2 drop 0x080 0.1``.
+        duration: Of the run, s.
+        option: What the argument is called in messages.
+
+    Raises:
+        ScenarioError: If a time is none of the run, or a line begins with no known word.
+    """
+    known = sorted({*RIG_WORDS, *(each.split()[0] for each in WORDS)})
+    found = []
+    for text in texts:
+        at, _, line = text.strip().partition(" ")
+        try:
+            time = float(at)
+        except ValueError:
+            time = math.nan
+        if not 0 <= time < duration:
+            example = "'SECONDS LINE', as in '3.0 unplug'"
+            raise ScenarioError(
+                f"{option} '{text:.60}': write {example}, with 0 to {duration:g} seconds"
+            )
+        word = line.strip().partition(" ")[0]
+        if word not in known:
+            raise ScenarioError(f"{option} '{text:.60}': no fault '{word}'{nearest(word, known)}")
+        found.append(PlannedFault(time, line.strip()))
+    return sorted(found, key=lambda each: each.time)
+
+
+@contextmanager
+def inject(
+    faults: Sequence[PlannedFault], obey: Callable[[str], str], rig: HardwareRig
+) -> Iterator[None]:
+    """Do faults to a rig at their times while the context lasts; each is noted in its journal.
+
+    A thread of its own hands them over, so that the control loop never waits for the virtual rig.
+
+    Args:
+        faults: In the order of their times.
+        obey: Hands a line to the virtual rig and returns what was done.
+        rig: The rig that runs; its clock and its state are only read.
+    """
+    ended = threading.Event()
+
+    def work() -> None:
+        waiting = list(faults)
+        while waiting and not ended.wait(LOOK_INTERVAL_S):
+            time = rig.clock.time
+            if rig.supervisor.state[0] == State.RUNNING and time >= waiting[0].time:
+                fault = waiting.pop(0)
+                text = f"{fault.line}: {obey(fault.line)}"
+                rig.journal.append(Entry(time, Note(0, INJECTED, f"virtual rig: {text}")))
+
+    thread = threading.Thread(target=work, name="faults", daemon=True)
+    if faults:
+        thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        if faults:
+            thread.join()

@@ -1,0 +1,82 @@
+"""Tests of `twin.emulator.injection`."""
+
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from twin.base.errors import ScenarioError
+from twin.emulator.injection import INJECTED, inject, plan_faults
+from twin.hal.supervisor import State
+
+
+def test_faults_come_in_the_order_of_their_times():
+    planned = plan_faults(["3 unplug", "0.5 drop 0x080 0.1", " 1.25  sto 2 "], 5.0, "--fault")
+    assert [tuple(each) for each in planned] == [
+        (0.5, "drop 0x080 0.1"),
+        (1.25, "sto 2"),
+        (3.0, "unplug"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("unplug", "write 'SECONDS LINE', as in '3.0 unplug', with 0 to 5 seconds"),
+        ("5 unplug", "with 0 to 5 seconds"),
+        ("-1 unplug", "with 0 to 5 seconds"),
+        ("nan unplug", "with 0 to 5 seconds"),
+        ("1 unplg", "no fault 'unplg'; did you mean 'unplug'?"),
+        ("1", "no fault ''"),
+    ],
+)
+def test_a_fault_that_cannot_be_planned_is_one_line(text, words):
+    with pytest.raises(ScenarioError) as caught:
+        plan_faults([text], 5.0, "--fault")
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+class Running:
+    """A rig whose clock goes on by itself once it runs."""
+
+    def __init__(self):
+        self.begin = None
+        self.journal = []
+        self.supervisor = SimpleNamespace(state=[State.READY])
+        self.clock = self
+
+    def start(self):
+        self.begin = time.monotonic()
+        self.supervisor.state[0] = State.RUNNING
+
+    @property
+    def time(self):
+        return time.monotonic() - self.begin if self.begin is not None else 99.0
+
+
+def test_each_fault_is_done_once_at_its_time_of_the_run_and_noted():
+    rig, obeyed = Running(), []
+
+    def obey(line):
+        obeyed.append((rig.time, line))
+        return "done"
+
+    planned = plan_faults(["0.05 unplug", "0.1 plug", "4 sto"], 5.0, "--fault")
+    with inject(planned, obey, rig):
+        time.sleep(0.05)
+        assert obeyed == []  # nothing before the run, whatever its clock shows
+        rig.start()
+        time.sleep(0.3)
+    assert [line for _, line in obeyed] == ["unplug", "plug"]  # the run ended before the third
+    assert obeyed[0][0] >= 0.05
+    assert obeyed[1][0] >= 0.1
+    assert [entry.note.condition for entry in rig.journal] == [INJECTED, INJECTED]
+    assert rig.journal[0].note.text == "virtual rig: unplug: done"
+
+
+def test_without_faults_there_is_no_thread():
+    rig = Running()
+    with inject([], lambda _: "", rig):
+        rig.start()
+    assert rig.journal == []
