@@ -18,7 +18,7 @@ from twin.base.data_file import DataError, read_regular
 from twin.base.errors import ScenarioError, printable
 from twin.cli import ballplate as command
 from twin.lab import grade as grades
-from twin.lab.handed_in import MAX_COPIED_FILES, collect, copied
+from twin.lab.handed_in import MAX_COPIED_FILES, collect, copy_files
 from twin.lab.schema import Lab, check_name, read
 
 LAB = """
@@ -152,13 +152,13 @@ def test_a_labs_own_function_reads_copies_of_regular_files_alone(
 ) -> None:
     put(handed_in / "log.csv", "1")
     (handed_in / "key.csv").symlink_to(put(tmp_path / "key.txt", SECRET))
-    with copied(handed_in) as folder:
+    with copy_files(handed_in) as folder:
         assert [path.name for path in folder.iterdir()] == ["log.csv"]
         assert (folder / "log.csv").read_text() == "1"
     assert not folder.exists()
     for number in range(MAX_COPIED_FILES):
         put(handed_in / f"{number}.txt", "")
-    with pytest.raises(ScenarioError, match="has more than 256 files"), copied(handed_in):
+    with pytest.raises(ScenarioError, match="has more than 256 files"), copy_files(handed_in):
         pass
 
 
@@ -188,7 +188,7 @@ def test_no_name_of_an_entry_costs_another_student_a_mark(lab: Lab, handed_in: P
     others = [row for name, row in found.items() if name not in {"ann", "zoe"}]
     assert all("is called by up to 100 letters" in row["problem"] for row in others)
     assert printable("".join(map(str, others)), "") == "".join(map(str, others))
-    page = grades.of_class(
+    page = grades.class_page(
         lab, [{**row, "results": [], "score": None} for row in others], handed_in
     )
     page.encode()
@@ -316,7 +316,7 @@ def test_what_lies_there_and_is_no_submission_is_named(lab: Lab, handed_in: Path
 
 def test_marks_cannot_begin_a_formula(lab: Lab) -> None:
     students = ("=1+1", "+1", "-1", "@sum(a1)", "\t=1", "\r=1", "\uff1d1", "ann")
-    found = [grades.unread(name, f"no; {name}") for name in students]
+    found = [grades.result_without_points(name, f"no; {name}") for name in students]
     rows = [*csv.reader(io.StringIO(grades.marks(lab, found)))][1:]
     for name, row in zip(students, rows, strict=True):
         assert row[0] == ("ann" if name == "ann" else f"'{name}" if name > " " else printable(name))

@@ -15,7 +15,15 @@ import pytest
 import ballplate as bp
 from twin.base.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
-from twin.lab.grade import begin, candidates, format_result, of_student, pack, try_answer
+from twin.lab.grade import (
+    SELF_TEST,
+    begin,
+    candidates,
+    format_result,
+    pack,
+    student_page,
+    try_answer,
+)
 from twin.lab.handed_in import collect
 from twin.lab.judge import Judge, judge_answer
 from twin.lab.process import ANSWER_NAME, answering
@@ -491,9 +499,9 @@ def test_a_log_of_the_students_rig_has_what_its_computer_knows_and_no_truth(tmp_
         "    return {'start': float(rows[0]['measured_x [m]'])}\n"
     )
     lab = read(folder)
-    found = try_answer(lab, (solution, "ann"))
+    found = try_answer(lab, SELF_TEST.key, (solution, "ann"))
     assert [each["score"] for each in found["results"]] == [1.0, 0.0]
-    assert try_answer(lab, (folder / "answer.toml", "ann"))["score"] == 0
+    assert try_answer(lab, SELF_TEST.key, (folder / "answer.toml", "ann"))["score"] == 0
     hand_out(lab, {"ann": "."}, KEY, tmp_path / "ann")
     heads = (tmp_path / "ann" / "log.csv").read_text().splitlines()[0]
     assert "applied_phi_acc [rad/s^2]" in heads
@@ -563,13 +571,13 @@ def test_a_page_of_a_student_has_no_hidden_check(tmp_path: Path) -> None:
     (folder / "answer.toml").write_text('mass = 1\nwind = "<i>"\n')
     lab = read(folder)
     judge = Judge(lab, deal(lab, "ann", KEY), folder / "answer.toml")
-    result = judge_answer(*judge, hidden=True)
+    result = judge_answer(lab, judge.dealt, judge.file, hidden=True)
     for everything in (False, True):
-        page = of_student(judge, result, everything=everything)
+        page = student_page(judge, result, everything=everything)
         assert ("secret" in page) == everything
         assert "0 of 11 points" in page
         assert "<i>" not in page
-    assert "0 of 4 of them by checks that are not shown" in of_student(
+    assert "0 of 4 of them by checks that are not shown" in student_page(
         judge, result, everything=False
     )
 

@@ -99,7 +99,7 @@ def is_there(file: Path) -> bool:
 
 
 @contextmanager
-def copied(folder: Path) -> Iterator[Path]:
+def copy_files(folder: Path) -> Iterator[Path]:
     """A private copy of the regular files of a submission, for a lab's own function to read.
 
     Args:
