@@ -24,7 +24,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.data_file import read_packaged
-from twin.devices import realtime
+from twin.devices import common, realtime
 from twin.devices import rig as hardware
 from twin.devices.akd import conditions as akd
 from twin.devices.akd.config import AkdConfig, MonitorConfig
@@ -674,6 +674,7 @@ CONDITION_SOURCES = {
     "supervisor": supervisor,
     "agreement": agreement,
     "rig": hardware,
+    "devices": common,
     "loop": realtime,
 }
 """Where conditions stand."""
