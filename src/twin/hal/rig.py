@@ -42,8 +42,8 @@ class Rig:
 
     in_real_time = False
     """Whether its time passes while a controller computes."""
-    LEVELLING_TIME = 2.0
-    """Longest time in s that leaving the rig spends on levelling the plate."""
+    LEVELLING_S = 2.0
+    """Default of ``levelling_s``."""
     LEVEL = 5e-4
     """Plate angle in rad that counts as level, 0.03 deg."""
     LEVEL_FOR = 10
@@ -65,6 +65,8 @@ class Rig:
     ) -> None:
         self.period = period
         self._period = constant(period)
+        self.levelling_s = self.LEVELLING_S
+        """Longest time in s for levelling the plate when the rig is left; 0 for not levelling."""
         self.journal: list[Entry] = []
         """Every condition that was detected, oldest first."""
         self.changes: Callable[[float], None] | None = None
@@ -114,7 +116,7 @@ class Rig:
         """Bring the plate level, as far as the drives can; the controller has no say any more."""
         self.supervisor.handle(Event.LEVEL)
         still, plate, level = np.zeros_like(self.supervisor.rate), self.supervisor.angle, 0
-        for tick in range(round(self.LEVELLING_TIME / self.period)):
+        for tick in range(round(self.levelling_s / self.period)):
             holding = self.supervisor.state == State.HOLDING
             # as it is measured, and not one that only passes its level or is seen there late
             level = level + 1 if (np.abs(plate)[holding] < self.LEVEL).all() else 0

@@ -29,6 +29,10 @@ CONSTANT_PACKAGES = {"mujoco", "numpy", "pydantic", "scipy"} | set(sys.stdlib_mo
 """Packages whose objects are constant wherever they stand, but for arrays and random streams."""
 
 
+RIG_SETTINGS = ("changes", "levelling_s")
+"""Attributes of a rig that are set from outside and are no part of its state."""
+
+
 class Inside(NamedTuple):
     """What is put into its state where it stands.
 
@@ -78,7 +82,7 @@ def save_node(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a 
     kept = [
         (name, node)
         for name, node in nodes.items()
-        if node is not LEFT_OUT and not (isinstance(thing, Rig) and name == "changes")
+        if node is not LEFT_OUT and not (isinstance(thing, Rig) and name in RIG_SETTINGS)
     ]
     return Inside("object", (type(thing).__name__, kept))
 
