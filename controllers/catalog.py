@@ -343,7 +343,7 @@ def broken_so_far() -> tuple[str, ...]:
 
 
 def describe_incomplete_classes() -> list[str]:
-    """A line for each class of an outside module that is none of its kind: file, class and why."""
+    """A line for each class of an outside module that lacks a required member: file, class, why."""
     return [
         f"{module.__file__}: {item.__name__} lacks {_lacking(item)}"
         for module in outside()
@@ -406,7 +406,7 @@ def wrong_answer(law: ControlLaw) -> str | None:
 
 
 class AnswerError(ValueError):
-    """A law or observer answers otherwise than one does: file, line, what it gave, what it must."""
+    """A law or observer returned a value of the wrong type or shape: file, line, both shapes."""
 
 
 def check_command(law: ControlLaw, u: Any, like: Array) -> Array:

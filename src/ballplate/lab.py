@@ -47,13 +47,13 @@ def check(
             student, lab or key.
     """
     from twin.lab import judge, schema
-    from twin.lab.schema import had_again
+    from twin.lab.schema import reload_deal
 
     found = schema.read(lab)
     file = Path(answer or found.answer.file)
     if file.is_dir():
         file /= found.answer.file
-    dealt = had_again(found, file.parent, key, student)
+    dealt = reload_deal(found, file.parent, key, student)
     result = judge.judge_answer(found, dealt, file, hidden=hidden)
     if page is not None:
         from twin.base.writing import write_whole

@@ -33,9 +33,9 @@ from twin.lab.schema import (
     CheckTable,
     deal,
     fill_answer,
-    had_again,
     hand_out,
     read,
+    reload_deal,
     starter,
     students,
 )
@@ -167,7 +167,7 @@ def test_a_rig_is_dealt_by_hmac_of_key_lab_version_and_student() -> None:
 def test_what_is_hidden_of_a_rig_is_not_to_be_had_from_the_sheet(tmp_path: Path) -> None:
     lab, folder = read(MINI), tmp_path / "ann"
     hand_out(lab, {"ann": "."}, KEY, folder)
-    true, home = had_again(lab, folder, KEY, "ann"), had_again(lab, folder, None)
+    true, home = reload_deal(lab, folder, KEY, "ann"), reload_deal(lab, folder, None)
     assert home.told == true.told
     assert home.point["plant.level_deg.0"] != true.point["plant.level_deg.0"]
     assert (home.true, true.true) == (False, True)
@@ -176,9 +176,9 @@ def test_what_is_hidden_of_a_rig_is_not_to_be_had_from_the_sheet(tmp_path: Path)
     )
     assert f"START = {true.told['plant.start.x']!r}  # told" in (folder / "answer.py").read_text()
     with pytest.raises(ScenarioError, match="is it the key of this course"):
-        had_again(lab, folder, "another key", "ann")
+        reload_deal(lab, folder, "another key", "ann")
     with pytest.raises(ScenarioError, match="student: is 'ann', must be 'bob'"):
-        had_again(lab, folder, KEY, "bob")
+        reload_deal(lab, folder, KEY, "bob")
 
 
 def test_a_class_is_the_first_column_below_its_heading(tmp_path: Path) -> None:

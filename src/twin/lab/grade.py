@@ -48,9 +48,9 @@ from twin.lab.schema import (
     Lab,
     deal,
     fill_answer,
-    had_again,
     load_function,
     record,
+    reload_deal,
     starter,
     toml,
 )
@@ -392,7 +392,7 @@ def _judge_with_page(
         read_regular(answer)
     except DataError as error:
         raise ScenarioError(f"{lab.answer.file}: {error}") from None
-    dealt = had_again(lab, answer.parent, key, student)
+    dealt = reload_deal(lab, answer.parent, key, student)
     result = judge_answer(lab, dealt, answer, hidden=True)
     return result, student_page(Judge(lab, dealt, answer), result, everything=False)
 

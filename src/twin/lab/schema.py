@@ -423,7 +423,7 @@ def deal(lab: Lab, student: str, key: str | None = None, code: str | None = None
     return Deal(student, own, closed.point | told, told, closed.seed)
 
 
-def had_again(lab: Lab, folder: Path, key: str | None, student: str | None = None) -> Deal:
+def reload_deal(lab: Lab, folder: Path, key: str | None, student: str | None = None) -> Deal:
     """The rig that a folder's answer is for: by its ``rig.toml``, or by the student's name.
 
     Raises:
