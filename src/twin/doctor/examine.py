@@ -357,17 +357,24 @@ def any_screen(
         kind = rig.kinds["touch"].name
         yield pass_check("touch screen", f"{screen.where} of kind '{kind}' starts")
         real.clock.start()
-        for _ in range(round(check.watch_s / real.period)):
+        periods, touched = round(check.watch_s / real.period), 0
+        for _ in range(periods):
             real.clock.wait()
             screen.receive()
             screen.note_plate(level)
             touch = screen.read()
             _raise_fault(screen)
-            x, y = touch.position[0].tolist() if touch.touched[0] else (math.nan, math.nan)
+            if not touch.touched[0]:
+                continue
+            touched += 1
             at = real.servos.now() - float(touch.age[0])
-            if math.isfinite(at) and (not seen or at - seen[-1].at > real.period / 2):
+            if not seen or at - seen[-1].at > real.period / 2:
+                x, y = touch.position[0].tolist()
                 seen.append(Reading(x, y, at))
-        yield from _check_measurements(seen, check)
+        if touched < check.min_ball_share * periods:
+            yield _no_ball(touched / periods, "the time")
+        else:
+            yield from _check_measurements(seen, check)
     finally:
         screen.stop()
 
@@ -509,11 +516,15 @@ def _check_measurements(seen: list[Reading], check: DeviceCheck) -> Iterator[Che
     ball = 1e3 * np.array([(each.x, each.y) for each in seen])
     share = np.isfinite(ball).all(axis=1).mean()
     if share < check.min_ball_share:
-        yield fail_check("ball", f"seen in {100 * share:.0f} % of them", "put it on the plate")
+        yield _no_ball(share, "them")
         return
     (x, y), (dx, dy) = np.nanmean(ball, axis=0), np.nanstd(ball, axis=0)
     where = f"x {x:+.1f}, y {y:+.1f} mm, spread {dx:.2f}, {dy:.2f} mm: is it there, at rest?"
     yield pass_check("ball", where)
+
+
+def _no_ball(share: float, of: str) -> CheckResult:
+    return fail_check("ball", f"seen in {100 * share:.0f} % of {of}", "put it on the plate")
 
 
 def _check_tilts(
