@@ -13,9 +13,9 @@ from docs import own_faults
 from docs.pages import HERE, filled, write
 from twin.base.jobs import cores
 from twin.cli.output import progress
-from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
+from twin.devices.akd.conditions import DRIVE_CONDITIONS
 from twin.devices.common import RELAXED
-from twin.devices.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
+from twin.devices.lumio.conditions import SCREEN_CONDITIONS
 from twin.devices.own import OWN_CONDITIONS
 from twin.devices.realtime import LOOP_OVERRUN
 from twin.devices.rig import UNCHECKED

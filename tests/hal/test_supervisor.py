@@ -7,10 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
+from twin.devices.akd.conditions import DRIVE_CONDITIONS
 from twin.devices.common import FaultReports
-from twin.devices.lumio.conditions import BALL_LOST
-from twin.devices.lumio.conditions import CONDITIONS as TOUCH_CONDITIONS
+from twin.devices.lumio.conditions import BALL_LOST, SCREEN_CONDITIONS
 from twin.hal.interface import Clamp, Condition, Fault, Limits, Severity
 from twin.hal.supervisor import (
     BALL_OUTSIDE,
@@ -164,7 +163,7 @@ def test_a_new_start_forgets_why_the_last_run_was_stopped():
     assert not supervisor.by_device[0]
 
 
-@pytest.mark.parametrize("condition", [*TOUCH_CONDITIONS, *DRIVE_CONDITIONS], ids=lambda c: c.name)
+@pytest.mark.parametrize("condition", [*SCREEN_CONDITIONS, *DRIVE_CONDITIONS], ids=lambda c: c.name)
 def test_no_behaviour_hangs_on_the_words_of_a_condition(condition):
     answers = []
     for each in (condition, condition._replace(name="renamed", recovery="", reaction="")):

@@ -68,7 +68,7 @@ _MISSING_OBJECT = re.compile("code 060(20000|90011)h")
 """That a drive has no such object."""
 _MOVING_OBJECT = re.compile("reads (606[2-4C]|60[EF]4|2050)h")
 """That a quantity is read that changes while a motor turns."""
-_DRIVE_SERVICES = {
+_SERVICES_BY_KIND = {
     "SDO": protocol.SDO_RESPONSE,
     "EMCY": protocol.EMERGENCY,
     "heartbeat": protocol.HEARTBEAT,
@@ -123,7 +123,7 @@ def replay(
         raise LogError("; ".join(remarks) or "no drive says anything: there is nothing to replay")
     _prepare(drives, frames)
     readable = [each for each in frames if not each.is_error_frame and not each.is_extended_id]
-    theirs = {each + number for each in _DRIVE_SERVICES.values() for number in recorded.nodes} - {
+    theirs = {each + number for each in _SERVICES_BY_KIND.values() for number in recorded.nodes} - {
         protocol.HEARTBEAT + number for number, node in recorded.nodes.items() if not node.transfers
     }
     theirs |= {each for each, pdo in recorded.pdos.items() if pdo.name[0] == "T"}
@@ -205,7 +205,8 @@ def _compare_events(
                 lacking.append(there)
                 continue
             shown = answer if there != answer else f"the same, {1e3 * later:+.0f} ms later"
-            where = f"{_DRIVE_SERVICES[kind] + number:03X}h: " if kind in _DRIVE_SERVICES else ""
+            service = _SERVICES_BY_KIND.get(kind)
+            where = f"{service + number:03X}h: " if service is not None else ""
             text = f"{where}{there}; emulated: {shown}"
             yield TracedEvent(since, recorded.called(number), kind, text)
             break
@@ -220,7 +221,7 @@ def _streams(
     found = defaultdict[tuple[int, str], list[TracedEvent]](list)
     for event in conversation.events:
         node = re.search(r"node (\d+)", f"{event.who} {event.text}")
-        answers = event.kind in _DRIVE_SERVICES or (event.kind == "PDO" and event.who != HOST)
+        answers = event.kind in _SERVICES_BY_KIND or (event.kind == "PDO" and event.who != HOST)
         if answers and node and int(node[1]) in drives:
             stream = found[int(node[1]), event.kind]
             if event.kind == "heartbeat" and stream and event.time - stream[-1].time < max_shift_s:

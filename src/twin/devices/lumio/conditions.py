@@ -1,11 +1,11 @@
-"""Everything that can go wrong with the touch screen: each row of ``conditions.toml``."""
+"""Conditions of the touch screen: each row of ``conditions.toml``."""
 
 from __future__ import annotations
 
 from twin.hal.interface import conditions
 
 _TABLE = conditions("twin.devices.lumio")
-CONDITIONS = tuple(_TABLE.values())
+SCREEN_CONDITIONS = tuple(_TABLE.values())
 """Every condition the touch screen reports; ``within`` counts from the first byte that shows it."""
 UNPLUGGED = _TABLE["UNPLUGGED"]
 BALL_LOST = _TABLE["BALL_LOST"]
