@@ -44,7 +44,7 @@ def hand_in(lab: Lab, folder: Path, people: int) -> list[str]:
         if number < people - len(worse):
             one, other = draw.choice(texts), draw.choice(texts)
             text = texts[number] if number < len(texts) else mixed(one, other, draw)
-            file.write_text(fill_answer(text, deal(lab, name, KEY).told))
+            file.write_text(fill_answer(text, deal(lab, name, KEY).known))
         elif (wrong := worse[people - 1 - number]) is None:
             file.unlink()
         else:
@@ -122,7 +122,7 @@ def test_the_page_of_a_class_counts_what_became_of_each_check(tmp_path: Path) ->
     page = class_page(lab, found, tmp_path)
     assert "<b>" not in page
     assert "no &lt;key&gt;" in page
-    assert "5 students, 1 not judged; points of the others 3 to 10, median 9" in page
+    assert "5 students, 1 not graded; points of the others 3 to 10, median 9" in page
     rows = re.findall(r"<tr>(.*?)</tr>", page, re.DOTALL)
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in rows]
     row = next(row for row in cells if row and row[0] == "2 the ball is brought to the middle")

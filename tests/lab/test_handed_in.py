@@ -186,7 +186,7 @@ def test_no_name_of_an_entry_costs_another_student_a_mark(lab: Lab, handed_in: P
     assert (found["ann"]["score"], found["zoe"]["score"]) == ("4.0", "0.0")
     assert len(found) == 2 + len(strange_names()) - 1  # ..b is hidden, and told elsewhere
     others = [row for name, row in found.items() if name not in {"ann", "zoe"}]
-    assert all("is called by up to 100 letters" in row["problem"] for row in others)
+    assert all("the name has up to 100 letters" in row["problem"] for row in others)
     assert printable("".join(map(str, others)), "") == "".join(map(str, others))
     page = grades.class_page(
         lab, [{**row, "results": [], "score": None} for row in others], handed_in
@@ -264,7 +264,7 @@ def test_names_of_moodle_and_canvas_are_students(lab: Lab, handed_in: Path) -> N
         "doedora": "4.0", "poeeve": "4.0", "roefay": "", "moegil": "", "hal": "4.0",
     }  # fmt: skip
     assert found["roefay"]["problem"].endswith("there is roefay_4713_819_numbers.zip: unpack it")
-    assert "code: the course's key deals moegil another rig" in found["moegil"]["problem"]
+    assert "code: the course's key deals moegil a different rig" in found["moegil"]["problem"]
 
 
 def test_two_submissions_of_a_student_cost_no_other_mark(lab: Lab, handed_in: Path) -> None:
@@ -377,6 +377,8 @@ def test_a_file_that_names_no_student_is_nobody_s(lab: Lab, handed_in: Path, nam
     put(handed_in / "ann.toml")
     found = collect(lab, handed_in)
     assert [each.student for each in found.submissions] == ["ann"]
-    assert found.left_out == [f"{name}: names no student: a folder or a file called as its student"]
+    assert found.left_out == [
+        f"{name}: names no student: a folder or a file has its student's name"
+    ]
     put(handed_in / "answer.toml")
     assert len(collect(lab, handed_in, ["ann", Path(name).stem]).submissions) == 2

@@ -168,13 +168,13 @@ def test_what_is_hidden_of_a_rig_is_not_to_be_had_from_the_sheet(tmp_path: Path)
     lab, folder = read(MINI), tmp_path / "ann"
     hand_out(lab, {"ann": "."}, KEY, folder)
     true, home = reload_deal(lab, folder, KEY, "ann"), reload_deal(lab, folder, None)
-    assert home.told == true.told
+    assert home.known == true.known
     assert home.point["plant.level_deg.0"] != true.point["plant.level_deg.0"]
     assert (home.true, true.true) == (False, True)
     assert str(true.point["plant.level_deg.0"]) not in "".join(
         file.read_text() for file in folder.iterdir()
     )
-    assert f"START = {true.told['plant.start.x']!r}  # told" in (folder / "answer.py").read_text()
+    assert f"START = {true.known['plant.start.x']!r}  # told" in (folder / "answer.py").read_text()
     with pytest.raises(ScenarioError, match="is it the key of this course"):
         reload_deal(lab, folder, "another key", "ann")
     with pytest.raises(ScenarioError, match="student: is 'ann', must be 'bob'"):
@@ -600,4 +600,4 @@ def test_a_new_lab_passes_its_own_selftest(tmp_path: Path) -> None:
     begin("my_own", tmp_path / "lab")
     found = list(grades.selftest(read(tmp_path / "lab"), 2))
     assert len(found) == 6
-    assert all(each.good for each in found if "judged within" not in each.what), found
+    assert all(each.good for each in found if "graded within" not in each.what), found

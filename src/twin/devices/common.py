@@ -90,7 +90,7 @@ def claim(path: str, flags: int) -> int:
 
     Raises:
         ImportError: This is no POSIX system.
-        OSError: It cannot be opened, or another program has claimed it.
+        OSError: It cannot be opened, or a different program has claimed it.
     """
     import fcntl  # noqa: PLC0415  POSIX only
 

@@ -1,6 +1,6 @@
-"""The drives: bus, state, heartbeat; with leave to move: limits, direction, scale, axes.
+"""The drives: bus, state, heartbeat; with permission to move: limits, direction, scale, axes.
 
-And what is measured on a rig for its files: cam table, lost motion, touch calibration.
+Measurements for a rig's files: cam table, lost motion, touch calibration.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ TURN_END_S = 0.3
 
 
 def turn(servos: AkdServos, start: Array, end: Array, seconds: float = 1.0) -> bool:
-    """Turn the shafts from one angle to another, smoothly; whether the drives kept going."""
+    """Turn the shafts from a start angle to an end angle, smoothly; whether they kept torque."""
     begin = servos.now()
     while servos.enabled and (passed_s := servos.now() - begin) < seconds + TURN_END_S:
         # half a cosine: from rest to rest

@@ -247,7 +247,7 @@ def check_calibration(
         abs(a / b - 1) > check.max_size_difference for a, b in zip(sides, extent, strict=True)
     ):
         differ = f"{seen}: sensing area {_area(sides)}, but the panel reports {_area(extent)}"
-        return warn_check(what, differ, f"is it of another panel? {CALIBRATION_ADVICE}")
+        return warn_check(what, differ, f"is it of a different panel? {CALIBRATION_ADVICE}")
     return pass_check(what, f"{seen}: the sensing area is {_area(sides)}")
 
 

@@ -58,7 +58,7 @@ from twin.run.tables import flat
 from twin.study.work import code, digest
 from twin.view.html import overview
 
-TEMPLATE_FOLDER = Path(__file__).with_name("templates")
+LAB_TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 Result = Mapping[str, Any]
 OUTCOME_WORDS = {True: "passed", False: "failed", None: "skipped"}
 
@@ -102,7 +102,7 @@ def format_result(result: Result, form: str) -> str:
     if form == "json":
         return json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     text = rendered(
-        TEMPLATE_FOLDER / "results" / f"{form}.j2",
+        LAB_TEMPLATE_FOLDER / "results" / f"{form}.j2",
         **result,
         reason=reason,
         in_xml=in_xml,
@@ -178,7 +178,7 @@ def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | Non
     place = inner / "lab" if graded else inner
     shutil.copytree(lab.folder, place, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*closed))
     check_without_key(place, key)
-    for template in (TEMPLATE_FOLDER / system).iterdir():
+    for template in (LAB_TEMPLATE_FOLDER / system).iterdir():
         text = rendered(template, lab=lab, key=key, requirement=wanted)
         if template.stem.endswith(".ipynb"):
             text = json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
@@ -223,7 +223,7 @@ def student_page(judge: Judge, result: Result, *, everything: bool) -> str:
     """
     results = result["results"]
     shown = [each for each in results if everything or each["visible"] != "hidden"]
-    rig = "".join(f"; {key} = {value:.6g}" for key, value in judge.dealt.told.items())
+    rig = "".join(f"; {key} = {value:.6g}" for key, value in judge.dealt.known.items())
     lines = [
         f"{result['score']:g} of {result['max_score']:g} points",
         f"lab {judge.lab.name}, version {judge.lab.version}; rig {judge.dealt.code}{rig}",
@@ -294,7 +294,7 @@ def class_page(
     problems = [(each["student"], each["problem"]) for each in found if "problem" in each]
     blocks: list[Block] = [Text([summary(found)])]
     if problems:
-        blocks.append(Table("Not judged", ("student", "why"), problems, words=(0, 1)))
+        blocks.append(Table("Not graded", ("student", "why"), problems, words=(0, 1)))
     if left_out:
         blocks.append(Text(left_out, title="Among the submissions, and none"))
     numbers = map(str, range(1, len(checks) + 1))
@@ -308,7 +308,7 @@ def summary(found: Sequence[Result]) -> str:
     scores = pd.Series([each["score"] for each in found if each["results"]], dtype=float)
     problems = sum("problem" in each for each in found)
     ends = f"{digits(scores.min())} to {digits(scores.max())}, median {digits(scores.median())}"
-    return f"{len(found)} students, {problems} not judged; points of the others {ends}"
+    return f"{len(found)} students, {problems} not graded; points of the others {ends}"
 
 
 def ending(check: Mapping[str, Any]) -> str:
@@ -380,7 +380,7 @@ def grade_submission(
 
 
 def result_without_points(student: str, problem: str) -> dict[str, Any]:
-    """The result of a submission that could not be judged: its score is None, not 0."""
+    """The result of a submission that could not be graded: its score is None, not 0."""
     return {"student": student, "score": None, "results": [], "problem": problem}
 
 
@@ -415,7 +415,7 @@ def grade(
         handed_in: The submissions.
         kept: Folder of the results, a file and a page for each student, written as soon as it is
             complete; those of unchanged submissions are read from there.
-        processes: Number of submissions that are judged at the same time.
+        processes: Number of submissions that are graded at the same time.
         progress: Called with the number of finished ones.
 
     Raises:
@@ -542,7 +542,7 @@ def prepare_answer(lab: Lab, file: Path, dealt: Deal, folder: Path) -> Path:
     if lab.answer.data and file.suffix == ".py":
         text = toml(flat(load_function(file, "answer")(dealt.point, folder)))
     else:
-        text = fill_answer(file.read_text(encoding="utf-8"), dealt.told)
+        text = fill_answer(file.read_text(encoding="utf-8"), dealt.known)
     answer.write_text(text, encoding="utf-8")
     return answer
 
@@ -570,7 +570,7 @@ def selftest(lab: Lab, processes: int, test: SelfTest = SELF_TEST) -> Iterator[F
 
     Args:
         lab: The lab.
-        processes: Number of answers that are judged at the same time.
+        processes: Number of answers that are graded at the same time.
         test: Constants of the test.
 
     Raises:
@@ -599,7 +599,7 @@ def selftest(lab: Lab, processes: int, test: SelfTest = SELF_TEST) -> Iterator[F
                 why = each["cause"]["rationale"] if each["cause"] else "it passes"
                 yield Finding(f"mutant {who.name} fails '{each['name']}'", good, why)
         if result["seconds"] > test.max_grading_s:
-            yield Finding(f"{who.name} is judged within {test.max_grading_s:g} s", False, points)
+            yield Finding(f"{who.name} is graded within {test.max_grading_s:g} s", False, points)
 
 
 def calibrate(
@@ -634,7 +634,7 @@ def propose_limits(
 
     ``full`` is the solution's median and a number of its standard deviations, or its worst rig if
     that is worse; ``none`` is the best of the medians of the mutants that must fail it and, where
-    more than the outcome is judged, of the starter.
+    more than the outcome counts, of the starter.
     """
     sense = 1 if check.full < check.none else -1  # small is good, or large
     good, bad = np.zeros(0), {}

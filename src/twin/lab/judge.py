@@ -35,7 +35,7 @@ from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
 
 RESULT_SCHEMA = "ballplate/lab-result/v1"
 MAX_INTERVAL_WIDTH = 2.0
-"""Largest width of an interval whose distance from the truth is judged, as a multiple of the
+"""Largest width of an interval whose distance from the truth counts, as a multiple of the
 distance that gives no points: the middle of a wider one may have that error."""
 
 
@@ -43,11 +43,11 @@ class EarlyEndError(LawError):
     """A run of an answer ended before its time."""
 
 
-class NotJudgedError(TwinError):
-    """A check that cannot be judged here, or yet: the reason."""
+class NotGradedError(TwinError):
+    """A check that cannot be graded here, or yet: the reason."""
 
 
-class JudgedNumber(NamedTuple):
+class CheckedNumber(NamedTuple):
     """The number that a check judges.
 
     Attributes:
@@ -68,7 +68,7 @@ def judge_answer(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str
         lab: The lab.
         dealt: The rig it is for.
         file: The answer, which may be missing.
-        hidden: Whether the lecturer's hidden checks are judged, too.
+        hidden: Whether the lecturer's hidden checks count, too.
     """
     begin, results = time.perf_counter(), list[dict[str, Any]]()
     for check in lab.checks(hidden=hidden):
@@ -81,7 +81,7 @@ def judge_answer(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str
         "title": lab.title,
         "student": dealt.student,
         "code": dealt.code,
-        "rig": dealt.point if hidden else dealt.told,
+        "rig": dealt.point if hidden else dealt.known,
         "answer": digest_of(file),
         "score": round(sum(each["score"] for each in results), 2),
         "max_score": sum(each["max_score"] for each in results),
@@ -141,20 +141,20 @@ class Judge(NamedTuple):
 
         Args:
             check: The check.
-            none: The checks before it that got no points, without which it cannot be judged.
+            none: The checks before it that got no points, without which it cannot be graded.
         """
         passed: bool | None = False
-        score, found, look = 0.0, JudgedNumber(math.nan, ""), check.look
+        score, found, look = 0.0, CheckedNumber(math.nan, ""), check.look
         try:
             data = tables(self.lab.answer, self.file)
             if none:
-                raise NotJudgedError(f"cannot be judged: '{none[0]}' got no points")
+                raise NotGradedError(f"cannot be graded: '{none[0]}' got no points")
             found = self.number(check, data)
             score = check.earned(found.value)
             passed, why = score >= check.points, f"{found.text}; {ramp(check)}. {check.why}".strip()
         except TwinError as error:
             why = printable(str(error))
-            passed = None if isinstance(error, NotJudgedError) else False
+            passed = None if isinstance(error, NotGradedError) else False
             look = check.look if isinstance(error, EarlyEndError) else ""
         return {
             "name": check.name,
@@ -192,7 +192,7 @@ class Judge(NamedTuple):
             table = {"law": "controller", "observer": "observer"}.get(about.kind)
             yield [f"{table}.kind={ANSWER_NAME}"] if table else (), process
 
-    def number(self, check: CheckTable, data: Mapping[str, Any]) -> JudgedNumber:
+    def number(self, check: CheckTable, data: Mapping[str, Any]) -> CheckedNumber:
         """The number that a check judges.
 
         Args:
@@ -200,7 +200,7 @@ class Judge(NamedTuple):
             data: The answer's tables, if it is data.
 
         Raises:
-            NotJudgedError: If it cannot be judged here.
+            NotGradedError: If it cannot be graded here.
             TwinError: If the answer fails: one line.
         """
         with self.enter(data) as (fixed, process):
@@ -263,7 +263,7 @@ class Judge(NamedTuple):
         work = ScenarioRuns(scenario for _, scenario in self.scenarios(check, fixed))
         return carry_out(work.jobs(work.tasks))
 
-    def of_runs(self, check: CheckTable, rows: list[Row]) -> JudgedNumber:
+    def of_runs(self, check: CheckTable, rows: list[Row]) -> CheckedNumber:
         """The number that a check computes from its runs.
 
         Raises:
@@ -283,7 +283,7 @@ class Judge(NamedTuple):
                 else int((values <= check.limit).sum())
             )
             text = f"{kept} of {len(rows)} runs" + (f"; {ended}" if ended else "")
-            return JudgedNumber(kept / len(rows), text)
+            return CheckedNumber(kept / len(rows), text)
         if ended:
             raise EarlyEndError(f"{len(early)} of {len(rows)} runs did not finish: {ended}")
         if check.against:
@@ -293,9 +293,9 @@ class Judge(NamedTuple):
         if not np.isfinite(values).all():
             raise LawError(f"{check.metric}: does not apply to these runs")
         worst = float(values.max() if check.full < check.none else values.min())
-        return JudgedNumber(worst, f"{what} {worst:.4g}{unit}")
+        return CheckedNumber(worst, f"{what} {worst:.4g}{unit}")
 
-    def of_numbers(self, check: CheckTable, found: Iterable[tuple[Point, Any]]) -> JudgedNumber:
+    def of_numbers(self, check: CheckTable, found: Iterable[tuple[Point, Any]]) -> CheckedNumber:
         """The number that a check computes from the numbers of an answer, one for each rig."""
         value = max(self.error(check, given, point) for point, given in found)
         unit, text = describe_quantity(check)[1], "is no such number"
@@ -304,7 +304,7 @@ class Judge(NamedTuple):
         elif check.judge == "distance":
             widest = self.max_interval_width * abs(check.none)
             text += f", or an interval wider than {widest:g}{unit}"
-        return JudgedNumber(value, f"{check.number}: {text}")
+        return CheckedNumber(value, f"{check.number}: {text}")
 
     def error(self, check: CheckTable, given: Any, point: Point) -> float:
         """The distance of an answer in numbers from the truth, or the width of its interval."""
@@ -326,14 +326,14 @@ class Judge(NamedTuple):
         """The true value for an answer in numbers, for a rig.
 
         Raises:
-            NotJudgedError: If only the lecturer knows it.
+            NotGradedError: If only the lecturer knows it.
         """
         name, _, function = str(truth).partition(":")
         if not isinstance(truth, str) or not (function or check.scenario):
             return truth
         own, data = self.lab.folder / name, self.lab.answer.data
         if (data and not self.dealt.true) or (function and not own.is_file()):
-            raise NotJudgedError("judged by your lecturer, who knows the rig")
+            raise NotGradedError("graded by your lecturer, who knows the rig")
         if function:
             given = copy_files(self.file.parent) if data else nullcontext(check.given)
             with given as known_to_student:

@@ -284,7 +284,7 @@ def attribute(scenario: Scenario, cases: Mapping[str, EffectCase]) -> Explanatio
 
 
 def _along(whole: EffectCase, case: EffectCase, other: EffectCase | None) -> float | None:
-    """Change of error from another case to this one (from none: itself), along the whole error."""
+    """Change of error from a second case to this one (from None: itself), along the whole error."""
     runs = [run for run in (whole, case, other) if run is not None]
     if any(run.rms is None for run in runs):
         return None
