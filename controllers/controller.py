@@ -191,7 +191,7 @@ class Controller:
         ValueError: If the law needs what the observer does not estimate.
     """
 
-    MOST_MISSED = 50
+    MAX_MISSED_PERIODS = 50
     """Largest number of periods that are made up for; after longer gaps a rig is levelled."""
 
     def __init__(
@@ -279,7 +279,7 @@ class Controller:
         """Pass through the periods since a time in s in which nothing was measured."""
         gap, touched = present.time - before, np.zeros_like(present.touched)
         periods, still = round(gap / self.period), np.zeros_like(self.rate)
-        for number in range(max(1, periods - self.MOST_MISSED), periods):
+        for number in range(max(1, periods - self.MAX_MISSED_PERIODS), periods):
             share = number / periods
             t, y = before + share * gap, present.y.copy()
             y[..., 1::2] = (1 - share) * self._angles + share * present.y[..., 1::2]

@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from twin.devices.akd.conditions import DRIVE_CONDITIONS
 from twin.devices.common import FaultReports
-from twin.devices.lumio.conditions import BALL_LOST, SCREEN_CONDITIONS
+from twin.devices.lumio.conditions import SCREEN_CONDITIONS, TOUCH_LOST
 from twin.hal.interface import Clamp, Condition, Fault, Limits, Severity
 from twin.hal.supervisor import (
     BALL_OUTSIDE,
@@ -173,7 +173,7 @@ def test_no_behaviour_hangs_on_the_words_of_a_condition(condition):
         reports.report(each, "device", "detail", 0.0)
         answers.append((supervisor.state[0], supervisor.by_device[0], bool(reports.stopping)))
     assert answers[0] == answers[1]
-    assert not supervisor.by_device[0] or condition is not BALL_LOST
+    assert not supervisor.by_device[0] or condition is not TOUCH_LOST
 
 
 def test_an_event_changes_only_the_rigs_it_is_meant_for():

@@ -35,7 +35,7 @@ def net(default: Any, low: float, high: float, *, sense: int = 1, **metadata: An
     return field(default=default, metadata={"range": (low, high), "net": sense, **metadata})
 
 
-def ranged(default: Any, low: float, high: float, **metadata: Any) -> Any:
+def range_field(default: Any, low: float, high: float, **metadata: Any) -> Any:
     """A field with a range that is no net."""
     return field(default=default, metadata={"range": (low, high), **metadata})
 

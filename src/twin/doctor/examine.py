@@ -39,7 +39,7 @@ from twin.doctor.check import (
 from twin.doctor.drives import exchange
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import FaultSource, Severity, Transmission
-from twin.hal.supervisor import LOST_AFTER
+from twin.hal.supervisor import BALL_LOST_AFTER_S
 from twin.run.connect import ComputingTime, cams_of, connect, transmission_of
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
@@ -302,7 +302,7 @@ def _lift(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
             "lift-off", f"not seen within {patience:g} s", "lift the ball when asked to"
         )
         return
-    seen = f"noticed; the ball counts as lost after {1e3 * LOST_AFTER:.0f} ms"
+    seen = f"noticed; the ball counts as lost after {1e3 * BALL_LOST_AFTER_S:.0f} ms"
     yield pass_check("lift-off", seen)
     ask("put")
     if not wait_until(lambda: screen.state is TouchState.TOUCHING, patience):

@@ -44,9 +44,9 @@ class Rig:
     """Whether its time passes while a controller computes."""
     LEVELLING_S = 2.0
     """Default of ``levelling_s``."""
-    LEVEL = 5e-4
+    LEVEL_RAD = 5e-4
     """Plate angle in rad that counts as level, 0.03 deg."""
-    LEVEL_FOR = 10
+    LEVEL_PERIODS = 10
     """Periods for which it has to: the time constant of the supervisor's approach to level."""
     ANCHOR = 0.02
     """Default of ``anchor``, s."""
@@ -119,11 +119,11 @@ class Rig:
         for tick in range(round(self.levelling_s / self.period)):
             holding = self.supervisor.state == State.HOLDING
             # by the measured angle, and not a plate that only passes level or is measured late
-            level = level + 1 if (np.abs(plate)[holding] < self.LEVEL).all() else 0
-            if level > self.LEVEL_FOR or not holding.any():
+            level = level + 1 if (np.abs(plate)[holding] < self.LEVEL_RAD).all() else 0
+            if level > self.LEVEL_PERIODS or not holding.any():
                 break
             # the longer it takes, the longer the delay of the plate may be
-            self.supervisor.drift_time = max(Supervisor.DRIFT_TIME, tick * self.period / 4)
+            self.supervisor.drift_time = max(Supervisor.DRIFT_TIME_S, tick * self.period / 4)
             self.write(still)
             self.wait()
             plate = self.read().y[:, 1::2]

@@ -68,7 +68,7 @@ TRANSITIONS = MappingProxyType(
 HOLDING and FAULT is switching off: a new run is needed to continue."""
 
 
-LOST_AFTER = 0.1
+BALL_LOST_AFTER_S = 0.1
 """Time in s without touch after which the ball counts as lost."""
 BALL_SPEED_WINDOW_S = 0.04
 """Time in s over which the speed of the ball is measured."""
@@ -83,7 +83,11 @@ BALL_FAST = Condition(
     "ball too fast", Severity.LEVEL, 2 * BALL_SPEED_WINDOW_S, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
 )
 BALL_LOST = Condition(
-    "ball lost", Severity.LEVEL, LOST_AFTER + NOMINAL_PERIOD, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
+    "ball lost",
+    Severity.LEVEL,
+    BALL_LOST_AFTER_S + NOMINAL_PERIOD,
+    _LEVEL_REACTION,
+    _RUN_AGAIN_RECOVERY,
 )
 PLATE_TILTED = Condition(
     "plate past its limit", Severity.LEVEL, NOMINAL_PERIOD, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
@@ -140,16 +144,16 @@ class Supervisor:
             levelled.
     """
 
-    GROWN = float(np.radians(1.0))
+    MAX_FURTHER_TILT_RAD = float(np.radians(1.0))
     """Default of ``grown``."""
 
-    TURNED = 0.01
+    RATE_WINDOW_S = 0.01
     """Time in s over which the rate of the plate is measured when levelling begins."""
 
-    ANGLE_SLACK = np.radians(0.5)
+    ANGLE_SLACK_RAD = np.radians(0.5)
     """Angle in rad by which a measured plate angle may exceed the limit (encoder, spring)."""
 
-    DRIFT_TIME = 0.1
+    DRIFT_TIME_S = 0.1
     """Time constant in s with which the plate angle is corrected by the measured one, while the
     plate is not levelled for longer."""
 
@@ -160,7 +164,7 @@ class Supervisor:
         rigs: int = 1,
         *,
         late: float = 0.25,
-        grown: float = GROWN,
+        grown: float = MAX_FURTHER_TILT_RAD,
     ) -> None:
         self.limits = limits
         self._late, self._grown = late, grown
@@ -181,8 +185,8 @@ class Supervisor:
         self._period = constant(period)
         self._bounds: Array = np.empty((rigs, 4))
         self._bounds[:, 0::2] = np.add(limits.area, column(limits.margin))
-        self._bounds[:, 1::2] = column(limits.angle) + self.ANGLE_SLACK
-        self.drift_time = self.DRIFT_TIME
+        self._bounds[:, 1::2] = column(limits.angle) + self.ANGLE_SLACK_RAD
+        self.drift_time = self.DRIFT_TIME_S
         self._unseen: float | Array = 0.0
         self._paces = max(1, round(BALL_SPEED_WINDOW_S / period))
         self._way = column(limits.ball_speed) * self._paces * period
@@ -190,7 +194,7 @@ class Supervisor:
         self._before = np.full((rigs, 2), np.nan)
         self._largest = np.full((rigs, 2), np.nan)
         """Plate angles in rad that levelling may not exceed; NaN where nothing is levelled."""
-        self._plates: deque[Array] = deque(maxlen=max(2, round(self.TURNED / period)))
+        self._plates: deque[Array] = deque(maxlen=max(2, round(self.RATE_WINDOW_S / period)))
         """Measured plate angles of the last periods, rad, shape (N, 2)."""
 
     def limit_rate(self, rate: float | None) -> None:
@@ -216,7 +220,7 @@ class Supervisor:
         fresh = self.handle(Event.POWERED)[:, None]
         self.angle = np.where(fresh, plate, self.angle)
         self.rate = np.where(fresh, 0.0, self.rate)
-        self._unseen, self.drift_time = 0.0, self.DRIFT_TIME
+        self._unseen, self.drift_time = 0.0, self.DRIFT_TIME_S
         self._plates.clear()
         self._before[:] = np.nan
 
@@ -252,7 +256,7 @@ class Supervisor:
     @property
     def lost(self) -> Mask:
         """Whether the screen has not detected a ball for too long, shape (N,)."""
-        return np.broadcast_to(np.greater(self._unseen, LOST_AFTER), self.state.shape)
+        return np.broadcast_to(np.greater(self._unseen, BALL_LOST_AFTER_S), self.state.shape)
 
     def watch(self, y: Array, touched: Mask) -> None:
         """Level the running rigs whose measured ball or plate exceeds a limit.
