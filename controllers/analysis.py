@@ -23,12 +23,12 @@ from controllers.arrays import Array
 from controllers.ballplate import BALL_ACCELERATIONS, BALL_POSITIONS
 from controllers.controller import HeldLaw, Smith
 from controllers.design import format_numbers, sample
-from controllers.interfaces import Law, Measurement, Observer, Reference
+from controllers.interfaces import ControlLaw, Law, Measurement, Observer, Reference
 from controllers.observers.thesis import Ideal
 from controllers.references import Hold
 
 
-def slow_observer(law: Law, observer: Observer) -> str | None:
+def slow_observer(law: ControlLaw, observer: Observer) -> str | None:
     """One line if the observer's chosen poles are slower than the controlled system's, else None.
 
     None as well for an observer without chosen poles, or a law without linearisation.
@@ -69,7 +69,7 @@ class System(NamedTuple):
     """Seconds per tick; 0 for continuous time."""
 
 
-def linear_law(law: Law) -> System:
+def linear_law(law: ControlLaw) -> System:
     """A law as a system from the state x, shape (8,), to u; its own states are its memory.
 
     Raises:
@@ -83,7 +83,7 @@ def linear_law(law: Law) -> System:
     return System(A=J[2:, 8:], B=J[2:, :8], C=J[:2, 8:], D=J[:2, :8])
 
 
-def tracking_law(law: Law) -> System:
+def tracking_law(law: ControlLaw) -> System:
     """A law as a system from (state, desired position), shape (10,), to u.
 
     The desired position stands still as far as the law knows: its derivatives are zero.
@@ -100,14 +100,14 @@ def tracking_law(law: Law) -> System:
     return System(A, np.hstack([B, J[2:]]), C, np.hstack([D, J[:2]]))
 
 
-def _answer_to(law: Law, reference: Reference) -> Array:
+def _answer_to(law: ControlLaw, reference: Reference) -> Array:
     """(u, memory rate) of a law at rest on the centre that is asked for another path."""
     x, q = np.zeros((1, 8)), np.zeros((1, law.memory))
     u, slope = law.control(0.0, x, reference, q), law.memory_rate(0.0, x, reference, q)
     return np.concatenate([u, slope], axis=-1)[0]
 
 
-def _law_jacobian(law: Law, step: float) -> Array:
+def _law_jacobian(law: ControlLaw, step: float) -> Array:
     """Derivative of (u, memory rate) by (x, memory), by central differences."""
     ahead = step * np.eye(8 + law.memory)
 
@@ -119,7 +119,7 @@ def _law_jacobian(law: Law, step: float) -> Array:
     return (both(ahead) - both(-ahead)).T / (2 * step)
 
 
-def linear_controller(law: Law, observer: Observer) -> System:
+def linear_controller(law: ControlLaw, observer: Observer) -> System:
     """Law and observer at the control period, from the measurement y, shape (4,), to u.
 
     A Smith predictor around the observer is taken in. An observer whose gain varies, the EKF, has
@@ -142,7 +142,7 @@ class _Tick:
     (2), the states the observer's memory and the law's.
     """
 
-    def __init__(self, law: Law, observer: Observer) -> None:
+    def __init__(self, law: ControlLaw, observer: Observer) -> None:
         self._law = law
         self._observer = observer
         self._names = self._memory_names()
@@ -383,7 +383,7 @@ def close(plant: System, controller: System, outputs: Sequence[str]) -> Loop:
     )
 
 
-def state_feedback_loop(law: Law, *, flat: bool = False) -> Loop:
+def state_feedback_loop(law: ControlLaw, *, flat: bool = False) -> Loop:
     """The law with the true state on the linear plant (5.35), in continuous time.
 
     Args:
@@ -400,7 +400,9 @@ def state_feedback_loop(law: Law, *, flat: bool = False) -> Loop:
     return close(System(A, B, np.eye(8), np.zeros((8, 2))), linear_law(law), STATE_SYMBOLS)
 
 
-def sampled_loop(law: Law, observer: Observer, *, dead_time: float = 0.0, lag: float = 0.0) -> Loop:
+def sampled_loop(
+    law: ControlLaw, observer: Observer, *, dead_time: float = 0.0, lag: float = 0.0
+) -> Loop:
     """Law and observer at their period on the linear plant (5.35) of the law, its input held.
 
     With the observer "ideal" the law gets the true state: on the exact plant the plate rates
@@ -470,7 +472,7 @@ MIN_EIGENVECTOR_SHARE = 1e-6
 
 
 def instability(
-    law: Law, observer: Observer, *, dead_time: float = 0.0, lag: float = 0.0
+    law: ControlLaw, observer: Observer, *, dead_time: float = 0.0, lag: float = 0.0
 ) -> str | None:
     """One line with the poles outside the stable region, or None.
 
@@ -520,7 +522,7 @@ PlainRow = dict[str, Any]
 """A row of a table as JSON can hold it."""
 
 
-def loop_row(law: Law, observer: Observer, dead_time: float, lag: float = 0.0) -> PlainRow:
+def loop_row(law: ControlLaw, observer: Observer, dead_time: float, lag: float = 0.0) -> PlainRow:
     """Poles and margins of one sampled loop, or under ``reason`` why there are none.
 
     ``hold_left_out`` is true for a law that is held for longer than the loop's period.

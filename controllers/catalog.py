@@ -37,7 +37,7 @@ import numpy as np
 
 import controllers
 from controllers.arrays import Array
-from controllers.interfaces import Law, Observer, Reference
+from controllers.interfaces import ControlLaw, Law, Observer, Reference
 
 Kind = TypeVar("Kind", Law, Observer, Reference)
 _SETTING_TYPES = (bool, int, float, complex, str, PurePath, Enum, tuple, list, dict, type(None))
@@ -380,7 +380,7 @@ def error_words(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
-def wrong_answer(law: Law) -> str | None:
+def wrong_answer(law: ControlLaw) -> str | None:
     """Where and how the answer of a law is none, in one line; None if it is one.
 
     The ball rests on the centre of a level plate and shall stay. Errors that the law's own lines
@@ -409,7 +409,7 @@ class AnswerError(ValueError):
     """A law or observer returned a value of the wrong type or shape: file, line, value, rule."""
 
 
-def check_command(law: Law, u: Any, like: Array) -> Array:
+def check_command(law: ControlLaw, u: Any, like: Array) -> Array:
     """The plate accelerations that a law gave, of the shape of an array.
 
     Raises:
@@ -421,7 +421,7 @@ def check_command(law: Law, u: Any, like: Array) -> Array:
     return u
 
 
-def check_memory_rate(law: Law, slope: Any, like: Array) -> Array:
+def check_memory_rate(law: ControlLaw, slope: Any, like: Array) -> Array:
     """The rate of a law's memory that it gave, of the shape of an array.
 
     Raises:
@@ -444,7 +444,9 @@ def check_estimate(observer: Observer, x: Any, like: Array) -> Array:
     return x
 
 
-def _wrong(law: Law | Observer, method: str, what: str, given: Any, expected: Array) -> AnswerError:
+def _wrong(
+    law: ControlLaw | Observer, method: str, what: str, given: Any, expected: Array
+) -> AnswerError:
     said = "None" if given is None else f"a {type(given).__name__}"
     if isinstance(given, np.ndarray | np.generic):
         kind = {"f": "", "i": "", "c": "complex numbers of "}
@@ -455,7 +457,7 @@ def _wrong(law: Law | Observer, method: str, what: str, given: Any, expected: Ar
     )
 
 
-def _place(law: Law | Observer, method: str = "control") -> str:
+def _place(law: ControlLaw | Observer, method: str = "control") -> str:
     """File and line of a method; of a law that holds another's command, or a predictor, of that."""
     while within := getattr(law, "law", None) or getattr(law, "observer", None):
         law = within

@@ -1,6 +1,6 @@
 """Law, observer and reference joined into one controller, for one rig and for N of them.
 
-With them what stands between: a law's hold, and the Smith predictor (7.19) around any observer.
+With the parts between them: a law's hold, and the Smith predictor (7.19) around any observer.
 """
 
 from __future__ import annotations
@@ -16,15 +16,23 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, NotNegative, constant, some
 from controllers.catalog import check_command, check_estimate, check_memory_rate
-from controllers.interfaces import DelayedObserver, Feedback, Law, Measurement, Observer, Reference
+from controllers.interfaces import (
+    ControlLaw,
+    DelayedObserver,
+    Feedback,
+    Law,
+    Measurement,
+    Observer,
+    Reference,
+)
 
 
 class HeldCommand:
-    """What is held in one run, and what is being computed.
+    """The command that is held in one run, and the one that is being computed.
 
     Args:
-        plan: The law's own.
-        period: Of the rig, s.
+        plan: The law's own plan.
+        period: Control period of the rig, s.
         ticks: Control periods of the rig in one of the law's.
         u: Plate accelerations in rad/s^2 until there is a command, shape (..., 2).
     """
@@ -34,10 +42,10 @@ class HeldCommand:
         self.u = u
         """Plate accelerations in rad/s^2, shape (..., 2)."""
         self.before = 0.0
-        """How long the observer computed for the command that is due, s, if that is measured."""
-        self.told: tuple[float, float] = (math.nan, 0.0)
-        """How long the command that this period began is computed, NaN if it began none, and how
-        much older what the rig is told is than its period explains; s."""
+        """Computing time of the observer for the command that is due, s, if that is measured."""
+        self.timing: tuple[float, float] = (math.nan, 0.0)
+        """Computing time in s of the command that this period began, NaN if it began none, and the
+        age in s of the present command beyond that of its period."""
         self._period, self._ticks = period, ticks
         self._number = -1
         self._free = 0
@@ -45,7 +53,7 @@ class HeldCommand:
         self._since: int | None = None
 
     def due(self, t: float) -> bool:
-        """Whether a time in s is the first asked for of one of the law's periods."""
+        """Whether a time in s is the first one of a period of the law."""
         number = math.floor(t / (self._ticks * self._period) + 1e-6)
         before, self._number = self._number, number
         return number != before
@@ -55,11 +63,11 @@ class HeldCommand:
         return round(t / self._period) >= self._free
 
     def take(self, t: float, u: Array, took: float) -> None:
-        """Take in what was computed, within a time in s, from the measurement of another."""
+        """Take in a command that was computed within a time in s from the measurement at t."""
         tick, periods = round(t / self._period), math.ceil(took / self._period - 1e-9)
         self._free = tick + max(1, periods)
         self._coming = self._free - 1, tick, u
-        self.told = took, 0.0
+        self.timing = took, 0.0
 
     def hold(self, t: float) -> Array:
         """Plate accelerations in rad/s^2 at a time in s, shape (..., 2)."""
@@ -69,38 +77,35 @@ class HeldCommand:
             self._coming = None
         self._since = tick - self._ticks if self._since is None else self._since
         late = max(0, tick - self._since - self._ticks + 1)
-        self.told = self.told[0], late * self._period
+        self.timing = self.timing[0], late * self._period
         return self.u
 
 
 MEASURED_TIME = "measured"
-"""A computing time that is taken by the clock."""
+"""A computing time that is measured by the clock."""
 
 
-class HeldLaw(Law):
-    """Another law behind a zero-order hold of its command, which may come late.
+class HeldLaw:
+    """A law behind a zero-order hold of its command, which may be delayed.
 
     It is evaluated at the first tick of each of its periods k T, which are counted from time 0, and
-    plans for them. Observer and memory go on at every tick T. A command that takes longer than T is
-    applied so many ticks later as it takes further periods T, begun ones counted; until then the
-    one before is held and no other is begun.
+    plans for them. Observer and memory advance at every tick T. A command that takes longer than T
+    is applied as many ticks later as it takes further periods T, begun ones counted; until then the
+    previous one is held and no other is begun.
 
     Args:
         law: The law.
         ticks: k, control periods of the rig in one of the law's.
-        computing_time: That of a command in s, or ``measured``: what observer and law take here.
+        computing_time: Computing time of a command in s, or ``measured``: that of observer and law
+            on this computer.
     """
 
-    law: Law
-    ticks: int
-    computing_time: float | str
-
     def __init__(self, law: Law, ticks: int, computing_time: float | str = 0.0) -> None:
-        names = "name", "memory", "needs", "counts", "model"
-        own = {each: getattr(law, each) for each in names}
-        own |= {"law": law, "ticks": ticks, "computing_time": computing_time}
-        for name, value in own.items():
-            object.__setattr__(self, name, value)
+        self.law = law
+        self.ticks = ticks
+        self.computing_time = computing_time
+        self.name, self.model = law.name, law.model
+        self.memory, self.needs, self.counts = law.memory, law.needs, law.counts
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations of the law itself, not held, rad/s^2, shape (..., 2)."""
@@ -125,7 +130,7 @@ class HeldLaw(Law):
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2): new ones when it is time."""
         held: HeldCommand = now.plan
-        held.told = math.nan, 0.0
+        held.timing = math.nan, 0.0
         if held.due(now.time) and held.free(now.time):
             begin = perf_counter()
             u = self.law.command(now._replace(plan=held.plan))
@@ -137,7 +142,7 @@ class HeldLaw(Law):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a report should tell of the law, and that no analysis knows of its hold."""
+        """Remarks of the law for a report, and that no analysis knows of its hold."""
         held = f"evaluated every {self.ticks} control periods and held between"
         if self.computing_time:
             each = "the time it takes here" if self.computing_time == MEASURED_TIME else "its time"
@@ -150,14 +155,15 @@ class HeldLaw(Law):
 
 
 class ControlStep(NamedTuple):
-    """What a controller makes of one measurement.
+    """The answer of a controller to one measurement.
 
     Attributes:
         estimate: State at the time of the measurement, shape (..., 8).
         acceleration: Requested plate accelerations u in rad/s^2, shape (..., 2).
         rate: Requested plate rates (phi', theta') in rad/s, shape (..., 2).
-        further: What the observer estimates beyond the state, shape (..., len(observer.knows)).
-        computing: Of laws with a computing time, ``HeldCommand.told``, shape (..., 2); else None.
+        further: Quantities that the observer estimates beyond the state, shape
+            (..., len(observer.knows)).
+        computing: ``HeldCommand.timing`` of laws with a computing time, shape (..., 2); else None.
     """
 
     estimate: Array
@@ -168,11 +174,11 @@ class ControlStep(NamedTuple):
 
 
 class Controller:
-    """What drives a rig, simulated or real.
+    """Law, observer and reference that drive a rig, simulated or real.
 
-    Once per period ``command`` turns the measurement into a step; ``applied`` must then be given
-    the rates the rig really commanded, from which the observer predicts. Periods that a rig in real
-    time had to leave out are made up for at the next: observer and memory go through them with the
+    Once per period ``command`` turns the measurement into a step; ``applied`` must then receive the
+    rates that the rig really commanded, from which the observer predicts. Periods that a rig in
+    real time left out are made up for at the next: observer and memory pass through them with the
     plate on a straight line and no touch.
 
     Args:
@@ -185,10 +191,12 @@ class Controller:
         ValueError: If the law needs what the observer does not estimate.
     """
 
-    MOST_MISSED = 50
-    """Periods that are made up for at most; after longer ones a rig has been levelled."""
+    MAX_MISSED_PERIODS = 50
+    """Largest number of periods that are made up for; after longer gaps a rig is levelled."""
 
-    def __init__(self, law: Law, observer: Observer, reference: Reference, period: float) -> None:
+    def __init__(
+        self, law: ControlLaw, observer: Observer, reference: Reference, period: float
+    ) -> None:
         self._needed = _place(needed_columns(law, observer))
         self.law = law
         self.observer = observer
@@ -198,7 +206,8 @@ class Controller:
         self.period = period
         self._period = constant(period)
         self._time: float | None = None
-        laws = law.groups.each if isinstance(law, PerRigLaw) else [(slice(None), law)]
+        one: list[tuple[Place, ControlLaw]] = [(slice(None), law)]
+        laws = law.groups.each if isinstance(law, PerRigLaw) else one
         late = [each for _, each in laws if isinstance(each, HeldLaw) and each.computing_time]
         self._places = [place for place, _ in laws] if late else []
         self.timed = any(each.computing_time == MEASURED_TIME for each in late)
@@ -217,12 +226,12 @@ class Controller:
         self._time = None
 
     def take_over_at(self, t: float) -> None:
-        """Let the law plan anew from a time in s on, from where the observer has ball and plate."""
+        """Let the law plan again from a time in s, from the observer's estimate."""
         x, path = self.observer.x, self.reference
         self.plan = self.law.replanned(self.plan, t, x, path, self.period)
 
     def command(self, measurement: Measurement) -> ControlStep:
-        """The estimate for a measurement, and what is requested of the rig."""
+        """The estimate for a measurement, and the request to the rig."""
         t, observer = measurement.time, self.observer
         begin = perf_counter()
         if self._time is not None and t - self._time > 1.5 * self.period:
@@ -249,15 +258,15 @@ class Controller:
         return ControlStep(x, u, self.requested, further, self._computing())
 
     def _computing(self) -> Array | None:
-        """How long each rig's law computes and how late its command is; None if nobody asks."""
+        """Computing time and delay of each rig's command; None if no law has a computing time."""
         if not self._places:
             return None
-        told = np.zeros((*self.rate.shape[:-1], 2))
+        timing = np.zeros((*self.rate.shape[:-1], 2))
         plans = self.plan if isinstance(self.law, PerRigLaw) else [self.plan]
         for place, plan in zip(self._places, plans, strict=True):
             if isinstance(plan, HeldCommand):
-                told[place] = plan.told
-        return told
+                timing[place] = plan.timing
+        return timing
 
     def _remember(self, t: float, seen: Array) -> None:
         """Integrate the law's memory over one period, from an equivalent state."""
@@ -267,14 +276,14 @@ class Controller:
             self.memory = self.memory + self._period * slope
 
     def _make_up(self, before: float, present: Measurement) -> None:
-        """Go through the periods since a time in s in which nothing was measured."""
-        passed, touched = present.time - before, np.zeros_like(present.touched)
-        periods, still = round(passed / self.period), np.zeros_like(self.rate)
-        for number in range(max(1, periods - self.MOST_MISSED), periods):
+        """Pass through the periods since a time in s in which nothing was measured."""
+        gap, touched = present.time - before, np.zeros_like(present.touched)
+        periods, still = round(gap / self.period), np.zeros_like(self.rate)
+        for number in range(max(1, periods - self.MAX_MISSED_PERIODS), periods):
             share = number / periods
-            t, y = before + share * passed, present.y.copy()
+            t, y = before + share * gap, present.y.copy()
             y[..., 1::2] = (1 - share) * self._angles + share * present.y[..., 1::2]
-            age = self._age + share * passed
+            age = self._age + share * gap
             self.observer.correct(Measurement(t, y, age, touched, present.state))
             self._remember(t, self.observer.equivalent)
             self.observer.predict(still)
@@ -283,7 +292,7 @@ class Controller:
         """Take in the plate rates that the rig commanded after its clamps, rad/s, (..., 2).
 
         Returns:
-            The accelerations that they mean, rad/s^2, shape (..., 2).
+            The corresponding accelerations, rad/s^2, shape (..., 2).
         """
         acceleration: Array = (rate - self.rate) / self._period
         begin = perf_counter()
@@ -294,8 +303,8 @@ class Controller:
         return acceleration
 
 
-def needed_columns(law: Law, observer: Observer) -> list[int]:
-    """Where what a law needs, and what it counts if it is known, stands in what an observer knows.
+def needed_columns(law: ControlLaw, observer: Observer) -> list[int]:
+    """Columns, in what an observer knows, of what a law needs, and counts if it is known.
 
     Raises:
         ValueError: If the observer does not estimate it: which law, what, which observer.
@@ -312,9 +321,9 @@ def needed_columns(law: Law, observer: Observer) -> list[int]:
 
 
 class SampledReference(Reference):
-    """A reference evaluated ahead in blocks of control periods; elsewhere it is the original.
+    """A reference evaluated in advance in blocks of control periods; else it is the original.
 
-    The blocks are for who asks tick by tick; who wants to know the future asks with an array.
+    The blocks serve calls tick by tick; the future is evaluated with an array of times.
 
     Args:
         reference: The original.
@@ -360,7 +369,7 @@ class Groups(Generic[Member]):
         for rig, member in enumerate(members):
             rigs.setdefault(id(member), []).append(rig)
         self.each = [(_place(found), members[found[0]]) for found in rigs.values()]
-        """Where the rigs of a group stand along the axis of the rigs, and what they share."""
+        """Place of each group's rigs along the axis of the rigs, and their common member."""
 
 
 def _place(rigs: Sequence[int]) -> Place:
@@ -408,22 +417,33 @@ class _PartOf(Reference):
         return self._whole(t)[..., self._place, :]
 
 
-class PerRigLaw(Law):
+class PerRigLaw:
     """Laws side by side as one; rigs that share a law are calculated together.
 
     Args:
         laws: One per rig.
     """
 
-    groups: Groups[Law]
+    name = "one law per rig"
 
-    def __init__(self, laws: Sequence[Law]) -> None:
-        object.__setattr__(self, "groups", Groups(laws))
-        object.__setattr__(self, "memory", max(law.memory for law in laws))
-        for names in ("needs", "counts"):
-            found = dict.fromkeys(name for law in laws for name in getattr(law, names))
-            object.__setattr__(self, names, tuple(found))
-        object.__setattr__(self, "model", laws[0].model)
+    def __init__(self, laws: Sequence[ControlLaw]) -> None:
+        self.groups = Groups(laws)
+        self.model = laws[0].model
+        self.memory = max(law.memory for law in laws)
+        self.needs = tuple(dict.fromkeys(name for law in laws for name in law.needs))
+        self.counts = tuple(dict.fromkeys(name for law in laws for name in law.counts))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks of all laws, each once."""
+        return tuple(dict.fromkeys(text for _, law in self.groups.each for text in law.remarks))
+
+    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """Plate accelerations of the laws themselves, not held, rad/s^2, shape (N, 2)."""
+        u = np.empty((len(x), 2))
+        for own, law in self.groups.each:
+            u[own] = law.control(t, x[own], _PartOf(reference, own), q[own, : law.memory])
+        return u
 
     def start(self, x: Array, reference: Reference, period: float) -> list[Any]:
         """The plan of each group of rigs."""
@@ -473,7 +493,7 @@ class PerRigObserver(Observer):
     """Observers side by side as one; rigs that share an observer are estimated together.
 
     Args:
-        observers: One per rig; their estimates start with ``start``.
+        observers: One per rig; their estimates begin with ``start``.
     """
 
     def __init__(self, observers: Sequence[Observer]) -> None:
@@ -514,7 +534,7 @@ class PerRigObserver(Observer):
 
     @property
     def further(self) -> Array:
-        """What the observers know beyond the state; NaN where one does not, shape (N, knows)."""
+        """Quantities that the observers know beyond the state, shape (N, knows), or NaN."""
         found = np.full((len(self.x), len(self.knows)), np.nan)
         for own, observer in self.groups.each if self.knows else ():
             for quantity, values in zip(
@@ -540,22 +560,22 @@ BALL_SLICE = slice(0, None, 4)
 
 @dataclass(kw_only=True)
 class Smith(Observer):
-    """Hands an observer the ball position of now, made from the one measured a dead time ago.
+    """Gives an observer the present ball position, computed from the one a dead time ago.
 
     The observer's own estimate is the predictor's model, x_m = xhat, so (7.19b) becomes
 
         X_1sp(t) = xhat_1(t) + X_1(t - tau) - xhat_1(t - tau):
 
     the observer is corrected by the delayed innovation, and nothing else is predicted. A good model
-    without noise has no innovation, and the dead time disappears; else the observer's error runs
-    through a loop with a dead time in it, which fast poles make ring: a Luenberger observer with
-    the poles of (8.1) is left with damping 0.2 at 42 ms and is unstable above 56 ms.
+    without noise has no innovation, and the dead time disappears; else the observer's error passes
+    through a loop with a dead time, which fast poles make oscillate: a Luenberger observer with the
+    poles of (8.1) has damping 0.2 at 42 ms and is unstable above 56 ms.
 
-    Past estimates are kept once a period; between two of them a straight line is drawn, as for a
-    dead time that is no multiple of the period. A position that has waited since it arrived, as
-    between two frames of the screen, is compared with the estimate that much further back.
+    Past estimates are kept once a period and interpolated linearly, as for a dead time that is no
+    multiple of the period. A position that has waited since it arrived, as between two frames of
+    the screen, is compared with the estimate that much earlier.
 
-    It is an observer only around another, whose ``name``, ``model`` and ``period`` it has.
+    It is an observer around another one, whose ``name``, ``model`` and ``period`` it has.
     Start with the leading axes of the measurements.
 
     Raises:
@@ -563,10 +583,10 @@ class Smith(Observer):
     """
 
     longest_wait: ClassVar[float] = 0.1
-    """Seconds since its arrival after which a position counts as not felt."""
+    """Time in s since its arrival after which a position counts as not touched."""
 
     observer: Observer
-    """The observer that is handed the prediction."""
+    """The observer that receives the prediction."""
     delay: NotNegative = 0.042
     """Dead time tau of the ball's position in s, Table A.2."""
 
@@ -600,7 +620,7 @@ class Smith(Observer):
         """Take in plate angles of now and a ball position of a dead time ago."""
         ball = self.x[..., BALL_SLICE]
         slot = self._tick % self._length
-        if not self._whole:  # else nobody looks at it before it is known better
+        if not self._whole:  # else it is not read before it is corrected
             self._past[slot] = ball
         y = measurement.y.copy()
         position = y[..., 0::2]
@@ -624,7 +644,7 @@ class Smith(Observer):
 
     @property
     def further(self) -> Array:
-        """What the observer knows beyond the state, shape (..., len(knows))."""
+        """Quantities that the observer knows beyond the state, shape (..., len(knows))."""
         return self.observer.further
 
     @property
@@ -642,7 +662,7 @@ class Smith(Observer):
 
     def _look_back_each(self, periods: Array) -> Array:
         """Estimated ball position a number of periods ago, each rig its own, shape (..., 2)."""
-        if periods.size == 1:  # of one rig numbers do, several times faster
+        if periods.size == 1:  # plain numbers for one rig, several times faster
             back = periods.item()
             first = math.floor(back + 1e-9)
             newer, older = (self._past[(self._tick - k) % self._length] for k in (first, first + 1))

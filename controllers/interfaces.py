@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import Field, dataclass, field, fields
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -223,6 +223,49 @@ class Law(ABC):
     def remarks(self) -> tuple[str, ...]:
         """What a report should tell of the law with these settings, in whole sentences."""
         return ()
+
+
+class ControlLaw(Protocol):
+    """What a controller and an analysis need of a law: a `Law`, or one around other laws."""
+
+    @property
+    def name(self) -> str:
+        """Its name in messages."""
+
+    @property
+    def memory(self) -> int:
+        """Length of the memory q."""
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Names of the quantities beyond the state that it needs."""
+
+    @property
+    def counts(self) -> tuple[str, ...]:
+        """Names of further ones that it counts where an observer knows all of them."""
+
+    @property
+    def model(self) -> BallPlate:
+        """The model on which it is designed."""
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks for a report, in whole sentences."""
+
+    def control(self, t: float, x: State, reference: Reference, q: Array) -> Input:
+        """Plate accelerations u in rad/s^2, shape (..., 2), without a plan."""
+
+    def start(self, x: State, reference: Reference, period: float) -> Any:
+        """The plan of a run."""
+
+    def replanned(self, plan: Any, t: float, x: State, reference: Reference, period: float) -> Any:
+        """The plan of a law that takes over a run under way."""
+
+    def command(self, now: Feedback) -> Input:
+        """Plate accelerations u in rad/s^2, shape (..., 2)."""
+
+    def memory_rate(self, t: float, x: State, reference: Reference, q: Array) -> Array:
+        """Time derivative of the memory q, shape (..., memory)."""
 
 
 @dataclass(kw_only=True)

@@ -1,8 +1,9 @@
 """Laws about a motion of ball and plate that makes the ball follow a reference.
 
-The reference is asked some time ahead slice by slice, its jumps spread, and made one that the plate
-can give. The plate's motion is the stable inverse of a plant that first moves the wrong way;
-friction is fed forward, and the feedback about it is linear-quadratic.
+The reference is sampled in advance, slice by slice. Its jumps are spread, and it is replaced by the
+nearest path that the plate can produce. The plate's motion is the stable inverse of a plant that
+first moves the wrong way; friction is fed forward, and the feedback about the motion is
+linear-quadratic.
 """
 
 from __future__ import annotations
@@ -29,11 +30,92 @@ from controllers.arrays import (
     together,
 )
 from controllers.ballplate import LONGEST_LAG, TILT_SIGN, BallPlate
-from controllers.interfaces import Feedback, Law, Reference
+from controllers.interfaces import Feedback, Law, Reference, algorithm_constants
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slicing:
+    """How a trajectory is planned slice by slice.
+
+    Attributes:
+        periods: Control periods of a slice: few, so that planning one takes little time.
+        early_periods: Control periods before a slice begins in which its parts, at most as many,
+            are computed, one in each.
+    """
+
+    periods: int = 25
+    early_periods: int = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class JumpSpreading:
+    """What counts as a jump of a reference, and to which length its time refers.
+
+    Attributes:
+        min_jump_m: Distance in m from one period to the next, beyond what the speed covers, above
+            which it is a jump.
+        reference_jump_m: Length in m of a jump that is spread over the law's time ``spread``.
+    """
+
+    min_jump_m: float = 2e-3
+    reference_jump_m: float = 0.15
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathShaping:
+    """How a path that the plate cannot produce is replaced by the nearest one that it can.
+
+    Attributes:
+        horizon_s: Time in s beyond the window over which the distance is minimised.
+        pieces_per_slice: Pieces of constant jerk in a slice.
+        iterations: Iterations of the method of multipliers in each slice.
+        weight_m2: Weight of the bounds in the method, m^2.
+        return_position_m: Distance in m from a path that can be followed, below which the plan
+            follows it again, if speed and acceleration are as near.
+        return_velocity_m_s: The same of the velocity, m/s.
+        return_acceleration_m_s2: The same of the acceleration, m/s^2.
+        min_difference_m: Distance in m above which the planned path differs from the desired one.
+    """
+
+    horizon_s: float = 1.2
+    pieces_per_slice: int = 2
+    iterations: int = 20
+    weight_m2: float = 3e-3
+    return_position_m: float = 1e-4
+    return_velocity_m_s: float = 1e-3
+    return_acceleration_m_s2: float = 2e-2
+    min_difference_m: float = 1e-3
+
+    @property
+    def return_tolerances(self) -> tuple[float, float, float]:
+        """Tolerances of position, velocity and acceleration, in m and s."""
+        return self.return_position_m, self.return_velocity_m_s, self.return_acceleration_m_s2
+
+
+@dataclass(frozen=True, kw_only=True)
+class PushResponse:
+    """Bounds of the error of eta that is fed back once the ball was pushed.
+
+    Attributes:
+        pushed_error_m: Error of eta in m above which the ball has been pushed: no start on a path
+            has as much.
+        max_growing_error_m: Largest error of eta in m that is fed back while it grows.
+        max_error_m: Largest error of eta in m that is fed back while it shrinks.
+    """
+
+    pushed_error_m: float = 0.025
+    max_growing_error_m: float = 0.01
+    max_error_m: float = 0.05
+
+
+SLICING = Slicing()
+JUMP_SPREADING = JumpSpreading()
+PATH_SHAPING = PathShaping()
+PUSH_RESPONSE = PushResponse()
 
 
 class DesiredMotion(NamedTuple):
-    """What ball and plate are to do at one tick."""
+    """The desired motion of ball and plate at one tick."""
 
     position: Array
     """Position of the ball in m, shape (..., 2)."""
@@ -44,18 +126,18 @@ class DesiredMotion(NamedTuple):
 
 
 class Slices(ABC):
-    """What is laid ahead slice by slice and asked for tick by tick, for one run.
+    """Trajectory buffer of one run: planned in slices, sampled per tick.
 
-    The next slice is made in parts, one in each of the last ticks before it is due, so that none of
-    them takes long; where little is known ahead, at once when it is due.
+    The next slice is computed in parts, one in each of the last ticks before it is due, so that no
+    tick takes long; where the preview is short, all at once when it is due.
 
     Args:
-        preview: Where the path ahead comes from; a slice has as many ticks as it advances.
+        preview: The path ahead; a slice has as many ticks as the preview advances.
         period: Control period in s.
     """
 
     _next: Any
-    """The next slice, once its last part is made."""
+    """The next slice, once its last part is computed."""
 
     def __init__(self, preview: Preview, period: float) -> None:
         self._preview, self._period = preview, period
@@ -63,7 +145,7 @@ class Slices(ABC):
         self._turn()
 
     def _tick(self, t: float, reference: Reference | None = None) -> int:
-        """Where in its slice a time in s stands that does not lie before the one asked for last."""
+        """Index of a time in s within its slice; times of successive calls must not decrease."""
         count = self._preview.count
         self._preview.reference = reference or self._preview.reference
         tick = round(t / self._period) - self._first
@@ -76,9 +158,9 @@ class Slices(ABC):
         return tick
 
     def _turn(self) -> None:
-        """Go over to the next slice."""
+        """Make the next slice the present one."""
         self._make(self._parts())
-        self._laid, self._made = self._next, 0
+        self._planned, self._made = self._next, 0
         self._first += self._preview.count
 
     def _make(self, parts: Sequence[Callable[[], None]]) -> None:
@@ -88,14 +170,14 @@ class Slices(ABC):
 
     @abstractmethod
     def _parts(self) -> Sequence[Callable[[], None]]:
-        """What makes the next slice, in this order."""
+        """The computations of the next slice, in their order."""
 
 
 class MotionPlan(Slices):
     """The motion for one run: the plate's by the stable, two-sided inverse of the ball's.
 
     Args:
-        law: Whose.
+        law: The law that plans it.
         x: State at the start, shape (..., 8).
         reference: Path of the ball.
         period: Control period in s.
@@ -108,18 +190,18 @@ class MotionPlan(Slices):
         super().__init__(ahead, period)
 
     def at(self, t: float) -> DesiredMotion:
-        """What is wanted at a time in s that does not lie before the one asked for last."""
+        """The desired motion at a time in s; times of successive calls must not decrease."""
         tick = self._tick(t)
-        position, velocity, (angle, rate, acceleration) = self._laid
+        position, velocity, (angle, rate, acceleration) = self._planned
         slope = Tilts(angle[tick], rate[tick], acceleration[tick])
         return DesiredMotion(position[tick], velocity[tick], slope)
 
     def _parts(self) -> Sequence[Callable[[], None]]:
-        return self._preview.ask, self._preview.go_on, self._lay
+        return self._preview.sample, self._preview.advance, self._plan
 
-    def _lay(self) -> None:
+    def _plan(self) -> None:
         count, (position, velocity, acceleration) = self._preview.count, self._preview.window
-        slope = self._inverse.lay(acceleration / self._k1)
+        slope = self._inverse.plan(acceleration / self._k1)
         self._next = DesiredMotion(position[:count], velocity[:count], slope)
 
 
@@ -137,10 +219,10 @@ class Tilts(NamedTuple):
 
 
 class TwoSided:
-    """The bounded solution a of a - a'' / Z^2 = w for a w that is known some time ahead.
+    """The bounded solution a of a - a'' / Z^2 = w for a w that is known some time in advance.
 
     The ball's x'' = k1 phi - c2 phi'' has a zero in the right half plane at Z = sqrt(k1 / c2), so
-    that the slope for a wished x'' = k1 w has a pole there, whose bounded answer comes before its
+    that the slope for a desired x'' = k1 w has a pole there, whose bounded answer precedes its
     cause:
 
         a = (p + q) / 2,    p' = Z (w - p) forward in time,    q' = Z (q - w) backward.
@@ -174,18 +256,18 @@ class TwoSided:
         self._begun = decay ** np.arange(count + 1)[:, None]
         self._p: Array | None = None
         self.jerk: Array = np.empty(0)
-        """Third derivative of a in the slice laid last, shape (count, ...)."""
+        """Third derivative of a in the slice planned last, shape (count, ...)."""
 
-    def lay(self, w: Array) -> Tilts:
+    def plan(self, w: Array) -> Tilts:
         """Return a, a' and a'' of a slice, each (count, ...), from a window that begins with it.
 
-        Every sample makes use of the same time ahead, that of the slice's last one.
+        Every sample uses the same preview time, that of the slice's last one.
 
         Args:
             w: The window, shape (length, ..., axes).
         """
         count = self._count
-        # every rig by itself, so that it gets the same bits beside others
+        # every rig by itself, so that it gets the same bits in any batch
         rows = w.swapaxes(0, -2)
         here = rows[..., : count + 1, :]
         if len(w) == count:
@@ -202,46 +284,33 @@ class TwoSided:
         return Tilts(*(each.swapaxes(-2, 0) for each in slopes))
 
 
-SLICE_PERIODS = 25
-"""Control periods that are laid at once: few, so that none of them takes long."""
-MAX_EARLY_TICKS = 4
-"""Ticks before a slice is due at which the first of its parts, at most as many, is made."""
-MIN_JUMP_M = 2e-3
-"""Distance in m from one period to the next, beyond what the speed covers, that is a jump."""
-REFERENCE_JUMP_M = 0.15
-"""Length of a jump in m to which its time refers."""
-
-
-SHAPING_HORIZON_S = 1.2
-"""Time in s beyond the window over which a path that the plate cannot give is made one it can."""
-PIECES_PER_SLICE = 2
-"""Pieces of constant jerk in a slice of such a path."""
-
-
 class FeasiblePath:
-    """The path nearest to another one whose acceleration and jerk keep to limits, slice by slice.
+    """The path nearest to a desired one whose acceleration and jerk keep to limits, slice by slice.
 
-    The least mean square distance over some time ahead, of paths whose jerk is constant over short
-    pieces, from the end of the slice before: a quadratic programme with bounds, by the method of
+    The minimum mean square distance over a horizon, among paths whose jerk is constant over short
+    pieces, from the end of the previous slice: a quadratic programme with bounds, by the method of
     multipliers (Boyd et al. 2011, "Distributed optimization and statistical learning via the
-    alternating direction method of multipliers", 3.1), which goes on from the slice before.
+    alternating direction method of multipliers", 3.1), started from the previous slice's result.
 
     Args:
-        limits: Of acceleration, m/s^2, and jerk, m/s^3, along either axis.
+        limits: Limits of acceleration, m/s^2, and jerk, m/s^3, along either axis.
         period: Time from one sample to the next, s.
         count: Samples of a slice.
+        shaping: Constants of the method.
     """
 
-    STEPS = 20
-    """Iterations of the method in each slice."""
-    WEIGHT = 3e-3
-    """Weight of the bounds in the method, m^2."""
-
-    def __init__(self, limits: tuple[float, float], period: float, count: int) -> None:
+    def __init__(
+        self,
+        limits: tuple[float, float],
+        period: float,
+        count: int,
+        shaping: PathShaping = PATH_SHAPING,
+    ) -> None:
         self.count, self._limits, self._period = count, limits, period
-        piece = count * period / PIECES_PER_SLICE
-        self.length = n = PIECES_PER_SLICE * math.ceil(SHAPING_HORIZON_S / (count * period))
-        """Pieces that are looked ahead."""
+        self._shaping, pieces = shaping, shaping.pieces_per_slice
+        piece = count * period / pieces
+        self.length = n = pieces * math.ceil(shaping.horizon_s / (count * period))
+        """Number of pieces in the horizon."""
         self._places = np.arange(1, n + 1) * piece / period
         """Places of the ends of pieces among the samples; the last of the slice before is 0."""
         on, by = _integration_matrices(piece)
@@ -254,24 +323,24 @@ class FeasiblePath:
         A, J = limits
         self._free, self._moved = states[:, 0], pushes[:, 0]
         self._tilted, self._bounded = states[:, 2] / A, np.vstack((pushes[:, 2] / A, np.eye(n) / J))
-        H = self._moved.T @ self._moved + self.WEIGHT * self._bounded.T @ self._bounded
+        H = self._moved.T @ self._moved + shaping.weight_m2 * self._bounded.T @ self._bounded
         self._solved = np.linalg.inv(H + 1e-9 * np.eye(n))
-        self._pull = self.WEIGHT * self._bounded.T
+        self._pull = shaping.weight_m2 * self._bounded.T
         times = np.arange(1, count + 1) * period
-        within = np.minimum(np.floor((times - 1e-9) / piece).astype(int), PIECES_PER_SLICE - 1)
-        self._samples = np.empty((count, 3, 3 + PIECES_PER_SLICE))
+        within = np.minimum(np.floor((times - 1e-9) / piece).astype(int), pieces - 1)
+        self._samples = np.empty((count, 3, 3 + pieces))
         for row, time, k in zip(self._samples, times, within.tolist(), strict=True):
             on, by = _integration_matrices(time - k * piece)
-            begin = np.hstack((np.eye(3), np.zeros((3, PIECES_PER_SLICE))))
+            begin = np.hstack((np.eye(3), np.zeros((3, pieces))))
             if k:
-                begin = np.hstack((states[k - 1], pushes[k - 1][:, :PIECES_PER_SLICE]))
+                begin = np.hstack((states[k - 1], pushes[k - 1][:, :pieces]))
             row[:] = on @ begin
             row[:, 3 + k] += by
         self._warm: tuple[Array, Array] | None = None
         self._astray: Mask = np.zeros((), bool)
 
-    def begin_anew(self) -> None:
-        """Expect another path: whether it goes on from the slice before is to be seen."""
+    def restart(self) -> None:
+        """Expect a new path, which may not continue the previous slice."""
         self._warm, self._astray = None, np.ones((), bool)
 
     def within(self, path: Array) -> Mask:
@@ -292,17 +361,16 @@ class FeasiblePath:
         """The next slice, shape (3, count, ..., 2).
 
         Args:
-            state: Position, velocity and acceleration at the end of the slice before, (3, ..., 2).
-            path: What is wished from there on, shape (3, K, ..., 2), at least the time ahead.
+            state: Position, velocity, acceleration at the end of the previous slice, (3, ..., 2).
+            path: The desired path from there, shape (3, K, ..., 2), at least the horizon long.
         """
         able = self.within(np.concatenate((state[:, None], path), axis=1))
         slice_: Array = path[:, : self.count]
         if able.all() and not self._astray.any():
             return slice_
         arrived = np.tensordot(_integration_matrices(self._period)[0], state, axes=1)
-        near = np.abs(arrived - path[:, 0]) < np.array(PATH_RETURN_TOLERANCES).reshape(
-            3, *[1] * (state.ndim - 1)
-        )
+        tolerances = np.array(self._shaping.return_tolerances).reshape(3, *[1] * (state.ndim - 1))
+        near = np.abs(arrived - path[:, 0]) < tolerances
         self._astray = astray = ~able | (self._astray & ~near.all(axis=(0, -1)))
         if not astray.any():
             self._warm = None
@@ -311,27 +379,27 @@ class FeasiblePath:
 
     def _nearest(self, state: Array, path: Array) -> Array:
         """The slice of the nearest path within the limits."""
-        A, J = self._limits
+        (A, J), pieces = self._limits, self._shaping.pieces_per_slice
         x = np.moveaxis(state, 0, -2)  # every rig by itself, so that it gets the same bits alone
         place = np.minimum(self._places, path.shape[1]) - 1
         low = np.floor(place).astype(int)
         high = np.minimum(low + 1, path.shape[1] - 1)
         share = (place - low).reshape(-1, *[1] * (path.ndim - 2))
-        wished = np.moveaxis(path[0][low] + share * (path[0][high] - path[0][low]), 0, -2)
-        base = self._moved.T @ (wished - self._free @ x)
+        desired = np.moveaxis(path[0][low] + share * (path[0][high] - path[0][low]), 0, -2)
+        base = self._moved.T @ (desired - self._free @ x)
         tilted = self._tilted @ x
         room = np.concatenate((tilted, np.zeros_like(tilted)), axis=-2)
         z, price = self._warm or (np.zeros_like(room), np.zeros_like(room))
         least, most = -1 - room, 1 - room
-        for _ in range(self.STEPS):
+        for _ in range(self._shaping.iterations):
             jerk = self._solved @ (base + self._pull @ (z - price))
             done = self._bounded @ jerk
             z = np.minimum(np.maximum(done + price, least), most)
             price = price + done - z
         kept = self._astray[..., None, None]
-        self._warm = kept * _shift_multipliers(z), kept * _shift_multipliers(price)
-        piece, now, pushes = self.count * self._period / PIECES_PER_SLICE, x[..., 2, :], []
-        for k in range(PIECES_PER_SLICE):  # what the method leaves beyond the limits
+        self._warm = kept * _shift_multipliers(z, pieces), kept * _shift_multipliers(price, pieces)
+        piece, now, pushes = self.count * self._period / pieces, x[..., 2, :], []
+        for k in range(pieces):  # the method may leave a little beyond the limits
             push = np.clip(jerk[..., k, :], -J, J)
             end = np.clip(now + piece * push, -A, A)
             pushes.append((end - now) / piece)
@@ -342,27 +410,36 @@ class FeasiblePath:
         return np.moveaxis(made, (-3, -2), (1, 0))
 
 
-MIN_PATH_DIFFERENCE_M = 1e-3
-"""Distance in m from which on a path is another than what is wished."""
-PATH_RETURN_TOLERANCES = (1e-4, 1e-3, 2e-2)
-"""Distances in m, m/s and m/s^2 from a path that can be followed below which it is."""
-
-
 def _integration_matrices(time: float) -> tuple[Array, Array]:
-    """Position, velocity, acceleration after a time in s: by those at first, and by the jerk."""
+    """Matrices of position, velocity and acceleration after a time in s, for a constant jerk.
+
+    Returns:
+        Derivatives by their initial values, shape (3, 3), and by the jerk, shape (3,).
+    """
     on = np.array([[1, time, time**2 / 2], [0, 1, time], [0, 0, 1]])
     return on, np.array([time**3 / 6, time**2 / 2, time])
 
 
-def _shift_multipliers(bounds: Array) -> Array:
-    """What belongs to acceleration and jerk of each piece, a slice on."""
+def _shift_multipliers(bounds: Array, pieces: int) -> Array:
+    """Multipliers of acceleration and jerk of each piece, shifted by one slice.
+
+    Args:
+        bounds: The multipliers, shape (..., 2 n, 2): n of the acceleration, n of the jerk.
+        pieces: Pieces in a slice.
+    """
     n = bounds.shape[-2] // 2
-    order = np.minimum(np.arange(n) + PIECES_PER_SLICE, n - 1)
+    order = np.minimum(np.arange(n) + pieces, n - 1)
     return np.take(bounds, np.concatenate((order, n + order)), axis=-2)
 
 
 class _Jump(NamedTuple):
-    """A jump that is spread: when it comes in s, what it is in m, and over how long in s."""
+    """A jump that is spread.
+
+    Attributes:
+        time: Time of the jump in s.
+        way: Displacement in m, shape (..., 2).
+        duration: Time in s over which it is spread, shape (..., 1).
+    """
 
     time: float
     way: Array
@@ -372,19 +449,23 @@ class _Jump(NamedTuple):
 class Preview:
     """Position, velocity and acceleration of a reference over a window that moves with time.
 
-    A jump of the reference is taken in smoothly after it, over a time that grows with the root of
-    its length; so is the way from where the ball is at the start.
+    A jump of the reference is replaced by a smooth motion after it, whose duration grows with the
+    root of its length; so is the distance of the ball from the reference at the start.
 
     Args:
         reference: The path.
-        start: Where the ball is at the start, m, shape (..., 2).
+        start: Position of the ball at the start, m, shape (..., 2).
         period: Control period in s.
-        horizon: How far the reference is asked ahead, s; 0 for not at all.
-        spread: Time in s over which a jump of 0.15 m is spread; 0 leaves jumps as they are.
-        limits: Of acceleration, m/s^2, and jerk, m/s^3, along either axis; None for none.
+        horizon: Time in s by which the reference is sampled in advance; 0 for none.
+        spread: Time in s over which a jump of ``jumps.reference_jump_m`` is spread; 0 leaves jumps
+            as they are.
+        limits: Limits of acceleration, m/s^2, and jerk, m/s^3, along either axis; None for none.
         moving: Velocity, m/s, and acceleration, m/s^2, of the ball at the start, (2, ..., 2); at
-            rest by default. A path that keeps to limits goes on from there.
+            rest by default. A path that keeps to limits begins with them.
         first: Control periods from time 0 to the start.
+        slicing: Length of a slice, and when it is computed.
+        jumps: What counts as a jump.
+        shaping: How a path is made one within the limits.
     """
 
     def __init__(
@@ -397,42 +478,48 @@ class Preview:
         limits: tuple[float, float] | None = None,
         moving: Array | None = None,
         first: int = 0,
+        slicing: Slicing = SLICING,
+        jumps: JumpSpreading = JUMP_SPREADING,
+        shaping: PathShaping = PATH_SHAPING,
     ) -> None:
-        self._period, self._spread = period, spread
+        self._period, self._spread, self._spreading = period, spread, jumps
         self.first = first
         """Control periods from time 0 to the start."""
         self.reference = reference
-        """The path; another one is asked from the next slice on."""
-        self._asked_of: Any = None
+        """The path; a new one is sampled from the next slice on."""
+        self._sampled_reference: Any = None
         ahead = math.floor(horizon / period + 1e-9)
-        self.early = MAX_EARLY_TICKS if ahead >= SLICE_PERIODS + MAX_EARLY_TICKS else 0
-        """Ticks before a slice begins at which it is asked for, so that the window is shorter."""
+        early = slicing.early_periods
+        self.early = early if ahead >= slicing.periods + early else 0
+        """Ticks before a slice begins at which it is computed; the window is shorter by them."""
         self.length = ahead + 1 - self.early
         """Ticks of the window."""
-        self.count = min(SLICE_PERIODS, self.length)
+        self.count = min(slicing.periods, self.length)
         """Ticks of a slice."""
         self._known = self._begun = first
-        able = limits is not None and self.early > 0
-        self._feasible = FeasiblePath(limits, period, self.count) if able and limits else None
-        self._further = math.ceil(SHAPING_HORIZON_S / period) if able else 0
-        self._asked: Array = np.empty((3, 0, *start.shape))
-        self._made = self._asked
-        self.window: Array = self._asked
-        """Position, velocity, acceleration, in m and s, shape (3, length, ..., 2), of a slice that
-        begins with it and ends the horizon after it is asked for."""
+        self._feasible: FeasiblePath | None = None
+        self._further = 0
+        if limits is not None and self.early > 0:
+            self._feasible = FeasiblePath(limits, period, self.count, shaping)
+            self._further = math.ceil(shaping.horizon_s / period)
+        self._sampled: Array = np.empty((3, 0, *start.shape))
+        self._made = self._sampled
+        self.window: Array = self._sampled
+        """Position, velocity, acceleration, in m and s, shape (3, length, ..., 2): the window that
+        begins with the present slice and ends the horizon after its computation."""
         self._jumps: list[_Jump] = []
         self._last = np.stack((start, 0 * start))
         velocity, acceleration = np.zeros((2, *start.shape)) if moving is None else moving
         self._before = np.stack((start - period * velocity, velocity, acceleration))
         """Position, velocity, acceleration of the ball a period before the start, (3, ..., 2)."""
 
-    def ask(self) -> None:
-        """Ask for a slice more of the reference, its jumps spread; of another one for all of it."""
+    def sample(self) -> None:
+        """Sample one more slice of the reference, its jumps spread; all of a new reference."""
         count = self.count
         original = getattr(self.reference, "original", self.reference)
-        if self._known > self.first and original != self._asked_of:
+        if self._known > self.first and original != self._sampled_reference:
             self._forget()
-        self._asked_of = original
+        self._sampled_reference = original
         if self._known == self._begun:
             whole = -(-self.length // count) * count + self._further
             count = whole if self._feasible is not None else self.length
@@ -443,16 +530,16 @@ class Preview:
         r[...] = given.reshape(3, count, *given.shape[2:-1] or [1] * len(rigs), 2)
         if self._spread:
             self._spread_jumps(r, times)
-        self._asked = np.concatenate((self._asked, r), axis=1)
+        self._sampled = np.concatenate((self._sampled, r), axis=1)
         self._known += count
 
     def _forget(self) -> None:
-        """Of what was asked for and made keep the slice that is under way."""
+        """Drop all that was sampled and planned but the present slice."""
         self._known = self._begun
-        self._asked, self._made = self._asked[:, :0], self._made[:, : self.count]
+        self._sampled, self._made = self._sampled[:, :0], self._made[:, : self.count]
         self._last, self._jumps = self._made[:2, -1], []
         if self._feasible is not None:
-            self._feasible.begin_anew()
+            self._feasible.restart()
 
     def able(self, path: Array) -> bool:
         """Whether a path from the start on keeps to the limits, in all rigs.
@@ -465,41 +552,43 @@ class Preview:
         return bool(self._feasible.within(np.concatenate((self._before[:, None], path), 1)).all())
 
     def along(self, count: int) -> Array:
-        """The path so many control periods on from the start, shape (3, count, ..., 2)."""
+        """The path of the first control periods after the start, shape (3, count, ..., 2)."""
         path = []
         for _ in range(0, count, self.count):
-            self.ask()
-            self.go_on()
+            self.sample()
+            self.advance()
             path.append(self.window[:, : self.count])
         return np.concatenate(path, axis=1)[:, :count]
 
-    def go_on(self) -> None:
-        """Go on by a slice, along what plate and ball can do of what was asked for."""
-        passed, made = self._made[:, : self.count], self._made[:, self.count :]
+    def advance(self) -> None:
+        """Move the window by a slice, along a path that plate and ball can follow."""
+        previous, made = self._made[:, : self.count], self._made[:, self.count :]
         while made.shape[1] < self.length:
-            slice_ = self._asked[:, : self.count]
+            slice_ = self._sampled[:, : self.count]
             if self._feasible is not None:
-                last = made if made.shape[1] else passed
+                last = made if made.shape[1] else previous
                 before = last[:, -1] if last.shape[1] else self._before
-                slice_ = self._feasible.follow(before, self._asked)
+                slice_ = self._feasible.follow(before, self._sampled)
             made = np.concatenate((made, slice_), axis=1)
-            self._asked = self._asked[:, self.count :]
+            self._sampled = self._sampled[:, self.count :]
         self._made, self.window = made, made[:, : self.length]
         self._begun += self.count
 
     def _spread_jumps(self, r: Array, times: Array) -> None:
-        """Spread the jumps of what was asked for last, shape (3, K, ..., 2), in place."""
+        """Spread the jumps of the samples taken last, shape (3, K, ..., 2), in place."""
         T, count, begin = self._period, len(times), int(self._known == self.first)
         position, velocity = np.concatenate((self._last[:, None], r[:2]), axis=1)
         self._last = r[:2, -1].copy()
         way = position[1:] - position[:-1]
         way[begin:] -= T / 2 * (velocity[begin + 1 :] + velocity[begin:-1])
-        far = (np.abs(way) > MIN_JUMP_M).any(axis=-1, keepdims=True)
+        spreading = self._spreading
+        far = (np.abs(way) > spreading.min_jump_m).any(axis=-1, keepdims=True)
         if far.any():
-            way = np.where(far, way, 0.0)  # what is no jump of this rig's is none beside another's
+            way = np.where(far, way, 0.0)  # a rig without a jump has none in any batch
             for i in np.flatnonzero(far.reshape(count, -1).any(axis=1)).tolist():
                 length = np.hypot(way[i, ..., :1], way[i, ..., 1:])
-                duration = np.maximum(self._spread * np.sqrt(length / REFERENCE_JUMP_M), T)
+                share = np.sqrt(length / spreading.reference_jump_m)
+                duration = np.maximum(self._spread * share, T)
                 self._jumps.append(_Jump(float(times[i]), way[i], duration))
         for jump in self._jumps:
             r += _remaining_jump(times - jump.time, jump)
@@ -508,10 +597,10 @@ class Preview:
 
 
 def _remaining_jump(time: Array, jump: _Jump) -> Array:
-    """What is left of a spread jump some time after it: 0 before, then from the whole to nothing.
+    """The remaining part of a spread jump: 0 before it, then from the whole jump to 0.
 
     Args:
-        time: Since the jump, s, shape (K,).
+        time: Time since the jump, s, shape (K,).
         jump: The jump.
 
     Returns:
@@ -531,7 +620,7 @@ def _remaining_jump(time: Array, jump: _Jump) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class AboutMotion(Law):
-    """What laws that follow a motion (r, a*) of ball and plate have in common.
+    """The common part of laws that follow a motion (r, a*) of ball and plate.
 
     With the slopes a = (phi, -theta) the flat output eta = x + c2 a of the linear model (5.35)
     obeys eta'' = k1 a, and the law is
@@ -547,16 +636,23 @@ class AboutMotion(Law):
     Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (20000.0, 2000.0, 100.0, 10.0)
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1."""
     preview: NotNegative = 1.4
-    """How far the reference is asked ahead, s; 0 for not at all. To see what the plate can give it
-    is asked 1.2 s further."""
+    """Time in s by which the reference is sampled in advance; 0 for none. For a path that the plate
+    can produce it is sampled 1.2 s further."""
     spread: NotNegative = 1.3
     """Time in s over which a jump of 0.15 m is spread, others by the root of their length; 0 leaves
     jumps as they are."""
     slope: NotNegative = 0.12
-    """Slope of the plate in rad that the path may ask for, less than a rig allows: friction and
-    feedback need the rest. 0 for whatever it takes."""
+    """Largest slope of the plate in rad that the path may need, less than a rig allows: friction
+    and feedback need the rest. 0 for no limit."""
     slope_rate: NotNegative = 0.8
-    """Rate of that slope in rad/s; 0 for whatever it takes."""
+    """Largest rate of that slope in rad/s; 0 for no limit."""
+
+    slicing: Slicing = algorithm_constants(SLICING)
+    """How the path is planned slice by slice."""
+    jumps: JumpSpreading = algorithm_constants(JUMP_SPREADING)
+    """What counts as a jump of the reference."""
+    shaping: PathShaping = algorithm_constants(PATH_SHAPING)
+    """How a path that the plate cannot produce is replaced."""
 
     K: Array = field(init=False, repr=False, compare=False)
     """Gain from eta, its rate, slope and its rate to the slope's acceleration, shape (4,)."""
@@ -589,70 +685,76 @@ class AboutMotion(Law):
             x: The state.
             reference: Path of the ball.
             period: Control period in s.
-            feasible: Whether it keeps to what the plate can give.
-            time: Of the start in s.
+            feasible: Whether it keeps to what the plate can produce.
+            time: Time of the start in s.
         """
         limits = self.model.k1 * self.slope, self.model.k1 * self.slope_rate
-        bounds = limits if feasible and all(limits) else None
-        start, moving = (
-            x[..., 0::4],
-            np.stack((x[..., 1::4], self.model.k1 * TILT_SIGN * x[..., 2::4])),
+        return Preview(
+            reference=reference,
+            start=x[..., 0::4],
+            period=period,
+            horizon=self.preview,
+            spread=self.spread,
+            limits=limits if feasible and all(limits) else None,
+            moving=np.stack((x[..., 1::4], self.model.k1 * TILT_SIGN * x[..., 2::4])),
+            first=round(time / period),
+            slicing=self.slicing,
+            jumps=self.jumps,
+            shaping=self.shaping,
         )
-        first = round(time / period)
-        return Preview(reference, start, period, self.preview, self.spread, bounds, moving, first)
 
-    def laid(
+    def planned_path(
         self, x: Array, reference: Reference, period: float, count: int, time: float = 0.0
     ) -> Array:
-        """The path laid where the plate cannot give what is wished, m, (count, 2); NaN elsewhere.
+        """The planned path where it differs from the desired one, m, (count, 2); NaN elsewhere.
 
         Args:
             x: State at the start, shape (8,).
             reference: Path of the ball.
             period: Control period in s.
-            count: Control periods from the start on.
-            time: Of the start in s.
+            count: Number of control periods from the start.
+            time: Time of the start in s.
         """
         ahead = self.ahead(x, reference, period, time=time)
-        further = math.ceil((self.preview + SHAPING_HORIZON_S) / period)
-        wished = self.ahead(x, reference, period, feasible=False, time=time).along(count + further)
-        if ahead.able(wished):
+        further = math.ceil((self.preview + self.shaping.horizon_s) / period)
+        desired = self.ahead(x, reference, period, feasible=False, time=time).along(count + further)
+        if ahead.able(desired):
             return np.full((count, 2), np.nan)
-        laid = ahead.along(count)[0]
-        away = np.hypot(*(laid - wished[0, :count]).T)
-        return np.where(away[:, None] > MIN_PATH_DIFFERENCE_M, laid, np.nan)
+        planned = ahead.along(count)[0]
+        distance = np.hypot(*(planned - desired[0, :count]).T)
+        return np.where(distance[:, None] > self.shaping.min_difference_m, planned, np.nan)
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
-        """The same without a plan: the flat model's slope."""
+        """Plate accelerations without a plan, rad/s^2, shape (..., 2): the flat model's slope."""
         r = reference(t)
         k1 = self.model.k1
         return self.about(x, r[0], r[1], Tilts(r[2] / k1, r[3] / k1, r[4] / k1))
 
-    def about(self, x: Array, position: Array, velocity: Array, wanted: Tilts) -> Array:
+    def about(self, x: Array, position: Array, velocity: Array, desired: Tilts) -> Array:
         """Feedback about a motion, rad/s^2, shape (..., 2)."""
         axis = x[..., 0::4], x[..., 1::4], TILT_SIGN * x[..., 2::4], TILT_SIGN * x[..., 3::4]
-        K = (*self.K[:3], self.K[3:].sum())  # of a plate that is as fast as it is told
-        return TILT_SIGN * self._about(K, axis, (position, velocity), wanted)
+        K = (*self.K[:3], self.K[3:].sum())  # for a plate that follows its command at once
+        return TILT_SIGN * self._about(K, axis, (position, velocity), desired)
 
     def _about(
-        self, K: Sequence[float] | Array, axis: Sequence[Any], path: Sequence[Any], wanted: Tilts
+        self, K: Sequence[float] | Array, axis: Sequence[Any], path: Sequence[Any], desired: Tilts
     ) -> Any:
         """Acceleration of the slope, rad/s^2, about a motion.
 
         Args:
             K: The gain.
             axis: Position and velocity of the ball, slope and its rate.
-            path: Position and velocity that are wished.
-            wanted: The slope that is wished.
+            path: Desired position and velocity.
+            desired: Desired slope.
         """
         (x, v, angle, angle_rate), (position, velocity), c2 = axis, path, self.model.c2
-        slope, rate = angle - wanted.angle, angle_rate - wanted.rate
+        slope, rate = angle - desired.angle, angle_rate - desired.rate
         eta, eta_rate = x - position + c2 * slope, v - velocity + c2 * rate
-        pull = self._pull(eta, eta_rate)
-        return wanted.acceleration - K[0] * pull - K[1] * eta_rate - K[2] * slope - K[3] * rate
+        bounded = self._bound_error(eta, eta_rate)
+        return desired.acceleration - K[0] * bounded - K[1] * eta_rate - K[2] * slope - K[3] * rate
 
-    def _pull(self, eta: Any, rate: Any) -> Any:
-        """What of the error of eta in m is fed back, from it and its rate in m/s."""
+    def _bound_error(self, eta: Any, rate: Any) -> Any:
+        """The error of eta in m that is fed back, from it and its rate in m/s; all by default."""
         return eta
 
 
@@ -663,14 +765,8 @@ def flat_axis(model: BallPlate) -> tuple[Array, Array]:
     return A, B
 
 
-PUSHED_ERROR_M = 0.025
-"""Error of eta in m from which on a ball has been pushed: no start on a path has as much."""
-MAX_GROWING_ERROR_M, MAX_FED_BACK_ERROR_M = 0.01, 0.05
-"""Errors of eta in m that are fed back at most: of a larger one than ``FAR`` that grows, of any."""
-
-
 def beyond(square: Any, speed: float) -> Any:
-    """From 0 at rest to 1 where the square of a speed, in (m/s)^2, is far beyond another one."""
+    """From 0 at rest to 1 where the square of a speed, in (m/s)^2, is far above a speed in m/s."""
     share = square / speed**2
     return share * share / (1 + share * share)
 
@@ -685,26 +781,26 @@ class StableInversion(AboutMotion):
 
         a* - a*'' / Z^2 = (r'' + F h(r') - d) / k1,    Z^2 = k1 / c2,
 
-    divided by 1 + kappa. It begins before what causes it, so the reference is asked ahead. F, d and
-    kappa come from the observer, h(v) = v / sqrt(|v|^2 + vs^2). On a plate with a camber c, d
-    changes by c r' as the ball goes on, and so do rate and acceleration of the slope. About it the
+    divided by 1 + kappa. It begins before its cause, so the reference is sampled in advance. F, d
+    and kappa come from the observer, h(v) = v / sqrt(|v|^2 + vs^2). On a plate with a camber c, d
+    changes by c r' as the ball moves, and so do rate and acceleration of the slope. About it the
     law is
 
         a'' = a*'' - K (eta - r - c2 a*, eta' - r' - c2 a*', a - a*, a' - a*')
 
     with K of the linear-quadratic regulator of eta'' = k1 a. Jumps of the reference are spread.
 
-    Drives with a lag T, told (``BallPlate.lag``) or found by the observer, turn the plate at a rate
-    a' that follows the commanded one w, a'' = (w - a') / T. The regulator is then that of
-    (eta, eta', a, a', w) under w', about w* = a*' + T a*''. A lag that is found counts while the
-    ball is to move: where it is to rest it may stick, and comes free sooner on a plate that swings
-    in the play of its drives, as it does where the lag is left out.
+    Drives with a lag T, given (``BallPlate.lag``) or estimated by the observer, turn the plate at a
+    rate a' that follows the commanded one w, a'' = (w - a') / T. The regulator is then that of
+    (eta, eta', a, a', w) under w', about w* = a*' + T a*''. An estimated lag counts while the ball
+    is to move: where it is to rest it may stick, and comes free sooner on a plate that swings in
+    the play of its drives, as it does where the lag is left out.
 
-    A ball that was pushed is braked first and brought back then. Of an error of eta that grows
-    beyond ``FAR`` no more than ``LEAVING`` is fed back: the slope that the rest would ask for comes
-    too late to stop the ball, and moves it outwards as it comes. Of one that shrinks it is
-    ``RETURNING`` at most: a ball that is drawn back harder is too fast for a plate that turns at
-    a limited rate, and leaves on the other side.
+    A ball that was pushed is first braked and then brought back. While its error of eta is above
+    ``PushResponse.pushed_error_m`` and grows, ``max_growing_error_m`` of it is fed back at most:
+    the slope for the rest would be too late to stop the ball, and would move it outwards as it
+    tilts. While the error shrinks, ``max_error_m`` is fed back at most: a ball that is pulled back
+    harder is too fast for a plate that turns at a limited rate, and leaves on the other side.
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
@@ -722,31 +818,34 @@ class StableInversion(AboutMotion):
 
     Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (3e5, 3e4, 1e4, 200.0)
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1. An
-    uneven friction and a ball that sticks ask for a stiff feedback; noise, effort and play of the
-    drives for a soft one."""
+    uneven friction and a ball that sticks need a stiff feedback; noise, effort and play of the
+    drives a soft one."""
     Q_slow: tuple[NotNegative, NotNegative, NotNegative, NotNegative] | None = None
     """Those weights where the ball is to be slower than about ``slow_speed`` within the preview: at
     rest, before it, and where it turns back; None for the same. There it may stick, and friction
-    changes its sign, which asks for a stiff feedback; a ball that goes on and on asks for a
-    heavier rate of the slope, which lets less noise through."""
+    changes its sign, which needs a stiff feedback; a ball that keeps moving needs a heavier rate of
+    the slope, which lets less noise through."""
     slow_speed: Positive = 0.05
-    """Least wished speed in m/s about which the weights change."""
+    """Smallest desired speed in m/s about which the weights change."""
     smooth: Positive = 0.006
-    """Wished speed vs in m/s over which the friction fed forward changes its sign."""
+    """Desired speed vs in m/s over which the friction fed forward changes its sign."""
     resting_speed: NotNegative = 0.015
-    """Wished speed in m/s, now and a second on, below which the ball is to be held rather than
-    moved: friction is then fed forward along the ball's own heading, there being no other. 0 for
+    """Desired speed in m/s, now and a second later, below which the ball is to be held rather than
+    moved: friction is then fed forward along the ball's own heading, as there is no other. 0 for
     never."""
 
     rate_bias: bool = False
-    """Whether a law about drives with a lag counts what the observer finds that the plate turns
-    faster than they were told: play changes the plate's rate all the time. With ``Q_slow`` only
-    while the ball is to go on and on; where it turns back the bias comes late."""
+    """Whether a law about drives with a lag counts the plate's estimated rate beyond the commanded
+    one: play changes the plate's rate all the time. With ``Q_slow`` only while the ball is to keep
+    moving; where it turns back the estimate is late."""
+
+    push_response: PushResponse = algorithm_constants(PUSH_RESPONSE)
+    """Bounds of the error that is fed back once the ball was pushed."""
 
     _slow: StableInversion | None = field(init=False, repr=False, compare=False, default=None)
     """The same with those weights."""
     _cubic: Sequence[tuple[float, ...]] = field(init=False, repr=False, compare=False, default=())
-    """Coefficients of the gain as a cubic of the lag in s, constant first, if none is told."""
+    """Coefficients of the gain as a cubic of the lag in s, constant first, if no lag is given."""
 
     def _gain(self) -> Array:
         """K, shape (4,); for drives with a lag (5,)."""
@@ -756,7 +855,7 @@ class StableInversion(AboutMotion):
             return self._gain_at(self.model.lag)
         K = super()._gain()
         lags = np.linspace(0.0, LONGEST_LAG, 4)
-        none = np.array((*K[:3], 0.0, K[3]))  # what it goes to with the lag
+        none = np.array((*K[:3], 0.0, K[3]))  # the limit without a lag
         gains = np.stack((none, *map(self._gain_at, lags[1:])))
         cubic = np.linalg.solve(np.vander(lags, increasing=True), gains)
         object.__setattr__(self, "_cubic", tuple(map(tuple, cubic.tolist())))
@@ -770,13 +869,13 @@ class StableInversion(AboutMotion):
         return P[4]
 
     def start(self, x: Array, reference: Reference, period: float) -> InversePlan:
-        """The motion of ball and plate, its first slice laid."""
+        """The motion of ball and plate, its first slice planned."""
         return InversePlan(self, x, reference, period)
 
     def replanned(
         self, plan: InversePlan, t: float, x: Array, reference: Reference, period: float
     ) -> InversePlan:
-        """The motion from where the ball is at a time in s."""
+        """The motion from the ball's state at a time in s."""
         return InversePlan(self, x, reference, period, t)
 
     def command(self, now: Feedback) -> Array:
@@ -792,7 +891,7 @@ class StableInversion(AboutMotion):
             fast = beyond(motion[0].going, self.slow_speed)
             slow = self._slow._gains_for(lag, planned)
             K = [k + fast * (full - k) for k, full in zip(slow, K, strict=True)]
-        # a resting ball is better off with a plate that swings in the play of its drives
+        # a ball at rest comes free sooner on a plate that swings in the play of its drives
         lag = self.model.lag or planned * lag
         sqrt, vx, vy, u = (
             (NUMBER_ARITHMETIC if len(rows) == 1 else ARRAY_ARITHMETIC).sqrt,
@@ -801,33 +900,38 @@ class StableInversion(AboutMotion):
             [],
         )
         length = sqrt(vx * vx + vy * vy + self.smooth**2)
-        for axis, wanted in enumerate(motion):
+        for axis, desired in enumerate(motion):
             d, gain, sign = known[axis], 1 + known[2 + axis], (1.0, -1.0)[axis]
             ball, v, angle, rate = x[4 * axis : 4 * axis + 4]
-            free, drag = wanted.free, wanted.drag
-            if self.resting_speed:  # as planned, at rest by the ball's own heading
+            free, drag = desired.free, desired.drag
+            if self.resting_speed:  # as planned; at rest along the ball's own heading
                 own = (1 - planned) * v / (length * k1)
                 drag = Tilts(planned * drag[0] + own, planned * drag[1], planned * drag[2])
-            c = camber[axis]  # d changes as the ball goes on
+            c = camber[axis]  # d changes as the ball moves
             slope = Tilts(
                 (free.angle + F * drag.angle - d / k1) / gain,
-                (free.rate + F * drag.rate - c * wanted.velocity / k1) / gain,
+                (free.rate + F * drag.rate - c * desired.velocity / k1) / gain,
                 (free.acceleration + F * drag.acceleration - c * free.angle) / gain,
             )
             seen = ball, v, sign * angle, sign * rate
-            asked = self._about(K, seen, (wanted.position, wanted.velocity), slope)
+            requested = self._about(K, seen, (desired.position, desired.velocity), slope)
             if len(K) > 4:
                 counted = self.rate_bias * fast * known[4 + axis]
                 commanded = sign * (numbers(now.rate[..., axis]) + counted)
-                jerk = wanted.jerk[0] + F * planned * wanted.jerk[1] - c * free.rate
+                jerk = desired.jerk[0] + F * planned * desired.jerk[1] - c * free.rate
                 jerk = jerk / gain
                 ahead = commanded - slope.rate - lag * slope.acceleration
-                asked = asked + lag * jerk - K[4] * ahead
-            u.append(sign * asked)
+                requested = requested + lag * jerk - K[4] * ahead
+            u.append(sign * requested)
         return together(u, len(rows)).reshape(now.rate.shape)
 
     def _gains_for(self, lag: Any, planned: Any) -> Sequence[Any]:
-        """K for drives with a lag in s while the ball is to move, by how much it is planned to."""
+        """K for drives with a lag in s.
+
+        Args:
+            lag: The lag; 0 for none.
+            planned: From 0, where the ball is to rest, to 1, where it is to move.
+        """
         K: Sequence[Any] = self.K.tolist()
         if self.model.lag or not (lag if isinstance(lag, float) else np.any(lag)):
             return K
@@ -837,17 +941,18 @@ class StableInversion(AboutMotion):
             for k, (a, b, c, d) in zip((*K, 0.0), cubic, strict=True)
         ]
 
-    def _pull(self, eta: Any, rate: Any) -> Any:
+    def _bound_error(self, eta: Any, rate: Any) -> Any:
         """The error of eta within bounds; the same bits where it does not reach them."""
-        far = abs(eta) > PUSHED_ERROR_M
+        bounds = self.push_response
+        far = abs(eta) > bounds.pushed_error_m
         if far is False or not np.any(far):
             return eta
-        most = np.where(far & (eta * rate > 0), MAX_GROWING_ERROR_M, MAX_FED_BACK_ERROR_M)
+        most = np.where(far & (eta * rate > 0), bounds.max_growing_error_m, bounds.max_error_m)
         return np.minimum(np.maximum(eta, -most), most)
 
 
 class InverseMotion(NamedTuple):
-    """What the ball is to do along one axis, and the slopes that the inverse says it takes.
+    """The desired motion of the ball along one axis, and the slopes for it by the inverse.
 
     Components: numbers for one rig, else arrays (N,).
     """
@@ -857,26 +962,27 @@ class InverseMotion(NamedTuple):
     velocity: Any
     """Velocity of the ball in m/s."""
     pace: Any
-    """Square of its speed along both, and of what its acceleration adds in a second, (m/s)^2."""
+    """Sum of the squares of its speed along both axes and of its acceleration's gain in 1 s,
+    (m/s)^2."""
     going: Any
-    """Square of its least speed along both from now to the horizon, (m/s)^2."""
+    """Square of its smallest speed along both axes from now to the horizon, (m/s)^2."""
     free: Tilts
-    """Slopes that it takes without friction, rad."""
+    """Slopes for the motion without friction, rad."""
     drag: Tilts
-    """Slopes that a friction of 1 m/s^2 takes besides, rad per m/s^2."""
+    """Further slopes for a friction of 1 m/s^2, rad per m/s^2."""
     jerk: tuple[Any, Any]
     """Third derivatives of both."""
 
 
 class InversePlan(Slices):
-    """The motion for one run, laid slice by slice.
+    """The motion for one run, planned slice by slice.
 
     Args:
-        law: Whose plan.
+        law: The law that plans it.
         x: State at the start, shape (..., 8).
         reference: Path of the ball.
         period: Control period in s.
-        time: Of the start in s.
+        time: Time of the start in s.
     """
 
     def __init__(
@@ -893,14 +999,14 @@ class InversePlan(Slices):
         super().__init__(preview, period)
 
     def at(self, t: float, reference: Reference | None = None) -> list[InverseMotion]:
-        """What is wanted along x and y at a time in s not before the one asked for last.
+        """The desired motion along x and y at a time in s; successive times must not decrease.
 
         Args:
             t: The time.
             reference: The path from now on; as before by default.
         """
         tick = self._tick(t, reference)
-        rows = self._laid[tick].reshape(12, -1, 2).transpose(2, 0, 1)
+        rows = self._planned[tick].reshape(12, -1, 2).transpose(2, 0, 1)
         axes = rows[..., 0].tolist() if rows.shape[2] == 1 else rows.copy()
         return [
             InverseMotion(x, v, pace, going, Tilts(*slopes[:3]), Tilts(*slopes[3:6]), (free, drag))
@@ -908,21 +1014,21 @@ class InversePlan(Slices):
         ]
 
     def _parts(self) -> Sequence[Callable[[], None]]:
-        return self._preview.ask, self._preview.go_on, self._lay_free, self._lay
+        return self._preview.sample, self._preview.advance, self._plan_free, self._plan
 
-    def _lay_free(self) -> None:
-        self._free_laid = self._free.lay(self._preview.window[2] / self._law.model.k1)
+    def _plan_free(self) -> None:
+        self._free_planned = self._free.plan(self._preview.window[2] / self._law.model.k1)
 
-    def _lay(self) -> None:
+    def _plan(self) -> None:
         k1, count = self._law.model.k1, self._preview.count
         position, velocity, acceleration = self._preview.window
         square = square_of(velocity)
         pace = square[:count] + square_of(acceleration[:count])
         going = np.broadcast_to(square.min(axis=0), pace.shape)
         speed = np.sqrt(square + self._law.smooth**2)
-        drag = self._drag.lay(velocity / (k1 * speed))
+        drag = self._drag.plan(velocity / (k1 * speed))
         self._next = np.empty((count, 12, *position.shape[1:]))
         jerks = self._free.jerk, self._drag.jerk
-        parts = position[:count], velocity[:count], pace, going, *self._free_laid, *drag, *jerks
+        parts = position[:count], velocity[:count], pace, going, *self._free_planned, *drag, *jerks
         for number, each in enumerate(parts):
             self._next[:, number] = each

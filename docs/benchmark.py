@@ -60,7 +60,7 @@ def measured(bench: Benchmark, law: str) -> Any:
     def told(done: int, failed: int) -> None:
         click.echo(f"{entry.title}: {done} runs, {failed} not finished", err=True)
 
-    return bench.carried_out(entry, bench.folder, Store(KEPT), progress=told)
+    return bench.run_entry(entry, bench.folder, Store(KEPT), progress=told)
 
 
 def write_found(bench: Benchmark, law: str, rows: pd.DataFrame) -> None:
@@ -100,7 +100,7 @@ def lock(folder: Any) -> None:
     lines = ["# What version 1 was when it was frozen: docs/benchmark.py --freeze.", "[files]"]
     lines += [f'"{name}" = "{hash_file(folder, name)}"' for name in (*LOCKED_FILES, *MODEL_FILES)]
     for law in EXPECTED:
-        rows = bench.carried_out(bench.about.laws[law], folder, Store(KEPT), rigs=FIRST)
+        rows = bench.run_entry(bench.about.laws[law], folder, Store(KEPT), rigs=FIRST)
         lines += ["", f"[expected.{law}]"]
         for task, its in rows.groupby("task", sort=False):
             lines.append(f'"{task}" = {its[bench.about.metric].tolist()}')

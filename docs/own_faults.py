@@ -377,7 +377,7 @@ def way_to_level(by: str) -> float:
         float(np.max(each)) for each in (LIMITS.angle, LIMITS.rate, LIMITS.acceleration)
     )
     servos = angle / BOARD.SLEW + BOARD.LAG * math.log(angle / min(LEVEL, BOARD.LAG * STILL))
-    host = 2 * rate / acceleration + angle / rate + Supervisor.DRIFT_TIME
+    host = 2 * rate / acceleration + angle / rate + Supervisor.DRIFT_TIME_S
     return servos + {HOST: host, STOP: 2 * PERIOD, WATCHDOG: BOARD.WATCHDOG + PERIOD}.get(by, 0.0)
 
 
@@ -500,7 +500,7 @@ def carried_out(row: Row) -> FaultRow:
         torque_off_limit=None,
         torque=False,
         tilt=float(tilt.max()),
-        tilt_limit=float(np.max(LIMITS.angle)) + Supervisor.ANGLE_SLACK,
+        tilt_limit=float(np.max(LIMITS.angle)) + Supervisor.ANGLE_SLACK_RAD,
         ball=(float(ball[0]), float(ball[1])),
         ball_limit=(math.inf, math.inf)
         if row.leaves or row.begins is outside

@@ -1,8 +1,8 @@
-"""Observers of what the model leaves out: disturbance, friction, tilt gain.
+"""Observers of effects that the model leaves out: disturbance, friction, tilt gain.
 
-A disturbance observer takes all of it for one slow force in each axis; a Kalman filter on the flat
-output estimates friction and tilt gain as well; another learns how the friction differs from place
-to place on the screen.
+A disturbance observer estimates their sum as one slow force in each axis. A Kalman filter on the
+flat output estimates friction and tilt gain as well. A third observer estimates a map of the
+friction over the screen.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from controllers.observers.late_ball import LAG_NAME, NOW, THERE, LateBall, Loca
 from controllers.observers.thesis import NOISE_VARIANCES
 
 MAX_SAMPLE_PERIODS = 50
-"""Control periods between two samples from which on the gain is that of so many."""
+"""Largest number of control periods between two samples for which there is a gain of its own."""
 
 
 @dataclass(kw_only=True)
@@ -47,16 +47,16 @@ class DisturbanceObserver(LateBall):
 
         eta'' = k1 (sin phi cos theta, -sin theta) + n + d,    d' = 0,
 
-    and the error e of a touch sample corrects (eta, eta', d) by L e, so that what is wrong with
-    them dies out with three poles at ``pole``. L is that of the time since the last sample:
-    frames of the screen are few. Dead time is made up for as by ``friction_kalman``.
+    and the error e of a touch sample corrects (eta, eta', d) by L e, so that their errors decay
+    with three poles at ``pole``. L is the gain for the time since the last sample: frames of the
+    screen are few. Dead time is compensated as by ``friction_kalman``.
 
-    It is an observer and not a law, so that every law can stand on it: the ``equivalent`` angles,
-    phi_eq = phi + d / k1, have the disturbance in them, and the law that counters them counters it.
+    It is an observer and not a law, so that any law can use it: the ``equivalent`` angles,
+    phi_eq = phi + d / k1, contain the disturbance, and a law that counters them counters it.
 
-    Good at level errors and whatever else changes slowly, without a model of it; friction it
-    follows a pole late, so a ball that turns is pushed the wrong way for a while, and one that is
-    held creeps and leaps (limit cycles).
+    Good for level errors and other slow effects, without a model of them. It follows friction with
+    the delay of its poles, so a ball that turns is pushed the wrong way for a short time, and one
+    that is held creeps and leaps (limit cycles).
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
@@ -98,7 +98,7 @@ class DisturbanceObserver(LateBall):
         s: list[Any] = list(self._s)
         position, speed, force = (gain * new for gain in components(L))
         for axis, place in enumerate(seen):
-            # the ball was there an age ago: less the way since
+            # the sample shows the ball an age ago
             e = place - (here[axis] - age * velocity[axis])
             s[axis] = s[axis] + position * e
             s[2 + axis] = s[2 + axis] + speed * e
@@ -108,7 +108,7 @@ class DisturbanceObserver(LateBall):
 
 
 def gains(pole: float, T: float) -> Array:
-    """L of (eta, eta', d) so that an error sampled with T dies out as exp(-pole t) thrice.
+    """L of (eta, eta', d) so that an error sampled with T decays as exp(-pole t), three times.
 
     With A of a step of T and c = (1, 0, 0), A (1 - L c) has the eigenvalue exp(-pole T) thrice: by
     comparing the coefficients of its characteristic polynomial.
@@ -127,16 +127,16 @@ KNOWN_QUANTITIES = (
     *(Quantity(f"plate_bias_{axis}", "rad/s") for axis in "xy"),
     Quantity(LAG_NAME, "s"),
 )
-"""What the filter knows beyond the state; tilt gains are errors, spreads standard deviations, the
-lag is that of the drives, and the bias what the plate turns faster than they were told. The camber
-is found by a filter with a map alone."""
+"""Quantities of the filter beyond the state: relative errors of the tilt gain, standard deviations
+(spreads), the lag of the drives, the plate's rate beyond the commanded one (bias). The camber is
+estimated by a filter with a map only."""
 FRICTION_INDEX = 8
-"""Where the friction stands in the filter's state."""
+"""Index of the friction in the filter's state."""
 LEARNT_IN_MOTION = slice(6, None)
-"""Tilt gain and friction, which are learnt in motion alone."""
+"""Indices of tilt gain and friction, which are estimated in motion only."""
 PENDING_SAMPLES = 16
-"""Touch samples that the covariance of a whole map takes in at once; one by one, each would go
-through all of it."""
+"""Number of touch samples by which the covariance of a whole map is updated at once; an update for
+each of them would pass through all of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,29 +196,41 @@ ESTIMATE_BOUNDS = EstimateBounds()
 class FrictionKalman(LateBall):
     """Extended Kalman filter of a ball with rolling friction, driven by the measured plate angle.
 
-    The plate's acceleration drops out of the motion of the flat output eta = (x + c2 phi,
-    y - c2 theta), so that only the measured angle enters, whatever lies between command and plate:
+    The plate's acceleration drops out of the motion of the flat output eta, so that only the
+    measured angle enters, whatever is between command and plate. With b = k1 (sin phi cos theta,
+    -sin theta) + n of the exact model (5.9), its integral B over a period T, and that of B, C:
 
-        eta'' = (1 + kappa) k1 (sin phi cos theta, -sin theta) + n + d - F v / sqrt(|v|^2 + vs^2)
+        state      s = (eta, eta', d, kappa, F),  eta = r + c2 q,  r = (x, y),  q = (phi, -theta)
+                   v = eta' - c2 q',  h = v / l,  l = sqrt(|v|^2 + vs^2)                     (K1)
+        model      eta'' = (1 + kappa) b + d - F h;  eta', d, kappa, F walk randomly         (K2)
+        a period   eta  <- eta + T eta' + (1 + kappa) C + T^2 / 2 (d - F h)                  (K3)
+                   eta' <- eta' + (1 + kappa) B + T (d - F h)
+                   P <- A P A' + Q,  A = d(K3)/ds,  d(F h)/dv = F (1 - h h') / l             (K4)
+        a sample   z of age a:  z = r - a v + noise of variance R,  H = (1, -a, 0, 0, 0)     (K5)
+                   e = z - (r - a v),  H P H' + R = L L',  W = L^-1 H P                      (K6)
+                   s <- s + W' L^-1 e,  P <- P - W' W                                        (K7)
+        an impact  P <- P + S^2 M M',  M' = (a, 1, 0, 0, 0)                                  (K8)
 
-    with the ball's velocity v, the remaining terms n of the exact model (5.9), a disturbance d
-    (level, unevenness), one friction F against the velocity, and an error kappa of the tilt gain
-    of either axis. Its nine states are eta, eta', d, kappa and F, the last three as random walks. F
-    and kappa are learnt above ``learning_speed`` only: learnt while the ball sticks, F runs away.
+    with a disturbance d (level, unevenness), one friction F against the velocity, and a relative
+    error kappa of the tilt gain, both d and kappa along either axis. In (K4) eta changes with eta'
+    alone: the terms of second order in T are left out. Below ``learning_speed`` (K7) leaves F and
+    kappa, with their variances, as they are: estimated while the ball sticks, F diverges. While
+    the ball rests, Q and d change by ``resting_walk``, ``keep_at_rest`` and ``forget_rest``. An
+    impact is two outliers |L^-1 e|^2 in succession on the same side; S is its standard deviation,
+    a in (K8) the time since it (``ImpactTest``).
 
-    The filter runs at the time of the touch sample, t - delay, with the plate angles of then, and
-    its estimate is carried to t with the angles measured since, so it needs no predictor. A frame
-    of the screen is taken once, when it is new, and as old as it is.
+    ``LateBall`` adds the times. (K3) to (K8) run at the time of the touch sample, t - delay, with
+    the plate angles of that time; the estimate is carried to t by (K3) with the angles measured
+    since, so no predictor is needed. A frame of the screen is used once, when it is new. A law
+    receives the plate's angle and rate as a slow estimate from the commanded rate and the encoders
+    (``SlowPlate``): slower than the plate's resonances at 13 and 19 Hz, but fast enough to see a
+    plate that rests in the play of its drive. The lag of the drives is estimated, if it is not
+    given (``DriveLag``), and counts in the estimate for a law that needs ``plate_lag``. The
+    ``equivalent`` angles contain friction and disturbance,
 
-    A law is given the plate's angle and rate as a slow estimate from the commanded rate and the
-    encoders (``SlowPlate``): slower than the plate's resonances at 13 and 19 Hz, but fast enough
-    to see a plate that stands still in the play of its drive. The lag with which the drives follow
-    the commanded rate is found, if it is not told (``DriveLag``), and counts in the estimate for a
-    law that needs ``plate_lag``. The ``equivalent`` angles have friction and disturbance in them,
+        phi_eq = (1 + kappa) phi + (d - F h) / k1,                                           (K9)
 
-        phi_eq = (1 + kappa) phi + (d - F v / |v|) / k1,
-
-    so that a law made for x'' = k1 sin(phi) meets the plant it was designed on.
+    so that a law made for x'' = k1 sin(phi) meets the plant on which it was designed.
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
@@ -228,37 +240,36 @@ class FrictionKalman(LateBall):
     knows: ClassVar[tuple[Quantity, ...]] = KNOWN_QUANTITIES
 
     believed_mm: Positive = 0.18
-    """Rolling resistance arm in mm that is believed at the start."""
+    """Rolling resistance arm in mm that is assumed at the start."""
     plate_pole: Positive = 30.0
     """Both poles of the plate's estimate, as a rate in 1/s."""
     smooth: Positive = 0.005
     """Speed vs in m/s over which the friction changes its sign."""
     learning_speed: Positive = 0.02
-    """Speed in m/s above which friction and tilt gain are learnt."""
+    """Speed in m/s above which friction and tilt gain are estimated."""
     walk: tuple[Positive, Positive, Positive, Positive] = (0.01, 0.02, 0.005, 0.0005)
     """Random walks of velocity (m/s), disturbance (m/s^2), friction (m/s^2), and tilt gain, each
     as standard deviation after a second."""
     resting_walk: Positive | None = None
-    """Random walk of the disturbance while the ball rests, alike: its friction may then be anything
-    up to the breakaway. None for the same as in motion."""
+    """Random walk of the disturbance while the ball rests, as a standard deviation after a second:
+    its friction may then have any value up to the breakaway. None for the same as in motion."""
     keep_at_rest: bool = False
-    """Whether what is known of friction and tilt gain is kept while the ball rests, which tells
-    nothing of them, and does not grow uncertain by their random walks."""
+    """Whether friction and tilt gain keep their variances while the ball rests, when nothing can be
+    measured of them, instead of growing by their random walks."""
     forget_rest: Positive | None = None
-    """Time in s within which the filter forgets, once the ball comes free, what it added to the
-    disturbance while the ball rested: its breakaway friction held it then, and no longer does.
-    None for never."""
+    """Time constant in s with which the filter removes, once the ball comes free, what it added to
+    the disturbance while the ball rested and its breakaway friction held it. None for never."""
     spread: tuple[Positive, Positive, Positive] = (0.03, 0.03, 0.02)
     """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
     R: tuple[Positive, Positive] = (NOISE_VARIANCES[0], NOISE_VARIANCES[2])
     """Variances of a touch sample of x and y in m^2; Table B.1."""
     most_friction: Positive = 3.0
-    """Largest friction estimated, as a multiple of the one believed at the start."""
+    """Largest estimated friction, as a multiple of the one assumed at the start."""
 
     rest_test: RestTest = algorithm_constants(REST_TEST)
-    """When a ball rests and comes free."""
+    """Speeds at which a ball rests and comes free."""
     impact_test: ImpactTest = algorithm_constants(IMPACT_TEST)
-    """When an impact is detected."""
+    """Limits of the detection of an impact."""
     bounds: EstimateBounds = algorithm_constants(ESTIMATE_BOUNDS)
     """Bounds of tilt gain and camber."""
 
@@ -278,7 +289,7 @@ class FrictionKalman(LateBall):
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
 
     def start(self, x: State) -> None:
-        """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time."""
+        """Begin at the state x, shape (..., 8), on a plate that has not moved before."""
         self._begin_at(x, self.smooth, self._F)
         self._P = np.tile(self._begin, (self._rigs, 1, 1))
         """Covariance of the nine states with all there are, shape (N, 9, n)."""
@@ -290,7 +301,7 @@ class FrictionKalman(LateBall):
         self._rest: Any = 0.0
         """How much the ball rests, from 0 to 1."""
         self._added: Any = components(np.zeros((self._rigs, 2)))
-        """What was found of the disturbance while it did, m/s^2."""
+        """Part of the disturbance that was estimated while the ball rested, m/s^2."""
 
     @property
     def P(self) -> Array:
@@ -299,10 +310,10 @@ class FrictionKalman(LateBall):
 
     @property
     def further(self) -> Array:
-        """What is ``KNOWN`` of friction, disturbance, tilt gain, drives and plate, (..., 13)."""
+        """The ``KNOWN_QUANTITIES``, shape (..., 13)."""
         by, (_, _, _, _, dx, dy, kx, ky, friction) = self._by, self._now.s
         along, across, variance = components(diagonal(self._P)[:, 6:])
-        variance = by.most(variance + self._varies(), 0.0)  # a map is rounded
+        variance = by.most(variance + self._map_variance(), 0.0)  # rounded below 0 by a map
         spreads = map(by.sqrt, (variance, along, across))
         drives = *(plate.bias for plate in self._plates), self._lag + 0.0 * friction
         camber = components(self.camber.reshape(-1, 2))
@@ -314,20 +325,23 @@ class FrictionKalman(LateBall):
         """Acceleration per length off the plate's middle along x and y, 1/s^2, shape (..., 2)."""
         return np.zeros((*self._shape, 2))
 
-    def _varies(self) -> Any:
-        """What is added to the variance of the friction where the ball is now."""
+    def _map_variance(self) -> Any:
+        """Variance of the friction's map at the ball's present place, (m/s^2)^2; 0 without one."""
         return 0.0
 
     def _advance(self, begin: Tilt, then: Tilt) -> None:
-        """One period of the filter, from one touch sample's time to the next."""
+        """One period of the filter, from one touch sample's time to the next: (K3), (K4)."""
+        # (K3); a map's friction and camber hold at the ball's place only
         s, step = self._ball.step(self._there.s, begin, then)
         self._s = [*s[:4], *self._s[4:]]
+        # the derivatives A of (K4)
         A = self._A
         xx, xy, yy = step.slope
         A[:, 2, 2], A[:, 2, 3], A[:, 3, 2], A[:, 3, 3] = 1 + xx, xy, xy, 1 + yy
         A[:, 2, FRICTION_INDEX], A[:, 3, FRICTION_INDEX] = step.friction
         A[:, 2, 6], A[:, 3, 7] = step.gain
         self._propagate(A)
+        # Q of (K4), and d while the ball rests
         Q = self._Q
         if self._at_rest:
             vx, vy = self._ball.velocity(self._s, then)
@@ -344,53 +358,51 @@ class FrictionKalman(LateBall):
         spread += Q
 
     def _propagate(self, A: Array) -> None:
-        """Covariance a period on, in place: eta and eta' become A s, what else there is stays."""
+        """Covariance after a period, in place: A P A' of (K4), whose other rows are those of 1."""
         P = self._P
         P[:, :4] = A @ P
         P[:, 4:9, :4] = P[:, :4, 4:9].mT
         P[:, :4, :4] = P[:, :4, :9] @ A.mT
 
     def _take(self, seen: tuple[Any, Any], age: Any, new: Any, then: Tilt) -> None:
-        """Correct by a touch sample.
-
-        With its covariance S = L L', and the factor W = L^-1 H P of what it tells, the covariance
-        becomes P - W' W, and the estimate changes by W' L^-1 e.
-        """
+        """Correct by a touch sample: (K5) to (K8)."""
         by, P, (x, y) = self._by, self._P, seen
         age = by.where(new, age, 0.0)
-        place, way = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
-        # the ball was there an age ago: less the way since
+        place, v = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
+        # (K5): H P, and H P H' + R = (a, b; b, c)
         hP = P[:, :2]
         if by.any(age):
             hP = hP - column(column(age)) * P[:, 2:4]
         xx, _, xv, _, xy, yy, yv, yw = components(hP[:, :, :4].reshape(-1, 8))
         a, b, c = xx - age * xv + self.R[0], xy - age * yv, yy - age * yw + self.R[1]
-        ex, ey = x - place[0] + age * way[0], y - place[1] + age * way[1]
-        # L^-1, and nothing where there is no new sample
+        # (K6): e; L^-1 = (first, 0; cross, second), 0 where there is no new sample; W; L^-1 e
+        ex, ey = x - place[0] + age * v[0], y - place[1] + age * v[1]
         taken = new * 1.0
         first, second = taken / by.sqrt(a), taken / by.sqrt(c - b * b / a)
         cross = -b / a * second
         W = together((first, 0.0 * first, cross, second), self._rigs).reshape(-1, 2, 2) @ hP
-        told = first * ex, cross * ex + second * ey
-        test, distance = self.impact_test, told[0] * told[0] + told[1] * told[1]
+        white = first * ex, cross * ex + second * ey
+        # (K8): outliers, and those that follow one on the same side
+        test, distance = self.impact_test, white[0] * white[0] + white[1] * white[1]
         unlikely = distance > test.outlier_squared_distance
-        far = told[0] * unlikely, told[1] * unlikely
+        far = white[0] * unlikely, white[1] * unlikely
         struck = far[0] * self._far[0] + far[1] * self._far[1] > 0.0
         self._far = tuple(by.where(new, *each) for each in zip(far, self._far, strict=True))
-        change = (together(told, self._rigs)[:, None] @ W)[:, 0]
-        moving = way[0] * way[0] + way[1] * way[1] > self.learning_speed**2
+        # (K7), without F and kappa at rest
+        change = (together(white, self._rigs)[:, None] @ W)[:, 0]
+        moving = v[0] * v[0] + v[1] * v[1] > self.learning_speed**2
         moving = np.array(moving & new, ndmin=1)
         if not every(moving):
             change[~moving, LEARNT_IN_MOTION] = 0.0
         self._reduce(W, moving)
         self._correct_by(change)
         if self.forget_rest:
-            told_at_rest = zip(self._added, components(change[:, 4:6]), strict=True)
-            self._added = [a + self._rest * d for a, d in told_at_rest]
+            of_disturbance = zip(self._added, components(change[:, 4:6]), strict=True)
+            self._added = [a + self._rest * d for a, d in of_disturbance]
         if by.any(struck):
-            # change of eta and eta' by a unit change of the velocity an age ago
-            passed = np.vstack((test.age_s * np.eye(2), np.eye(2)))
-            self._P[np.reshape(struck, -1), :4, :4] += test.velocity_std_m_s**2 * passed @ passed.T
+            # (K8): M, the change of eta and eta' by a unit change of the velocity an age ago
+            M = np.vstack((test.age_s * np.eye(2), np.eye(2)))
+            self._P[np.reshape(struck, -1), :4, :4] += test.velocity_std_m_s**2 * M @ M.T
         least, most, (*_, kx, ky, friction) = by.least, by.most, self._s
         bound = self.bounds.tilt_gain_error
         self._s[6] = least(most(kx, -bound), bound)
@@ -398,14 +410,14 @@ class FrictionKalman(LateBall):
         self._s[FRICTION_INDEX] = least(most(friction, 0.0), self.most_friction * self._F)
 
     def _reduce(self, W: Array, moving: Mask) -> None:
-        """Take from the covariance what a touch sample tells; nothing of F and kappa at rest."""
+        """Subtract W' W of (K7) from the covariance; nothing of F and kappa at rest."""
         fall = W[:, :, :9].mT @ W
         if not every(moving):
             fall[~moving, LEARNT_IN_MOTION, LEARNT_IN_MOTION] = 0.0
         self._P -= fall
 
     def _correct_by(self, change: Array) -> None:
-        """Add to the estimate what a touch sample says of it, shape (N, 9)."""
+        """Add W' L^-1 e of (K7) to the estimate, shape (N, 9)."""
         self._s = [a + b for a, b in zip(self._s, components(change), strict=True)]
 
 
@@ -436,10 +448,10 @@ def gaussian_field(
 
 
 class Cell(NamedTuple):
-    """Where a ball is between the four points of a map about it."""
+    """The place of a ball between the four points of a map around it."""
 
     shares: Array
-    """Their shares h in the map's value there, shape (N, 4, 1)."""
+    """Weights h of these points in the map's value, shape (N, 4, 1)."""
     place: Array
     """The place (x, y) in m, shape (N, 2, 1)."""
 
@@ -448,26 +460,27 @@ class Cell(NamedTuple):
 class FrictionMapKalman(FrictionKalman):
     """``friction_kalman`` with a friction F + m(x, y) that depends on the place.
 
-    m is given by its values at the points of a grid over the screen, straight between them, and
-    these values are further states of the filter. Before anything is known they are a Gaussian
-    field with the standard deviation s = ``map_spread`` and the length l = ``map_length``,
+    m is interpolated between its values at the points of a grid over the screen, and these values
+    are further states of the filter. Their prior is a Gaussian field with the standard deviation
+    s = ``map_spread`` and the length l = ``map_length``,
 
         E m(p) m(q) = s^2 exp(-|p - q|^2 / (2 l^2)).
 
-    They do not change with time, so the second time that the ball comes to a place, its friction is
-    known and need not be found again, a dead time and the filter's own lag late. What is then left
-    to the random walks is little: they may be slower than without a map, and let less of the
-    screen's noise through. Like F, the map is learnt in motion only.
+    They do not change with time, so when the ball returns to a place, its friction is known and
+    need not be estimated again with the delay of dead time and filter. Little is then left to the
+    random walks: they may be slower than without a map, and let less of the screen's noise through.
+    Like F, the map is estimated in motion only. In (K3) to (K7) of ``FrictionKalman`` F becomes
+    F + h' m with the weights h of the four points around the ball.
 
-    ``friction`` and its spread are those of the place where the ball is now.
+    ``friction`` and its spread are those of the ball's present place.
 
-    With a ``camber_spread`` the plate may be cambered: a ball is accelerated off its middle by
-    c_x x along x and c_y y along y. Both c are further states, learnt in motion like the map, and
-    the ``disturbance`` is that of the ball's place.
+    With a ``camber_spread`` the plate may be cambered: a ball is accelerated away from its middle
+    by c_x x along x and c_y y along y. Both c are further states, estimated in motion like the map,
+    and the ``disturbance`` is that of the ball's place.
 
-    Good where a path, or a part of the screen, comes again. On the first way over a screen it costs
-    calculation and gives nothing; what depends on the place for another reason, as an error of the
-    cams' table does, is taken for friction too.
+    Good where a path, or a part of the screen, is repeated. On the first passage over a screen it
+    costs calculation and gives nothing; other errors that depend on the place, as one of the cams'
+    table, are estimated as friction too.
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
@@ -476,17 +489,17 @@ class FrictionMapKalman(FrictionKalman):
     name: ClassVar[str] = "friction_map_kalman"
 
     map_spread: Positive = 0.02
-    """Standard deviation of the friction from place to place in m/s^2, before anything is known."""
+    """Prior standard deviation of the friction from place to place in m/s^2."""
     map_length: Positive = 0.03
     """Distance in m over which it varies."""
     map_pitch: Positive = 0.05
     """Distance in m between the points of the map, at most; time and memory grow with its inverse
     to the fourth power."""
     map_sides: tuple[Positive, Positive] = (0.70, 0.395)
-    """Extent of the map in m along x and y about the plate's centre; beside it its edge counts."""
+    """Extent of the map in m along x and y about the plate's centre; outside its edge counts."""
     camber_spread: NotNegative = 0.0
-    """Standard deviation of the plate's camber in 1/s^2, before anything is known; 0 for a plate
-    that is taken for flat."""
+    """Prior standard deviation of the plate's camber in 1/s^2; 0 for a plate that is assumed to be
+    flat."""
 
     def start(self, x: State) -> None:
         """Begin at the state x, shape (..., 8), with the same friction everywhere."""
@@ -502,20 +515,20 @@ class FrictionMapKalman(FrictionKalman):
         self._P = np.concatenate((self._P, np.zeros((rigs, 9, count))), axis=2)
         self._M = np.tile(prior, (rigs, 1, 1))
         self._W = np.zeros((rigs, PENDING_SAMPLES, 2, count))
-        """The covariance of the map is M - W' W: rows of W are factors of what samples tell, those
-        since M was brought up to date, and below them zeros."""
+        """The covariance of the map is M - W' W: W has the factors W of (K6) of the samples since M
+        was updated last, and below them zeros."""
         self._pending = np.zeros(rigs, int)
         """Samples in W."""
         self._every_rig = np.arange(rigs)
         self._near_points = np.full((rigs, 10 if self.camber_spread else 8), -1)
-        """Points of the map about the ball where it was, and is now, and in the end the camber."""
+        """Points of the map around the ball's place then and now, and at the end the camber."""
         self._near = np.empty((*self._near_points.shape, count))
         """The rows of M - W' W at those points."""
         if self.camber_spread:
             self._near_points[:, 8:], self._near[:, 8:] = (count - 2, count - 1), prior[-2:]
         self._first: list[Any] = [None, None]
         self._corners = np.array((0, 1, lines[1], lines[1] + 1))
-        # where, in arrays read as one list of numbers, that stands which belongs to the points
+        # indices of the entries of these points in flattened arrays
         self._m_near = [np.empty((rigs, 4), int) for _ in (THERE, NOW)]
         self._P_there, self._P_now = (np.empty((rigs, rows, 4), int) for rows in (9, 1))
         self._near_now = np.empty((rigs, 4, 4), int)
@@ -546,10 +559,10 @@ class FrictionMapKalman(FrictionKalman):
             return super().camber
         return self._m[:, self._points :].reshape(*self._shape, 2).copy()
 
-    def _varies(self) -> Any:
-        """What the map adds to the variance of the friction where the ball is now.
+    def _map_variance(self) -> Any:
+        """Variance of the friction's map at the ball's present place, (m/s^2)^2.
 
-        It is h' M h + 2 p h with the covariances M of the four points about it, and p with F.
+        It is h' M h + 2 p h with the covariances M of the four points around it, and p with F.
         """
         h = self._now.cell.shares
         M = self._near.reshape(-1).take(self._near_now)
@@ -557,13 +570,13 @@ class FrictionMapKalman(FrictionKalman):
         return numbers((h.mT @ M + 2 * p) @ h)
 
     def _at(self, place: Sequence[Any], which: int) -> LocalState:
-        """The nine states as they are in a place (x, y) in m; friction drives no ball."""
+        """The nine states at a place (x, y) in m; friction is 0 or more."""
         by, (n, m), (width, height), (x, y) = self._by, self._cells, self.map_sides, place
         u = by.least(by.most((x / width + 0.5) * n, 0.0), n - 1e-9)
         v = by.least(by.most((y / height + 0.5) * m, 0.0), m - 1e-9)
         i, j = u // 1, v // 1
         a, b = u - i, v - j
-        # a ball that has run away is nowhere, and all that follows from it not a number
+        # a ball whose position is not finite has no cell; the results are not finite either
         first = i * (m + 1) + j
         first = by.where(first >= 0, first, 0.0)
         if by.any(first != self._first[which]):
@@ -579,7 +592,7 @@ class FrictionMapKalman(FrictionKalman):
         return LocalState(s, cell)
 
     def _come_near(self, first: Any, which: int) -> None:
-        """Have the rows of M - W' W at the four points about each ball, that begin with a first."""
+        """Read the rows of M - W' W at the four points around each ball, ``first`` the lowest."""
         count, near, part = self._m.shape[1], self._near_points, slice(4 * which, 4 * which + 4)
         self._first[which] = first
         firsts = np.array(first, int, ndmin=1)
@@ -601,11 +614,11 @@ class FrictionMapKalman(FrictionKalman):
             self._P_now[rigs] = all_states * row[..., None] + 9 + points[:, None]
 
     def _propagate(self, A: Array) -> None:
-        """Covariance a period on, in place.
+        """Covariance after a period, in place: (K4) with the map.
 
-        What moves the ball are the nine states as they are in its place, s + H m: the friction
-        F + h m with the shares h of the four points about it, and for a camber c the disturbance
-        d + c x. A times those are eta and eta' after the period, all else stays.
+        The nine states at the ball's place move it, s + H m: the friction F + h' m with the weights
+        h of the four points around it, and for a camber c the disturbance d + c x. Times A they are
+        eta and eta' after the period; all other states stay.
         """
         P, near, (h, place) = self._P, self._near, self._there.cell
         local = P.copy()
@@ -624,7 +637,7 @@ class FrictionMapKalman(FrictionKalman):
         P[:, :4, :4] = moved @ A.mT
 
     def _reduce(self, W: Array, moving: Mask) -> None:
-        """Take from the covariance what a touch sample tells; nothing of the map at rest."""
+        """Subtract W' W of (K7) from the covariance; nothing of the map at rest."""
         super()._reduce(W, moving)
         W_map, W_near = W[:, :, 9:], W.reshape(-1).take(self._W_near)
         if not every(moving):
@@ -639,7 +652,7 @@ class FrictionMapKalman(FrictionKalman):
             taken[:] = self._pending[rig] = 0
 
     def _correct_by(self, change: Array) -> None:
-        """Add to the estimate what a touch sample says of it, shape (N, 9 + points)."""
+        """Add W' L^-1 e of (K7) to the estimate, shape (N, 9 + points)."""
         super()._correct_by(change[:, :9])
         self._m += change[:, 9:]
         if self.camber_spread:

@@ -1,9 +1,9 @@
-"""What observers of a rolling ball that make up for the dead time have in common.
+"""The common part of observers of a rolling ball that compensate the dead time.
 
-The ball moves with friction under a plate whose angles were measured; plate angle and rate for
-feedback are what was commanded, drawn slowly to what is measured. Everything is calculated from
-components, plain numbers for one rig, which is several times faster, and arrays with one entry per
-rig for several.
+The ball moves with friction under a plate whose angles were measured. Plate angle and rate for
+feedback are the commanded ones, corrected slowly by the measured angle. All calculations are by
+components: plain numbers for one rig, which is several times faster, and arrays with one entry per
+rig for several. Equations (K1) to (K9) are those of ``FrictionKalman``.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from controllers.ballplate import LONGEST_LAG, TILT_SIGN, BallPlate
 from controllers.interfaces import DelayedObserver, Measurement, algorithm_constants
 
 MAX_SUBSTEP_S = 0.011
-"""Longest time in s over which the friction's heading is taken as constant while carried."""
+"""Longest time in s over which the friction's heading is constant while a state is carried."""
 
 
 def _sin(angle: float) -> float:
-    """Sine that, as numpy's, has none for an angle that has run away."""
+    """Sine; NaN for an angle that is not finite, as numpy's."""
     return math.sin(angle) if math.isfinite(angle) else math.nan
 
 
@@ -47,43 +47,46 @@ def _cos(angle: float) -> float:
 
 
 class Tilt(NamedTuple):
-    """The plate at one time, and what it has done to balls since the start."""
+    """The plate at one time, and the motion that it gave to a ball without friction until then."""
 
     phi: Any
     theta: Any
     phi_rate: Any
-    """As commanded, rad/s."""
+    """Commanded rate, rad/s."""
     theta_rate: Any
-    """As commanded, rad/s."""
+    """Commanded rate, rad/s."""
     speed_x: Any
-    """Integral of the acceleration that it gives a ball without friction, m/s."""
+    """Integral of b along x since the start, m/s."""
     speed_y: Any
+    """Integral of b along y since the start, m/s."""
     way_x: Any
-    """Integral of that, m."""
+    """Integral of ``speed_x`` since the start, m."""
     way_y: Any
+    """Integral of ``speed_y`` since the start, m."""
 
     def towards(self, other: Tilt, share: float) -> Tilt:
-        """On the straight line to another time."""
+        """Linear interpolation to the plate at a second time."""
         return Tilt(*[a + share * (b - a) for a, b in zip(self, other, strict=True)])
 
 
 THERE, NOW = 0, 1
-"""The ball at the time of the touch sample, and now."""
+"""Indices: the ball at the time of the touch sample, and now."""
 
 
 class LocalState(NamedTuple):
-    """The filter's state with the friction of one place."""
+    """The filter's state with the friction at one place."""
 
     s: Any
+    """Components of s of (K1)."""
     cell: Any = None
-    """Where that place is on a map of the friction, if there is one."""
+    """Cell of that place in a map of the friction, if there is one."""
 
 
 class Derivatives(NamedTuple):
-    """What a period does to the velocity (eta_x', eta_y')."""
+    """Derivatives of the velocity (eta_x', eta_y') after a period, for A of (K4)."""
 
     slope: tuple[Any, Any, Any]
-    """Derivatives by the velocity less the identity: xx, xy = yx, yy."""
+    """Derivatives by the velocity, less the identity: xx, xy = yx, yy."""
     friction: tuple[Any, Any]
     """Derivatives by the friction, s."""
     gain: tuple[Any, Any]
@@ -91,16 +94,17 @@ class Derivatives(NamedTuple):
 
 
 class RollingBall:
-    """Keeps what the plate did over a dead time, and moves balls by it.
+    """The plate's motion over a dead time, and the ball's motion by it.
 
-    States are (eta_x, eta_y, eta_x', eta_y', d_x, d_y, kappa_x, kappa_y, F) as components.
+    States are (eta_x, eta_y, eta_x', eta_y', d_x, d_y, kappa_x, kappa_y, F) as components, s of
+    (K1).
 
     Args:
         model: The ball.
-        smooth: Speed over which friction changes its sign, m/s.
+        smooth: Speed vs over which friction changes its sign, m/s.
         period: Control period in s.
         delay: Dead time in s.
-        x: States to begin with, shape (N, 8).
+        x: Initial ``State``, shape (N, 8).
     """
 
     def __init__(
@@ -125,18 +129,18 @@ class RollingBall:
         none = 0.0 * phi
         self._free = self._accelerated((phi, theta), (phi_rate, theta_rate), none, state)
         now = Tilt(phi, theta, phi_rate, theta_rate, none, none, none, none)
-        # before the start the plate has been as it is, and the ball at rest
+        # before the start the plate has not moved, and the ball was at rest
         self._past = deque([now] * (self._back + 2), maxlen=self._back + 2)
         self.then = now
         """The plate a dead time ago."""
 
     def measured(self, angle: Any, rate: Any, state: Any) -> tuple[Tilt, Tilt]:
-        """Take in the plate of now; the plate a dead time ago, and that a period before.
+        """Store the present plate; the plate a period before a dead time ago, and a dead time ago.
 
         Args:
             angle: Measured angles (phi, theta), rad.
             rate: Commanded rates (phi', theta'), rad/s.
-            state: Components of the ``State`` estimated last, for the terms of second order.
+            state: Components of the previous estimate of the ``State``, for terms of second order.
         """
         T, (ax, ay), last = self._period, self._free, self._past[-1]
         u2 = (rate[1] - last.theta_rate) / T
@@ -162,7 +166,7 @@ class RollingBall:
         return begin, then
 
     def _accelerated(self, angle: Any, rate: Any, u2: Any, state: Any) -> tuple[Any, Any]:
-        """Acceleration of eta without friction and disturbance, m/s^2, (5.9)."""
+        """Acceleration b of eta without friction and disturbance, m/s^2, (5.9)."""
         model, (phi, theta), (wy, w8) = self._model, angle, rate
         x1, x2, _, _, x5, x6, _, _ = state
         s3, c3 = self._sin(phi), self._cos(phi)
@@ -175,22 +179,28 @@ class RollingBall:
         )
 
     def velocity(self, s: Any, tilt: Tilt) -> tuple[Any, Any]:
-        """Velocity of the ball on the plate, m/s."""
+        """Velocity v of the ball on the plate, m/s, (K1)."""
         c2 = self._model.c2
         return s[2] - c2 * tilt.phi_rate, s[3] + c2 * tilt.theta_rate
 
     def position(self, s: Any, tilt: Tilt) -> tuple[Any, Any]:
-        """Position of the ball on the plate, m."""
+        """Position r of the ball on the plate, m, (K1)."""
         c2 = self._model.c2
         return s[0] - c2 * tilt.phi, s[1] + c2 * tilt.theta
 
     def _heading(self, vx: Any, vy: Any) -> tuple[Any, Any, Any]:
-        """V / sqrt(|v|^2 + vs^2) along x and y, and that root in m/s."""
+        """Heading h of (K1) along x and y, and the length l in m/s."""
         length = self._sqrt(vx * vx + vy * vy + self._smooth)
         return vx / length, vy / length, length
 
     def step(self, s: Any, begin: Tilt, then: Tilt) -> tuple[list[Any], Derivatives]:
-        """The state a period on, from the plate at its time and a period later."""
+        """The state after a period by (K3), and derivatives of it.
+
+        Args:
+            s: Components of the state.
+            begin: The plate at the time of the state.
+            then: The plate a period later.
+        """
         T = self._period
         ex, ey, vx, vy, dx, dy, kx, ky, F = s
         hx, hy, length = self._heading(*self.velocity(s, begin))
@@ -199,6 +209,7 @@ class RollingBall:
         wx = then.way_x - begin.way_x - T * begin.speed_x
         wy = then.way_y - begin.way_y - T * begin.speed_y
         half = T * T / 2
+        # the next state by (K3)
         after = [
             ex + T * vx + (1 + kx) * wx + half * ax,
             ey + T * vy + (1 + ky) * wy + half * ay,
@@ -206,12 +217,13 @@ class RollingBall:
             vy + (1 + ky) * sy + T * ay,
             *s[4:],
         ]
+        # (K4): -T d(F h)/dv, and the derivatives by F and kappa
         stiff = T * F / length
         slope = stiff * (hx * hx - 1), stiff * hx * hy, stiff * (hy * hy - 1)
         return after, Derivatives(slope, (-T * hx, -T * hy), (sx, sy))
 
     def carry(self, s: Any) -> tuple[Any, Any, Any, Any]:
-        """Eta and eta' of now from the filter's state a dead time ago."""
+        """Present eta and eta' from the filter's state a dead time ago, by (K3) in a few steps."""
         ex, ey, vx, vy, dx, dy, kx, ky, F = s
         kx, ky, c2, heading = 1 + kx, 1 + ky, self._model.c2, self._heading
         _, _, wy, w8, begun_x, begun_y, gone_x, gone_y = self.then
@@ -219,7 +231,7 @@ class RollingBall:
             hx, hy, _ = heading(vx - c2 * wy, vy + c2 * w8)
             _, _, wy, w8, speed_x, speed_y, way_x, way_y = self._past[-1 - mark]
             sx, sy = kx * (speed_x - begun_x), ky * (speed_y - begun_y)
-            # friction along the heading in the middle
+            # friction along the heading in the middle of the step
             mx = vx + (sx + h * (dx - F * hx)) / 2
             my = vy + (sy + h * (dy - F * hy)) / 2
             hx, hy, _ = heading(mx - c2 * wy, my + c2 * w8)
@@ -231,11 +243,11 @@ class RollingBall:
         return ex, ey, vx, vy
 
     def equivalent(self, s: Any, state: Any) -> tuple[Any, Any, Any, Any]:
-        """(phi, phi', theta, theta') that would move a ball without friction alike.
+        """(phi, phi', theta, theta') that give a ball without friction the same motion, (K9).
 
         Args:
             s: The filter's state.
-            state: Components of the ``State`` of now.
+            state: Components of the present ``State``.
         """
         _, vx, phi, phi_rate, _, vy, theta, theta_rate = state
         _, _, _, _, dx, dy, kx, ky, F = s
@@ -254,41 +266,42 @@ class RollingBall:
 
 
 class SlowPlate:
-    """Angle and rate about one axis from the commanded rate, with a bias learnt from the encoder.
+    """Angle and rate about one axis from the commanded rate, with a bias from the encoder.
 
-    phi' = w + b with the commanded rate w, as the drives follow it, both corrected by the measured
-    angle with two equal poles. The measured rate would feed the resonance of plate and spring (13
-    and 19 Hz) back; the commanded one alone drifts, as disturbances of the motors add up.
+    phi' = w + b with the commanded rate w, as the drives follow it. Angle and bias b are corrected
+    by the measured angle with two equal poles. The measured rate would feed the resonance of plate
+    and spring (13 and 19 Hz) back; the commanded one alone drifts, as disturbances of the motors
+    accumulate.
 
     Args:
         pole: Both poles of the error, as a rate in 1/s.
         period: Control period in s.
         lag: Time constant in s with which drives follow the commanded rate; 0 for at once.
-        angle: To begin with, rad, a component.
-        rate: To begin with, rad/s, a component.
+        angle: Initial angle, rad, a component.
+        rate: Initial rate, rad/s, a component.
     """
 
     def __init__(self, pole: float, period: float, lag: float, angle: Any, rate: Any) -> None:
         self.angle = angle
-        self.told = rate
+        self.requested = rate
         """Plate rate commanded last, rad/s."""
         self.commanded = rate
-        """The same as far as the drives have followed it, rad/s."""
+        """The rate of the drives that follow it, rad/s."""
         self.left: Any = math.exp(-period / lag) if lag else 0.0
-        """Share of a change of the commanded rate that the drives have left after a period."""
+        """Share of a change of the commanded rate that the drives still lack after a period."""
         self.bias = 0 * angle
-        """What the plate turns faster than that, rad/s: play of the drives, disturbed motors."""
+        """Rate of the plate beyond that, rad/s: play of the drives, disturbed motors."""
         self.error: Any = 0 * angle
-        """What was measured last less the angle expected then, rad."""
+        """The last measured angle less the expected one, rad."""
         self._period = period
         self.set_pole(pole)
 
     def set_pole(self, pole: Any) -> None:
-        """Have both poles of the error there from now on, as a rate in 1/s."""
+        """Set both poles of the error, as a rate in 1/s."""
         self._gain = 2 * pole * self._period, pole * pole * self._period
 
     def correct(self, measured: Any) -> tuple[Any, Any]:
-        """Angle in rad and rate in rad/s, once the angle has been measured."""
+        """Angle in rad and rate in rad/s, corrected by the measured angle in rad."""
         self.error = error = measured - self.angle
         self.angle = self.angle + self._gain[0] * error
         self.bias = self.bias + self._gain[1] * error
@@ -297,19 +310,19 @@ class SlowPlate:
     def predict(self, u: Any) -> None:
         """One period under the applied acceleration in rad/s^2."""
         T, before = self._period, self.commanded
-        self.told = self.told + T * u
-        self.commanded = self.told + self.left * (before - self.told)
+        self.requested = self.requested + T * u
+        self.commanded = self.requested + self.left * (before - self.requested)
         self.angle = self.angle + T * (before + self.commanded) / 2 + T * self.bias
 
 
 @dataclass(frozen=True, kw_only=True)
 class SwingTest:
-    """When a plate is found to swing on its drive train.
+    """Limits of the detection of a plate that swings on its drive train.
 
     Attributes:
         amplitude_rad: Smallest amplitude of a swing.
         max_half_swing_s: Longest time of half a swing.
-        half_swings: Consecutive half swings above which the plate is found to swing.
+        half_swings: Number of consecutive half swings above which the plate swings.
     """
 
     amplitude_rad: float = 0.003
@@ -321,16 +334,16 @@ SWING_TEST = SwingTest()
 
 
 class SwingingPlate:
-    """Whether a plate swings on a soft drive train, with the feedback that sees it.
+    """Whether a plate swings on a soft drive train, together with the feedback that measures it.
 
-    A plate whose drive train gives way swings at a few hertz. Feedback of its measured angle is too
-    late for that and keeps it swinging. It is found by what is measured beside what was commanded:
-    one half swing after the other, to either side.
+    A plate on a soft drive train swings at a few hertz. Feedback of its measured angle is too late
+    for that and keeps it swinging. It is detected by the error of the measured angle from the
+    commanded one: one half swing after the other, to either side.
 
     Args:
         period: Control period in s.
         none: 0 for each rig, a component.
-        by: How components are calculated with.
+        by: Arithmetic of components.
         test: Constants of the test.
     """
 
@@ -339,12 +352,12 @@ class SwingingPlate:
     ) -> None:
         self._period, self._by, self._test = period, by, test
         self._axes = [(none + 1.0, none, none)] * 2
-        """Side of each axis, time since it was taken in s, half swings so far."""
+        """Side of each axis, time in s since it changed, number of half swings so far."""
         self.found = none > 0
-        """Whether it does, or did."""
+        """Whether the plate swings, or did."""
 
     def correct(self, errors: Sequence[Any]) -> bool:
-        """Take in measured angles less those expected, rad; whether more is found than before."""
+        """Process measured angles less the expected ones, rad; whether a new rig swings."""
         by, found, test = self._by, self.found, self._test
         for axis, error in enumerate(errors):
             side, since, halves = self._axes[axis]
@@ -360,25 +373,25 @@ class SwingingPlate:
 
 
 LAG_NAME = "plate_lag"
-"""What a law needs that counts the lag of the drives."""
+"""Name of the quantity of a law that counts the lag of the drives."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LagSearch:
-    """How the lag of the drives is found.
+    """Constants of the estimate of the drives' lag.
 
     Attributes:
-        max_play_rad: Angle after a reversal of a drive within which its play, at most 0.3 deg, may
-            be crossed.
-        rate_change_window_s: Time over which changes of the plate's rate are compared with its
+        max_play_rad: Angle in rad after a reversal of a drive within which its play, at most
+            0.3 deg, may be crossed.
+        rate_change_window_s: Time in s over which changes of the plate's rate are compared with its
             angle.
-        plate_lag_s: Lag that a plate has without any lag of its drives.
-        plate_lag_std_s: Lag beyond ``plate_lag_s`` that may have other causes; a lag found below it
-            counts as none, one above twice it counts in full.
+        plate_lag_s: Lag in s of a plate whose drives have none.
+        plate_lag_std_s: Lag in s beyond ``plate_lag_s`` that may have other causes; an estimate
+            below it counts as none, one above twice it counts in full.
         min_rate_change_sum: Sum of the squares of changes of the rate, (rad/s)^2, that is added to
-            the denominator, so that little motion finds no lag.
+            the denominator, so that little motion gives no lag.
         max_rate_change_sum: Sum in (rad/s)^2 beyond which old changes are forgotten.
-        max_lag_s: Largest lag that is found.
+        max_lag_s: Largest estimate in s.
     """
 
     max_play_rad: float = 0.0052
@@ -394,17 +407,17 @@ LAG_SEARCH = LagSearch()
 
 
 class DriveLag:
-    """Lag of the drives from how far the measured plate is behind the commanded one.
+    """Lag of the drives from the difference of the commanded and the measured plate angle.
 
-    With a rate a' that follows the commanded w, a'' = (w - a') / T, the angle is behind the
-    integral of w by T a' and a constant. T is found by least squares, from the changes of both over
-    hundredths of a second along both axes, while the plate is turned one way beyond its play.
+    With a rate a' that follows the commanded w, a'' = (w - a') / T, the integral of w exceeds the
+    angle by T a' and a constant. T is estimated by least squares, from the changes of both over
+    hundredths of a second along both axes, while the plate turns in one direction beyond its play.
     The lag of the mechanism itself is subtracted, and a lag below ``plate_lag_std_s`` is none.
 
     Args:
         period: Control period in s.
-        state: Components of the ``State`` to begin with.
-        by: How components are calculated with.
+        state: Components of the initial ``State``.
+        by: Arithmetic of components.
         search: Constants of the search.
     """
 
@@ -414,22 +427,22 @@ class DriveLag:
         self._period, self._by, self._search = period, by, search
         none = 0.0 * state[2]
         self._sent = list(state[2::4])
-        """Where drives without any lag would be, rad."""
+        """Angles of drives without any lag, rad."""
         self._followed = list(state[3::4])
-        """Rates as the drives with the lag that is found follow, rad/s."""
+        """Rates of drives with the estimated lag, rad/s."""
         self._axes = [(none, none, none)] * 2
-        """Way since an axis turned round, slow means of what it is behind by and of its rate."""
+        """Angle since an axis reversed, slow means of its difference and of its rate."""
         self._squares = self._products = none
         self._kept = none + 1.0
         self.lag = self.left = none
-        """T, s, and the share of a change of the commanded rate that it leaves after a period."""
+        """T, s, and the share of a change of the commanded rate that is lacking after a period."""
 
     def give_up(self, swings: Any) -> None:
-        """Find none any more where the plate swings, which looks like a lag and is none."""
+        """Set the lag to none where the plate swings, which looks like a lag and is not."""
         self._kept = self._by.where(swings, 0.0, 1.0)
 
     def correct(self, measured: Sequence[Any]) -> None:
-        """Take in the measured angles in rad."""
+        """Process the measured angles in rad."""
         by, search = self._by, self._search
         share = self._period / search.rate_change_window_s
         squares, products = self._squares, self._products
@@ -445,13 +458,13 @@ class DriveLag:
         found = products / (squares + search.min_rate_change_sum) - search.plate_lag_s
         sure = by.least(found, 2 * (found - search.plate_lag_std_s))
         self.lag = lag = self._kept * by.least(by.most(sure, 0.0), search.max_lag_s)
-        # exp(-period / lag) by what gives one rig the same bits as beside others
+        # exp(-period / lag), by a formula with the same bits for one rig and in any batch
         self.left = (lag > self._period) * (2 * lag - self._period) / (2 * lag + self._period)
 
-    def predict(self, told: Sequence[Any]) -> None:
+    def predict(self, rates: Sequence[Any]) -> None:
         """One period at commanded rates in rad/s."""
-        self._sent = [a + self._period * w for a, w in zip(self._sent, told, strict=True)]
-        followed = zip(self._followed, told, strict=True)
+        self._sent = [a + self._period * w for a, w in zip(self._sent, rates, strict=True)]
+        followed = zip(self._followed, rates, strict=True)
         self._followed = [w + self.left * (r - w) for r, w in followed]
 
 
@@ -459,13 +472,12 @@ class DriveLag:
 class LateBall(DelayedObserver):
     """A filter of the flat output that runs at the time of the touch sample, t - delay.
 
-    Its states are (eta_x, eta_y, eta_x', eta_y', d_x, d_y, kappa_x, kappa_y, F) as ``RollingBall``
-    has them. It is driven by the plate angles of then, and its estimate is carried to t with those
-    measured since. A frame of the screen is taken once, when it is new, and as old as it is. A law
-    is given the plate's angle and rate as a slow estimate from the commanded rate and the encoders.
-    A lag of the drives that is found, not told, is in the estimate for a law that needs it alone:
-    the others, made for drives that follow at once, lose more by it on a line and at rest than they
-    gain on a circle.
+    Its states are those of ``RollingBall``. It is driven by the plate angles of that time, and its
+    estimate is carried to t with the angles measured since. A frame of the screen is used once,
+    when it is new, with its age. A law receives the plate's angle and rate as a slow estimate from
+    the commanded rate and the encoders. An estimated lag of the drives is part of it only for a law
+    that needs the lag: the others, made for drives that follow at once, lose more by it on a line
+    and at rest than they gain on a circle.
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
@@ -474,27 +486,27 @@ class LateBall(DelayedObserver):
     plate_pole: Positive = 10.0
     """Both poles of the plate's estimate, as a rate in 1/s."""
     swinging_pole: NotNegative = 0.0
-    """The same, as a rate in 1/s, once the plate is found to swing on a soft drive train; 0 for as
-    before."""
+    """The same poles, as a rate in 1/s, once the plate swings on a soft drive train; 0 for no
+    change."""
     screen_deg: float = 0.0
-    """Angle in deg by which the screen is turned on the plate, as it was measured: samples are
-    turned back by it. It cannot be found while the ball goes round at one speed."""
+    """Measured angle in deg by which the screen is turned on the plate: samples are turned back by
+    it. It cannot be estimated while the ball goes round at one speed."""
     plate: Literal["measured", "modelled"] = "measured"
-    """Whether its angles are measured; modelled ones, for a rig without encoders, are what was
-    commanded as drives with the lag that is known follow it."""
+    """Whether its angles are measured; modelled ones, for a rig without encoders, are the commanded
+    ones, followed by drives with the known lag."""
 
     swing_test: SwingTest = algorithm_constants(SWING_TEST)
-    """When the plate is found to swing."""
+    """Limits of the detection of a plate that swings."""
     lag_search: LagSearch = algorithm_constants(LAG_SEARCH)
-    """How the lag of the drives is found."""
+    """Constants of the estimate of the drives' lag."""
 
     def _begin_at(self, x: State, smooth: float, friction: float) -> None:
-        """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time.
+        """Begin at the state x, shape (..., 8), on a plate that has not moved before.
 
         Args:
             x: The state.
-            smooth: Speed over which friction changes its sign, m/s.
-            friction: Of the ball, m/s^2.
+            smooth: Speed vs over which friction changes its sign, m/s.
+            friction: Initial friction F, m/s^2.
         """
         super().start(x)
         self._shape = self.x.shape[:-1]
@@ -503,8 +515,8 @@ class LateBall(DelayedObserver):
         self._by = NUMBER_ARITHMETIC if self._rigs == 1 else ARRAY_ARITHMETIC
         self._ball = RollingBall(self.model, smooth, self.period, self.delay, rows)
         self._state = state = components(rows)
-        as_told = self.plate_pole, self.period, self.model.lag
-        self._plates = [SlowPlate(*as_told, *state[k : k + 2]) for k in (2, 6)]
+        about = self.plate_pole, self.period, self.model.lag
+        self._plates = [SlowPlate(*about, *state[k : k + 2]) for k in (2, 6)]
         known = self.model.lag or self.plate == "modelled" or LAG_NAME not in dict(self.knows)
         turn = math.radians(self.screen_deg)
         self._turned = math.cos(turn), math.sin(turn)
@@ -520,7 +532,7 @@ class LateBall(DelayedObserver):
         self._there = self._now = LocalState(self._s)
 
     def correct(self, measurement: Measurement) -> State:
-        """Take in plate angles of now and a ball position of a dead time ago."""
+        """The estimate from present plate angles and a ball position of a dead time ago."""
         x, phi, y, theta = components(measurement.y.reshape(-1, 4))
         if self.screen_deg:
             cos, sin = self._turned
@@ -566,23 +578,23 @@ class LateBall(DelayedObserver):
         return self.x
 
     def predict(self, u: Input) -> None:
-        """Carry the plate one period ahead; the ball follows when the plate is measured."""
+        """Predict the plate by one period; the ball follows when the plate is measured."""
         for plate, acceleration in zip(self._plates, components(u.reshape(-1, 2)), strict=True):
             plate.predict(acceleration)
         if self._drives is not None:
-            self._drives.predict([plate.told for plate in self._plates])
+            self._drives.predict([plate.requested for plate in self._plates])
 
     @property
     def _lag(self) -> Any:
-        """Lag of the drives in s, as told or found."""
+        """Lag of the drives in s, given or estimated."""
         return self.model.lag if self._drives is None else self._drives.lag
 
     def _at(self, place: Sequence[Any], which: int) -> LocalState:
-        """The filter's state with the friction of a place (x, y) in m: one for all by default.
+        """The filter's state with the friction at a place (x, y) in m: the same by default.
 
         Args:
-            place: Where the ball was at the time of the touch sample, or is now.
-            which: Which of them, ``THERE`` or ``NOW``.
+            place: Position of the ball at the time of the touch sample, or now.
+            which: ``THERE`` or ``NOW``.
         """
         return LocalState(self._s)
 
@@ -596,8 +608,8 @@ class LateBall(DelayedObserver):
 
         Args:
             seen: Measured position (x, y) of the ball, m.
-            age: Seconds since it arrived.
-            new: Where it is new.
+            age: Time in s since its arrival.
+            new: Whether it is new, for each rig.
             then: The plate a dead time ago.
         """
 

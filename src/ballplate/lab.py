@@ -47,18 +47,18 @@ def check(
             student, lab or key.
     """
     from twin.lab import judge, schema
-    from twin.lab.schema import had_again
+    from twin.lab.schema import reload_deal
 
     found = schema.read(lab)
     file = Path(answer or found.answer.file)
     if file.is_dir():
         file /= found.answer.file
-    dealt = had_again(found, file.parent, key, student)
+    dealt = reload_deal(found, file.parent, key, student)
     result = judge.judge_answer(found, dealt, file, hidden=hidden)
     if page is not None:
         from twin.base.writing import write_whole
-        from twin.lab.grade import of_student
+        from twin.lab.grade import student_page
 
         judging = judge.Judge(found, dealt, file)
-        write_whole(Path(page), of_student(judging, result, everything=hidden))
+        write_whole(Path(page), student_page(judging, result, everything=hidden))
     return result

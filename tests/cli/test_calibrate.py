@@ -1,11 +1,13 @@
 """`twin.cli.rig`: The commands that calibrate, as a person types them."""
 
 import json
+from functools import partial
 
 import pytest
 
 from twin.cli.rig import request
 from twin.devices.lumio.config import UDEV_RULES
+from twin.doctor.drives import TouchMeasurement, measure_touch
 from twin.scenario.rig import read_rig
 
 
@@ -23,7 +25,8 @@ def test_a_person_is_asked_in_words():
 @pytest.mark.long
 @pytest.mark.real_time
 def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(ballplate, tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.doctor.drives.TOUCH_READINGS", 5)  # of a point, instead of 20
+    brief = partial(measure_touch, measurement=TouchMeasurement(reports=5))
+    monkeypatch.setattr("twin.doctor.drives.measure_touch", brief)
     file = tmp_path / "touch.json"
     corners = [(x, y) for x in (-0.28, 0.28) for y in (-0.15, 0.15)]
     monkeypatch.setattr("twin.doctor.drives.usual_points", lambda: corners)

@@ -12,7 +12,13 @@ import ballplate as bp
 from controllers.controller import PerRigReference
 from controllers.interfaces import Reference
 from controllers.references import Circle, Lissajous, Path, Setpoints, Sine, Transition
-from controllers.stable_inversion import PIECES_PER_SLICE, FeasiblePath, Preview, StableInversion
+from controllers.stable_inversion import (
+    PATH_SHAPING,
+    FeasiblePath,
+    PathShaping,
+    Preview,
+    StableInversion,
+)
 from twin.view.summary import describe_run
 
 T = 0.002
@@ -22,15 +28,16 @@ STEP = Setpoints(points=((0.0, 0.0, 0.0), (2.0, 0.15, -0.1)), time_constant=0.02
 places = st.tuples(st.floats(-0.2, 0.2), st.floats(-0.12, 0.12))
 
 
-def laid(reference, start, seconds, limits=(A, J), now=None):
+def laid(reference, start, seconds, limits=(A, J), now=None, **constants):
     """Position, velocity, acceleration, shape (3, K, ..., 2), of what ``now(t)`` is known at t."""
-    preview = Preview(reference, np.array(start, float), T, LAW.preview, LAW.spread, limits)
+    begin = np.array(start, float)
+    preview = Preview(reference, begin, T, LAW.preview, LAW.spread, limits, **constants)
     slices = []
     for number in range(round(seconds / T / preview.count)):
         if now is not None:
             preview.reference = now(number * preview.count * T)
-        preview.ask()
-        preview.go_on()
+        preview.sample()
+        preview.advance()
         slices.append(preview.window[:, : preview.count])
     return np.concatenate(slices, axis=1)
 
@@ -118,7 +125,7 @@ def unforeseen(points, time_constant):
 
 @settings(max_examples=15)
 @given(goals(0.05, 2), st.floats(0.01, 0.3))
-@example(  # without ``begin_anew`` the path leaps by 0.2 mm
+@example(  # without ``restart`` the path leaps by 0.2 mm
     (
         *((0.94, 0.004, 0.028), (1.01, 0.02, 0.003)),
         *((1.88, -0.004, -0.002), (2.84, 0.018, -0.016)),
@@ -181,12 +188,11 @@ def test_beside_others_it_has_the_bits_it_has_alone(both):
 
 def test_it_is_the_nearest_of_all_paths_of_pieces_of_constant_jerk():
     # by an active-set method that knows nothing of this one, its motion integrated anew
-    feasible = FeasiblePath((A, J), T, 25)
-    feasible.STEPS = 5000
+    feasible = FeasiblePath((A, J), T, 25, PathShaping(iterations=5000))
     path = STEP(1.5 + T * np.arange(1, 650))[:3]
     state = STEP(1.5)[:3]
     made = feasible.follow(state, path)
-    n, h = feasible.length, 25 * T / PIECES_PER_SLICE
+    n, h = feasible.length, 25 * T / PATH_SHAPING.pieces_per_slice
     end = h * np.arange(1, n + 1)
     since = np.maximum(end[:, None] - h * np.arange(n + 1), 0.0)  # of each piece's begin
     cube = (since[:, :-1] ** 3 - since[:, 1:] ** 3) / 6
@@ -211,10 +217,9 @@ def test_it_is_the_nearest_of_all_paths_of_pieces_of_constant_jerk():
 
 
 @pytest.mark.long
-def test_few_steps_of_the_method_lose_little(monkeypatch):
+def test_few_steps_of_the_method_lose_little():
     short = laid(STEP, (0.0, 0.0), 6.0)[0]
-    monkeypatch.setattr(FeasiblePath, "STEPS", 1000)
-    exact = laid(STEP, (0.0, 0.0), 6.0)[0]
+    exact = laid(STEP, (0.0, 0.0), 6.0, shaping=PathShaping(iterations=1000))[0]
     wished = STEP(T * np.arange(len(exact)))[0]
     far = [np.sqrt(((path - wished) ** 2).mean()) for path in (short, exact)]
     assert 5e-3 < far[1] <= far[0] < 1.05 * far[1]

@@ -118,6 +118,17 @@ def test_laws_side_by_side_are_each_given_what_they_need():
     np.testing.assert_allclose(u, [[13, 11], [22, 23], [31, 32]])
 
 
+def test_laws_side_by_side_give_the_control_and_the_remarks_of_each():
+    gains = [Gain(K=factor * designed(T)[1]) for factor in (1.0, 2.0)]
+    laws = [gains[0], HeldLaw(gains[1], 4), gains[0]]
+    law, x = PerRigLaw(laws), np.arange(24.0).reshape(3, 8) / 100
+    u = law.control(0.0, x, Hold(), np.zeros((3, 0)))
+    factors = np.array([[1.0], [2.0], [1.0]])
+    np.testing.assert_allclose(u, -factors * (x @ gains[0].K.T))
+    assert law.remarks == laws[1].remarks
+    assert law.model is gains[0].model
+
+
 def test_a_tick_that_is_missed_delays_the_law_but_takes_no_period_from_it():
     law = HeldLaw(Gain(K=designed(0.01)[1]), 5)
     held = law.start(np.zeros((1, 8)), Hold(), T)

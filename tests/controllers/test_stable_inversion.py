@@ -1,18 +1,21 @@
 """Tests of `controllers.stable_inversion`."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.optimize
 
 from controllers.ballplate import TILT_SIGN, BallPlate
-from controllers.interfaces import Feedback, Reference
+from controllers.interfaces import Feedback, Reference, catalog_settings
 from controllers.references import Circle, Hold, Sine, Step, Transition
 from controllers.stable_inversion import (
-    SHAPING_HORIZON_S,
-    SLICE_PERIODS,
+    PATH_SHAPING,
+    SLICING,
     InversePlan,
+    PushResponse,
+    Slicing,
     StableInversion,
     TwoSided,
 )
@@ -26,7 +29,7 @@ def laid(w, ticks, horizon=700, slice_=25):
     """a and three derivatives over so many samples of a function of time."""
     inverse = TwoSided(Z, T, slice_, horizon + 1)
     found = [
-        np.array([*inverse.lay(w((first + np.arange(horizon + 1)) * T)[:, None]), inverse.jerk])
+        np.array([*inverse.plan(w((first + np.arange(horizon + 1)) * T)[:, None]), inverse.jerk])
         for first in range(0, ticks, slice_)
     ]
     return np.concatenate(found, axis=1)[..., 0]
@@ -234,7 +237,8 @@ class Withheld(Reference):
 @pytest.mark.parametrize("preview", [0.0, 0.02, 0.5, 1.4])
 def test_the_future_beyond_the_preview_has_no_influence(preview, slope):
     law = StableInversion(preview=preview, slope=slope)
-    further = SHAPING_HORIZON_S + SLICE_PERIODS * T if slope and preview > 0.1 else 0.0
+    shaped = slope and preview > 0.1
+    further = PATH_SHAPING.horizon_s + SLICING.periods * T if shaped else 0.0
     parting, ticks = 1.8, 1000
     commands = []
     for path in (Withheld(), Withheld(other_from=parting)):
@@ -342,3 +346,17 @@ def test_a_pushed_ball_is_stopped_almost_as_soon_as_can_be_and_comes_back_withou
     assert x.max() < furthest_at_best(speed) + 0.006
     assert x.min() > -0.001
     assert x[-1] < 0.01
+
+
+def test_constants_of_the_algorithm_are_arguments_and_no_settings_of_a_scenario():
+    names = {each.name for each in catalog_settings(StableInversion)}
+    assert names.isdisjoint({"slicing", "jumps", "shaping", "push_response", "model"})
+    assert {"preview", "spread", "Q_slow"} <= names
+    law = StableInversion(push_response=PushResponse(max_growing_error_m=0.0, max_error_m=0.0))
+    pushed = np.zeros((1, 8))
+    pushed[0, 0] = 0.03
+    path, none = Hold(), np.zeros((1, 0))
+    assert law.control(0.0, pushed, path, none)[0, 0] == 0.0  # no error is fed back
+    assert StableInversion().control(0.0, pushed, path, none)[0, 0] < 0.0
+    short = replace(law, slicing=Slicing(periods=10)).ahead(pushed, path, T)
+    assert (short.count, law.ahead(pushed, path, T).count) == (10, 25)

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from twin.base.errors import ScenarioError
-from twin.devices.akd.conditions import RELAXED
 from twin.devices.akd.config import MonitorConfig
+from twin.devices.common import RELAXED
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.lockstep import LockstepRig
 from twin.scenario.rig import check_rig

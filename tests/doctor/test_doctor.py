@@ -16,7 +16,6 @@ from twin.cli.rig import doctor
 from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.doctor import drives
-from twin.doctor import examine as computer_checks
 from twin.doctor.check import (
     CheckStatus,
     fail_check,
@@ -26,7 +25,7 @@ from twin.doctor.check import (
     warn_check,
 )
 from twin.doctor.drives import limits, measure_cams
-from twin.doctor.examine import _drives, computer
+from twin.doctor.examine import ComputerCheck, _drives, computer
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.serve import EmulatedPlant
@@ -127,15 +126,12 @@ def test_the_dead_time_of_a_rig_on_the_wire_is_identified_to_5_ms(late, tmp_path
     assert abs(found - late) < 0.005
 
 
-@pytest.fixture
-def brief(unlocked, monkeypatch):
-    """The computer's timer only glanced at."""
-    monkeypatch.setattr(computer_checks, "TIMER_CHECK_S", 0.1)
+BRIEF = ComputerCheck(timer_s=0.1)
 
 
-@pytest.mark.usefixtures("brief")
+@pytest.mark.usefixtures("unlocked")
 def test_what_can_be_said_of_the_computer_and_the_rig_file_is_said(scenario, tmp_path):
-    found = by_name(computer(scenario(), RIG))
+    found = by_name(computer(scenario(), RIG, BRIEF))
     assert "plate_counts" in found["settings of the drives"].seen
     by_hand = found["to be looked at by hand"].seen
     assert all(word in by_hand for word in ("DRV.TYPE", "DRV.CMDSOURCE", "60 ohm"))
@@ -144,7 +140,8 @@ def test_what_can_be_said_of_the_computer_and_the_rig_file_is_said(scenario, tmp
     file, true = tmp_path / "measured.json", CamTable.from_file(model_path("cams.json"))
     CamTable(true.grid, true.angles, {"made": "measured on a rig"}).save(file)
     other = {"drives": {"watch": {"stale": 100}}, "bus": {"bitrate": 500_000}, "cams": str(file)}
-    found = by_name(computer(scenario(), check_rig({"touch": {"port": "x"}, **other}, "test")))
+    rig = check_rig({"touch": {"port": "x"}, **other}, "test")
+    found = by_name(computer(scenario(), rig, BRIEF))
     assert [found[name].status for name in names] == ["warn", "warn", "pass"]
     assert "drives.watch.stale = 100" in found["safety nets"].seen
 

@@ -67,7 +67,8 @@ def test_a_screen_never_calibrated_is_a_warning_that_says_what_is_assumed():
     found = check_calibration(rig_with(), None)
     assert (found.status, "70.0 x 39.5 cm: assumed" in found.seen) == ("warn", True)
     assert (
-        "37.6 x 30.1 cm that the panel says" in check_calibration(rig_with(), (0.376, 0.301)).seen
+        "37.6 x 30.1 cm that the panel reports"
+        in check_calibration(rig_with(), (0.376, 0.301)).seen
     )
 
 

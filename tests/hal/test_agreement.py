@@ -6,11 +6,13 @@ import pytest
 from twin.hal.agreement import (
     DRIVES_EXCHANGED,
     EXCHANGED,
+    MOTION_TEST,
     OPPOSITE,
     UPHILL,
     WRONG_RATIO,
     Agreement,
     BallAgreement,
+    MotionTest,
 )
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.linkage import Linkage
@@ -39,9 +41,9 @@ def circle(period, degrees=4.0, seconds=2.0):
     return np.radians(degrees) * grown * swing
 
 
-def compared(transmission, period, plate, motor_of=None, lost=LOST):
+def compared(transmission, period, plate, motor_of=None, lost=LOST, test=MOTION_TEST):
     """The disagreement of plate encoders with motors that hold other angles; where that was."""
-    agreement = Agreement(transmission, lost, period)
+    agreement = Agreement(transmission, lost, period, test)
     motors = transmission.motor(plate if motor_of is None else motor_of)
     for each, motor in zip(plate, motors, strict=True):
         found = agreement.look(each, motor)
@@ -94,9 +96,9 @@ def test_a_part_that_slips_after_wide_motion_is_found_by_the_last_moments(period
     assert found.condition is WRONG_RATIO
 
 
-def test_a_transmission_that_is_not_linear_is_no_disagreement_at_all(transmission, monkeypatch):
-    monkeypatch.setattr(Agreement, "SHARE", 0.0)
-    found, _, _ = compared(transmission, 0.002, circle(0.002, 9.0), lost=1e-6)
+def test_a_transmission_that_is_not_linear_is_no_disagreement_at_all(transmission):
+    exact = MotionTest(max_difference=0.0)
+    found, _, _ = compared(transmission, 0.002, circle(0.002, 9.0), lost=1e-6, test=exact)
     assert found is None
 
 

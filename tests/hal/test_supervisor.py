@@ -7,10 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
+from twin.devices.akd.conditions import DRIVE_CONDITIONS
 from twin.devices.common import FaultReports
-from twin.devices.lumio.conditions import BALL_LOST
-from twin.devices.lumio.conditions import CONDITIONS as TOUCH_CONDITIONS
+from twin.devices.lumio.conditions import SCREEN_CONDITIONS, TOUCH_LOST
 from twin.hal.interface import Clamp, Condition, Fault, Limits, Severity
 from twin.hal.supervisor import (
     BALL_OUTSIDE,
@@ -164,7 +163,7 @@ def test_a_new_start_forgets_why_the_last_run_was_stopped():
     assert not supervisor.by_device[0]
 
 
-@pytest.mark.parametrize("condition", [*TOUCH_CONDITIONS, *DRIVE_CONDITIONS], ids=lambda c: c.name)
+@pytest.mark.parametrize("condition", [*SCREEN_CONDITIONS, *DRIVE_CONDITIONS], ids=lambda c: c.name)
 def test_no_behaviour_hangs_on_the_words_of_a_condition(condition):
     answers = []
     for each in (condition, condition._replace(name="renamed", recovery="", reaction="")):
@@ -174,7 +173,7 @@ def test_no_behaviour_hangs_on_the_words_of_a_condition(condition):
         reports.report(each, "device", "detail", 0.0)
         answers.append((supervisor.state[0], supervisor.by_device[0], bool(reports.stopping)))
     assert answers[0] == answers[1]
-    assert not supervisor.by_device[0] or condition is not BALL_LOST
+    assert not supervisor.by_device[0] or condition is not TOUCH_LOST
 
 
 def test_an_event_changes_only_the_rigs_it_is_meant_for():

@@ -58,11 +58,11 @@ from twin.identify.windows import axis_windows, spans
 from twin.scenario import load
 
 ROOT = Path(__file__).parents[2]
-REAL = Path(__file__).parents[3] / "shared" / "real" / "kdotchandra__ball-balancing-robot"
-REAL_COLUMNS = (
+CAMERA_COLUMNS = (
     "time=t_s:s,measured_x=x_m:m,command_phi=theta_x_ACTUATE_deg:deg,measured_y=y_m:m,"
     "command_theta=-theta_y_ACTUATE_deg:deg,touched=detected"
 )
+"""Columns of a log of a rig with a camera and servos, as its own program writes them."""
 TRUTH = {"gain": 6.0, "dead_time": 0.1, "lag": 0.08, "level": 0.05, "friction": 0.03}
 OWN = ("time", "measured_x", "measured_y", "measured_phi", "measured_theta", "age", "touched")
 OWN_COLUMNS = ",".join(f"{each}={each}" for each in OWN)
@@ -735,6 +735,17 @@ def test_the_baselines_of_a_ball_that_stays_or_goes_on_are_what_they_say():
         assert judged.median["model"][k] < 2e-4
 
 
+def camera_log(file, x, y, lost):
+    """A log as a rig with a camera writes it, read again: degrees, frames without a ball."""
+    with file.open("w", encoding="utf-8") as out:
+        out.write("t_s,mode,detected,x_m,y_m,theta_x_ACTUATE_deg,theta_y_ACTUATE_deg\n")
+        for t, a, u, b, v, gap in zip(*x, *y[1:], lost, strict=False):
+            where = (0.0, 0.0) if gap else (a, b)
+            cells = (*where, np.degrees(u), -np.degrees(v))
+            out.write(f"{t:.4f},1,{int(not gap)},{','.join(f'{each:.5f}' for each in cells)}\n")
+    return read_any(file, wanted_columns(CAMERA_COLUMNS))
+
+
 @pytest.mark.long
 def test_a_log_with_a_camera_s_gaps_gives_the_gain_of_its_ball(axis_log, tmp_path):
     """In the form of a rig with a camera: degrees, millisecond gaps, frames without a ball."""
@@ -743,14 +754,7 @@ def test_a_log_with_a_camera_s_gaps_gives_the_gain_of_its_ball(axis_log, tmp_pat
         axis_log(seed, seconds=25, gain=gain, dead_time=0.14, lag=0.13, stiff=0.3, damped=0.3)
         for seed in (1, 2)
     )
-    file = tmp_path / "run.csv"
-    with file.open("w", encoding="utf-8") as out:
-        out.write("t_s,mode,detected,x_m,y_m,theta_x_ACTUATE_deg,theta_y_ACTUATE_deg\n")
-        for t, a, u, b, v, gap in zip(*x, *y[1:], lost, strict=False):
-            where = (0.0, 0.0) if gap else (a, b)
-            cells = (*where, np.degrees(u), -np.degrees(v))
-            out.write(f"{t:.4f},1,{int(not gap)},{','.join(f'{each:.5f}' for each in cells)}\n")
-    log = read_any(file, wanted_columns(REAL_COLUMNS))
+    log = camera_log(tmp_path / "run.csv", x, y, lost)
     fit = fit_axis(log.axes["x"], ("gain", "dead_time", "lag", "level", "friction"), 2.5, (0, 0.5))
     assert fit.value("gain") / fit.problem.tilt.scale == pytest.approx(gain, rel=0.2)
     assert fit.value("dead_time") + fit.value("lag") == pytest.approx(0.27, abs=0.08)
@@ -773,13 +777,19 @@ def test_a_level_that_changes_within_a_log_is_not_taken_for_gain_or_friction(axi
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not REAL.is_dir(), reason="the logs of other people's rigs are not here")
-@pytest.mark.parametrize("axis", ["x", "y"])
-def test_another_run_of_a_real_rig_that_sticks_is_predicted_better_than_by_windows(axis):
-    columns = wanted_columns(REAL_COLUMNS)
+def test_a_later_run_of_a_rig_whose_level_changes_is_predicted_better_than_by_windows(
+    axis_log, tmp_path
+):
+    """A level that changes is taken for gain and friction where every window shares one."""
+    axis = "y"  # whose command has the other sign
+    first, second = (axis_log(seed, **TRUTH | {"seconds": 20, "level": level})
+                     for seed, level in ((1, 0.1), (2, -0.1)))  # fmt: skip
+    pause = first[0][-1] + 5.0
+    whole = tuple(map(np.concatenate, zip(first, (second[0] + pause, *second[1:]), strict=True)))
+    next_run = axis_log(4, **TRUTH | {"seconds": 20, "level": 0.0})
     fitted, other = (
-        read_any(REAL / f"run_{name}.csv", columns).axes[axis]
-        for name in ("20260928T140759Z", "20260926T003528Z")
+        camera_log(tmp_path / f"{name}.csv", run, run, np.zeros(len(run[0]), bool)).axes[axis]
+        for name, run in (("fitted", whole), ("other", next_run))
     )
     names = ("gain", "dead_time", "lag", "level", "friction")
     windows = fit_axis(fitted, names, 2.5, (0, 0.5))

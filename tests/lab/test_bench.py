@@ -23,7 +23,15 @@ from scipy import stats
 from twin.base.errors import LawError, RecordError, ScenarioError, TwinError
 from twin.cli import ballplate as command
 from twin.lab import bench
-from twin.lab.bench import FAMILY_NAME, Benchmark, Entry, beside, interquartile, interval
+from twin.lab.bench import (
+    FAMILY_NAME,
+    Benchmark,
+    Entry,
+    TimingRuns,
+    interquartile,
+    interval,
+    scores_side_by_side,
+)
 from twin.study.experiments import Store, executors
 from twin.study.schema import draw_rigs, read_family
 
@@ -111,7 +119,7 @@ def small(tmp_path_factory):
 
 
 def ran(benchmark, entry, place, store=None):
-    return benchmark.carried_out(entry, Path(place), store or Store(None), processes=1)
+    return benchmark.run_entry(entry, Path(place), store or Store(None), processes=1)
 
 
 def own(folder, line="pass"):
@@ -170,35 +178,31 @@ def test_an_entry_is_replayed_and_what_differs_is_seen(small, tmp_path):
     rows = ran(small, entry, tmp_path, Store(folder))
     small.write(folder, entry, tmp_path, rows)
     (folder / "own.py").write_text("raise SystemExit")  # a verifier runs nothing of it
-    assert list(small.replayed(folder)) == []
+    assert list(small.replay(folder)) == []
     told = (folder / "scores.json").read_text()
     (folder / "scores.json").write_text(told.replace('"kept": 4', '"kept": 3', 1))
-    assert list(small.replayed(folder)) == ["scores.json: not the scores of runs.parquet"]
+    assert list(small.replay(folder)) == ["scores.json: not the scores of runs.parquet"]
     (folder / "scores.json").write_text(told)
     with np.load(folder / "commands.npz") as kept:
         commands = [kept[f"arr_{i}"] for i in range(len(kept.files))]
     commands[3][100:] += 0.1
     np.savez_compressed(folder / "commands.npz", *commands)
-    error, effort = small.replayed(folder)
+    error, effort = small.replay(folder)
     assert error.startswith("replay: Circle, rig 1, noise 1: ")
     assert effort.startswith("replay, effort: Circle, rig 1, noise 1: ")
     np.savez_compressed(folder / "commands.npz", *commands[1:])
-    assert list(small.replayed(folder)) == [
-        "commands.npz: not those of every run on the first rigs"
-    ]
+    assert list(small.replay(folder)) == ["commands.npz: not those of every run on the first rigs"]
     (folder / "commands.npz").write_bytes(b"PK no zip")
     with pytest.raises(RecordError, match="holds no finished entry"):
-        list(small.replayed(folder))
+        list(small.replay(folder))
     small.write(folder, entry, tmp_path, rows[1:])  # a run left out, and what it was commanded
     with np.load(folder / "commands.npz") as kept:
         np.savez_compressed(folder / "commands.npz", *[kept[f"arr_{i}"] for i in range(1, 8)])
-    assert list(small.replayed(folder)) == [
-        "commands.npz: not those of every run on the first rigs"
-    ]
+    assert list(small.replay(folder)) == ["commands.npz: not those of every run on the first rigs"]
     small.write(folder, entry, tmp_path, rows)
     better = rows.assign(rms_distance=rows["rms_distance"] * 0.97)
     better.to_parquet(folder / "runs.parquet", index=False)
-    assert len(list(small.replayed(folder))) == 1 + 2 * 2 * 2
+    assert len(list(small.replay(folder))) == 1 + 2 * 2 * 2
 
 
 @pytest.mark.long
@@ -206,16 +210,16 @@ def test_efforts_and_commands_of_an_entry_are_looked_at(small, tmp_path):
     entry, folder = own(tmp_path), tmp_path / "entry"
     rows = ran(small, entry, tmp_path, Store(folder))
     small.write(folder, entry, tmp_path, rows)
-    assert list(small.replayed(folder)) == []
+    assert list(small.replay(folder)) == []
     assert small.confirmed.startswith("confirmed on 2 of 4 rigs replayed: ")
     lazy = rows.assign(u_rms=rows["u_rms"] * 0.9)
     lazy.to_parquet(folder / "runs.parquet", index=False)
     scores = [each._asdict() for each in small.scores(lazy)]
     (folder / "scores.json").write_text(json.dumps({"season": "", "scores": scores}))
-    found = list(small.replayed(folder))
+    found = list(small.replay(folder))
     assert len(found) == 2 * 2 * 2
     assert all(line.startswith("replay, effort: ") for line in found)
-    assert found[0].endswith(f"told {0.9 * rows['u_rms'][0]:.9g} rad/s^2")
+    assert found[0].endswith(f"expected {0.9 * rows['u_rms'][0]:.9g} rad/s^2")
     small.write(folder, entry, tmp_path, rows)
     with np.load(folder / "commands.npz") as kept:
         commands = [kept[f"arr_{i}"] for i in range(len(kept.files))]
@@ -229,18 +233,18 @@ def test_efforts_and_commands_of_an_entry_are_looked_at(small, tmp_path):
         wrong[3] = wrong[3][:0] if strange is None else wrong[3]
         wrong[3][7:8] = strange or 0.0
         np.savez_compressed(folder / "commands.npz", *wrong)
-        assert list(small.replayed(folder)) == [f"commands.npz: Circle, rig 1, noise 1: {said}"]
+        assert list(small.replay(folder)) == [f"commands.npz: Circle, rig 1, noise 1: {said}"]
     for strange in (["a", "b"], [object()]):
         np.savez_compressed(folder / "commands.npz", *whole[1:], np.array(strange))
         with pytest.raises(RecordError, match="holds no finished entry"):
-            list(small.replayed(folder))
+            list(small.replay(folder))
     pd.concat([rows, rows]).to_parquet(folder / "runs.parquet", index=False)
     with pytest.raises(RecordError, match=r"runs\.parquet has 32 rows, of 16 runs"):
-        list(small.replayed(folder))
+        list(small.replay(folder))
     (folder / "runs.parquet").unlink()
     (folder / "runs.parquet").symlink_to("/etc/hostname")
     with pytest.raises(RecordError, match="is a link, which is not followed"):
-        list(small.replayed(folder))
+        list(small.replay(folder))
 
 
 @pytest.mark.long
@@ -261,7 +265,7 @@ def test_an_entry_in_another_language_is_scored_and_verified(small, tmp_path, ex
     small.write(folder, entry, where, rows)
     assert (folder / "README.md").read_text() == (place / "README.md").read_text()
     (folder / entry.file).write_text("nothing that runs")  # a verifier runs nothing of it
-    assert list(small.replayed(folder)) == []
+    assert list(small.replay(folder)) == []
 
 
 def test_what_is_said_of_a_law_s_file_in_the_entry_toml_beside_it_stands(small, tmp_path):
@@ -293,7 +297,7 @@ def test_rows_of_a_dask_cluster_are_those_of_one_process_to_the_byte(
             with executors(2 if scheduler else 1, scheduler) as (executor, count):
                 assert (executor is None) == (scheduler is None)
                 how = {"executor": executor, "processes": count}
-                rows = small.carried_out(entry, tmp_path, Store(folder), **how)
+                rows = small.run_entry(entry, tmp_path, Store(folder), **how)
             small.write(folder, entry, tmp_path, rows)
             written.append(folder)
     files = ("runs.parquet", "scores.json", "commands.npz", "entry.toml")
@@ -305,7 +309,7 @@ def test_rows_of_a_dask_cluster_are_those_of_one_process_to_the_byte(
 def test_finished_runs_are_not_run_again_until_the_law_changes(small, tmp_path, monkeypatch):
     entry, store = own(tmp_path), Store(tmp_path / "kept")
     first = ran(small, entry, tmp_path, store)
-    monkeypatch.setattr(bench, "_carried_out", lambda *_: pytest.fail("run again"))
+    monkeypatch.setattr(bench, "_carry_out_entry", lambda *_: pytest.fail("run again"))
     pd.testing.assert_frame_equal(ran(small, entry, tmp_path, Store(tmp_path / "kept")), first)
     changed = own(tmp_path, "e = 1.01 * e")
     with pytest.raises(pytest.fail.Exception, match="run again"):
@@ -342,8 +346,8 @@ def test_the_time_of_all_runs_is_told_by_that_of_their_beginnings(small, monkeyp
 
     monkeypatch.setattr(bench, "simulate", simulate)
     monkeypatch.setattr(bench.time, "perf_counter", lambda: clock[0])
-    monkeypatch.setattr(bench, "ENOUGH_TIMING_S", 12.0)
-    told = small.processor_time(small.about.laws["lqr"], small.folder)
+    timing = TimingRuns(enough_s=12.0)
+    told = small.processor_time(small.about.laws["lqr"], small.folder, timing)
     assert told == pytest.approx(each * (2.0 + 0.8) * 2 * RIGS)  # no share of the set-up
     assert brief == [0.05, 0.25, 1.0][: 3 if each < 1 else 2]
 
@@ -356,16 +360,16 @@ def test_code_has_more_time_for_more_runs(tmp_path, monkeypatch, runs, seconds):
 
     monkeypatch.setattr(bench, "answering", answering)
     monkeypatch.setattr(bench, "carry_out", len)
-    assert bench._carried_out(own(tmp_path), tmp_path, [None] * runs) == runs
+    assert bench._carry_out_entry(own(tmp_path), tmp_path, [None] * runs) == runs
 
 
 def test_what_is_no_entry_s_is_refused(small, tmp_path):
     with pytest.raises(ScenarioError, match="an entry sets controller, observer, predictor"):
         ran(small, Entry(title="Cheat", set=("plant.friction.rolling_mm=0",)), tmp_path)
     for file in ("none.py", "../own.py"):
-        with pytest.raises(ScenarioError, match=r"must be a file beside the entry\.toml"):
+        with pytest.raises(ScenarioError, match=r"must be a file next to the entry\.toml"):
             ran(small, Entry(title="Cheat", file=file), tmp_path)
-        with pytest.raises(ScenarioError, match=r"must be a file beside the entry\.toml"):
+        with pytest.raises(ScenarioError, match=r"must be a file next to the entry\.toml"):
             small.processor_time(Entry(title="Cheat", file=file), tmp_path)
     own(tmp_path)
     for text in ("controller.kind=pid", 'controller={kind="pid"}'):
@@ -376,7 +380,7 @@ def test_what_is_no_entry_s_is_refused(small, tmp_path):
     with pytest.raises(
         RecordError, match=r"holds no finished entry: cannot be read: No such file or directory$"
     ):
-        list(small.replayed(tmp_path))
+        list(small.replay(tmp_path))
     assert "did you mean 'lqr'?" in str(called("run", "lqrr"))
 
 
@@ -393,14 +397,15 @@ def test_version_1_is_what_was_frozen_and_a_changed_byte_is_seen(tmp_path, monke
 
 
 def test_an_error_may_be_another_by_what_rounding_makes_and_no_more():
-    told = np.array([0.04, 0.0003, 0.0003])
+    expected = np.array([0.04, 0.0003, 0.0003])
     rows = pd.DataFrame({"task": "Hold-v1", "rig": [0, 1, 2], "noise": 0})
     for error, apart, wrong in (
         ([0.0407, 0.00037, 0.00037], [0.0, 1e-4, 1e-5], [2]),
         ([0.0409, 0.00041, 0.0003], [0.0, 1e-4, 0.0], [0, 1]),
         ([0.0409, np.nan, 0.0003], [1e-4, 1e-4, 0.0], [1]),
     ):
-        seen = bench.unlike(rows.assign(rms_distance=error), told, "rms_distance", "own", apart)
+        changed = rows.assign(rms_distance=error)
+        seen = bench.compare_runs(changed, expected, "rms_distance", "own", apart)
         assert [int(re.search(r"rig (\d)", line)[1]) for line in seen] == wrong
 
 
@@ -523,7 +528,7 @@ def test_an_entry_of_a_season_is_scored_and_verified_on_its_rigs_alone(shipped):
     assert called("run", "lqr", "--season", KEY, "-j", 1).startswith(
         f"LQR, on the rigs of season {season.season}"
     )
-    scores, its = beside([ours, known])
+    scores, its = scores_side_by_side([ours, known])
     assert its == season.season
     assert [each["error"] for each in scores[str(known)]] == [1.0, 1.0]
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from twin.lab.grade import candidates, of_class
+from twin.lab.grade import candidates, class_page
 from twin.lab.schema import Lab, deal, fill_answer, hand_out, read
 
 MINI = Path(__file__).parent / "mini"
@@ -44,7 +44,7 @@ def hand_in(lab: Lab, folder: Path, people: int) -> list[str]:
         if number < people - len(worse):
             one, other = draw.choice(texts), draw.choice(texts)
             text = texts[number] if number < len(texts) else mixed(one, other, draw)
-            file.write_text(fill_answer(text, deal(lab, name, KEY).told))
+            file.write_text(fill_answer(text, deal(lab, name, KEY).known))
         elif (wrong := worse[people - 1 - number]) is None:
             file.unlink()
         else:
@@ -119,10 +119,10 @@ def test_the_page_of_a_class_counts_what_became_of_each_check(tmp_path: Path) ->
     found = [a_result(f"<b>{number}", *each) for number, each in enumerate(three)]
     found[1]["results"][1]["passed"] = None
     found.append({"student": "eve", "score": None, "results": [], "problem": "no <key>"})
-    page = of_class(lab, found, tmp_path)
+    page = class_page(lab, found, tmp_path)
     assert "<b>" not in page
     assert "no &lt;key&gt;" in page
-    assert "5 students, 1 not judged; points of the others 3 to 10, median 9" in page
+    assert "5 students, 1 not graded; points of the others 3 to 10, median 9" in page
     rows = re.findall(r"<tr>(.*?)</tr>", page, re.DOTALL)
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in rows]
     row = next(row for row in cells if row and row[0] == "2 the ball is brought to the middle")

@@ -15,7 +15,7 @@ import pytest
 from twin.base.errors import LawError
 from twin.lab import confinement
 from twin.lab.confinement import AUDIT_ARCH, REFUSED, filter_of
-from twin.lab.process import answering
+from twin.lab.process import AnswerLimits, answering
 from twin.lab.schema import AnswerTable
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
@@ -184,7 +184,7 @@ print('Error', found, file=sys.stderr)
     about = AnswerTable(kind="law", file="law.txt", command=command, seconds=5.0)
     with answering(tmp_path / "law.txt", about) as process:
         process.process.wait(10)
-        assert process.printed() == ["Error [1, 'PermissionError', 'PermissionError']"]
+        assert process.last_printed() == ["Error [1, 'PermissionError', 'PermissionError']"]
 
 
 def run_filter(steps: list[tuple[int, int, int, int]], call: int, arch: int, *given: int) -> int:
@@ -304,7 +304,7 @@ def f():
 """)
     with answering(file, function("f")) as process:
         assert process.call("function", {}) == {"here": ["answer.py"]}
-        assert process.printed() == ["mine"]
+        assert process.last_printed() == ["mine"]
 
 
 @pytest.mark.parametrize(
@@ -324,13 +324,10 @@ def test_an_answer_that_fills_its_folder_is_stopped(tmp_path: Path, line: str, s
 
 
 @pytest.mark.parametrize("line", ["while True: pass", "__import__('time').sleep(60)"])
-def test_a_loop_at_import_is_named_as_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
-) -> None:
-    monkeypatch.setattr("twin.lab.process.MAX_LOADING_S", 0.3)
-    file = tmp_path / "answer.py"
+def test_a_loop_at_import_is_named_as_one(tmp_path: Path, line: str) -> None:
+    file, limits = tmp_path / "answer.py", AnswerLimits(loading_s=0.3)
     file.write_text(f"{line}\n")
-    with pytest.raises(LawError) as caught, answering(file, function("f", 0.3)):
+    with pytest.raises(LawError) as caught, answering(file, function("f", 0.3), limits):
         pass
     words = "it took longer than 0.3 s to be loaded: a loop outside of its functions?"
     assert str(caught.value) == f"answer.py: {words}"
@@ -344,5 +341,5 @@ def test_an_answer_cannot_command_a_terminal(tmp_path: Path) -> None:
     with answering(file, function("f")) as process:
         with pytest.raises(LawError) as caught:
             process.call("function", {})
-        assert process.printed() == ["\\x1b]0;title\\x07"]
+        assert process.last_printed() == ["\\x1b]0;title\\x07"]
     assert str(caught.value) == "answer.py, line 3: ValueError: \\x1b[31mred\\u202e"

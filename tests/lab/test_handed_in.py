@@ -18,7 +18,7 @@ from twin.base.data_file import DataError, read_regular
 from twin.base.errors import ScenarioError, printable
 from twin.cli import ballplate as command
 from twin.lab import grade as grades
-from twin.lab.handed_in import MAX_COPIED_FILES, collect, copied
+from twin.lab.handed_in import MAX_COPIED_FILES, collect, copy_files
 from twin.lab.schema import Lab, check_name, read
 
 LAB = """
@@ -152,13 +152,13 @@ def test_a_labs_own_function_reads_copies_of_regular_files_alone(
 ) -> None:
     put(handed_in / "log.csv", "1")
     (handed_in / "key.csv").symlink_to(put(tmp_path / "key.txt", SECRET))
-    with copied(handed_in) as folder:
+    with copy_files(handed_in) as folder:
         assert [path.name for path in folder.iterdir()] == ["log.csv"]
         assert (folder / "log.csv").read_text() == "1"
     assert not folder.exists()
     for number in range(MAX_COPIED_FILES):
         put(handed_in / f"{number}.txt", "")
-    with pytest.raises(ScenarioError, match="has more than 256 files"), copied(handed_in):
+    with pytest.raises(ScenarioError, match="has more than 256 files"), copy_files(handed_in):
         pass
 
 
@@ -186,9 +186,9 @@ def test_no_name_of_an_entry_costs_another_student_a_mark(lab: Lab, handed_in: P
     assert (found["ann"]["score"], found["zoe"]["score"]) == ("4.0", "0.0")
     assert len(found) == 2 + len(strange_names()) - 1  # ..b is hidden, and told elsewhere
     others = [row for name, row in found.items() if name not in {"ann", "zoe"}]
-    assert all("is called by up to 100 letters" in row["problem"] for row in others)
+    assert all("the name has up to 100 letters" in row["problem"] for row in others)
     assert printable("".join(map(str, others)), "") == "".join(map(str, others))
-    page = grades.of_class(
+    page = grades.class_page(
         lab, [{**row, "results": [], "score": None} for row in others], handed_in
     )
     page.encode()
@@ -264,7 +264,7 @@ def test_names_of_moodle_and_canvas_are_students(lab: Lab, handed_in: Path) -> N
         "doedora": "4.0", "poeeve": "4.0", "roefay": "", "moegil": "", "hal": "4.0",
     }  # fmt: skip
     assert found["roefay"]["problem"].endswith("there is roefay_4713_819_numbers.zip: unpack it")
-    assert "code: the course's key deals moegil another rig" in found["moegil"]["problem"]
+    assert "code: the course's key deals moegil a different rig" in found["moegil"]["problem"]
 
 
 def test_two_submissions_of_a_student_cost_no_other_mark(lab: Lab, handed_in: Path) -> None:
@@ -316,7 +316,7 @@ def test_what_lies_there_and_is_no_submission_is_named(lab: Lab, handed_in: Path
 
 def test_marks_cannot_begin_a_formula(lab: Lab) -> None:
     students = ("=1+1", "+1", "-1", "@sum(a1)", "\t=1", "\r=1", "\uff1d1", "ann")
-    found = [grades.unread(name, f"no; {name}") for name in students]
+    found = [grades.result_without_points(name, f"no; {name}") for name in students]
     rows = [*csv.reader(io.StringIO(grades.marks(lab, found)))][1:]
     for name, row in zip(students, rows, strict=True):
         assert row[0] == ("ann" if name == "ann" else f"'{name}" if name > " " else printable(name))
@@ -377,6 +377,8 @@ def test_a_file_that_names_no_student_is_nobody_s(lab: Lab, handed_in: Path, nam
     put(handed_in / "ann.toml")
     found = collect(lab, handed_in)
     assert [each.student for each in found.submissions] == ["ann"]
-    assert found.left_out == [f"{name}: names no student: a folder or a file called as its student"]
+    assert found.left_out == [
+        f"{name}: names no student: a folder or a file has its student's name"
+    ]
     put(handed_in / "answer.toml")
     assert len(collect(lab, handed_in, ["ann", Path(name).stem]).submissions) == 2

@@ -15,7 +15,15 @@ import pytest
 import ballplate as bp
 from twin.base.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
-from twin.lab.grade import begin, candidates, format_result, of_student, pack, try_answer
+from twin.lab.grade import (
+    SELF_TEST,
+    begin,
+    candidates,
+    format_result,
+    pack,
+    student_page,
+    try_answer,
+)
 from twin.lab.handed_in import collect
 from twin.lab.judge import Judge, judge_answer
 from twin.lab.process import ANSWER_NAME, answering
@@ -25,9 +33,9 @@ from twin.lab.schema import (
     CheckTable,
     deal,
     fill_answer,
-    had_again,
     hand_out,
     read,
+    reload_deal,
     starter,
     students,
 )
@@ -159,18 +167,18 @@ def test_a_rig_is_dealt_by_hmac_of_key_lab_version_and_student() -> None:
 def test_what_is_hidden_of_a_rig_is_not_to_be_had_from_the_sheet(tmp_path: Path) -> None:
     lab, folder = read(MINI), tmp_path / "ann"
     hand_out(lab, {"ann": "."}, KEY, folder)
-    true, home = had_again(lab, folder, KEY, "ann"), had_again(lab, folder, None)
-    assert home.told == true.told
+    true, home = reload_deal(lab, folder, KEY, "ann"), reload_deal(lab, folder, None)
+    assert home.known == true.known
     assert home.point["plant.level_deg.0"] != true.point["plant.level_deg.0"]
     assert (home.true, true.true) == (False, True)
     assert str(true.point["plant.level_deg.0"]) not in "".join(
         file.read_text() for file in folder.iterdir()
     )
-    assert f"START = {true.told['plant.start.x']!r}  # told" in (folder / "answer.py").read_text()
+    assert f"START = {true.known['plant.start.x']!r}  # told" in (folder / "answer.py").read_text()
     with pytest.raises(ScenarioError, match="is it the key of this course"):
-        had_again(lab, folder, "another key", "ann")
+        reload_deal(lab, folder, "another key", "ann")
     with pytest.raises(ScenarioError, match="student: is 'ann', must be 'bob'"):
-        had_again(lab, folder, KEY, "bob")
+        reload_deal(lab, folder, KEY, "bob")
 
 
 def test_a_class_is_the_first_column_below_its_heading(tmp_path: Path) -> None:
@@ -491,9 +499,9 @@ def test_a_log_of_the_students_rig_has_what_its_computer_knows_and_no_truth(tmp_
         "    return {'start': float(rows[0]['measured_x [m]'])}\n"
     )
     lab = read(folder)
-    found = try_answer(lab, (solution, "ann"))
+    found = try_answer(lab, SELF_TEST.key, (solution, "ann"))
     assert [each["score"] for each in found["results"]] == [1.0, 0.0]
-    assert try_answer(lab, (folder / "answer.toml", "ann"))["score"] == 0
+    assert try_answer(lab, SELF_TEST.key, (folder / "answer.toml", "ann"))["score"] == 0
     hand_out(lab, {"ann": "."}, KEY, tmp_path / "ann")
     heads = (tmp_path / "ann" / "log.csv").read_text().splitlines()[0]
     assert "applied_phi_acc [rad/s^2]" in heads
@@ -563,13 +571,13 @@ def test_a_page_of_a_student_has_no_hidden_check(tmp_path: Path) -> None:
     (folder / "answer.toml").write_text('mass = 1\nwind = "<i>"\n')
     lab = read(folder)
     judge = Judge(lab, deal(lab, "ann", KEY), folder / "answer.toml")
-    result = judge_answer(*judge, hidden=True)
+    result = judge_answer(lab, judge.dealt, judge.file, hidden=True)
     for everything in (False, True):
-        page = of_student(judge, result, everything=everything)
+        page = student_page(judge, result, everything=everything)
         assert ("secret" in page) == everything
         assert "0 of 11 points" in page
         assert "<i>" not in page
-    assert "0 of 4 of them by checks that are not shown" in of_student(
+    assert "0 of 4 of them by checks that are not shown" in student_page(
         judge, result, everything=False
     )
 
@@ -592,4 +600,4 @@ def test_a_new_lab_passes_its_own_selftest(tmp_path: Path) -> None:
     begin("my_own", tmp_path / "lab")
     found = list(grades.selftest(read(tmp_path / "lab"), 2))
     assert len(found) == 6
-    assert all(each.good for each in found if "judged within" not in each.what), found
+    assert all(each.good for each in found if "graded within" not in each.what), found

@@ -21,7 +21,7 @@ from twin.lab.schema import AnswerTable
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PERIOD = 0.002
-STRANGE = "it said something else than an answer"
+STRANGE = "it sent something else than an answer"
 PATH = SampledReference(Circle(amplitude=0.15, omega=0.75), PERIOD)
 OTHER = """
 import struct, sys

@@ -53,7 +53,7 @@ def drawn_often(monkeypatch):
 
 def recorded(scenarios, keep_at=None, snapshot=None):
     rig, controller = assemble(scenarios, threads=1)
-    rig.LEVELLING_TIME = 0.0  # what comes after the run is not looked at
+    rig.levelling_s = 0.0  # the time after the run is not recorded
     record = Recorder(round(DURATION / 0.002), len(scenarios), 0.002, rig.channels)
     kept = []
 

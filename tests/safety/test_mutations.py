@@ -143,7 +143,7 @@ MUTATIONS = {
     ),
     "lost after twice the time": (
         named(ALONE),
-        lambda: patch("twin.hal.supervisor.LOST_AFTER", 0.2),
+        lambda: patch("twin.hal.supervisor.BALL_LOST_AFTER_S", 0.2),
     ),
     "a ball not felt is ignored": (
         named(ALONE),

@@ -24,10 +24,8 @@ from twin.run.logs import NEEDED_COLUMNS
 from twin.run.metrics import INTERRUPTED_REASON
 from twin.scenario.load import load
 from twin.whatif.futures import (
-    FEWEST,
-    FRAMES,
-    HALF,
-    POOR,
+    PATH_FIT,
+    SYNCHRONISATION,
     agreement,
     branches_of,
     exact,
@@ -247,7 +245,7 @@ def test_gaps_are_said_and_nothing_is_put_there(run, tmp_path):
     moment = moment_of(log_of(run, tmp_path / "holed.csv", holed), AT, "circle")
     ((begin, end),) = moment.gaps
     assert 0.4 < begin < 0.5 < 0.7 - 0.05 < end < 0.75
-    assert "gaps, which nothing is put into" in moment.notes[0]
+    assert "gaps, which are not filled" in moment.notes[0]
     inside = (moment.recorded.time > begin) & (moment.recorded.time < end - 0.1)
     assert not np.isfinite(moment.recorded.ball[inside]).any()
     # one second before the moment there is a gap, so there is nothing to compare with
@@ -322,7 +320,7 @@ def test_a_record_of_the_emulated_rig_is_gone_on_with_from_its_estimated_state(t
     assert "the state estimated from the log" in text
     if told["before_mm"] is not None:  # no gap in the second before
         assert f"{told['before_mm']:.2g} mm apart" in text
-        assert ("does not fit" in text) == (told["before_mm"] > POOR)
+        assert ("does not fit" in text) == (told["before_mm"] > SYNCHRONISATION.max_distance_mm)
 
 
 def without(*names):
@@ -372,10 +370,11 @@ def test_the_path_is_the_parabola_of_least_squares_through_the_touches_about_it(
     ball = np.stack((np.sin(3 * known), known**2), axis=1) + noise.normal(0, 1e-3, (60, 2))
     time = np.linspace(known[0] - 0.05, known[-1] + 0.05, 90)
     place, speed = path(time, (known, ball))
-    half = max(HALF, FRAMES * float(np.median(np.diff(known))))
+    frames_s = PATH_FIT.frames * float(np.median(np.diff(known)))
+    half = max(PATH_FIT.half_width_s, frames_s)
     for row, now in enumerate(time):
         near = (known >= now - half) & (known < now + half)
-        if near.sum() < FEWEST or known[near][0] > now or known[near][-1] < now:
+        if near.sum() < PATH_FIT.min_touches or known[near][0] > now or known[near][-1] < now:
             assert np.isnan(place[row]).all()
             continue
         curve = np.polyfit(known[near] - now, ball[near], 2)
@@ -403,5 +402,5 @@ def test_a_log_of_commands_and_slow_frames_is_gone_on_with(tmp_path):
     columns = "time=t,measured_x=x,measured_y=y,command_phi=a,command_theta=b"
     moment = moment_of(file, 2.0, "circle", KEYS, columns)
     assert not moment.exact
-    assert moment.before_mm < POOR
+    assert moment.before_mm < SYNCHRONISATION.max_distance_mm
     assert one(moment, lasting=1.5).max_difference < 5e-3

@@ -413,16 +413,17 @@ def trace(
 
 
 def _replay(file: Path, trace: Trace, names: Names, drives: AkdConfig | None) -> int:
-    """Tell where emulated drives answer otherwise than those of a trace."""
-    from twin.doctor.replay import MAX_PDO_SHIFT, MAX_TIME_SHIFT_S, MOTOR_TOLERANCES, replay
+    """Show where the answers of emulated drives differ from those of a trace."""
+    from twin.doctor.replay import REPLAY_TOLERANCES, replay
 
     found = replay(trace.frames, names, drives)
-    first, (place, rate) = found.difference, MOTOR_TOLERANCES.values()
+    first, allowed = found.difference, REPLAY_TOLERANCES
     compared_text = (
         f"{file}: {found.sent} frames of the host sent to emulated drives, {found.compared} frames "
         "of drives compared: states, transfers, emergencies, number of PDOs; "
-        f"within {1e3 * MAX_TIME_SHIFT_S:g} ms and {MAX_PDO_SHIFT} PDOs, "
-        f"motors within {place:g} rad and {rate:g} rad/s; not the plate, which they do not have"
+        f"within {1e3 * allowed.time_s:g} ms and {allowed.pdos} PDOs, motors within "
+        f"{allowed.position_rad:g} rad and {allowed.speed_rad_s:g} rad/s; "
+        "not the plate, which they do not have"
     )
     same = "the emulated drives answer the same"
     shown = f"first difference, at {first.time:.6f} s, {first.who}: {first.text}" if first else same

@@ -266,7 +266,7 @@ def run(
         minutes = max(1, round(benchmark.processor_time(about, place) / count / 60))
         TERMINAL.note(f"{about.title}: all runs take about {minutes} min, {count} side by side")
         with _count_runs(about.title, benchmark) as told:
-            rows = benchmark.carried_out(about, place, Store(folder), progress=told, **how)
+            rows = benchmark.run_entry(about, place, Store(folder), progress=told, **how)
     found = benchmark.write(folder, about, place, rows)
     files = "entry.toml, runs.parquet, scores.json, commands.npz"
     shown = _table(f"{about.title}, on {rigs_of(benchmark.season)}", found)
@@ -291,7 +291,7 @@ def verify(entry: Path | None, season: str | None) -> int:
         raise click.UsageError("--season: needs the ENTRY that is verified")
     benchmark = Benchmark(key=season)
     with _count_runs("reference law", benchmark) if season else nullcontext() as told:
-        replayed = benchmark.replayed(entry, progress=told) if entry else benchmark.differences()
+        replayed = benchmark.replay(entry, progress=told) if entry else benchmark.differences()
         wrong = list(replayed)
     right = (
         "the benchmark: as it was frozen" if entry is None else f"{entry}: {benchmark.confirmed}"
@@ -305,9 +305,9 @@ def verify(entry: Path | None, season: str | None) -> int:
 @JSON
 def table(entries: Sequence[Path]) -> int:
     """Put finished entries side by side: the relative error of each in each task."""
-    from twin.lab.bench import beside, rigs_of
+    from twin.lab.bench import rigs_of, scores_side_by_side
 
-    found, season = beside(entries)
+    found, season = scores_side_by_side(entries)
     tasks = [each["task"] for each in next(iter(found.values()))]
     cells = [
         (name, *(f"{each['error']:.3g} ({each['kept']} kept)" for each in its))
@@ -477,7 +477,7 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
         found = grades.grade(lab, key, names, handed_in, kept, processes, advance)
     write_whole(out, grades.marks(lab, found))
     page = out.with_suffix(".html")
-    write_whole(page, grades.of_class(lab, found, kept, collected.left_out))
+    write_whole(page, grades.class_page(lab, found, kept, collected.left_out))
     files = f"{out.name}, {page.name}; of each student {kept.name}/"
     show(found, [grades.summary(found)], out.parent, files)
     return 1 if any("problem" in each for each in found) else 0

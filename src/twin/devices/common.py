@@ -1,7 +1,7 @@
-"""What devices have in common: ranges of settings, ports, and the faults they report.
+"""The common part of all devices: ranges of settings, ports, and reports of faults.
 
-Some ranges are those of safety nets, which a rig file may relax, with a warning; beyond its range a
-net would be none. A port is for one program at a time.
+Some ranges are those of safety nets, which a rig file may relax, with a warning; outside of its
+range a net would have no effect. A port is for one program at a time.
 """
 
 from __future__ import annotations
@@ -14,7 +14,12 @@ from typing import Any, ClassVar
 
 from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError
-from twin.hal.interface import Condition, Fault, Severity
+from twin.hal.interface import NOMINAL_PERIOD, Condition, Fault, Severity
+
+RELAXED = Condition(
+    "safety net relaxed", Severity.WARNING, NOMINAL_PERIOD, "noted", "take it out of the rig file"
+)
+"""A rig file makes a safety net of any device wider than by default."""
 
 
 def net(default: Any, low: float, high: float, *, sense: int = 1, **metadata: Any) -> Any:
@@ -22,15 +27,15 @@ def net(default: Any, low: float, high: float, *, sense: int = 1, **metadata: An
 
     Args:
         default: Its default.
-        low: Least value.
+        low: Smallest value.
         high: Largest value.
-        sense: 1 where larger values notice less or allow more, -1 where smaller ones do.
+        sense: 1 where larger values detect less or allow more, -1 where smaller ones do.
         metadata: Further metadata.
     """
     return field(default=default, metadata={"range": (low, high), "net": sense, **metadata})
 
 
-def ranged(default: Any, low: float, high: float, **metadata: Any) -> Any:
+def range_field(default: Any, low: float, high: float, **metadata: Any) -> Any:
     """A field with a range that is no net."""
     return field(default=default, metadata={"range": (low, high), **metadata})
 
@@ -44,10 +49,10 @@ class Ranged:
     """
 
     keys: ClassVar[str]
-    """What their keys begin with, as ``drives.watch.``."""
+    """Beginning of their keys, as ``drives.watch.``."""
 
     def __post_init__(self) -> None:
-        """Refuse what is out of range."""
+        """Refuse values out of range."""
         for each in fields(self):
             low, high = each.metadata.get("range", (None, None))
             value = getattr(self, each.name)
@@ -60,7 +65,7 @@ class Ranged:
 
     @property
     def relaxed(self) -> tuple[str, ...]:
-        """Every net that is wider than by default, in words: key, value and default."""
+        """Every net that is wider than by default, as a text: key, value and default."""
         return tuple(
             f"{self.keys}{each.name} = {getattr(self, each.name)} (default {each.default})"
             for each in fields(self)
@@ -85,7 +90,7 @@ def claim(path: str, flags: int) -> int:
 
     Raises:
         ImportError: This is no POSIX system.
-        OSError: It cannot be opened, or another program has claimed it.
+        OSError: It cannot be opened, or a different program has claimed it.
     """
     import fcntl  # noqa: PLC0415  POSIX only
 
@@ -99,12 +104,12 @@ def claim(path: str, flags: int) -> int:
 
 
 def in_words(device: str, number: int, **about: str) -> str | None:
-    """What an error of the operating system means, by ``ports.toml``; None if it is not there.
+    """The meaning of an error of the operating system, by ``ports.toml``; None if not listed.
 
     Args:
         device: ``bus`` or ``screen``.
-        number: Of the error.
-        about: What its words name.
+        number: Number of the error.
+        about: Values of the names in its text.
     """
     known = read_packaged("twin.devices", "ports.toml")[device].items()
     found = (words for name, words in known if getattr(errno, name, None) == number)
@@ -113,7 +118,7 @@ def in_words(device: str, number: int, **about: str) -> str | None:
 
 
 def one_line(error: Exception) -> str:
-    """What a library says of an error, in one line."""
+    """The message of a library's error, in one line."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
@@ -129,10 +134,10 @@ class FaultReports:
         self._new: list[Fault] = []
         self._latched: dict[tuple[str, str], Fault] = {}
         self._warned: dict[tuple[str, str], tuple[float, int]] = {}
-        """When each warning was reported last, and how often it has been seen since."""
+        """Time in s of the last report of each warning, and how often it has been seen since."""
 
     def report(self, condition: Condition, where: str, detail: str, at: float) -> None:
-        """Report a condition seen at a time in s: once, a warning every while."""
+        """Report a condition seen at a time in s: once; a warning again after ``repeat``."""
         key = condition.name, where
         if condition.severity is Severity.WARNING:
             last, held_back = self._warned.get(key, (-math.inf, 0))

@@ -25,7 +25,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.catalog import EXECUTES, error_words, failed_line
 from twin.base.errors import RigError, ScenarioError
-from twin.devices.common import FaultReports, Ranged, net, ranged
+from twin.devices.common import FaultReports, Ranged, net, range_field
 from twin.hal.agreement import AXES, OPPOSITE, WRONG_RATIO
 from twin.hal.interface import Condition, Fault, Limits, Touch, conditions
 
@@ -154,7 +154,7 @@ class _PlateThresholds(_OwnSettings):
         astray_deg: By how much the measured plate may differ from its command, deg.
     """
 
-    plate_lag: float = ranged(0.0, 0, 2)
+    plate_lag: float = range_field(0.0, 0, 2)
     astray_deg: float = net(3.0, 0.1, 20)
 
     @property

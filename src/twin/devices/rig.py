@@ -17,7 +17,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.interfaces import Measurement
 from twin.base.errors import RigError
-from twin.devices.akd.conditions import RELAXED
+from twin.devices.common import RELAXED
 from twin.devices.realtime import RealTimeClock, Scheduling, TimingLog, real_time
 from twin.hal.agreement import AXES, Agreement, BallAgreement
 from twin.hal.interface import (

@@ -1,4 +1,4 @@
-"""What a check found, one line each, and the step that follows from all of them."""
+"""Results of checks, one line each, and the next step that follows from all of them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def next_step(found: Sequence[CheckResult], rig: str, *, move: bool) -> str:
 
     Args:
         found: Every result, in order.
-        rig: What was given as ``--rig``.
+        rig: Argument of ``--rig``.
         move: Whether the drives were allowed to move.
     """
     failures = [each for each in found if each.status is CheckStatus.FAIL]
@@ -34,7 +34,7 @@ def next_step(found: Sequence[CheckResult], rig: str, *, move: bool) -> str:
 
 
 class CheckStatus(StrEnum):
-    """PASS: as it must be. WARN: it works, with reservations. FAIL: a run would not work."""
+    """PASS: correct. WARN: it works, with reservations. FAIL: a run would not work."""
 
     PASS = "pass"
     WARN = "warn"
@@ -42,13 +42,13 @@ class CheckStatus(StrEnum):
 
 
 class CheckResult(NamedTuple):
-    """What one check found.
+    """The result of one check.
 
     Attributes:
-        what: What was checked.
+        what: The device or property that was checked.
         status: Whether it passed.
-        seen: What was seen.
-        advice: What to do; empty if nothing.
+        seen: The observation.
+        advice: Advice to the person; empty if there is none.
     """
 
     what: str
@@ -62,26 +62,26 @@ class CheckResult(NamedTuple):
 
 
 Ask = Callable[[str], object]
-"""Asks a person, or an emulated rig, to ``lift`` or ``put`` the ball, or to ``touch X Y`` in mm."""
+"""Request to a person or an emulated rig: ``lift`` or ``put`` the ball, or ``touch X Y`` in mm."""
 
 
 def pass_check(what: str, seen: str) -> CheckResult:
-    """As it must be."""
+    """A check that passed."""
     return CheckResult(what, CheckStatus.PASS, seen)
 
 
 def warn_check(what: str, seen: str, advice: str) -> CheckResult:
-    """It works, with reservations."""
+    """A check that passed with reservations."""
     return CheckResult(what, CheckStatus.WARN, seen, advice)
 
 
 def fail_check(what: str, seen: str, advice: str) -> CheckResult:
-    """A run would not work."""
+    """A check that failed: a run would not work."""
     return CheckResult(what, CheckStatus.FAIL, seen, advice)
 
 
 def note_check(what: str, seen: str, advice: str) -> CheckResult:
-    """As it must be where there is no advice; else it works, with reservations."""
+    """A check that passed; with reservations if there is advice."""
     return warn_check(what, seen, advice) if advice else pass_check(what, seen)
 
 
@@ -90,12 +90,12 @@ def report_errors(
     what: str,
     advice: str = "see the fault; close STO, reset the faults (--reset)",
 ) -> Generator[CheckResult, None, bool]:
-    """The results of a check, its error as the last of them; whether none is a failure.
+    """The results of a check, an error as the last of them; returns whether none is a failure.
 
     Args:
         check: The check.
-        what: What fails with an error.
-        advice: What to do then.
+        what: Name of the check that fails with the error.
+        advice: Advice for that.
     """
     good = True
     try:

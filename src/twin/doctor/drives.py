@@ -1,13 +1,13 @@
-"""The drives: bus, state, heartbeat; with leave to move: limits, direction, scale, axes.
+"""The drives: bus, state, heartbeat; with permission to move: limits, direction, scale, axes.
 
-And what is measured on a rig for its files: cam table, lost motion, touch calibration.
+Measurements for a rig's files: cam table, lost motion, touch calibration.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import degrees, radians
 from typing import Any
 
@@ -39,18 +39,25 @@ from twin.doctor.check import (
     pass_check,
     warn_check,
 )
+from twin.hal.agreement import AXES
 from twin.hal.cams import CamTable
 from twin.hal.interface import SCREEN_SIZE_M, Severity, Transmission
 from twin.identify.plate_motion import LostMotion, as_plate, lost_motion, triangle
 
+FOLLOWING_GAIN_PER_S = 20.0
+"""Commanded rate of a shaft per error of its angle, 1/s, in every motion of the doctor."""
+TURN_END_S = 0.3
+"""Time in s after a motion in which the shafts reach its end."""
+
 
 def turn(servos: AkdServos, start: Array, end: Array, seconds: float = 1.0) -> bool:
-    """Turn the shafts from one angle to another, smoothly; whether the drives kept going."""
+    """Turn the shafts from a start angle to an end angle, smoothly; whether they kept torque."""
     begin = servos.now()
-    while servos.enabled and (gone := servos.now() - begin) < seconds + 0.3:
+    while servos.enabled and (passed_s := servos.now() - begin) < seconds + TURN_END_S:
         # half a cosine: from rest to rest
-        share = (1 - np.cos(np.pi * min(1.0, gone / seconds))) / 2
-        servos.command(20 * (start + share * (end - start) - servos.motor()))
+        share = (1 - np.cos(np.pi * min(1.0, passed_s / seconds))) / 2
+        goal = start + share * (end - start)
+        servos.command(FOLLOWING_GAIN_PER_S * (goal - servos.motor()))
         exchange(servos, servos.config.period)
     servos.command(np.zeros((1, 2)))
     exchange(servos, 0.05)
@@ -58,13 +65,13 @@ def turn(servos: AkdServos, start: Array, end: Array, seconds: float = 1.0) -> b
 
 
 def enable(servos: AkdServos) -> None:
-    """Ask for torque, and exchange until both drives have it, at most for a second."""
+    """Request torque, and exchange until both drives have it, at most for a second."""
     servos.enable()
     exchange(servos, 1.0, lambda: servos.enabled)
 
 
 def hold_level(servos: AkdServos, cams: Transmission) -> Array:
-    """Ask for torque, and take the plate as level; level plate angles in rad, shape (1, 2)."""
+    """Request torque, and take the plate as level; level plate angles in rad, shape (1, 2)."""
     enable(servos)
     level = np.zeros((1, 2))
     servos.home(level, cams.motor(level))
@@ -77,7 +84,7 @@ def stopped_by(servos: AkdServos) -> str:
 
 
 def exchange(servos: AkdServos, seconds: float, done: Callable[[], bool] = lambda: False) -> None:
-    """Go on in real time for a time in s, at least one period, or until something is done."""
+    """Exchange with the drives for a time in s, at least one period, or until ``done``."""
     period = servos.config.period
     for _ in range(max(1, round(seconds / period))):
         if done():
@@ -93,14 +100,31 @@ POSITIVE_ANGLE_HELP = {
     "phi": "the end at larger x goes down",
     "theta": "the end at larger y goes up",
 }
-"""What is to be seen of a positive angle. A drive and its encoder change places together, and the
-cams are alike: no measurement without a ball tells phi from theta, but anybody who looks does."""
-TEST_TILT_RAD = radians(1.0)
-"""How far an axis is tilted to see its encoder's direction and scale."""
-MAX_SCALE_ERROR = 0.2
-"""Share by which a scale may be wrong: play, cams of the model instead of the rig's."""
-MAX_CROSS_MOTION_RAD = radians(0.1)
-"""Motion of the other axis's encoder that is no coupling between the axes."""
+"""What a person sees at a positive angle. A drive and its encoder change places together, and the
+cams are alike: no measurement without a ball tells phi from theta, but a person who looks does."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderTest:
+    """How the plate encoders are tested.
+
+    Attributes:
+        tilt_rad: Angle in rad by which each axis is tilted, for direction and scale.
+        max_scale_error: Relative error of a scale that is allowed: play, cams of the model instead
+            of the rig's.
+        max_cross_motion_rad: Motion in rad of the other axis's encoder that is no coupling between
+            the axes.
+        max_cross_motion_factor: Motion of the other axis's encoder, as a multiple of the own one's,
+            that is allowed beyond that.
+    """
+
+    tilt_rad: float = radians(1.0)
+    max_scale_error: float = 0.2
+    max_cross_motion_rad: float = radians(0.1)
+    max_cross_motion_factor: float = 2.0
+
+
+ENCODER_TEST = EncoderTest()
 
 
 def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
@@ -162,16 +186,19 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     servos.faults()
 
 
-def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
+def motion(
+    servos: AkdServos, cams: Transmission, test: EncoderTest = ENCODER_TEST
+) -> Iterator[CheckResult]:
     """Tilt each axis by a degree and back; its plate encoder must follow."""
     level = hold_level(servos, cams)
     for index, axis in enumerate(servos.axes):
         tilted = level.copy()
-        tilted[0, index] = TEST_TILT_RAD
+        tilted[0, index] = test.tilt_rad
         before = servos.plate()[0]
         turned = turn(servos, cams.motor(level), cams.motor(tilted))
         moved = servos.plate()[0] - before
-        if abs(moved[1 - index]) > max(MAX_CROSS_MOTION_RAD, 2 * abs(moved[index])):
+        allowed = max(test.max_cross_motion_rad, test.max_cross_motion_factor * abs(moved[index]))
+        if abs(moved[1 - index]) > allowed:
             yield _check_crossing(servos, index, moved)
             return
         if not turned:
@@ -179,7 +206,7 @@ def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
             yield fail_check(f"{axis.config.name} encoder", seen, "see the fault")
             return
         turn(servos, cams.motor(tilted), cams.motor(level))
-        yield _encoder(axis.config.name, float(moved[index]))
+        yield _check_scale(axis.config.name, float(moved[index]), test)
     servos.quick_stop()
     exchange(servos, 0.1)
 
@@ -192,12 +219,12 @@ def _check_crossing(servos: AkdServos, index: int, moved: Array) -> CheckResult:
     return fail_check(f"{name} encoder", seen, advice)
 
 
-def _encoder(name: str, seen: float) -> CheckResult:
-    text = f"plate turned {degrees(seen):+.3f} deg for {degrees(TEST_TILT_RAD):+.3f} deg commanded"
+def _check_scale(name: str, seen: float, test: EncoderTest) -> CheckResult:
+    text = f"plate turned {degrees(seen):+.3f} deg for {degrees(test.tilt_rad):+.3f} deg commanded"
     what = f"{name} encoder"
     if not seen >= 0:
         return fail_check(what, text, f"wrong way: change {name}.plate_sign or {name}.motor_sign")
-    if not abs(seen / TEST_TILT_RAD - 1) <= MAX_SCALE_ERROR:
+    if not abs(seen / test.tilt_rad - 1) <= test.max_scale_error:
         advice = (
             f"check {name}.plate_counts, {name}.motor_counts, {name}.gear and the cam table; a "
             "little too far or too short may be lost motion (calibrate lost-motion)"
@@ -209,43 +236,70 @@ def _encoder(name: str, seen: float) -> CheckResult:
     return pass_check(what, f"{text}: {look}")
 
 
-TEST_RATE_LIMIT_RAD_S, TEST_RAMP_RAD_S2 = 1.2, 50.0
-"""Limits set for this, at the cam shafts in rad/s and rad/s^2."""
-REQUESTED_RATE_RAD_S = 2.0
-"""Rate asked for, rad/s: above the limit by less than what counts as not following."""
-RATE_TEST_S = 0.1
-"""Time in s; with the limit holding, the plate tilts by little more than a degree."""
-MAX_RATE_ERROR = 0.25
-"""Share by which the rate held may differ from the limit."""
-MAX_RAMP_FACTOR = 3.0
-"""Factor by which the ramp may: the drive's own speed loop has a part in it."""
-MAX_ANSWER_GAP_S = 0.01
-"""Time in s between two answers above which nothing can be said of a ramp."""
+@dataclass(frozen=True, kw_only=True)
+class LimitTest:
+    """How the drives' limits of rate and acceleration are tested, at the cam shafts.
+
+    Attributes:
+        rate_limit_rad_s: Limit of the rate that is set for the test, rad/s.
+        ramp_rad_s2: Limit of the acceleration that is set for the test, rad/s^2.
+        requested_rate_rad_s: Requested rate, rad/s: above the limit by less than what counts as
+            not following.
+        duration_s: Time in s of a request; with the limit in force, the plate tilts by little more
+            than a degree.
+        stop_s: Time in s in which the shaft stops after a request.
+        max_rate_error: Relative difference of the rate held from the limit that is allowed.
+        max_ramp_factor: Factor by which the ramp may differ: the drive's own speed loop has a part
+            in it.
+        max_answer_gap_s: Time in s between two answers above which no ramp is computed.
+        min_ramp_s: Shortest duration in s that is assumed for a ramp.
+        ramp_shares: Shares of the rate held between which the ramp is measured.
+        jump_factor: Factor of the rate limit that no encoder can pass during the test; larger than
+            in a run, as the limit that is set for the test is smaller.
+        jump_slack_rad: Motion of motor and plate, rad, that is no jump of an encoder during the
+            test.
+    """
+
+    rate_limit_rad_s: float = 1.2
+    ramp_rad_s2: float = 50.0
+    requested_rate_rad_s: float = 2.0
+    duration_s: float = 0.1
+    stop_s: float = 0.1
+    max_rate_error: float = 0.25
+    max_ramp_factor: float = 3.0
+    max_answer_gap_s: float = 0.01
+    min_ramp_s: float = 1e-3
+    ramp_shares: tuple[float, float] = (0.1, 0.9)
+    jump_factor: float = 10.0
+    jump_slack_rad: tuple[float, float] = (0.1, 0.1)
 
 
-def limits(servos: AkdServos) -> Iterator[CheckResult]:
-    """Ask each drive for more than its limit; what it does tells what its counts mean.
+LIMIT_TEST = LimitTest()
+
+
+def limits(servos: AkdServos, test: LimitTest = LIMIT_TEST) -> Iterator[CheckResult]:
+    """Request more of each drive than its limit; its answer shows what its counts mean.
 
     The drives are left started with the limits of their configuration, without torque.
     """
     usual = servos.config
-    # A lower limit would narrow what counts as a plausible step of the encoder, too.
-    watch = replace(usual.watch, jump=10.0, slack=(0.1, 0.1))
+    # a lower limit would narrow what counts as a plausible step of the encoder, too
+    watch = replace(usual.watch, jump=test.jump_factor, slack=test.jump_slack_rad)
     servos.config = replace(
-        usual, rate_limit=TEST_RATE_LIMIT_RAD_S, ramp=TEST_RAMP_RAD_S2, watch=watch
+        usual, rate_limit=test.rate_limit_rad_s, ramp=test.ramp_rad_s2, watch=watch
     )
     try:
         servos.start()
         enable(servos)
         for index, axis in enumerate(servos.axes):
-            times, rates = _measure_step_response(servos, index, REQUESTED_RATE_RAD_S)
-            _measure_step_response(servos, index, -REQUESTED_RATE_RAD_S)
+            times, rates = _measure_step_response(servos, index, test, direction=1.0)
+            _measure_step_response(servos, index, test, direction=-1.0)
             faults = servos.faults()
             stops = (each for each in faults if each.condition.severity is Severity.STOP)
             stop = next(stops, None)
             if stop is None or stop.condition is RUNAWAY:
                 shown = any(each.condition is INTERNAL_LIMIT for each in faults)
-                result = _limit(axis.config.name, times, rates)
+                result = _check_limit(axis.config.name, times, rates, test)
                 bit = f"internal limit (bit 11) {'shown' if shown else 'not shown'}"
                 result = result._replace(seen=f"{result.seen}; {bit}")
             else:
@@ -261,11 +315,21 @@ def limits(servos: AkdServos) -> Iterator[CheckResult]:
     servos.start()
 
 
-def _measure_step_response(servos: AkdServos, index: int, rate: float) -> tuple[Array, Array]:
-    """Times in s and rates in rad/s while one axis is asked for a rate; then it stands again."""
+def _measure_step_response(
+    servos: AkdServos, index: int, test: LimitTest, *, direction: float
+) -> tuple[Array, Array]:
+    """Times in s and rates in rad/s under a requested rate of one axis, which is then stopped.
+
+    Args:
+        servos: The drives, with torque.
+        index: The axis.
+        test: The requested rate, and its duration.
+        direction: 1 or -1.
+    """
     axis = servos.axes[index]
     samples: list[tuple[float, float]] = []
-    for seconds, target in ((RATE_TEST_S, rate), (0.1, 0.0)):
+    rate = direction * test.requested_rate_rad_s
+    for seconds, target in ((test.duration_s, rate), (test.stop_s, 0.0)):
         axis.target = target
         for _ in range(round(seconds / servos.config.period)):
             exchange(servos, servos.config.period)
@@ -275,36 +339,51 @@ def _measure_step_response(servos: AkdServos, index: int, rate: float) -> tuple[
     return times, rates
 
 
-def _limit(name: str, times: Array, rates: Array) -> CheckResult:
+def _check_limit(name: str, times: Array, rates: Array, test: LimitTest) -> CheckResult:
     what = f"{name} limits"
-    if len(times) < 2 or np.diff(times).max() > MAX_ANSWER_GAP_S:
-        apart = 1e3 * (np.diff(times).max() if len(times) > 1 else RATE_TEST_S)
+    if len(times) < 2 or np.diff(times).max() > test.max_answer_gap_s:
+        apart = 1e3 * (np.diff(times).max() if len(times) > 1 else test.duration_s)
         seen = f"answers up to {apart:.0f} ms apart: too irregular to judge"
         return warn_check(what, seen, "close other programs, then repeat")
     held = float(np.median(rates[len(rates) // 2 :]))
-    begin, end = (float(times[np.argmax(rates >= share * held)]) for share in (0.1, 0.9))
-    ramp = 0.8 * held / max(end - begin, 1e-3)
+    low, high = test.ramp_shares
+    begin, end = (float(times[np.argmax(rates >= share * held)]) for share in (low, high))
+    ramp = (high - low) * held / max(end - begin, test.min_ramp_s)
     text = (
-        f"held {held:.2f} rad/s of {REQUESTED_RATE_RAD_S:g} asked for, "
-        f"limit {TEST_RATE_LIMIT_RAD_S:g}; ramp {ramp:.0f} rad/s^2"
+        f"held {held:.2f} rad/s of {test.requested_rate_rad_s:g} requested, "
+        f"limit {test.rate_limit_rad_s:g}; ramp {ramp:.0f} rad/s^2"
     )
-    if abs(held / TEST_RATE_LIMIT_RAD_S - 1) > MAX_RATE_ERROR:
+    if abs(held / test.rate_limit_rad_s - 1) > test.max_rate_error:
         advice = f"do not run: set {name}.limit_unit to what a count of VL.LIMITP (3622h) means"
         return fail_check(what, text, advice)
-    if not TEST_RAMP_RAD_S2 / MAX_RAMP_FACTOR < ramp < TEST_RAMP_RAD_S2 * MAX_RAMP_FACTOR:
+    if not 1 / test.max_ramp_factor < ramp / test.ramp_rad_s2 < test.max_ramp_factor:
         advice = f"set {name}.acceleration_unit to what a count of 6083h means"
-        return fail_check(what, f"{text}, set {TEST_RAMP_RAD_S2:g}", advice)
+        return fail_check(what, f"{text}, set {test.ramp_rad_s2:g}", advice)
     return pass_check(what, text)
 
 
-SWEEP_RATE_RAD_S = np.radians(10.0)
-"""How fast the plate is brought from point to point, rad/s."""
-SETTLE_S = 0.1
-"""Seconds that it stands before it is read."""
-READ_PERIODS = 25
-"""Periods over which it is read: counts and noise of the encoder average out."""
-DEVIATION_DEGREE = 3
-"""Degree of the polynomial for the deviation of the rig from the table."""
+@dataclass(frozen=True, kw_only=True)
+class CamSweep:
+    """How the cams are measured.
+
+    Attributes:
+        rate_rad_s: Mean rate of the plate from point to point, rad/s; the largest is pi / 2 times
+            that, as the motion is half a cosine.
+        min_move_s: Shortest duration in s of a move.
+        settle_s: Time in s for which the plate rests before its angles are read.
+        read_periods: Periods over which they are averaged, against counts and noise of the
+            encoder.
+        degree: Degree of the polynomial for the deviation of the rig from the table.
+    """
+
+    rate_rad_s: float = radians(10.0)
+    min_move_s: float = 0.2
+    settle_s: float = 0.1
+    read_periods: int = 25
+    degree: int = 3
+
+
+CAM_SWEEP = CamSweep()
 
 
 def measure_cams(
@@ -314,37 +393,39 @@ def measure_cams(
     reach: float,
     lines: int,
     progress: Callable[[float], None] = lambda _: None,
+    sweep: CamSweep = CAM_SWEEP,
 ) -> CamTable:
-    """Measure the cams with the ball off the plate; it stands level at the beginning.
+    """Measure the cams with the ball off the plate, which is level at the beginning.
 
     Args:
         servos: The drives, not started.
-        known: By which the points are found; the model's table by default.
+        known: Table by which the points are approached; the model's by default.
         reach: Largest plate angle either way, rad.
         lines: Points along each axis.
         progress: Called with the number of points done.
+        sweep: Constants of the measurement.
 
     Returns:
         The table; its provenance has the number of points, the largest difference of plate angles
         to the known table and the root mean square that this one leaves, both in deg.
 
     Raises:
-        RigError: The drives went off on the way.
+        RigError: The drives lost their torque during the measurement.
         DriveError: They cannot be brought up.
     """
     known = known or CamTable.packaged()
     servos.start()
     try:
-        motor, plate = _readings(servos, known, _path(reach, lines), progress)
+        motor, plate = _read_points(servos, known, _path(reach, lines), progress, sweep)
     finally:
         servos.stop()
     off = motor - known.motor(plate)
-    basis = _powers(plate)
+    basis = _powers(plate, sweep.degree)
     weights = np.linalg.lstsq(basis, off, rcond=None)[0]
     left = (off - basis @ weights) / known.ratio
     nodes = np.stack(np.meshgrid(known.grid, known.grid, indexing="ij"), axis=-1)
     # beyond what was reached the difference stays what it was at the edge
-    angles = known.angles + _powers(np.clip(nodes, -reach, reach)) @ weights
+    angles = known.angles + _powers(np.clip(nodes, -reach, reach), sweep.degree) @ weights
     provenance: dict[str, Any] = {
         "made": "measured on a rig",
         "date": time.strftime("%Y-%m-%d"),
@@ -356,22 +437,27 @@ def measure_cams(
     return CamTable(known.grid, angles, provenance)
 
 
-def _readings(
-    servos: AkdServos, known: CamTable, points: list[Array], progress: Callable[[float], None]
+def _read_points(
+    servos: AkdServos,
+    known: CamTable,
+    points: list[Array],
+    progress: Callable[[float], None],
+    sweep: CamSweep,
 ) -> tuple[Array, Array]:
     """Motor and plate angles at points and at the level plate, shape (points + 1, 2) each."""
     here = level = hold_level(servos, known)
     motor: list[Array] = []
     plate: list[Array] = []
     for goal in (*points, level):
-        seconds = max(0.2, 2 * float(np.abs(goal - here).max()) / SWEEP_RATE_RAD_S)
+        distance = 2 * float(np.abs(goal - here).max())
+        seconds = max(sweep.min_move_s, distance / sweep.rate_rad_s)
         if not turn(servos, known.motor(here), known.motor(goal), seconds):
             raise RigError(f"measuring the cams was stopped: {stopped_by(servos) or 'drives off'}")
-        exchange(servos, SETTLE_S)
+        exchange(servos, sweep.settle_s)
         read: Array = np.zeros((2, 2))
-        for _ in range(READ_PERIODS):
+        for _ in range(sweep.read_periods):
             exchange(servos, servos.config.period)
-            read = read + np.concatenate((servos.motor(), servos.plate())) / READ_PERIODS
+            read = read + np.concatenate((servos.motor(), servos.plate())) / sweep.read_periods
         motor.append(read[0])
         plate.append(read[1])
         here = goal
@@ -389,22 +475,16 @@ def _path(reach: float, lines: int) -> list[Array]:
     ]
 
 
-def _powers(plate: Array) -> Array:
+def _powers(plate: Array, degree: int) -> Array:
     """The monomials of both plate angles up to a degree, shape (..., monomials)."""
     phi, theta = plate[..., 0], plate[..., 1]
     return np.stack(
-        [
-            phi**i * theta**j
-            for i in range(DEVIATION_DEGREE + 1)
-            for j in range(DEVIATION_DEGREE + 1 - i)
-        ],
-        axis=-1,
+        [phi**i * theta**j for i in range(degree + 1) for j in range(degree + 1 - i)], axis=-1
     )
 
 
-AXIS_NAMES = ("phi", "theta")
 PROGRESS_STEPS = 100
-"""How often ``progress`` is told."""
+"""Calls of ``progress`` for each axis, about."""
 
 
 def measure_lost_motion(
@@ -416,23 +496,23 @@ def measure_lost_motion(
     cycles: int = 3,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[LostMotion]:
-    """Lost motion of both axes with the ball off the plate; it stands level at the beginning.
+    """Lost motion of both axes with the ball off the plate, which is level at the beginning.
 
     Args:
         servos: The drives, not started.
         known: The cam table.
-        amplitude: Of the triangle, rad of the plate.
-        rate: How fast, rad/s of the plate.
+        amplitude: Plate angle of the triangle, rad.
+        rate: Plate rate, rad/s.
         cycles: Whole cycles of each axis, 2 or more, after a quarter.
         progress: Called with the share done, 0 to 1.
 
     Raises:
-        RigError: The drives went off on the way, or the plate did not move.
+        RigError: The drives lost their torque during it, or the plate did not move.
         DriveError: They cannot be brought up.
     """
     path = triangle(amplitude, rate, cycles, servos.config.period)
-    paths = np.zeros((len(AXIS_NAMES), len(path), 1, 2))
-    for axis in range(len(AXIS_NAMES)):
+    paths = np.zeros((len(AXES), len(path), 1, 2))
+    for axis in range(len(AXES)):
         paths[axis, :, 0, axis] = path
     goals, level = known.motor(paths), known.motor(np.zeros((1, 2)))
     read = []
@@ -448,7 +528,7 @@ def measure_lost_motion(
     # not before: what computes does not keep the drives' heartbeat
     return [
         lost_motion(name, as_plate(known, motor, axis), plate, cycles)
-        for axis, (name, (motor, plate)) in enumerate(zip(AXIS_NAMES, read, strict=True))
+        for axis, (name, (motor, plate)) in enumerate(zip(AXES, read, strict=True))
     ]
 
 
@@ -462,11 +542,11 @@ def _record_motion(
         if not servos.enabled:
             raise _stopped_error(servos)
         ahead = (goals[k + 1] - goals[k]) / period
-        servos.command(ahead + 20 * (goals[k] - servos.motor()))
+        servos.command(ahead + FOLLOWING_GAIN_PER_S * (goals[k] - servos.motor()))
         exchange(servos, period)
         motor[k], plate[k] = servos.motor()[0, axis], servos.plate()[0, axis]
         if k % max(1, count // PROGRESS_STEPS) == 0:
-            progress((axis + k / count) / len(AXIS_NAMES))
+            progress((axis + k / count) / len(AXES))
     servos.command(np.zeros((1, 2)))
     return motor, plate
 
@@ -475,20 +555,32 @@ def _stopped_error(servos: AkdServos) -> RigError:
     return RigError(f"the triangle was stopped: {stopped_by(servos) or 'drives off'}")
 
 
-TOUCH_POINT_SPAN = 0.8
-"""Share of the screen's sides that the usual points span."""
-TOUCH_READINGS = 20
-"""Reports in a row that a point is the mean of, a third of a second of them."""
-MAX_TOUCH_SPREAD = 0.003
-"""Spread of these, in sides of the screen, beyond which the touch is still settling or moving."""
-MARK_ERROR_M = 0.003
-"""Distance in m by which a finger or a ball misses a mark at most (assumed)."""
+@dataclass(frozen=True, kw_only=True)
+class TouchMeasurement:
+    """How the calibration of a touch screen is measured.
+
+    Attributes:
+        point_span: Share of the screen's sides that the usual points span.
+        reports: Consecutive reports whose mean is a point, a third of a second of them.
+        max_spread: Spread of these, in sides of the screen, above which the touch is still settling
+            or moving.
+        max_mark_error_m: Largest distance in m by which a finger or a ball misses a mark (assumed).
+    """
+
+    point_span: float = 0.8
+    reports: int = 20
+    max_spread: float = 0.003
+    max_mark_error_m: float = 0.003
+
+
+TOUCH_MEASUREMENT = TouchMeasurement()
 SCREEN_UNITS = Calibration(((1.0, 0.0), (0.0, 1.0)), (0.0, 0.0))
+"""The calibration that leaves positions in sides of the screen."""
 
 
-def usual_points() -> list[tuple[float, float]]:
+def usual_points(measurement: TouchMeasurement = TOUCH_MEASUREMENT) -> list[tuple[float, float]]:
     """Nine points in rows over most of the screen, m in plate axes."""
-    x, y = (round(TOUCH_POINT_SPAN * side / 2, 3) for side in SCREEN_SIZE_M[:2])
+    x, y = (round(measurement.point_span * side / 2, 3) for side in SCREEN_SIZE_M)
     return [(i * x, j * y) for j in (-1, 0, 1) for i in (-1, 0, 1)]
 
 
@@ -498,15 +590,17 @@ def measure_touch(
     ask: Ask,
     patience: float,
     progress: Callable[[float], None] = lambda _: None,
+    measurement: TouchMeasurement = TOUCH_MEASUREMENT,
 ) -> CalibrationFit:
-    """Have points touched in turn and fit the calibration to what the screen says.
+    """Request touches of points in turn and fit the calibration to what the screen reports.
 
     Args:
         config: The screen's settings; its calibration is not used.
         points: Where to touch, m in plate axes.
-        ask: Asks for a touch, ``touch X Y`` in mm, and for its end, ``lift``.
-        patience: Seconds that each of these is waited for.
+        ask: Requests a touch, ``touch X Y`` in mm, and its end, ``lift``.
+        patience: Longest time in s that each of these is waited for.
         progress: Called with the number of points done.
+        measurement: Constants of the measurement.
 
     Raises:
         CalibrationError: Points were touched wrongly.
@@ -520,31 +614,34 @@ def measure_touch(
         for index, goal in enumerate(goals):
             words = place(goal)
             ask(f"touch {1e3 * goal[0]:g} {1e3 * goal[1]:g}")
-            seen.append(_measure_touch(screen, words, patience))
+            seen.append(_measure_touch(screen, words, patience, measurement))
             ask("lift")
             if not wait_until(lambda: screen.state is TouchState.LOST, patience):
-                raise RigError(f"calibration: {words} was not let go within {patience:g} s")
+                raise RigError(f"calibration: {words} was not released within {patience:g} s")
             progress(index + 1)
-    return fit_calibration(np.array(seen), goals)
+    return fit_calibration(np.array(seen), goals, measurement)
 
 
-def fit_calibration(seen: Array, points: Array) -> CalibrationFit:
+def fit_calibration(
+    seen: Array, points: Array, measurement: TouchMeasurement = TOUCH_MEASUREMENT
+) -> CalibrationFit:
     """The calibration of touched points.
 
     Args:
-        seen: What the screen said, screen units, shape (K, 2).
-        points: Where they are, m, shape (K, 2).
+        seen: Positions that the screen reported, screen units, shape (K, 2).
+        points: The same points on the plate, m, shape (K, 2).
+        measurement: Constants of the measurement.
 
     Raises:
-        CalibrationError: They do not fit together; the one farthest off is named.
+        CalibrationError: They do not fit together; the one with the largest error is named.
     """
-    found = fit(seen, points)
+    found, largest = fit(seen, points), measurement.max_mark_error_m
     worst = int(found.distances.argmax())
-    if found.distances[worst] > MARK_ERROR_M:
+    if found.distances[worst] > largest:
         raise CalibrationError(
             f"calibration: the points do not fit together: {worst + 1}, {place(points[worst])}, is "
-            f"{1e3 * found.distances[worst]:.1f} mm off, at most {1e3 * MARK_ERROR_M:g}; "
-            "touch them in the order in which they are asked for"
+            f"{1e3 * found.distances[worst]:.1f} mm off, at most {1e3 * largest:g}; "
+            "touch them in the order in which they are requested"
         )
     return found
 
@@ -554,7 +651,9 @@ def place(point: Array) -> str:
     return f"x {1e3 * point[0]:+.0f}, y {1e3 * point[1]:+.0f} mm"
 
 
-def _measure_touch(screen: LumioScreen, words: str, patience: float) -> tuple[float, float]:
+def _measure_touch(
+    screen: LumioScreen, words: str, patience: float, measurement: TouchMeasurement
+) -> tuple[float, float]:
     """The mean position of a steady touch, screen units."""
     before = screen.stream.tracker.sample
     kept: list[Sample] = []
@@ -567,10 +666,11 @@ def _measure_touch(screen: LumioScreen, words: str, patience: float) -> tuple[fl
             if kept and sample.time - kept[-1].time > screen.config.gate.lost:
                 kept.clear()
             kept.append(sample)
-            del kept[:-TOUCH_READINGS]
-        if len(kept) < TOUCH_READINGS:
+            del kept[: -measurement.reports]
+        if len(kept) < measurement.reports:
             return False
-        return bool(np.ptp([each.position for each in kept], axis=0).max() < MAX_TOUCH_SPREAD)
+        spread = np.ptp([each.position for each in kept], axis=0).max()
+        return bool(spread < measurement.max_spread)
 
     if not wait_until(steady, patience):
         hint = f"; {screen.hint}" if screen.hint and not kept else ""

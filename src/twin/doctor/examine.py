@@ -1,9 +1,8 @@
 """The whole examination, in the order of a bring-up: computer, screen, drives, or own hardware.
 
-A Lumio screen and AKD drives have checks that know them; devices of every other kind have those
-that need no more than `PoweredScreen` and `PoweredServos`.
-
-Of the computer and its installation: scheduling, timer, cam table, extras, ports.
+A Lumio screen and AKD drives have checks of their own. Devices of every other kind have those that
+need no more than `PoweredScreen` and `PoweredServos`. The computer and its installation are checked
+without a device: scheduling, timer, cam table, extras, ports.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -39,23 +39,42 @@ from twin.doctor.check import (
 from twin.doctor.drives import exchange
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import FaultSource, Severity, Transmission
-from twin.hal.supervisor import LOST_AFTER
+from twin.hal.supervisor import BALL_LOST_AFTER_S
 from twin.run.connect import ComputingTime, cams_of, connect, transmission_of
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
-TIMER_CHECK_S = 1.0
-"""Seconds that the timer is watched."""
-FULL_BUS = 0.6
-"""Share of a period's time on the bus above which heartbeats and SDOs come late."""
+
+@dataclass(frozen=True, kw_only=True)
+class ComputerCheck:
+    """How the computer is checked.
+
+    Attributes:
+        timer_s: Time in s for which the timer is watched.
+        lateness_quantile: Quantile of the timer's lateness that is compared with the period.
+        max_lateness_periods: Largest lateness at that quantile, in control periods.
+        max_missed_percent: Largest share of missed periods, %.
+        max_bus_load: Share of a period's time on the bus above which heartbeats and SDOs are late.
+    """
+
+    timer_s: float = 1.0
+    lateness_quantile: float = 0.99
+    max_lateness_periods: float = 0.25
+    max_missed_percent: float = 0.5
+    max_bus_load: float = 0.6
 
 
-def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
+COMPUTER_CHECK = ComputerCheck()
+
+
+def computer(
+    scenario: Scenario, rig: RigFile, check: ComputerCheck = COMPUTER_CHECK
+) -> Iterator[CheckResult]:
     """Everything that can be checked without a device."""
-    yield from _scheduling(scenario.rig.period)
-    yield _law(scenario)
+    yield from _check_scheduling(scenario.rig.period, check)
+    yield _check_computing_time(scenario)
     if rig.has_cams:
-        yield _cams(rig)
+        yield _check_cams(rig)
     relaxed = ", ".join(rig.relaxed(scenario.rig.period))
     advice = "take these keys out of the rig file; every run is warned of them"
     seen = f"relaxed: {relaxed}" if relaxed else "as by default, or tighter"
@@ -72,10 +91,10 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
     load, bus = rig.servos(scenario.rig.period).bus_load, rig.bus
     seen = f"{100 * load:.0f} % at {bus.bitrate / 1e6:g} Mbit/s, stuffed at worst"
     advice = "set drives and adapter to 1 Mbit/s"
-    yield note_check("bus load", seen, advice if load > FULL_BUS else "")
+    yield note_check("bus load", seen, advice if load > check.max_bus_load else "")
 
 
-def _law(scenario: Scenario) -> CheckResult:
+def _check_computing_time(scenario: Scenario) -> CheckResult:
     found = ComputingTime.measured(scenario)
     what = "computing time of the law"
     if found.enough:
@@ -85,7 +104,7 @@ def _law(scenario: Scenario) -> CheckResult:
     return warn_check(what, f"{found.text}: may be too late now and then", found.advice)
 
 
-def _scheduling(period: float) -> Iterator[CheckResult]:
+def _check_scheduling(period: float, check: ComputerCheck) -> Iterator[CheckResult]:
     clock = RealTimeClock(period)
     timing = clock.timing
     with real_time() as obtained:
@@ -93,16 +112,19 @@ def _scheduling(period: float) -> Iterator[CheckResult]:
             seen, _, advice = words.partition(": ")
             yield note_check("real-time priority" if "priority" in seen else "memory", seen, advice)
         clock.start()
-        for _ in range(round(TIMER_CHECK_S / period)):
+        for _ in range(round(check.timer_s / period)):
             clock.wait()
-    late = timing.lateness.quantile(0.99)
+    late = timing.lateness.quantile(check.lateness_quantile)
     share = 100 * timing.missed / max(1, timing.ticks + timing.missed)
-    seen = f"p99 {1e6 * late:.0f} us late, {share:.2f} % of {1e3 * period:g} ms periods missed"
+    quantile = f"p{100 * check.lateness_quantile:g}"
+    missed = f"{share:.2f} % of {1e3 * period:g} ms periods missed"
+    seen = f"{quantile} {1e6 * late:.0f} us late, {missed}"
     advice = "close other programs; use a kernel with PREEMPT_RT"
-    yield note_check("timer", seen, advice if share > 0.5 or late > period / 4 else "")
+    bad = share > check.max_missed_percent or late > check.max_lateness_periods * period
+    yield note_check("timer", seen, advice if bad else "")
 
 
-def _cams(rig: RigFile) -> CheckResult:
+def _check_cams(rig: RigFile) -> CheckResult:
     own = rig.cams or "cams.json"
     try:
         table = cams_of(rig)
@@ -122,16 +144,16 @@ def examine(
     """Every check, as it is made.
 
     Args:
-        scenario: What the rig is to run.
-        rig: What is connected where.
-        ask: Asks for the ball to be put or lifted, and what the plate does.
+        scenario: The scenario that the rig is to run.
+        rig: The rig file: which devices are connected where.
+        ask: Requests that the ball is put on or lifted.
         move: Whether drives may have torque and the plate may be tilted by a degree.
         reset: Whether faults found in the drives are reset.
     """
     yield from computer(scenario, rig)
     if rig.backend is not None:
         check = own(scenario, rig, move=move)
-        yield from report_errors(check, "backend", "mend its class (docs/your-rig.md)")
+        yield from report_errors(check, "backend", "fix its class (docs/your-rig.md)")
         return
     if rig.has_lumio:
         screen = LumioScreen(rig.screen())
@@ -176,23 +198,44 @@ def _drives(servos: AkdServos, rig: RigFile, *, move: bool, reset: bool) -> Iter
             return
 
 
-MAX_SIZE_DIFFERENCE = 0.05
-"""Share by which the size in a panel's descriptor and the measured one may differ: its frame."""
 CALIBRATION_ADVICE = "run `ballplate calibrate touch`, name its file as touch.calibration_file"
 
 
-def check_calibration(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
-    """Whether the screen's calibration was measured, and fits what the panel says of its size.
+@dataclass(frozen=True, kw_only=True)
+class LumioCheck:
+    """How a Lumio screen is checked.
+
+    Attributes:
+        settling_s: Time in s from the first touch to the check of its protocol and rate.
+        min_report_rate_hz: Reports per second below which the screen is slower than it should be
+            (57.6).
+        max_size_difference: Relative difference of the size in a panel's descriptor from the
+            measured one that is allowed: the panel's frame.
+    """
+
+    settling_s: float = 0.5
+    min_report_rate_hz: float = 40.0
+    max_size_difference: float = 0.05
+
+
+LUMIO_CHECK = LumioCheck()
+
+
+def check_calibration(
+    rig: RigFile, extent: tuple[float, float] | None, check: LumioCheck = LUMIO_CHECK
+) -> CheckResult:
+    """Whether the screen's calibration was measured, and fits the size that the panel reports.
 
     Args:
         rig: The rig file.
-        extent: Sides of the sensing area along the screen's x and y, m, if the panel tells.
+        extent: Sides of the sensing area along the screen's x and y, m; None if not reported.
+        check: Constants of the check.
     """
     what = "touch calibration"
     known, file = rig.screen().calibration, rig.touch and rig.touch.calibration_file
     if known is None:
         nominal = Mounting.of(Calibration.nominal()).size_m
-        size = f"{_area(extent)} that the panel says" if extent else _area(nominal)
+        size = f"{_area(extent)} that the panel reports" if extent else _area(nominal)
         return warn_check(
             what, f"never measured; square, centred, {size}: assumed", CALIBRATION_ADVICE
         )
@@ -201,10 +244,10 @@ def check_calibration(rig: RigFile, extent: tuple[float, float] | None) -> Check
     sides = (height, width) if mounting.swapped else (width, height)
     seen = Path(file).name if file else "in the rig file"
     if extent and any(
-        abs(a / b - 1) > MAX_SIZE_DIFFERENCE for a, b in zip(sides, extent, strict=True)
+        abs(a / b - 1) > check.max_size_difference for a, b in zip(sides, extent, strict=True)
     ):
-        differ = f"{seen}: the sensing area is {_area(sides)}, but the panel says {_area(extent)}"
-        return warn_check(what, differ, f"is it of another panel? {CALIBRATION_ADVICE}")
+        differ = f"{seen}: sensing area {_area(sides)}, but the panel reports {_area(extent)}"
+        return warn_check(what, differ, f"is it of a different panel? {CALIBRATION_ADVICE}")
     return pass_check(what, f"{seen}: the sensing area is {_area(sides)}")
 
 
@@ -212,11 +255,9 @@ def _area(sides: tuple[float, float]) -> str:
     return f"{100 * sides[0]:.1f} x {100 * sides[1]:.1f} cm"
 
 
-MIN_REPORT_RATE_HZ = 40.0
-"""Reports per second below which the screen is slower than it should be (57.6)."""
-
-
-def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResult]:
+def touch(
+    screen: LumioScreen, ask: Ask, patience: float, check: LumioCheck = LUMIO_CHECK
+) -> Iterator[CheckResult]:
     """Listen to the screen with the ball on it, and while it is lifted."""
     config = screen.config
     what = f"touch port {config.port}"
@@ -236,7 +277,7 @@ def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
         advice = screen.hint or "put the ball on the plate"
         yield fail_check("touch", f"no ball within {patience:g} s, {heard} bytes heard", advice)
         return
-    time.sleep(0.5)
+    time.sleep(check.settling_s)
     if screen.stream.looks_like:
         yield fail_check("touch protocol", f"set to {config.protocol}", screen.hint)
         return
@@ -244,7 +285,7 @@ def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
     rate = screen.stream.rate
     seen = f"{rate:.1f} reports per second"
     slow = "check the baud rate; other programs may read the port"
-    yield note_check("report rate", seen, slow if rate < MIN_REPORT_RATE_HZ else "")
+    yield note_check("report rate", seen, slow if rate < check.min_report_rate_hz else "")
     x, y = screen.read().position[0].tolist()
     yield pass_check("touch position", f"x {1e3 * x:+.1f}, y {1e3 * y:+.1f} mm: is the ball there?")
     stats = screen.stream.stats
@@ -261,24 +302,53 @@ def _lift(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
             "lift-off", f"not seen within {patience:g} s", "lift the ball when asked to"
         )
         return
-    seen = f"noticed; the ball counts as lost after {1e3 * LOST_AFTER:.0f} ms"
+    seen = f"noticed; the ball counts as lost after {1e3 * BALL_LOST_AFTER_S:.0f} ms"
     yield pass_check("lift-off", seen)
     ask("put")
     if not wait_until(lambda: screen.state is TouchState.TOUCHING, patience):
         yield fail_check("touch again", f"not within {patience:g} s", "put the ball back")
 
 
-OWN_CHECK_S, OWN_TILT_RAD = 2.0, math.radians(1.0)
-"""Seconds that own hardware is watched for; how far it is tilted, rad."""
-ANY_KIND_ADVICE = "mend its class or its package (docs/your-rig.md)"
+MOVE_ADVICE = "hands off, then: ballplate doctor --move"
+ANY_KIND_ADVICE = "fix its class or its package (docs/your-rig.md)"
 
 
-def any_screen(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
-    """What can be checked of any screen: that it starts, how often it measures, where the ball is.
+@dataclass(frozen=True, kw_only=True)
+class DeviceCheck:
+    """How devices of any kind are checked.
+
+    Attributes:
+        watch_s: Time in s for which measurements are watched.
+        min_measurements: Smallest number of measurements in that time.
+        min_ball_share: Smallest share of the measurements that have the ball.
+        tilt_rad: Angle in rad by which each axis is tilted.
+        tilt_s: Time in s of each motion, there and back, and of the rest between.
+        max_tilt_error: Largest relative error of the measured tilt.
+    """
+
+    watch_s: float = 2.0
+    min_measurements: int = 3
+    min_ball_share: float = 0.5
+    tilt_rad: float = math.radians(1.0)
+    tilt_s: float = 0.5
+    max_tilt_error: float = 0.4
+
+
+DEVICE_CHECK = DeviceCheck()
+
+
+def any_screen(
+    scenario: Scenario, rig: RigFile, check: DeviceCheck = DEVICE_CHECK
+) -> Iterator[CheckResult]:
+    """Check a screen of any kind: that it starts, how often it measures, where the ball is.
 
     Args:
         scenario: Its period and limits.
-        rig: Its file; the servos are left alone.
+        rig: Its file; the servos are not used.
+        check: Constants of the check.
+
+    Raises:
+        TwinError: The screen cannot be used, or reports a fault.
     """
     real = connect(scenario, rig)
     screen, level, seen = real.screen, np.zeros((1, 2)), list[Reading]()
@@ -287,31 +357,47 @@ def any_screen(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
         kind = rig.kinds["touch"].name
         yield pass_check("touch screen", f"{screen.where} of kind '{kind}' starts")
         real.clock.start()
-        for _ in range(round(OWN_CHECK_S / real.period)):
+        periods, touched = round(check.watch_s / real.period), 0
+        for _ in range(periods):
             real.clock.wait()
             screen.receive()
             screen.note_plate(level)
             touch = screen.read()
             _raise_fault(screen)
-            x, y = touch.position[0].tolist() if touch.touched[0] else (math.nan, math.nan)
+            if not touch.touched[0]:
+                continue
+            touched += 1
             at = real.servos.now() - float(touch.age[0])
-            if math.isfinite(at) and (not seen or at - seen[-1].at > real.period / 2):
+            if not seen or at - seen[-1].at > real.period / 2:
+                x, y = touch.position[0].tolist()
                 seen.append(Reading(x, y, at))
-        yield from _measures(seen)
+        if touched < check.min_ball_share * periods:
+            yield _no_ball(touched / periods, "the time")
+        else:
+            yield from _check_measurements(seen, check)
     finally:
         screen.stop()
 
 
 def any_servos(
-    scenario: Scenario, rig: RigFile, *, move: bool, reset: bool
+    scenario: Scenario,
+    rig: RigFile,
+    *,
+    move: bool,
+    reset: bool,
+    check: DeviceCheck = DEVICE_CHECK,
 ) -> Iterator[CheckResult]:
-    """What can be checked of any servos: that they start, and tilt the plate the right way.
+    """Check servos of any kind: that they start, and tilt the plate in the right direction.
 
     Args:
         scenario: Their period and limits.
-        rig: Their file; the screen is left alone.
+        rig: Their file; the screen is not used.
         move: Whether the plate may be tilted by a degree.
         reset: Whether faults found in the drives are reset.
+        check: Constants of the check.
+
+    Raises:
+        TwinError: The servos cannot be used, or report a fault.
     """
     real, transmission = connect(scenario, rig), transmission_of(rig)
     servos, level = real.servos, np.zeros((1, 2))
@@ -322,7 +408,7 @@ def any_servos(
         for fault in servos.warnings():
             yield warn_check("safety net", fault.detail, fault.condition.recovery)
         if not move:
-            yield warn_check("tilt", "not tested", "hands off, then: ballplate doctor --move")
+            yield warn_check("tilt", "not tested", MOVE_ADVICE)
             return
         servos.enable()
         for _ in range(round(HardwareRig.POWER_ON / real.period)):
@@ -331,10 +417,10 @@ def any_servos(
             _exchange(real, np.zeros((1, 2)))
         if not servos.enabled:
             seen = f"none within {HardwareRig.POWER_ON:g} s of the request"
-            yield fail_check("torque", seen, "is their power on? does a fault stand in the drives?")
+            yield fail_check("torque", seen, "is their power on? do the drives hold a fault?")
             return
         servos.home(level, transmission.motor(level))
-        yield from _tilts(real, transmission)
+        yield from _check_tilts(real, transmission, check)
     finally:
         servos.stop()
 
@@ -343,7 +429,7 @@ def _exchange(real: HardwareRig, motor_rate: Array) -> None:
     """One period in which the motors turn at rates in rad/s, shape (1, 2).
 
     Raises:
-        RigError: The servos report something.
+        RigError: The servos report a fault.
     """
     real.servos.command(motor_rate)
     real.servos.send()
@@ -354,23 +440,29 @@ def _exchange(real: HardwareRig, motor_rate: Array) -> None:
 
 
 def _raise_fault(device: FaultSource) -> None:
-    """Raise what a device reports, if it is more than a warning.
+    """Raise the fault that a device reports, if it is more than a warning.
 
     Raises:
-        RigError: The report.
+        RigError: The device, the condition and its detail.
     """
     for fault in device.faults():
         if fault.condition.severity is not Severity.WARNING:
             raise RigError(str(fault))
 
 
-def own(scenario: Scenario, rig: RigFile, *, move: bool) -> Iterator[CheckResult]:
-    """What can be said of own hardware: that it starts, measures, and tilts the right way.
+def own(
+    scenario: Scenario, rig: RigFile, *, move: bool, check: DeviceCheck = DEVICE_CHECK
+) -> Iterator[CheckResult]:
+    """Check own hardware: that it starts, measures, and tilts in the right direction.
 
     Args:
         scenario: Its period and limits.
         rig: Its file.
         move: Whether the plate may be tilted by a degree.
+        check: Constants of the check.
+
+    Raises:
+        TwinError: The hardware cannot be used, or reports a fault.
     """
     real = connect(scenario, rig)
     servos = real.servos
@@ -380,27 +472,24 @@ def own(scenario: Scenario, rig: RigFile, *, move: bool) -> Iterator[CheckResult
         real.clock.start()
         servos.home(np.zeros(2), np.zeros(2))
         yield pass_check("backend", f"{Path(str(rig.backend)).name} starts and measures")
-        if not (
-            yield from report_errors(
-                _measures(_collect_readings(real, servos, OWN_CHECK_S)), "ball"
-            )
-        ):
+        readings = _collect_readings(real, servos, check.watch_s)
+        if not (yield from report_errors(_check_measurements(readings, check), "ball")):
             return
         for fault in servos.warnings():
             yield warn_check("safety net", fault.detail, fault.condition.recovery)
         if move:
-            yield from _tilts(real, FixedRatio())
+            yield from _check_tilts(real, FixedRatio(), check)
         else:
-            yield warn_check("tilt", "not tested", "hands off, then: ballplate doctor --move")
+            yield warn_check("tilt", "not tested", MOVE_ADVICE)
     finally:
         servos.stop()
 
 
 def _collect_readings(real: HardwareRig, servos: OwnServos, seconds: float) -> list[Reading]:
-    """Each new reading of a time in s in which the plate stands.
+    """Each new reading of a time in s in which the plate rests.
 
     Raises:
-        RigError: The hardware failed or reports something.
+        RigError: The hardware failed or reports a fault.
     """
     found: dict[float, Reading] = {}
     servos.command(np.zeros(2))
@@ -415,36 +504,44 @@ def _collect_readings(real: HardwareRig, servos: OwnServos, seconds: float) -> l
     return list(found.values())
 
 
-def _measures(seen: list[Reading]) -> Iterator[CheckResult]:
+def _check_measurements(seen: list[Reading], check: DeviceCheck) -> Iterator[CheckResult]:
     """How often the hardware measures, and where it sees the ball."""
     at = np.array([each.at for each in seen])
     gap = float(np.diff(at).max()) if len(at) > 1 else math.inf
-    rate = f"{(len(at) - 1) / OWN_CHECK_S:.0f} a second, longest gap {1e3 * gap:.0f} ms"
-    if len(at) < 3:
-        yield fail_check("measurements", rate, "does `at` tell when each of them came?")
+    rate = f"{(len(at) - 1) / check.watch_s:.0f} a second, longest gap {1e3 * gap:.0f} ms"
+    if len(at) < check.min_measurements:
+        yield fail_check("measurements", rate, "is `at` the time of each of them?")
         return
     yield pass_check("measurements", rate)
     ball = 1e3 * np.array([(each.x, each.y) for each in seen])
     share = np.isfinite(ball).all(axis=1).mean()
-    if share < 0.5:
-        yield fail_check("ball", f"seen in {100 * share:.0f} % of them", "put it on the plate")
+    if share < check.min_ball_share:
+        yield _no_ball(share, "them")
         return
     (x, y), (dx, dy) = np.nanmean(ball, axis=0), np.nanstd(ball, axis=0)
     where = f"x {x:+.1f}, y {y:+.1f} mm, spread {dx:.2f}, {dy:.2f} mm: is it there, at rest?"
     yield pass_check("ball", where)
 
 
-def _tilts(real: HardwareRig, transmission: Transmission) -> Iterator[CheckResult]:
-    """Whether each axis of a level plate goes where it is commanded, and back.
+def _no_ball(share: float, of: str) -> CheckResult:
+    return fail_check("ball", f"seen in {100 * share:.0f} % of {of}", "put it on the plate")
+
+
+def _check_tilts(
+    real: HardwareRig, transmission: Transmission, check: DeviceCheck
+) -> Iterator[CheckResult]:
+    """Whether each axis of a level plate follows its command, and returns.
 
     Args:
         real: The rig, its servos with torque.
         transmission: Plate angles to motor angles.
+        check: Constants of the check.
 
     Raises:
-        RigError: The servos report something.
+        RigError: The servos report a fault.
     """
-    servos, ticks = real.servos, round(0.5 / real.period)
+    servos, ticks = real.servos, round(check.tilt_s / real.period)
+    commanded = f"{math.degrees(check.tilt_rad):+g} deg"
     goal = np.zeros((1, 2))
 
     def turn(rates: Array) -> None:
@@ -456,16 +553,17 @@ def _tilts(real: HardwareRig, transmission: Transmission) -> Iterator[CheckResul
             goal = following
 
     for axis, (angle, look) in enumerate(drives.POSITIVE_ANGLE_HELP.items()):
-        rates = OWN_TILT_RAD / 0.5 * (np.arange(2) == axis)
+        rates = check.tilt_rad / check.tilt_s * (np.arange(2) == axis)
         before = servos.plate()[0, axis]
         turn(rates)
         turn(0 * rates)
-        turned = float(np.degrees(servos.plate()[0, axis] - before))
+        turned = float(servos.plate()[0, axis] - before)
+        seen = f"{math.degrees(turned):+.2f} deg for {commanded}"
         turn(-rates)
         if not servos.encoders:
             yield warn_check(f"tilt of {angle}", "no encoder measures it", f"{look}: did it?")
-        elif not abs(turned - 1) <= 0.4:
+        elif not abs(turned / check.tilt_rad - 1) <= check.max_tilt_error:
             advice = "check sign and scale of the command and of the encoder"
-            yield fail_check(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg", advice)
+            yield fail_check(f"tilt of {angle}", seen, advice)
         else:
-            yield pass_check(f"tilt of {angle}", f"{turned:+.2f} deg for +1 deg: {look}")
+            yield pass_check(f"tilt of {angle}", f"{seen}: {look}")

@@ -1,6 +1,6 @@
-"""What a host said in a trace, said again to emulated drives: where they answer otherwise.
+"""The frames of a host in a trace, sent again to emulated drives: where their answers differ.
 
-They begin with what their objects were read to hold before these were written. There is no plate.
+The drives begin with the values that their objects had before they were written. There is no plate.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from array import array
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import zip_longest
 from typing import NamedTuple
 
@@ -36,15 +37,38 @@ from twin.emulator.drive_objects import AbortError, Frame
 
 MAX_DRIVE_STEP_S = 0.001
 """Longest step of the drives in s."""
-MAX_TIME_SHIFT_S, MAX_PDO_SHIFT = 0.1, 5
-"""Time in s, and PDOs, by which something may come earlier or later."""
-MOTOR_TOLERANCES = {PLACE: 0.1, SPEED: 0.05}
-"""By how much what is said of a motor may differ: position since the first PDO in rad, rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayTolerances:
+    """Differences between a trace and its replay that are none.
+
+    Attributes:
+        time_s: Time in s by which a frame may be earlier or later.
+        pdos: Number of PDOs by which a value may be earlier or later.
+        position_rad: Motor position since the first PDO, rad.
+        speed_rad_s: Motor speed, rad/s.
+    """
+
+    time_s: float = 0.1
+    pdos: int = 5
+    position_rad: float = 0.1
+    speed_rad_s: float = 0.05
+
+    @property
+    def by_object(self) -> dict[int, float]:
+        """The tolerance of each object of a motor, by its index: rad or rad/s."""
+        return {PLACE: self.position_rad, SPEED: self.speed_rad_s}
+
+
+REPLAY_TOLERANCES = ReplayTolerances()
 _HEX_SUFFIX = re.compile(r" \([0-9A-F]+h\)$")
+"""The bits of a status word at the end of its text."""
 _MISSING_OBJECT = re.compile("code 060(20000|90011)h")
+"""That a drive has no such object."""
 _MOVING_OBJECT = re.compile("reads (606[2-4C]|60[EF]4|2050)h")
-"""How of a status word its bits are told, that there is no such object, reading what moves."""
-_DRIVE_SERVICES = {
+"""That a quantity is read that changes while a motor turns."""
+_SERVICES_BY_KIND = {
     "SDO": protocol.SDO_RESPONSE,
     "EMCY": protocol.EMERGENCY,
     "heartbeat": protocol.HEARTBEAT,
@@ -52,12 +76,12 @@ _DRIVE_SERVICES = {
 
 
 class Replay(NamedTuple):
-    """What came of it.
+    """The result of a replay.
 
     Attributes:
-        sent: Frames of the host that were sent again.
-        compared: Frames of drives that were compared.
-        remarks: What could not be replayed, in a line each.
+        sent: Number of frames of the host that were sent again.
+        compared: Number of frames of drives that were compared.
+        remarks: Parts of the trace that could not be replayed, in a line each.
         difference: The first one; None if the emulated drives answer the same.
     """
 
@@ -67,45 +91,53 @@ class Replay(NamedTuple):
     difference: TracedEvent | None
 
 
-def replay(frames: Sequence[BusFrame], names: Names, rig: AkdConfig | None) -> Replay:
-    """Send what a host sent to emulated drives, in its order and time, and compare the answers.
+def replay(
+    frames: Sequence[BusFrame],
+    names: Names,
+    rig: AkdConfig | None,
+    tolerances: ReplayTolerances = REPLAY_TOLERANCES,
+) -> Replay:
+    """Send the frames of a host to emulated drives, in order and time, and compare the answers.
 
-    Of PDOs the states and changes are compared, what they say of the motor, and their number.
+    Of PDOs the states and changes are compared, the position and speed of the motor, and their
+    number.
 
     Args:
         frames: The trace.
-        names: What objects are called.
-        rig: Whose drives they are.
+        names: Names of objects.
+        rig: Configuration of the drives, if known.
+        tolerances: Differences that are none.
 
     Raises:
         LogError: If no drive of it can be emulated.
     """
-    said = Conversation(frames, names, rig)
+    recorded = Conversation(frames, names, rig)
     remarks, drives = list[str](), dict[int, EmulatedDrive]()
-    for number, node in said.nodes.items():
-        vendor = said.values[number].get((0x1018, 1), AKD)
+    for number, node in recorded.nodes.items():
+        vendor = recorded.values[number].get((0x1018, 1), AKD)
         if vendor != AKD:
             remarks.append(f"{node.name}: no AKD, its vendor is {vendor:X}h: not replayed")
         elif node.frames.keys() - {"heartbeat"}:
             drives[number] = EmulatedDrive(number)
     if not drives:
-        raise LogError("; ".join(remarks) or "no drive says anything: there is nothing to replay")
+        raise LogError("; ".join(remarks) or "no drive sends anything: there is nothing to replay")
     _prepare(drives, frames)
-    told = [each for each in frames if not each.is_error_frame and not each.is_extended_id]
-    theirs = {each + number for each in _DRIVE_SERVICES.values() for number in said.nodes} - {
-        protocol.HEARTBEAT + number for number, node in said.nodes.items() if not node.transfers
+    readable = [each for each in frames if not each.is_error_frame and not each.is_extended_id]
+    theirs = {each + number for each in _SERVICES_BY_KIND.values() for number in recorded.nodes} - {
+        protocol.HEARTBEAT + number for number, node in recorded.nodes.items() if not node.transfers
     }
-    theirs |= {each for each, pdo in said.pdos.items() if pdo.name[0] == "T"}
-    sent = [each for each in told if each.arbitration_id not in theirs]
+    theirs |= {each for each, pdo in recorded.pdos.items() if pdo.name[0] == "T"}
+    sent = [each for each in readable if each.arbitration_id not in theirs]
     heard = _replay_answers(drives, sent, frames[0].timestamp)
-    answered = Conversation(heard, names, rig)
-    found = [*_events(said, answered, drives, remarks), *_numbers(said, answered, drives)]
-    compared = sum(sum(said.nodes[each].frames.values()) for each in drives)
+    replayed = Conversation(heard, names, rig)
+    events = _compare_events(recorded, replayed, drives, remarks, tolerances.time_s)
+    found = [*events, *_compare_motors(recorded, replayed, drives, tolerances)]
+    compared = sum(sum(recorded.nodes[each].frames.values()) for each in drives)
     return Replay(len(sent), compared, remarks, min(found, default=None))
 
 
 def _prepare(drives: dict[int, EmulatedDrive], frames: Sequence[BusFrame]) -> None:
-    """Let drives hold what they are first read to hold, unless it was written before."""
+    """Set the objects of drives to the values first read of them, unless they were written."""
     known = set[tuple[int, int, int]]()
     for frame in frames:
         number, data = frame.arbitration_id & protocol.NODE_MASK, bytes(frame.data)
@@ -124,7 +156,7 @@ def _prepare(drives: dict[int, EmulatedDrive], frames: Sequence[BusFrame]) -> No
 def _replay_answers(
     drives: dict[int, EmulatedDrive], sent: Sequence[BusFrame], begin: float
 ) -> list[BusFrame]:
-    """What the host sent, and what emulated drives answer, which are on already."""
+    """The frames of the host, and the answers of emulated drives, which are on already."""
     bus = EmulatedBus(list(drives.values()))
     bus.step(MAX_DRIVE_STEP_S)
     bus.to_host()
@@ -145,12 +177,17 @@ def _replay_answers(
     return heard
 
 
-def _events(
-    said: Conversation, answered: Conversation, drives: Collection[int], remarks: list[str]
+def _compare_events(
+    recorded: Conversation,
+    replayed: Conversation,
+    drives: Collection[int],
+    remarks: list[str],
+    max_shift_s: float,
 ) -> Iterator[TracedEvent]:
-    """Of each node and kind the first event that differs."""
-    one, other = (_streams(each, drives) for each in (said, answered))
-    off, end, lacking = answered.begin - said.begin, said.duration - MAX_TIME_SHIFT_S, list[str]()
+    """The first event that differs, for each node and kind."""
+    one, other = (_streams(each, drives, max_shift_s) for each in (recorded, replayed))
+    off, end = replayed.begin - recorded.begin, recorded.duration - max_shift_s
+    lacking = list[str]()
     for number, kind in sorted(one.keys() | other.keys()):
         for a, b in zip_longest(one[number, kind], other[number, kind]):
             since = min(a.time if a else np.inf, b.time + off if b else np.inf)
@@ -161,71 +198,73 @@ def _events(
             if (
                 since > end
                 or _MOVING_OBJECT.match(there)
-                or (there == answer and abs(later) <= MAX_TIME_SHIFT_S)
+                or (there == answer and abs(later) <= max_shift_s)
             ):
                 continue
             if _MISSING_OBJECT.search(answer) and not _MISSING_OBJECT.search(there):
                 lacking.append(there)
                 continue
-            told = answer if there != answer else f"the same, {1e3 * later:+.0f} ms later"
-            where = f"{_DRIVE_SERVICES[kind] + number:03X}h: " if kind in _DRIVE_SERVICES else ""
-            text = f"{where}{there}; emulated: {told}"
-            yield TracedEvent(since, said.called(number), kind, text)
+            shown = answer if there != answer else f"the same, {1e3 * later:+.0f} ms later"
+            service = _SERVICES_BY_KIND.get(kind)
+            where = f"{service + number:03X}h: " if service is not None else ""
+            text = f"{where}{there}; emulated: {shown}"
+            yield TracedEvent(since, recorded.called(number), kind, text)
             break
     if lacking:
         remarks.append(f"no emulated drive has: {len(lacking)} objects, as: {lacking[0]}")
 
 
 def _streams(
-    said: Conversation, drives: Collection[int]
+    conversation: Conversation, drives: Collection[int], max_shift_s: float
 ) -> defaultdict[tuple[int, str], list[TracedEvent]]:
     """Events by node and kind, those of drives that are emulated."""
     found = defaultdict[tuple[int, str], list[TracedEvent]](list)
-    for event in said.events:
+    for event in conversation.events:
         node = re.search(r"node (\d+)", f"{event.who} {event.text}")
-        answers = event.kind in _DRIVE_SERVICES or (event.kind == "PDO" and event.who != HOST)
+        answers = event.kind in _SERVICES_BY_KIND or (event.kind == "PDO" and event.who != HOST)
         if answers and node and int(node[1]) in drives:
             stream = found[int(node[1]), event.kind]
-            if (
-                event.kind == "heartbeat"
-                and stream
-                and event.time - stream[-1].time < MAX_TIME_SHIFT_S
-            ):
-                stream.pop()  # a state that is short is seen or not, as heartbeats come
+            if event.kind == "heartbeat" and stream and event.time - stream[-1].time < max_shift_s:
+                stream.pop()  # whether a short state is seen depends on when heartbeats are sent
             if stream or event.text != protocol.nmt_words(0):  # it is on when the trace begins
                 stream.append(event)
     return found
 
 
-def _numbers(
-    said: Conversation, answered: Conversation, drives: Collection[int]
+def _compare_motors(
+    recorded: Conversation,
+    replayed: Conversation,
+    drives: Collection[int],
+    tolerances: ReplayTolerances,
 ) -> Iterator[TracedEvent]:
-    """Where PDOs are missing, or say something else of the motor."""
-    sent = ((at, pdo, key) for at, pdo in said.pdos.items() for key, _ in pdo.entries)
+    """Where PDOs are missing, or report a different motion of the motor."""
+    sent = ((at, pdo, key) for at, pdo in recorded.pdos.items() for key, _ in pdo.entries)
     for cob_id, pdo, key in sent:
         if pdo.node not in drives or pdo.name[0] == "R":
             continue
         a, b = (
             each.series.get((pdo.node, key), Series(array("d"), array("q")))
-            for each in (said, answered)
+            for each in (recorded, replayed)
         )
-        count, (factor, unit) = min(len(a.time), len(b.time)), said.scale(pdo.node, key)
+        count, (factor, unit) = min(len(a.time), len(b.time)), recorded.scale(pdo.node, key)
         found: list[tuple[int, str, str]] = []
-        if abs(len(a.time) - len(b.time)) > MAX_PDO_SHIFT:
-            off = np.subtract(a.time[:count], b.time[:count]) + said.begin - answered.begin
+        if abs(len(a.time) - len(b.time)) > tolerances.pdos:
+            off = np.subtract(a.time[:count], b.time[:count]) + recorded.begin - replayed.begin
             usual = np.median(np.diff(b.time)) if count > 1 else 0.0
             last = np.flatnonzero(np.abs(off) < usual / 2)[-1:]
             found.append((int(last.sum()), f"{len(a.time)} in all", f"{len(b.time)}"))
-        if key[0] in MOTOR_TOLERANCES and unit and count:
+        near = tolerances.by_object.get(key[0])
+        if near is not None and unit and count:
             both = (
                 np.unwrap(np.array(each.counts[:count], float), period=2.0**32) for each in (a, b)
             )
             x, y = (factor * (each - (key[0] == PLACE) * each[0]) for each in both)
-            near, wide = MOTOR_TOLERANCES[key[0]], 2 * MAX_PDO_SHIFT + 1
+            wide = 2 * tolerances.pdos + 1
             low, high = minimum_filter1d(x, wide) - near, maximum_filter1d(x, wide) + near
             for k in np.flatnonzero((y < low) | (y > high))[:1].tolist():
-                own = f"{said.object_name(pdo.node, key)} {x[k]:.6g} {unit}"
+                own = f"{recorded.object_name(pdo.node, key)} {x[k]:.6g} {unit}"
                 found.append((k, own, f"{y[k]:.6g} {unit}"))
         for k, own, other in found:
             text = f"{cob_id:03X}h {pdo.name}: {own}; emulated: {other}"
-            yield TracedEvent(a.time[k] if a.time else 0.0, said.called(pdo.node), "PDO", text)
+            at = a.time[k] if a.time else 0.0
+            yield TracedEvent(at, recorded.called(pdo.node), "PDO", text)

@@ -1,13 +1,14 @@
-"""Whether motors and plate turn together as the transmission between them says.
+"""Whether motors and plate turn together according to the transmission between them.
 
-The plate encoders close the loop: where one counts the wrong way, on another scale or for the other
-axis, every answer that believes it makes the tilt larger. The motor encoders are a second witness.
+The plate encoders close the loop: where one has a wrong sign, a wrong scale or the wrong axis, all
+feedback of it makes the tilt larger. The motor encoders are an independent measurement.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,19 +28,19 @@ _LEVELLED = "level the plate, then hold"
 DRIVES_EXCHANGED = Condition("drives exchanged", Severity.LEVEL, 2.0, _LEVELLED, _CHECK)
 UPHILL = Condition("ball rolls against the tilt", Severity.LEVEL, 2.0, _LEVELLED, _CHECK)
 AGREEMENT_CONDITIONS = (OPPOSITE, WRONG_RATIO, EXCHANGED, DRIVES_EXCHANGED, UPHILL)
-"""How motors, plate and ball may disagree. Motors against plate are detected in that time where it
+"""All conditions of motors, plate and ball. Motors against plate are detected in that time where it
 turns at 10 deg/s, the ball against the plate where that is tilted by 1 deg."""
 
 AXES = ("phi", "theta")
 
 
 class Disagreement(NamedTuple):
-    """That motors and plate do not turn together.
+    """A detected disagreement of motors and plate.
 
     Attributes:
-        condition: In which way.
+        condition: The condition.
         axis: 0 for phi, 1 for theta.
-        text: What was seen, in words and numbers.
+        text: The measured angles and their explanation.
     """
 
     condition: Condition
@@ -67,40 +68,62 @@ class _Span:
         return self.high[index] - self.low[index]
 
 
+@dataclass(frozen=True, kw_only=True)
+class MotionTest:
+    """How the motion of motors and plate is compared.
+
+    Attributes:
+        max_difference: Share of the motion by which motor and plate may differ; a ratio wrong by a
+            factor of 1.5 is 0.33.
+        recent_s: Duration in s of the shorter of the two comparisons, which detects a part that
+            slips later.
+        proven_rad: Plate angle in rad through which both axes must have turned to be confirmed.
+        scale_margin: Share of the motion by which a scale, a free parameter, must explain it better
+            than a sign.
+        memory_s: Duration in s of the motion by which a disagreement is explained.
+    """
+
+    max_difference: float = 0.2
+    recent_s: float = 0.25
+    proven_rad: float = float(np.radians(2.0))
+    scale_margin: float = 0.15
+    memory_s: float = 0.5
+
+
+MOTION_TEST = MotionTest()
+
+
 class Agreement:
-    """Compares how far two motors and the plate have turned, period by period.
+    """Compares the angles of two motors and the plate, period by period.
 
     Both are compared as plate angles, that of a motor by the ratio at level, so that a transmission
-    that is not linear is no disagreement. Their difference may vary by what is lost between motor
-    and plate (play, elastic parts, what is sampled at another time) and by a share of the motion (a
-    transmission that is known badly), since the first look and within the last moments.
+    that is not linear is no disagreement. Their difference may vary by the lost motion between
+    motor and plate (play, elastic parts, different sampling times) and by a share of the motion (an
+    inaccurate transmission), since the first call and within a short time.
 
     Args:
         transmission: Plate angles to motor angles.
-        lost: Plate angle in rad that may be lost between motor and plate, either way together.
+        lost: Plate angle in rad that may be lost between motor and plate, in both directions
+            together.
         period: Control period in s.
+        test: Constants of the comparison.
     """
 
-    SHARE = 0.2
-    """Share of the motion by which motor and plate may differ; a ratio off by 1.5 is 0.33."""
-    MOMENT = 0.25
-    """Duration in s of the shorter of the two comparisons, which sees a part that slips later."""
-    PROVEN = float(np.radians(2.0))
-    """Plate angle in rad that both axes must have turned through to be known to be right."""
-    FREE = 0.15
-    """Share of the motion by which a scale, which is free, must explain it better than a sign."""
-    MEMORY = 0.5
-    """Duration in s of the motion by which a disagreement is given its name."""
-
-    def __init__(self, transmission: Transmission, lost: float, period: float) -> None:
+    def __init__(
+        self,
+        transmission: Transmission,
+        lost: float,
+        period: float,
+        test: MotionTest = MOTION_TEST,
+    ) -> None:
         self._transmission = transmission
-        self._lost = lost
+        self._lost, self._test = lost, test
         near = np.array([[1e-3, 0.0], [-1e-3, 0.0], [0.0, 1e-3], [0.0, -1e-3]])
         motor = np.array([transmission.motor(each[None])[0] for each in near])
         slope = (motor[0, 0] - motor[1, 0]) / 2e-3, (motor[2, 1] - motor[3, 1]) / 2e-3
         self._ratio = float(slope[0]), float(slope[1])
-        self._moment = max(2, round(self.MOMENT / period))
-        self._past: deque[tuple[float, ...]] = deque(maxlen=max(2, round(self.MEMORY / period)))
+        self._recent_looks = max(2, round(test.recent_s / period))
+        self._past: deque[tuple[float, ...]] = deque(maxlen=max(2, round(test.memory_s / period)))
         self._whole: _Span | None = None
         self._recent = self._next = _Span((0.0,) * 6)
         self._looks = 0
@@ -109,7 +132,7 @@ class Agreement:
 
     def look(self, plate: Array, motor: Array) -> Disagreement | None:
         """Compare angles of one instant, both in rad, shape (2,); the disagreement, if any."""
-        # shape (1, 2) is looked up by the fast path
+        # shape (1, 2) has a faster look-up
         expected = self._transmission.motor(plate[None])[0].tolist()
         (p, q), (r, s) = expected, motor.tolist()
         of_phi, of_theta = self._ratio
@@ -124,39 +147,39 @@ class Agreement:
         if self._whole is None:
             self._whole, self._recent, self._next = _Span(now), _Span(now), _Span(now)
         self._looks += 1
-        if self._looks % self._moment == 0:
+        if self._looks % self._recent_looks == 0:
             self._recent, self._next = self._next, _Span(now)
         self._whole.take(now)
         self._recent.take(now)
         self._next.take(now)
         for span in (self._whole, self._recent):
             motion = max(span.width(0), span.width(1), span.width(2), span.width(3))
-            allowed = self._lost + self.SHARE * motion
+            allowed = self._lost + self._test.max_difference * motion
             for axis in (0, 1):
                 if not span.width(4 + axis) <= allowed and not self._frozen(now, axis):
-                    return self._named(axis)
+                    return self._explain(axis)
         return None
 
     def _frozen(self, now: tuple[float, ...], axis: int) -> bool:
-        """Whether the plate's angle has stayed the very same while its motor turned.
+        """Whether the plate's angle has not changed while its motor turned.
 
-        That is a frozen encoder, which has a condition of its own.
+        This is a frozen encoder, which has a condition of its own.
         """
         return abs(now[2 + axis] - self._still[axis][1]) > self._lost / 2
 
     @property
     def proven(self) -> bool:
-        """Whether both axes have turned far enough to be known to be right."""
+        """Whether both axes have turned far enough to be confirmed."""
         span = self._whole
-        return span is not None and min(span.width(2), span.width(3)) >= self.PROVEN
+        return span is not None and min(span.width(2), span.width(3)) >= self._test.proven_rad
 
-    def _named(self, axis: int) -> Disagreement:
-        """What explains the last motion best: other way, other axis; else another scale."""
+    def _explain(self, axis: int) -> Disagreement:
+        """The best explanation of the last motion: wrong sign, wrong axis, else wrong scale."""
         past = np.array(self._past)
         off = past[:, 2 + axis] - past[:, axis]
         since = np.abs(off - off[-1])
         past = past[int(np.flatnonzero(since >= 0.9 * since.max())[-1]) :]
-        past -= past[0]  # since they have not agreed
+        past -= past[0]  # since they disagree
         plate, motor = past[:, :2], past[:, 2:]
         far = int(np.abs(past[:, axis::2]).max(axis=1).argmax())
         turned = np.degrees([motor[far, axis], plate[far, axis]])
@@ -173,23 +196,23 @@ class Agreement:
             "on another scale": (WRONG_RATIO, motor * np.where(own, scale, 1.0)),
             "both on another scale": (WRONG_RATIO, motor * scale),
         }
+        margin = self._test.scale_margin
         misfits = {
-            how: _misfit(plate, turn) + (self.FREE if condition is WRONG_RATIO else 0.0)
+            how: _misfit(plate, turn) + (margin if condition is WRONG_RATIO else 0.0)
             for how, (condition, turn) in explained.items()
         }
         how = min(misfits, key=lambda each: misfits[each])
         doubt = [
             each
             for each in explained
-            if misfits[each] < misfits[how] + self.FREE
-            and explained[each][0] is not explained[how][0]
+            if misfits[each] < misfits[how] + margin and explained[each][0] is not explained[how][0]
         ]
         words = " or ".join(("", *doubt))
         return Disagreement(explained[how][0], axis, f"{text}: {how}{words}")
 
 
 def _misfit(plate: Array, motor: Array) -> float:
-    """What motors leave unexplained of a plate's motion, (n, 2) each: 0 for nothing, 1 for all.
+    """Share of a plate's motion that motors do not explain, (n, 2) each, 0 to 1.
 
     The larger of both axes.
     """
@@ -198,52 +221,68 @@ def _misfit(plate: Array, motor: Array) -> float:
     return float((left / motion).max())
 
 
-class BallAgreement:
-    """Whether the ball rolls where the plate is measured to be tilted.
+@dataclass(frozen=True, kw_only=True)
+class BallTest:
+    """How the ball's motion is compared with the measured tilt.
 
-    Motors and plate encoders agree where both drives are exchanged with all that is wired to them,
-    or where motor and encoder of an axis both count the wrong way. The ball tells: within a window
+    Attributes:
+        window_s: Duration in s of the motion that is explained.
+        delay_s: Approximate age in s of the ball's position: dead time of the screen and half a
+            frame.
+        min_positions: Number of positions from which the motion is explained.
+        every_positions: Number of positions from one explanation to the next.
+        min_motion_m: Root mean square in m of the motion that the tilt must have caused.
+        min_unexplained: Share of that motion that the right explanation must leave.
+        max_unexplained: Share of it that a wrong one may leave at most.
+    """
+
+    window_s: float = 1.0
+    delay_s: float = 0.05
+    min_positions: int = 20
+    every_positions: int = 5
+    min_motion_m: float = 0.003
+    min_unexplained: float = 0.6
+    max_unexplained: float = 0.1
+
+
+BALL_TEST = BallTest()
+
+
+class BallAgreement:
+    """Whether the ball rolls in the direction of the measured tilt.
+
+    Motors and plate encoders agree where both drives are exchanged with all their wires, or where
+    motor and encoder of an axis both have the wrong sign. The ball shows it: within a window
 
         x = x_0 + v_0 t + k I_phi,  y = y_0 + w_0 t - k I_theta
 
     with the double integrals I of the measured angles over time and any k above 0, (5.3) for a
-    plate that is tilted by little. Another explanation is believed only where this one leaves most
-    of the motion, and the other next to nothing.
+    small tilt. A different explanation is accepted only where this one leaves most of the motion,
+    and the other one almost nothing.
 
     Args:
         period: Control period in s.
+        test: Constants of the comparison.
     """
 
-    WINDOW = 1.0
-    """Duration in s of the motion that is explained."""
-    DELAY = 0.05
-    """Age in s of the ball's position, about: dead time of the screen and half a frame."""
-    SAMPLES = 20
-    """Number of positions from which the motion is explained."""
-    EVERY = 5
-    """Number of positions from one explanation to the next."""
-    MOVED = 0.003
-    """Size in m, as root of the mean square, of the motion that the tilt must have made."""
-    UNEXPLAINED, LEFT = 0.6, 0.1
-    """Share of that motion that the right explanation must leave, and another may at most."""
-
-    def __init__(self, period: float) -> None:
-        self._period = period
+    def __init__(self, period: float, test: BallTest = BALL_TEST) -> None:
+        self._period, self._test = period, test
         self._rate, self._way = [0.0, 0.0], [0.0, 0.0]
-        self._ways: deque[tuple[float, float]] = deque(maxlen=max(1, round(self.DELAY / period)))
+        self._ways: deque[tuple[float, float]] = deque(maxlen=max(1, round(test.delay_s / period)))
         self._seen: deque[tuple[float, ...]] = deque()
         self._place = (math.nan, math.nan)
         self._time = 0.0
         self._new = 0
 
     def look(self, ball: Array, plate: Array, touched: bool) -> tuple[Condition, str] | None:
-        """Take in a period; what disagrees and what was seen, in words, if anything does.
+        """Process a period; the condition of a disagreement and its text, if there is one.
 
         Args:
             ball: Measured position of the ball in m, shape (2,).
             plate: Measured plate angles (phi, theta) in rad, shape (2,).
-            touched: Whether the ball is felt.
+            touched: Whether the screen detects the ball.
         """
+        test = self._test
         self._time += self._period
         angles, place = plate.tolist(), tuple(ball.tolist())
         for axis in (0, 1):
@@ -257,30 +296,30 @@ class BallAgreement:
             return None
         self._place = place
         self._seen.append((self._time, *place, *self._ways[0]))
-        while self._time - self._seen[0][0] > self.WINDOW:
+        while self._time - self._seen[0][0] > test.window_s:
             self._seen.popleft()
         self._new += 1
-        if self._new % self.EVERY or len(self._seen) < self.SAMPLES:
+        if self._new % test.every_positions or len(self._seen) < test.min_positions:
             return None
-        return self._explained()
+        return self._explain()
 
-    def _explained(self) -> tuple[Condition, str] | None:
-        seen = np.array(self._seen)
+    def _explain(self) -> tuple[Condition, str] | None:
+        seen, test = np.array(self._seen), self._test
         time = seen[:, 0] - seen[:, 0].mean()
         moved = seen[:, 1:] - seen[:, 1:].mean(axis=0)
         moved -= np.outer(time, time @ moved) / float(time @ time)
         x, y, phi, theta = moved.T
         whole = float(x @ x + y @ y)
-        if whole < len(seen) * self.MOVED**2:
+        if whole < len(seen) * test.min_motion_m**2:
             return None
 
         def left(by_x: Array, by_y: Array) -> float:
-            """Share of the motion that is left by accelerations of this shape."""
+            """Share of the motion that accelerations of this shape do not explain."""
             size = float(by_x @ by_x + by_y @ by_y)
             k = max(0.0, float(x @ by_x + y @ by_y)) / max(size, 1e-30)
             return float(np.square(x - k * by_x).sum() + np.square(y - k * by_y).sum()) / whole
 
-        if left(phi, -theta) < self.UNEXPLAINED:
+        if left(phi, -theta) < test.min_unexplained:
             return None
         others = {
             "phi and theta are exchanged": (DRIVES_EXCHANGED, left(theta, -phi)),
@@ -290,9 +329,10 @@ class BallAgreement:
         }
         words = min(others, key=lambda each: others[each][1])
         condition, share = others[words]
-        if share > self.LEFT:
+        if share > test.max_unexplained:
             return None
         rival = min(each for other, each in others.values() if other is not condition)
-        if rival < 2 * self.LEFT and seen[-1, 0] - seen[0, 0] < 0.9 * self.WINDOW:
-            return None  # more motion tells them apart
+        whole_window = seen[-1, 0] - seen[0, 0] >= 0.9 * test.window_s
+        if rival < 2 * test.max_unexplained and not whole_window:
+            return None  # more motion distinguishes them
         return condition, f"the ball rolls as if {words}: the drives, or the touch screen's axes"

@@ -22,10 +22,10 @@ from twin.base.shipped import model_path
 
 
 def cubic(grid: Array, values: Array) -> Array:
-    """Cubic pieces through points, whose first two and last two join as one ("not a knot").
+    """Cubic pieces through points; the first two are one cubic, and so the last two ("not a knot").
 
     The slopes s at the points follow from a continuous second derivative. Between pieces of length
-    h, whose chords have the slope d,
+    h and chords of slope d,
 
         h_i s_(i-1) + 2 (h_(i-1) + h_i) s_i + h_(i-1) s_(i+1) = 3 (h_i d_(i-1) + h_(i-1) d_i),
 
@@ -60,7 +60,7 @@ def cubic(grid: Array, values: Array) -> Array:
 
 
 _SPLINE_ORDER = 3
-_CALIBRATION_REMEDY = "run `ballplate calibrate cams --rig FILE --out"
+_CAM_CALIBRATION_REMEDY = "run `ballplate calibrate cams --rig FILE --out"
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class CamTable:
         return np.stack(_bicubic(patches, *from_corner), axis=-1)
 
     def per_axis(self) -> CamTable:
-        """One table per axis: what each motor needs while the other axis is level."""
+        """One table per axis: the angle of each motor while the other axis is level."""
         level = np.zeros_like(self.grid)
         phi = self.motor(np.stack((self.grid, level), axis=-1))[:, 0]
         theta = self.motor(np.stack((level, self.grid), axis=-1))[:, 1]
@@ -169,11 +169,11 @@ class CamTable:
             return cls(grid, angles, dict(data["provenance"]))
         except OSError as error:
             raise ModelError(
-                f"cam table {path}: {error.strerror}; {_CALIBRATION_REMEDY} {path}`"
+                f"cam table {path}: {error.strerror}; {_CAM_CALIBRATION_REMEDY} {path}`"
             ) from error
         except (KeyError, TypeError, ValueError) as error:
             raise ModelError(
-                f"cam table {path}: not a cam table ({error}); {_CALIBRATION_REMEDY} {path}`"
+                f"cam table {path}: not a cam table ({error}); {_CAM_CALIBRATION_REMEDY} {path}`"
             ) from error
 
     @classmethod
@@ -181,7 +181,7 @@ class CamTable:
         """The table that comes with the packaged model.
 
         Raises:
-            ModelError: If it is missing, is no cam table, or was made with another model.
+            ModelError: If it is missing, is no cam table, or was made with a different model.
         """
         table = cls.from_file(model_path("cams.json"))
         table.check(model_path())
@@ -195,7 +195,7 @@ class CamTable:
         """
         if self.provenance.get("model_sha256") != model_hash(model):
             raise ModelError(
-                f"cam table was made with another {model.name} than {model}; make it again: "
+                f"cam table was not made with this {model.name}, {model}; make it again: "
                 "twin.sim.calibration.sweep_cams().save(file)"
             )
 

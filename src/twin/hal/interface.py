@@ -1,8 +1,7 @@
-"""What a device reports when something is wrong with it: condition, place, detail.
+"""Conditions and faults of devices, limits of commands, and the interfaces behind a rig.
 
-What may be commanded of a rig, and the clamp that keeps every command within it.
-
-The small interfaces behind a rig: two servos with plate encoders, a touch screen, a clock.
+A device reports a `Fault`: condition, place, detail. `Clamp` keeps every command within `Limits`.
+Behind a rig are two servos with plate encoders, a touch screen, a clock and a transmission.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ from twin.base.settings import Unit, setting
 
 
 class Severity(StrEnum):
-    """How the supervisor answers.
+    """Reaction of the supervisor.
 
-    WARNING: noted in the record. LEVEL: level the plate with the drives, then hold.
-    STOP: nothing can be trusted to move; zero rate, quick stop, drives off.
+    WARNING: recorded. LEVEL: level the plate with the drives, then hold.
+    STOP: no motion is safe; zero rate, quick stop, drives off.
     """
 
     WARNING = "warning"
@@ -36,15 +35,15 @@ NOMINAL_PERIOD = 0.002
 
 
 class Condition(NamedTuple):
-    """One thing that can go wrong, as a row of the supervisor's table.
+    """A condition of a fault, a row of the supervisor's table.
 
     Attributes:
-        name: What it is called in records, tables and messages, as ``heartbeat lost``.
-        severity: How it is answered.
+        name: Its name in records, tables and messages, as ``heartbeat lost``.
+        severity: Reaction of the supervisor.
         within: Longest time in s from its start to its detection at the nominal control period.
-        reaction: What is done, in words.
-        recovery: What a person does to go on, in words.
-        device: Whether a device has a fault then; that there is no ball is none.
+        reaction: The reaction in words.
+        recovery: The action of a person before the next run, in words.
+        device: Whether it is a fault of a device; a missing ball is not.
         periods: Number of control periods that are part of ``within``.
     """
 
@@ -62,28 +61,28 @@ class Condition(NamedTuple):
 
 
 def conditions(package: str) -> dict[str, Condition]:
-    """The conditions in ``conditions.toml`` of a package, by what programs call them.
+    """The conditions in ``conditions.toml`` of a package, by their names in programs.
 
-    A reaction or recovery that stands among the words of that file is what it says there.
+    A reaction or recovery that is a key of the table ``words`` is replaced by its text.
 
     Args:
         package: Its full name.
     """
     table, found = read_packaged(package, "conditions.toml"), {}
     for name, row in table["conditions"].items():
-        said = {key: table["words"].get(row[key], row[key]) for key in ("reaction", "recovery")}
-        found[name] = Condition(**row | said | {"severity": Severity(row["severity"])})
+        texts = {key: table["words"].get(row[key], row[key]) for key in ("reaction", "recovery")}
+        found[name] = Condition(**row | texts | {"severity": Severity(row["severity"])})
     return found
 
 
 class Fault(NamedTuple):
-    """A condition that was detected.
+    """A detected condition.
 
     Attributes:
-        condition: Which one.
+        condition: The condition.
         where: The device, as ``drive phi (node 1)`` or ``touch screen``.
-        detail: What was seen, in words and numbers.
-        at: When, on the monotonic clock of the rig, s; None where nobody noted it.
+        detail: The observation, in words and numbers.
+        at: Its time on the monotonic clock of the rig, s; None if not recorded.
     """
 
     condition: Condition
@@ -115,7 +114,7 @@ STOPS = replace(BOUND, symbols="bound the ball by the operating area")
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What may be commanded of a rig, and where and how fast its ball may be; SI units.
+    """Limits of a rig's commands, and of the position and speed of its ball; SI units.
 
     Fields are numbers, or arrays with one entry per rig.
 
@@ -124,9 +123,9 @@ class Limits:
         rate: Plate rate either way, rad/s; assumed, the thesis limits it without a number.
         acceleration: Plate acceleration either way, rad/s^2; thesis chapter 3: 7.
         area: Operating area |x|, |y| of references, m; thesis chapter 3: 0.25 x 0.15.
-        margin: How far the ball may stray beyond the area before the rig stops, m; assumed.
-        ball_speed: Speed of the ball along x or y at which the rig stops, m/s; assumed: what it
-            gains from 10 deg over the plate's length is 1.3.
+        margin: Distance beyond the area at which the rig stops, m; assumed.
+        ball_speed: Speed of the ball along x or y at which the rig stops, m/s; assumed: over the
+            plate's length at 10 deg it gains 1.3.
     """
 
     angle: Number = setting("rig.limits.angle_deg", 10.0, Unit.DEG, followed_by=BOUND, gt=0, le=30)
@@ -144,15 +143,15 @@ class Limits:
 
 
 class Clamp:
-    """Keeps plate rates within rate, acceleration and what can be braked before the angle limit.
+    """Keeps plate rates within the limits of rate, acceleration and braking before the angle limit.
 
-    The acceleration limit has the last word: it holds from every rate and angle. The angle limit
-    holds from every state in which the plate can still be braked before it, so for all that is
-    commanded through the clamp; a plate that was turned past that point by something else is braked
-    as fast as the acceleration limit allows.
+    The acceleration limit has priority: it holds from every rate and angle. The angle limit holds
+    from every state in which the plate can still be braked before it, so for all commands through
+    the clamp; a plate that was turned past that point by other means is braked as fast as the
+    acceleration limit allows.
 
     Args:
-        limits: What may be commanded.
+        limits: The limits.
         period: Control period in s.
     """
 
@@ -236,12 +235,12 @@ class TouchScreen(Protocol):
 class PoweredServos(Servos, FaultSource, Protocol):
     """The servos of a real rig: brought up, driven period by period, shut down.
 
-    A rig calls, in this order: ``start``, then ``enable`` until ``enabled``, then ``home``. From
-    ``start`` on, once per period: ``receive`` when it begins, ``plate`` and ``motor``, ``command``,
-    ``send``, and ``settle`` in the idle time that is left. ``stop`` ends it, also after any error.
-    No method but ``start``, ``stop``, ``settle`` and ``sleep`` waits. What goes wrong after
-    ``start`` is a `Fault` in ``faults``, never an exception. Rates and angles of the motors are
-    those of the transmission that the rig was given: at the cam shafts, or of the plate itself.
+    A rig calls, in this order: ``start``, then ``enable`` until ``enabled``, then ``home``. After
+    ``start``, once per period: ``receive`` when it begins, ``plate`` and ``motor``, ``command``,
+    ``send``, and ``settle`` in the remaining idle time. ``stop`` ends it, also after any error.
+    No method but ``start``, ``stop``, ``settle`` and ``sleep`` waits. An error after ``start`` is a
+    `Fault` in ``faults``, never an exception. Rates and angles of the motors are those of the rig's
+    transmission: at the cam shafts, or of the plate itself.
     """
 
     @property
@@ -265,19 +264,19 @@ class PoweredServos(Servos, FaultSource, Protocol):
         """Seconds from the last command to its last answer; None while or where there is none."""
 
     def now(self) -> float:
-        """Monotonic time in s. The clock of a rig is that of its servos."""
+        """Monotonic time in s; the servos have the clock of the rig."""
 
     def sleep(self, seconds: float) -> None:
-        """Let a time in s pass; ``time.sleep`` where ``now`` is real time."""
+        """Wait for a time in s; ``time.sleep`` where ``now`` is real time."""
 
     def start(self, *, reset: bool = False) -> None:
         """Connect both axes, supervised and without motion; may wait.
 
         Args:
-            reset: Whether faults that stand in the drives are reset, as a person requests.
+            reset: Whether faults that the drives hold are reset, as a person requests.
 
         Raises:
-            TwinError: If anything is not as it must be; all is disconnected again then.
+            TwinError: If a device is not as it must be; all is disconnected again then.
         """
 
     def stop(self) -> None:
@@ -287,7 +286,7 @@ class PoweredServos(Servos, FaultSource, Protocol):
         """Request torque at zero rate; ``enabled`` shows when it is there.
 
         Raises:
-            TwinError: If a fault stands that forbids it.
+            TwinError: If a fault forbids it.
         """
 
     def quick_stop(self) -> None:
@@ -297,7 +296,7 @@ class PoweredServos(Servos, FaultSource, Protocol):
         """Declare the present angles of plate and motors, rad, shape (1, 2) each."""
 
     def receive(self) -> None:
-        """Take in what has arrived."""
+        """Process received data."""
 
     def send(self) -> None:
         """Send the commands of the period that begins."""
@@ -312,23 +311,23 @@ class PoweredServos(Servos, FaultSource, Protocol):
         """Seconds since the plate angles were measured, shape (1, 2); 0 for computed ones."""
 
     def warnings(self) -> tuple[Fault, ...]:
-        """What every run is to be warned of from its start, as a safety net that is missing."""
+        """Warnings of every run from its start, as a missing safety net."""
 
 
 class PoweredScreen(TouchScreen, FaultSource, Protocol):
     """The touch screen of a real rig: started, read period by period, stopped.
 
-    From ``start`` on, once per period: ``receive`` when it begins, ``note_plate``, ``read``,
-    ``faults``. No method but ``start`` and ``stop`` waits. What goes wrong after ``start`` is a
-    `Fault` in ``faults``, never an exception.
+    After ``start``, once per period: ``receive`` when it begins, ``note_plate``, ``read``,
+    ``faults``. No method but ``start`` and ``stop`` waits. An error after ``start`` is a `Fault` in
+    ``faults``, never an exception.
     """
 
     @property
     def where(self) -> str:
-        """What messages call it."""
+        """Its name in messages."""
 
     def start(self) -> None:
-        """Connect, and know nothing of what was before; may wait.
+        """Connect, without any earlier measurement; may wait.
 
         Raises:
             TwinError: If it cannot; all is disconnected again then.
@@ -338,10 +337,10 @@ class PoweredScreen(TouchScreen, FaultSource, Protocol):
         """Disconnect; idempotent, never raises."""
 
     def receive(self) -> None:
-        """Take in what has arrived."""
+        """Process received data."""
 
     def note_plate(self, plate: Array) -> None:
-        """Take in the plate angles (phi, theta), rad, shape (1, 2): no ball rests on a tilt."""
+        """Store the plate angles (phi, theta), rad, shape (1, 2): no ball rests on a tilt."""
 
 
 class Clock(Protocol):

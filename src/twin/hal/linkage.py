@@ -1,10 +1,10 @@
-"""What lies between two servos and a plate: cranks and rods in closed form, or a measured table.
+"""Transmissions between two servos and a plate: cranks and rods in closed form, measured tables.
 
 The arm of axis phi lies on the plate's -x axis and that of theta on its +y axis, so that a crank
 that turns up tilts its axis to positive angles, as a cam does. With c = cos(theta) for phi and 1
 for theta, a rod of length l joins, seen from the servo's axis, the end of its crank (r cos m,
-r sin m) and the end of the arm a: p = a cos(angle) - d outwards, q = a c sin(angle) + h up, and
-beside the crank's plane what is left of a. At level crank and arm are horizontal, which gives the
+r sin m) and the end of the arm a: p = a cos(angle) - d outwards, q = a c sin(angle) + h up, and the
+rest of a perpendicular to the crank's plane. At level crank and arm are horizontal, which gives the
 depth h.
 """
 
@@ -23,9 +23,9 @@ from twin.base.settings import Unit, setting
 Pair = tuple[float, float] | Array
 
 ANGLE_SPARE_FACTOR = 1.1
-"""How much further than the plate may be tilted its linkage has to take it."""
+"""Tilt that a linkage must allow, as a multiple of the plate's largest tilt."""
 LOCKING_TOLERANCE = 1e-6
-"""By how much the cosine is short of 1 where a linkage locks; what is off beyond, rad."""
+"""Difference of a cosine from 1 at which a linkage locks; error in rad above which it does."""
 
 
 LENGTHS = Followers(
@@ -77,12 +77,12 @@ class Linkage:
 
     @property
     def lean(self) -> Array:
-        """How far crank and arm end apart horizontally at level, m."""
+        """Horizontal distance of the ends of crank and arm at level, m."""
         return np.subtract(self.arm, self.distance) - self.crank
 
     @property
     def depth(self) -> Array:
-        """How far the servos' axes lie below the universal joint, m."""
+        """Depth of the servos' axes below the universal joint, m."""
         return np.sqrt(np.square(self.rod) - self.lean**2)
 
     @cached_property
@@ -93,29 +93,29 @@ class Linkage:
     def motor(self, plate: Array) -> Array:
         """Crank angles in rad that hold plate angles (phi, theta) in rad, both (..., 2)."""
         r, a, d, h, square = self._lengths
-        c, up = _beside(plate), a * np.sin(plate)
+        c, up = _height_share(plate), a * np.sin(plate)
         p, q = a * np.cos(plate) - d, c * up + h
         reach = (p**2 + q**2 + (1 - c**2) * up**2 + r**2 - square) / (2 * r)
         return np.arctan2(q, p) - _arccos(reach / np.hypot(p, q))
 
     def plate(self, motor: Array) -> Array:
-        """Plate angles in rad where the cranks are at angles in rad, both (..., 2)."""
+        """Plate angles in rad for crank angles in rad, both (..., 2)."""
         r, a, d, h, square = self._lengths
         u, v = d + r * np.cos(motor), h - r * np.sin(motor)
         reach = (a**2 + u**2 + v**2 - square) / (2 * a)
         tilt = _arccos(reach / np.hypot(u, v)) - np.arctan2(v, u)
-        v = _beside(tilt) * v  # theta is right by now; phi depends on it
+        v = _height_share(tilt) * v  # theta is right by now; phi depends on it
         return _arccos(reach / np.hypot(u, v)) - np.arctan2(v, u)
 
     def plate_rate(self, plate: Array, motor: Array, rate: Array) -> Array:
-        """Rates of the plate in rad/s for those of the cranks, where they are; all (..., 2)."""
+        """Rates of the plate in rad/s for those of the cranks at their angles; all (..., 2)."""
         by_crank, by_plate, by_other = self._slopes(plate, motor)
         found = -by_crank * rate / by_plate
         found[..., 0] -= by_other * found[..., 1] / by_plate[..., 0]
         return found
 
     def motor_rate(self, plate: Array, motor: Array, rate: Array) -> Array:
-        """Rates of the cranks in rad/s for those of the plate, where they are; all (..., 2)."""
+        """Rates of the cranks in rad/s for those of the plate at its angles; all (..., 2)."""
         by_crank, by_plate, by_other = self._slopes(plate, motor)
         turned = by_plate * rate
         turned[..., 0] += by_other * rate[..., 1]
@@ -128,17 +128,17 @@ class Linkage:
         joint, a rod's squared length is a^2 + u^2 + v^2 - 2 a (u cos - c v sin).
         """
         r, a, d, h, _ = self._lengths
-        c, sine, cosine = _beside(plate), np.sin(plate), np.cos(plate)
+        c, sine, cosine = _height_share(plate), np.sin(plate), np.cos(plate)
         du, dv = -r * np.sin(motor), -r * np.cos(motor)
         u, v = d - dv, h + du
         by_crank = du * cosine - c * dv * sine - (u * du + v * dv) / a
         return by_crank, -u * sine - c * v * cosine, v[..., 0] * sine[..., 0] * sine[..., 1]
 
     def problem(self, tilt: float) -> str:
-        """What is wrong with one pair of linkages, in one line; empty if nothing is.
+        """The error of one pair of linkages, in one line; empty if there is none.
 
         Args:
-            tilt: How far the plate may be tilted either way, rad.
+            tilt: Largest tilt of the plate in either direction, rad.
         """
         if not self.given:
             return ""
@@ -163,7 +163,7 @@ class Linkage:
 
 Rows = tuple[tuple[float, float], ...]
 POINTS_PER_ROW = 200
-"""Points that a table's curve has from one row to the next."""
+"""Points of a table's curve from one row to the next."""
 
 
 TYPED = replace(LENGTHS, mechanism="has cams or rods and no table of tilts", source=GIVEN)
@@ -173,9 +173,9 @@ TYPED = replace(LENGTHS, mechanism="has cams or rods and no table of tilts", sou
 class TiltTable:
     """Plate angles as measured over servo angles, of two axes that do not move each other.
 
-    Between rows lies the cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5, 1984), which
-    rises as they do; its rate has no jumps there, as straight lines would have. To be read both
-    ways it is cut finely into straight lines. Beyond the ends servo and plate stand.
+    Between rows the curve is the cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5, 1984),
+    which rises as they do; its rate has no jumps there, unlike that of straight lines. For both
+    directions it is divided finely into straight lines. Beyond the ends servo and plate rest.
 
     Attributes:
         phi: Measured rows [servo angle, plate angle] of phi in rad, both rising; none for no table.
@@ -206,7 +206,7 @@ class TiltTable:
         return [(x, y, np.gradient(y, x)) for x, y in zip(fine, there, strict=True)]
 
     def _read(self, angle: Array, of: int, wanted: int, beyond: float | None = None) -> Array:
-        """One column of the curves where another one is the angle; beyond the ends their value."""
+        """A column of the curves at angles in a second column; beyond the ends the end's value."""
         each = zip(np.moveaxis(angle, -1, 0), self.curves, strict=True)
         return np.stack([np.interp(a, c[of], c[wanted], beyond, beyond) for a, c in each], axis=-1)
 
@@ -215,22 +215,22 @@ class TiltTable:
         return self._read(plate, 1, 0)
 
     def plate(self, motor: Array) -> Array:
-        """Plate angles in rad where the servos are at angles in rad, both (..., 2)."""
+        """Plate angles in rad for servo angles in rad, both (..., 2)."""
         return self._read(motor, 0, 1)
 
     def plate_rate(self, plate: Array, motor: Array, rate: Array) -> Array:
-        """Rates of the plate in rad/s for those of the servos, where they are; all (..., 2)."""
+        """Rates of the plate in rad/s for those of the servos at their angles; all (..., 2)."""
         return rate * self._read(motor, 0, 2, beyond=0.0)
 
     def motor_rate(self, plate: Array, motor: Array, rate: Array) -> Array:
-        """Rates of the servos in rad/s for those of the plate, where they are; all (..., 2)."""
+        """Rates of the servos in rad/s for those of the plate at its angles; all (..., 2)."""
         return rate / self._read(motor, 0, 2)
 
     def problem(self, tilt: float) -> str:
-        """What is wrong with the table, in one line; empty if nothing is.
+        """The error of the table, in one line; empty if there is none.
 
         Args:
-            tilt: How far the plate may be tilted either way, rad.
+            tilt: Largest tilt of the plate in either direction, rad.
         """
         for axis in ("phi", "theta") if self.given else ():
             rows, needed = (
@@ -250,18 +250,18 @@ class TiltTable:
 
 
 Transmitting = Linkage | TiltTable
-"""What may lie between servos and plate."""
+"""Transmissions between servos and plate."""
 
 
-def _beside(plate: Array) -> Array:
-    """Share of an arm's height that is left where theta turns it aside, shape (..., 2)."""
+def _height_share(plate: Array) -> Array:
+    """Share of an arm's height that remains where theta tilts it sideways, shape (..., 2)."""
     share = np.ones_like(plate)
     share[..., 0] = np.cos(plate[..., 1])
     return share
 
 
 def _arccos(cosine: Array) -> Array:
-    """The angle; where a linkage locks the one at which it stands."""
+    """The angle; of a linkage that locks the angle at which it does."""
     return np.arccos(np.minimum(np.maximum(cosine, LOCKING_TOLERANCE - 1), 1 - LOCKING_TOLERANCE))
 
 

@@ -15,18 +15,18 @@ from twin.hal.supervisor import Event, Note, State, Supervisor
 
 
 class Entry(NamedTuple):
-    """What the supervisor noted, and when, s."""
+    """A note of the supervisor, and its time in s."""
 
     time: float
     note: Note
 
 
 class Rig:
-    """N ball-and-plate rigs behind one seam: what is common to simulation and hardware.
+    """N ball-and-plate rigs behind one seam: the common part of simulation and hardware.
 
     Use it as a context manager: entering switches the drives on and holds the plate, leaving
-    levels the plate and switches off, whatever was raised inside. Within, once a period:
-    ``read``, ``write``, ``wait``.
+    levels the plate and switches off, also after an error. Inside, once per period: ``read``,
+    ``write``, ``wait``.
 
     Args:
         servos: The servo axes with the plate encoders.
@@ -36,20 +36,20 @@ class Rig:
         supervisor: States and limits.
         period: Control period in s.
         fault_sources: The devices that report faults; one rig only.
-        anchor: Time in s after which the cams are looked up where the plate is measured to be,
-            again, to the nearest whole number of periods; 0 for every period.
+        anchor: Time in s from one look-up of the cams at the measured plate angle to the next, to
+            the nearest whole number of periods; 0 for every period.
     """
 
     in_real_time = False
     """Whether its time passes while a controller computes."""
-    LEVELLING_TIME = 2.0
-    """Longest time in s that leaving the rig spends on levelling the plate."""
-    LEVEL = 5e-4
+    LEVELLING_S = 2.0
+    """Default of ``levelling_s``."""
+    LEVEL_RAD = 5e-4
     """Plate angle in rad that counts as level, 0.03 deg."""
-    LEVEL_FOR = 10
-    """Periods for which it has to: the time constant of the supervisor's last way there."""
+    LEVEL_PERIODS = 10
+    """Periods for which it has to: the time constant of the supervisor's approach to level."""
     ANCHOR = 0.02
-    """Default time in s from one look at the measured plate angle to the next."""
+    """Default of ``anchor``, s."""
 
     def __init__(
         self,
@@ -65,10 +65,12 @@ class Rig:
     ) -> None:
         self.period = period
         self._period = constant(period)
+        self.levelling_s = self.LEVELLING_S
+        """Longest time in s for levelling the plate when the rig is left; 0 for not levelling."""
         self.journal: list[Entry] = []
-        """Every condition that was detected, oldest first."""
+        """Every detected condition, oldest first."""
         self.changes: Callable[[float], None] | None = None
-        """Is told the time in s before each period passes; changes what the rig is made of."""
+        """Called with the time in s before each period passes; changes the rig's parameters."""
         self.supervisor = supervisor
         self._servos = servos
         self._screen = screen
@@ -95,10 +97,10 @@ class Rig:
         """Bring the devices up; the drives hold the plate then."""
 
     def _power_off(self) -> None:
-        """Let the devices go; the drives have no torque then."""
+        """Disconnect the devices; the drives have no torque then."""
 
     def _hold(self) -> None:
-        """Be ready, with the plate held where it is measured."""
+        """Be ready, with the plate held at its measured angle."""
         self.supervisor.powered(self._servos.plate())
         self._anchor()
 
@@ -111,23 +113,23 @@ class Rig:
             self._power_off()
 
     def level(self) -> None:
-        """Bring the plate level, as far as the drives can; the controller has no say any more."""
+        """Level the plate, as far as the drives can; the controller is ignored from here on."""
         self.supervisor.handle(Event.LEVEL)
         still, plate, level = np.zeros_like(self.supervisor.rate), self.supervisor.angle, 0
-        for tick in range(round(self.LEVELLING_TIME / self.period)):
+        for tick in range(round(self.levelling_s / self.period)):
             holding = self.supervisor.state == State.HOLDING
-            # as it is measured, and not one that only passes its level or is seen there late
-            level = level + 1 if (np.abs(plate)[holding] < self.LEVEL).all() else 0
-            if level > self.LEVEL_FOR or not holding.any():
+            # by the measured angle, and not a plate that only passes level or is measured late
+            level = level + 1 if (np.abs(plate)[holding] < self.LEVEL_RAD).all() else 0
+            if level > self.LEVEL_PERIODS or not holding.any():
                 break
-            # the longer it takes, the later a plate may do what it is told
-            self.supervisor.drift_time = max(Supervisor.DRIFT_TIME, tick * self.period / 4)
+            # the longer it takes, the longer the delay of the plate may be
+            self.supervisor.drift_time = max(Supervisor.DRIFT_TIME_S, tick * self.period / 4)
             self.write(still)
             self.wait()
             plate = self.read().y[:, 1::2]
 
     def meanwhile(self, work: Callable[[], None]) -> None:
-        """Do what may take longer than a period, before the controller moves the plate."""
+        """Do work that may take longer than a period, before the controller moves the plate."""
         work()
 
     def start(self) -> None:
@@ -135,7 +137,7 @@ class Rig:
         self.supervisor.handle(Event.START)
 
     def read(self) -> Measurement:
-        """What the sensors say now; a rig past a limit is stopped here."""
+        """The present measurement; a rig past a limit is stopped here."""
         touch = self._screen.read()
         plate = self._servos.plate()
         y = np.empty((len(plate), 4))
@@ -177,21 +179,21 @@ class Rig:
         self._unanchored = 0
 
     def adopt(self, rigs: NDArray[np.integer], other: Rig) -> None:
-        """Let some rigs go on as others that have just been started.
+        """Replace some rigs by others that have just been started.
 
-        What the rigs of a batch look at together they go on to look at together: when the plate is
-        measured again (``anchor``), and over what times the speed of the ball is.
+        The rigs of a batch keep their common times: those at which the cams are looked up again
+        (``anchor``), and those over which the speed of the ball is measured.
 
         Args:
-            rigs: Which.
-            other: As many rigs with the same limits, of the devices that these now have.
+            rigs: Their indices.
+            other: As many rigs with the same limits and the devices that these now have.
         """
         self.supervisor.adopt(rigs, other.supervisor)
         self._plate = put(self._plate, rigs, other._plate)
         self._motor = put(self._motor, rigs, other._motor)
 
     def replace_transmission(self, transmission: Transmission) -> None:
-        """Look the cams up in another transmission from now on; the plate stays where it is."""
+        """Use a new transmission from now on; the plate does not move."""
         self._transmission = transmission
         self._motor = transmission.motor(self._plate)
 
@@ -224,5 +226,5 @@ class Rig:
         return {}
 
     def account(self) -> dict[str, Any]:
-        """What there is to say of the run that has ended, for its record; empty if nothing."""
+        """Statistics of the run that has ended, for its record; empty if there are none."""
         return {}

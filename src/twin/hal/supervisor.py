@@ -1,7 +1,4 @@
-"""What a rig may do, and the one table of how that changes.
-
-The supervisor: a state machine per rig, and the limits of what may be commanded.
-"""
+"""The supervisor: a state machine per rig, one table of transitions, and limits of commands."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ from twin.hal.interface import NOMINAL_PERIOD, Clamp, Condition, Fault, Limits, 
 
 
 class State(IntEnum):
-    """What a rig is allowed to do.
+    """State of a rig.
 
     OFF: drives without torque. INITIALISING: devices are brought up, nothing is commanded.
     READY: drives on, plate held, waiting for an explicit start. RUNNING: follows the controller.
@@ -35,10 +32,10 @@ class State(IntEnum):
 
 
 class Event(StrEnum):
-    """What changes a rig's state: requests of the program, and the answers to conditions.
+    """Event that changes a rig's state: a request of the program, or the reaction to a condition.
 
-    INITIALISE, START and SWITCH_OFF are explicit requests, POWERED says that the drives hold the
-    plate, LEVEL and STOP answer a condition of that severity.
+    INITIALISE, START and SWITCH_OFF are explicit requests, POWERED reports that the drives hold the
+    plate, LEVEL and STOP are the reactions to a condition of that severity.
     """
 
     INITIALISE = "initialise"
@@ -67,14 +64,14 @@ TRANSITIONS = MappingProxyType(
         (State.FAULT, Event.SWITCH_OFF): State.OFF,
     }
 )
-"""Every transition; an event that is not listed for a state changes nothing. Out of HOLDING and
-FAULT leads nothing but switching off: who wants to go on runs again."""
+"""Every transition; an event that is not listed for a state changes nothing. The only way out of
+HOLDING and FAULT is switching off: a new run is needed to continue."""
 
 
-LOST_AFTER = 0.1
-"""Seconds without touch after which the ball counts as lost."""
-SPEED_WINDOW_S = 0.04
-"""Seconds over which the speed of the ball is measured."""
+BALL_LOST_AFTER_S = 0.1
+"""Time in s without touch after which the ball counts as lost."""
+BALL_SPEED_WINDOW_S = 0.04
+"""Time in s over which the speed of the ball is measured."""
 
 _LEVEL_REACTION = "level the plate, then hold"
 _RUN_AGAIN_RECOVERY = "bring ball and plate back, then run again"
@@ -83,10 +80,14 @@ BALL_OUTSIDE = Condition(
     "ball outside", Severity.LEVEL, NOMINAL_PERIOD, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
 )
 BALL_FAST = Condition(
-    "ball too fast", Severity.LEVEL, 2 * SPEED_WINDOW_S, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
+    "ball too fast", Severity.LEVEL, 2 * BALL_SPEED_WINDOW_S, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
 )
 BALL_LOST = Condition(
-    "ball lost", Severity.LEVEL, LOST_AFTER + NOMINAL_PERIOD, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
+    "ball lost",
+    Severity.LEVEL,
+    BALL_LOST_AFTER_S + NOMINAL_PERIOD,
+    _LEVEL_REACTION,
+    _RUN_AGAIN_RECOVERY,
 )
 PLATE_TILTED = Condition(
     "plate past its limit", Severity.LEVEL, NOMINAL_PERIOD, _LEVEL_REACTION, _RUN_AGAIN_RECOVERY
@@ -114,16 +115,16 @@ RIG_CONDITIONS = (
     BAD_REQUEST,
     NOT_LEVELLING,
 )
-"""What the supervisor itself watches over, simulated or not."""
+"""Conditions that the supervisor itself detects, simulated or not."""
 
 
 class Note(NamedTuple):
-    """A condition that was detected on a rig.
+    """A detected condition of a rig.
 
     Attributes:
-        rig: Which one.
-        condition: Which condition.
-        text: What was seen, in words and numbers.
+        rig: Index of the rig.
+        condition: The condition.
+        text: The observation, in words and numbers.
     """
 
     rig: int
@@ -135,26 +136,26 @@ class Supervisor:
     """Guards N rigs: one state each, one set of limits.
 
     Args:
-        limits: What may be commanded.
+        limits: Limits of commands.
         period: Control period in s.
         rigs: Number of rigs.
         late: Longest time in s from a command to the motion of the plate.
-        grown: How far a plate may tilt further after it was asked to level, besides its braking,
-            rad.
+        grown: Further tilt in rad, besides that of braking, that is allowed while a plate is
+            levelled.
     """
 
-    GROWN = float(np.radians(1.0))
+    MAX_FURTHER_TILT_RAD = float(np.radians(1.0))
     """Default of ``grown``."""
 
-    TURNED = 0.01
-    """Time in s over which it is measured how fast the plate turns when it is asked to level."""
+    RATE_WINDOW_S = 0.01
+    """Time in s over which the rate of the plate is measured when levelling begins."""
 
-    ANGLE_SLACK = np.radians(0.5)
-    """How far a measured plate angle may pass the limit (encoder, spring) before a stop."""
+    ANGLE_SLACK_RAD = np.radians(0.5)
+    """Angle in rad by which a measured plate angle may exceed the limit (encoder, spring)."""
 
-    DRIFT_TIME = 0.1
-    """Time in s within which a measured drift of the plate off its commands is taken in, while it
-    is not levelled for longer."""
+    DRIFT_TIME_S = 0.1
+    """Time constant in s with which the plate angle is corrected by the measured one, while the
+    plate is not levelled for longer."""
 
     def __init__(
         self,
@@ -163,46 +164,46 @@ class Supervisor:
         rigs: int = 1,
         *,
         late: float = 0.25,
-        grown: float = GROWN,
+        grown: float = MAX_FURTHER_TILT_RAD,
     ) -> None:
         self.limits = limits
         self._late, self._grown = late, grown
         self.state = np.full(rigs, State.OFF)
         self.reason = [""] * rigs
-        """Why each rig holds or has a fault."""
+        """Reason why each rig holds or has a fault."""
         self.by_device = np.zeros(rigs, bool)
-        """Whether it was a device that made it."""
+        """Whether the reason is a fault of a device."""
         self.rate: Array = np.zeros((rigs, 2))
         """Plate rate commanded last, rad/s."""
         self.angle: Array = np.zeros((rigs, 2))
-        """Plate angle: the commanded rates added up, drawn to the measured angle, rad."""
+        """Plate angle: integral of the commanded rates, corrected by the measured angle, rad."""
         self.all_running = False
         """Whether every rig follows its controller."""
         self.notes: list[Note] = []
-        """What was detected and not yet taken out, oldest first."""
+        """Detected conditions that were not yet taken out, oldest first."""
         self._clamp = Clamp(limits, period)
         self._period = constant(period)
         self._bounds: Array = np.empty((rigs, 4))
         self._bounds[:, 0::2] = np.add(limits.area, column(limits.margin))
-        self._bounds[:, 1::2] = column(limits.angle) + self.ANGLE_SLACK
-        self.drift_time = self.DRIFT_TIME
+        self._bounds[:, 1::2] = column(limits.angle) + self.ANGLE_SLACK_RAD
+        self.drift_time = self.DRIFT_TIME_S
         self._unseen: float | Array = 0.0
-        self._paces = max(1, round(SPEED_WINDOW_S / period))
+        self._paces = max(1, round(BALL_SPEED_WINDOW_S / period))
         self._way = column(limits.ball_speed) * self._paces * period
         self._pace = 0
         self._before = np.full((rigs, 2), np.nan)
         self._largest = np.full((rigs, 2), np.nan)
         """Plate angles in rad that levelling may not exceed; NaN where nothing is levelled."""
-        self._plates: deque[Array] = deque(maxlen=max(2, round(self.TURNED / period)))
+        self._plates: deque[Array] = deque(maxlen=max(2, round(self.RATE_WINDOW_S / period)))
         """Measured plate angles of the last periods, rad, shape (N, 2)."""
 
     def limit_rate(self, rate: float | None) -> None:
-        """Allow plate rates up to this one in rad/s only; None for those of the limits."""
+        """Limit plate rates to this one in rad/s; None for those of the limits."""
         largest = self.limits.rate if rate is None else np.minimum(self.limits.rate, rate)
         self._clamp = Clamp(replace(self.limits, rate=np.asarray(largest)), float(self._period))
 
     def handle(self, event: Event, which: Mask | None = None) -> Mask:
-        """Let an event happen to some rigs, all by default; return which of them it changed."""
+        """Apply an event to some rigs, all by default; return which of them it changed."""
         changed = np.zeros(len(self.state), bool)
         old = self.state.copy()
         for rig in range(len(old)) if which is None else np.flatnonzero(which):
@@ -219,15 +220,15 @@ class Supervisor:
         fresh = self.handle(Event.POWERED)[:, None]
         self.angle = np.where(fresh, plate, self.angle)
         self.rate = np.where(fresh, 0.0, self.rate)
-        self._unseen, self.drift_time = 0.0, self.DRIFT_TIME
+        self._unseen, self.drift_time = 0.0, self.DRIFT_TIME_S
         self._plates.clear()
         self._before[:] = np.nan
 
     def adopt(self, rigs: NDArray[np.integer], other: Supervisor) -> None:
-        """Let some rigs go on as others that are guarded by the same limits.
+        """Replace the states of some rigs by those of others with the same limits.
 
         Args:
-            rigs: Which.
+            rigs: Their indices.
             other: The supervisor of as many rigs, just started.
         """
         self.state = put(self.state, rigs, other.state)
@@ -242,29 +243,29 @@ class Supervisor:
         self._plates.clear()
 
     def forget_ball(self) -> None:
-        """Judge the ball from now on only, as somebody has put it elsewhere."""
+        """Forget earlier positions of the ball, as it was placed elsewhere."""
         self._unseen = 0.0
         self._pace = 0
         self._before[:] = np.nan
 
     def report(self, fault: Fault, rig: int = 0) -> None:
-        """Take in what a device has detected."""
+        """React to a fault of a device."""
         which = np.arange(len(self.state)) == rig
         self._answer(fault.condition, which, str(fault), by_device=fault.condition.device)
 
     @property
     def lost(self) -> Mask:
-        """Whether the screen has not felt a ball for too long, shape (N,)."""
-        return np.broadcast_to(np.greater(self._unseen, LOST_AFTER), self.state.shape)
+        """Whether the screen has not detected a ball for too long, shape (N,)."""
+        return np.broadcast_to(np.greater(self._unseen, BALL_LOST_AFTER_S), self.state.shape)
 
     def watch(self, y: Array, touched: Mask) -> None:
-        """Level the running rigs whose measured ball or plate passed a limit.
+        """Level the running rigs whose measured ball or plate exceeds a limit.
 
-        What is no number counts as past its limit; of a ball that is not felt it says nothing.
+        NaN counts as beyond its limit, except for a ball that is not detected.
 
         Args:
             y: Measured x, phi, y, theta in m and rad, shape (N, 4).
-            touched: Whether the screen feels the ball, shape (N,).
+            touched: Whether the screen detects the ball, shape (N,).
         """
         drift = y[:, 1::2] - self.angle
         if not finite(drift):
@@ -293,9 +294,9 @@ class Supervisor:
             self._watch_levelling(np.abs(y[:, 1::2]))
 
     def _watch_levelling(self, tilt: Array) -> None:
-        """Stop the rigs whose plate tilts ever further though it is levelled.
+        """Stop the rigs whose plate tilts further and further though it is levelled.
 
-        What is still on its way to the drives, and braking, may tilt it further by a little.
+        Commands that have not reached the drives yet, and braking, may tilt it a little further.
 
         Args:
             tilt: Sizes of the measured plate angles in rad, shape (N, 2).
@@ -318,7 +319,7 @@ class Supervisor:
 
     def _watch_speed(self, ball: Array, touched: Mask) -> None:
         moved = np.abs(ball - self._before)
-        # NaN, where the ball was not felt all the time, is never too fast
+        # NaN, where the ball was not detected all the time, is never too fast
         fast = (moved > self._way).any(axis=1)
         if some(fast):
             speed = moved / (self._paces * self._period)
@@ -328,8 +329,8 @@ class Supervisor:
     def clamp(self, rate: Array) -> Array:
         """The plate rates that may be commanded for the requested ones, both rad/s, (N, 2).
 
-        The result keeps within rate and acceleration limits, and within what can still be braked
-        before the angle limit; in a fault it is zero at once.
+        The result is within the limits of rate and acceleration, and can be braked before the angle
+        limit; in a fault it is zero at once.
         """
         if not finite(rate):
             bad = np.asarray(~np.isfinite(rate).all(axis=-1))
@@ -344,7 +345,7 @@ class Supervisor:
         return rate
 
     def _overrule(self, rate: Array) -> Array:
-        """Level the plate where holding, keep it where not running, stop it where nothing moves."""
+        """Rates of rigs of which not all run: level, hold, or zero, by their states."""
         state = self.state[:, None]
         held = np.where(state == State.HOLDING, self._clamp.towards_level(self.angle), 0.0)
         requested = np.where(state == State.RUNNING, rate, held)
@@ -359,7 +360,7 @@ class Supervisor:
         text: str,
         state: State = State.RUNNING,
     ) -> None:
-        """Answer a condition of the rigs in a state, running ones by default, it holds for."""
+        """React to a condition of some rigs in a state, running ones by default."""
         for rig in np.flatnonzero(which & (self.state == state)):
             self._answer(
                 condition, np.arange(len(self.state)) == rig, text.format(*values[rig].tolist())

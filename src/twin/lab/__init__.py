@@ -1,1 +1,1 @@
-"""What others hand in, judged: answers to labs on rigs of their own, laws on the benchmark."""
+"""Work of others, graded: answers to labs on rigs of their own, laws on the benchmark."""

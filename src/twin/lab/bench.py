@@ -1,8 +1,8 @@
 """The public benchmark: the same tasks on the same rigs for every law, entries that are verified.
 
-A law is judged rig by rig and noise by noise beside the same reference law. What was commanded on
-some rigs is kept, so that whoever verifies an entry replays it and runs no code of others. Beside
-the frozen rigs, which anyone may tune on, a season has some that only its key draws.
+A law is compared rig by rig and noise by noise with the same reference law. The commands on some
+rigs are kept, so that an entry is verified by a replay, without running code of others. Besides the
+frozen rigs, which anyone may tune on, a season has some that only its key draws.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import json
 import math
 import re
 import time
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -43,48 +44,83 @@ from twin.study.experiments import CHUNK_RUNS, Store, carry
 from twin.study.schema import Point, Variant, draw_rigs, read_family
 from twin.study.work import Builder, Job, Row, ScenarioRuns, carry_out, digest
 
-EFFORT = "u_rms"
-"""The indicator of a run that its effort is, rad/s^2."""
+EFFORT_METRIC = "u_rms"
+"""The indicator of a run that is its effort, rad/s^2."""
 MAX_COMMANDS_BYTES = 1 << 30
 """Sum of the commands of an entry, unpacked."""
 ENTRY_TABLES = ("controller", "observer", "predictor")
-"""The tables of a scenario that are an entry's."""
+"""The tables of a scenario that an entry may set."""
 MAX_CHUNK_CPU_S = 300.0
-"""Seconds of a processor that an entry's code may take for ``CHUNK`` runs, or fewer."""
-BOOTSTRAP_DRAWS = 2000
-"""Samples of the bootstrap."""
-STRATUM_KEY = "sensors.touch.frame_rate"
-"""The rigs with equal values of this key are drawn among themselves."""
+"""Processor time in s of an entry's code for ``CHUNK_RUNS`` runs, or fewer."""
 FAMILY_NAME = "uncertain"
-"""The family that all rigs are drawn from."""
-TIMED_SECONDS = (0.05, 0.25, 1.0)
-"""Of how many seconds of a run the time that all runs take is told beforehand."""
-ENOUGH_TIMING_S = 1.0
-"""Seconds after which no longer beginning is timed."""
-SEASON_RIGS = 64
-"""Rigs of a season."""
+"""The family from which all rigs are drawn."""
 SEASON_KEY_PATTERN = re.compile("[!-~]{16,}")
-"""What a season's key may be: its fingerprint is public, so nobody must guess it."""
+"""Pattern of a season's key: its fingerprint is public, so nobody may be able to guess it."""
 LOCKED_FILES = ("bench.toml", "faults.toml", "rigs.csv", "reference.csv")
 MODEL_FILES = ("ballplate.xml", "cams.json")
-PLATFORM_TOLERANCE = 0.02
-"""Relative difference of an error that another platform may make: friction magnifies last bits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scoring:
+    """How the errors of an entry become scores.
+
+    Attributes:
+        trimmed_share: Share of the lowest and of the highest errors that the mean leaves out.
+        worst_share: Share of the highest errors whose mean is the score ``worst``.
+        interval_quantiles: Quantiles at the ends of an interval.
+        bootstrap_draws: Samples of the bootstrap.
+        stratum_key: The rigs with equal values of this key are resampled among themselves.
+        platform_tolerance: Relative difference of an error that a different platform may make:
+            friction magnifies last bits.
+    """
+
+    trimmed_share: float = 0.25
+    worst_share: float = 0.1
+    interval_quantiles: tuple[float, float] = (0.025, 0.975)
+    bootstrap_draws: int = 2000
+    stratum_key: str = "sensors.touch.frame_rate"
+    platform_tolerance: float = 0.02
+
+    @property
+    def confidence(self) -> float:
+        """Confidence of an interval."""
+        low, high = self.interval_quantiles
+        return high - low
+
+
+SCORING = Scoring()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimingRuns:
+    """How the processor time of all runs is estimated.
+
+    Attributes:
+        durations_s: Durations in s of the beginnings of runs that are timed, one after the other.
+        enough_s: Computing time in s after which no longer beginning is timed.
+    """
+
+    durations_s: tuple[float, ...] = (0.05, 0.25, 1.0)
+    enough_s: float = 1.0
+
+
+TIMING_RUNS = TimingRuns()
 
 
 class Entry(Checked):
-    """A law, as ``entry.toml`` says.
+    """A law, as ``entry.toml`` describes it.
 
     Attributes:
-        title: What it is called.
-        authors: Whose it is.
-        citation: Where it is described.
-        knows: What it was told of the rigs beyond the nominal one.
-        tuning: On how many seconds of rigs it was tuned.
-        computing: How long one of its commands takes, s; 0 for not said.
-        kind: Of what its file has one class, or what its program is.
-        file: Its code; none if settings of shipped laws say all.
+        title: Its name for people.
+        authors: Its authors.
+        citation: Its publication.
+        knows: Knowledge of the rigs beyond the nominal one.
+        tuning: Time in s on rigs for which it was tuned.
+        computing: Computing time of one command, s; 0 for not given.
+        kind: Kind of the one class in its file, or of its program.
+        file: Its code; empty if settings of shipped laws are enough.
         command: A program in another language and its arguments, ``file`` among them.
-        set: Overrides ``key=value`` of ``ALLOWED`` tables.
+        set: Overrides ``key=value`` of ``ENTRY_TABLES``.
     """
 
     title: str
@@ -102,7 +138,7 @@ class Entry(Checked):
 class Bench(Checked):
     """A benchmark; see the comments in its file.
 
-    ``tasks`` are what every rig is to do, each a scenario, shipped or in the benchmark's folder.
+    Each of the ``tasks`` of every rig is a scenario, shipped or in the benchmark's folder.
     """
 
     schema_: Annotated[Literal["ballplate/bench/v1"], Field(alias="schema")]
@@ -119,26 +155,35 @@ class Bench(Checked):
 
 
 class BenchRun(NamedTuple):
-    """One run of an entry: the task's name, the number of the rig and of the noise, what runs."""
+    """One run of an entry: the task's name, the numbers of rig and noise, the scenario."""
 
     task: str
     rig: int
     noise: int
     scenario: Scenario
 
+    @property
+    def label(self) -> tuple[str, int, int]:
+        """The three that tell it from the other runs of an entry: ``LABEL_COLUMNS``."""
+        return self.task, self.rig, self.noise
+
+
+LABEL_COLUMNS = ("task", "rig", "noise")
+"""Columns by which runs of entries are matched."""
+
 
 class BenchScore(NamedTuple):
-    """What an entry came to in a task; errors are parts of the reference law's.
+    """The scores of an entry in a task; errors are relative to the reference law's.
 
     Attributes:
-        task: Its name.
+        task: Name of the task.
         error: Interquartile mean of the relative error over all rigs and noises.
-        low: Where its 95 % interval begins, by bootstrap over the rigs.
-        high: Where it ends.
+        low: Lower end of its 95 % interval, by bootstrap over the rigs.
+        high: Upper end.
         worst: Mean of the worst tenth.
-        kept: Rigs on which no ball was lost.
-        kept_low: Least share of such rigs, Wilson's 95 % interval.
-        kept_high: Largest.
+        kept: Number of rigs on which no ball was lost.
+        kept_low: Lower end of Wilson's 95 % interval of the share of such rigs.
+        kept_high: Upper end.
         effort: Median of the RMS control effort, rad/s^2.
     """
 
@@ -157,33 +202,37 @@ class Benchmark:
     """A frozen benchmark in a folder, on its frozen rigs or on those of a season.
 
     Args:
-        folder: Where it lies; the shipped one by default.
-        key: Draws the rigs of a season; None for the frozen ones.
+        folder: Its folder; that of the shipped one by default.
+        key: Key from which the rigs of a season are drawn; None for the frozen ones.
+        scoring: How errors become scores.
 
     Attributes:
-        points: What each rig is.
-        seeds: Of the first noise of each.
+        points: Values of each rig by key.
+        seeds: Seed of the first noise of each rig.
         season: The fingerprint of the season's key; empty for the frozen rigs.
 
     Raises:
         ScenarioError: If it is none, or the key is too short or has other characters.
     """
 
-    def __init__(self, folder: Path | None = None, *, key: str | None = None) -> None:
+    def __init__(
+        self, folder: Path | None = None, *, key: str | None = None, scoring: Scoring = SCORING
+    ) -> None:
         self.folder = folder or scenarios_folder() / "bench" / "v1"
         self.about: Bench = read_model(Bench, self.folder / "bench.toml")
         table = pd.read_csv(self.folder / self.about.rigs, dtype=str).map(json.loads)
         self.season, table = ("", table) if key is None else season(key)
         self.seeds: list[int] = table.pop("seed").tolist()
         self.points: list[Point] = table.to_dict("records")
+        self.scoring = scoring
         self._known: pd.DataFrame | None = None
 
     def out(self, name: str) -> Path:
-        """The folder that an entry of this name has by default, another one for every season."""
+        """The default folder of an entry of this name, a different one for every season."""
         return Path("runs") / "-".join(filter(None, ("bench", name, self.season)))
 
     def entry(self, name: str | Path) -> tuple[str, Entry, Path]:
-        """An entry, what it is called and where its files lie: shipped, a folder, or a law's file.
+        """Name, entry and folder of a shipped entry, of an entry's folder or of a law's file.
 
         Raises:
             ScenarioError: If there is none.
@@ -193,8 +242,8 @@ class Benchmark:
             return str(name), self.about.laws[str(name)], self.folder
         if path.suffix == ".py" and path.is_file():
             table, place = path.with_name("entry.toml"), path.parent.resolve()
-            if table.is_file() and (said := read_model(Entry, table)).file == path.name:
-                return path.stem, said, place
+            if table.is_file() and (found := read_model(Entry, table)).file == path.name:
+                return path.stem, found, place
             return path.stem, Entry(title=path.stem, file=path.name), place
         if (path / "entry.toml").is_file():
             return path.resolve().name, read_model(Entry, path / "entry.toml"), path.resolve()
@@ -216,91 +265,92 @@ class Benchmark:
             for rig, point in enumerate(self.points[:rigs]):
                 for noise in range(self.about.seeds):
                     seed = f"seed={self.seeds[rig] + noise}"
-                    said = (*self.about.set, *task.set, *fixed, seed)
-                    found.append(BenchRun(task.name, rig, noise, build(said, point)))
+                    overrides = (*self.about.set, *task.set, *fixed, seed)
+                    found.append(BenchRun(task.name, rig, noise, build(overrides, point)))
         return found
 
-    def carried_out(
+    def run_entry(
         self, entry: Entry, place: Path, store: Store, *, rigs: int | None = None, **how: Any
     ) -> pd.DataFrame:
         """Carry out what is missing: a row for each run, with task, rig, noise and indicators.
 
         Args:
-            entry: Whose runs.
-            place: Where its file lies.
-            store: Where finished runs are, and are put.
-            rigs: So many of them; all by default.
-            how: Who carries them out, as for ``carry``.
+            entry: The entry.
+            place: Folder of its file.
+            store: Store of finished runs.
+            rigs: Number of rigs; all by default.
+            how: Processes or a cluster, as for ``carry``.
 
         Raises:
             LawError: If its code fails: file, line and error.
-            ScenarioError: If it sets what is not its own.
+            ScenarioError: If it sets keys that are not an entry's.
         """
         with enter(entry, place) as (fixed, _):
             listed = self.runs(fixed, rigs=rigs)
         text = read_regular(place / entry.file).hex() if entry.file else ""
         mark = digest(" ".join((text, *entry.command))) if text else ""
         work = ScenarioRuns((each.scenario for each in listed), mark=mark)
-        do = partial(_carried_out, entry, place) if text else None
+        do = partial(_carry_out_entry, entry, place) if text else None
         rows = carry(work, store, do=do, **how).to_pandas()
         for reason in rows.loc[rows["outcome"] == "refused", "reason"]:
             raise LawError(f"{entry.title}: {reason}")
-        labels = pd.DataFrame([each[:3] for each in listed], columns=list(BenchRun._fields[:3]))
-        return labels.join(rows[["outcome", self.about.metric, EFFORT]])
+        labels = pd.DataFrame([each.label for each in listed], columns=list(LABEL_COLUMNS))
+        return labels.join(rows[["outcome", self.about.metric, EFFORT_METRIC]])
 
-    def processor_time(self, entry: Entry, place: Path) -> float:
-        """About how long all runs take a processor, s: the first moments of some are timed.
+    def processor_time(self, entry: Entry, place: Path, timing: TimingRuns = TIMING_RUNS) -> float:
+        """Estimated processor time of all runs, s, from the time of the beginnings of some.
 
         Args:
-            entry: Whose runs.
-            place: Where its file lies.
+            entry: The entry.
+            place: Folder of its file.
+            timing: Which beginnings are timed.
 
         Raises:
             LawError: If its code fails.
         """
-        took, lasts = [0.0], [0.0]
+        took, durations = [0.0], [0.0]
         with enter(entry, place) as (fixed, _):
             listed = self.runs(fixed, rigs=math.ceil(CHUNK_RUNS / self.about.seeds))
             some = [each.scenario for each in listed if each.task == listed[0].task]
-            for duration in TIMED_SECONDS:
-                lasts.append(duration)
+            for duration in timing.durations_s:
+                durations.append(duration)
                 brief = {"duration": duration, "metrics": MetricsTable(start=0.0)}
                 begin = time.perf_counter()
                 simulate([each.model_copy(update=brief) for each in some])
                 took.append(time.perf_counter() - begin)
-                if took[-1] > ENOUGH_TIMING_S:
+                if took[-1] > timing.enough_s:
                     break
-        rate = (took[-1] - took[-2]) / (lasts[-1] - lasts[-2])
+        rate = (took[-1] - took[-2]) / (durations[-1] - durations[-2])
         whole = sum({each.task: each.scenario.duration for each in listed}.values())
         return rate * whole * len(self.points) * self.about.seeds / len(some)
 
     def known(self, **how: Any) -> pd.DataFrame:
-        """The reference law's error in each run: frozen, or of a season run here once and kept.
+        """The reference law's error in each run: frozen, or of a season computed once and kept.
 
-        It is kept in runs/season-FINGERPRINT, beside what entries have and say.
+        It is kept in runs/season-FINGERPRINT, next to the folders of entries.
 
         Args:
-            how: Who carries out what is missing, as for ``carry``.
+            how: Processes or a cluster for missing runs, as for ``carry``.
         """
         if self._known is None and not self.season:
             self._known = pd.read_csv(self.folder / "reference.csv")
         if self._known is None:
             store = Store(Path("runs") / f"season-{self.season}")
             law = self.about.laws[self.about.reference]
-            self._known = self.as_reference(self.carried_out(law, self.folder, store, **how))
+            self._known = self.as_reference(self.run_entry(law, self.folder, store, **how))
         return self._known
 
     def as_reference(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Runs of the reference law with ``reference``, its error; its worst in a task if lost."""
+        """Runs of the reference law with their ``reference`` error; its largest where lost."""
         error = rows[self.about.metric]
         most = error.groupby(rows["task"]).transform("max")
         return rows[["task", "rig", "noise"]].assign(reference=error.fillna(most))
 
     def relative(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Rows with ``error``, the part of the reference law's on the same rig and noise.
+        """Rows with ``error``, relative to the reference law's on the same rig and noise.
 
-        A lost ball counts as much as the worst that is possible, ``most``, and so does a run that
-        is not among the rows.
+        A lost ball counts as the worst possible error, ``most``, and so does a run that is missing
+        in the rows.
         """
         both = rows.merge(self.known(), "right", on=["task", "rig", "noise"], validate="1:1")
         part = both[self.about.metric] / both["reference"]
@@ -308,94 +358,107 @@ class Benchmark:
         return both.assign(error=part.clip(upper=self.about.most).mask(lost, self.about.most))
 
     def scores(self, rows: pd.DataFrame) -> list[BenchScore]:
-        """What an entry came to, task by task."""
-        strata = [point.get(STRATUM_KEY) for point in self.points]
-        found = []
+        """The scores of an entry, task by task."""
+        scoring, found = self.scoring, []
+        strata = [point.get(scoring.stratum_key) for point in self.points]
         for task, its in self.relative(rows).groupby("task", sort=False):
             table = its.pivot_table(index="rig", columns="noise", values="error")
-            low, high = interval(table.to_numpy(), [strata[rig] for rig in table.index])
+            low, high = interval(table.to_numpy(), [strata[rig] for rig in table.index], scoring)
             errors = np.sort(table.to_numpy().ravel())
+            worst = errors[-max(1, int(scoring.worst_share * len(errors))) :]
             good = its["outcome"].eq("finished").groupby(its["rig"]).all()
-            share = stats.binomtest(int(good.sum()), len(good)).proportion_ci(method="wilson")
+            test = stats.binomtest(int(good.sum()), len(good))
+            share = test.proportion_ci(scoring.confidence, method="wilson")
             found.append(
                 BenchScore(
                     str(task),
-                    float(interquartile(errors)),
+                    float(interquartile(errors, scoring)),
                     low,
                     high,
-                    float(errors[-max(1, len(errors) // 10) :].mean()),
+                    float(worst.mean()),
                     int(good.sum()),
                     float(share.low),
                     float(share.high),
-                    float(its[EFFORT].median()),
+                    float(its[EFFORT_METRIC].median()),
                 )
             )
         return found
 
     def differences(self, *, rigs: int = 2) -> Iterator[str]:
-        """What of the benchmark is not as it was frozen, in words: files, then errors of laws.
+        """Differences of the benchmark from its frozen state, in words: files, errors of laws.
 
         Args:
-            rigs: On so many rigs the errors of the laws in ``lock.toml`` are found again.
+            rigs: Number of rigs on which the errors of the laws in ``lock.toml`` are computed.
         """
         lock, tasks = read_model(Lock, self.folder / "lock.toml"), self.about.tasks
         for name, wanted in lock.files.items():
             if hash_file(self.folder, name) != wanted:
                 yield f"{name}: not the file that was frozen"
-        for law, told in lock.expected.items() if rigs else ():
-            rows = self.carried_out(self.about.laws[law], self.folder, Store(None), rigs=rigs)
+        if not rigs:
+            return
+        for law, errors in lock.expected.items():
+            rows = self.run_entry(self.about.laws[law], self.folder, Store(None), rigs=rigs)
             runs, near = rigs * self.about.seeds, lock.rounding[law]
-            expected = np.concatenate([told[task.name][:runs] for task in tasks])
+            expected = np.concatenate([errors[task.name][:runs] for task in tasks])
             apart = np.concatenate([near.get(task.name, (0.0,) * runs)[:runs] for task in tasks])
-            yield from unlike(rows, expected, self.about.metric, law, 2 * apart)
+            yield from self._compare(rows, expected, self.about.metric, law, 2 * apart)
 
-    def replayed(self, folder: Path, **how: Any) -> Iterator[str]:
-        """What is not as an entry's folder says when it is replayed and scored again, in words.
+    def replay(self, folder: Path, **how: Any) -> Iterator[str]:
+        """Differences of an entry's folder from its replay and its scores, in words.
 
         Args:
-            folder: Of the entry.
-            how: Who carries out what is missing of the reference law, as for ``carry``.
+            folder: Folder of the entry.
+            how: Processes or a cluster for missing runs of the reference law, as for ``carry``.
 
         Raises:
             RecordError: If it holds no finished entry, or one on other rigs.
         """
-        told, its = scores_of(folder)
+        written, its = scores_of(folder)
         if its != self.season:
             raise RecordError(f"{folder}: on {rigs_of(its)}, not on {rigs_of(self.season)}")
         self.known(**how)
         try:
-            rows = self._rows_of(folder)
-            Replayed.commands = commands_of(folder)
-            same = [each._asdict() for each in self.scores(rows)] == told
+            rows, commands = self._rows_of(folder), commands_of(folder)
+            same = [each._asdict() for each in self.scores(rows)] == written
         except (OSError, LookupError, TypeError, ValueError, BadZipFile) as error:
             raise RecordError(f"{folder}: holds no finished entry: {why(error)}") from error
         if not same:
             yield "scores.json: not the scores of runs.parquet"
         whole = self.relative(rows)
         first = whole[whole["rig"] < self.about.replayed].reset_index(drop=True)
-        if [each.shape[1:] for each in Replayed.commands] != [(2,)] * len(first):
+        if [each.shape[1:] for each in commands] != [(2,)] * len(first):
             yield "commands.npz: not those of every run on the first rigs"
             return
-        for row, kept in zip(first.itertuples(), Replayed.commands, strict=True):
+        for row, kept in zip(first.itertuples(), commands, strict=True):
             if not kept.size or not np.isfinite(kept).all():
                 where = f"{row.task}, rig {row.rig}, noise {row.noise}"
                 what = "a command that is no number" if kept.size else "no commands"
                 yield f"commands.npz: {where}: has {what}"
                 return
-        catalog.register(Replayed)
-        try:
-            listed = self.runs((f"controller.kind={Replayed.name}",), rigs=self.about.replayed)
+        with register_commands(commands) as name:
+            listed = self.runs((f"controller.kind={name}",), rigs=self.about.replayed)
             work = ScenarioRuns(
-                each.scenario.model_copy(update={"controller": _replaying(number)})
+                each.scenario.model_copy(update={"controller": _replay_of(name, number)})
                 for number, each in enumerate(listed)
             )
             again = pd.DataFrame(carry_out(work.jobs(work.tasks)))
-        finally:
-            catalog.unregister(Replayed.name)
-        both = first.assign(**again[["outcome", self.about.metric, EFFORT]])
-        yield from unlike(both, first[self.about.metric].to_numpy(), self.about.metric, "replay")
-        efforts = first[EFFORT].to_numpy()
-        yield from unlike(both, efforts, EFFORT, "replay, effort", unit="rad/s^2")
+        both = first.assign(**again[["outcome", self.about.metric, EFFORT_METRIC]])
+        errors, efforts = (first[each].to_numpy() for each in (self.about.metric, EFFORT_METRIC))
+        yield from self._compare(both, errors, self.about.metric, "replay")
+        yield from self._compare(both, efforts, EFFORT_METRIC, "replay, effort", unit="rad/s^2")
+
+    def _compare(
+        self,
+        rows: pd.DataFrame,
+        expected: Array,
+        metric: str,
+        what: str,
+        free: Array | float = 0.0,
+        unit: str = "m",
+    ) -> Iterator[str]:
+        """``compare_runs`` with the tolerance of this benchmark's platforms."""
+        tolerance = self.scoring.platform_tolerance
+        return compare_runs(rows, expected, metric, what, free, unit, tolerance)
 
     def _rows_of(self, folder: Path) -> pd.DataFrame:
         """The runs of a finished entry, once their number is known to be that of the benchmark."""
@@ -408,7 +471,7 @@ class Benchmark:
 
     @property
     def confirmed(self) -> str:
-        """What it says of an entry that nothing of it differs, in words."""
+        """The message of an entry without differences."""
         rigs, count = min(self.about.replayed, len(self.points)), len(self.points)
         return (
             f"confirmed on {rigs} of {count} rigs replayed: the same errors and efforts; "
@@ -418,7 +481,7 @@ class Benchmark:
     def write(
         self, folder: Path, entry: Entry, place: Path, rows: pd.DataFrame
     ) -> list[BenchScore]:
-        """Write a finished entry: its runs, scores, and what was commanded on the first rigs."""
+        """Write a finished entry: its runs, scores, and the commands on the first rigs."""
         found = self.scores(rows)
         kept: dict[tuple[str, int, int], Array] = {}
         with enter(entry, place) as (fixed, _):
@@ -428,12 +491,12 @@ class Benchmark:
                 its = [each for each, own in zip(listed, alike, strict=True) if own == kind]
                 these: list[Array] = []
                 simulate([each.scenario for each in its], requested=these)
-                kept |= {each[:3]: u for each, u in zip(its, these, strict=True)}
-        said = [kept[each[:3]] for each in listed]
+                kept |= {each.label: u for each, u in zip(its, these, strict=True)}
+        ordered = [kept[each.label] for each in listed]
 
         def commands(path: Path) -> None:
             with path.open("wb") as file:
-                np.savez_compressed(file, *said)
+                np.savez_compressed(file, *ordered)
 
         for name in filter(None, (entry.file, "README.md")):
             with suppress(DataError):  # a README may be missing, and a link is not followed
@@ -441,19 +504,20 @@ class Benchmark:
         write_whole(folder / "entry.toml", toml(entry.model_dump()))
         write_whole(folder / "runs.parquet", lambda path: rows.to_parquet(path, index=False))
         write_whole(folder / "commands.npz", commands)
-        told = {"season": self.season, "scores": [each._asdict() for each in found]}
-        write_json(folder / "scores.json", told)
+        scores = {"season": self.season, "scores": [each._asdict() for each in found]}
+        write_json(folder / "scores.json", scores)
         return found
 
 
 class Lock(Checked):
-    """What a benchmark was when it was frozen.
+    """The state of a benchmark when it was frozen.
 
     Attributes:
         files: SHA-256 of its files and of the model's, by name.
         expected: By law and task, errors in m on the first rigs, noise by noise.
-        rounding: Of tasks in which the ball is held, in the same order, how far apart they were, m,
-            with it begun up to 3 um beside: where it sticks, under some laws, goes by the last bit.
+        rounding: For tasks in which the ball is held, in the same order, the differences of the
+            errors in m when it begins up to 3 um away: under some laws the last bit decides where
+            it sticks.
     """
 
     files: dict[str, str]
@@ -462,45 +526,66 @@ class Lock(Checked):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Replayed(Law):
-    """Commands that were recorded."""
+class RecordedCommands(Law):
+    """The recorded commands of a run; ``register_commands`` makes a class for those of an entry."""
 
     name: ClassVar[str] = "replayed"
-    commands: ClassVar[list[Array]] = []
-    """Plate accelerations in rad/s^2 of each run, shape (ticks, 2)."""
 
     number: int = 0
     """Index of the run."""
+
+    @abstractmethod
+    def recorded(self) -> Array:
+        """Plate accelerations of the run in rad/s^2, shape (ticks, 2)."""
 
     def start(self, x: Array, reference: Reference, period: float) -> float:
         """The control period."""
         return period
 
     def command(self, now: Feedback) -> Array:
-        """What was commanded at this time, shape (..., 2)."""
-        kept = self.commands[self.number]  # as long as the longest run beside it
-        u = kept[min(round(now.time / now.plan), len(kept) - 1)]
-        return np.broadcast_to(u, now.rate.shape)
+        """The recorded command at this time, shape (..., 2)."""
+        u = self.recorded()  # as long as the longest run of its batch
+        return np.broadcast_to(u[min(round(now.time / now.plan), len(u) - 1)], now.rate.shape)
 
 
-def _replaying(number: int) -> ControllerChoice:
-    return ControllerChoice.model_validate({"kind": Replayed.name, "number": number})
+@contextmanager
+def register_commands(commands: Sequence[Array]) -> Iterator[str]:
+    """A law in the catalog that gives recorded commands; its name there.
+
+    Args:
+        commands: Plate accelerations in rad/s^2 of each run, shape (ticks, 2).
+    """
+
+    class OfEntry(RecordedCommands):
+        def recorded(self) -> Array:
+            return commands[self.number]
+
+    catalog.register(OfEntry)
+    try:
+        yield OfEntry.name
+    finally:
+        catalog.unregister(OfEntry.name)
+
+
+def _replay_of(name: str, number: int) -> ControllerChoice:
+    """The controller that replays the run of an index."""
+    return ControllerChoice.model_validate({"kind": name, "number": number})
 
 
 @contextmanager
 def enter(
     entry: Entry, place: Path, runs: int = 0
 ) -> Iterator[tuple[tuple[str, ...], AnswerProcess | None]]:
-    """The overrides that put an entry into a scenario, and the process that its code runs in.
+    """The overrides that put an entry into a scenario, and the process of its code.
 
     Args:
-        entry: Which.
-        place: Where its file lies.
-        runs: For how many runs; more than ``CHUNK`` have more time.
+        entry: The entry.
+        place: Folder of its file.
+        runs: Number of runs; more than ``CHUNK_RUNS`` have more time.
 
     Raises:
         LawError: If its code cannot be loaded.
-        ScenarioError: If it sets what is not its own.
+        ScenarioError: If it sets keys that are not an entry's.
     """
     for text in entry.set:
         if re.split(r"[.=]", text)[0] not in ENTRY_TABLES:
@@ -511,19 +596,18 @@ def enter(
         yield entry.set, None
         return
     if Path(entry.file).name != entry.file or not (place / entry.file).is_file():
-        raise ScenarioError(f"file: '{entry.file}': must be a file beside the entry.toml")
+        raise ScenarioError(f"file: '{entry.file}': must be a file next to the entry.toml")
     table = "controller" if entry.kind == "law" else "observer"
     if any(re.match(rf"{table}(\.kind)?=", text) for text in entry.set):
         raise ScenarioError(f"set: {table}: is the entry's own file; leave one of them out")
-    said = entry.model_dump(include={"kind", "file", "command"})
-    about = AnswerTable.model_validate(
-        {**said, "seconds": MAX_CHUNK_CPU_S * max(1, runs / CHUNK_RUNS)}
-    )
+    described = entry.model_dump(include={"kind", "file", "command"})
+    seconds = MAX_CHUNK_CPU_S * max(1, runs / CHUNK_RUNS)
+    about = AnswerTable.model_validate({**described, "seconds": seconds})
     with answering(place / entry.file, about) as process:
         yield (*entry.set, f"{table}.kind={ANSWER_NAME}"), process
 
 
-def _carried_out(entry: Entry, place: Path, jobs: Sequence[Job]) -> list[Row]:
+def _carry_out_entry(entry: Entry, place: Path, jobs: Sequence[Job]) -> list[Row]:
     """Carry out runs of an entry that has code; one that fails is refused at once."""
     with enter(entry, place, len(jobs)) as (_, process):
         rows = carry_out(jobs)
@@ -532,50 +616,60 @@ def _carried_out(entry: Entry, place: Path, jobs: Sequence[Job]) -> list[Row]:
     return rows
 
 
-def interquartile(errors: Array, axis: int | None = None) -> Any:
+def interquartile(errors: Array, scoring: Scoring = SCORING, axis: int | None = None) -> Any:
     """The mean without the lowest and the highest quarter."""
-    return stats.trim_mean(errors, 0.25, axis=axis)
+    return stats.trim_mean(errors, scoring.trimmed_share, axis=axis)
 
 
-def interval(errors: Array, strata: Sequence[Any]) -> tuple[float, float]:
-    """The 95 % interval of the interquartile mean: rigs drawn again, stratum by stratum.
+def interval(
+    errors: Array, strata: Sequence[Any], scoring: Scoring = SCORING
+) -> tuple[float, float]:
+    """The 95 % interval of the interquartile mean: rigs resampled within their strata.
 
     Args:
         errors: Relative errors, shape (rigs, noises).
-        strata: To which each rig belongs.
+        strata: The stratum of each rig.
+        scoring: Number of samples, and the confidence.
     """
     rng, rigs = np.random.default_rng(0), np.array([repr(each) for each in strata])
     places = [np.flatnonzero(rigs == each) for each in np.unique(rigs)]
-    drawn = [each[rng.integers(len(each), size=(BOOTSTRAP_DRAWS, len(each)))] for each in places]
-    means = interquartile(errors[np.hstack(drawn)].reshape(BOOTSTRAP_DRAWS, -1), axis=1)
-    low, high = np.quantile(means, [0.025, 0.975])
+    count = scoring.bootstrap_draws
+    drawn = [each[rng.integers(len(each), size=(count, len(each)))] for each in places]
+    means = interquartile(errors[np.hstack(drawn)].reshape(count, -1), scoring, axis=1)
+    low, high = np.quantile(means, scoring.interval_quantiles)
     return float(low), float(high)
 
 
-def unlike(
+def compare_runs(
     rows: pd.DataFrame,
-    told: Array,
+    expected: Array,
     metric: str,
     what: str,
     free: Array | float = 0.0,
     unit: str = "m",
+    tolerance: float = SCORING.platform_tolerance,
 ) -> Iterator[str]:
-    """The runs whose error is not as it was told, beyond what platforms differ by, in words.
+    """The runs whose error is not the expected one, beyond what platforms differ by, in words.
 
     Args:
-        rows: Of the runs.
-        told: The error of each, in the unit.
+        rows: The runs.
+        expected: The error of each, in the unit.
         metric: The column that has it.
-        what: Which law, for the words.
-        free: By how much an error may be another, in the unit, beside ``TOLERANCE`` of it.
-        unit: Of the column.
+        what: Name of the law for the message.
+        free: Difference of an error that is allowed besides the tolerance, in the unit.
+        unit: Unit of the column.
+        tolerance: Relative difference that is allowed.
     """
     free = np.broadcast_to(free, len(rows))
-    for row, wanted, by in zip(rows.itertuples(), np.asarray(told, float), free, strict=True):
+    for row, wanted, by in zip(rows.itertuples(), np.asarray(expected, float), free, strict=True):
         value = getattr(row, metric)
-        if not np.isclose(value, wanted, rtol=PLATFORM_TOLERANCE, atol=by, equal_nan=True):
+        if not np.isclose(value, wanted, rtol=tolerance, atol=by, equal_nan=True):
             where = f"{what}: {row.task}, rig {row.rig}, noise {row.noise}"
-            yield f"{where}: {value:.9g} {unit}, told {wanted:.9g} {unit}"
+            yield f"{where}: {value:.9g} {unit}, expected {wanted:.9g} {unit}"
+
+
+SEASON_RIGS = 64
+"""Number of rigs of a season."""
 
 
 def season(key: str) -> tuple[str, pd.DataFrame]:
@@ -592,12 +686,12 @@ def season(key: str) -> tuple[str, pd.DataFrame]:
 
 
 def rigs_of(season: str) -> str:
-    """What the rigs are called that a season's fingerprint stands for, or none."""
+    """The rigs of a season's fingerprint in words; of an empty one the frozen rigs."""
     return f"the rigs of season {season}" if season else "the frozen rigs"
 
 
 def scores_of(folder: Path) -> tuple[list[dict[str, Any]], str]:
-    """What a finished entry says that it came to, task by task, and its season's fingerprint.
+    """The scores in a finished entry's folder, task by task, and its season's fingerprint.
 
     Raises:
         RecordError: If it holds none.
@@ -610,13 +704,13 @@ def scores_of(folder: Path) -> tuple[list[dict[str, Any]], str]:
 
 
 def commands_of(folder: Path) -> list[Array]:
-    """What a finished entry says that it commanded, run by run, each of shape (ticks, 2), rad/s^2.
+    """The commands in a finished entry's folder, run by run, each of shape (ticks, 2), rad/s^2.
 
     Raises:
         TwinError: If the file may not be opened, or is too large.
         OSError: If it cannot be read.
         ValueError: If it has something else than numbers.
-        BadZipFile: If it is none of numpy's files.
+        BadZipFile: If it is not a file of numpy.
     """
     file = folder / "commands.npz"
     check_regular(file.lstat())
@@ -627,7 +721,7 @@ def commands_of(folder: Path) -> list[Array]:
         return [np.asarray(commands[f"arr_{i}"], float) for i in range(len(commands.files))]
 
 
-def beside(folders: Sequence[Path]) -> tuple[dict[str, list[dict[str, Any]]], str]:
+def scores_side_by_side(folders: Sequence[Path]) -> tuple[dict[str, list[dict[str, Any]]], str]:
     """The scores of finished entries by their folder, and the fingerprint of their one season.
 
     Raises:

@@ -1,10 +1,10 @@
-"""What runs in a student's process: limits first, then their file, then one answer a period.
+"""The script of a student's process: limits first, then their file, then one answer a period.
 
-Run by its path; the arguments are the answer's file, the seconds of a processor it may use, of
-which kind it is, of a function its name, and of an answer in another language the program and its
-arguments, which takes the place of this one. It is told on standard input and answers on what was
-its standard output; what the answer prints goes to a file. Nothing of a rig but measurements and
-estimates comes in here, and nothing but numbers and texts goes out.
+Run by its path; the arguments are the answer's file, its processor time in s, its kind, the name of
+a function, and of an answer in another language the program and its arguments, which replaces this
+one. Requests come on standard input, answers leave on what was its standard output; printed text
+goes to a file. Nothing of a rig but measurements and estimates comes in here, and nothing but
+numbers and texts goes out.
 """
 
 from __future__ import annotations
@@ -35,37 +35,41 @@ from controllers import catalog
 from controllers.interfaces import DelayedObserver, Feedback, Law, Measurement, Observer
 from twin.lab.confinement import be_nobody, refuse_calls, shut_in
 
-MOST_PRINTED = 256 * 1024
-"""Bytes an answer may print or write."""
-MEMORY = 2 * 1024**3
-"""Bytes of address space."""
+MAX_WRITTEN_BYTES = 256 * 1024
+"""Bytes that an answer may print or write to one file."""
+MAX_MEMORY_BYTES = 2 * 1024**3
+"""Bytes of address space of an answer."""
 MAX_OPEN_FILES = 128
 """Files that an answer may have open."""
-CLOSED = ("mujoco", "twin.sim", "twin.lab", "twin.hal", "twin.devices", "twin.emulator")
-STARTING = ("os.fork", "os.exec", "os.posix_spawn", "os.system", "subprocess.", "pty.spawn")
+MAX_ERROR_CHARACTERS = 1000
+"""Length of an error message."""
+CLOSED_MODULES = ("mujoco", "twin.sim", "twin.lab", "twin.hal", "twin.devices", "twin.emulator")
+"""Beginnings of the modules that an answer may not import."""
+STARTING_EVENTS = ("os.fork", "os.exec", "os.posix_spawn", "os.system", "subprocess.", "pty.spawn")
+"""Beginnings of the audit events of a new process."""
 PICKLED, NUMBERS = b"*", b"="
-"""What begins a pickle, and the bytes of an array; what is asked in every period begins with its
-first letter."""
+"""Tags of a pickle and of the bytes of an array; equal to those of ``lab/process.py``. A request of
+every period begins with its first letter."""
 
 
-def say(**what: Any) -> None:
-    """Tell the grader something: a line of JSON."""
-    line = json.dumps(what, default=lambda value: value.tolist()).encode() + b"\n"
+def send_line(**content: Any) -> None:
+    """Send the grader a line of JSON."""
+    line = json.dumps(content, default=lambda value: value.tolist()).encode() + b"\n"
     while line:
         line = line[os.write(_OUT, line) :]
 
 
-def give(*arrays: Any) -> None:
-    """Tell the grader the numbers of arrays, side by side: their very bits."""
+def send_numbers(*arrays: Any) -> None:
+    """Send the grader the numbers of arrays, joined along their last axis: their very bits."""
     os.write(_OUT, NUMBERS + np.concatenate(arrays, axis=-1, dtype=float).tobytes())
 
 
-def receive_questions(**widths: Sequence[int]) -> Iterator[list[Any]]:
-    """What the grader asks, one after the other, until it has no more to ask.
+def receive_requests(**widths: Sequence[int]) -> Iterator[list[Any]]:
+    """The requests of the grader, one after the other, until it closes the pipe.
 
     Args:
-        widths: Of what is asked in every period: the last axes of the arrays that come, side by
-            side and after the time, of as many rigs as the state that a run was begun with.
+        widths: For each request of every period the lengths of the last axes of its arrays, which
+            come joined, after the time, for as many rigs as the state that a run was begun with.
     """
     periodic, rigs = {name[:1].encode(): name for name in widths}, ()
     with suppress(EOFError), open(_IN, "rb") as grader:  # noqa: PTH123  no path
@@ -83,14 +87,24 @@ def receive_questions(**widths: Sequence[int]) -> Iterator[list[Any]]:
 
 
 def limit(seconds: int, program: Sequence[str] = ()) -> None:
-    """Leave this process little more than its own thoughts, for good.
+    """Confine this process, for good.
 
     Limits of the system, where it has them: processor time, memory, length and number of files; on
-    Linux, what ``confinement`` has. A hook of the interpreter, which gives its reasons: no
-    processes, and no import of what simulates. A program has none, and may have threads.
+    Linux, those of ``confinement``. A hook of the interpreter, whose messages have reasons: no
+    processes, and no import of what simulates. A program has no such hook, and may have threads.
+
+    Args:
+        seconds: Processor time in s.
+        program: Of an answer in another language the program and its arguments.
     """
-    bounds = {"CPU": seconds, "FSIZE": MOST_PRINTED, "AS": MEMORY, "NPROC": 0, "CORE": 0}
-    bounds |= {"NOFILE": MAX_OPEN_FILES}
+    bounds = {
+        "CPU": seconds,
+        "FSIZE": MAX_WRITTEN_BYTES,
+        "AS": MAX_MEMORY_BYTES,
+        "NOFILE": MAX_OPEN_FILES,
+        "NPROC": 0,
+        "CORE": 0,
+    }
     if program:
         del bounds["NPROC"]  # which counts threads, and those of all processes of this user
     for name, bound in bounds.items():
@@ -101,9 +115,9 @@ def limit(seconds: int, program: Sequence[str] = ()) -> None:
     refuse_calls(program=bool(program))
 
     def refuse(event: str, given: tuple[Any, ...]) -> None:
-        if event.startswith(STARTING):
+        if event.startswith(STARTING_EVENTS):
             raise PermissionError("an answer may not start a process")
-        if event == "import" and str(given[0]).startswith(CLOSED):
+        if event == "import" and str(given[0]).startswith(CLOSED_MODULES):
             raise ImportError(f"{given[0]} is the grader's: an answer may not import it")
 
     if not program:
@@ -111,15 +125,19 @@ def limit(seconds: int, program: Sequence[str] = ()) -> None:
 
 
 def readable(program: str = "") -> list[str]:
-    """What it needs to read: Python, its packages, ours, and what a program lies beside."""
+    """Paths that it needs to read: Python, its packages, ours, and the folder of a program."""
     home, packages = Path(twin.__file__).parent, Path(np.__file__).parents[1]
     ours = (home, home.parent / "ballplate", Path(inspect.getfile(Law)).parent, packages)
     theirs = (sys.prefix, sys.base_prefix, "/usr", "/lib", "/lib64", "/dev/urandom")
     return [*map(str, ours), *theirs, *([str(Path(program).parent)] if program else [])]
 
 
-def the_class(file: Path, base: type) -> Any:
-    """The one law or observer that a file defines."""
+def load_class(file: Path, base: type) -> Any:
+    """The one law or observer that a file defines.
+
+    Raises:
+        TypeError: If it defines none, or several.
+    """
     module = catalog.import_file(file)
     every = [each for each in vars(module).values() if inspect.isclass(each)]
     found = [
@@ -134,11 +152,11 @@ def the_class(file: Path, base: type) -> Any:
 
 
 def serve_law(file: Path) -> None:
-    """Say what law it is, then answer what the grader asks of it."""
-    cls = the_class(file, Law)
-    say(memory=cls.memory, needs=cls.needs)
+    """Describe the law of a file, then answer the grader's requests."""
+    cls = load_class(file, Law)
+    send_line(memory=cls.memory, needs=cls.needs)
     memory, needs = cls.memory, len(cls.needs)
-    for what, *given in receive_questions(
+    for what, *given in receive_requests(
         command=(8, 8, needs, 2, 2, memory), memory_rate=(8, memory)
     ):
         if what == "start":
@@ -147,31 +165,41 @@ def serve_law(file: Path) -> None:
             if problem := catalog.wrong_answer(law):
                 raise TypeError(problem)
             plan = law.start(x, reference, period)
-            say(answer=None)
+            send_line(answer=None)
             continue
-        found, (time, *seen, q) = [], given
-        x = seen[0]
+        found, (time, x, *others, q) = [], given
         if what == "command":
-            now = Feedback._make((time, *seen, reference, q, plan))
+            equivalent, needed, rate, requested = others
+            now = Feedback(
+                time=time,
+                x=x,
+                equivalent=equivalent,
+                needed=needed,
+                rate=rate,
+                requested=requested,
+                reference=reference,
+                memory=q,
+                plan=plan,
+            )
             found, x = [catalog.check_command(law, law.command(now), now.rate)], now.equivalent
         if law.memory:
             slope = law.memory_rate(time, x, reference, q)
             found.append(catalog.check_memory_rate(law, slope, q))
-        give(*found)
+        send_numbers(*found)
 
 
 def serve_observer(file: Path) -> None:
-    """Say what observer it is, then answer what the grader asks of it."""
-    cls = the_class(file, Observer)
+    """Describe the observer of a file, then answer the grader's requests."""
+    cls = load_class(file, Observer)
     if issubclass(cls, DelayedObserver):
         raise TypeError("must be an Observer: the lab makes up for the dead time")
-    say(knows=cls.knows)
-    for what, *given in receive_questions(correct=(4, 1, 1), predict=(2,)):
+    send_line(knows=cls.knows)
+    for what, *given in receive_requests(correct=(4, 1, 1), predict=(2,)):
         if what == "start":
             x, model, period = given
             observer = cls(model=model, period=period)
             observer.start(x)
-            say(answer=None)
+            send_line(answer=None)
             continue
         if what == "correct":
             time, y, age, touched = given
@@ -182,38 +210,38 @@ def serve_observer(file: Path) -> None:
         x, further = catalog.check_estimate(observer, observer.x, given[1]), observer.further
         if further.shape[-1] != len(cls.knows):
             raise TypeError(f"{cls.__name__}.further must have as many numbers as knows has names")
-        give(x, observer.equivalent, further)
+        send_numbers(x, observer.equivalent, further)
 
 
 def serve_function(file: Path, name: str) -> None:
-    """Answer with what a function returns, called with what the grader gives by name."""
+    """Answer the grader's requests with what a function returns for its arguments by name."""
     call = getattr(catalog.import_file(file), name, None)
     if not callable(call):
         raise TypeError(f"must define a function {name}")
-    say(ready=True)
-    for _, given in receive_questions():
+    send_line(ready=True)
+    for _, given in receive_requests():
         found = call(**given)
         if not isinstance(found, dict):
             raise TypeError(f"{name} must return a dict, gave {type(found).__name__}")
-        say(answer=found)
+        send_line(answer=found)
 
 
 def line_of(error: BaseException, file: Path) -> str:
     """An error in one line: file and line of the answer, kind and words."""
     if isinstance(error, OSError) and error.errno == errno.EFBIG:
-        words = f"it prints or writes more than {MOST_PRINTED // 1024} kB"
+        words = f"it prints or writes more than {MAX_WRITTEN_BYTES // 1024} kB"
         error = OSError(words).with_traceback(error.__traceback__)
     line = catalog.failed_line(error, {str(file)}) or f"{file}: {catalog.error_words(error)}"
-    return line.replace(str(file), file.name)[:1000]
+    return line.replace(str(file), file.name)[:MAX_ERROR_CHARACTERS]
 
 
 def main(file: Path, seconds: int, kind: str, function: str, *program: str) -> None:
-    """Serve an answer until the grader has no more to ask, or it fails."""
+    """Serve an answer until the grader has no more requests, or it fails."""
     try:
         limit(seconds, program)
-        say(loading=True)
+        send_line(loading=True)
         if program:
-            say(memory=0, needs=(), knows=())
+            send_line(memory=0, needs=(), knows=())
             os.dup2(_IN, 0)
             os.dup2(_OUT, 1)
             os.execv(program[0], program)
@@ -223,12 +251,12 @@ def main(file: Path, seconds: int, kind: str, function: str, *program: str) -> N
             (serve_law if kind == "law" else serve_observer)(file)
     except BaseException as error:  # noqa: BLE001 - an answer may raise anything
         with suppress(OSError):
-            say(error=line_of(error, file))
+            send_line(error=line_of(error, file))
     os._exit(0)
 
 
 if __name__ == "__main__":
-    # what it prints goes where its errors do, what it reads is nothing
+    # its printed text goes where its errors do; its standard input is empty
     _IN, _OUT = os.dup(0), os.dup(1)
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)

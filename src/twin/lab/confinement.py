@@ -1,9 +1,9 @@
-"""What a process of an answer gives up before it reads a line of the answer, and for good.
+"""Rights that a process of an answer gives up before it reads a line of the answer, for good.
 
-Three walls of Linux. Another user than root, where root grades. Landlock: which files may be read,
-on newer kernels no connection by TCP and no signals to others. A filter of system calls (seccomp):
-what Landlock leaves open, as sockets of any kind, memory and keys that outlive a process, other
-processes, modes and times of files. Where the system lacks one, the others stand alone.
+Three walls of Linux. A different user than root, where root grades. Landlock: which files may be
+read, on newer kernels no connection by TCP and no signals to others. A filter of system calls
+(seccomp): what Landlock leaves open, as sockets of any kind, memory and keys that outlive a
+process, other processes, modes and times of files. Where the system lacks one, the others remain.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import ctypes
 import errno
 import os
 import pwd
+import stat
 import struct
 import sys
 from collections.abc import Iterator, Sequence
@@ -23,13 +24,17 @@ PR_SET_KEEPCAPS, PR_SET_NO_NEW_PRIVS = 8, 38
 CAPABILITY_VERSION_3 = 0x20080522
 """Version in the header of capset (linux/capability.h)."""
 CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH = 1 << 1, 1 << 2
-"""Capabilities, as bits: to write and to read what is another user's. In a container root may have
+"""Capabilities, as bits: to write and to read files of other users. In a container root may have
 the first alone."""
+NOBODY = "nobody"
+"""User without rights on any Linux."""
 
 SYS_LANDLOCK_CREATE_RULESET, SYS_LANDLOCK_ADD_RULE, SYS_LANDLOCK_RESTRICT_SELF = 444, 445, 446
 """System calls; the same numbers on every machine (asm-generic/unistd.h)."""
-LANDLOCK_CREATE_RULESET_VERSION = 1
+LANDLOCK_CREATE_RULESET_VERSION = 1 << 0
+"""Flag of ``SYS_LANDLOCK_CREATE_RULESET``: return the version, create nothing."""
 LANDLOCK_RULE_PATH_BENEATH = 1
+"""Kind of a rule: rights for a file, or for all below a folder."""
 LANDLOCK_ACCESS_FS = {
     name: 1 << bit
     for bit, name in enumerate(
@@ -41,14 +46,25 @@ LANDLOCK_ACCESS_FS = {
     )
 }
 """Rights of Landlock (linux/landlock.h); the last two came with its versions 2 and 3."""
+LANDLOCK_RIGHTS_OF_VERSION = {
+    1: len(LANDLOCK_ACCESS_FS) - 2,
+    2: len(LANDLOCK_ACCESS_FS) - 1,
+}
+"""Number of these rights that an old version knows; a newer one knows all."""
 LANDLOCK_ACCESS_NET_TCP = 1 << 0 | 1 << 1
-"""To bind and to connect; of version 4."""
+"""Rights to bind and to connect."""
+LANDLOCK_NET_VERSION = 4
+"""First version with rights of the network."""
 LANDLOCK_SCOPE = 1 << 0 | 1 << 1
-"""Abstract Unix sockets and signals; of version 6."""
+"""Scopes of abstract Unix sockets and of signals."""
+LANDLOCK_SCOPE_VERSION = 6
+"""First version with scopes."""
 TO_READ = ("EXECUTE", "READ_FILE", "READ_DIR")
 """Rights in the places that an answer needs."""
 TO_OWN = (*TO_READ, "WRITE_FILE", "REMOVE_FILE", "MAKE_REG", "TRUNCATE")
 """Rights in its own folder: files, and neither folders nor links, pipes or sockets."""
+NO_FLAGS = 0
+"""Flags of a system call without any."""
 
 AUDIT_ARCH = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 """Machines whose system calls are known here (linux/audit.h)."""
@@ -151,14 +167,14 @@ REFUSED: dict[str, tuple[int | None, int | None]] = {
 """System calls that fail with EPERM: their numbers on x86_64 and on aarch64; None where there is no
 such call (asm/unistd_64.h, asm-generic/unistd.h)."""
 EXECVE = (59, 221)
-"""Refused, too, unless the answer is a program, which is begun by it."""
+"""Refused, too, unless the answer is a program, which is started by it."""
 CLONE, CLONE3 = (56, 220), (435, 435)
 OWN_PROCESS_ONLY = {"kill": (62, 129), "tkill": (200, 130), "tgkill": (234, 131)}
 """System calls whose first argument must be this process."""
 OWN_OR_ZERO = {"prlimit64": (302, 261), "sched_setaffinity": (203, 122)}
 """System calls whose first argument must be this process, or 0, which stands for it."""
 FCNTL, F_SETOWN, F_SETOWN_EX = (72, 25), 8, 15
-"""By which signals go to whom a file is given."""
+"""Call and commands that choose the process to which signals of a file are sent."""
 FIRST_UNKNOWN_CALL = 457
 """System calls from here on are younger than this list, and fail as on a kernel without them."""
 CLONE_THREAD = 0x00010000
@@ -168,7 +184,7 @@ CLONE_NEW_NAMESPACES = 0x7E020000
 SYS_SECCOMP = {"x86_64": 317, "aarch64": 277}
 SECCOMP_SET_MODE_FILTER, SECCOMP_FILTER_FLAG_TSYNC = 1, 1
 SECCOMP_RET_ALLOW, SECCOMP_RET_ERRNO = 0x7FFF0000, 0x00050000
-"""Answers of a filter (linux/seccomp.h)."""
+"""Answers of a filter (linux/seccomp.h); an error has its number in the lower bits."""
 BPF_LOAD_WORD, BPF_RETURN = 0x20, 0x06
 BPF_JUMP_EQUAL, BPF_JUMP_GREATER_EQUAL, BPF_JUMP_ANY_BIT = 0x15, 0x35, 0x45
 """Instructions of classic BPF (linux/bpf_common.h)."""
@@ -177,31 +193,41 @@ AT_NUMBER, AT_ARCH, AT_ARGUMENTS = 0, 4, 16
 
 
 def be_nobody(places: Sequence[str]) -> None:
-    """Where root grades, on Linux: go on as a user who owns nothing but this process's own folder.
+    """Where root grades, on Linux: become a user who owns nothing but this process's own folder.
 
-    Of root's capabilities none is left, or that to read, where one of the places that it needs lies
-    in a folder that is closed to others; Landlock narrows it.
+    No capability of root is left, or the one to read, where one of the places that it needs is in a
+    folder that is closed to others; Landlock narrows it.
+
+    Args:
+        places: Paths that it needs to read.
     """
     if sys.platform != "linux" or os.geteuid():
         return
     folders = {folder for each in places for folder in Path(each).resolve().parents}
-    closed = any(not folder.stat().st_mode & 1 for folder in folders)
+    closed = any(not folder.stat().st_mode & stat.S_IXOTH for folder in folders)
     libc = ctypes.CDLL(None)
     with suppress(KeyError, OSError):  # no such user, or root may not change: as before
-        nobody = pwd.getpwnam("nobody")
+        nobody = pwd.getpwnam(NOBODY)
         os.chown(".", nobody.pw_uid, nobody.pw_gid)
-        libc.prctl(PR_SET_KEEPCAPS, 1, 0, 0, 0)  # what is permitted, until it is chosen from
+        libc.prctl(PR_SET_KEEPCAPS, 1, 0, 0, 0)  # the permitted ones, until capset chooses
         os.setgroups([])
         os.setgid(nobody.pw_gid)
         os.setuid(nobody.pw_uid)
-        for left in (CAP_DAC_READ_SEARCH, CAP_DAC_OVERRIDE, 0) if closed else (0,):
-            chosen = struct.pack("6I", left, left, *4 * [0])
-            if libc.capset(struct.pack("Ii", CAPABILITY_VERSION_3, 0), chosen) == 0:
+        this_process = 0
+        header = struct.pack("Ii", CAPABILITY_VERSION_3, this_process)
+        none = 0
+        for left in (CAP_DAC_READ_SEARCH, CAP_DAC_OVERRIDE, none) if closed else (none,):
+            # effective, permitted, inheritable; first the lower 32 capabilities, then the others
+            data = struct.pack("6I", left, left, none, none, none, none)
+            if libc.capset(header, data) == 0:
                 break
 
 
 def shut_in(places: Sequence[str]) -> bool:
     """Let this process read these places, write files in its own folder, and no more.
+
+    Args:
+        places: Paths that it needs to read.
 
     Returns:
         Whether the system can do it: Linux of 2021 or later.
@@ -214,12 +240,15 @@ def shut_in(places: Sequence[str]) -> bool:
     )
     if version < 1:
         return False
-    known = {1: 13, 2: 14}.get(version, 15)
+    known = LANDLOCK_RIGHTS_OF_VERSION.get(version, len(LANDLOCK_ACCESS_FS))
     every = (1 << known) - 1
-    # a system that knows fewer rights takes zeros for those to come
-    net, scope = version >= 4 and LANDLOCK_ACCESS_NET_TCP, version >= 6 and LANDLOCK_SCOPE
+    # a system that knows fewer rights accepts zeros for those of later versions
+    net = LANDLOCK_ACCESS_NET_TCP if version >= LANDLOCK_NET_VERSION else 0
+    scope = LANDLOCK_SCOPE if version >= LANDLOCK_SCOPE_VERSION else 0
     rules = struct.pack("<QQQ", every, net, scope)
-    ruleset = libc.syscall(SYS_LANDLOCK_CREATE_RULESET, rules, ctypes.c_size_t(len(rules)), 0)
+    ruleset = libc.syscall(
+        SYS_LANDLOCK_CREATE_RULESET, rules, ctypes.c_size_t(len(rules)), NO_FLAGS
+    )
     to_read, to_own = (sum(LANDLOCK_ACCESS_FS[name] for name in each) for each in (TO_READ, TO_OWN))
     of_file = to_read & ~LANDLOCK_ACCESS_FS["READ_DIR"]
     for path, rights in {**dict.fromkeys(places, to_read), ".": to_own & every}.items():
@@ -227,17 +256,18 @@ def shut_in(places: Sequence[str]) -> bool:
             place = os.open(path, os.O_PATH)
             given = rights if Path(path).is_dir() else of_file
             rule = struct.pack("<Qi", given, place)
-            libc.syscall(SYS_LANDLOCK_ADD_RULE, ruleset, LANDLOCK_RULE_PATH_BENEATH, rule, 0)
+            kind = LANDLOCK_RULE_PATH_BENEATH
+            libc.syscall(SYS_LANDLOCK_ADD_RULE, ruleset, kind, rule, NO_FLAGS)
             os.close(place)
-    libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)  # without which nobody may be shut in
-    return bool(libc.syscall(SYS_LANDLOCK_RESTRICT_SELF, ruleset, 0) == 0)
+    libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)  # required by the next call
+    return bool(libc.syscall(SYS_LANDLOCK_RESTRICT_SELF, ruleset, NO_FLAGS) == 0)
 
 
 def refuse_calls(*, program: bool) -> bool:
     """Have the system refuse calls that an answer does not need, in this process and its threads.
 
     Args:
-        program: Whether this process is about to begin a program in another language.
+        program: Whether this process is about to start a program in another language.
 
     Returns:
         Whether the system can do it: Linux with seccomp, on x86_64 or aarch64.
@@ -255,7 +285,7 @@ def refuse_calls(*, program: bool) -> bool:
 
 
 Step = tuple[int, int, int, int]
-"""An instruction: what, steps to go on by if so, and if not, its number."""
+"""An instruction of classic BPF: code, steps to jump if true, steps if false, operand."""
 
 
 def filter_of(machine: str, *, program: bool) -> Iterator[Step]:
@@ -263,7 +293,7 @@ def filter_of(machine: str, *, program: bool) -> Iterator[Step]:
 
     Args:
         machine: As of ``uname``.
-        program: Whether a program is to be begun.
+        program: Whether a program is to be started.
     """
     at = [*AUDIT_ARCH].index(machine)
     refuse: Step = (BPF_RETURN, 0, 0, SECCOMP_RET_ERRNO | errno.EPERM)
@@ -280,11 +310,11 @@ def filter_of(machine: str, *, program: bool) -> Iterator[Step]:
 
     yield (BPF_LOAD_WORD, 0, 0, AT_ARCH)
     yield (BPF_JUMP_EQUAL, 1, 0, AUDIT_ARCH[machine])
-    yield refuse  # calls of another machine, as those of 32 bit
+    yield refuse  # calls of a different machine, as those of 32 bit
     yield (BPF_LOAD_WORD, 0, 0, AT_NUMBER)
     yield (BPF_JUMP_GREATER_EQUAL, 0, 1, FIRST_UNKNOWN_CALL)  # those of x32 among them
     yield unknown
-    yield from where(CLONE3[at], unknown)  # what it is asked cannot be seen: clone is used instead
+    yield from where(CLONE3[at], unknown)  # its flags cannot be read: clone is used instead
     threads_alone = (
         argument(0),
         (BPF_JUMP_ANY_BIT, 2, 0, CLONE_NEW_NAMESPACES),

@@ -1,6 +1,7 @@
-"""Many answers are judged: a class's, each kept when it is finished; and the lecturer's own.
+"""Grades a class (resumable), tests a lab with its own answers, exports to course systems.
 
-Besides what others are given of a lab and its results: course systems, JUnit, pages.
+A result is kept for each student as soon as it is complete. Exports are packs of a lab for course
+systems, and results in their formats, as JUnit and as pages.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -47,9 +48,9 @@ from twin.lab.schema import (
     Lab,
     deal,
     fill_answer,
-    had_again,
     load_function,
     record,
+    reload_deal,
     starter,
     toml,
 )
@@ -57,13 +58,13 @@ from twin.run.tables import flat
 from twin.study.work import code, digest
 from twin.view.html import overview
 
-TEMPLATE_FOLDER = Path(__file__).with_name("templates")
+LAB_TEMPLATE_FOLDER = Path(__file__).with_name("templates")
 Result = Mapping[str, Any]
 OUTCOME_WORDS = {True: "passed", False: "failed", None: "skipped"}
 
 
 def reason(check: Result) -> str:
-    """Why a check gave what it gave, and where to look, in one text; empty if it passed."""
+    """The reason for a check's points and where to look, in one text; empty if it passed."""
     cause = check["cause"]
     if cause is None:
         return ""
@@ -90,18 +91,18 @@ def table(result: Result) -> Table:
 
 
 def format_result(result: Result, form: str) -> str:
-    """A result as a file of others has it.
+    """A result in the format of an external program.
 
     Args:
         result: The result.
-        form: ``json``, the whole of it, whose ``results`` have the fields of check50;
-            ``gradescope``, ``classroom50``, which takes what its runner says from the environment,
-            or ``junit``: the templates beside this file.
+        form: ``json``, all of it, whose ``results`` have the fields of check50; ``gradescope``,
+            ``classroom50``, which reads the environment of its runner, or ``junit``: the templates
+            in ``lab/templates``.
     """
     if form == "json":
         return json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     text = rendered(
-        TEMPLATE_FOLDER / "results" / f"{form}.j2",
+        LAB_TEMPLATE_FOLDER / "results" / f"{form}.j2",
         **result,
         reason=reason,
         in_xml=in_xml,
@@ -113,19 +114,19 @@ def format_result(result: Result, form: str) -> str:
 
 
 def in_xml(text: str) -> str:
-    """A text as XML can have it: without control characters, and its own signs escaped."""
+    """A text for XML: without control characters, and with the signs of XML escaped."""
     return escape("".join(letter if letter.isprintable() else " " for letter in text))
 
 
 def begin(name: str, folder: Path) -> None:
-    """Write a small lab that passes its own selftest, to be changed into another.
+    """Write a small lab that passes its own selftest, as a start for a new one.
 
     Args:
-        name: What it is called.
+        name: Its name.
         folder: Where to; must not exist.
 
     Raises:
-        TwinError: If no lab can be called so, or it cannot be written.
+        TwinError: If no lab can have that name, or it cannot be written.
     """
     if not re.fullmatch(LAB_NAME_PATTERN, name):
         allowed = "small letters, digits, - and _, as in friction2"
@@ -142,15 +143,15 @@ def begin(name: str, folder: Path) -> None:
 
 
 def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) -> None:
-    """Write a lab as a course system takes it.
+    """Write a lab for a course system.
 
     Args:
         lab: The lab.
         system: ``folder``, all that students may have; ``gradescope``, a zip file; ``classroom50``,
             a folder for the autograder.
         out: File or folder; must not exist.
-        key: The course's.
-        wheel: Of this program, where it is not to come from a package index.
+        key: The key of the course.
+        wheel: Wheel of this program, where it is not to come from a package index.
 
     Raises:
         TwinError: If something of the lab is missing, or it cannot be written.
@@ -170,21 +171,21 @@ def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) 
 
 
 def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | None) -> None:
-    """Put what a system wants into a folder: the lab, and what its templates give."""
+    """Write the lab and the files of a system's templates into a folder."""
     graded = system != "folder"
     wanted = f"/autograder/source/{wheel.name}" if wheel else f"ballplate=={version('ballplate')}"
     closed = {*PRIVATE_FILES, "__pycache__"} - ({"hidden.toml", "truth.py"} if graded else set())
     place = inner / "lab" if graded else inner
     shutil.copytree(lab.folder, place, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*closed))
     check_without_key(place, key)
-    for template in (TEMPLATE_FOLDER / system).iterdir():
+    for template in (LAB_TEMPLATE_FOLDER / system).iterdir():
         text = rendered(template, lab=lab, key=key, requirement=wanted)
         if template.stem.endswith(".ipynb"):
             text = json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
         made = inner / template.stem.replace("notebook", lab.name)
         write_whole(made, text)
         made.chmod(0o755 if graded else 0o644)
-    if graded and key:  # in a folder of its own, beside nothing that an answer is copied from
+    if graded and key:  # in a folder of its own, from which no answer is copied
         write_whole(inner / KEY_FOLDER / "key.txt", key)
         (inner / KEY_FOLDER / "key.txt").chmod(0o600)
         (inner / KEY_FOLDER).chmod(0o700)
@@ -197,7 +198,7 @@ KEY_FOLDER = "secret"
 
 
 def check_without_key(folder: Path, key: str | None) -> None:
-    """Make sure that the key is in no file of a lab that is handed on.
+    """Make sure that the key is in no file of a lab that is exported.
 
     Raises:
         ScenarioError: If it is in one.
@@ -209,23 +210,23 @@ def check_without_key(folder: Path, key: str | None) -> None:
 
 
 CHECK_ENDINGS = ("all points", "some", "none", "skipped")
-"""What became of a check."""
+"""How the points of a check may end."""
 
 
-def of_student(judge: Judge, result: Result, *, everything: bool) -> str:
+def student_page(judge: Judge, result: Result, *, everything: bool) -> str:
     """The page of a student.
 
     Args:
         judge: Judges the answer.
-        result: What it gave.
+        result: Its result.
         everything: Whether hidden checks are on it, too.
     """
     results = result["results"]
     shown = [each for each in results if everything or each["visible"] != "hidden"]
-    told = "".join(f"; {key} = {value:.6g}" for key, value in judge.dealt.told.items())
+    rig = "".join(f"; {key} = {value:.6g}" for key, value in judge.dealt.known.items())
     lines = [
         f"{result['score']:g} of {result['max_score']:g} points",
-        f"lab {judge.lab.name}, version {judge.lab.version}; rig {judge.dealt.code}{told}",
+        f"lab {judge.lab.name}, version {judge.lab.version}; rig {judge.dealt.code}{rig}",
     ]
     if rest := [each for each in results if each not in shown]:
         got, most = (sum(each[key] for each in rest) for key in ("score", "max_score"))
@@ -239,7 +240,7 @@ def of_student(judge: Judge, result: Result, *, everything: bool) -> str:
 
 
 def draw_worst_check(judge: Judge, shown: Mapping[str, Result]) -> list[Block]:
-    """The run of the check that lost most points; where none did, of the one with most."""
+    """The run of the check that lost most points; if none did, of the one with most points."""
     runs = [
         each
         for each in judge.lab.checks(hidden=True)
@@ -252,26 +253,28 @@ def draw_worst_check(judge: Judge, shown: Mapping[str, Result]) -> list[Block]:
     try:
         run = judge.picture(check)
         drawing = overview([replace(run, name="your answer")])
-    except Exception as error:  # noqa: BLE001 - what cannot be drawn costs nobody a mark
+    except Exception as error:  # noqa: BLE001 - a missing picture costs no points
         return [Text([f"No picture of '{check.name}': {error}"])]
     note = f"The first run of this check. {check.look}" if lost[check.name] else ""
     return [Picture(f"Check: {check.name}", drawing, note)]
 
 
-def of_class(lab: Lab, found: Sequence[Result], folder: Path, left_out: Sequence[str] = ()) -> str:
+def class_page(
+    lab: Lab, found: Sequence[Result], folder: Path, left_out: Sequence[str] = ()
+) -> str:
     """The page of a class.
 
     Args:
         lab: The lab.
         found: The results of its students.
-        folder: Where their pages lie, beside this one.
-        left_out: What lies among the submissions and is none, in words.
+        folder: Folder of their pages, next to this page.
+        left_out: Entries among the submissions that are none, in words.
     """
-    judged, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
-    scores = [[its["score"] for its in each["results"]] for each in judged]
+    graded, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
+    scores = [[its["score"] for its in each["results"]] for each in graded]
     points, rows = pd.DataFrame(scores, columns=range(len(checks))), []
     for at, check in enumerate(checks):
-        its = [each["results"][at] for each in judged]
+        its = [each["results"][at] for each in graded]
         ends = [ending(each) for each in its]
         rows.append(
             (
@@ -291,7 +294,7 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path, left_out: Sequence
     problems = [(each["student"], each["problem"]) for each in found if "problem" in each]
     blocks: list[Block] = [Text([summary(found)])]
     if problems:
-        blocks.append(Table("Not judged", ("student", "why"), problems, words=(0, 1)))
+        blocks.append(Table("Not graded", ("student", "why"), problems, words=(0, 1)))
     if left_out:
         blocks.append(Text(left_out, title="Among the submissions, and none"))
     numbers = map(str, range(1, len(checks) + 1))
@@ -301,22 +304,22 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path, left_out: Sequence
 
 
 def summary(found: Sequence[Result]) -> str:
-    """How a class did, in a sentence."""
+    """The results of a class, in a sentence."""
     scores = pd.Series([each["score"] for each in found if each["results"]], dtype=float)
     problems = sum("problem" in each for each in found)
     ends = f"{digits(scores.min())} to {digits(scores.max())}, median {digits(scores.median())}"
-    return f"{len(found)} students, {problems} not judged; points of the others {ends}"
+    return f"{len(found)} students, {problems} not graded; points of the others {ends}"
 
 
 def ending(check: Mapping[str, Any]) -> str:
-    """What became of a check: one of ``ENDS``."""
+    """How the points of a check ended: one of ``CHECK_ENDINGS``."""
     if check["passed"] is None:
         return "skipped"
     return "all points" if check["passed"] else "some" if check["score"] else "none"
 
 
 def link(student: str, folder: Path) -> str:
-    """A student, with the page of theirs behind it where there is one."""
+    """A student's name, linked to their page where there is one."""
     page = folder / f"{student}.html"
     if len(page.name.encode()) > MAX_NAME_BYTES + len(".html") or not page.is_file():
         return student
@@ -324,21 +327,37 @@ def link(student: str, folder: Path) -> str:
     return Markup('<a href="{}">{}</a>').format(where, student)
 
 
-SELF_TEST_KEY = "a lab is tried"
-"""The key by which rigs are dealt here."""
 FAILS_PATTERN = re.compile(r"^\s*# fails: (.+?)\s*$", re.MULTILINE)
-MAX_STARTER_SHARE = 0.2
-"""Share of the points that a starter may have."""
-MAX_MUTANT_SHARE = 0.5
-"""Share of a check's points that a mutant may have which is to fail it."""
-MAX_GRADING_S = 60.0
-"""Seconds in which an answer is to be judged."""
+"""A line of a mutant that names a check which it must fail."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelfTest:
+    """How a lab is tested with the lecturer's own answers.
+
+    Attributes:
+        key: Key by which rigs are dealt for it.
+        max_starter_share: Largest share of all points for the starter.
+        max_mutant_share: Largest share of a check's points for a mutant that must fail it.
+        max_grading_s: Longest time in s for grading an answer.
+        full_stds: Distance of a proposed limit ``full`` from the solution's median, in standard
+            deviations.
+    """
+
+    key: str = "a lab is tried"
+    max_starter_share: float = 0.2
+    max_mutant_share: float = 0.5
+    max_grading_s: float = 60.0
+    full_stds: float = 3
+
+
+SELF_TEST = SelfTest()
 
 
 def grade_submission(
     lab: Lab, key: str | None, people: list[str] | None, kept: Path, each: Submission
 ) -> dict[str, Any]:
-    """The result of a submission, its page written; what is wrong with it is part of that."""
+    """The result of a submission, its page written; a problem of it is part of the result."""
     shown = ""
     try:
         if people is not None and each.student not in people:
@@ -347,35 +366,35 @@ def grade_submission(
         if each.problem:
             raise ScenarioError(each.problem)
         with each.alone(lab.answer.file) as answer:
-            result, page = _judged_with_page(lab, key, each.student, answer)
+            result, page = _judge_with_page(lab, key, each.student, answer)
     except TwinError as error:
         problem = shown = printable(str(error))
-    except Exception as error:  # noqa: BLE001 - one answer's trouble is not that of others
+    except Exception as error:  # noqa: BLE001 - one answer's error must not stop the others
         problem = printable(f"the grader failed: {type(error).__name__}: {error}")
-        shown = "the grader failed; your lecturer is told why"
+        shown = "the grader failed; your lecturer has the reason"
     if shown:
-        result = unread(each.student, problem)
+        result = result_without_points(each.student, problem)
         page = html(f"{lab.title}: {each.student}", [Verdict([shown], good=False)])
     write_whole(kept / f"{each.student}.html", page)
     return result
 
 
-def unread(student: str, problem: str) -> dict[str, Any]:
-    """The result of a submission that could not be judged: no points, which are not none."""
+def result_without_points(student: str, problem: str) -> dict[str, Any]:
+    """The result of a submission that could not be graded: its score is None, not 0."""
     return {"student": student, "score": None, "results": [], "problem": problem}
 
 
-def _judged_with_page(
+def _judge_with_page(
     lab: Lab, key: str | None, student: str, answer: Path
 ) -> tuple[dict[str, Any], str]:
-    """The result of an answer that is there, and the student's page of it."""
+    """The result of an answer that exists, and the student's page of it."""
     try:
         read_regular(answer)
     except DataError as error:
         raise ScenarioError(f"{lab.answer.file}: {error}") from None
-    dealt = had_again(lab, answer.parent, key, student)
+    dealt = reload_deal(lab, answer.parent, key, student)
     result = judge_answer(lab, dealt, answer, hidden=True)
-    return result, of_student(Judge(lab, dealt, answer), result, everything=False)
+    return result, student_page(Judge(lab, dealt, answer), result, everything=False)
 
 
 def grade(
@@ -387,23 +406,23 @@ def grade(
     processes: int,
     progress: Callable[[float], None],
 ) -> list[dict[str, Any]]:
-    """The results of submissions, and of who of the class handed in none.
+    """The results of submissions, and of the students of the class without one.
 
     Args:
         lab: The lab.
-        key: The course's.
-        people: Who is in the class; None for whoever hands in.
+        key: The key of the course.
+        people: The students of the class; None for everyone who hands in.
         handed_in: The submissions.
-        kept: Folder of the results, a file and a page a student, written when it is finished;
-            those of unchanged submissions are taken from there.
-        processes: How many are judged side by side.
-        progress: Told how many are finished.
+        kept: Folder of the results, a file and a page for each student, written as soon as it is
+            complete; those of unchanged submissions are read from there.
+        processes: Number of submissions that are graded at the same time.
+        progress: Called with the number of finished ones.
 
     Raises:
         TwinError: If a folder cannot be read or written, or a process is killed.
     """
     for file in lab.own_code:
-        EXECUTES.info(RUNS, file)  # said here, once, whatever process runs it
+        EXECUTES.info(RUNS, file)  # logged here, once, whatever process runs it
     mark, done = mark_of(lab), {}
     names = {
         each.student: digest(
@@ -420,7 +439,7 @@ def grade(
                 done[student] = result
     for each in handed_in:
         if not each.named:  # no file can have the student's name
-            done[each.student] = unread(each.student, each.problem)
+            done[each.student] = result_without_points(each.student, each.problem)
     left = [(each.student, each) for each in handed_in if each.student not in done]
     for student, result in results(
         partial(grade_submission, lab, key, people, kept), left, processes
@@ -435,7 +454,7 @@ def grade(
 
 
 def mark_of(lab: Lab) -> str:
-    """What tells a lab's files, as they are now, and this program from others."""
+    """A hash of a lab's files, as they are now, and of this program."""
     total = hashlib.sha256(code().encode())
     for path in sorted(lab.folder.rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts:
@@ -444,7 +463,7 @@ def mark_of(lab: Lab) -> str:
 
 
 def marks(lab: Lab, found: list[dict[str, Any]]) -> str:
-    """The marks of a class as CSV: a student a line, a check a column."""
+    """The marks of a class as CSV: a line for each student, a column for each check."""
     heads = ("student", "score", "max_score", *(each.name for each in lab.checks(hidden=True)))
     rows = [each | {check["name"]: check["score"] for check in each["results"]} for each in found]
     table = pd.DataFrame(rows, columns=[*heads, "problem"])
@@ -455,13 +474,13 @@ def marks(lab: Lab, found: list[dict[str, Any]]) -> str:
 
 
 FORMULA = re.compile(r"(^|[;,|])(\s*)(?=[=+\-@\uff1d\uff0b\uff0d\uff20])")
-"""Where a spreadsheet would begin a formula: first in a cell, or behind what may part cells."""
+"""Where a spreadsheet would begin a formula: first in a cell, or after a sign between cells."""
 
 
 def in_cell(text: str) -> str:
     """A text as a cell of a table that a spreadsheet opens: in one line, and no formula.
 
-    An apostrophe stands before what would begin one.
+    An apostrophe is put before the beginning of one.
     """
     return FORMULA.sub(r"\1\2'", printable(text))
 
@@ -470,9 +489,9 @@ class SampleAnswer(NamedTuple):
     """An answer of the lecturer's own.
 
     Attributes:
-        name: ``solution``, ``starter``, or what a mutant is called.
-        file: Where it lies.
-        fails: The checks that a mutant is to fail.
+        name: ``solution``, ``starter``, or the name of a mutant.
+        file: Its path.
+        fails: The checks that a mutant must fail.
     """
 
     name: str
@@ -481,7 +500,13 @@ class SampleAnswer(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """What was tried of a lab, whether it is as it must be, and what was found."""
+    """One result of a test of a lab.
+
+    Attributes:
+        what: The property that was tested.
+        good: Whether the lab has it.
+        found: The numbers or the reason.
+    """
 
     what: str
     good: bool
@@ -512,36 +537,41 @@ def candidates(lab: Lab) -> list[SampleAnswer]:
 
 
 def prepare_answer(lab: Lab, file: Path, dealt: Deal, folder: Path) -> Path:
-    """An answer for a student's rig, as the student would hand it in, beside their log."""
+    """An answer for a student's rig, as the student would hand it in, next to their log."""
     answer = folder / lab.answer.file
     if lab.answer.data and file.suffix == ".py":
         text = toml(flat(load_function(file, "answer")(dealt.point, folder)))
     else:
-        text = fill_answer(file.read_text(encoding="utf-8"), dealt.told)
+        text = fill_answer(file.read_text(encoding="utf-8"), dealt.known)
     answer.write_text(text, encoding="utf-8")
     return answer
 
 
-def try_answer(lab: Lab, job: tuple[Path, str]) -> dict[str, Any]:
-    """The result of a lecturer's own answer on the rig of some student."""
+def try_answer(lab: Lab, key: str, job: tuple[Path, str]) -> dict[str, Any]:
+    """The result of a lecturer's own answer on the rig that a key deals to a student."""
     file, student = job
-    dealt = deal(lab, student, SELF_TEST_KEY)
+    dealt = deal(lab, student, key)
     with TemporaryDirectory(prefix="ballplate-lab-") as name:
         folder = Path(name)
         record(lab, dealt, folder / LOG_FILE)
         return judge_answer(lab, dealt, prepare_answer(lab, file, dealt, folder), hidden=True)
 
 
-def all_tried(
-    lab: Lab, students: Sequence[str], processes: int
+def try_answers(
+    lab: Lab, students: Sequence[str], processes: int, key: str
 ) -> Iterator[tuple[SampleAnswer, dict[str, Any]]]:
     """Every answer of the lecturer's own, and its result on the rigs of some students."""
     jobs = ((each, (each.file, student)) for each in candidates(lab) for student in students)
-    yield from results(partial(try_answer, lab), jobs, processes)
+    yield from results(partial(try_answer, lab, key), jobs, processes)
 
 
-def selftest(lab: Lab, processes: int) -> Iterator[Finding]:
-    """What a lab's solution, starter and mutants get.
+def selftest(lab: Lab, processes: int, test: SelfTest = SELF_TEST) -> Iterator[Finding]:
+    """Whether a lab's solution, starter and mutants get the points that they should.
+
+    Args:
+        lab: The lab.
+        processes: Number of answers that are graded at the same time.
+        test: Constants of the test.
 
     Raises:
         ScenarioError: If its solution or a mutant cannot be tried.
@@ -551,55 +581,60 @@ def selftest(lab: Lab, processes: int) -> Iterator[Finding]:
         yield Finding(
             "the starter is made from the solution",
             same,
-            "" if same else "make it again: --starter",
+            "" if same else "write it again: --starter",
         )
-    for who, result in all_tried(lab, ["selftest"], processes):
+    for who, result in try_answers(lab, ["selftest"], processes, test.key):
         points = f"{result['score']:g} of {result['max_score']:g} points, {result['seconds']:.1f} s"
         if who.name == "solution":
             lost = [each for each in result["results"] if not each["passed"]]
             why = "".join(f"; {each['name']}: {each['cause']['rationale']}" for each in lost)
             yield Finding("the solution has all points", not lost, points + why)
         elif who.name == "starter":
-            good = result["score"] <= MAX_STARTER_SHARE * result["max_score"]
-            yield Finding(f"the starter has at most {MAX_STARTER_SHARE:.0%}", good, points)
+            good = result["score"] <= test.max_starter_share * result["max_score"]
+            yield Finding(f"the starter has at most {test.max_starter_share:.0%}", good, points)
         for each in result["results"]:
             if each["name"] in who.fails:
-                good = (
-                    each["passed"] is False
-                    and each["score"] <= MAX_MUTANT_SHARE * each["max_score"]
-                )
+                allowed = test.max_mutant_share * each["max_score"]
+                good = each["passed"] is False and each["score"] <= allowed
                 why = each["cause"]["rationale"] if each["cause"] else "it passes"
                 yield Finding(f"mutant {who.name} fails '{each['name']}'", good, why)
-        if result["seconds"] > MAX_GRADING_S:
-            yield Finding(f"{who.name} is judged within {MAX_GRADING_S:g} s", False, points)
+        if result["seconds"] > test.max_grading_s:
+            yield Finding(f"{who.name} is graded within {test.max_grading_s:g} s", False, points)
 
 
 def calibrate(
-    lab: Lab, rigs: int, processes: int, progress: Callable[[float], None]
+    lab: Lab,
+    rigs: int,
+    processes: int,
+    progress: Callable[[float], None],
+    test: SelfTest = SELF_TEST,
 ) -> Iterator[Finding]:
-    """For each check what limits fit, from all own answers on so many rigs.
+    """Proposed limits for each check, from all own answers on a number of rigs.
 
-    Good is where there is room between the limits.
+    A finding is good where there is room between the limits.
     """
     values: dict[str, dict[SampleAnswer, list[float]]] = defaultdict(lambda: defaultdict(list))
     students = [f"rig{number}" for number in range(rigs)]
-    for done, (who, result) in enumerate(all_tried(lab, students, processes), 1):
+    for done, (who, result) in enumerate(try_answers(lab, students, processes, test.key), 1):
         progress(done)
         for each in result["results"]:
             if each["data"]["value"] is not None:
                 values[each["name"]][who].append(each["data"]["value"])
     for check in lab.checks(hidden=True):
-        yield propose_limits(check, values[check.name], rigs)
+        yield propose_limits(check, values[check.name], rigs, test.full_stds)
 
 
 def propose_limits(
-    check: CheckTable, values: dict[SampleAnswer, list[float]], rigs: int
+    check: CheckTable,
+    values: dict[SampleAnswer, list[float]],
+    rigs: int,
+    full_stds: float = SELF_TEST.full_stds,
 ) -> Finding:
-    """What limits of a check fit the numbers that the lecturer's own answers reached.
+    """Limits of a check for the numbers that the lecturer's own answers reached.
 
-    ``full`` is the solution's median and three of its standard deviations, or its worst rig if that
-    is worse; ``none`` is the best of the medians of the mutants that are to fail it and, where more
-    than the outcome is judged, of the starter.
+    ``full`` is the solution's median and a number of its standard deviations, or its worst rig if
+    that is worse; ``none`` is the best of the medians of the mutants that must fail it and, where
+    more than the outcome counts, of the starter.
     """
     sense = 1 if check.full < check.none else -1  # small is good, or large
     good, bad = np.zeros(0), {}
@@ -611,7 +646,8 @@ def propose_limits(
     if len(good) < rigs:
         failed = f"the solution fails on {rigs - len(good)} of {rigs} rigs"
         return Finding(check.name, False, failed)
-    full, none = max(np.median(good) + 3 * good.std(), good.max()), min(bad, default=np.inf)
+    full = max(np.median(good) + full_stds * good.std(), good.max())
+    none = min(bad, default=np.inf)
     text = f"full = {check.full:g}, none = {check.none:g}; proposed: full = {sense * full:.4g}"
     if bad:
         text += f", none = {sense * none + 0.0:.4g} ({bad[none]})"

@@ -1,8 +1,8 @@
-"""What a class handed in: whose each entry of a folder is, and its files, opened safely.
+"""Submissions of a class: the student of each entry of a folder, and its files, opened safely.
 
-An entry is a student's folder or file, under their own name or as a course system calls it. Nothing
-is opened but regular files of limited size that lie in the submission itself: no link, no pipe, no
-device, no file that has a second name elsewhere.
+An entry is a student's folder or file, under their own name or the name of a course system. Nothing
+is opened but regular files of limited size in the submission itself: no link, no pipe, no device,
+no file that has a second name elsewhere.
 """
 
 from __future__ import annotations
@@ -25,34 +25,34 @@ from twin.lab.schema import RIG_FILE, AnswerTable, Lab, check_name
 MAX_COPIED_BYTES = 32 * 1024**2
 """Sum of the files of a submission that a lab's own function may read."""
 MAX_COPIED_FILES = 256
-"""Number of these."""
+"""Number of these files."""
 MAX_SEARCHED_ENTRIES = 500
-"""Entries of a submission among which a missing answer is looked for."""
+"""Entries of a submission among which a missing answer is searched."""
 MAX_SEARCH_DEPTH = 4
-"""Folders within folders in which it is looked for."""
-MAX_NAMED = 3
+"""Depth of folders in which it is searched."""
+MAX_NAMED_FILES = 3
 """Files that a message names."""
 ARCHIVES = (".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar")
 MOODLE = re.compile(
     r"(?P<student>.+?)_\d+_assignsubmission_(?:file|onlinetext)_?(?P<file>.*)", re.DOTALL
 )
-"""Moodle's ``FULL NAME_12345_assignsubmission_file_``: a folder, or how a file's name begins."""
+"""Moodle's ``FULL NAME_12345_assignsubmission_file_``: a folder, or a file's beginning."""
 CANVAS = re.compile(r"(?P<student>[^_]+)(?:_(?i:late))?_\d+_\d+_(?P<file>.+)", re.DOTALL)
-"""Canvas's ``NAME_12345_67890_FILE``, with ``_LATE`` after the name of one that came late."""
+"""Canvas's ``NAME_12345_67890_FILE``, with ``_LATE`` after the name for an overdue one."""
 REPEATED = re.compile(r"(?P<stem>.+?)-(?P<number>\d+)(?P<suffix>\.[^.]+)", re.DOTALL)
 """Canvas's name of a file that was handed in again: ``answer-1.py``."""
 
 
 class Submission(NamedTuple):
-    """What a student handed in.
+    """The submission of a student.
 
     Attributes:
-        student: Who, by a name that may be that of a file; else what the entry is called, readable.
-        answer: The answer; where it ought to be if there is none.
-        rig: The ``rig.toml``, or where it ought to be.
-        problem: Why it cannot be judged, in a line; empty if it can.
+        student: The student, by a name that may be that of a file; else the entry's name, readable.
+        answer: The answer; its expected path if there is none.
+        rig: The ``rig.toml``, or its expected path.
+        problem: The reason why it cannot be graded, in a line; empty if it can.
         named: Whether the student's name may be that of a file.
-        apart: Whether it lies in a folder of the student's own, not among the files of others.
+        apart: Whether it is in a folder of the student's own, not among the files of others.
     """
 
     student: str
@@ -64,10 +64,10 @@ class Submission(NamedTuple):
 
     @contextmanager
     def alone(self, called: str) -> Iterator[Path]:
-        """The answer in a folder that has nothing of other students.
+        """The answer in a folder without files of other students.
 
         Args:
-            called: What the lab calls the answer.
+            called: The lab's name of the answer.
 
         Raises:
             DataError: If it, or the ``rig.toml``, is no file that may be opened.
@@ -84,14 +84,14 @@ class Submission(NamedTuple):
 
 
 class Collected(NamedTuple):
-    """The entries of a folder: submissions, and in words what is none."""
+    """The entries of a folder: submissions, and the others in words."""
 
     submissions: list[Submission]
     left_out: list[str]
 
 
 def is_there(file: Path) -> bool:
-    """Whether there is something of this name, be it a link that leads nowhere."""
+    """Whether there is anything of this name, also a link without a target."""
     with suppress(OSError, ValueError):
         file.lstat()
         return True
@@ -99,11 +99,11 @@ def is_there(file: Path) -> bool:
 
 
 @contextmanager
-def copied(folder: Path) -> Iterator[Path]:
+def copy_files(folder: Path) -> Iterator[Path]:
     """A private copy of the regular files of a submission, for a lab's own function to read.
 
     Args:
-        folder: Of the submission.
+        folder: The folder of the submission.
 
     Raises:
         ScenarioError: If they are too many or too large together.
@@ -114,7 +114,7 @@ def copied(folder: Path) -> Iterator[Path]:
             try:
                 content = read_regular(file, MAX_COPIED_BYTES)
             except DataError:
-                continue  # what cannot be read is not there
+                continue  # a file that cannot be read counts as missing
             copies, total = copies + 1, total + len(content)
             if copies > MAX_COPIED_FILES or total > MAX_COPIED_BYTES:
                 most = f"{MAX_COPIED_FILES} files of {MAX_COPIED_BYTES // 1024**2} MB together"
@@ -124,7 +124,7 @@ def copied(folder: Path) -> Iterator[Path]:
 
 
 def missing(about: AnswerTable, answer: Path) -> str:
-    """That an answer is not there, and what there is in its place, in a line."""
+    """The message that an answer is missing, with the files that are there, in a line."""
     here = f"no {about.file}"
     suffix, stem = Path(about.file).suffix, Path(about.file).stem.casefold()
     if not answer.parent.is_dir():
@@ -139,15 +139,16 @@ def missing(about: AnswerTable, answer: Path) -> str:
     )
     for alike in ranked:
         if alike:
-            names = [shorten(printable(each.as_posix())) for each in alike[:MAX_NAMED]]
-            more = f" and {len(alike) - MAX_NAMED} more" if len(alike) > MAX_NAMED else ""
+            names = [shorten(printable(each.as_posix())) for each in alike[:MAX_NAMED_FILES]]
+            others = len(alike) - MAX_NAMED_FILES
+            more = f" and {others} more" if others > 0 else ""
             unpack = ": unpack it" if alike is ranked[3] else ""
             return f"{here}; there is {', '.join(names)}{more}{unpack}"
     return f"{here}; there is nothing else" if not files else here
 
 
 def _regular_files(folder: Path) -> list[Path]:
-    """The regular files of a folder and of those in it, within limits; no link is followed."""
+    """The regular files of a folder and its subfolders, within limits; no link is followed."""
     found: list[Path] = []
     waiting, seen = [(folder, 0)], 0
     while waiting:
@@ -168,12 +169,12 @@ def _regular_files(folder: Path) -> list[Path]:
 
 
 def collect(lab: Lab, folder: Path, people: Collection[str] = ()) -> Collected:
-    """What lies in the folder of a class, entry by entry; no entry keeps another from its mark.
+    """The entries of the folder of a class; no entry prevents the mark of a different one.
 
     Args:
         lab: The lab.
-        folder: Of the submissions.
-        people: Who is in the class, if that is known.
+        folder: The folder of the submissions.
+        people: The students of the class, if known.
 
     Raises:
         ScenarioError: If there is no such folder, or no student's folder or file in it.
@@ -184,20 +185,20 @@ def collect(lab: Lab, folder: Path, people: Collection[str] = ()) -> Collected:
     left_out = []
     for path in sorted(folder.iterdir()):
         try:
-            entries[_whose(lab.answer, path, people)].append(path)
+            entries[_student_of(lab.answer, path, people)].append(path)
         except ScenarioError as error:
             left_out.append(f"{shorten(printable(path.name))}: {error}")
     if not entries:
-        raise ScenarioError(f"{folder}: holds no submission, a folder or a file a student")
+        raise ScenarioError(f"{folder}: holds no submission, a folder or a file for each student")
     found = [_submission(lab.answer, name, paths) for name, paths in entries.items()]
     return Collected(sorted(found), left_out)
 
 
-def _whose(about: AnswerTable, path: Path, people: Collection[str]) -> str:
+def _student_of(about: AnswerTable, path: Path, people: Collection[str]) -> str:
     """The student to whom an entry belongs.
 
     Raises:
-        ScenarioError: If it is nobody's: what it is, in words.
+        ScenarioError: If it belongs to nobody: what it is, in words.
     """
     name, mode = path.name, path.lstat().st_mode
     if name.startswith(".") or name == "__MACOSX":
@@ -210,7 +211,7 @@ def _whose(about: AnswerTable, path: Path, people: Collection[str]) -> str:
         return _name(name)
     nobodys = name.casefold() in {about.file.casefold(), RIG_FILE}
     if nobodys and _name(path.stem) not in people and stat.S_ISREG(mode):
-        raise ScenarioError("names no student: a folder or a file called as its student")
+        raise ScenarioError("names no student: a folder or a file has its student's name")
     alike = path.suffix.casefold() == Path(about.file).suffix.casefold()
     if alike or _name(path.stem) in people:
         return _name(path.stem)
@@ -223,12 +224,12 @@ def _whose(about: AnswerTable, path: Path, people: Collection[str]) -> str:
 
 
 def _name(text: str) -> str:
-    """A student's name as a course system has it, as the class's file has it: NFC, no blanks."""
+    """A student's name from a course system in the form of the class's file: NFC, no blanks."""
     return re.sub(" +", "_", unicodedata.normalize("NFC", text).strip(" "))
 
 
 def _submission(about: AnswerTable, student: str, paths: list[Path]) -> Submission:
-    """What a student's entries of the folder come to."""
+    """The submission in a student's entries of the folder."""
     shown = shorten(printable(student))
     first = paths[0]
     try:
@@ -237,7 +238,7 @@ def _submission(about: AnswerTable, student: str, paths: list[Path]) -> Submissi
         return Submission(shown, first, first / RIG_FILE, str(error), named=False)
     links = [path for path in paths if path.is_symlink()]
     folders = [path for path in paths if path not in links and path.is_dir()]
-    # Moodle has a second folder for what a student typed into the page
+    # Moodle has a second folder for text that a student typed into the page
     texts = [path for path in folders if "_assignsubmission_onlinetext" in path.name]
     if 0 < len(texts) < len(folders):
         folders = [path for path in folders if path not in texts]
@@ -247,7 +248,7 @@ def _submission(about: AnswerTable, student: str, paths: list[Path]) -> Submissi
     if links:
         problem = "the entry is a link, which is not followed; hand in the file itself"
     elif folders and len(paths) > 1:
-        names = ", ".join(shorten(printable(path.name)) for path in paths[:MAX_NAMED])
+        names = ", ".join(shorten(printable(path.name)) for path in paths[:MAX_NAMED_FILES])
         problem = f"two submissions: {names}; keep one of them"
     if problem:
         return Submission(student, first, first / RIG_FILE, problem)
@@ -259,7 +260,7 @@ def _submission(about: AnswerTable, student: str, paths: list[Path]) -> Submissi
 
 
 def _of_files(about: AnswerTable, student: str, paths: list[Path]) -> Submission:
-    """What a student's files come to that lie among those of others."""
+    """The submission in a student's files that are among those of others."""
     newest: dict[str, tuple[int, Path]] = {}
     for path in paths:
         systems = MOODLE.fullmatch(path.name) or CANVAS.fullmatch(path.name)
@@ -279,6 +280,6 @@ def _of_files(about: AnswerTable, student: str, paths: list[Path]) -> Submission
     rig = newest[RIG_FILE][1] if RIG_FILE in newest else nowhere
     if about.file in newest:
         return Submission(student, newest[about.file][1], rig, apart=False)
-    names = ", ".join(shorten(printable(path.name)) for path in paths[:MAX_NAMED])
+    names = ", ".join(shorten(printable(path.name)) for path in paths[:MAX_NAMED_FILES])
     unpack = ": unpack it" if paths[0].suffix.casefold() in ARCHIVES else ""
     return Submission(student, paths[0], rig, f"no {about.file}; there is {names}{unpack}")

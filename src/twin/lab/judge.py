@@ -1,4 +1,4 @@
-"""An answer is judged: check by check a number, its points on a ramp, and why."""
+"""Judges an answer: for each check a number, its points on a ramp, and the reason."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from twin.base.errors import (
     shorten,
 )
 from twin.base.validation import read_tables
-from twin.lab.handed_in import copied, is_there, missing
+from twin.lab.handed_in import copy_files, is_there, missing
 from twin.lab.process import ANSWER_NAME, AnswerProcess, answering
 from twin.lab.schema import AnswerTable, CheckTable, Deal, Lab, load_function, measured_columns
 from twin.run.files import INDICATOR_UNITS
@@ -34,35 +34,41 @@ from twin.study.schema import FamilyRig, Point, draw_rigs, read_family
 from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
 
 RESULT_SCHEMA = "ballplate/lab-result/v1"
-WIDEST = 2.0
-"""How wide an interval may be whose distance is judged, in distances from which on there are no
-points: the middle of a wider one may be so far off."""
+MAX_INTERVAL_WIDTH = 2.0
+"""Largest width of an interval whose distance from the truth counts, as a multiple of the
+distance that gives no points: the middle of a wider one may have that error."""
 
 
 class EarlyEndError(LawError):
     """A run of an answer ended before its time."""
 
 
-class NotJudgedError(TwinError):
-    """What cannot be judged here, or yet: why."""
+class NotGradedError(TwinError):
+    """A check that cannot be graded here, or yet: the reason."""
 
 
-class Judged(NamedTuple):
-    """The number that a check judges, in words, and what the answer printed."""
+class CheckedNumber(NamedTuple):
+    """The number that a check judges.
+
+    Attributes:
+        value: The number; NaN for none.
+        text: The number in words.
+        log: Lines that the answer printed.
+    """
 
     value: float
-    said: str
+    text: str
     log: Sequence[str] = ()
 
 
 def judge_answer(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str, Any]:
-    """The result of an answer: what check50 calls its results, with points; never an error of it.
+    """The result of an answer: the results of check50 with points; never an error of the answer.
 
     Args:
         lab: The lab.
         dealt: The rig it is for.
-        file: The answer, there or not.
-        hidden: Whether what only the lecturer has is judged, too.
+        file: The answer, which may be missing.
+        hidden: Whether the lecturer's hidden checks count, too.
     """
     begin, results = time.perf_counter(), list[dict[str, Any]]()
     for check in lab.checks(hidden=hidden):
@@ -75,7 +81,7 @@ def judge_answer(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str
         "title": lab.title,
         "student": dealt.student,
         "code": dealt.code,
-        "rig": dealt.point if hidden else dealt.told,
+        "rig": dealt.point if hidden else dealt.known,
         "answer": digest_of(file),
         "score": round(sum(each["score"] for each in results), 2),
         "max_score": sum(each["max_score"] for each in results),
@@ -86,7 +92,7 @@ def judge_answer(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str
 
 
 def digest_of(file: Path) -> str:
-    """A short name for what a file holds; empty where there is none that may be opened."""
+    """A short hash of a file's content; empty where there is none that may be opened."""
     try:
         return hashlib.sha256(read_regular(file)).hexdigest()[:16]
     except DataError:
@@ -94,14 +100,14 @@ def digest_of(file: Path) -> str:
 
 
 def ramp(check: CheckTable) -> str:
-    """Where the points begin and where all of them are reached, in words."""
+    """The numbers at which a check gives all points and none, in words."""
     what, unit = describe_quantity(check)
     ends = f"all {check.points:g} points from {check.full:g}{unit} on, none from {check.none:g}"
     return f"{what}: {ends}{unit}"
 
 
 def describe_quantity(check: CheckTable) -> tuple[str, str]:
-    """What a check judges, and its unit, in words."""
+    """The quantity that a check judges, and its unit, in words."""
     unit = f" {INDICATOR_UNITS.get(check.metric, '')}".rstrip()
     if check.number:
         what = "width of the interval" if check.judge == "width" else "distance from the truth"
@@ -122,31 +128,33 @@ class Judge(NamedTuple):
         lab: The lab.
         dealt: The rig the answer is for.
         file: The answer.
+        max_interval_width: Largest width of an interval, see ``MAX_INTERVAL_WIDTH``.
     """
 
     lab: Lab
     dealt: Deal
     file: Path
+    max_interval_width: float = MAX_INTERVAL_WIDTH
 
     def result(self, check: CheckTable, none: Sequence[str]) -> dict[str, Any]:
-        """What a check gave, as check50 has it, with its points.
+        """The result of a check, as check50 has it, with its points.
 
         Args:
             check: The check.
-            none: The checks before it that got no points, without which it cannot be judged.
+            none: The checks before it that got no points, without which it cannot be graded.
         """
         passed: bool | None = False
-        score, found, look = 0.0, Judged(math.nan, ""), check.look
+        score, found, look = 0.0, CheckedNumber(math.nan, ""), check.look
         try:
             data = tables(self.lab.answer, self.file)
             if none:
-                raise NotJudgedError(f"cannot be judged: '{none[0]}' got no points")
+                raise NotGradedError(f"cannot be graded: '{none[0]}' got no points")
             found = self.number(check, data)
             score = check.earned(found.value)
-            passed, why = score >= check.points, f"{found.said}; {ramp(check)}. {check.why}".strip()
+            passed, why = score >= check.points, f"{found.text}; {ramp(check)}. {check.why}".strip()
         except TwinError as error:
             why = printable(str(error))
-            passed = None if isinstance(error, NotJudgedError) else False
+            passed = None if isinstance(error, NotGradedError) else False
             look = check.look if isinstance(error, EarlyEndError) else ""
         return {
             "name": check.name,
@@ -167,11 +175,11 @@ class Judge(NamedTuple):
         Raises:
             TwinError: If the answer fails.
         """
-        with self.entered(tables(self.lab.answer, self.file)) as (fixed, _):
+        with self.enter(tables(self.lab.answer, self.file)) as (fixed, _):
             return run(self.scenarios(check, fixed)[0][1])
 
     @contextmanager
-    def entered(
+    def enter(
         self, data: Mapping[str, Any]
     ) -> Iterator[tuple[Sequence[str], AnswerProcess | None]]:
         """The overrides that put an answer into a scenario, and its process, if it has one."""
@@ -184,7 +192,7 @@ class Judge(NamedTuple):
             table = {"law": "controller", "observer": "observer"}.get(about.kind)
             yield [f"{table}.kind={ANSWER_NAME}"] if table else (), process
 
-    def number(self, check: CheckTable, data: Mapping[str, Any]) -> Judged:
+    def number(self, check: CheckTable, data: Mapping[str, Any]) -> CheckedNumber:
         """The number that a check judges.
 
         Args:
@@ -192,10 +200,10 @@ class Judge(NamedTuple):
             data: The answer's tables, if it is data.
 
         Raises:
-            NotJudgedError: If it cannot be judged here.
+            NotGradedError: If it cannot be graded here.
             TwinError: If the answer fails: one line.
         """
-        with self.entered(data) as (fixed, process):
+        with self.enter(data) as (fixed, process):
             if check.number:
                 found = self.of_numbers(check, self.answers(check, data, process))
             else:
@@ -203,15 +211,15 @@ class Judge(NamedTuple):
                 if process is not None and process.failure is not None:
                     raise LawError(process.failure)
                 found = self.of_runs(check, rows)
-            return found if process is None else found._replace(log=process.printed())
+            return found if process is None else found._replace(log=process.last_printed())
 
     def answers(
         self, check: CheckTable, data: Mapping[str, Any], process: AnswerProcess | None
     ) -> Iterator[tuple[Point, Any]]:
-        """Rigs, and the number that is answered for each.
+        """Rigs, and the number that the answer gives for each.
 
         Raises:
-            LawError: If a function gives something else.
+            LawError: If a function returns something else.
         """
         if process is None:
             yield self.rigs(check)[0][0].point, data[check.number]
@@ -221,9 +229,9 @@ class Judge(NamedTuple):
             log = (
                 {} if scenario is None else {"log": measured_columns(scenario.model_dump_json())[0]}
             )
-            said = process.call("function", {**log, **check.given})
+            returned = process.call("function", {**log, **check.given})
             try:
-                yield point, check_numbers(self.lab.answer, said, self.file.name)[check.number]
+                yield point, check_numbers(self.lab.answer, returned, self.file.name)[check.number]
             except ScenarioError as error:
                 raise LawError(str(error)) from None
 
@@ -238,7 +246,7 @@ class Judge(NamedTuple):
         return rigs, {key for key, each in parameters.items() if each.relative}
 
     def scenarios(self, check: CheckTable, fixed: Sequence[str]) -> list[tuple[Point, Scenario]]:
-        """The runs of a check with the answer as overrides: the rig, and what is run.
+        """The runs of a check with the answer as overrides: the rig, and the scenario.
 
         Raises:
             ScenarioError: If an override is wrong.
@@ -251,12 +259,12 @@ class Judge(NamedTuple):
         ]
 
     def rows(self, check: CheckTable, fixed: Sequence[str]) -> list[Row]:
-        """What the runs of a check gave, a row each."""
+        """The results of the runs of a check, a row each."""
         work = ScenarioRuns(scenario for _, scenario in self.scenarios(check, fixed))
         return carry_out(work.jobs(work.tasks))
 
-    def of_runs(self, check: CheckTable, rows: list[Row]) -> Judged:
-        """The number that a check judges of its runs.
+    def of_runs(self, check: CheckTable, rows: list[Row]) -> CheckedNumber:
+        """The number that a check computes from its runs.
 
         Raises:
             LawError: If there is none, because of a run.
@@ -274,8 +282,8 @@ class Judge(NamedTuple):
                 if check.limit is None
                 else int((values <= check.limit).sum())
             )
-            said = f"{kept} of {len(rows)} runs" + (f"; {ended}" if ended else "")
-            return Judged(kept / len(rows), said)
+            text = f"{kept} of {len(rows)} runs" + (f"; {ended}" if ended else "")
+            return CheckedNumber(kept / len(rows), text)
         if ended:
             raise EarlyEndError(f"{len(early)} of {len(rows)} runs did not finish: {ended}")
         if check.against:
@@ -285,20 +293,21 @@ class Judge(NamedTuple):
         if not np.isfinite(values).all():
             raise LawError(f"{check.metric}: does not apply to these runs")
         worst = float(values.max() if check.full < check.none else values.min())
-        return Judged(worst, f"{what} {worst:.4g}{unit}")
+        return CheckedNumber(worst, f"{what} {worst:.4g}{unit}")
 
-    def of_numbers(self, check: CheckTable, found: Iterable[tuple[Point, Any]]) -> Judged:
-        """The number that a check judges of numbers that are answered, a rig each."""
-        value = max(self.off(check, given, point) for point, given in found)
-        unit, said = describe_quantity(check)[1], "is no such number"
+    def of_numbers(self, check: CheckTable, found: Iterable[tuple[Point, Any]]) -> CheckedNumber:
+        """The number that a check computes from the numbers of an answer, one for each rig."""
+        value = max(self.error(check, given, point) for point, given in found)
+        unit, text = describe_quantity(check)[1], "is no such number"
         if math.isfinite(value):
-            said = f"{value:.4g}{unit}"
+            text = f"{value:.4g}{unit}"
         elif check.judge == "distance":
-            said += f", or an interval wider than {WIDEST * abs(check.none):g}{unit}"
-        return Judged(value, f"{check.number}: {said}")
+            widest = self.max_interval_width * abs(check.none)
+            text += f", or an interval wider than {widest:g}{unit}"
+        return CheckedNumber(value, f"{check.number}: {text}")
 
-    def off(self, check: CheckTable, given: Any, point: Point) -> float:
-        """How far an answer in numbers is from the truth, or how wide its interval is."""
+    def error(self, check: CheckTable, given: Any, point: Point) -> float:
+        """The distance of an answer in numbers from the truth, or the width of its interval."""
         low, high = given if isinstance(given, list) else (given, given)
         truth = None if check.truth is None else self.truth(check, check.truth, point)
         if isinstance(given, str) or isinstance(truth, str):
@@ -308,24 +317,25 @@ class Judge(NamedTuple):
             return float(high - low) / scale
         if check.judge == "error":
             return float(max(truth - low, high - truth)) / scale
-        if high - low > WIDEST * abs(check.none) * scale:  # one that holds everything says nothing
+        # an interval that holds everything states nothing
+        if high - low > self.max_interval_width * abs(check.none) * scale:
             return math.inf
         return float(max(low - truth, truth - high, 0.0)) / scale
 
     def truth(self, check: CheckTable, truth: float | str, point: Point) -> float | str:
-        """What an answer in numbers should be, for a rig.
+        """The true value for an answer in numbers, for a rig.
 
         Raises:
-            NotJudgedError: If only the lecturer knows it.
+            NotGradedError: If only the lecturer knows it.
         """
         name, _, function = str(truth).partition(":")
         if not isinstance(truth, str) or not (function or check.scenario):
             return truth
         own, data = self.lab.folder / name, self.lab.answer.data
         if (data and not self.dealt.true) or (function and not own.is_file()):
-            raise NotJudgedError("judged by your lecturer, who knows the rig")
+            raise NotGradedError("graded by your lecturer, who knows the rig")
         if function:
-            given = copied(self.file.parent) if data else nullcontext(check.given)
+            given = copy_files(self.file.parent) if data else nullcontext(check.given)
             with given as known_to_student:
                 found = load_function(own, function)(point, known_to_student)
         else:
@@ -337,16 +347,16 @@ class Judge(NamedTuple):
 
 
 def tables(about: AnswerTable, file: Path) -> dict[str, Any]:
-    """The tables of an answer that is data; of others none, once the file is known to be there.
+    """The tables of an answer that is data; empty for the others, whose file must exist.
 
     Raises:
-        ScenarioError: If it is not there, or not what was asked for.
+        ScenarioError: If it is missing, or not what the lab requests.
     """
     if not is_there(file):
-        beside = sorted({each.name for each in file.parent.glob(f"{file.stem}.*")} - {about.file})
+        alike = sorted({each.name for each in file.parent.glob(f"{file.stem}.*")} - {about.file})
         other = missing(about, file).partition("; ")[2]
-        if beside:
-            other = f"an answer here is a {about.kind}, not {printable(', '.join(beside))}"
+        if alike:
+            other = f"an answer here is a {about.kind}, not {printable(', '.join(alike))}"
         raise ScenarioError("; ".join(filter(None, (f"{file.name}: not handed in", other))))
     if file.suffix != Path(about.file).suffix:
         raise ScenarioError(f"{file.name}: must be {about.file}, as the answer is a {about.kind}")
@@ -361,7 +371,7 @@ def tables(about: AnswerTable, file: Path) -> dict[str, Any]:
 
 
 def check_numbers(about: AnswerTable, found: Mapping[str, Any], called: str) -> dict[str, Any]:
-    """Numbers by name, intervals or texts, if they are what was asked for.
+    """Numbers by name, intervals or texts, if they are those that the lab requests.
 
     Raises:
         ScenarioError: If not.

@@ -1,4 +1,4 @@
-"""A lab's files, checked: what is asked, dealt and judged; and the rig of every student."""
+"""A lab's files, checked: answer, checks and variants; and the rig of every student."""
 
 from __future__ import annotations
 
@@ -35,34 +35,34 @@ Kind = Literal["law", "observer", "function", "numbers", "parameters"]
 DATA_KINDS = ("numbers", "parameters")
 """Kinds that are no code."""
 NUMBER_KINDS = ("numbers", "function")
-"""Kinds that give numbers by name."""
+"""Kinds whose result is numbers by name."""
 Visible = Literal["visible", "hidden", "after_published"]
 LAB_NAME_PATTERN = "[a-z0-9_-]+"
-"""What a lab may be called."""
+"""Pattern of a lab's name."""
 MAX_CHECK_RUNS = 256
-"""Runs of a check."""
+"""Largest number of runs of a check."""
 PRIVATE_FILES = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md", "*key.txt")
-"""What of a lab's folder no student is handed."""
+"""Files of a lab's folder that no student receives."""
 MAX_NAME_BYTES = 200
-"""Length of a student's name in UTF-8; the files of a result have it and some letters more."""
+"""Length of a student's name in UTF-8; the files of a result have it and a few more letters."""
 
 
 class AnswerTable(Checked):
-    """What is handed in.
+    """The answer that students hand in.
 
     Attributes:
         kind: A class of a law or of an observer; a function; numbers or parameters as data.
-        file: What it is called.
+        file: Name of its file.
         seconds: Time in s that its process may compute or sleep in one check.
-        function: What a function is called.
-        asked: Of numbers, in a file or given by a function: name to unit.
-        keys: Of parameters: dotted keys of a scenario that may be set, or what they begin with.
-        command: Of a law or observer in another language: the program and its arguments.
+        function: Name of a function.
+        asked: For numbers, in a file or from a function: name to unit.
+        keys: For parameters: dotted keys of a scenario that may be set, or their beginnings.
+        command: For a law or observer in another language: the program and its arguments.
     """
 
     kind: Kind
     file: str = Field(
-        default_factory=lambda said: f"answer.{'toml' if said.get('kind') in DATA_KINDS else 'py'}"
+        default_factory=lambda keys: f"answer.{'toml' if keys.get('kind') in DATA_KINDS else 'py'}"
     )
     seconds: Annotated[float, Field(gt=0, le=3600)] = 20.0
     function: str = ""
@@ -90,14 +90,15 @@ class AnswerTable(Checked):
 
 
 class VariantTable(Checked):
-    """What every student has of their own.
+    """The rig and the log of every student.
 
     Attributes:
         family: Name or file of the family of rigs.
-        keys: Which of its keys are dealt; the others stay as the scenario has them.
-        told: Which of those the sheet tells; the others are drawn from the course's key alone.
-        log: Scenario of which a log is made on the student's rig, or ``FILE.py:FUNCTION`` that
-            writes one, given the rig and a folder.
+        keys: Keys of it that are dealt; the others keep the scenario's values.
+        told: Dealt keys whose values are on the sheet; the others are drawn from the course's key
+            alone.
+        log: Scenario whose log is made on the student's rig, or ``FILE.py:FUNCTION`` that writes
+            one for a rig into a folder.
         set: Overrides ``key=value`` of that log.
     """
 
@@ -109,38 +110,38 @@ class VariantTable(Checked):
 
 
 def as_list(given: Any) -> Any:
-    """A list of texts that may be given as one text."""
+    """A list of texts, which may be one text."""
     return (given,) if isinstance(given, str) else given
 
 
 class CheckTable(Checked):
-    """One thing that is judged, as a number on a ramp from ``none`` to ``full``.
+    """A check: a number on a ramp from ``none`` to ``full``.
 
     Attributes:
-        name: What it is called.
-        points: At most.
-        full: The number from which on there are all points.
-        none: The number from which on there are none; above or below ``full``.
-        scenario: Name or file of what is run, has the key that is the truth, or of which a
-            function is given a log.
+        name: Its name.
+        points: Largest number of points.
+        full: The number at which it gives all points.
+        none: The number at which it gives none; above or below ``full``.
+        scenario: Name or file of the scenario that is run, has the key of the truth, or gives the
+            log of a function.
         set: Overrides ``key=value`` of it.
-        nominal: Whether it is run as it is, instead of on the student's rig.
+        nominal: Whether it is run unchanged, instead of on the student's rig.
         family: Family of rigs on which it is run instead.
-        rigs: How many of them.
+        rigs: Number of these rigs.
         draw: Number of the draw.
-        seeds: Of the noise, every rig with each; that of the rig if there are none.
-        metric: Indicator of a run, on the true ball; without one the outcome is judged.
-        limit: What it may be at most; judged is then the share of runs that keep to it.
-        given: What a function is given besides, by name.
-        against: Overrides of the same run that the metric is divided by.
-        number: Name of an answer in numbers, of which the worst of all runs counts.
-        truth: What it should be: a value, a key of the scenario, or ``truth.py:FUNCTION``.
-        judge: Whether the distance of its interval from the truth is judged, that of the end which
-            is farther off (``error``), or the width.
+        seeds: Seeds of the noise, each on every rig; that of the rig if there are none.
+        metric: Indicator of a run, from the true ball; without one the outcome counts.
+        limit: Largest value of the metric; the share of runs within it counts then.
+        given: Further arguments of a function, by name.
+        against: Overrides of the same run by whose metric this one is divided.
+        number: Name of an answer in numbers; the worst of all runs counts.
+        truth: Its true value: a value, a key of the scenario, or ``truth.py:FUNCTION``.
+        judge: Whether the distance of its interval from the truth counts, that of the farther end
+            (``error``), or the width.
         relative: Whether in percent of the truth.
-        after: Checks without which this one cannot be judged: skipped where one got no points.
-        why: What is wrong with an answer that fails.
-        look: What to look at.
+        after: Checks without which this one cannot be graded: skipped where one got no points.
+        why: The usual mistake of an answer that fails.
+        look: A hint where to look.
         visible: To whom it is shown.
     """
 
@@ -179,11 +180,11 @@ class CheckTable(Checked):
         if self.metric and self.number:
             raise ValueError("metric, number: give one of them")
         if self.number and self.truth is None and self.judge != "width":
-            raise ValueError("truth: missing; it says what the number should be")
+            raise ValueError("truth: missing; it is the true value of the number")
         if (self.metric or self.number) and not {"full", "none"} <= self.model_fields_set:
             raise ValueError("full, none: both must be given")
         if not self.number and not self.scenario:
-            raise ValueError("scenario: missing; it says what is run")
+            raise ValueError("scenario: missing; it names the scenario to run")
         if self.rigs * max(1, len(self.seeds)) > MAX_CHECK_RUNS:
             raise ValueError(f"rigs, seeds: at most {MAX_CHECK_RUNS} runs")
         if self.nominal and self.family:
@@ -191,13 +192,13 @@ class CheckTable(Checked):
         return self
 
     def earned(self, value: float) -> float:
-        """Points for a judged number."""
+        """Points for the number of a check."""
         share = (value - self.none) / (self.full - self.none)
         return round(self.points * min(max(share, 0.0), 1.0), 2) if share == share else 0.0  # noqa: PLR0124
 
 
 class HiddenCheck(CheckTable):
-    """A check that only the lecturer has: hidden unless it says otherwise."""
+    """A check that only the lecturer has: hidden by default."""
 
     visible: Visible = "hidden"
 
@@ -209,12 +210,12 @@ class HiddenFile(Checked):
 
 
 class Lab(Checked):
-    """A lab: the tables of ``lab.toml``, where it lies, and what only the lecturer has.
+    """A lab: the tables of ``lab.toml``, its folder, and the hidden checks.
 
     Attributes:
-        check: What is judged, and students may read.
-        called: The name or folder by which it was asked for.
-        folder: Where it lies.
+        check: Checks that students may read.
+        called: The name or folder by which it was requested.
+        folder: Its folder.
         hidden: The checks of ``hidden.toml``.
     """
 
@@ -253,10 +254,10 @@ class Lab(Checked):
 
     @cached_property
     def family(self) -> Family | None:
-        """The family of the rigs that are dealt, with the keys that are; None: all are alike.
+        """The family of the rigs that are dealt, with the dealt keys; None if all are alike.
 
         Raises:
-            ValueError: If there is none, or it has not the keys.
+            ValueError: If there is none, or it lacks the keys.
         """
         if self.variant is None:
             return None
@@ -270,20 +271,20 @@ class Lab(Checked):
         return family.model_copy(update={"parameters": dealt})
 
     def checks(self, *, hidden: bool) -> tuple[CheckTable, ...]:
-        """What is judged, with or without what only the lecturer has."""
+        """The checks, with or without those that only the lecturer has."""
         if hidden:
             return self.check + self.hidden
         return tuple(each for each in self.check if each.visible == "visible")
 
     @property
     def own_code(self) -> list[Path]:
-        """Its files that have functions which judging runs."""
+        """Its files with functions that are called while an answer is graded."""
         named = {str(each.truth).partition(":") for each in self.checks(hidden=True)}
         files = {self.folder / file for file, _, function in named if function}
         return sorted(filter(Path.is_file, files))
 
     def path(self, name: str) -> str:
-        """A file of this lab's folder by its path; any other name, as of what is shipped, as is."""
+        """The path of a file of this lab's folder; any other name unchanged, as a shipped one."""
         own = self.folder / name
         return str(own) if name and own.is_file() else name
 
@@ -301,7 +302,7 @@ def text_of(file: Path, called: str) -> str:
 
     Args:
         file: The file.
-        called: What a message calls it.
+        called: Its name in a message.
 
     Raises:
         ScenarioError: If it cannot be read.
@@ -324,10 +325,10 @@ def read(name: str | Path) -> Lab:
     if not file.is_file():
         what = "has no lab.toml" if place.is_dir() else "not found" + nearest(str(name), known)
         raise ScenarioError(f"lab '{shorten(str(name))}': {what}")
-    said = read_tables(file, f"{place.name}/lab.toml").get("schema")
-    if said != LAB_SCHEMA:
+    schema = read_tables(file, f"{place.name}/lab.toml").get("schema")
+    if schema != LAB_SCHEMA:
         raise ScenarioError(
-            f"{place.name}/lab.toml: schema: must be '{LAB_SCHEMA}', got {shorten(repr(said))}; "
+            f"{place.name}/lab.toml: schema: must be '{LAB_SCHEMA}', got {shorten(repr(schema))}; "
             "a newer one needs a newer ballplate"
         )
     more = read_model(HiddenFile, hidden).check if hidden.is_file() else ()
@@ -335,7 +336,7 @@ def read(name: str | Path) -> Lab:
 
 
 RUNS = "runs %s of the lab"
-"""What is told before a lab's own file is run."""
+"""Log message before a lab's own file is run."""
 
 
 def load_function(file: Path, function: str) -> Callable[..., Any]:
@@ -352,11 +353,11 @@ def load_function(file: Path, function: str) -> Callable[..., Any]:
 
 
 RIG_FILE = "rig.toml"
-"""What a student is handed of their rig."""
+"""File of a student's rig."""
 LOG_FILE = "log.csv"
-"""The log that is made on it."""
+"""File of the log of that rig."""
 PRACTICE_KEY = "practice"
-"""The key of a course that has none."""
+"""Key of a course without one."""
 _FILLED_LINE_PATTERN = re.compile(
     r"^(\s*\w+[^=#]*=\s*)([^#]*?)(\s*# told: )(\S+)[ \t]*$", re.MULTILINE
 )
@@ -364,7 +365,7 @@ _FILLED_LINE_PATTERN = re.compile(
 
 
 class HandedRig(Checked):
-    """The file ``rig.toml`` that a student is handed."""
+    """The file ``rig.toml`` that a student receives."""
 
     lab: str
     version: int
@@ -378,18 +379,18 @@ class Deal(NamedTuple):
     """The rig of one student.
 
     Attributes:
-        student: Whose.
-        code: What tells it from others; printed on the sheet.
-        point: What it is: dotted key to value.
-        told: What of that the student knows.
-        seed: Of its noise.
-        true: Whether what is hidden is as the course has it, not a value to practise on.
+        student: The student.
+        code: Its code, unique in the course; printed on the sheet.
+        point: Its values: dotted key to value.
+        known: The values that the student knows.
+        seed: Seed of its noise.
+        true: Whether the hidden values are those of the course, not values for practice.
     """
 
     student: str
     code: str
     point: Point
-    told: Point
+    known: Point
     seed: int
     true: bool = True
 
@@ -397,15 +398,15 @@ class Deal(NamedTuple):
 def deal(lab: Lab, student: str, key: str | None = None, code: str | None = None) -> Deal:
     """The rig of a student.
 
-    HMAC-SHA256 of the course's key over lab, version and student, once for what is told and once
-    for what is hidden. Who lacks the key but has the code has the first, and, of what is hidden,
-    values to practise on.
+    HMAC-SHA256 of the course's key over lab, version and student, once for the known values and
+    once for the hidden ones. The code without the key gives the known values, and hidden values for
+    practice.
 
     Args:
         lab: The lab.
         student: Their name or number.
-        key: The course's.
-        code: That of the student's sheet, for who lacks the key.
+        key: The key of the course.
+        code: The code of the student's sheet, used without the key.
     """
     name = f"{lab.name} {lab.version} {student}"
     secret = (PRACTICE_KEY if key is None else key).encode()
@@ -419,40 +420,39 @@ def deal(lab: Lab, student: str, key: str | None = None, code: str | None = None
     if lab.family is None or lab.variant is None:
         return Deal(student, own, {}, {}, int(hidden, 16) % 2**31)
     open_, closed = (draw_rigs(lab.family, int(each, 16), 1)[0] for each in digests)
-    told = {key: open_.point[key] for key in lab.variant.told}
-    return Deal(student, own, closed.point | told, told, closed.seed)
+    known = {key: open_.point[key] for key in lab.variant.told}
+    return Deal(student, own, closed.point | known, known, closed.seed)
 
 
-def had_again(lab: Lab, folder: Path, key: str | None, student: str | None = None) -> Deal:
-    """The rig that a folder's answer is for: by its ``rig.toml``, or by the student's name.
+def reload_deal(lab: Lab, folder: Path, key: str | None, student: str | None = None) -> Deal:
+    """The rig of a folder's answer: by its ``rig.toml``, or by the student's name.
 
     Raises:
-        ScenarioError: If the file is of another lab, version, student or key.
+        ScenarioError: If the file has a different lab, version, student or key.
     """
     try:
         (folder / RIG_FILE).lstat()
     except OSError:
         return deal(lab, student or "nobody", key)
-    said = read_model(HandedRig, folder / RIG_FILE, regular=True)
-    wanted = {"lab": lab.name, "version": lab.version, "student": student or said.student}
+    handed = read_model(HandedRig, folder / RIG_FILE, regular=True)
+    wanted = {"lab": lab.name, "version": lab.version, "student": student or handed.student}
     for what, must in wanted.items():
-        if (has := getattr(said, what)) != must:
+        if (has := getattr(handed, what)) != must:
             raise ScenarioError(f"{RIG_FILE}: {what}: is {has!r}, must be {must!r}")
-    found = deal(
-        lab, said.student, PRACTICE_KEY if said.practice and key is None else key, said.code
-    )
-    if found.code != said.code:
+    own_key = PRACTICE_KEY if handed.practice and key is None else key
+    found = deal(lab, handed.student, own_key, handed.code)
+    if found.code != handed.code:
         raise ScenarioError(
-            f"{RIG_FILE}: code: the course's key deals {said.student} another rig; "
+            f"{RIG_FILE}: code: the course's key deals {handed.student} a different rig; "
             "is it the key of this course?"
         )
-    return found._replace(true=said.practice or key is not None)
+    return found._replace(true=handed.practice or key is not None)
 
 
 def students(path: Path) -> list[str]:
     """The students of a class: the first column of a CSV file below its heading.
 
-    Spreadsheets write it with commas, semicolons or tabs, in UTF-8, UTF-16 or as Windows has it.
+    Spreadsheets write it with commas, semicolons or tabs, in UTF-8, UTF-16 or Windows' encoding.
 
     Raises:
         ScenarioError: If it cannot be read, names nobody, or somebody twice.
@@ -483,37 +483,37 @@ def check_name(student: str) -> None:
     letters = re.fullmatch(r"[\w@+-][\w.@+-]{0,99}", student)
     if not letters or len(student.encode()) > MAX_NAME_BYTES:
         raise ScenarioError(
-            f"student '{shorten(printable(student))}': is called by up to 100 letters, digits "
+            f"student '{shorten(printable(student))}': the name has up to 100 letters, digits "
             f"and .@+-_, {MAX_NAME_BYTES} bytes in UTF-8"
         )
 
 
 def hand_out(lab: Lab, places: Mapping[str, str], key: str | None, folder: Path) -> None:
-    """Write what students begin with: sheet, starter, rig, log.
+    """Write the files with which students begin: sheet, starter, rig, log.
 
     Args:
         lab: The lab.
-        places: Who, and in which folder of the new one, ``.`` for itself.
-        key: The course's; without one their rigs are to practise on.
-        folder: Where to; must not exist.
+        places: Students, and their folders within the new one, ``.`` for itself.
+        key: The key of the course; without one the rigs are for practice.
+        folder: The new folder; must not exist.
 
     Raises:
-        TwinError: If a file of the lab cannot be read, its log not be run, or one not be written.
+        TwinError: If a file of the lab cannot be read, or one not be written, or a log not be run.
     """
     answer = lab.answer.file
-    sheet, begun = lab.text("task.md").rstrip(), lab.text(answer)
+    sheet, template = lab.text("task.md").rstrip(), lab.text(answer)
 
     def fill(inner: Path) -> None:
         for student, place in places.items():
             dealt, own = deal(lab, student, key), inner / place
             rig = {"lab": lab.name, "version": lab.version, "student": student}
             rig |= {"code": dealt.code, "practice": key is None}
-            told = toml({json.dumps(each): value for each, value in dealt.told.items()})
-            write_whole(own / RIG_FILE, f"{toml(rig)}[told]\n{told}")
-            told = "".join(f"- `{each}` = {value}\n" for each, value in dealt.told.items())
-            about = f"## Your rig\n\n{student}, code {dealt.code}\n\n{told}"
+            known = toml({json.dumps(each): value for each, value in dealt.known.items()})
+            write_whole(own / RIG_FILE, f"{toml(rig)}[told]\n{known}")
+            listed = "".join(f"- `{each}` = {value}\n" for each, value in dealt.known.items())
+            about = f"## Your rig\n\n{student}, code {dealt.code}\n\n{listed}"
             write_whole(own / "task.md", f"{sheet}\n\n{about}")
-            write_whole(own / answer, fill_answer(begun, dealt.told))
+            write_whole(own / answer, fill_answer(template, dealt.known))
             record(lab, dealt, own / LOG_FILE)
 
     for student in places:
@@ -527,10 +527,10 @@ def toml(values: Mapping[str, Any]) -> str:
 
 
 def starter(solution: str) -> str:
-    """What a student begins with, out of a solution.
+    """The starter that is made from a solution.
 
-    Lines between ``# BEGIN SOLUTION`` and ``# END SOLUTION`` go; of those between
-    ``# BEGIN STARTER`` and ``# END STARTER`` the comment signs do.
+    Lines between ``# BEGIN SOLUTION`` and ``# END SOLUTION`` are removed; of those between
+    ``# BEGIN STARTER`` and ``# END STARTER`` the comment signs are.
     """
     given = re.sub(MARKED_LINES_PATTERN.format("SOLUTION"), "", solution)
     sign = r"(?m)^( *)# ?"
@@ -540,21 +540,21 @@ def starter(solution: str) -> str:
 
 
 MARKED_LINES_PATTERN = r"(?ms)^ *# BEGIN {0}$\n(.*?)^ *# END {0}$\n"
-"""Lines between two marks."""
+"""Lines between two marks, with the word of the marks to be filled in."""
 
 
-def fill_answer(text: str, told: Mapping[str, Any]) -> str:
-    """An answer's text with what the student's sheet tells in its lines marked ``# told: KEY``."""
+def fill_answer(text: str, known: Mapping[str, Any]) -> str:
+    """An answer's text with the known values in its lines marked ``# told: KEY``."""
 
     def line(found: re.Match[str]) -> str:
         begin, _, mark, key = found.groups()
-        return f"{begin}{told[key]!r}{mark}{key}" if key in told else found.group()
+        return f"{begin}{known[key]!r}{mark}{key}" if key in known else found.group()
 
     return _FILLED_LINE_PATTERN.sub(line, text)
 
 
 def record(lab: Lab, dealt: Deal, path: Path) -> None:
-    """Write the log of a student's rig, where there is to be one: all but the truth.
+    """Write the log of a student's rig, if the lab has one: all columns but the truth.
 
     Raises:
         TwinError: If its scenario cannot be run.
@@ -572,10 +572,10 @@ def record(lab: Lab, dealt: Deal, path: Path) -> None:
 
 @lru_cache(maxsize=4)
 def measured_columns(scenario: str) -> tuple[dict[str, Array], Mapping[str, str]]:
-    """What a rig's own computer sees of a run, before any observer: columns by name, units.
+    """Columns of a run that a rig's own computer has before any observer: by name, and units.
 
     Args:
-        scenario: What is run, in JSON.
+        scenario: The scenario in JSON.
     """
     done = run(Scenario.model_validate_json(scenario))
     rows = {

@@ -22,7 +22,7 @@ from twin.run.record import Recorder
 from twin.run.state import Snapshot
 from twin.scenario.load import at_time, check, clean, put
 from twin.scenario.schema import JUMP_KEYS, RAMP_KEYS, TIME_TOLERANCE_S, Change, Scenario, choices
-from twin.whatif.futures import CONTROL, take_over
+from twin.whatif.futures import CONTROL_KEY_PREFIXES, take_over
 
 SNAPSHOT_INTERVAL_S = 1.0
 """Simulated seconds from one state to the next."""
@@ -276,7 +276,7 @@ class Driven:
         """
         plant = {key: value for key, value in values.items() if key in RAMP_KEYS + JUMP_KEYS}
         for key in values:
-            if key not in plant and not key.startswith(CONTROL[:3]):
+            if key not in plant and not key.startswith(CONTROL_KEY_PREFIXES[:3]):
                 raise ScenarioError(f"{key}: cannot be changed while a rig runs")
         tables = at_time(self.scenario, time).model_dump(mode="json", exclude={"change"})
         if tables["predictor"] is None:

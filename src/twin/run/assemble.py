@@ -33,7 +33,7 @@ from controllers.controller import (
     Smith,
     needed_columns,
 )
-from controllers.interfaces import DelayedObserver, Law, Observer, Reference
+from controllers.interfaces import ControlLaw, DelayedObserver, Law, Observer, Reference
 from twin.base.errors import LawError, ModelError, ScenarioError, TwinError
 from twin.base.settings import from_changes, from_scenarios, per_rig, settings_of, value_of
 from twin.hal.cams import CamTable, FixedRatio
@@ -495,7 +495,7 @@ def _each(
     return [made[name] for name in names]
 
 
-def build_law(scenario: Scenario) -> Law:
+def build_law(scenario: Scenario) -> ControlLaw:
     """The law of a scenario.
 
     Raises:
@@ -507,7 +507,7 @@ def build_law(scenario: Scenario) -> Law:
 
 
 @lru_cache(maxsize=1024)
-def _design_law(cls: type, choice: str, ticks: int, model: BallPlate) -> Law:
+def _design_law(cls: type, choice: str, ticks: int, model: BallPlate) -> ControlLaw:
     """A law has no state: one object serves all runs of this process."""
     chosen = schema.ControllerChoice.model_validate_json(choice)
     law: Law = _build("controller", chosen, model=model)
@@ -631,7 +631,7 @@ def assemble(
     plant, transmission = build_plant(each, threads=threads, as_alone=as_alone)
     rig = build_rig(each, plant, transmission, seeds, anchor, changeable=changeable)
     if unseen:
-        rig.LEVELLING_TIME = 0.0
+        rig.levelling_s = 0.0
     return Assembled(rig, controller)
 
 

@@ -356,7 +356,7 @@ def out_of_reach(scenario: Scenario) -> str | None:
         return f"reference: it asks for {beyond}: no law can follow it" if asked > most else None
     x = np.zeros(8)
     x[0::4] = start.x, start.y
-    laid = law.laid(x, reference, period, count)
+    laid = law.planned_path(x, reference, period, count)
     away = np.hypot(*(laid - desired[0]).T)
     far = 0.0 if np.isnan(away).all() else float(np.nanmax(away))
     if far < FAR:
@@ -390,7 +390,7 @@ def _planned_path(
         period, built = built.ticks * period, built.law
     ticks = (record.time / period + 1e-6).astype(int) - round(begin / period)
     desired, count = reference or assemble.build_reference(scenario), int(ticks[-1]) + 1
-    path: Array = built.laid(x, desired, period, count, begin)[np.maximum(ticks, 0)]
+    path: Array = built.planned_path(x, desired, period, count, begin)[np.maximum(ticks, 0)]
     return None if np.isnan(path).all() else path
 
 

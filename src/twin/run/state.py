@@ -1,9 +1,9 @@
-"""Snapshots: the state of simulated rigs and their controller, kept and restored to the bit.
+"""Snapshots: the state of simulated rigs and their controller, saved and restored to the bit.
 
-What has a state is found by going through attributes: arrays, numbers, texts and random streams.
-What cannot change is left out: frozen dataclasses, functions, models; changes while running follow
-from the time. A restored rig must have been assembled from the same scenario, which says again what
-cannot change.
+The state is collected from attributes: arrays, numbers, texts and random streams. Constant objects
+are left out: frozen dataclasses, functions, models; changes of the plant while running follow from
+the time. A rig is restored only if it was assembled from the same scenario, which determines the
+constant objects.
 """
 
 from __future__ import annotations
@@ -26,16 +26,20 @@ from twin.run.assemble import RigChanges
 from twin.sim.rig import SimulatedRig
 
 CONSTANT_PACKAGES = {"mujoco", "numpy", "pydantic", "scipy"} | set(sys.stdlib_module_names)
-"""Packages whose objects are constant wherever they stand, but for arrays and random streams."""
+"""Packages whose objects are constant, except for arrays and random streams."""
 
 
-class Inside(NamedTuple):
-    """What is put into its state where it stands.
+RIG_SETTINGS = ("changes", "levelling_s")
+"""Attributes of a rig that are set from outside and are no part of its state."""
+
+
+class InPlace(NamedTuple):
+    """The state of an object that is restored in place.
 
     Attributes:
         kind: ``object`` (class and attributes), ``inner`` (objects in a tuple, list or dictionary),
-            ``own`` (class and what it says itself) or ``rng``.
-        content: Of the kind.
+            ``own`` (class and its own ``saved_state``) or ``rng``.
+        content: The state, in the form of the kind.
     """
 
     kind: str
@@ -43,8 +47,9 @@ class Inside(NamedTuple):
 
 
 Node = Any
-"""A copy of data, or what is put into its state."""
-LEFT_OUT: Node = object()
+"""A copy of data, or an `InPlace`."""
+CONSTANT: Node = object()
+"""The node of an object that cannot change, or was saved before."""
 
 
 class SnapshotError(TwinError, ValueError):
@@ -52,39 +57,39 @@ class SnapshotError(TwinError, ValueError):
 
 
 def save_node(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kind
-    """The node of a value; ``LEFT_OUT`` of one that cannot change or has been saved already."""
+    """The node of a value; ``CONSTANT`` if it cannot change or was saved before."""
     if isinstance(thing, np.ndarray):
-        return LEFT_OUT if thing.dtype.hasobject else thing.copy(order="K")
+        return CONSTANT if thing.dtype.hasobject else thing.copy(order="K")
     if isinstance(thing, np.generic):
         return thing.item()
     if thing is None or type(thing) in {bool, int, float, str}:
         return thing
     if isinstance(thing, np.random.Generator):
-        return Inside("rng", thing.bit_generator.state)
+        return InPlace("rng", thing.bit_generator.state)
     if isinstance(thing, tuple | list | deque):
         each = {index: save_node(one, seen) for index, one in enumerate(thing)}
-        several = _several(each)
+        several = _combine(each)
         if several is not each:
             return several
         return tuple(each.values()) if isinstance(thing, tuple) else list(each.values())
     if isinstance(thing, dict):
-        return _several({key: save_node(each, seen) for key, each in thing.items()})
-    if _constant(thing) or id(thing) in seen:
-        return LEFT_OUT
+        return _combine({key: save_node(each, seen) for key, each in thing.items()})
+    if _is_constant(thing) or id(thing) in seen:
+        return CONSTANT
     seen.add(id(thing))
-    if hasattr(thing, "saved_state"):  # it says itself what its state is
-        return Inside("own", (type(thing).__name__, save_node(thing.saved_state(), seen)))
+    if hasattr(thing, "saved_state"):  # it defines its own state
+        return InPlace("own", (type(thing).__name__, save_node(thing.saved_state(), seen)))
     nodes = {name: save_node(value, seen) for name, value in vars(thing).items()}
     kept = [
         (name, node)
         for name, node in nodes.items()
-        if node is not LEFT_OUT and not (isinstance(thing, Rig) and name == "changes")
+        if node is not CONSTANT and not (isinstance(thing, Rig) and name in RIG_SETTINGS)
     ]
-    return Inside("object", (type(thing).__name__, kept))
+    return InPlace("object", (type(thing).__name__, kept))
 
 
-def _constant(thing: Any) -> bool:
-    """Whether a thing that is no data never changes."""
+def _is_constant(thing: Any) -> bool:
+    """Whether an object that is no data never changes."""
     parameters = getattr(thing, "__dataclass_params__", None)
     frozen = parameters is not None and parameters.frozen
     foreign = type(thing).__module__.partition(".")[0] in CONSTANT_PACKAGES
@@ -92,19 +97,19 @@ def _constant(thing: Any) -> bool:
     return bool(frozen or foreign or closed or isinstance(thing, BaseModel | RigChanges | Enum))
 
 
-def _several(nodes: dict[Any, Node]) -> Node:
-    """Nodes of a tuple, list or dictionary: all if they are data, else the objects among them."""
-    if not any(node is LEFT_OUT or isinstance(node, Inside) for node in nodes.values()):
+def _combine(nodes: dict[Any, Node]) -> Node:
+    """The node of a tuple, list or dictionary: all nodes if they are data, else the objects."""
+    if not any(node is CONSTANT or isinstance(node, InPlace) for node in nodes.values()):
         return nodes
-    inner = [(key, node) for key, node in nodes.items() if isinstance(node, Inside)]
-    return Inside("inner", inner) if inner else LEFT_OUT
+    inner = [(key, node) for key, node in nodes.items() if isinstance(node, InPlace)]
+    return InPlace("inner", inner) if inner else CONSTANT
 
 
-def restore(thing: Any, node: Inside) -> None:
-    """Put a thing into its state where it stands.
+def restore(thing: Any, node: InPlace) -> None:
+    """Restore the state of an object in place.
 
     Raises:
-        SnapshotError: If it is another thing.
+        SnapshotError: If the state is of a different object.
     """
     kind, content = node
     if kind in {"object", "own"}:
@@ -118,7 +123,7 @@ def restore(thing: Any, node: Inside) -> None:
         elif kind == "own":
             thing.restore_state(deepcopy(content))
         for name, child in content if kind in {"object", "inner"} else ():
-            if isinstance(child, Inside):
+            if isinstance(child, InPlace):
                 restore(getattr(thing, name) if kind == "object" else thing[name], child)
             else:
                 setattr(thing, name, _like(getattr(thing, name, None), deepcopy(child)))
@@ -127,10 +132,10 @@ def restore(thing: Any, node: Inside) -> None:
 
 
 def _like(present: Any, value: Any) -> Any:
-    """A saved value as the one in its place is.
+    """A saved value in the form of the present one.
 
-    A tuple has its names, a queue its length; an array that is the same is left, as products of
-    matrices round differently where they lie differently in memory.
+    A tuple gets its names, a queue its length; an equal array is kept, as products of matrices
+    round differently for a different layout in memory.
     """
     if isinstance(value, np.ndarray) and isinstance(present, np.ndarray):
         same = value.dtype == present.dtype and np.array_equal(value, present, equal_nan=True)
@@ -145,15 +150,15 @@ def _like(present: Any, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything that goes on to matter, at the beginning of a control period.
+    """The whole state of a run at the beginning of a control period.
 
     Attributes:
-        time: Of the run, s.
+        time: Time of the run, s.
         period: Control period in s.
         rig: State of the rigs.
-        journal: Theirs.
+        journal: Journal of the rigs.
         controller: State of law, observer and reference.
-        measurement: The one that begins the period.
+        measurement: The measurement that begins the period.
     """
 
     time: float
@@ -165,7 +170,7 @@ class Snapshot:
 
     @classmethod
     def take(cls, rig: Rig, controller: Controller, measurement: Measurement) -> Snapshot:
-        """The state of rigs and their controller, a measurement having just been read.
+        """The state of rigs and their controller, just after a measurement.
 
         Raises:
             SnapshotError: If it is not a simulated rig.
@@ -183,17 +188,17 @@ class Snapshot:
         )
 
     def restore(self, rig: Rig, controller: Controller | None = None) -> Measurement:
-        """Put rigs, and their controller if it is the same, into this state.
+        """Restore the state of rigs, and of their controller if it is the same.
 
         Args:
-            rig: Assembled from the scenario of the snapshot, and switched on.
-            controller: Made from that scenario, too.
+            rig: Rigs assembled from the scenario of the snapshot, switched on.
+            controller: Their controller, made from that scenario.
 
         Returns:
             The measurement that begins the period.
 
         Raises:
-            SnapshotError: If the rig is another.
+            SnapshotError: If the rig is a different one.
         """
         if isinstance(rig.changes, RigChanges):
             rig.changes.catch_up(self.time - self.period)

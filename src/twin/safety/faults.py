@@ -26,7 +26,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.data_file import read_packaged
 from twin.base.errors import ScenarioError
-from twin.devices import realtime
+from twin.devices import common, realtime
 from twin.devices import rig as hardware
 from twin.devices.akd import conditions as akd
 from twin.devices.akd.config import AkdConfig, MonitorConfig
@@ -183,7 +183,7 @@ ANGLE_LIMIT_RAD, RATE_LIMIT_RAD_S, ACCELERATION_LIMIT_RAD_S2 = (
     float(DEFAULT_LIMITS.rate),
     float(DEFAULT_LIMITS.acceleration),
 )
-MAX_ANGLE_RAD = float(ANGLE_LIMIT_RAD + Supervisor.ANGLE_SLACK)
+MAX_ANGLE_RAD = float(ANGLE_LIMIT_RAD + Supervisor.ANGLE_SLACK_RAD)
 """Largest plate angle in rad that the clamp and its slack for encoder and spring allow."""
 STOP_RAMP_S = AkdConfig().rate_limit / STOP_RAMP
 """Time in s in which a drive brakes from its velocity limit with its quick stop ramp."""
@@ -265,7 +265,8 @@ def _time_to_level(case: FaultCase, detected: float, at: AtFault) -> float:
         + 2 * back / ACCELERATION_LIMIT_RAD_S2
     )
     time += (
-        last * math.log(ACCELERATION_LIMIT_RAD_S2 * last / STANDSTILL_RAD_S) + Supervisor.DRIFT_TIME
+        last * math.log(ACCELERATION_LIMIT_RAD_S2 * last / STANDSTILL_RAD_S)
+        + Supervisor.DRIFT_TIME_S
     )
     return detected + case.slow * time
 
@@ -677,6 +678,7 @@ CONDITION_SOURCES = {
     "supervisor": supervisor,
     "agreement": agreement,
     "rig": hardware,
+    "devices": common,
     "loop": realtime,
 }
 """Where conditions stand."""

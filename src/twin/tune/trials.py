@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from controllers.analysis import Loop, margins, sampled_loop, unstable
 from controllers.arrays import Array
-from controllers.interfaces import Law, Observer
+from controllers.interfaces import ControlLaw, Observer
 from controllers.observers import Ideal
 from twin.base.errors import ScenarioError, TwinError, nearest
 from twin.base.shipped import chosen, shipped_in
@@ -208,7 +208,7 @@ class NominalLoop(NamedTuple):
 
 
 def loop_margins(
-    law: Law, observer: Observer, *, dead_time: float, lag: float = 0.0
+    law: ControlLaw, observer: Observer, *, dead_time: float, lag: float = 0.0
 ) -> NominalLoop:
     """Least margins of a sampled loop over its cuts.
 

@@ -1,6 +1,6 @@
-"""Effects that a clean model leaves out, the error of a scenario attributed to them, its picture.
+"""Attribution of a scenario's error to the effects that a clean model leaves out, and its picture.
 
-It is run with all effects, without each and with each alone.
+The scenario is run with all effects, without each and with each alone.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ Overrides = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """Something a rig has and the clean model has not.
+    """A property of a rig that the clean model lacks.
 
     Attributes:
         name: One word.
-        label: What tables and pictures call it.
-        off: Overrides that switch it off: those of its settings, and what law, observer and
-            predictor believe of it.
+        label: Its name in tables and pictures.
+        off: Overrides that switch it off: those of its settings, and those of law, observer and
+            predictor that assume it.
     """
 
     name: str
@@ -53,7 +53,7 @@ def effects_of(
 
     Args:
         settings: A register: every setting by its key.
-        labels: Rows of ``label``, and perhaps ``along``: what is switched off along with it.
+        labels: Rows of ``label``, and perhaps ``along``: what is switched off with it.
 
     Raises:
         ModelError: If a setting is of an effect that is not in the table, or one in it has none.
@@ -76,7 +76,7 @@ def effects_of(
 
 
 EFFECTS = effects_of(REGISTER, read_packaged("twin.whatif", "effects.toml"))
-"""Every effect that can be switched alone."""
+"""Every effect that can be switched separately."""
 
 
 def apply_overrides(scenario: Scenario, overrides: Iterable[Overrides]) -> Scenario:
@@ -96,7 +96,7 @@ def apply_overrides(scenario: Scenario, overrides: Iterable[Overrides]) -> Scena
 
 
 def present(scenario: Scenario) -> tuple[Effect, ...]:
-    """The effects that a scenario has, of those that its plant can be without."""
+    """The effects of a scenario, of those that its plant can leave out."""
     now = scenario.model_dump()
     on_rods = CAMS_ONLY if linkage_of(scenario) else ()
     other = {*LEFT_OUT.get(scenario.plant.kind, LEFT_OUT["mujoco"]), *on_rods}
@@ -122,8 +122,8 @@ class EffectCase:
     """Result of one run with a choice of effects.
 
     Attributes:
-        outcome: How it ended, in a word, and why if not well.
-        error: Reference minus ball in m from ``metrics.start`` on, shape (K, 2).
+        outcome: Its ending in a word, and the reason if it did not finish.
+        error: Reference minus ball in m after ``metrics.start``, shape (K, 2).
         percent: e_tt of (C.7) in %; None for a reference that rests at 0, or a run cut short.
         rms: Root mean square of the distance from the reference in m; None for a run cut short.
     """
@@ -136,14 +136,14 @@ class EffectCase:
 
 @dataclass(frozen=True, kw_only=True)
 class Contribution:
-    """What one effect contributes to the error.
+    """The contribution of one effect to the error.
 
     Attributes:
-        effect: Which.
+        effect: The effect.
         without: All effects but this one.
         alone: This one and no other.
-        share: Part of the whole error that goes with it, dimensionless; None if a run needed for
-            it was cut short.
+        share: Its share of the whole error, dimensionless; None if a run needed for it was cut
+            short.
     """
 
     effect: Effect
@@ -154,15 +154,15 @@ class Contribution:
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """How much of a scenario's error each effect contributes.
+    """The contribution of each effect to a scenario's error.
 
     Attributes:
-        scenario: What was explained.
+        scenario: The scenario.
         whole: With all effects.
         none: With every effect switched off, on the scenario's plant.
         contributions: One per effect, the largest share first.
-        base: Share of what is left with every effect off, dimensionless.
-        rest: Share that cannot be given to single effects, because they act on one another.
+        base: Share that remains with every effect off, dimensionless.
+        rest: Share that belongs to no single effect, because effects act on one another.
     """
 
     scenario: Scenario
@@ -174,7 +174,7 @@ class Explanation:
 
     @property
     def in_percent(self) -> bool:
-        """Whether errors are told as e_tt in %, else as root mean squares in mm."""
+        """Whether errors are given as e_tt in %, else as root mean squares in mm."""
         return self.whole.percent is not None
 
     def size(self, case: EffectCase) -> float:
@@ -212,7 +212,7 @@ def explain(
     Args:
         scenario: The scenario.
         progress: Called with the number of runs done.
-        processes: How many run side by side; None for one a processor.
+        processes: Number of processes; None for one per processor.
 
     Raises:
         TwinError: If a run cannot be assembled.
@@ -243,7 +243,7 @@ def attempt(scenarios: Sequence[Scenario]) -> list[EffectCase]:
 
 
 def _case_of(scenario: Scenario, done: Run) -> EffectCase:
-    """What a run says of its case."""
+    """The case of a run."""
     error = done.motion.error[done.motion.time >= scenario.metrics.start - 1e-9]
     whole = done.outcome == Ending.FINISHED
     reason = f": {done.metrics['reason']}" if done.metrics["reason"] else ""
@@ -259,9 +259,9 @@ def _case_of(scenario: Scenario, done: Run) -> EffectCase:
 def attribute(scenario: Scenario, cases: Mapping[str, EffectCase]) -> Explanation:
     """Attribute the error of the run with all effects to the single ones.
 
-    An effect's share is the change of the error that comes with it, projected on the whole error:
-    so noise counts by its variance, and what pulls the ball aside by how far. The change is
-    averaged over adding the effect first (to none) and last (to all others).
+    An effect's share is the change of the error by the effect, projected on the whole error: so
+    noise counts by its variance, and an offset by its distance. The change is averaged over adding
+    the effect first (to none) and last (to all others).
     """
     whole, none = cases[ALL], cases[NONE]
     contributions = []
@@ -284,7 +284,7 @@ def attribute(scenario: Scenario, cases: Mapping[str, EffectCase]) -> Explanatio
 
 
 def _along(whole: EffectCase, case: EffectCase, other: EffectCase | None) -> float | None:
-    """Change of error from another case to this one (from none: itself), along the whole error."""
+    """Change of error from a second case to this one (from None: itself), along the whole error."""
     runs = [run for run in (whole, case, other) if run is not None]
     if any(run.rms is None for run in runs):
         return None
@@ -322,7 +322,8 @@ def summary(explanation: Explanation) -> dict[str, Any]:
     }
 
 
-LEFT, ALONE = RUN_COLOURS[1], RUN_COLOURS[0]
+WITHOUT_COLOUR, ALONE_COLOUR = RUN_COLOURS[1], RUN_COLOURS[0]
+"""Colours of the errors without an effect, and with it alone."""
 
 
 def draw(path: Path, explanation: Explanation) -> None:
@@ -338,17 +339,17 @@ def draw(path: Path, explanation: Explanation) -> None:
         figure.suptitle(title, fontsize=12, fontweight="bold", wrap=True)
         panel = figure.subplots()
         for y, part in enumerate(parts):
-            for case, beside, at, colour, label in (
-                (part.without, whole, y - 0.13, LEFT, "all but this one"),
-                (part.alone, none, y + 0.13, ALONE, "this one alone"),
+            for case, other, at, colour, label in (
+                (part.without, whole, y - 0.13, WITHOUT_COLOUR, "all but this one"),
+                (part.alone, none, y + 0.13, ALONE_COLOUR, "this one alone"),
             ):
                 size = explanation.size(case)
                 once = "" if y else label
-                panel.plot([beside, size], [at] * 2, "-o", color=colour, lw=2, label=once)
+                panel.plot([other, size], [at] * 2, "-o", color=colour, lw=2, label=once)
                 if case.rms is None:
                     panel.text(np.fmax(whole, none), at, f" {case.outcome}", color=colour, size=7)
-        panel.axvline(whole, color=LEFT, lw=1, ls="--", label="all effects")
-        panel.axvline(none, color=ALONE, lw=1, ls="--", label="none of them")
+        panel.axvline(whole, color=WITHOUT_COLOUR, lw=1, ls="--", label="all effects")
+        panel.axvline(none, color=ALONE_COLOUR, lw=1, ls="--", label="none of them")
         shares = ("" if p.share is None else f" ({100 * p.share:z.1f} %)" for p in parts)
         labels = [part.effect.label + share for part, share in zip(parts, shares, strict=True)]
         panel.set_yticks(range(len(labels)), labels)

@@ -1,8 +1,9 @@
 """Other futures from a moment of a run or a log, and their folder.
 
-Where a rig and its controller are at the moment: a simulated run is simulated again up to it, to
-the bit; along a log, or a run in which a person pushed or chose another law, the twin is led, and
-let go in the state that the log shows, if the log is fit for that.
+The state of rig and controller at the moment: a simulated run is simulated again up to it, to the
+bit. With a log, or a run in which a person pushed or chose a different law, the twin is
+synchronised: it follows the log for a while and begins in the state that the log shows, if the log
+is complete enough for that.
 """
 
 from __future__ import annotations
@@ -36,14 +37,39 @@ from twin.scenario.load import check, load, put, setting
 from twin.scenario.schema import JUMP_KEYS, RAMP_KEYS, Scenario, choices
 from twin.sim.rig import SimulatedRig
 
-HALF, FRAMES = 0.08, 5
-"""Half of the time in s over which a parabola is fitted; of a slow camera, so many frames."""
-FEWEST = 5
-"""Touches that a parabola needs."""
+
+@dataclass(frozen=True, kw_only=True)
+class PathFit:
+    """How position and velocity of the ball follow from touch samples.
+
+    Attributes:
+        half_width_s: Half of the time in s over which a parabola is fitted.
+        frames: Number of frames of a slow camera that replaces this time, and ``max_gap_s``, where
+            they take longer.
+        min_touches: Smallest number of samples for a parabola.
+        max_gap_s: Time in s between two samples above which a log has a gap. A loop that is overdue
+            for less leaves the last command in force, which is known.
+    """
+
+    half_width_s: float = 0.08
+    frames: int = 5
+    min_touches: int = 5
+    max_gap_s: float = 0.1
+
+    def half_width(self, frame_s: float) -> float:
+        """Half of the time in s over which a parabola is fitted, for a time from frame to frame."""
+        return max(self.half_width_s, self.frames * frame_s)
+
+    def max_gap(self, frame_s: float) -> float:
+        """Time in s above which a log has a gap, for a time in s from frame to frame."""
+        return max(self.max_gap_s, self.frames * frame_s)
+
+
+PATH_FIT = PathFit()
 
 
 def touches(log: Log, dead_time: float) -> tuple[Array, Array]:
-    """When the ball was where, shapes (K,) in s and (K, 2) in m: one entry a new sample.
+    """Times in s, shape (K,), and positions of the ball in m, (K, 2): one entry per new sample.
 
     Args:
         log: The log.
@@ -57,20 +83,21 @@ def touches(log: Log, dead_time: float) -> tuple[Array, Array]:
     return time[new], ball[new]
 
 
-def path(time: Array, samples: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Position in m and velocity in m/s at some times, each (M, 2); NaN where too little is known.
+def path(time: Array, samples: tuple[Array, Array], fit: PathFit = PATH_FIT) -> tuple[Array, Array]:
+    """Position in m and velocity in m/s at some times, each (M, 2); NaN with too few samples.
 
-    Of a parabola through the samples about each time, by least squares.
+    Those of a parabola through the samples about each time, by least squares.
 
     Args:
-        time: In s, shape (M,).
+        time: Times in s, shape (M,).
         samples: Times in s, shape (K,), and positions in m, shape (K, 2).
+        fit: Constants of the fit.
     """
     known, ball = samples
-    half = max(HALF, FRAMES * frame(known))
+    half = fit.half_width(frame(known))
     found = np.full((len(time), 2, 2), np.nan)
     first, last = np.searchsorted(known, time - half), np.searchsorted(known, time + half)
-    enough = np.flatnonzero(last - first >= FEWEST)
+    enough = np.flatnonzero(last - first >= fit.min_touches)
     about = known[first[enough]] <= time[enough], known[last[enough] - 1] >= time[enough]
     rows = enough[about[0] & about[1]]
     at = first[rows, None] + np.arange(np.max(last - first, initial=0))
@@ -85,12 +112,35 @@ def path(time: Array, samples: tuple[Array, Array]) -> tuple[Array, Array]:
 
 
 def frame(time: Array) -> float:
-    """Usual time in s from one touch to the next, 0 of none."""
+    """Median time in s from one touch to the next; 0 with fewer than two."""
     return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 
-LOOK_BACK = 1.0
-"""Time in s before a moment over which twin and record are compared."""
+@dataclass(frozen=True, kw_only=True)
+class Synchronisation:
+    """How a twin gets into the state that a record shows, and how well it is there.
+
+    Attributes:
+        duration_s: Time in s for which the twin follows the log before the prediction starts.
+        catch_up_s: Time in s of it within which the plate tilts from level to the log's angle.
+        plate_time_constant_s: Time constant in s with which the plate is held at the log's angles.
+        smoothed_rows: Rows over which the angles that encoders count are smoothed.
+        observer_s: Longest time in s for which an observer reads the log; a law with a memory reads
+            all of it.
+        compared_s: Time in s before the moment over which twin and record are compared.
+        max_distance_mm: Distance in mm of twin and record, above which a future is not reliable.
+    """
+
+    duration_s: float = 0.6
+    catch_up_s: float = 0.3
+    plate_time_constant_s: float = 0.1
+    smoothed_rows: int = 21
+    observer_s: float = 8.0
+    compared_s: float = 1.0
+    max_distance_mm: float = 5.0
+
+
+SYNCHRONISATION = Synchronisation()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,18 +148,19 @@ class Moment:
     """A moment of a run.
 
     Attributes:
-        name: Of the run.
+        name: Name of the run.
         at: Its time, s; a whole number of periods.
-        scenario: Of the run.
-        recorded: What was recorded before and after it, for comparison; the ball smoothed along a
-            log, NaN where there is none.
+        scenario: Scenario of the run.
+        recorded: The recorded motion before and after it, for comparison; the ball of a log is
+            smoothed, NaN where there is none.
         exact: Whether the state is the run's own to the bit, or estimated.
         before_mm: Largest distance in mm of twin and record over the last second before it; None
             if there is no such second.
-        controller: Makes a controller of the run, as it is at the moment.
-        put: Puts a rig, switched on, to where it is then; gives the measurement of the period.
-        gaps: Beginning and end in s of where the record has nothing.
-        notes: What should be known of it, a sentence each.
+        controller: Makes a controller of the run in its state at the moment.
+        put: Puts a rig, switched on, into its state at the moment; returns the measurement of the
+            period.
+        gaps: Beginning and end in s of each part without a record.
+        notes: Remarks on it, a sentence each.
     """
 
     name: str
@@ -127,14 +178,14 @@ class Moment:
 def take_over(
     new: Controller, old: Controller, was: Scenario, now: Scenario, at: float = 0.0
 ) -> None:
-    """Give a controller, just started, what stays of the one before it.
+    """Give a controller, just started, the unchanged parts of the previous one.
 
     Args:
         new: The controller.
-        old: The one before it, in its state.
+        old: The previous one, in its state.
         was: Scenario of the old one.
-        now: Of the new one.
-        at: When, s: a plan that does not stay is laid from there on.
+        now: Scenario of the new one.
+        at: Time in s: a new plan begins there.
     """
     new.rate, new.requested = old.rate, old.requested
     if now.controller == was.controller:
@@ -148,7 +199,7 @@ def take_over(
     if now.reference == was.reference:
         new.reference = old.reference
     if now.reference == was.reference and law_of(now) == law_of(was):
-        # what the law has planned and holds stays
+        # the law's plan and the held command remain
         new.plan = old.plan
     else:
         new.take_over_at(at)
@@ -167,7 +218,7 @@ def exact(run: Run, at: float) -> Moment:
     snapshot, times, ball = _simulated_again(run.scenario, at)
     motion = run.motion
     known = motion.ball[np.searchsorted(motion.time, times - 1e-9)]
-    last = times > at - LOOK_BACK
+    last = times > at - SYNCHRONISATION.compared_s
     apart = float(np.hypot(*(ball - known)[last].T).max()) if last.any() else None
     return Moment(
         name=run.name,
@@ -190,7 +241,7 @@ def _controller(scenario: Scenario, snapshot: Snapshot) -> Controller:
 
 
 def _simulated_again(scenario: Scenario, at: float) -> tuple[Snapshot, Array, Array]:
-    """The state at a moment; times in s, shape (K,), and places of the ball in m on the way there.
+    """The state at a moment; times in s, shape (K,), and positions of the ball in m before it.
 
     Raises:
         RecordError: If the run ends before.
@@ -210,22 +261,17 @@ def _simulated_again(scenario: Scenario, at: float) -> tuple[Snapshot, Array, Ar
     return kept[0], record.time[:-1], record["state"][:-1, 0, 0::4]
 
 
-UNSEEN = 0.1
-"""Time in s between two touches above which a log has a gap; of a slow camera so many ``FRAMES``
-frames. A loop that is late for less leaves the last command in force, which is known."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class Usable(Log):
-    """A log that the twin can go on from, its incomplete rows left out.
+class ReplayableLog(Log):
+    """A log from which the twin can continue, its incomplete rows left out.
 
-    Where the screen felt no ball, it is where it was felt last.
+    Where the screen detected no ball, its position is the last detected one.
 
     Attributes:
         command: Commanded plate rates in rad/s from each row on, shape (K, 2).
-        samples: When the ball was where: times in s, (M,), and positions in m, (M, 2).
-        gaps: Beginning and end in s of where the ball's path is not known: its last touch, and when
-            the next one has arrived.
+        samples: Touch samples of the ball: times in s, (M,), and positions in m, (M, 2).
+        gaps: Beginning and end in s of each part in which the ball's path is not known: its last
+            touch, and the arrival of the next one.
     """
 
     command: Array
@@ -238,7 +284,7 @@ class Usable(Log):
         if not self.gaps:
             return ()
         spans = ", ".join(f"{begin:.3f} to {end:.3f} s" for begin, end in self.gaps)
-        return (f"{self.source}: gaps, which nothing is put into: {spans}",)
+        return (f"{self.source}: gaps, which are not filled: {spans}",)
 
     def unbroken_since(self, at: float) -> float:
         """Time in s after which there is no gap before a moment."""
@@ -246,7 +292,7 @@ class Usable(Log):
         return max([float(self.time[0]), *ends])
 
     def measurement(self, row: int) -> Measurement:
-        """What the rig handed over in a row."""
+        """The measurement of the rig in a row."""
         y = np.empty((1, 4))
         y[0, 0::2], y[0, 1::2] = self.ball[row], self.plate[row]
         one = slice(row, row + 1)
@@ -257,13 +303,16 @@ class Usable(Log):
         return self.command[np.maximum(0, np.searchsorted(self.time, time + 1e-9) - 1)]
 
 
-def judge(log: Log, scenario: Scenario, at: float) -> Usable:
-    """The log as the twin can use it.
+def make_replayable(
+    log: Log, scenario: Scenario, at: float, fit: PathFit = PATH_FIT
+) -> ReplayableLog:
+    """The log in the form that the twin can use.
 
     Args:
-        log: As it was read.
-        scenario: What ran.
-        at: The moment from which to go on, s.
+        log: The log as it was read.
+        scenario: The scenario that ran.
+        at: The moment from which to continue, s.
+        fit: How the ball's path follows from touch samples.
 
     Raises:
         RecordError: If it has no commands, or does not know the moment.
@@ -281,22 +330,22 @@ def judge(log: Log, scenario: Scenario, at: float) -> Usable:
     if not time[0] - period / 2 <= at <= time[-1] + period / 2:
         raise RecordError(f"--at {at:g}: {log.source} goes from {time[0]:g} to {time[-1]:g} s")
     samples = touches(log, scenario.sensors.touch.dead_time)
-    unseen = max(UNSEEN, FRAMES * frame(samples[0]))
+    max_gap = fit.max_gap(frame(samples[0]))
     gaps = tuple(
         (float(samples[0][k]), float(samples[0][k + 1] + scenario.sensors.touch.dead_time))
-        for k in np.flatnonzero(np.diff(samples[0]) > unseen)
+        for k in np.flatnonzero(np.diff(samples[0]) > max_gap)
     )
     for begin, end in gaps:
         if begin < at < end:
             raise RecordError(f"--at {at:g}: {log.source} has a gap from {begin:g} to {end:g} s")
-    if not np.isfinite(path(np.array([at]), samples)[0]).all():
+    if not np.isfinite(path(np.array([at]), samples, fit)[0]).all():
         raise RecordError(
             f"--at {at:g}: {log.source}: the ball is not seen often enough about then"
         )
     felt = kept.touched & np.isfinite(kept.ball).all(axis=1)
     held = np.maximum.accumulate(np.where(felt, np.arange(len(felt)), np.argmax(felt)))
     about = vars(kept) | {"ball": kept.ball[held], "touched": felt}
-    return Usable(**about, samples=samples, gaps=gaps)
+    return ReplayableLog(**about, samples=samples, gaps=gaps)
 
 
 def _check_rows(log: Log, time: Array, period: float) -> None:
@@ -311,26 +360,21 @@ def _check_rows(log: Log, time: Array, period: float) -> None:
         )
 
 
-LED = 0.6
-"""Time in s for which the twin is led along the log before it is let go."""
-CATCH_UP = 0.3
-"""Time in s of it within which the plate gets from level to where the log has it."""
-DRAWN = 0.1
-"""Time constant in s with which the plate is kept on the log's angles."""
-COUNTED = 21
-"""Rows over which the angles that encoders count are smoothed."""
-WARMED = 8.0
-"""Longest time in s for which an observer is warmed; a law with a memory sees the whole log."""
-
-
-def estimate_moment(name: str, log: Usable, scenario: Scenario, at: float) -> Moment:
+def estimate_moment(
+    name: str,
+    log: ReplayableLog,
+    scenario: Scenario,
+    at: float,
+    synchronisation: Synchronisation = SYNCHRONISATION,
+) -> Moment:
     """A moment of a log.
 
     Args:
-        name: What the log is called.
-        log: Fit for it, see ``judge``.
-        scenario: What ran.
+        name: Name of the log.
+        log: The log, see ``make_replayable``.
+        scenario: The scenario that ran.
         at: The moment, s; a whole number of periods within the log.
+        synchronisation: How the twin gets into its state.
     """
     period = float(np.median(np.diff(log.time)))
     return Moment(
@@ -345,20 +389,20 @@ def estimate_moment(name: str, log: Usable, scenario: Scenario, at: float) -> Mo
             reference=build_reference(scenario)(log.time)[0],
         ),
         exact=False,
-        before_mm=_apart(log, scenario, at),
-        controller=partial(_warm_up, log, scenario, at),
-        put=partial(_synchronise, log, at),
+        before_mm=_largest_distance(log, scenario, at, synchronisation),
+        controller=partial(_warm_up, log, scenario, at, synchronisation.observer_s),
+        put=partial(_synchronise, log, at, synchronisation),
         gaps=log.gaps,
         notes=log.notes,
     )
 
 
-def _warm_up(log: Usable, scenario: Scenario, at: float) -> Controller:
-    """The controller of a scenario, having seen the log up to a moment and no gap."""
+def _warm_up(log: ReplayableLog, scenario: Scenario, at: float, longest_s: float) -> Controller:
+    """The controller of a scenario after it has read the log up to a moment, without a gap."""
     controller = build_controller(scenario)
     since = log.unbroken_since(at)
     if not controller.law.memory:
-        since = max(since, at - WARMED)
+        since = max(since, at - longest_s)
     rows = np.flatnonzero((log.time > since - 1e-9) & (log.time < at - 1e-9))
     for number, row in enumerate(rows.tolist()):
         measurement = log.measurement(row)
@@ -370,21 +414,24 @@ def _warm_up(log: Usable, scenario: Scenario, at: float) -> Controller:
     return controller
 
 
-def _synchronise(log: Usable, at: float, rig: SimulatedRig, led: float = LED) -> Measurement:
-    """Lead a rig along the log up to a moment and let it go there."""
+def _synchronise(
+    log: ReplayableLog, at: float, about: Synchronisation, rig: SimulatedRig
+) -> Measurement:
+    """Let a rig follow the log up to a moment; the measurement of that period."""
     period = rig.period
-    ticks = min(round(led / period), round((at - log.unbroken_since(at)) / period))
+    ticks = min(round(about.duration_s / period), round((at - log.unbroken_since(at)) / period))
     begin = at - ticks * period
     rig.devices.begin_at(begin)
     times = begin + period * np.arange(ticks + 1)
-    smooth = savgol_filter(log.plate, min(COUNTED, len(log.plate)), 1, axis=0)
+    smooth = savgol_filter(log.plate, min(about.smoothed_rows, len(log.plate)), 1, axis=0)
     angle = interpolate(times, log.time, smooth)
     rate = log.commanded(times)
-    share = np.minimum(1.0, (times - begin) / min(CATCH_UP, max(led / 2, period)))
+    catch_up = min(about.catch_up_s, max(about.duration_s / 2, period))
+    share = np.minimum(1.0, (times - begin) / catch_up)
     blend = share**2 * (3 - 2 * share)
     ball, velocity = path(times, log.samples)
     state = np.stack((ball[:, 0], velocity[:, 0], ball[:, 1], velocity[:, 1]), axis=1)
-    # right after a gap the path is not known yet: the ball is kept where it is known first
+    # right after a gap the path is not known yet: the ball is held at its first known position
     known = np.isfinite(state).all(axis=1)
     state = state[np.maximum(np.arange(ticks + 1), int(np.argmax(known)))]
     rig.devices.place(state[:1])
@@ -393,30 +440,32 @@ def _synchronise(log: Usable, at: float, rig: SimulatedRig, led: float = LED) ->
     for tick in range(ticks):
         rig.devices.place(state[tick : tick + 1])
         rig.read()
-        # d/dt (blend angle), and what draws the plate there
-        rising = (blend[tick + 1] - blend[tick]) / period
-        steered = blend[tick] * rate[tick] + rising * angle[tick]
-        lacking = blend[tick] * angle[tick] - rig.supervisor.angle[0]
-        rig.write((steered + lacking / DRAWN)[None])
+        # d/dt (blend angle), and the error of the angle fed back
+        blend_rate = (blend[tick + 1] - blend[tick]) / period
+        forward = blend[tick] * rate[tick] + blend_rate * angle[tick]
+        error = blend[tick] * angle[tick] - rig.supervisor.angle[0]
+        rig.write((forward + error / about.plate_time_constant_s)[None])
         rig.wait()
     rig.devices.place(state[ticks : ticks + 1])
     rig.supervisor.rate = log.commanded(np.array([at - period]))
     return rig.read()
 
 
-def _apart(log: Usable, scenario: Scenario, at: float) -> float | None:
+def _largest_distance(
+    log: ReplayableLog, scenario: Scenario, at: float, about: Synchronisation
+) -> float | None:
     """Largest distance in mm of twin and log over the last second, under the log's commands."""
-    begin = at - LOOK_BACK
+    begin = at - about.compared_s
     period = scenario.rig.period
-    if log.unbroken_since(at) > begin - LED / 2:
+    if log.unbroken_since(at) > begin - about.duration_s / 2:
         return None
     rig, _ = assemble(scenario, unseen=True)
-    times = begin + period * np.arange(round(LOOK_BACK / period))
+    times = begin + period * np.arange(round(about.compared_s / period))
     found: list[Array] = []
     with rig:
         rig.read()
         rig.start()
-        _synchronise(log, begin, rig)
+        _synchronise(log, begin, about, rig)
         for rate in log.commanded(times):
             rig.write(rate[None])
             rig.wait()
@@ -427,18 +476,18 @@ def _apart(log: Usable, scenario: Scenario, at: float) -> float | None:
     return float(1000 * np.nanmax(apart)) if np.isfinite(apart).any() else None
 
 
-CONTROL = ("controller.", "observer.", "predictor.", "reference.")
+CONTROL_KEY_PREFIXES = ("controller.", "observer.", "predictor.", "reference.")
 """Beginnings of the keys that belong to the controller and its task."""
 
 
 def branch(scenario: Scenario, at: float, end: float, settings: Sequence[str]) -> Scenario:
-    """The scenario of a future in which something is changed at a moment.
+    """The scenario of a future with changed settings from a moment.
 
     Settings of the controller are new from the beginning; settings of the plant change at the
     moment, as ``[[change]]`` does.
 
     Args:
-        scenario: Of the run.
+        scenario: Scenario of the run.
         at: The moment, s.
         end: Time of the run in s at which the future ends.
         settings: ``key=value`` each.
@@ -449,10 +498,10 @@ def branch(scenario: Scenario, at: float, end: float, settings: Sequence[str]) -
     values = dict(map(setting, settings))
     plant = {key: value for key, value in values.items() if key in RAMP_KEYS + JUMP_KEYS}
     for key in values:
-        if key not in plant and not key.startswith(CONTROL):
+        if key not in plant and not key.startswith(CONTROL_KEY_PREFIXES):
             raise ScenarioError(
                 f"--set {key}: cannot change while a plant runs (what can: "
-                f"{', '.join(f'{begin}*' for begin in CONTROL)}, "
+                f"{', '.join(f'{begin}*' for begin in CONTROL_KEY_PREFIXES)}, "
                 f"{', '.join(RAMP_KEYS + JUMP_KEYS)})"
             )
     tables = scenario.model_dump(mode="json")
@@ -468,10 +517,10 @@ def branch(scenario: Scenario, at: float, end: float, settings: Sequence[str]) -
 
 @dataclass(frozen=True)
 class Future:
-    """What would have happened.
+    """A simulated run from a moment on.
 
     Attributes:
-        settings: What was changed, ``key=value`` each; none for nothing.
+        settings: The changes, ``key=value`` each; empty for none.
         run: The run from the moment on.
         max_difference: Largest distance in m of its ball from the recorded one, where the record
             goes on; None if it does not.
@@ -502,11 +551,11 @@ class Future:
 
 
 def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Future:
-    """Go on from a moment.
+    """Simulate a run from a moment on.
 
     Args:
         moment: The moment.
-        scenario: Of the branch.
+        scenario: Scenario of the branch.
         settings: Its changes.
 
     Raises:
@@ -542,22 +591,20 @@ def difference(recorded: Motion, motion: Motion, period: float) -> float | None:
     return float(apart.max()) if len(apart) else None
 
 
-POOR = 5.0
-"""Millimetres that twin and record may be apart before a branch that is to be trusted."""
-
-
-def agreement(moment: Moment) -> str:
-    """How well the twin knows where the futures begin, in words."""
+def agreement(moment: Moment, synchronisation: Synchronisation = SYNCHRONISATION) -> str:
+    """How well the twin agrees with the record before a moment, as a text."""
     state = "the run's own state" if moment.exact else "the state estimated from the log"
     begins = f"{moment.name} from {moment.at:g} s on, {state}"
     before = moment.before_mm
     if before is None:
-        return f"{begins}; the twin could not be checked: no whole {LOOK_BACK:g} s before"
-    poor = ": the twin does not fit, and a future is no better" if before > POOR else ""
+        seconds = synchronisation.compared_s
+        return f"{begins}; the twin could not be checked: no whole {seconds:g} s before"
+    bad = before > synchronisation.max_distance_mm
+    poor = ": the twin does not fit, and a future is no better" if bad else ""
     return f"{begins}; twin and record are {before:.2g} mm apart at most in the second before{poor}"
 
 
-SHOWN_BEFORE = 2.0
+SHOWN_BEFORE_S = 2.0
 """Time in s before the moment that the picture shows."""
 SEPARATOR = ";"
 """Between the settings of one branch."""
@@ -568,7 +615,7 @@ def branches_of(settings: Sequence[str], more: Sequence[str]) -> list[tuple[str,
 
     Args:
         settings: ``key=value`` of all branches.
-        more: One text a branch, ``key=value; key=value``; none for one branch.
+        more: One text per branch, ``key=value; key=value``; empty for one branch.
     """
     each = [tuple(part.strip() for part in text.split(SEPARATOR) if part.strip()) for text in more]
     return [(*settings, *own) for own in each or [()]]
@@ -587,17 +634,17 @@ def moment_of(
     Args:
         path: Run folder, its Parquet file, or a CSV log.
         at: The moment, s; taken to the nearest control period.
-        scenario: What ran, for a log that does not say.
-        settings: ``key=value`` each, what was changed of it.
-        columns: Of a log of any rig, as ``identify`` takes them.
-        separator: Between these.
+        scenario: The scenario that ran, for a log, which does not state it.
+        settings: Its changes, ``key=value`` each.
+        columns: Columns of a log of any rig, as for ``identify``.
+        separator: Separator of its columns.
 
     Raises:
-        TwinError: If there is no such run or moment, or nothing can go on from it.
+        TwinError: If there is no such run or moment, or the twin cannot continue from it.
     """
     if path.suffix == ".csv" or (columns is not None and not is_record(path)):
         if scenario is None:
-            raise RecordError(f"{path}: a log does not say what ran; give --scenario NAME")
+            raise RecordError(f"{path}: a log does not state what ran; give --scenario NAME")
         chosen = load(scenario, settings)
         at = _nearest(at, chosen)
         if columns is None:
@@ -605,7 +652,7 @@ def moment_of(
             check_ranges(log)
         else:
             log = read_any(path, wanted_columns(columns), separator).on(chosen)
-        return estimate_moment(path.stem, judge(log, chosen, at), chosen, at)
+        return estimate_moment(path.stem, make_replayable(log, chosen, at), chosen, at)
     options = {"scenario": scenario, "on": settings, "columns": columns}
     if given := [name for name, value in options.items() if value]:
         raise RecordError(
@@ -629,7 +676,7 @@ def moment_of(
     if "true_x" not in run.rows or "lateness" in run.rows or other or steered:
         whole = read(file)
         check_ranges(whole)
-        log = judge(whole, run.scenario, at)
+        log = make_replayable(whole, run.scenario, at)
         moment = estimate_moment(run.name, log, run.scenario, at)
         note = f"recorded with {', '.join(other)}: continued from its estimated state"
         return replace(moment, notes=(*moment.notes, note)) if other else moment
@@ -648,12 +695,12 @@ def _nearest(at: float, scenario: Scenario) -> float:
 
 
 def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]]) -> list[Future]:
-    """Go on from a moment in several ways.
+    """Simulate several runs from a moment on.
 
     Args:
         moment: The moment.
-        lasting: How long, s.
-        branches: What each of them changes.
+        lasting: Duration of each, s.
+        branches: The changes of each.
 
     Raises:
         TwinError: If one cannot be assembled; before the first is simulated.
@@ -664,20 +711,20 @@ def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]])
     return [future(moment, *each) for each in zip(chosen, branches, strict=True)]
 
 
-def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondProcess) -> None:
-    """Write a folder of run folders, one a future, with a picture of record and all.
+def write(moment: Moment, found: Sequence[Future], folder: Path, drawing: SecondProcess) -> None:
+    """Write a folder of run folders, one per future, with a picture of record and all futures.
 
     Args:
-        moment: Where they begin.
+        moment: The moment at which they begin.
         found: The futures.
-        folder: Where; made if missing.
-        beside: A process that draws while the rest is written.
+        folder: The folder; made if missing.
+        drawing: A process that draws while the rest is written.
 
     Raises:
         RecordError: If it cannot be written.
     """
     title = f"What if: {moment.name} from {moment.at:g} s on"
-    picture = beside.begin(
+    picture = drawing.begin(
         draw_runs, motions_shown(moment, found), title, moment.scenario.dimensions
     )
     forget(folder, WHATIF_FILE)
@@ -693,17 +740,17 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
 
 
 def motions_shown(moment: Moment, found: Sequence[Future]) -> dict[str, Motion]:
-    """What the picture shows: record and futures by label."""
+    """The motions of the picture: record and futures by label."""
     recorded = moment.recorded
     end = max(each.run.motion.time[-1] for each in found)
-    rows = (recorded.time > moment.at - SHOWN_BEFORE) & (recorded.time <= end)
+    rows = (recorded.time > moment.at - SHOWN_BEFORE_S) & (recorded.time <= end)
     parts = {name: getattr(recorded, name)[rows] for name in ("time", "plate", "u", "reference")}
     known = Motion(ball=recorded.ball[rows], **parts)
     return {"recorded": known} | {each.label: each.run.motion for each in found}
 
 
 def summary(moment: Moment, found: Sequence[Future]) -> dict[str, Any]:
-    """What ``--json`` prints."""
+    """The numbers of the futures, for ``--json``."""
     return {
         "run": moment.name,
         "at": moment.at,

@@ -102,7 +102,7 @@ def test_a_warning_is_told_again_after_a_while_with_how_often_it_was_seen_and_a_
     reports = FaultReports(1.0)
     for at in (0.0, 0.3, 0.9, 1.1, 1.5, 3.0):
         reports.report(c.PDO_LATE, "drive phi", "late", at)
-        reports.report(c.FROZEN, "drive phi", f"seen at {at} s", at)
+        reports.report(c.MOTOR_FROZEN, "drive phi", f"seen at {at} s", at)
         assert reports.stopping[0].at == 0.0
     told = [(each.at, each.detail) for each in reports.take()]
     assert told == [

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from stepped import SteppedDrives
 
-from twin.devices.akd.conditions import CONDITIONS, DriveError
+from twin.devices.akd.conditions import DRIVE_CONDITIONS, DriveError
 from twin.emulator.power_stage import Power
 from twin.hal.interface import Severity
 
@@ -72,7 +72,7 @@ def garbled(garbage, every):
 def check(garbage, every):
     """No more torque, and nothing that brings it back, once something forbids it."""
     rig, fastest, stopped = garbled(garbage, every)
-    assert {each.condition for each in rig.seen} <= set(CONDITIONS)
+    assert {each.condition for each in rig.seen} <= set(DRIVE_CONDITIONS)
     assert fastest <= LIMIT
     if stopped:
         assert not rig.servos.enabled

@@ -7,7 +7,7 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.devices.lumio.conditions import CONDITIONS
+from twin.devices.lumio.conditions import SCREEN_CONDITIONS
 from twin.devices.lumio.config import HID_PANELS, Calibration, LumioConfig
 from twin.devices.lumio.screen import TouchStream
 from twin.emulator.screen import PACKET_ENCODERS, Protocol, Spot, hid_timed
@@ -38,7 +38,7 @@ def test_no_bytes_raise_and_every_position_is_one_that_a_ball_can_reach(protocol
         stream.take(time, between.get(frame, b""))
         stream.take(time, b"".join(packets))
         stream.tracker.watch(time)
-        assert {each.condition for each in stream.faults()} <= set(CONDITIONS)
+        assert {each.condition for each in stream.faults()} <= set(SCREEN_CONDITIONS)
         sample = stream.tracker.sample
         if sample is None:
             continue

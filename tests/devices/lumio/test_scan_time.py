@@ -224,7 +224,7 @@ def test_a_panel_may_count_anew_after_a_pause(panel):
     panel.time += 0.3
     begin = panel.time
     panel.roll(2.0, lambda now: now - begin)
-    assert panel.names <= {c.STALE.name, c.BALL_LOST.name}
+    assert panel.names <= {c.STALE.name, c.TOUCH_LOST.name}
 
 
 @given(st.lists(st.tuples(st.floats(0, 0.5), st.floats(0, WRAP), st.integers(0, 3)), max_size=60))
@@ -241,7 +241,7 @@ def test_a_counter_that_stands_still_during_a_pause_is_not_late_afterwards(panel
     panel.roll(3.0)
     panel.time += 0.3
     panel.roll(3.0, lambda now: now - 0.3)
-    assert panel.names <= {c.STALE.name, c.BALL_LOST.name}
+    assert panel.names <= {c.STALE.name, c.TOUCH_LOST.name}
 
 
 @pytest.mark.parametrize("drift", [-0.015, 0.015])

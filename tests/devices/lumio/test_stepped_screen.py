@@ -77,7 +77,7 @@ def test_a_ball_that_goes_is_lost_after_the_lost_time_and_reported_once(stepped,
     stepped.run(0.03)
     last = stepped.screen.stream.tracker.sample.time
     stepped.run(0.5)
-    lost = [time for time, fault in stepped.seen if fault.condition is c.BALL_LOST]
+    lost = [time for time, fault in stepped.seen if fault.condition is c.TOUCH_LOST]
     assert len(lost) == 1
     assert GATE.lost < lost[0] - last <= GATE.lost + 1.5 * TICK
     stale = [time for time, fault in stepped.seen if fault.condition is c.STALE]
@@ -91,7 +91,7 @@ def test_a_ball_that_rests_on_a_plate_tilted_either_way_about_either_axis_is_fro
     begin = stepped.time
     stepped.plate = np.array([angle])
     stepped.run(0.6)
-    (found,) = [time for time, fault in stepped.seen if fault.condition is c.FROZEN]
+    (found,) = [time for time, fault in stepped.seen if fault.condition is c.TOUCH_FROZEN]
     assert GATE.rest < found - begin <= GATE.rest + 2 * TICK
 
 
@@ -100,7 +100,7 @@ def test_from_two_degrees_on_no_ball_rests(stepped, deg, frozen):
     stepped.run(0.2)
     stepped.plate = np.radians([[0.0, deg]])
     stepped.run(0.6)
-    assert (c.FROZEN in stepped.conditions) == frozen
+    assert (c.TOUCH_FROZEN in stepped.conditions) == frozen
 
 
 def test_a_port_that_goes_is_reported_once_and_left_alone_until_it_is_started_anew(stepped):

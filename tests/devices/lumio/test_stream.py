@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.lumio.conditions import CONDITIONS
+from twin.devices.lumio.conditions import SCREEN_CONDITIONS
 from twin.devices.lumio.config import Calibration, LumioConfig, PlausibilityLimits
 from twin.devices.lumio.screen import TouchState, TouchStream
 from twin.emulator.screen import PACKET_ENCODERS, Protocol, Spot, beyond
@@ -81,7 +81,7 @@ class FedScreen:
         return self.stream.tracker.state(self.time)
 
 
-WITHIN = {condition.name: condition.within for condition in CONDITIONS}
+WITHIN = {condition.name: condition.within for condition in SCREEN_CONDITIONS}
 
 
 @pytest.fixture(params=PROTOCOLS)

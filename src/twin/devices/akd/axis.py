@@ -336,7 +336,7 @@ class Axis:
         if message.short:
             self._report(c.EMERGENCY_SHORT, message.words, at)
         elif message.code:
-            self._report(c.EMERGENCY, message.words, at)
+            self._report(c.EMERGENCY_MESSAGE, message.words, at)
         self._emergencies.append(at)
         if len(self._emergencies) == self._limits.burst and at - self._emergencies[0] <= 1.0:
             self._report(c.EMERGENCY_BURST, f"{self._limits.burst} within 1 s", at)
@@ -414,7 +414,7 @@ class Axis:
                     detail = f"{detail}; {turns}: check velocity_unit and gear"
                 self._report(c.CONTRADICTION, detail, at)
         for counter, rate, most, condition, whose in (
-            (self.motor, self.sent, limits.travel, c.FROZEN, "commanded"),
+            (self.motor, self.sent, limits.travel, c.MOTOR_FROZEN, "commanded"),
             (self.plate, self.rate, limits.plate_travel, c.PLATE_FROZEN, "of the motor"),
         ):
             if not counter.pdo.missed:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from twin.base.errors import ScenarioError
 from twin.devices.akd.protocol import RPM, TURN_RAD
-from twin.devices.common import Ranged, net, ranged
+from twin.devices.common import Ranged, net, range_field
 from twin.hal.interface import NOMINAL_PERIOD
 
 
@@ -58,7 +58,7 @@ class MonitorConfig(Ranged):
     stop: float = net(0.3, 0.05, 2)
     enquiry: float = net(0.5, 0.05, 5)
     answer: float = net(0.1, 0.02, 10)
-    repeat: float = ranged(1.0, 0.1, 60)
+    repeat: float = range_field(1.0, 0.1, 60)
 
 
 INT32_MIN, INT32_MAX = -(1 << 31), (1 << 31) - 1
@@ -127,15 +127,15 @@ class AxisConfig(Ranged):
     keys = "{0.name}."
     name: str
     node: int = field(metadata={"range": (1, 126)})
-    motor_counts: int = ranged(1 << 20, 16, 1 << 32)
-    gear: float = ranged(1.0, 0.01, 1000, **_UNCONFIRMED_METADATA)
+    motor_counts: int = range_field(1 << 20, 16, 1 << 32)
+    gear: float = range_field(1.0, 0.01, 1000, **_UNCONFIRMED_METADATA)
     motor_sign: Literal[1, -1] = field(default=1, metadata=_UNCONFIRMED_METADATA)
-    plate_counts: int = ranged(245760, 16, 1 << 32, **_UNCONFIRMED_METADATA)
+    plate_counts: int = range_field(245760, 16, 1 << 32, **_UNCONFIRMED_METADATA)
     plate_sign: Literal[1, -1] = field(default=1, metadata=_UNCONFIRMED_METADATA)
     plate_object: tuple[int, int] = field(default=(0x2050, 0), metadata=_UNCONFIRMED_METADATA)
-    velocity_unit: float = ranged(0.001 * RPM, 1e-9, 1)
-    acceleration_unit: float | None = ranged(None, 1e-6, 1e4, **_UNCONFIRMED_METADATA)
-    limit_unit: float | None = ranged(None, 1e-6, 10, **_UNCONFIRMED_METADATA)
+    velocity_unit: float = range_field(0.001 * RPM, 1e-9, 1)
+    acceleration_unit: float | None = range_field(None, 1e-6, 1e4, **_UNCONFIRMED_METADATA)
+    limit_unit: float | None = range_field(None, 1e-6, 10, **_UNCONFIRMED_METADATA)
     product: int | None = None
 
     @property
@@ -182,13 +182,13 @@ class DriveSettings(Ranged):
 
     keys = "drives."
     host: int = 127
-    heartbeat: float = ranged(0.02, 0.001, 1)
+    heartbeat: float = range_field(0.02, 0.001, 1)
     silence: float = net(0.06, 0.01, 1.0)
-    answer: float = ranged(2.0, 0.001, 60)
+    answer: float = range_field(2.0, 0.001, 60)
     rate_limit: float = net(8.0, 1, 20, **_UNCONFIRMED_METADATA)
-    ramp: float = ranged(2000.0, 50, 1e5, **_UNCONFIRMED_METADATA)
+    ramp: float = range_field(2000.0, 50, 1e5, **_UNCONFIRMED_METADATA)
     torque_limit: float = net(4.5, 0.5, 12.3, **_UNCONFIRMED_METADATA)
-    motor_torque: float = ranged(4.57, 0.1, 50, **_UNCONFIRMED_METADATA)
+    motor_torque: float = range_field(4.57, 0.1, 50, **_UNCONFIRMED_METADATA)
     watch: MonitorConfig = field(default_factory=MonitorConfig)
 
 

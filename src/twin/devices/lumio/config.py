@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from controllers.arrays import Array
 from twin.base.data_file import parse_json
 from twin.base.errors import ScenarioError, TwinError
-from twin.devices.common import Ranged, claim, in_words, net, ranged
+from twin.devices.common import Ranged, claim, in_words, net, range_field
 from twin.devices.lumio.protocols import STREAMS, Decoder, DescriptorError, HidDecoder, TouchLayout
 from twin.hal.interface import SCREEN_SIZE_M
 
@@ -471,7 +471,7 @@ class LumioConfig(Ranged):
     port: str
     transport: Literal["serial", "hidraw"] = "serial"
     protocol: str = "auto"
-    baud: int = ranged(9600, 1, 1e12)
+    baud: int = range_field(9600, 1, 1e12)
     calibration: Calibration | None = None
     calibration_file: str | None = None
     gate: PlausibilityLimits = field(default_factory=PlausibilityLimits)

@@ -133,7 +133,7 @@ class Tracker:
         if self._state == TouchState.STALE:
             self._report_fault(c.STALE, detail)
         elif self._state == TouchState.LOST:
-            self._report_fault(c.BALL_LOST, detail)
+            self._report_fault(c.TOUCH_LOST, detail)
 
     def note_tilt(self, time: float, tilt: float) -> None:
         """Take in the plate's tilt, the larger of both angles, rad: no ball rests on a steep plate.
@@ -151,7 +151,7 @@ class Tracker:
         elif not self._frozen:
             self._frozen = True
             self._report_fault(
-                c.FROZEN, f"no motion in {rest:.2f} s on a plate tilted by {tilt:.3f} rad"
+                c.TOUCH_FROZEN, f"no motion in {rest:.2f} s on a plate tilted by {tilt:.3f} rad"
             )
 
     def take(self, time: float, report: Report) -> None:
@@ -262,7 +262,7 @@ class Tracker:
             speed = math.dist(begin, stop) / (end - first) if end > first else 0.0
             if self._same == self._limits.still and speed > self._limits.halt:
                 self._report_fault(
-                    c.FROZEN, f"stopped dead at {_place(point)} from {speed:.2f} m/s"
+                    c.TOUCH_FROZEN, f"stopped dead at {_place(point)} from {speed:.2f} m/s"
                 )
             return
         self._same = 0
