@@ -3,6 +3,7 @@
 import json
 import socket
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -146,6 +147,12 @@ def test_every_word_that_is_listed_is_known(obey):
         except ControlError as error:
             refused.append(str(error))
     assert not [each for each in refused if "unknown" in each]
+
+
+def test_every_word_is_described():
+    page = Path(__file__).parents[2] / "docs" / "wire.md"
+    text = page.read_text(encoding="utf-8")
+    assert [each for each in WORDS if f"`{each.split()[0]}" not in text] == []
 
 
 @NEEDS_SOCKETS

@@ -489,7 +489,7 @@ FRAMES = st.lists(
 
 
 @given(FRAMES)
-@settings(max_examples=100)
+@settings(max_examples=60)
 def test_any_frames_at_all_are_borne(frames):
     drive = ProfileDrive(NODE, InertiaLoad())
     drive.receive(Frame(0, bytes((1, NODE))))
