@@ -376,6 +376,7 @@ def test_a_jammed_motor_is_a_following_error(master):
     master.move(10 * TURN)
     master.run(0.5)
     assert master.node.state == "FAULT"
+    assert abs(master.get(0x60F4)) < 64
     assert master.status & BIT_13
     assert [each.code for each in master.node.emcy.active] == [0x8611]
     assert (master.get(0x603F), master.get(0x1003, 1), master.get(0x1003, 0)) == (0x8611, 0x8611, 1)
@@ -438,7 +439,7 @@ def test_a_silent_master_is_answered_by_the_abort_connection_option(master, opti
     master.start("PROFILED VELOCITY")
     master.network.send_message(0x700 + 127, b"\5")
     master.run(0.1)
-    assert master.node.emcy.log[-1].code == 0x8130
+    assert (master.node.emcy.log[-1].code, master.node.emcy.log[-1].register) == (0x8130, 0x11)
     assert master.drive.state is state
 
 
