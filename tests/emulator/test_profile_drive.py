@@ -376,7 +376,6 @@ def test_a_jammed_motor_is_a_following_error(master):
     master.move(10 * TURN)
     master.run(0.5)
     assert master.node.state == "FAULT"
-    assert abs(master.get(0x60F4)) < 64
     assert master.status & BIT_13
     assert [each.code for each in master.node.emcy.active] == [0x8611]
     assert (master.get(0x603F), master.get(0x1003, 1), master.get(0x1003, 0)) == (0x8611, 0x8611, 1)
@@ -388,6 +387,18 @@ def test_a_jammed_motor_is_a_following_error(master):
     assert not master.status & BIT_13
     master.node.sdo[0x1003][0].raw = 0
     assert master.get(0x1003, 0) == 0
+
+
+def test_a_following_error_is_not_made_up_for_while_the_drive_brakes(master):
+    master.start("PROFILED POSITION")
+    master.drive.motor.jammed = True
+    master.move(10 * TURN)
+    for _ in range(1000):
+        if master.drive.power.faults:
+            break
+        master.run(0.0005)
+    assert master.drive.power.faults
+    assert abs(master.drive.following_error) < 64
 
 
 def test_a_following_error_is_ignored_where_its_window_is_off(master):
