@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # canopen 2.4.1, BaseNode402.homing.
-# Guess: each call homes the drive: it sets bit 4 of the control word, whose rising edge starts homing (CiA 402-2).
+# Guess: each call homes the drive: a rising edge of bit 4 of the control word starts homing (CiA 402-2).
 # Seen: bit 4 is left set. A second call has no rising edge, so the drive does nothing, reports what the first
 #   call attained, and homing returns True.
 # Do: node.controlword = 0x0F before each call after the first.

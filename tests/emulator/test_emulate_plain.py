@@ -61,6 +61,18 @@ def test_the_file_of_a_rig_on_another_bus_names_it_and_its_nodes(scenario):
         check_rig(tables, "tables")
 
 
+def test_a_rig_obeys_lines_about_its_plate_and_about_its_drives(scenario):
+    with VirtualRig(scenario(), name=BusName("virtual", "lines")) as rig:
+        assert rig.obey("sto") == "STO open: both drives without torque"
+        assert [drive.power.sto_closed for drive in rig.drives] == [False, False]
+        assert rig.obey("release 2") == "node 2: release"
+        assert [drive.power.sto_closed for drive in rig.drives] == [False, True]
+        assert "turns a plate" in rig.obey("jam 1")
+        refusal = rig.obey("jump")
+        assert refusal.startswith("known: sto, release, lift, put, unplug, plug, touch X Y, lag; ")
+        assert "fault NODE NUMBER" in refusal
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -37,7 +37,7 @@ def test_a_move_from_rest_takes_the_time_of_the_trapezoid(distance, sign):
 
 
 @given(POSITIONS, RATES, POSITIONS, POSITIVE, POSITIVE, POSITIVE)
-@settings(max_examples=300)
+@settings(max_examples=150)
 def test_any_move_ends_at_rest_at_its_goal_within_its_limits(place, rate, goal, speed, up, down):
     start = Motion(place, rate)
     pieces = plan_profile(start, goal, Profile(speed, up, down))
@@ -64,7 +64,7 @@ def test_a_motion_that_cannot_stop_in_time_overshoots_and_returns():
 
 
 @given(RATES, RATES, POSITIVE, st.floats(1e-4, 2.0))
-@settings(max_examples=200)
+@settings(max_examples=60)
 def test_a_ramp_is_that_of_many_small_steps(rate, target, ramp, time):
     whole = ramp_velocity(Motion(0.0, rate), target, ramp, time)
     small = Motion(0.0, rate)

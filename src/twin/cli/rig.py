@@ -219,7 +219,7 @@ def emulate(
             console.print(text, markup=False)
             say(f"written to {file}; use it with: ballplate run circle --rig {file}")
         else:
-            listed = " and ".join(str(drive.node) for drive in rig.drives)
+            listed = ", ".join(str(drive.node) for drive in rig.drives)
             hint = "; their EDS: --eds FILE" if kind == "cia402" else ""
             say(f"{kind} drives, node {listed}, on {rig.place}{hint}")
             if isinstance(rig, VirtualRig):

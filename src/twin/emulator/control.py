@@ -48,6 +48,10 @@ class ControlError(TwinError):
     """A line that cannot be obeyed; the message says why."""
 
 
+class UnknownLineError(ControlError):
+    """A line that begins with no known word."""
+
+
 class BusControl:
     """Obeys lines about emulated drives and their bus.
 
@@ -75,7 +79,7 @@ class BusControl:
                 return self._damage(what, _identifier(identifier), numbers)
             case [_, node, *_] if words[0] in {each.split()[0] for each in WORDS}:
                 return self._drive(node, words)
-        raise ControlError(f"{line[:40]!r}: unknown; known: {'; '.join(WORDS)}")
+        raise UnknownLineError(f"known: {'; '.join(WORDS)}")
 
     def _damage(self, what: str, identifier: int | None, numbers: list[str]) -> str:
         faults = self._bus.faults

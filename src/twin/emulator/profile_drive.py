@@ -127,8 +127,8 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
         word = self.power.state | self.power.dc_link << 4 | 1 << 9
         if self.enabled:
             word |= self.modes.status
-        cyclic = self.modes.mode in {Mode.PROFILE_POSITION, Mode.CYCLIC_POSITION}
-        return word | MODE_BIT_13 * (self._following_failed and cyclic)
+        positioned = self.modes.mode in {Mode.PROFILE_POSITION, Mode.CYCLIC_POSITION}
+        return word | MODE_BIT_13 * (self._following_failed and positioned)
 
     def reboot(self) -> None:
         """Lose the power of the electronics for a moment; the motor keeps its rate."""
@@ -202,7 +202,7 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
             self.emergency(emergency_code(number), self._register())
 
     def _written(self, index: int, sub: int) -> None:
-        value = self.store.get(index, sub) if index != 0x1003 else 0
+        mode = self.store.get(0x6060)
         match index:
             case 0x1003:
                 self._errors.clear()
@@ -215,9 +215,9 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
             case 0x2000:
                 self._take_load()
             case 0x6040:
-                self._control(value)
-            case 0x6060 if self.store.allows(index, value):
-                self.modes.enter(Mode(value))
+                self._control(self.store.get(0x6040))
+            case 0x6060 if self.store.allows(index, mode):
+                self.modes.enter(Mode(mode))
             case _:
                 self.modes.set_target(index)
 
@@ -248,7 +248,8 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
         if option == 1:
             super()._lose_master()
             return
-        self.emergency(emergency_code(MASTER_SILENT), self._register())
+        code = emergency_code(MASTER_SILENT)
+        self.emergency(code, register_bits(code))
         if option in {2, 3}:
             self._control(0x00 if option == 2 else 0x02)
 
@@ -319,6 +320,7 @@ class ProfileDrive(EmulatedNode, Generic[Turned]):
         self._beyond = 0.0 if within else self._beyond + dt
         if self._beyond > time:
             self._following_failed = True
+            self.modes.follow(self._actual())  # what is left of the motion is braked
             self._failed(self.power.fail(FOLLOWING_ERROR, braked=True))
 
     def _unwind(self) -> None:

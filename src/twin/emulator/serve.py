@@ -33,7 +33,7 @@ from twin.emulator.can_bus import (
     PseudoTerminal,
     check_pseudo_terminals,
 )
-from twin.emulator.control import ControlError
+from twin.emulator.control import UnknownLineError
 from twin.emulator.drive import EmulatedDrive, Motor
 from twin.emulator.load import ShaftLoad
 from twin.emulator.profile_drive import ProfileDrive
@@ -329,8 +329,9 @@ class VirtualRig(VirtualBus):
             return text
         try:
             return super().control(line)
-        except ControlError as error:
-            raise ControlError(f"{error}; {', '.join(known)}, touch X Y, lag") from None
+        except UnknownLineError as error:
+            more = str(error).removeprefix("known: ")
+            raise UnknownLineError(f"known: {', '.join(known)}, touch X Y, lag; {more}") from None
 
     def _touch(self, word: str) -> tuple[str, Callable[[], None]]:
         """The effect of ``touch X Y``; none of any other text."""
