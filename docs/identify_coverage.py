@@ -20,7 +20,7 @@ import numpy as np
 from controllers.arrays import Array
 from docs.pages import HERE, filled, kept, wilson, write
 from twin.cli.output import progress
-from twin.identify.any_rig import identify_any
+from twin.identify.any_rig import identify_axes
 from twin.identify.logs import read_any, wanted_columns
 from twin.study.work import digest
 
@@ -168,7 +168,7 @@ def identified(seed: int) -> dict[str, Any]:
         still = np.zeros_like(time)
         rows = np.column_stack((time, ball, command, 1e-4 * np.sin(time), still))
         np.savetxt(file, rows, fmt="%.6g", delimiter=",", header="t,x,u,y,v", comments="")
-        found = identify_any([read_any(file, COLUMNS)], 1 / 3)
+        found = identify_axes([read_any(file, COLUMNS)], 1 / 3)
     own = (each for each in found.verdicts if each.name.endswith("_x"))
     told = {each.name[:-2]: (each.value, each.low, each.high, each.word) for each in own}
     score = found.scores[0]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from controllers.arrays import Array
     from twin.identify import logs
-    from twin.identify.judged import Identification, ParameterVerdict
+    from twin.identify.verdicts import Identification, ParameterVerdict
     from twin.run.metrics import Motion
 
 
@@ -332,7 +332,7 @@ def identify(
     heights = None if ball_height is None else ball_heights(ball_height)
     report = reporter or default()
     if columns is not None:
-        from twin.identify.any_rig import identify_any
+        from twin.identify.any_rig import identify_axes
 
         wanted = wanted_columns(columns)
         logs = [read_any(path, wanted, separator) for path in _paths(log)]
@@ -344,11 +344,11 @@ def identify(
         fitted = chosen(",".join(names) or None, tuple(PLAIN_PARAMETERS), ())
         rig = load("hold", [f"parameters={on}"]).plant.model if on else None
         with report.progress(f"identifying from {logs[0].source}", 1.0) as advance:
-            found = identify_any(
+            found = identify_axes(
                 logs, held, fitted, factor, progress=advance, ball=rig, on=on, heights=heights
             )
         return Identified(found)
-    from twin.identify.twin_model import identify as fit
+    from twin.identify.twin_model import identify_twin
 
     if alone := "on" if on else "ball_height" if heights else "":
         raise ScenarioError(f"{alone}: with columns only; a run knows its rig")
@@ -363,7 +363,7 @@ def identify(
     if factor is not None:
         recorded = recorded.with_ball(factor)
     with report.progress(f"identifying from {recorded.source}", 1.0) as advance:
-        return Identified(fit(recorded, wanted_names, 1 - hold_out, advance))
+        return Identified(identify_twin(recorded, wanted_names, 1 - hold_out, advance))
 
 
 def _paths(logs: str | Path | Result | Sequence[str | Path]) -> list[Path]:

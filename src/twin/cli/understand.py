@@ -142,8 +142,8 @@ def identify(
     files = [log_file(log) for log in logs]
     hold_out = _held_out(held)
     from ballplate.results import identify as identify_log
-    from twin.identify.judged import IDENTIFIED_VERDICT
     from twin.identify.report import TABLE_HEADINGS, rows
+    from twin.identify.verdicts import IDENTIFIED_VERDICT
 
     folder = check_writable(out or RUNS_FOLDER / f"identify-{run_name(files[0])}")
     done = identify_log(files, names or (), hold_out=hold_out, reporter=TERMINAL, **how)

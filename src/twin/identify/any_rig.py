@@ -1,9 +1,9 @@
-"""From logs of any rig to the plain model of each axis, its intervals, and what it is worth."""
+"""From logs of any rig to the plain model of each axis, with intervals and held-out errors."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,58 +12,81 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.base.errors import LogError
-from twin.identify import judged
-from twin.identify.drives import PROFILED_EFFECTS
+from twin.identify import verdicts
+from twin.identify.command_model import PROFILED_EFFECTS
+from twin.identify.least_squares import Estimate
 from twin.identify.logs import MAX_COMMAND_GAP_S, AnyLog, AxisLog
 from twin.identify.parameters import PLAIN_PARAMETERS, IdentifiedParameter
 from twin.identify.plain_model import (
-    ACCEPTED_ERROR_SHARE,
-    HEIGHT_STD_M,
+    AXIS_FITTING,
     SMOOTH_PARAMETERS,
     AxisFit,
-    axis_predicted,
-    beginnings,
+    AxisFitting,
+    add_drive_effects,
     cross_validate,
     fit_axis,
-    predicting,
+    predict_axis,
+    prediction_times,
     profile_drives,
-    with_drives,
+    refit_for_prediction,
 )
-from twin.identify.search import Estimate
 
-WINDOW_LENGTH_S = 2.5
-"""Length of the windows in s, as a rule."""
-SHORTER_WINDOW_SHARES = (0.5, 0.32)
-"""Shares of it of the windows of other fits: a model error shows as another value there."""
-OPTIONAL_PARAMETERS = ("camber", "viscous")
-"""Fitted where it pays, unless asked for."""
-DRIVEN_PAY = 0.8
-"""Share of an error that is left with dead band, play or slew that pay: a hand is like them."""
-DRIVEN_WITHIN = 0.01
-"""Error in m with them above which something else is at work: a hand, or a ball that sticks."""
 AXIS_SIGNS = (("x", 1.0), ("y", -1.0))
-"""The axes, and how a level along them is a tilt of the base."""
-MOST_TURNED = 0.2
-"""How much too far or too little a command may tilt the twin's plate."""
-CONDITIONAL_SCATTER_SHARE = 0.5
-"""Share of the scatter of a parameter from which on it is told with what is not fitted only."""
+"""The axes, and the sign that makes a level along them a tilt of the base."""
 LEVER_HELD_MESSAGE = (
     "held: the height that was told and 2/3 of a hollow, 2/5 of a solid ball's radius"
 )
-"""What is said of a lever that is known."""
-PAUSE_BETWEEN_LOGS_S = 10.0
-"""Time in s between two logs that are fitted as one."""
-EARLIER_COMMANDS_S = 0.5
-"""How long commands from before a log or a pause may move the ball, s: so much is left out."""
+"""Message for a lever that is computed from the given height."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlainIdentification(judged.Identification):
-    """What logs of any rig show.
+class AxisSelection:
+    """Constants of the choice of windows and model of a fit of an axis.
+
+    Attributes:
+        window_s: Length of the windows.
+        shorter_window_shares: Lengths of the windows of further fits, as shares of it: a model
+            error shows as a different value there.
+        optional_parameters: Fitted if they reduce the prediction error, unless requested.
+        accepted_error_share: A parameter is accepted if it reduces the error of cross-validation to
+            this share.
+        accepted_drive_error_share: The same for dead band, play or slew: a hand resembles them.
+        max_drive_error_m: Accept dead band, play or slew only below this error: a touched plate, or
+            a ball that sticks, resembles them.
+        conditional_scatter_share: Share of the scatter of a parameter above which it is known only
+            together with a parameter that is not fitted.
+        bound_probability: Share of the bootstrap draws that a bound contains.
+        pause_between_logs_s: Pause put between two logs that are fitted as one.
+        earlier_commands_s: Time for which commands before a log or a pause may move the ball: its
+            samples are left out.
+        fitting: Constants of the fits.
+    """
+
+    window_s: float = 2.5
+    shorter_window_shares: tuple[float, ...] = (0.5, 0.32)
+    optional_parameters: tuple[str, ...] = ("camber", "viscous")
+    accepted_error_share: float = 0.9
+    accepted_drive_error_share: float = 0.8
+    max_drive_error_m: float = 0.01
+    conditional_scatter_share: float = 0.5
+    bound_probability: float = 0.95
+    pause_between_logs_s: float = 10.0
+    earlier_commands_s: float = 0.5
+    fitting: AxisFitting = AXIS_FITTING
+
+
+AXIS_SELECTION = AxisSelection()
+MAX_SCALE_ERROR = 0.2
+"""Largest error of the tilt per command that `rig.cam_error_percent` takes, as a share."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisIdentification(verdicts.Identification):
+    """Parameters and predictions that logs of any rig give.
 
     Attributes:
         factor: Share of gravity that accelerates the ball.
-        ball: That of the rig, in whose radius friction is told.
+        ball: The ball of the rig, whose radius scales the friction.
     """
 
     factor: float
@@ -88,14 +111,14 @@ class PlainIdentification(judged.Identification):
         inertia = ball.mass * ball.radius**2 * (1 / self.factor - 1)
         lines = {f"plant.ball.{name}": str(getattr(ball, name)) for name in ("mass", "radius")}
         lines |= self.over
-        given = [each.value or 0.0 for each in self.verdicts if each.word == judged.GIVEN_VERDICT]
+        given = [each.value or 0.0 for each in self.verdicts if each.word == verdicts.GIVEN_VERDICT]
         height = float(np.mean(given)) - ball.radius / self.factor if given else -1.0
         if height >= 0:  # laws take no surface below the axes
             lines["plant.plate.height"] = f"{height:.6g}  # of the surface, as it was told"
         lines["plant.ball.inertia"] = f"{inertia:.6g}  # takes {self.factor:.3g} of gravity"
         gain = known.get("gain", {})
         turned = [gain.get(axis, sign * push) * sign / push for axis, sign in AXIS_SIGNS]
-        if gain and not any(map(_another, turned)):
+        if gain and not any(map(_is_other_scale, turned)):
             errors = ", ".join(f"{100 * (each - 1):.6g}" for each in turned)
             lines["rig.cam_error_percent"] = f"[{errors}]  # how much too far a command tilts"
         if "friction" in mean:
@@ -109,7 +132,7 @@ class PlainIdentification(judged.Identification):
             alone = any(told.get(f"lag_{axis}") for axis in "xy")
             remark = "" if alone else "  # its sum with the dead time is known, neither by itself"
             lines["rig.plate_lag"] = f"{mean['lag']:.6g}{remark}"
-            lines["plant.servo.bandwidth_hz"] = f"{judged.corner_frequency(mean['lag']):.6g}"
+            lines["plant.servo.bandwidth_hz"] = f"{verdicts.corner_frequency(mean['lag']):.6g}"
         if camber := known.get("camber"):
             lines["plant.camber"] = "[{:.6g}, {:.6g}]".format(*(camber.get(e, 0.0) for e in "xy"))
         if level := known.get("level"):
@@ -118,7 +141,7 @@ class PlainIdentification(judged.Identification):
         return lines
 
 
-def identify_any(
+def identify_axes(
     logs: list[AnyLog],
     held: list[AnyLog] | float,
     names: tuple[str, ...] = (),
@@ -127,8 +150,9 @@ def identify_any(
     ball: BallPlate | None = None,
     on: str | Path | None = None,
     heights: tuple[float, float] | None = None,
-) -> PlainIdentification:
-    """Fit the plain model to logs and try it on others, or on their last share.
+    selection: AxisSelection = AXIS_SELECTION,
+) -> AxisIdentification:
+    """Fit the plain model to logs and predict others, or their last share.
 
     Args:
         logs: What is fitted.
@@ -141,6 +165,7 @@ def identify_any(
         ball: That of the rig; None for the thesis's.
         on: The rig, or file of parameters, that the parameters are to lie over.
         heights: Of the ball's centre above the plate's axis along x and y, m; None if unknown.
+        selection: Constants of the fit.
 
     Raises:
         LogError: If no axis can be identified: what each of them lacks.
@@ -153,27 +178,27 @@ def identify_any(
     levers = {axis: height + more for axis, height in zip("xy", heights or (), strict=False)}
     notes = [note for log in logs for note in log.notes]
     fits: dict[str, AxisFit] = {}
-    found: list[judged.ParameterVerdict] = []
+    found: list[verdicts.ParameterVerdict] = []
     reasons = []
     first = logs[0]
-    parts = [_parts(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
+    parts = [_split_axes(log, held) if isinstance(held, float) else (log.axes, {}) for log in logs]
     known = [part[0] for part in parts]
     others = [part[1] for part in parts] if isinstance(held, float) else [e.axes for e in held]
     for k, (axis, unit) in enumerate(first.unit.items()):
         try:
-            log = _join_logs([part[axis] for part in known], levers.get(axis))
+            log = _join_logs([part[axis] for part in known], levers.get(axis), selection)
             _check_excited(log)
-            fit, about = _chosen(log, names, WINDOW_LENGTH_S)
+            fit, about = _select_model(log, names, selection)
             notes += [f"{axis}: {each}" for each in about]
         except LogError as error:
             reasons.append(f"{axis}: {error}")
             lost = [
                 (_about(name, unit), f"{name}_{axis}") for name in (*SMOOTH_PARAMETERS, "friction")
             ]
-            found += [judged.ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
+            found += [verdicts.ParameterVerdict(about=a, name=n, why=str(error)) for a, n in lost]
             continue
         fits[axis] = fit
-        found += _verdicts(fit, axis, unit)
+        found += _assess_axis(fit, axis, unit, selection)
         if fit.pushed:
             notes.append(f"{axis}: {fit.pushed:.1f} s left out: a hand, the rim or a false ball")
         progress((k + 1) / len(first.unit))
@@ -181,17 +206,20 @@ def identify_any(
         raise LogError(f"{first.source}: no axis can be identified: {'; '.join(reasons)}")
     notes += [f"not identified: {each}" for each in reasons]
     there = {axis: [other[axis] for other in others if axis in other] for axis in fits}
-    unseen = {axis: _join_logs(own, levers.get(axis)) for axis, own in there.items() if own}
+    unseen = {
+        axis: _join_logs(own, levers.get(axis), selection) for axis, own in there.items() if own
+    }
     # all axes from the same times on: the ball is seen along both or neither
-    at = beginnings(next(iter(unseen.values()))) if unseen else np.zeros(0)
-    tried = {axis: axis_predicted(log, fits[axis], at) for axis, log in unseen.items() if len(at)}
-    scores = [judged.score({axis: each}) for axis, each in tried.items()]
+    first_axis = next(iter(unseen.values()), None)
+    at = np.zeros(0) if first_axis is None else prediction_times(first_axis, selection.fitting)
+    tried = {axis: predict_axis(log, fits[axis], at) for axis, log in unseen.items() if len(at)}
+    scores = [verdicts.score({axis: each}) for axis, each in tried.items()]
     if len(tried) > 1:
-        scores.append(judged.score(tried))
+        scores.append(verdicts.score(tried))
     seconds = sum(float(np.ptp(next(iter(part.values())).sampled)) for part in known)
     gains = {each.name.rpartition("_")[2]: each for each in found if each.name.startswith("gain_")}
-    told = (_share(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad")
-    return PlainIdentification(
+    told = (_describe_gain(axis, gains[axis], factor) for axis in fits if first.unit[axis] == "rad")
+    return AxisIdentification(
         source=first.source,
         seconds=seconds,
         extent=f"{first.source}: {seconds:.1f} s were fitted.",
@@ -203,10 +231,11 @@ def identify_any(
         factor=factor,
         ball=ball,
         on=str(on or ""),
+        how=selection.fitting.hold_out,
     )
 
 
-def _share(axis: str, gain: judged.ParameterVerdict, factor: float) -> str:
+def _describe_gain(axis: str, gain: verdicts.ParameterVerdict, factor: float) -> str:
     """How much of what a ball does an axis does, in a sentence.
 
     No factor is advised from a gain that is not identified.
@@ -217,7 +246,7 @@ def _share(axis: str, gain: judged.ParameterVerdict, factor: float) -> str:
         factor: Share of gravity that accelerates the ball.
     """
     sign, push = dict(AXIS_SIGNS)[axis], factor * BallPlate().gravity
-    if gain.word != judged.IDENTIFIED_VERDICT or gain.value is None:
+    if gain.word != verdicts.IDENTIFIED_VERDICT or gain.value is None:
         known = "" if gain.low is None else f" (95 %: {gain.interval} m/s^2 per rad)"
         return (
             f"{axis}: how far a command tilts the plate is not known from this log{known}, so no "
@@ -231,7 +260,7 @@ def _share(axis: str, gain: judged.ParameterVerdict, factor: float) -> str:
         "tilt per command and the ball's share of gravity is told, and commands are taken as "
         "angles of the plate, whatever linkage a rig has."
     )
-    if not _another(turned):
+    if not _is_other_scale(turned):
         return told
     assert gain.low is not None
     assert gain.high is not None
@@ -242,12 +271,12 @@ def _share(axis: str, gain: judged.ParameterVerdict, factor: float) -> str:
     )
 
 
-def _another(turned: float) -> bool:
+def _is_other_scale(turned: float) -> bool:
     """Whether a tilt per command is beyond what `rig.cam_error_percent` takes."""
-    return abs(turned - 1) > MOST_TURNED
+    return abs(turned - 1) > MAX_SCALE_ERROR
 
 
-def _parts(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, AxisLog]]:
+def _split_axes(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, AxisLog]]:
     """The axes of a log before and after a share of its time from the end."""
     border = min(each.sampled[0] + (1 - share) * np.ptp(each.sampled) for each in log.axes.values())
     return (
@@ -256,16 +285,20 @@ def _parts(log: AnyLog, share: float) -> tuple[dict[str, AxisLog], dict[str, Axi
     )
 
 
-def _join_logs(logs: list[AxisLog], lever: float | None = None) -> AxisLog:
+def _join_logs(
+    logs: list[AxisLog],
+    lever: float | None = None,
+    selection: AxisSelection = AXIS_SELECTION,
+) -> AxisLog:
     """Logs of an axis one after another, with a pause between, and its lever in m if known."""
     start, shifted = 0.0, []
     for log in logs:
         pauses = np.flatnonzero(np.diff(log.time, prepend=-np.inf) > MAX_COMMAND_GAP_S)
-        each = log.without(log.time[pauses], EARLIER_COMMANDS_S)
+        each = log.without(log.time[pauses], selection.earlier_commands_s)
         shift = start - float(each.sampled[0] if len(each.sampled) else each.time[0])
         across = each.across + np.array([[shift], [0.0]])
         shifted.append((each.time + shift, each.tilt, each.sampled + shift, each.ball, across))
-        start = float(each.time[-1]) + shift + PAUSE_BETWEEN_LOGS_S
+        start = float(each.time[-1]) + shift + selection.pause_between_logs_s
     parts = zip(*shifted, strict=True)
     time, tilt, sampled, ball, across = (np.concatenate(part, axis=-1) for part in parts)
     return AxisLog(time, tilt, logs[0].held, sampled, ball, across, lever=lever)
@@ -281,19 +314,22 @@ def _check_excited(log: AxisLog) -> None:
         )
 
 
-def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisFit, list[str]]:
-    """The fit with the parameters that pay, and what is to be said of it."""
+def _select_model(
+    log: AxisLog, names: tuple[str, ...], selection: AxisSelection = AXIS_SELECTION
+) -> tuple[AxisFit, list[str]]:
+    """The fit with the parameters that reduce the prediction error, and notes on it."""
     notes: list[str] = []
-    asked = tuple(
+    longest, fitting = selection.window_s, selection.fitting
+    requested = tuple(
         name for name in PLAIN_PARAMETERS if name in names and name not in SMOOTH_PARAMETERS
     )
     chosen = (
         *(each for each in SMOOTH_PARAMETERS if log.held or each != "lag"),
-        *(asked or ("friction",)),
+        *(requested or ("friction",)),
     )
     delays = (0.0, 0.5) if log.held else (-0.1, 0.5)
     ways = (log, replace(log, across=0 * log.across)) if log.across[1].any() else (log,)
-    fits = [fit_axis(each, chosen, longest, delays) for each in ways]
+    fits = [fit_axis(each, chosen, longest, delays, fitting) for each in ways]
     # of all windows, not the usual one, in which the ball may rest; 10 um are as good as none
     squares = [f.sigma**2 * f.problem.misfit(f.found.linearisation.r) for f in fits]
     at = int(np.argmin([np.log(1e-10 + each).mean() for each in squares]))
@@ -302,29 +338,33 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
         notes.append("friction acts against the way of the ball along both axes")
     dead_time, lag = fit.value("dead_time"), fit.value("lag")
     least, most = delays
-    # an ideal drive beside a camera whose clock is behind: where dead time and lag end at none
+    # an ideal drive and a camera whose clock is behind: dead time and lag end at zero
     behind = dead_time < least + 0.01 and lag < 0.02
     if behind or dead_time > most - 0.01:
-        fit = fit_axis(log, chosen, longest, (-0.5 if behind or not log.held else 0.0, 1.0))
+        wider = (-0.5 if behind or not log.held else 0.0, 1.0)
+        fit = fit_axis(log, chosen, longest, wider, fitting)
         notes.append(
             "dead time at a bound, which was widened: it holds what the clocks of camera and "
             "command differ by, and is negative where that is more"
         )
     if not names:
-        fit = _richer(_driven(fit, longest, notes), longest, notes)
+        fit, drive_notes = _add_useful_drives(fit, selection)
+        fit, term_notes = _add_useful_terms(fit, selection)
+        notes += drive_notes + term_notes
     fit = profile_drives(fit)
+    shorter = [share * longest for share in selection.shorter_window_shares]
     try:
-        brief = tuple(
-            fit.again(fit.log, fit.problem.names, part * longest) for part in SHORTER_WINDOW_SHARES
-        )
+        brief = tuple(fit.refit(fit.log, fit.problem.names, each) for each in shorter)
     except LogError:
         return fit, notes
-    fit = predicting(replace(fit, briefer=brief), longest)
+    fit = refit_for_prediction(replace(fit, briefer=brief), longest)
     if fit.problem.drift and not names:
-        known, fit = fit, _richer(fit, longest, notes)
+        known = fit
+        fit, term_notes = _add_useful_terms(fit, selection)
+        notes += term_notes
         names = fit.problem.names
-        one = known.windowed and known.windowed.again(known.log, names, longest)
-        brief = tuple(fit.again(known.log, names, part * longest) for part in SHORTER_WINDOW_SHARES)
+        one = known.windowed and known.windowed.refit(known.log, names, longest)
+        brief = tuple(fit.refit(known.log, names, each) for each in shorter)
         fit = replace(fit, windowed=one, briefer=brief)
     if fit.windowed:
         drifts = fit.problem.drift > 0
@@ -333,43 +373,47 @@ def _chosen(log: AxisLog, names: tuple[str, ...], longest: float) -> tuple[AxisF
     return fit, notes
 
 
-def _driven(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
-    """The fit with what shows of its drives, beside anything else that may act, where it pays."""
-    own = fit.problem.names
-    rich = fit.again(fit.log, tuple(dict.fromkeys((*own, *OPTIONAL_PARAMETERS))), longest)
-    found = with_drives(rich, longest)
+def _add_useful_drives(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, list[str]]:
+    """The fit with the drive effects that reduce the prediction error, and a note on them.
+
+    They are compared next to all other optional parameters.
+    """
+    own, longest = fit.problem.names, selection.window_s
+    every = tuple(dict.fromkeys((*own, *selection.optional_parameters)))
+    rich = fit.refit(fit.log, every, longest)
+    found = add_drive_effects(rich, longest)
     new = tuple(name for name in PROFILED_EFFECTS if name in found.problem.names)
     if not new:
-        return fit
-    left, least = (cross_validate(each, each.problem.names, longest) for each in (found, rich))
+        return fit, []
+    error, without = (cross_validate(each, each.problem.names, longest) for each in (found, rich))
+    useful = error < selection.accepted_drive_error_share * without
+    if error >= selection.max_drive_error_m or not useful:
+        return fit, []
     what = " and ".join(PLAIN_PARAMETERS[name].key for name in new)
-    pays = left < DRIVEN_WITHIN and _pays(left, DRIVEN_PAY, least, what, notes)
-    return found.again(fit.log, (*own, *new), longest) if pays else fit
+    return found.refit(fit.log, (*own, *new), longest), [_describe_gained(what, error, without)]
 
 
-def _richer(fit: AxisFit, longest: float, notes: list[str]) -> AxisFit:
-    """The fit with the parameters that pay beside its own, which are said."""
+def _add_useful_terms(fit: AxisFit, selection: AxisSelection) -> tuple[AxisFit, list[str]]:
+    """The fit with the optional parameters that reduce the prediction error, and notes on them."""
     own = chosen = fit.problem.names
-    best, share = (
-        cross_validate(fit, chosen, longest),
-        1.0 if fit.problem.drift else ACCEPTED_ERROR_SHARE,
-    )
-    for name in OPTIONAL_PARAMETERS:
+    longest, notes = selection.window_s, list[str]()
+    share = 1.0 if fit.problem.drift else selection.accepted_error_share
+    best = cross_validate(fit, chosen, longest)
+    for name in selection.optional_parameters:
         if name not in chosen:
-            left = cross_validate(fit, (*chosen, name), longest)
-            if _pays(left, share, best, name, notes):
-                chosen, best = (*chosen, name), left
-    return fit.again(fit.log, chosen, longest) if chosen != own else fit
+            error = cross_validate(fit, (*chosen, name), longest)
+            if error < share * best:
+                notes.append(_describe_gained(name, error, best))
+                chosen, best = (*chosen, name), error
+    return fit.refit(fit.log, chosen, longest) if chosen != own else fit, notes
 
 
-def _pays(left: float, share: float, of: float, what: str, notes: list[str]) -> bool:
-    """Whether what is left of an error with something is less than a share of it; it is said."""
-    if pays := left < share * of:
-        notes.append(
-            f"{what} fitted along: with it one half of the log predicts the other to "
-            f"{1000 * left:.1f} mm, without it to {1000 * of:.1f} mm"
-        )
-    return pays
+def _describe_gained(what: str, error: float, without: float) -> str:
+    """The note on a parameter that reduces the error of cross-validation, both in m."""
+    return (
+        f"{what} fitted along: with it one half of the log predicts the other to "
+        f"{1000 * error:.1f} mm, without it to {1000 * without:.1f} mm"
+    )
 
 
 def _about(name: str, unit: str) -> IdentifiedParameter:
@@ -379,11 +423,13 @@ def _about(name: str, unit: str) -> IdentifiedParameter:
     return replace(about, unit=f"m/s^2 by {unit}") if name == "gain" else about
 
 
-def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdict]:
+def _assess_axis(
+    fit: AxisFit, axis: str, unit: str, selection: AxisSelection = AXIS_SELECTION
+) -> list[verdicts.ParameterVerdict]:
     """Value, interval and verdict of each parameter of an axis."""
     names = fit.problem.names
     rows = (*names, *(("delay",) if "lag" in names else ()))
-    own = _told_together(fit)
+    own = _append_total_delay(fit)
     low, high = own.value - own.half_width, own.value + own.half_width
     unlike = np.zeros(len(rows), bool)
     reasons: list[list[str]] = [[] for _ in rows]
@@ -391,16 +437,17 @@ def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdic
     if fit.windowed:
         beside.insert(0, (fit.windowed, "windows of one level"))
     for other, why in beside:
-        another = _told_together(other)
+        another = _append_total_delay(other)
         apart = np.abs(own.value - another.value)
         unlike = apart > np.hypot(own.half_width, another.half_width)
         low = np.where(unlike, np.minimum(low, another.value - another.half_width), low)
         high = np.where(unlike, np.maximum(high, another.value + another.half_width), high)
         word = f"{why} give another value, which the interval holds: a model error"
         reasons = [each + [word] * bool(at) for each, at in zip(reasons, unlike, strict=True)]
-    alike = np.abs(own.correlation) > judged.MAX_CORRELATION
+    alike = np.abs(own.correlation) > verdicts.MAX_CORRELATION
     drawn = own.draws - own.value
-    hidden = {each.name: each.moved[each.name] for each in fit.profiles if each.name not in names}
+    unfitted = [each for each in fit.profiles if each.name not in names]
+    hidden = {each.name: each.deviations[each.name] for each in unfitted}
     shares = {  # of the scatter of each that is of what is not fitted
         name: (moved @ drawn) ** 2 / np.maximum((moved @ moved) * (drawn**2).sum(axis=0), 1e-300)
         for name, moved in hidden.items()
@@ -408,7 +455,7 @@ def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdic
     ends = [*np.transpose(fit.problem.bounds), (-np.inf, np.inf)]
     swing = fit.problem.tilt.scale
     scales = {"gain": 1 / swing, "dead_band": swing, "play": swing}
-    found: list[judged.ParameterVerdict] = []
+    found: list[verdicts.ParameterVerdict] = []
     for k, name in enumerate(rows):
         others = [
             PLAIN_PARAMETERS[each].key for j, each in enumerate(names) if alike[k, j] and j != k
@@ -416,28 +463,28 @@ def _verdicts(fit: AxisFit, axis: str, unit: str) -> list[judged.ParameterVerdic
         others += [
             PLAIN_PARAMETERS[each].key
             for each, share in shares.items()
-            if share[k] > CONDITIONAL_SCATTER_SHARE
+            if share[k] > selection.conditional_scatter_share
         ]
         values = (own.value[k], low[k], high[k])
         told = values, ends[k], reasons[k], others * (name != "delay"), scales.get(name, 1.0)
-        verdict = _verdict(_about(name, unit), f"{name}_{axis}", *told)
-        verdict = _as_slew(verdict, swing) if name == "slew" else verdict
+        verdict = _assess_parameter(_about(name, unit), f"{name}_{axis}", *told)
+        verdict = _to_slew_rate(verdict, swing) if name == "slew" else verdict
         found.insert(3 if name == "delay" else k, verdict)
     for name, moved in hidden.items():  # how much of it there may be
-        least, most = np.quantile(
-            moved, (1 - judged.BOUND_PROBABILITY, judged.BOUND_PROBABILITY)
-        ).tolist()
+        probability = selection.bound_probability
+        least, most = np.quantile(moved, (1 - probability, probability)).tolist()
         by, about = scales.get(name, 1.0), PLAIN_PARAMETERS[name]
-        none = judged.ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
+        none = verdicts.ParameterVerdict.unknown(about, f"{name}_{axis}", "not told from none")
         none = replace(none, low=by * min(least, 0.0), high=by * (most or abs(about.tried[1])))
-        found.append(_as_slew(none, swing) if name == "slew" else none)
+        found.append(_to_slew_rate(none, swing) if name == "slew" else none)
     if (lever := fit.log.lever) is not None:
-        given = replace(found.pop(), value=lever, word=judged.GIVEN_VERDICT, why=LEVER_HELD_MESSAGE)
-        found.append(replace(given, low=lever - 2 * HEIGHT_STD_M, high=lever + 2 * HEIGHT_STD_M))
+        word, half = verdicts.GIVEN_VERDICT, 2 * selection.fitting.drives.height_std_m
+        given = replace(found.pop(), value=lever, word=word, why=LEVER_HELD_MESSAGE)
+        found.append(replace(given, low=lever - half, high=lever + half))
     return found
 
 
-def _as_slew(found: judged.ParameterVerdict, swing: float) -> judged.ParameterVerdict:
+def _to_slew_rate(found: verdicts.ParameterVerdict, swing: float) -> verdicts.ParameterVerdict:
     """A verdict of seconds by swing, as it is fitted, as one of a rate."""
     low, value, high = (
         swing / end if end else None for end in (found.high, found.value, found.low)
@@ -445,7 +492,7 @@ def _as_slew(found: judged.ParameterVerdict, swing: float) -> judged.ParameterVe
     return replace(found, low=low, value=value, high=high)
 
 
-def _told_together(fit: AxisFit) -> Estimate:
+def _append_total_delay(fit: AxisFit) -> Estimate:
     """The parameters and, last, dead time and lag together, told where neither of them is."""
     own = fit.estimate()
     if "lag" not in fit.problem.names:
@@ -460,15 +507,15 @@ def _told_together(fit: AxisFit) -> Estimate:
     )
 
 
-def _verdict(
+def _assess_parameter(
     about: IdentifiedParameter,
     name: str,
     values: tuple[Array, Array, Array],
     ends: Array | tuple[float, float],
-    reasons: list[str],
-    alike: list[str],
+    reasons: Sequence[str],
+    alike: Sequence[str],
     scale: float = 1.0,
-) -> judged.ParameterVerdict:
+) -> verdicts.ParameterVerdict:
     """The verdict of one parameter.
 
     Args:
@@ -476,43 +523,44 @@ def _verdict(
         name: With its axis.
         values: The fit and both ends of its interval.
         ends: Least and largest value of a fit.
-        reasons: What has been found wrong so far.
-        alike: Keys of what it cannot be told from.
-        scale: From these values to those that are told.
+        reasons: Errors found so far, in words.
+        alike: Keys of the parameters from which it cannot be distinguished.
+        scale: Factor from these values to the reported ones.
     """
     (value, low, high), (least, most) = map(float, values), map(float, ends)
     if not math.isfinite(high - low):
-        return judged.ParameterVerdict.unknown(about, name, "the log does not show it")
+        return verdicts.ParameterVerdict.unknown(about, name, "the log does not show it")
     low = max(min(low, value - about.floor), least)
     high = min(max(high, value + about.floor), most)
     slack = 1e-3 * (most - least)
     at_bound = value < least + slack or value > most - slack
     narrow = (high - low) / 2 <= max(about.tolerance, about.relative * abs(value)) and not at_bound
     nothing = name.startswith("gain") and low <= 0 <= high
+    why = list(reasons)
     if value < least + slack and least == 0:
-        reasons.append(f"not told from none; {about.experiment}")
+        why.append(f"not told from none; {about.experiment}")
     elif at_bound:
-        reasons.append(f"at its bound of {value:.3g}; {about.experiment}")
+        why.append(f"at its bound of {value:.3g}; {about.experiment}")
     if nothing:
-        reasons.append(f"not told from none: another column, exchanged axes, or {about.experiment}")
+        why.append(f"not told from none: another column, exchanged axes, or {about.experiment}")
     elif alike and not narrow:
-        reasons.append(f"told together with {' and '.join(alike)} only")
+        why.append(f"told together with {' and '.join(alike)} only")
     elif not at_bound and not narrow:
-        reasons.append(f"its interval is wide; {about.experiment}")
+        why.append(f"its interval is wide; {about.experiment}")
     bounded = at_bound or low <= least or high >= most
     word = (
-        judged.IDENTIFIED_VERDICT
+        verdicts.IDENTIFIED_VERDICT
         if narrow
-        else judged.BOUNDED_VERDICT
+        else verdicts.BOUNDED_VERDICT
         if bounded
-        else judged.NOT_IDENTIFIABLE
+        else verdicts.NOT_IDENTIFIABLE
     )
-    return judged.ParameterVerdict(
+    return verdicts.ParameterVerdict(
         about=about,
         name=name,
         value=scale * value,
         low=scale * low,
         high=scale * high,
-        word=judged.NOT_IDENTIFIABLE if nothing else word,
-        why="; ".join(reasons),
+        word=verdicts.NOT_IDENTIFIABLE if nothing else word,
+        why="; ".join(why),
     )

@@ -1,19 +1,22 @@
-"""What drives make of the commands of a log: dead band, play, slew and lag."""
+"""Drive nonlinearities (dead band, play, slew) and lag applied to the commands of a log."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter, savgol_filter
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from twin.identify.least_squares import SampleWindows
 from twin.identify.logs import AxisLog
-from twin.identify.search import SampleWindows
 
 DRIVE_EFFECTS = ("dead_band", "play", "slew")
-"""What a drive does to its commands."""
+"""Nonlinearities of a drive."""
 PROFILED_EFFECTS = (*DRIVE_EFFECTS, "lever")
-"""What is tried value by value: a drive has no slope, and a lever may be dead time as well."""
+"""Parameters that are fitted value by value: the cost has no slope in those of a drive, and a lever
+resembles a dead time."""
 FINE_LAG_STEP_S = 0.002
 """Step of the lag in s."""
 ACCELERATION_STEPS = (20, 4)
@@ -54,16 +57,16 @@ def drive_path(
 
 
 class TiltHistory:
-    """What tilts the plate, at any time, behind drives and their lag.
+    """Tilt of the plate at any time, behind drives and their lag.
 
     Attributes:
-        scale: How far it swings: what one unit of the fit's gain is for.
-        tried: What of ``TRIED`` may be: no drive lies between a measured angle and the ball, and a
-            lever may be known.
+        scale: Swing of the tilt, the unit of the fitted gain.
+        tried: Those of ``PROFILED_EFFECTS`` that are possible: no drive lies between a measured
+            angle and the ball, and a lever may be given.
     """
 
     def __init__(self, log: AxisLog, usual: float | None = None) -> None:
-        """Of a log; ``usual`` is the swing of another one that it was fitted to."""
+        """Of a log; ``usual`` is the swing of the log that was fitted, if a different one."""
         self.log = log
         self.scale = usual or float(np.std(log.tilt)) or 1.0
         steps = int((log.time[-1] - log.time[0]) / FINE_LAG_STEP_S) + 2
@@ -78,14 +81,14 @@ class TiltHistory:
         Args:
             time: Seconds.
             lag: Time constant.
-            drive: Dead band, half the play and slew, see ``followed``, in swings, and the lever in
-                m beyond a known one, by which the plate's acceleration moves the ball; none for an
-                ideal one.
+            drive: Dead band, half the play and slew of ``drive_path``, in swings, and the lever
+                in m beyond a given one, by which the plate's acceleration moves the ball; none for
+                an ideal one.
         """
         key, lever = (drive[:3], drive[3]) if drive else ((0.0, 0.0, 0.0), 0.0)
         lever += self.log.lever or 0.0
         if key not in self.driven:
-            self.driven[key] = self._mean(key)
+            self.driven[key] = self._average_steps(key)
         stay = float(np.exp(-FINE_LAG_STEP_S / lag)) if lag > 1e-4 else 0.0
         if (lag, *key, lever) not in self.lagged:
             if len(self.lagged) > 40:
@@ -111,7 +114,7 @@ class TiltHistory:
         first = found.take(low)
         return np.asarray(first + (place - low) * (found.take(low + 1) - first))
 
-    def _mean(self, drive: tuple[float, ...]) -> Array:
+    def _average_steps(self, drive: tuple[float, ...]) -> Array:
         """Its mean in each fine step in swings, so that no command's time is rounded to a step."""
         time, place = self.log.time, self.log.tilt / self.scale
         if self.log.held:
@@ -124,20 +127,36 @@ class TiltHistory:
         return np.diff(covered[at] + since * (place[at] + bend)) / FINE_LAG_STEP_S
 
 
-COARSE_STEP_S = 0.008
-"""Step in s at which many dead bands are tried at once."""
-MIN_SAMPLE_SPACING_S = 0.04
-"""Least time in s between the samples that they are tried with."""
-TRIED_DEAD_BANDS = np.concatenate(
-    ([0.0], np.arange(0.02, 0.2, 0.0008), np.geomspace(0.2, 1.3, 500))
-)
-"""Those that are tried, in swings: when a drive moves hangs on some thousandths of it."""
+@dataclass(frozen=True, kw_only=True)
+class DeadBandScan:
+    """Constants of the regression over many dead bands.
+
+    Attributes:
+        step_s: Step of the simulation of the drives.
+        min_sample_spacing_s: Smallest time between the samples that are used.
+        dead_bands: Tried dead bands, in swings: a few thousandths decide when a drive moves.
+    """
+
+    step_s: float = 0.008
+    min_sample_spacing_s: float = 0.04
+    dead_bands: tuple[float, ...] = (
+        0.0,
+        *np.arange(0.02, 0.2, 0.0008).tolist(),
+        *np.geomspace(0.2, 1.3, 500).tolist(),
+    )
+
+
+DEAD_BAND_SCAN = DeadBandScan()
 
 
 def residual_by_dead_band(
-    tilt: TiltHistory, windows: SampleWindows, delay: float, lag: float
+    tilt: TiltHistory,
+    windows: SampleWindows,
+    delay: float,
+    lag: float,
+    scan: DeadBandScan = DEAD_BAND_SCAN,
 ) -> Array:
-    """What drives with each of ``BANDS`` leave of the ball's motion, m^2, shape (N,).
+    """Residual of the ball's motion for drives with each of N dead bands, m^2, shape (N,).
 
     By regression: in each window a straight line, over all of them what gain, dead time, level,
     camber and friction add to it, the friction against the measured velocity.
@@ -146,33 +165,35 @@ def residual_by_dead_band(
         tilt: The commands.
         windows: Positions of the ball.
         delay: A guess of the dead time in s.
-        lag: Of the lag.
+        lag: A guess of the lag in s.
+        scan: Constants of the regression.
     """
+    step_s, bands = scan.step_s, np.array(scan.dead_bands)
     time, sent = tilt.log.time, tilt.log.tilt / tilt.scale
-    grid = np.arange(time[0], time[-1], COARSE_STEP_S)
-    place, row = np.where(abs(sent[0]) > TRIED_DEAD_BANDS, sent[0], 0.0), 0
-    places = np.empty((len(grid), len(TRIED_DEAD_BANDS)))
+    grid = np.arange(time[0], time[-1], step_s)
+    place, row = np.where(abs(sent[0]) > bands, sent[0], 0.0), 0
+    places = np.empty((len(grid), len(bands)))
     for k, stop in enumerate(np.searchsorted(time, grid, "right")):
         for wanted in sent[row:stop]:
-            place = np.where(np.abs(wanted - place) > TRIED_DEAD_BANDS, wanted, place)
+            place = np.where(np.abs(wanted - place) > bands, wanted, place)
         row, places[k] = stop, place
-    stay = np.exp(-COARSE_STEP_S / max(lag, COARSE_STEP_S))
+    stay = np.exp(-step_s / max(lag, step_s))
     pushed = [lfilter([1.0 - stay], [1.0, -stay], places, axis=0)]
     for _ in range(2):
-        pushed.append(COARSE_STEP_S * np.cumsum(pushed[-1], axis=0))
-    total = np.zeros((len(TRIED_DEAD_BANDS), 7, 7))
+        pushed.append(step_s * np.cumsum(pushed[-1], axis=0))
+    total = np.zeros((len(bands), 7, 7))
     for begin, t, x, weight in zip(
         windows.begin, windows.time, windows.ball[..., 0], windows.weight[..., 0], strict=True
     ):
         at = np.flatnonzero(weight > 0)
-        at = at[:: max(1, round(MIN_SAMPLE_SPACING_S * len(at) / np.ptp(t[at])))]
+        at = at[:: max(1, round(scan.min_sample_spacing_s * len(at) / np.ptp(t[at])))]
         t, x = t[at], x[at]  # noqa: PLW2901
         step = np.gradient(t)[:, None]
         speed = np.gradient(savgol_filter(x, min(5, len(x) - 1 | 1), 1), t)
         forces = np.stack((np.sign(speed), x), axis=-1)
         moved = np.cumsum(np.cumsum(forces * step, axis=0) * step, axis=0)
-        same = np.column_stack((t**2, moved, x))[..., None].repeat(len(TRIED_DEAD_BANDS), axis=-1)
-        place = np.clip((begin + t - delay - grid[0]) / COARSE_STEP_S, 0, len(grid) - 1.001)
+        same = np.column_stack((t**2, moved, x))[..., None].repeat(len(bands), axis=-1)
+        place = np.clip((begin + t - delay - grid[0]) / step_s, 0, len(grid) - 1.001)
         low = place.astype(int)
         part = (place - low)[:, None]
         each = [way[low] + part * (way[low + 1] - way[low]) for way in pushed]
